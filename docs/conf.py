@@ -17,7 +17,7 @@ myst_enable_extensions = ["dollarmath", "deflist", "colon_fence"]
 myst_heading_anchors = 3
 exclude_patterns = ["_build"]
 nitpicky = True
-FOREIGN = r"(np|pl|trimesh)\..*|Any|Callable|Hashable|Iterable|Iterator|Literal|Mapping|Path|Self|Sequence"
+FOREIGN = r"(np|pl|trimesh)\..*|Any|Callable|Hashable|Iterable|Iterator|Literal|Mapping|Path(Like)?|Self|Sequence"
 nitpick_ignore_regex = [("py:class", FOREIGN)]  # of Python and of other libraries: their pages are on the network
 
 autodoc_member_order = "bysource"

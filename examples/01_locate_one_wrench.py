@@ -15,8 +15,7 @@ normal = body.normals(point)
 force = -5.0 * normal + np.array([0.3, -0.5, 0.2])
 wrench = palpate.Wrench(force=force, torque=np.cross(point, force))
 
-noise = [0.02, 0.02, 0.02, 0.001, 0.001, 0.001]  # N, N m: standard deviations, force first
-contact = palpate.locate(wrench, mesh, noise=noise)
+contact = palpate.locate(wrench, mesh, noise=(0.02, 0.001))  # standard deviations of force [N] and torque [N m]
 
 print(f"status  {contact.status}")
 print(f"point   {1e3 * contact.point} mm, +- {1e3 * np.sqrt(contact.covariance.trace()):.2f} mm")

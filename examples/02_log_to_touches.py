@@ -1,4 +1,4 @@
-"""A log of a force/torque sensor becomes touches: when, where, how hard; the files are made here."""
+"""A log of a force/torque sensor becomes touches: when, where, how hard; log and mesh are made here."""
 
 import tempfile
 from pathlib import Path
@@ -8,18 +8,8 @@ import polars as pl
 import trimesh
 
 import palpate
-from palpate.contact.events import find_touches
 from palpate.simulation.contacts import contact_wrenches
 from palpate.simulation.shapes import Ellipsoid
-
-RIG = """[surface]
-mesh = "tool.stl"
-unit = "mm"
-
-[force_torque]
-columns = ["fx", "fy", "fz", "tx", "ty", "tz"]
-noise = { force = 0.02, torque = 0.001 }
-"""
 
 rng, body = np.random.default_rng(1), Ellipsoid((0.030, 0.020, 0.015))
 points = body.sample(3, rng)
@@ -31,17 +21,16 @@ held = np.stack([(time > 1.0 + 2.0 * k) & (time < 2.0 + 2.0 * k) for k in range(
 wrenches = held @ contact_wrenches(points, body.normals(points), forces, np.zeros(3))
 wrenches += rng.normal(0.0, np.repeat([0.02, 0.001], 3), wrenches.shape)
 
-with tempfile.TemporaryDirectory() as made:
-    folder = Path(made)
+columns = ("time", "fx", "fy", "fz", "tx", "ty", "tz")
+log = pl.DataFrame(dict(zip(columns, np.column_stack([time, wrenches]).T, strict=True)))  # or the path of a file
+
+with tempfile.TemporaryDirectory() as folder:
+    tool = Path(folder) / "tool.stl"
     vertices, faces = body.mesh(8000)
-    trimesh.Trimesh(1e3 * vertices, faces).export(folder / "tool.stl")
-    names = ("fx", "fy", "fz", "tx", "ty", "tz")
-    pl.DataFrame({"time": time} | dict(zip(names, wrenches.T, strict=True))).write_csv(folder / "log.csv")
-    (folder / "rig.toml").write_text(RIG)
+    trimesh.Trimesh(1e3 * vertices, faces).export(tool)
+    contacts = palpate.estimate(log, mesh=tool, unit="mm")
 
-    contacts = palpate.estimate(folder / "log.csv", folder / "rig.toml")
-
-touches = find_touches(contacts)
+touches = contacts.touches()
 for k in range(len(touches)):
     where = ", ".join(f"{1e3 * x:.1f}" for x in touches.point[k])
     print(f"{touches.start[k]:.2f} to {touches.end[k]:.2f} s at ({where}) mm, up to {touches.peak_force[k]:.1f} N")

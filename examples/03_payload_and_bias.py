@@ -20,6 +20,6 @@ print(f"{len(counts)} poses: {payload.mass:.4f} kg (true: {session.load.mass:.4f
 print(f"bias {payload.force_bias} +- {spread[3:6].max():.4f} N (true: {session.load.force_bias})")
 
 # From now on it is taken off: what is left of the free motion is noise.
-sensor = palpate.Compensation(palpate.ForceTorque([0.02, 0.02, 0.02, 0.001, 0.001, 0.001]), payload)
+sensor = palpate.Compensation(palpate.ForceTorque(noise=(0.02, 0.001)), payload)
 left = sensor.measure(log).wrench[:, :3]
 print(f"force where nothing touches: {np.abs(log.wrenches()[:, :3]).mean():.2f} N before, {left.std():.3f} N after")

@@ -6,7 +6,7 @@ import palpate
 from palpate.surfaces import Ellipsoid
 
 tip = Ellipsoid((0.012, 0.010, 0.020))  # half axes [m]
-locator = palpate.Locator(tip, noise=[0.02, 0.02, 0.02, 0.001, 0.001, 0.001])
+locator = palpate.Locator(tip, noise=(0.02, 0.001))
 
 # A touch at a known place, along the normal.
 point = np.array([0.012 * np.cos(0.5), 0.010 * np.sin(0.5), 0.0])

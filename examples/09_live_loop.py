@@ -10,13 +10,13 @@ from palpate.spatial.pose import rotation_from_quaternion
 
 # A probe on an arm, and the two logs of it: free motion, then touches.
 session = simulate_session(touches=4, facets=4000)
-noise = np.repeat([0.02, 0.001], 3)
+noise = (0.02, 0.001)  # N, N m
 
 free = session.free_motion
 means, turns, _ = average_poses(free.wrenches(), rotation_from_quaternion(free.channels["orientation"]))
 sensor = palpate.Compensation(palpate.ForceTorque(noise), palpate.identify_payload(means, turns))
 mesh = palpate.Mesh.from_arrays(session.vertices, session.faces)
-estimator = palpate.WrenchEstimator(palpate.Locator(mesh, noise=noise), sensor, mount=session.true)
+estimator = palpate.WrenchEstimator(mesh, sensor, mount=session.true)
 
 # What would come from the robot, cycle by cycle: a time, a wrench, and how the sensor is turned in the base.
 log = session.touches

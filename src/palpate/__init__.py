@@ -1,18 +1,58 @@
 """Palpate: where, how hard and in which direction a robot is being touched.
 
-The front door. Everything that a program needs day to day is here; the rooms behind it are documented in
-docs/architecture.md.
+    import palpate  # lengths in m, forces in N, torques in N m, times in s; quaternions are x, y, z, w
+
+    # a wrench, force first; `contact` is true where one was found
+    contact = palpate.locate([0, 0, -5, 0.02, 0, 0], "probe.stl", unit="mm", noise=(0.02, 0.001))
+    contact.status, contact.point, contact.normal, contact.force, contact.covariance
+
+    # a log, by a rig that `palpate rig new` writes; a tared one by a mesh alone; a DataFrame will do for the file
+    contacts = palpate.estimate("log.csv", "rig.toml")
+    contacts = palpate.estimate("log.csv", mesh="probe.stl", unit="mm")
+    contacts[3], contacts.point[contacts.answered], contacts.status == palpate.Status.CONTACT, contacts.notes
+
+    # touches
+    for touch in contacts.touches():
+        touch.start, touch.end, touch.point, touch.peak_force
+
+    # a file, a table, a drawing
+    contacts.save("contacts.mcap")
+    contacts = palpate.Contacts.load("contacts.mcap")
+    contacts.to_polars()
+    contacts.plot(palpate.Mesh.load("probe.stl", unit="mm")).save("contacts.html")
+
+    # a loop of your own
+    estimator = palpate.load_rig("rig.toml").estimator(rate=200.0)
+    contacts = estimator.update(time, wrench, rotation)
+
+    # a fingertip with an equation; a skin of taxels
+    contact = palpate.locate([0, 0, -5, 0.02, 0, 0], palpate.surfaces.Sphere(0.01))
+    skin = palpate.TaxelEstimator(palpate.TaxelBody.anywhere(positions, normals))
+    skin.tare(palpate.Recording(times, {"cells": readings}))
+
+    # the payload, from wrenches in poses in which nothing is touched; or one that is known
+    palpate.identify_payload(wrenches, quaternions).save("payload.toml")
+    sensor = palpate.Compensation(palpate.ForceTorque(noise=(0.02, 0.001)), palpate.Payload(mass=0.4))
+    estimator = palpate.WrenchEstimator(mesh, sensor, mount=palpate.Pose.from_quaternion([0, 0, 0, 1], [0, 0, 0.085]))
+
+    # the robot's base
+    contacts = palpate.estimate("log.csv", "rig.toml", frame="base")
+    contact.in_frame(palpate.Pose.from_matrix(T_base_surface))
+
+What is refused raises `palpate.PalpateError`, with a sentence that says what to write. Files are read in `palpate.io`.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING
+from difflib import get_close_matches as _near
+from importlib import import_module as _import
+from typing import TYPE_CHECKING as _CHECKING
 
-if TYPE_CHECKING:
+if _CHECKING:
     from palpate.calibration.load_cells import identify_load_cells
     from palpate.calibration.mounting import Mounting, identify_mounting
     from palpate.calibration.payload import identify_payload
     from palpate.calibration.skin_map import Sheet, map_skin
-    from palpate.contact import Candidates, ContactEstimate, Contacts, Locator, Status, WrenchEstimator, locate
+    from palpate.contact import Candidates, ContactEstimate, Contacts, Locator, Status, WrenchEstimator
+    from palpate.contact.locate import locate
     from palpate.contact.ring_estimator import RingEstimator
     from palpate.contact.taxel_estimator import TaxelEstimator
     from palpate.control.align import AlignController
@@ -92,7 +132,7 @@ _HOME = {
     "Locator": "palpate.contact",
     "Status": "palpate.contact",
     "WrenchEstimator": "palpate.contact",
-    "locate": "palpate.contact",
+    "locate": "palpate.contact.locate",
     "RingEstimator": "palpate.contact.ring_estimator",
     "TaxelEstimator": "palpate.contact.taxel_estimator",
     "AlignController": "palpate.control.align",
@@ -123,20 +163,39 @@ _HOME = {
     "Surface": "palpate.surfaces",
     "plane": "palpate.surfaces",
 }
-_ROOMS = {"calibration", "contact", "errors", "sensors", "spatial", "surfaces"}
+_ROOMS = ("calibration", "contact", "errors", "sensors", "spatial", "surfaces")
+_ELSEWHERE = {  # what else one looks for at the front door
+    "Rig": 'palpate.load_rig("rig.toml")',
+    "live": 'palpate.open_live("rig.toml")',
+    "load": 'palpate.load_rig("rig.toml"), or palpate.Contacts.load("contacts.mcap")',
+    "load_log": 'palpate.estimate("log.csv", "rig.toml")',
+    "load_mesh": 'palpate.Mesh.load("probe.stl", unit="mm")',
+    "plot": "contacts.plot(mesh)",
+    "show": "contacts.plot(mesh)",
+    "read": 'palpate.estimate("log.csv", "rig.toml")',
+}
 
 
 def __getattr__(name: str) -> object:
     """Import what is asked for, once: a program that needs little of Palpate starts quickly."""
     if name in _HOME:
-        value: object = getattr(import_module(_HOME[name]), name)
+        value: object = getattr(_import(_HOME[name]), name)
     elif name in _ROOMS:
-        value = import_module(f"palpate.{name}")
+        value = _import(f"palpate.{name}")
     else:
-        raise AttributeError(f"module 'palpate' has no attribute {name!r}")
+        hint = "" if name.startswith("_") else _hint(name)
+        raise AttributeError(f"module 'palpate' has no attribute {name!r}{hint}")
     globals()[name] = value
     return value
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_HOME, *_ROOMS})
+    return list(__all__)
+
+
+def _hint(name: str) -> str:
+    """Where something is that is not here, as a line."""
+    rooms = (room for room in _ROOMS if hasattr(_import(f"palpate.{room}"), name))
+    near = [*(f"{room}.{name}" for room in rooms), *_near(name, __all__, 1)]
+    line = _ELSEWHERE.get(name) or "".join(f"palpate.{each}" for each in near[:1])
+    return f". Write {line}" if line else ""

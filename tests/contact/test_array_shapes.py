@@ -17,7 +17,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate.calibration import identify_payload
-from palpate.contact import ContactEstimate, Locator, locate
+from palpate.contact import ContactEstimate, Locator
+from palpate.contact.locate import locate
 from palpate.errors import InputError
 from palpate.simulation.shapes import Ellipsoid
 from palpate.spatial.wrench import Wrench

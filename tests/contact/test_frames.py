@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.contact import Locator
-from palpate.contact.frames import in_frame
 from palpate.simulation.contacts import touch_wrenches
 from palpate.spatial.pose import Pose
 from tests.support.bodies import BODIES, R, on_mesh
@@ -19,7 +18,7 @@ def test_moving_the_answer_is_moving_the_question() -> None:
     noise = np.diag(np.array([0.02] * 3 + [5e-4] * 3) ** 2)
     move = Pose.from_rotation_vector((0.4, -1.1, 2.0), (0.05, -0.02, 0.11))
     matrix = move.wrench_matrix()
-    one = in_frame(Locator(mesh, noise=noise).run(wrenches, sequential=False), move)
+    one = Locator(mesh, noise=noise).run(wrenches, sequential=False).in_frame(move)
     two = Locator(mesh.transformed(move)).run(wrenches @ matrix.T, matrix @ noise @ matrix.T, sequential=False)
     assert one.status[7] == two.status[7]
     for name in ("point", "normal", "force", "torque", "residual", "candidates"):
@@ -33,7 +32,7 @@ def test_a_pose_for_every_sample_and_what_it_leaves_alone() -> None:
     points, normals, _ = on_mesh(mesh, 5, rng)
     answer = Locator(mesh).run(touch_wrenches(points, normals, rng), sequential=False)
     poses = Pose.from_rotation_vector(rng.normal(size=(5, 3)), rng.normal(size=(5, 3)))
-    moved = in_frame(answer, poses)
+    moved = answer.in_frame(poses)
     for i in range(5):
         assert np.allclose(moved.point[i], poses.rotation[i] @ answer.point[i] + poses.translation[i], atol=1e-15)
         assert np.allclose(moved.force[i], poses.rotation[i] @ answer.force[i], atol=1e-14)

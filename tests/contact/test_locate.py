@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from palpate.contact import ROW, ContactEstimate, Locator, Status, locate
+from palpate.contact import ROW, ContactEstimate, Locator, Status
+from palpate.contact.locate import locate
 from palpate.contact.neighbours import in_space
 from palpate.errors import InputError
 from palpate.simulation.contacts import touch_wrenches

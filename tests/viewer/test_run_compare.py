@@ -53,7 +53,7 @@ def test_a_touch_without_a_partner_has_none() -> None:
 def test_a_drawing_holds_the_body_and_the_touches() -> None:
     """Vertices come back to 1/65535 of the size; nothing in it is an address."""
     mesh, found = ellipsoid(500), session()
-    html = found.show(mesh).html()
+    html = found.plot(mesh).html()
     data = json.loads(re.search(r'<script type="application/json">(.*?)</script>', html).group(1))
     packed = np.frombuffer(b64decode(data["vertices"]), np.uint16).reshape(-1, 3) / 65535 - 0.5
     size = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
@@ -63,9 +63,9 @@ def test_a_drawing_holds_the_body_and_the_touches() -> None:
     assert mark["label"] == "1"
     assert np.linalg.norm(mark["force"]) == pytest.approx(0.3, abs=1e-3)
     assert "http" not in html
-    single = found.estimate[200].show()
+    single = found.estimate[200].plot()
     assert len(json.loads(re.search(r"json\">(.*?)</script>", single.html()).group(1))["marks"][0]["rim"]) == 48
-    assert "<iframe srcdoc=" in mesh.show()._repr_html_()
+    assert "<iframe srcdoc=" in mesh.plot()._repr_html_()
     assert Drawing.of(None).html()  # nothing at all is no error
 
 

@@ -13,6 +13,7 @@ from palpate.calibration._load_cell_checks import check_channels, check_directio
 from palpate.calibration._load_cell_coverage import Coverage, coverage
 from palpate.calibration._load_cell_fit import Fit, Touches, fit, linear_start, touches
 from palpate.calibration._load_cell_log import BenchLog, Blocks, blocks_of, rest_noise, rests
+from palpate.calls import called_as
 from palpate.errors import InputError
 from palpate.sensors.load_cells import LENGTH, LoadCells, require_layout, with_changes
 from palpate.spatial.arguments import takes_arrays
@@ -89,6 +90,7 @@ class LoadCellCalibration:
         return float(np.sqrt(square[:3].sum())), float(np.sqrt(square[3:5].sum())), float(np.sqrt(square[5]))
 
 
+@called_as('palpate.identify_load_cells(time, voltages, forces, centres, palpate.Mesh.load("tip.stl", unit="mm"))')
 @takes_arrays
 def identify_load_cells(
     time: ArrayLike,

@@ -14,6 +14,7 @@ from palpate.calibration._pose_fit import apply, fit, offset
 from palpate.calibration._screws import name_motions
 from palpate.calibration._touch_evidence import Evidence, KnownPoints, SomewhereOnSurface, Spreads
 from palpate.calibration.touch_error import spread_in_time
+from palpate.calls import called_as
 from palpate.errors import InputError, NotIdentifiable
 from palpate.spatial._arrays import frozen
 from palpate.spatial.arguments import takes_arrays
@@ -71,6 +72,7 @@ class Mounting:
         return one_line(self)
 
 
+@called_as("palpate.identify_mounting(wrenches, mesh, initial=palpate.Pose.identity(), points=marks)")
 @takes_arrays
 def identify_mounting(
     wrenches: Float[np.ndarray, "n 6"],

@@ -11,11 +11,13 @@ from numpy.typing import ArrayLike
 
 from palpate.calibration._payload_hypotheses import AS_IS, Hypothesis, corrected, diagnose, doubts
 from palpate.calibration._payload_solve import Settings, solve
+from palpate.calls import called_as
 from palpate.errors import InputError
 from palpate.sensors.force_torque import STANDARD_GRAVITY, Payload
 from palpate.sensors.recording import LARGEST
 from palpate.spatial._arrays import shaped
 from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.pose import rotation_from_quaternion
 from palpate.spatial.uncertain import noise_covariance
 from palpate.spatial.wrench import Wrench
 
@@ -24,6 +26,7 @@ __all__ = ["Hypothesis", "diagnose_payload", "identify_payload"]
 FAR = 1.0  # m from the sensor: no tool has its centre of mass further out
 
 
+@called_as("palpate.identify_payload(wrenches, quaternions)")
 @takes_arrays
 def identify_payload(
     wrenches: Wrench | ArrayLike,
@@ -51,10 +54,10 @@ def identify_payload(
     Args:
         wrenches: (n, 6) [N, N m], or a `Wrench` of n, in the sensor frame. Rows with NaN or infinity (above 1e9) are
             ignored, and said.
-        rotations: (n, 3, 3), sensor in base.
+        rotations: (n, 3, 3), sensor in base; or (n, 4) its quaternions x, y, z, w.
         gravity: (3,) its direction in the base, of any length; None when unknown, to be identified.
         magnitude: |g| [m/s^2], which only divides the weight into a mass.
-        noise: six standard deviations or a (6, 6) covariance of one reading, if known.
+        noise: of one reading, if known: standard deviations of force and torque, or six, or a (6, 6) covariance.
         robust: set samples aside that lie 5 robust standard deviations from the fit, and say which.
         hypothesis: a name that `diagnose_payload` gave, undone before the fit. Later wrenches must be corrected alike
             before `Payload.compensate`.
@@ -115,6 +118,9 @@ def settings_of(gravity: ArrayLike | None, magnitude: float, noise: ArrayLike | 
 def usable(wrenches: Wrench | ArrayLike, rotations: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Complete rows, their rotations checked, and which they are (bool, n)."""
     wrenches = shaped(wrenches.vector() if isinstance(wrenches, Wrench) else wrenches, (None, 6), "wrenches")
+    if np.shape(rotations) == (len(wrenches), 4):
+        with np.errstate(invalid="ignore"):  # a quaternion of zeros is NaN, which is ignored
+            rotations = rotation_from_quaternion(np.asarray(rotations, dtype=np.float64))
     rotations = shaped(rotations, (len(wrenches), 3, 3), "rotations")
     rows = np.column_stack([wrenches, rotations.reshape(-1, 9)])
     finite = np.asarray((np.abs(rows) <= LARGEST).all(axis=1), dtype=bool)

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from palpate.contact.contacts import Contacts
-from palpate.contact.frames import in_frame
 from palpate.errors import InputError
 from palpate.io.contacts import contact_blocks, read_contacts
 from palpate.io.models import read_provenance
@@ -49,7 +48,7 @@ def on_body(contacts: Contacts, path: Path, rig: Rig) -> Contacts:
             hint="Estimate without --frame base, or view the log itself.",
         )
     if frame == "sensor" and rig.surface is not None:
-        contacts = contacts.with_estimate(in_frame(contacts.estimate, rig.surface.pose.pose().inverse()))
+        contacts = contacts.in_frame(rig.surface.pose.pose().inverse())
     return contacts
 
 

@@ -13,7 +13,7 @@ from palpate.errors import InputError
 from palpate.io.pipeline import OpenedLog, open_log
 from palpate.io.rig import Rig, load_rig
 from palpate.io.rig.kind import SensorKind
-from palpate.io.rig.surface import RigSurface
+from palpate.io.rig.rig import with_mesh
 from palpate.io.rig.tables import RigFilter, RigNoise, RigThresholds
 
 __all__ = ["Setup"]
@@ -105,15 +105,7 @@ class Setup:
             raise InputError(
                 "a mesh file does not say its unit.", where=str(self.mesh), hint="Add --unit mm (or m, cm, um, in)."
             )
-        try:
-            surface = RigSurface(mesh=str(self.mesh), unit=self.unit)
-        except ValueError as problem:
-            raise InputError(f"{problem}.", where="--mesh") from problem
-        if known is None:
-            return Rig(surface)
-        told = {"kind": "mesh", "mesh": str(self.mesh.resolve()), "unit": self.unit}
-        alone: dict[str, Any] = {"urdf": None, "link": None, "geometry": None, "packages": {}}
-        return replace(known, surface=replace(known.surface or surface, **told, **alone))
+        return with_mesh(known, self.mesh, self.unit)
 
     def _filter(self, stated: RigFilter) -> RigFilter:
         filtered = _over(stated, filter=self.filter)

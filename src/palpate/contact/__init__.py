@@ -1,8 +1,8 @@
-"""From readings and a surface to contacts."""
+"""From readings and a surface to contacts; `palpate.contact.locate` is the module, `palpate.locate` the function."""
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, ContactEstimate, Status
-from palpate.contact.locate import METHODS, Candidates, Locator, locate
+from palpate.contact.locate import METHODS, Candidates, Locator
 from palpate.contact.wrench_estimator import WrenchEstimator
 
 __all__ = [
@@ -14,5 +14,4 @@ __all__ = [
     "Locator",
     "Status",
     "WrenchEstimator",
-    "locate",
 ]

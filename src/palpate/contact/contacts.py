@@ -2,30 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from importlib import import_module
+from os import PathLike
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Int8
 
+from palpate.calls import answering, by_name, called_as
 from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.errors import InputError
 from palpate.spatial._arrays import shaped
+from palpate.spatial.pose import Pose
 
 if TYPE_CHECKING:
     import polars as pl
 
+    from palpate.contact.events import Events
     from palpate.surfaces.drawing import Drawing
-    from palpate.surfaces.surface import Surface
+    from palpate.surfaces.given import SurfaceLike
 
 __all__ = ["Contacts"]
 
 _NO_FEATURES: Mapping[str, Float[np.ndarray, " n"]] = MappingProxyType({})
 
 
+@called_as(
+    'palpate.estimate("log.csv", "rig.toml")',
+    __getitem__="contacts[3] or contacts[contacts.answered]",
+    in_frame='contacts.in_frame(T_base_surface) with a Pose, or palpate.estimate("log.csv", "rig.toml", frame="base")',
+    touches="contacts.touches(gap=0.05)",
+    load='palpate.Contacts.load("contacts.mcap")',
+    save='contacts.save("contacts.mcap")',
+    plot='contacts.plot(palpate.Mesh.load("probe.stl", unit="mm"))',
+)
 @dataclass(frozen=True, eq=False)
 class Contacts:
     """Contacts in the order of the samples, at least one row a sample; a sample without one has a row that says so.
@@ -45,6 +57,9 @@ class Contacts:
     estimate: ContactEstimate
     features: Mapping[str, Float[np.ndarray, " n"]] = field(default_factory=lambda: _NO_FEATURES)
     notes: tuple[str, ...] = ()
+
+    if not TYPE_CHECKING:  # which knows the names itself
+        __getattr__ = answering
 
     def __post_init__(self) -> None:
         for name in ("sample", "time", "identity"):
@@ -108,8 +123,21 @@ class Contacts:
     def __len__(self) -> int:
         return len(self.sample)
 
-    def __getitem__(self, which: slice | np.ndarray) -> Contacts:
-        """The rows that a slice, a mask or numbers pick."""
+    def __bool__(self) -> bool:
+        """Whether a contact was found: any row is answered."""
+        return bool(self.estimate)
+
+    def __iter__(self) -> Iterator[ContactEstimate]:
+        return iter(self.estimate)
+
+    @overload
+    def __getitem__(self, which: int | np.integer[Any]) -> ContactEstimate: ...
+    @overload
+    def __getitem__(self, which: slice | np.ndarray) -> Contacts: ...
+    def __getitem__(self, which: int | np.integer[Any] | slice | np.ndarray) -> ContactEstimate | Contacts:
+        """The estimate of one row, or the rows that a slice, a mask or numbers pick."""
+        if isinstance(which, int | np.integer):
+            return self.estimate[which]
         return replace(
             self,
             sample=self.sample[which],
@@ -188,6 +216,42 @@ class Contacts:
         """The same rows with other notes."""
         return replace(self, notes=tuple(notes))
 
+    def in_frame(self, pose: Pose) -> Contacts:
+        """Return the same rows in another frame, as `ContactEstimate.in_frame`.
+
+        The base frame needs the sensor's poses, which are in the log: `palpate.estimate(log, rig, frame="base")`.
+
+        Args:
+            pose: T_target_source, one, or one a row.
+
+        Raises:
+            InputError: something else than a pose, such as the name of a frame.
+        """
+        return self.with_estimate(self.estimate.in_frame(pose))
+
+    def touches(self, *, gap: float = 0.05, shortest: float = 0.02) -> Events:
+        """Return start, end, place and peak force of each touch; see `find_touches`."""
+        from palpate.contact.events import find_touches  # here: it reads contacts
+
+        return find_touches(self, gap=gap, shortest=shortest)
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Contacts:
+        """Read a file that `save` or `palpate estimate` wrote.
+
+        Raises:
+            InputError: not there, or a row is not one of contacts.
+        """
+        return by_name("palpate.io.contacts.read_contacts")(path)
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write every row to a .csv, .parquet or .mcap file.
+
+        Raises:
+            InputError: another suffix, or a place that cannot be written to.
+        """
+        by_name("palpate.io.contacts.write_contacts")(path, self)
+
     def to_polars(self) -> pl.DataFrame:
         """As a table, with the columns that files of contacts have."""
         from palpate.contact.table import to_frame  # here: polars is slow to import
@@ -198,11 +262,16 @@ class Contacts:
         """The same as a pandas table.
 
         Raises:
-            ImportError: pandas is not installed.
+            InputError: pandas is not installed.
         """
-        return import_module("pandas").DataFrame(self.to_polars().to_dict(as_series=False))
+        try:
+            frame = by_name("pandas.DataFrame")
+        except ImportError as problem:
+            hint = "pip install pandas, or write contacts.to_polars()."
+            raise InputError("to_pandas needs pandas, which does not load.", hint=hint) from problem
+        return frame(self.to_polars().to_dict(as_series=False))
 
-    def show(self, surface: Surface | None = None) -> Drawing:
+    def plot(self, surface: SurfaceLike | None = None) -> Drawing:
         """The touches, numbered, on the body: a drawing that a notebook shows, and that a pointer turns.
 
         Args:

@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from palpate.calls import answering, called_as
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value, shaped
+from palpate.spatial.pose import Pose
 
 if TYPE_CHECKING:
     from palpate.surfaces.drawing import Drawing
-    from palpate.surfaces.surface import Surface
+    from palpate.surfaces.given import SurfaceLike
 
 __all__ = ["CHI2_95", "ROW", "ContactEstimate", "Status"]
 
@@ -35,6 +37,16 @@ class Status(IntEnum):
     INVALID = 7  # NaN or infinite
     NO_POSE = 8  # the orientation that compensation needs is missing
 
+    @classmethod
+    def _missing_(cls, value: object) -> Status:
+        """As files spell it."""
+        for each in cls:
+            if isinstance(value, str) and value == each.label:
+                return each
+        hint = f"Write palpate.Status.CONTACT, or another of {', '.join(cls.__members__)}."
+        given = repr(value)[:40] if isinstance(value, str | int | float | None) else f"a {type(value).__name__}"
+        raise InputError(f"{given} is no status.", hint=hint)
+
     @property
     def label(self) -> str:
         """As files spell it: lower case."""
@@ -45,6 +57,11 @@ class Status(IntEnum):
 
     def __format__(self, spec: str) -> str:
         return format(self.label, spec)
+
+    def __bool__(self) -> bool:
+        raise InputError(
+            "a Status is neither true nor false.", hint=f"Write status == palpate.Status.{self.name}, or if contact:."
+        )
 
 
 class _Row:
@@ -67,6 +84,11 @@ ROW = _Row
 _ROW = (ROW.length,)
 
 
+@called_as(
+    "palpate.locate([0, 0, -5, 0.02, 0, 0], mesh)",
+    in_frame="contact.in_frame(palpate.Pose.from_matrix(T_base_surface))",
+    plot='contact.plot(palpate.Mesh.load("probe.stl", unit="mm"))',
+)
 @dataclass(frozen=True, eq=False, repr=False)
 class ContactEstimate(Value):
     """Where, how hard, which way and how sure, batched by leading axes, in the surface's frame.
@@ -91,6 +113,9 @@ class ContactEstimate(Value):
     residual: Float[np.ndarray, "*batch"]
     candidates: Int[np.ndarray, "*batch"]
     status: Any  # int8 array or Status: no type checker knows the batch
+
+    if not TYPE_CHECKING:  # which knows the names itself
+        __getattr__ = answering
 
     def __post_init__(self) -> None:
         if not self.batch:
@@ -165,7 +190,31 @@ class ContactEstimate(Value):
     def __iter__(self) -> Iterator[ContactEstimate]:
         return (self[i] for i in range(len(self.status)))
 
-    def show(self, surface: Surface | None = None) -> Drawing:
+    def __bool__(self) -> bool:
+        """Whether a contact was found: any estimate is answered."""
+        return bool(np.any(self.answered))
+
+    def in_frame(self, pose: Pose) -> ContactEstimate:
+        """Return the same estimates with points, normals, forces and covariances in another frame.
+
+        The uncertainty of `pose` itself is not added.
+
+        Args:
+            pose: T_target_source, one or a batch.
+        """
+        turn = pose.rotation
+        return ContactEstimate(
+            point=pose.apply(self.point),
+            normal=pose.rotate(self.normal),
+            force=pose.rotate(self.force),
+            torque=self.torque.copy(),
+            covariance=turn @ self.covariance @ np.swapaxes(turn, -1, -2),
+            residual=self.residual.copy(),
+            candidates=self.candidates.copy(),
+            status=self.status,
+        )
+
+    def plot(self, surface: SurfaceLike | None = None) -> Drawing:
         """Points, forces and 95 % ellipses on the body: a drawing that a notebook shows, and that a pointer turns.
 
         Args:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
-from types import MappingProxyType
+from types import MappingProxyType, SimpleNamespace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -71,6 +71,11 @@ class Events:
 
     def __len__(self) -> int:
         return len(self.start)
+
+    def __getitem__(self, which: int) -> SimpleNamespace:
+        """One touch: numbers and vectors by the same names, also in a `for`."""
+        columns = {name: value[which] for name, value in vars(self).items() if name != "features"}
+        return SimpleNamespace(**columns, features={name: value[which] for name, value in self.features.items()})
 
     @property
     def deviation(self) -> Float[np.ndarray, " k"]:

@@ -11,7 +11,7 @@ from palpate.sensors.recording import ORIENTATION, POSITION, Recording
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
 
-__all__ = ["in_base", "in_frame", "placed"]
+__all__ = ["in_base", "placed"]
 
 
 def placed(contacts: Contacts, block: Recording, frame: str, mount: Pose) -> Contacts:
@@ -26,32 +26,10 @@ def placed(contacts: Contacts, block: Recording, frame: str, mount: Pose) -> Con
     if frame == "surface" or not len(contacts):
         return contacts
     if frame == "sensor":
-        return contacts.with_estimate(in_frame(contacts.estimate, mount))
+        return contacts.in_frame(mount)
     rows = contacts.sample - contacts.sample[0]  # every sample of the block has one or more
     poses = block.channels[ORIENTATION][rows], block.channels[POSITION][rows]
     return contacts.with_estimate(in_base(contacts.estimate, *poses, mount))
-
-
-def in_frame(estimate: ContactEstimate, pose: Pose) -> ContactEstimate:
-    """The same contacts with points, normals, forces and covariances in another frame.
-
-    The uncertainty of `pose` itself is not added.
-
-    Args:
-        estimate: (*batch) in the source frame.
-        pose: T_target_source, one or a batch.
-    """
-    turn = pose.rotation
-    return ContactEstimate(
-        point=pose.apply(estimate.point),
-        normal=pose.rotate(estimate.normal),
-        force=pose.rotate(estimate.force),
-        torque=estimate.torque.copy(),
-        covariance=turn @ estimate.covariance @ np.swapaxes(turn, -1, -2),
-        residual=estimate.residual.copy(),
-        candidates=estimate.candidates.copy(),
-        status=estimate.status,
-    )
 
 
 @takes_arrays
@@ -71,7 +49,7 @@ def in_base(
     """
     lost = np.isnan(np.concatenate([quaternions, positions], axis=1).sum(axis=1))
     sensor = Pose.from_quaternion(np.where(lost[:, None], [0.0, 0.0, 0.0, 1.0], quaternions), positions)
-    moved = in_frame(estimate, sensor @ mount)
+    moved = estimate.in_frame(sensor @ mount)
     located = np.isfinite(estimate.point).all(axis=1)
     return ContactEstimate(
         point=moved.point,

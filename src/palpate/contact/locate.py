@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int8
 from numpy.typing import ArrayLike
 
+from palpate.calls import called_as
 from palpate.contact._settings import (
     CENTRE,
     FOLLOW,
@@ -34,6 +35,7 @@ from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.shown import vector
 from palpate.spatial.uncertain import noise_covariance
 from palpate.spatial.wrench import Wrench
+from palpate.surfaces.given import SurfaceLike, as_surface
 from palpate.surfaces.surface import Surface
 
 __all__ = ["METHODS", "Candidates", "Locator", "locate"]
@@ -76,22 +78,28 @@ class Candidates(Value):
         return f"Candidates({plausible}{': ' if places else ''}{places}{more}{' mm' if places else ''})"
 
 
+@called_as(
+    'palpate.Locator("probe.stl", unit="mm", noise=(0.02, 0.001))',
+    run="locator.run([[0, 0, -5, 0.02, 0, 0]])",
+    candidates="locator.candidates([0, 0, -5, 0.02, 0, 0])",
+)
 class Locator:
     """Prepared location on one surface: the tree is built and the loops are compiled here, never in the loop.
 
     Args:
-        surface: a `Surface`, such as a `Mesh`.
+        surface: a `Surface`, such as a `Mesh`; a mesh of trimesh; or the path of a mesh file, which is read here.
         method: "soft_finger" (the `probe` paper's model: force and a torque about the normal) or "wrench_axis" (Bicchi
             1993: where the line of action meets the surface).
         friction: bound on tan(theta), theta between -force and normal.
         torsion: bound on |torque|/|F . n| [m].
-        noise: six standard deviations or a 6 x 6 covariance, force first [N, N m]; None: covariances are NaN unless
-            given with the wrenches.
+        noise: standard deviations of force and torque, or of each of the six numbers, or a 6 x 6 covariance, force
+            first [N, N m]; None: covariances are NaN unless given with the wrenches.
         on, off: force [N] from which there is a contact, and below which there is none any more. None for both: where
             the force is 5.5 standard deviations from zero, and 3, by its covariance in that very sample: noise,
             payload, motion and tare; without noise only zero force is no contact.
         indentation: of a soft layer on the surface: how deep below it the force acts; None: rigid.
         accuracy: [m] 3-D standard deviation above which the answer is TOO_LIGHT; None: none.
+        unit: of a mesh file's numbers: m, cm, mm, um or in.
 
     Raises:
         InputError: an unknown method, or bounds that are not positive, or on < off.
@@ -99,7 +107,7 @@ class Locator:
 
     def __init__(
         self,
-        surface: Surface,
+        surface: SurfaceLike,
         method: str = "soft_finger",
         friction: float = 1.0,
         torsion: float = 5e-3,
@@ -108,8 +116,11 @@ class Locator:
         off: float | None = None,
         indentation: Indentation | None = None,
         accuracy: float | None = None,
+        unit: str | None = None,
     ) -> None:
         from palpate.contact import _kernel  # compiled: loaded when first needed
+
+        surface = as_surface(surface, unit)
 
         if method not in METHODS:
             slow = " iterative is for `palpate.locate` alone." if method == "iterative" else ""
@@ -510,26 +521,32 @@ def _six_numbers(wrench: object) -> Float[np.ndarray, "6"] | None:
     return array if array.dtype == FLOAT and array.shape == _WRENCH else None
 
 
+@called_as('palpate.locate([0, 0, -5, 0.02, 0, 0], "probe.stl", unit="mm")')
 def locate(
     wrench: Wrench | ArrayLike,
-    surface: Surface,
+    surface: SurfaceLike,
     method: str = "soft_finger",
     friction: float = 1.0,
     torsion: float = 5e-3,
     noise: ArrayLike | None = None,
     previous: ContactEstimate | ArrayLike | None = None,
+    unit: str | None = None,
 ) -> ContactEstimate:
-    """Where a wrench touches a surface; both in the same frame, each wrench of a batch on its own.
+    """Return where a wrench touches a surface; both in the same frame, each wrench of a batch on its own.
+
+    In a loop, a `Locator` is quicker; a mesh file is read, and a mesh of trimesh prepared, at each call of this.
 
     Args:
         wrench: a `Wrench`, or six-vectors (*batch, 6), force first [N, N m].
-        surface: a `Surface`, such as a `Mesh`.
+        surface: a `Surface`, such as a `Mesh`; a mesh of trimesh; or the path of a mesh file.
         method: "soft_finger", "wrench_axis", or "iterative" (`locate_iteratively`, the older way: slow, without a
             covariance; on a mesh it fits a paraboloid to the touched region, or refuses).
         friction: bound on tan(theta), theta between -force and normal.
         torsion: bound on |torque|/|F . n| [m].
-        noise: six standard deviations or a 6 x 6 covariance, force first; None takes the wrench's own covariance.
+        noise: standard deviations of force and torque, or of each of the six numbers, or a 6 x 6 covariance, force
+            first; None takes the wrench's own covariance.
         previous: the last contact, an estimate or a point [m]: it decides between candidates.
+        unit: of a mesh file's numbers: m, cm, mm, um or in.
 
     Returns:
         a `ContactEstimate` with the batch's leading axes. Without any noise its covariance is NaN.
@@ -537,16 +554,18 @@ def locate(
     Raises:
         InputError: an unknown method, or wrenches, noise or previous of another shape.
     """
-    vectors, covariance = _six_numbers(wrench), None
+    if unit is not None or not hasattr(surface, "prepared"):
+        surface = as_surface(surface, unit)
+    known, vectors, covariance = cast("Surface", surface), _six_numbers(wrench), None
     if vectors is None:
-        whole = wrench if isinstance(wrench, Wrench) else Wrench.from_vector(wrench)
+        whole = wrench if isinstance(wrench, Wrench) else Wrench.from_vector(shaped(wrench, (..., 6), "wrench"))
         vectors, covariance = whole.vector(), whole.covariance
     point = previous.point if isinstance(previous, ContactEstimate) else previous
     last = None if point is None else shaped(point, (3,), "previous")
     last = None if last is None or not np.isfinite(last).all() else last
     if method == "iterative":
-        return _iterated(vectors.reshape(-1, 6), surface, last, friction, torsion).reshaped(vectors.shape[:-1])
-    locator = _prepared(surface, (method, friction, torsion))
+        return _iterated(vectors.reshape(-1, 6), known, last, friction, torsion).reshaped(vectors.shape[:-1])
+    locator = _prepared(known, (method, friction, torsion))
     if noise is not None:
         covariance = noise_covariance(noise)
     if vectors.ndim == 1:

@@ -13,7 +13,7 @@ from palpate.contact.ellipse import ellipse
 from palpate.contact.estimate import ContactEstimate
 from palpate.contact.events import Events, find_touches
 from palpate.surfaces.drawing import Drawing, Mark
-from palpate.surfaces.surface import Surface
+from palpate.surfaces.given import SurfaceLike
 
 __all__ = ["drawing_of_estimates", "drawing_of_touches", "marks_of", "table_of"]
 
@@ -35,7 +35,7 @@ def table_of(contacts: Contacts) -> str:
     return "<div>" + "".join(said) + "</div>"
 
 
-def drawing_of_touches(contacts: Contacts, surface: Surface | None) -> Drawing:
+def drawing_of_touches(contacts: Contacts, surface: SurfaceLike | None) -> Drawing:
     """Where each touch was, with its number, and the force at its peak."""
     touches = find_touches(contacts)
     marks = marks_of(touches, _DRAWN)
@@ -44,7 +44,7 @@ def drawing_of_touches(contacts: Contacts, surface: Surface | None) -> Drawing:
     return Drawing.of(surface, marks, repr(contacts))
 
 
-def drawing_of_estimates(found: ContactEstimate, surface: Surface | None) -> Drawing:
+def drawing_of_estimates(found: ContactEstimate, surface: SurfaceLike | None) -> Drawing:
     """Each with a place, as an arrow and its 95 % ellipse."""
     count = int(np.prod(found.batch))
     flat = found.reshaped((count,))

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 from numpy.typing import ArrayLike
 
+from palpate.calls import called_as
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, Status
 from palpate.contact.estimator import NOTHING_BESIDE, instant, samples
@@ -33,6 +34,7 @@ _HEIGHT = 2e-3  # m: along the barrel's axis contacts are taken for the ring's o
 _STEADY = 3.0  # times the calibration's jitter: a tare in which markers move more is refused
 
 
+@called_as('palpate.load_rig("rig.toml").estimator()')
 class RingEstimator:
     """The estimator of a marker ring.
 

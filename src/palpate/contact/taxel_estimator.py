@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
+from palpate.calls import called_as
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimator import NOTHING_BESIDE, instant, samples
 from palpate.errors import InputError
@@ -78,6 +79,7 @@ class TaxelSettings:
             raise InputError("reach must be positive, speed and patience not negative.")
 
 
+@called_as("palpate.TaxelEstimator(palpate.TaxelBody.anywhere(positions, normals))")
 class TaxelEstimator:
     """The estimator of taxels: each frame is answered with what those before it left (rest, identities, filter).
 

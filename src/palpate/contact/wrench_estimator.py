@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int, Int8
 from numpy.typing import ArrayLike
 
+from palpate.calls import called_as
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, ContactEstimate
 from palpate.contact.estimator import NOTHING_BESIDE, instant, samples
@@ -30,6 +31,7 @@ from palpate.sensors.wrench_sensor import Measured, Placement, Tare, WrenchSenso
 from palpate.sensors.zero_filter import FollowedSensor, ZeroHistory, ZeroState
 from palpate.spatial._arrays import require_out
 from palpate.spatial.pose import Pose
+from palpate.surfaces.given import SurfaceLike
 
 __all__ = ["WrenchEstimator"]
 
@@ -108,6 +110,12 @@ class _Live:
         self._loop(sensor.held if inputs is None else inputs, *self._arguments, rows)
 
 
+@called_as(
+    "palpate.WrenchEstimator(mesh, palpate.ForceTorque(noise=(0.02, 0.001)))",
+    update="estimator.update(time, [0, 0, -5, 0.02, 0, 0], pose.rotation)",
+    run='estimator.run(palpate.Recording(time, {"force": force, "torque": torque}))',
+    tare='estimator.tare(palpate.Recording(time, {"force": force, "torque": torque}))',
+)
 class WrenchEstimator:
     """The `ContactEstimator` of every sensor of wrenches, on any surface.
 
@@ -116,8 +124,8 @@ class WrenchEstimator:
     the filter by; a gap starts the filter afresh (`sensors.smoothing`).
 
     Args:
-        locator: on the surface, in the surface's frame. One without noise takes the sensor's, and thresholds from it
-            where none were given.
+        locator: on the surface, in the surface's frame; or the surface, as `Locator` takes it. One without noise takes
+            the sensor's, and thresholds from it where none were given.
         sensor: of wrenches, such as a `Compensation` or a `LoadCellArray`; a `ForceTorque` stands for one that
             carries no payload.
         mount: T_sensor_surface.
@@ -151,7 +159,7 @@ class WrenchEstimator:
 
     def __init__(
         self,
-        locator: Locator,
+        locator: Locator | SurfaceLike,
         sensor: WrenchSensor | ForceTorque,
         mount: Pose | None = None,
         mount_covariance: Float[np.ndarray, "6 6"] | None = None,
@@ -166,6 +174,7 @@ class WrenchEstimator:
 
         if not 0 <= placement < np.inf:  # NaN too
             raise InputError(f"placement must be a length [m] that is not negative, not {placement:g}.")
+        locator = locator if isinstance(locator, Locator) else Locator(locator)
         self.placement, self._widen = float(placement), widen
         self.sensor: WrenchSensor = Compensation(sensor) if isinstance(sensor, ForceTorque) else sensor
         self.mount = Pose.identity() if mount is None else mount

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
+from palpate.calls import called_as
 from palpate.contact import Status, WrenchEstimator
 from palpate.contact.estimate import ROW
 from palpate.control.arm import Arm
@@ -30,6 +31,7 @@ JUMP = 5.0  # s between two calls that no clock makes
 LEAST = 1e-4  # s: cycles are told apart to this
 
 
+@called_as("palpate.AlignController(arm, palpate.WrenchEstimator(mesh, sensor), force=7.0)")
 class AlignController:
     """Wrench, joints and time in, joint command out, at the sensor's rate.
 

@@ -6,11 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.calls import called_as
 from palpate.errors import InputError
 
 __all__ = ["DifferentialDrive"]
 
 
+@called_as("palpate.DifferentialDrive(track=0.085, top=0.05)")
 @dataclass(frozen=True)
 class DifferentialDrive:
     """A robot that steers by the difference of its two tracks, without slip.

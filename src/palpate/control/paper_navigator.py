@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
+from palpate.calls import called_as
 from palpate.control.drive import DifferentialDrive
 from palpate.control.navigation import Speedometer, Steering, heading_error, require_goal
 from palpate.errors import InputError
@@ -121,6 +122,7 @@ class PaperSettings:
             )
 
 
+@called_as("palpate.PaperNavigator(goal=(1.2, 0.0))")
 @takes_arrays
 class PaperNavigator:
     """The paper's navigator: no memory, one rule.

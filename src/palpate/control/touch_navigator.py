@@ -21,6 +21,7 @@ from math import atan2, cos, degrees, hypot, inf, isfinite, pi, radians, sin
 import numpy as np
 from jaxtyping import Float
 
+from palpate.calls import called_as
 from palpate.control.drive import DifferentialDrive
 from palpate.control.navigation import heading_error, require_goal
 from palpate.control.progress_watch import ProgressWatch
@@ -103,6 +104,7 @@ class TouchNavigatorSettings:
     map: TouchMapSettings = field(default_factory=TouchMapSettings)
 
 
+@called_as("palpate.TouchNavigator(goal=(1.2, 0.0))")
 @takes_arrays
 class TouchNavigator:
     """From touches and pose to the speeds of both tracks, at the caller's rate (30 Hz in mind); see `Navigator`.

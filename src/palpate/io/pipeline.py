@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from itertools import chain
+from os import PathLike
 from pathlib import Path
 from time import perf_counter
 from types import TracebackType
@@ -14,6 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from palpate.calls import called_as
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import CHI2_95, Status
 from palpate.contact.estimator import ContactEstimator
@@ -22,10 +24,11 @@ from palpate.contact.plausibility import Asked, lines_of_action, never_at_rest, 
 from palpate.contact.wrench_estimator import WrenchEstimator
 from palpate.errors import InputError
 from palpate.io.ahead import MotionAhead, ReadAhead, Reader, reading_beside
-from palpate.io.logs import Log, contents, join, missing
+from palpate.io.logs import Log, LogContents, contents, join, missing
 from palpate.io.logs import open_log as open_by_layout
+from palpate.io.logs.arrays import DataFrame, held
 from palpate.io.rig.kind import Prepared, SensorKind
-from palpate.io.rig.rig import Rig, load_rig
+from palpate.io.rig.rig import Rig, load_rig, with_mesh
 from palpate.sensors.compensation import Compensation
 from palpate.sensors.recording import ORIENTATION, POSITION, Recording
 from palpate.surfaces._jit import compile_seconds
@@ -37,6 +40,8 @@ FRAMES = ("surface", "sensor", "base")
 HEAD = 20_000  # samples of the start of a log from which noise, rate and rest are taken
 KEPT = 5_000  # samples of the log, evenly spread, that doubts are raised from
 HEAD_VALUES = 3_000_000  # numbers, where a sample has many
+_LINE = 'palpate.estimate("log.csv", "rig.toml") or palpate.estimate("log.csv", mesh="probe.stl", unit="mm")'
+LogLike = str | PathLike[str] | DataFrame | Mapping[str, Any] | np.ndarray
 HEAD_FRAMES = 30  # of a camera, whatever the seconds
 
 
@@ -49,10 +54,11 @@ class OpenedLog:
         seconds: spent on reading so far.
     """
 
-    def __init__(self, path: Path, rig: Rig, kind: SensorKind) -> None:
-        self.path, self.rig, self.kind = path, rig, kind
+    def __init__(self, source: Path | Mapping[str, np.ndarray], rig: Rig, kind: SensorKind) -> None:
+        self.rig, self.kind = rig, kind
         layout = kind.layout(rig)
-        self._log: Log = open_by_layout(path, layout)
+        self._log: Log = open_by_layout(source, layout)
+        self.path = self._log.path
         self._ahead = False
         self._images = layout.images is not None
         self._blocks: Iterator[Recording] | None = None
@@ -149,11 +155,14 @@ class OpenedLog:
             yield block
 
 
-def open_log(log: str | Path, rig: Rig | str | Path, sensor: str | None = None, topic: str | None = None) -> OpenedLog:
-    """Open a log as a rig says: CSV, Parquet, NumPy, MCAP, a ROS 1 or 2 bag.
+@called_as('palpate.open_log("log.csv", "rig.toml")')
+def open_log(
+    log: LogLike, rig: Rig | str | PathLike[str], sensor: str | None = None, topic: str | None = None
+) -> OpenedLog:
+    """Open a log as a rig says: CSV, Parquet, NumPy, MCAP, a ROS 1 or 2 bag; or a table or arrays in memory.
 
     Args:
-        log: the file, or a bag's folder.
+        log: the file, or a bag's folder; or a table of polars or pandas, or arrays by their names, as a file has them.
         rig: or its file.
         sensor: name of the sensor's table in the rig, where there are several that the log could be of.
         topic: of the sensor's readings, in place of the one that the rig names.
@@ -161,17 +170,18 @@ def open_log(log: str | Path, rig: Rig | str | Path, sensor: str | None = None, 
     Raises:
         InputError: the log cannot be read, or has nothing for a sensor of the rig.
     """
-    path, rig = Path(log), rig if isinstance(rig, Rig) else load_rig(rig)
-    kind = rig.kind(sensor) if sensor or len(rig.kinds) == 1 else _told(path, rig, topic)
-    if topic is not None and ((there := contents(path)).names or there.images is not None):
+    source = Path(log) if isinstance(log, str | PathLike) else held(log)
+    rig = rig if isinstance(rig, Rig) else load_rig(rig)
+    kind = rig.kind(sensor) if sensor or len(rig.kinds) == 1 else _told(contents(source), rig, topic)
+    if topic is not None and ((there := contents(source)).names or there.images is not None):
         what = "is a table, and has no topics." if there.names else "has no topics."
-        raise InputError(what, where=str(path), hint="Leave --topic out.")
-    return OpenedLog(path, rig.with_topic(topic, kind.name), kind)
+        raise InputError(what, where=str(there.path), hint="Leave --topic out.")
+    return OpenedLog(source, rig.with_topic(topic, kind.name), kind)
 
 
-def _told(path: Path, rig: Rig, topic: str | None) -> SensorKind:
+def _told(there: LogContents, rig: Rig, topic: str | None) -> SensorKind:
     """Which of several sensors a log is of, by its channels; all together where it has those of all."""
-    there = contents(path)
+    path = there.path
     lacking = {kind.name: missing(there, kind.layout(rig)) for kind in rig.kinds}
     fitting = [kind for kind in rig.kinds if not lacking[kind.name]]
     if rig.pokes is not None and len(fitting) > 1:  # then wrenches are there to find the taxels by
@@ -332,19 +342,24 @@ class Pipeline:
         return list(dict.fromkeys((*self.doubted, *self.estimator.doubts(), *self._seen.doubts(self.estimator))))
 
 
+@called_as(_LINE)
 def estimate(
-    log: str | Path,
-    rig: Rig | str | Path,
+    log: LogLike,
+    rig: Rig | str | PathLike[str] | None = None,
     *,
+    mesh: str | PathLike[str] | None = None,
+    unit: str | None = None,
     frame: str = "surface",
     sensor: str | None = None,
     topic: str | None = None,
 ) -> Contacts:
-    """Every contact in a log: exactly what `palpate estimate` writes.
+    """Return every contact in a log: exactly what `palpate estimate` writes.
 
     Args:
-        log: the file, or a bag's folder.
-        rig: or its file.
+        log: the file, or a bag's folder; or a table of polars or pandas, or arrays by their names, as a file has them.
+        rig: or its file. None: the mesh is in the frame of a tared six-axis sensor.
+        mesh: file of the surface, in place of the rig's.
+        unit: of the mesh file's numbers: m, cm, mm, um or in.
         frame: of the result: "surface", "sensor" or "base".
         sensor: name of the sensor's table in the rig, where there are several that the log could be of.
         topic: of the sensor's readings, in place of the one that the rig names.
@@ -353,9 +368,16 @@ def estimate(
         At least one row a sample; what a reader should know, doubts first, is in `notes`.
 
     Raises:
-        InputError: the log or a file of the rig cannot be used.
+        InputError: the log, the mesh or a file of the rig cannot be used, or there is neither a rig nor a mesh.
     """
-    with waiting(f"finding the contacts in {log}"), open_log(log, rig, sensor, topic) as opened:
+    known = rig if isinstance(rig, Rig) or rig is None else load_rig(rig)
+    known = known if mesh is None else with_mesh(known, mesh, unit)
+    if known is None:
+        raise InputError("nothing says what is touched.", hint=f"Write {_LINE}.")
+    if mesh is None and unit is not None:
+        raise InputError("unit is of a mesh, and none is given.", hint='Write mesh="probe.stl", unit="mm".')
+    name = log if isinstance(log, str | PathLike) else "the log"
+    with waiting(f"finding the contacts in {name}"), open_log(log, known, sensor, topic) as opened:
         pipeline = Pipeline.of(opened, frame)
         found = Contacts.joined([contacts for _, _, contacts in pipeline.stream()])
         first = [said for said in (opened.torn, pipeline.unbelievable()) if said]

@@ -90,7 +90,8 @@ def parse(
     """
     form = forms.get(model, Form({}))
     build = form.build or model
-    hints, parameters = get_type_hints(build), dict(signature(build).parameters)
+    hints = get_type_hints(build)  # of a class, of its fields: what its constructor takes in their place is no key
+    parameters = {name: each for name, each in signature(build).parameters.items() if name in hints or name == "rest"}
     if "rest" in parameters:
         own = signature(model).parameters
         parameters = {name: parameters.get(name) or own[name] for name in (*parameters, *form.keys) if name != "rest"}

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int8
 from numpy.typing import ArrayLike
 
+from palpate.calls import called_as
 from palpate.errors import InputError
 from palpate.sensors.filters import Filter
 from palpate.sensors.force_torque import ForceTorque, Payload
@@ -67,6 +68,7 @@ class _Compensated(NamedTuple):
     readings: _Readings
 
 
+@called_as("palpate.Compensation(palpate.ForceTorque(noise=(0.02, 0.001)), palpate.Payload(mass=0.4))")
 class Compensation:
     """The `WrenchSensor` of a force/torque sensor and what hangs on it; see `Payload`.
 

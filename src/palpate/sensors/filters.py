@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
+from palpate.calls import called_as
 from palpate.errors import InputError
 from palpate.spatial._arrays import frozen
 from palpate.spatial.arguments import takes_arrays
@@ -40,6 +41,7 @@ class Recursion:
     response: Float[np.ndarray, " l"]
 
 
+@called_as("palpate.Kalman()")
 @takes_arrays
 @dataclass(frozen=True)
 class Kalman:
@@ -103,6 +105,7 @@ class Kalman:
         return Recursion(np.zeros((0, 6)), np.zeros((0, 2)), table, table, np.zeros(0))
 
 
+@called_as("palpate.Butterworth(cutoff=10.0)")
 @takes_arrays
 @dataclass(frozen=True)
 class Butterworth:

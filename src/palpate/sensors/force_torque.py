@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from os import PathLike
 from types import MappingProxyType
 
 import numpy as np
 from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
+from palpate.calls import by_name, called_as
 from palpate.errors import InputError
 from palpate.sensors.noise import NoiseSpectrum
 from palpate.sensors.recording import LARGEST
@@ -25,8 +27,14 @@ STANDARD_GRAVITY = 9.80665  # m/s^2
 FRAMES = ("sensor", "base")
 
 
+@called_as(
+    "palpate.Payload(mass=0.4, center_of_mass=[0, 0, 0.05])",
+    load='palpate.Payload.load("payload.toml")',
+    save='payload.save("payload.toml")',
+    compensate="payload.compensate(wrenches, rotations)",
+)
 @takes_arrays
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, init=False)
 class Payload(Value):
     """What hangs on the sensor, and the sensor's zero.
 
@@ -38,8 +46,8 @@ class Payload(Value):
     Poses determine the weight only; mass is the weight over a stated |g|.
 
     Args:
-        weight: (3,) [N] of the payload, in the base frame.
-        force_bias: (3,) [N], in the sensor frame, as the other two.
+        weight: (3,) [N] of the payload, in the base frame; None: by `mass`, along -z.
+        force_bias: (3,) [N], in the sensor frame, as the other two. None of these three is zero.
         center_of_mass: (3,) [m].
         torque_bias: (3,) [N m].
         covariance: (12, 12) of weight, force_bias, center_of_mass, torque_bias in this order. Finite; rank deficient
@@ -49,30 +57,70 @@ class Payload(Value):
         samples: how many wrenches were used.
         provenance: where it came from: input hashes, version, options.
         notes: what a user should know about the fit, one sentence each.
+        mass: [kg] in place of the weight, in a base whose z axis points up.
+
+    Raises:
+        InputError: numbers that no payload has, or a weight and a mass.
     """
 
     weight: Float[np.ndarray, "3"]
     force_bias: Float[np.ndarray, "3"]
     center_of_mass: Float[np.ndarray, "3"]
     torque_bias: Float[np.ndarray, "3"]
-    covariance: Float[np.ndarray, "12 12"] = field(default_factory=lambda: np.zeros((12, 12)))
-    magnitude: float = STANDARD_GRAVITY
-    residual: Float[np.ndarray, "2"] = field(default_factory=lambda: np.zeros(2))
-    samples: int = 0
-    provenance: Mapping[str, str] = field(default_factory=lambda: {})
-    notes: tuple[str, ...] = ()
+    covariance: Float[np.ndarray, "12 12"]
+    magnitude: float
+    residual: Float[np.ndarray, "2"]
+    samples: int
+    provenance: Mapping[str, str]
+    notes: tuple[str, ...]
 
-    def __post_init__(self) -> None:
-        set_field = object.__setattr__
-        for name in ("weight", "force_bias", "center_of_mass", "torque_bias"):
-            set_field(self, name, _finite(name, getattr(self, name), (3,)))
-        set_field(self, "covariance", _finite("covariance", self.covariance, (12, 12), LARGEST**2))
-        set_field(self, "residual", _finite("residual", self.residual, (2,)))
-        set_field(self, "provenance", MappingProxyType(dict(self.provenance)))
-        set_field(self, "notes", tuple(self.notes))
-        if not 1 / LARGEST <= self.magnitude <= LARGEST:  # NaN too
+    def __init__(
+        self,
+        weight: ArrayLike | None = None,
+        force_bias: ArrayLike | None = None,
+        center_of_mass: ArrayLike | None = None,
+        torque_bias: ArrayLike | None = None,
+        covariance: ArrayLike | None = None,
+        magnitude: float = STANDARD_GRAVITY,
+        residual: ArrayLike | None = None,
+        samples: int = 0,
+        provenance: Mapping[str, str] = MappingProxyType({}),
+        notes: Sequence[str] = (),
+        *,
+        mass: float | None = None,
+    ) -> None:
+        if not 1 / LARGEST <= magnitude <= LARGEST:  # NaN too
             bounds = f"{1 / LARGEST:g} and {LARGEST:g} m/s^2"
-            raise InputError(f"magnitude of gravity must lie between {bounds}, not {self.magnitude}", where="payload")
+            raise InputError(f"magnitude of gravity must lie between {bounds}, not {magnitude}", where="payload")
+        if mass is not None:
+            if weight is not None or not mass >= 0:
+                raise InputError(f"a mass ({mass}) must be >= 0, and takes the place of a weight", where="payload")
+            weight = np.array([0.0, 0.0, -mass * magnitude])
+        vars(self).update(
+            weight=_finite("weight", weight, (3,)),
+            force_bias=_finite("force_bias", force_bias, (3,)),
+            center_of_mass=_finite("center_of_mass", center_of_mass, (3,)),
+            torque_bias=_finite("torque_bias", torque_bias, (3,)),
+            covariance=_finite("covariance", covariance, (12, 12), LARGEST**2),
+            magnitude=magnitude,
+            residual=_finite("residual", residual, (2,)),
+            samples=samples,
+            provenance=MappingProxyType(dict(provenance)),
+            notes=tuple(notes),
+        )
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Payload:
+        """Read one that `save` or `palpate calibrate payload` wrote.
+
+        Raises:
+            InputError: not there, or not a payload.
+        """
+        return by_name("palpate.io.models.read_model")(path, cls)
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write it as TOML, every number to the last bit."""
+        by_name("palpate.io.models.write_model")(path, self)
 
     def __reduce__(self) -> tuple[type[Payload], tuple[object, ...]]:
         """Read-only arrays and mappings come back as such."""
@@ -155,13 +203,15 @@ class Payload(Value):
         return np.where(lost, np.nan, np.swapaxes(rotations, -1, -2))
 
 
+@called_as("palpate.ForceTorque(noise=(0.02, 0.001))")
 @takes_arrays
 @dataclass(frozen=True, eq=False, init=False)
 class ForceTorque(Value):
     """A six-axis force/torque sensor.
 
     Args:
-        noise: (6, 6) covariance or six standard deviations of one reading [N, N m], force first; None when not known.
+        noise: standard deviations of force and torque of one reading [N, N m], or six, or a (6, 6) covariance, force
+            first; None when not known.
         limits: (6,) range [N, N m] of each channel; a reading at it is saturated. None when not known.
         frame: the frame in which the log's wrenches are written, "sensor" or "base".
         spectrum: of the noise; None: white.
@@ -225,9 +275,11 @@ class ForceTorque(Value):
         return one_line(self)
 
 
-def _finite(name: str, values: ArrayLike, shape: tuple[int, ...], largest: float = LARGEST) -> Float[np.ndarray, "..."]:
-    """A read-only copy of exactly this shape, without NaN and whatever would overflow."""
-    array = frozen(values, tail=shape, name=name)
+def _finite(
+    name: str, values: ArrayLike | None, shape: tuple[int, ...], largest: float = LARGEST
+) -> Float[np.ndarray, "..."]:
+    """A read-only copy of exactly this shape, without NaN and whatever would overflow; zero where nothing is given."""
+    array = frozen(np.zeros(shape) if values is None else values, tail=shape, name=name)
     if array.shape != shape or not np.all(np.abs(array) <= largest):
         raise InputError(f"{name} must be {shape} finite numbers, at most {largest:g}", where="payload")
     return array

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Int8
 from numpy.typing import ArrayLike
 
+from palpate.calls import called_as
 from palpate.errors import InputError
 from palpate.sensors.load_cell_explanations import explanations
 from palpate.sensors.load_cell_faults import Fault, find_faults
@@ -48,6 +49,7 @@ class _Weighed(NamedTuple):
         return cls(time, np.empty((n, 6)), np.empty(n, np.int8), np.empty(n, np.int64), np.empty((n, 6, 6)), slow)
 
 
+@called_as("palpate.LoadCellArray(cells)")
 class LoadCellArray:
     """The `WrenchSensor` of cells under a rigid frame; see `LoadCells` and `Explanations`.
 

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 from numpy.typing import ArrayLike, DTypeLike
 
+from palpate.calls import called_as
 from palpate.errors import InputError
 
 __all__ = [
@@ -58,6 +59,7 @@ _SHAPES: Mapping[str, tuple[int, ...]] = {  # of one sample, where it is always 
 }
 
 
+@called_as('palpate.Recording(time, {"force": force, "torque": torque})')
 @dataclass(frozen=True, eq=False)
 class Recording:
     """Channels of one log, sample by sample: what a file or a stream becomes inside.

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
+from palpate.calls import called_as
 from palpate.errors import InputError
 from palpate.sensors.recording import CELLS, LARGEST, Recording
 from palpate.sensors.skin_map import SkinMap
@@ -27,6 +28,11 @@ _CROSSED = 1.1  # of a distance squared: taxels whose squared distances to both 
 _COVERED = 0.93  # squared spacings that a cell covers: 0.87 on a lattice of triangles, 1 on one of squares
 
 
+@called_as(
+    "palpate.TaxelBody.anywhere(positions, normals)",
+    sheet="palpate.TaxelBody.sheet(palpate.map_skin(mesh, sheet, ...))",
+    anywhere="palpate.TaxelBody.anywhere(positions, normals)",
+)
 @dataclass(frozen=True, eq=False)
 class TaxelBody:
     """Cells of a sheet, row by row, or taxels anywhere on a body, in the body's own frame.

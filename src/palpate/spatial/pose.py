@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
+from palpate.calls import called_as
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen, shaped
 from palpate.spatial.arguments import takes_arrays
@@ -51,6 +52,14 @@ def quaternion_from_rotation(rotation: Float[np.ndarray, "*batch 3 3"]) -> Float
     return flat.reshape(*rotation.shape[:-2], 4)
 
 
+@called_as(
+    "palpate.Pose.from_quaternion([0, 0, 0, 1], [0, 0, 0.085])",
+    from_quaternion="palpate.Pose.from_quaternion([0, 0, 0, 1], [0, 0, 0.085])",
+    from_matrix="palpate.Pose.from_matrix(np.eye(4))",
+    from_rotation_vector="palpate.Pose.from_rotation_vector([0, 0, 1.57], [0, 0, 0.085])",
+    apply="pose.apply(contact.point)",
+    __matmul__="T_base_sensor @ T_sensor_surface; contact.in_frame(T_base_surface) moves a contact",
+)
 @takes_arrays
 @dataclass(frozen=True, eq=False, init=False)
 class Pose(Value):
@@ -86,8 +95,24 @@ class Pose(Value):
 
     @classmethod
     def from_quaternion(cls, quaternion_xyzw: ArrayLike, translation: ArrayLike) -> Pose:
-        """From a quaternion x, y, z, w of any length but zero."""
+        """Make a pose of a quaternion x, y, z, w of any length but zero, and a translation [m]."""
+        shapes = np.shape(quaternion_xyzw)[-1:], np.shape(translation)[-1:]
+        if shapes == ((3,), (4,)):
+            line = "palpate.Pose.from_quaternion([0, 0, 0, 1], [0, 0, 0.085])"
+            raise InputError("quaternion and translation are swapped.", hint=f"Write {line}: x, y, z, w, then metres.")
         return cls(rotation_from_quaternion(shaped(quaternion_xyzw, (..., 4), "quaternion_xyzw")), translation)
+
+    @classmethod
+    def from_matrix(cls, matrix: Float[np.ndarray, "*batch 4 4"]) -> Pose:
+        """Make a pose of homogeneous matrices, whose last row is 0, 0, 0, 1.
+
+        Raises:
+            InputError: another last row, or no rotation.
+        """
+        if not np.allclose(matrix[..., 3, :], (0.0, 0.0, 0.0, 1.0), atol=1e-9):
+            last = matrix[..., 3, :].tolist()
+            raise InputError(f"the last row of matrix must be 0, 0, 0, 1, not {last}.", hint="Is it transposed?")
+        return cls(matrix[..., :3, :3], matrix[..., :3, 3])
 
     @classmethod
     def from_rotation_vector(cls, rotation_vector: ArrayLike, translation: ArrayLike) -> Pose:

@@ -17,19 +17,25 @@ LARGEST = 1e9  # N, N m: no sensor, and its square is a number
 
 @takes_arrays
 def noise_covariance(noise: ArrayLike) -> Float[np.ndarray, "6 6"]:
-    """A 6 x 6 covariance [N, N m], force first, from one, or from six standard deviations.
+    """Return a 6 x 6 covariance [N, N m], force first, from one, or from standard deviations.
+
+    Args:
+        noise: the standard deviations of force and torque, the same along each axis; of each of the six numbers; or a
+            covariance.
 
     Raises:
-        InputError: neither of the two shapes, not finite, not symmetric or negative.
+        InputError: none of the three shapes, not finite, not symmetric or negative.
     """
     array = np.asarray(noise, dtype=np.float64)
+    array = np.repeat(array, 3) if array.shape == (2,) else array
     if array.shape == (6,) and np.all((array >= 0) & (array <= LARGEST)):
         return np.diag(array**2)
     if array.shape != (6, 6):
         got = f"shape {array.shape}" if array.shape != (6,) else str(array.tolist())
         raise InputError(
-            f"noise must be six standard deviations from 0 to {LARGEST:g} or a 6 x 6 covariance, force first; "
-            f"got {got}."
+            f"noise must be two or six standard deviations from 0 to {LARGEST:g} or a 6 x 6 covariance, force first; "
+            f"got {got}.",
+            hint="Write noise=(0.02, 0.001): N, N m.",
         )
     if not np.all(np.isfinite(array)) or not np.allclose(array, array.T, rtol=1e-9, atol=1e-12 * np.abs(array).max()):
         raise InputError("noise covariance must be finite and symmetric.")

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
+from palpate.calls import called_as
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen, require_batch, shaped
-
-if TYPE_CHECKING:
-    from palpate.spatial.pose import Pose
+from palpate.spatial.pose import Pose
 
 __all__ = ["Wrench"]
 
 
+@called_as(
+    "palpate.Wrench(force=[0, 0, -5], torque=[0.02, 0, 0])",
+    from_vector="palpate.Wrench.from_vector([0, 0, -5, 0.02, 0, 0])",
+    transformed="wrench.transformed(palpate.Pose.identity())",
+)
 @dataclass(frozen=True, eq=False, init=False)
 class Wrench(Value):
     """Force [N] and torque [N m] on the body, about the origin of the frame they are written in.

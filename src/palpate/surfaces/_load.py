@@ -76,7 +76,8 @@ def arrays_of(mesh: Any, source: str) -> tuple[Float[np.ndarray, "v 3"], Int[np.
     """
     mesh = mesh.to_mesh() if hasattr(mesh, "to_mesh") else mesh
     if not (hasattr(mesh, "vertices") and hasattr(mesh, "faces")):
-        raise InputError("a trimesh.Trimesh or trimesh.Scene is wanted.", where=source)
+        line = 'palpate.Mesh.from_trimesh(trimesh.load("probe.stl"), unit="mm")'
+        raise InputError("mesh is no trimesh.Trimesh and no trimesh.Scene.", hint=f"Write {line}.")
     vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
     if faces.ndim != 2 or len(faces) == 0:
         raise InputError("there is no triangle in this mesh.", where=source)

@@ -119,7 +119,7 @@ class Analytic(Value, ABC):
         """What a viewer shows of it."""
         return self.mesh()
 
-    def show(self) -> Drawing:
+    def plot(self) -> Drawing:
         """A drawing that a notebook shows, and that a pointer turns."""
         from palpate.surfaces.drawing import Drawing  # here: it is seldom wanted
 

@@ -8,16 +8,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from html import escape
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any
+from os import PathLike
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
+from palpate.calls import by_name
 from palpate.errors import InputError
 from palpate.spatial.arguments import takes_arrays
-
-if TYPE_CHECKING:
-    from palpate.surfaces.surface import Surface
+from palpate.surfaces.given import SurfaceLike, as_surface
 
 __all__ = ["Drawing", "Mark", "Specks", "simpler"]
 
@@ -84,11 +85,11 @@ class Drawing:
     title: str = "a body"
 
     @classmethod
-    def of(cls, surface: Surface | None, marks: Sequence[Mark] = (), title: str = "contacts") -> Drawing:
+    def of(cls, surface: SurfaceLike | None, marks: Sequence[Mark] = (), title: str = "contacts") -> Drawing:
         """Of a surface with marks; without a surface of the marks alone."""
         if surface is None:
             return cls(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), marks, title=title)
-        mesh = surface.drawn()
+        mesh = as_surface(surface).drawn()
         return cls(mesh.vertices, mesh.faces, marks, title=repr(mesh))
 
     def html(self) -> str:
@@ -105,6 +106,14 @@ class Drawing:
             f'<!DOCTYPE html><html lang="en"><meta charset="utf-8"><body style="margin:0">{self.html()}</body></html>'
         )
 
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the page to a file, .html.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        by_name("palpate.io.atomic.write_text")(Path(path), self.page())
+
     def _repr_html_(self) -> str:
         """For notebooks, in a frame of its own: what it needs meets nothing else there."""
         return (
@@ -114,7 +123,7 @@ class Drawing:
 
     def __repr__(self) -> str:
         marks = f", {len(self.marks):,} marks" if self.marks else ""
-        return f"Drawing({len(self.faces):,} facets{marks}; a notebook shows it, .page() is HTML)"
+        return f'Drawing({len(self.faces):,} facets{marks}; a notebook shows it, .save("contacts.html") makes a page)'
 
     def _data(self) -> str:
         """Everything in units of the size about the middle, as JSON in which no element can end."""

@@ -6,6 +6,7 @@ import functools
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from math import pi, radians
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
+from palpate.calls import called_as
 from palpate.errors import GeometryError, InputError
 from palpate.spatial._arrays import Value, frozen, shaped
 from palpate.spatial.arguments import takes_arrays
@@ -32,10 +34,18 @@ if TYPE_CHECKING:
 __all__ = ["UNITS", "Mesh", "plausible_size"]
 
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
+_OF_TRIMESH = {"meters": "m", "centimeters": "cm", "millimeters": "mm", "microns": "um", "inches": "in"}
 CREASE = radians(30)
 _LARGE = 100_000  # facets
 
 
+@called_as(
+    'palpate.Mesh.load("probe.stl", unit="mm")',
+    load='palpate.Mesh.load("probe.stl", unit="mm")',
+    from_trimesh='palpate.Mesh.from_trimesh(trimesh.load("probe.stl"), unit="mm")',
+    from_arrays="palpate.Mesh.from_arrays(vertices, faces)",
+    transformed="mesh.transformed(palpate.Pose.identity())",
+)
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Mesh(Value):
@@ -120,7 +130,7 @@ class Mesh(Value):
 
         Args:
             mesh: of trimesh.
-            unit: of its numbers: m, cm, mm, um or in.
+            unit: of its numbers: m, cm, mm, um or in; None: the one that `mesh.units` names.
             options: `smooth`, `crease`, `region`, `covered` as in `from_arrays`; facets are numbered as trimesh does.
 
         Raises:
@@ -129,11 +139,12 @@ class Mesh(Value):
         """
         from palpate.surfaces._load import arrays_of
 
-        source = type(mesh).__name__
+        source, named = type(mesh).__name__, str(getattr(mesh, "units", None) or "")
+        unit = unit or _OF_TRIMESH.get(named, named) or None
         return cls._from_numbers(*arrays_of(mesh, source), unit, source, options)
 
     @classmethod
-    def load(cls, path: str | Path, unit: str | None = None, **options: Any) -> Mesh:
+    def load(cls, path: str | PathLike[str], unit: str | None = None, **options: Any) -> Mesh:
         """Read STL, OBJ, PLY, DAE or whatever else trimesh reads. The one place below `io` that opens a file.
 
         Args:
@@ -252,7 +263,7 @@ class Mesh(Value):
         """What a viewer shows of it: itself."""
         return self
 
-    def show(self) -> Drawing:
+    def plot(self) -> Drawing:
         """A drawing that a notebook shows, and that a pointer turns."""
         from palpate.surfaces.drawing import Drawing  # here: it is seldom wanted
 
@@ -312,7 +323,7 @@ def _require_unit(unit: str | None, source: str) -> float:
     if unit in UNITS:
         return UNITS[unit]
     what = "the unit of the mesh's numbers is not given (unit=...)." if unit is None else f"unknown unit {unit!r}."
-    raise InputError(what, where=source, hint=f"Use one of {', '.join(UNITS)}.")
+    raise InputError(what, where=source, hint=f'Write unit="mm", or another of {", ".join(UNITS)}.')
 
 
 def plausible_size(size: float) -> bool:

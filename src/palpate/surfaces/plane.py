@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from palpate.calls import called_as
 from palpate.errors import GeometryError
 from palpate.spatial._arrays import shaped
 from palpate.spatial.arguments import takes_arrays
@@ -13,6 +14,7 @@ from palpate.surfaces.mesh import Mesh
 __all__ = ["plane"]
 
 
+@called_as("palpate.plane([0, 0, 0], [0, 0, 1])")
 @takes_arrays
 def plane(point: ArrayLike, normal: ArrayLike, half_width: float = 1.0) -> Mesh:
     """A square of two facets through `point` [m], pressed on its `normal` side.

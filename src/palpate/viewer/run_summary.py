@@ -113,7 +113,8 @@ def _samples(contacts: Contacts) -> int:
 
 
 def _first(contacts: Contacts, size: int) -> Contacts:
-    return contacts[contacts.sample % size == 0]
+    kept: np.ndarray = contacts.sample % size == 0
+    return contacts[kept]
 
 
 def _strongest(contacts: Contacts, size: int) -> Contacts:

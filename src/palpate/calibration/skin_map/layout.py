@@ -22,6 +22,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
+from palpate.calls import called_as
 from palpate.errors import InputError
 from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.bspline import basis_matrices, greville, open_knots, solve_tangent
@@ -57,6 +58,7 @@ class Parametric(Protocol):
         ...
 
 
+@called_as("palpate.Sheet(6, 22, (0.01, 0.01))")
 @dataclass(frozen=True)
 class Sheet:
     """A flat sheet of cells before it is laid.

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from palpate.calibration.skin_map.layout import Layout, Sheet, lay
 from palpate.calibration.skin_map.shell import Mode, Planes, Shell, Site, shell
+from palpate.calls import called_as
 from palpate.errors import InputError, PalpateError
 from palpate.sensors.skin_map import SkinMap
 from palpate.spatial.arguments import takes_arrays
@@ -24,6 +25,7 @@ _HELD = 0.10  # strain beyond which no sheet lies by itself
 _ASTRAY = 0.25  # of the cells may seem to lie beside the surface along geodesics: the layout may bring them back
 
 
+@called_as("palpate.map_skin(mesh, palpate.Sheet(6, 22, (0.01, 0.01)), origin=corner, heading=[0, 1, 0])")
 @takes_arrays
 def map_skin(
     mesh: Mesh,

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from palpate.calls import called_as
 from palpate.contact.estimate import ROW, Status
 from palpate.contact.wrench_estimator import WrenchEstimator
 from palpate.errors import InputError
@@ -350,6 +351,7 @@ class Live:
             self._clock = clock
 
 
+@called_as('palpate.open_live("rig.toml")')
 def open_live(rig: Rig | str | Path, sensor: str | None = None) -> Live:
     """Contacts of the device that a rig's [source] names, in this process: for a controller of your own.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
-from palpate.io.logs.arrays import ArrayLog
+from palpate.io.logs.arrays import ArrayLog, HeldLog
 from palpate.io.logs.bag import BagFile, open_folder
 from palpate.io.logs.columns import plan
 from palpate.io.logs.csv import CsvLog
@@ -68,7 +68,7 @@ _FOREIGN: dict[bytes, tuple[str, str]] = {  # first bytes of a file -> what it i
 _WORKBOOKS = (b"[Content_Types]", b"_rels/", b"xl/", b"docProps/", b"mimetype")  # what their archive begins with
 
 
-def contents(path: str | Path) -> LogContents:
+def contents(path: str | Path | Mapping[str, np.ndarray]) -> LogContents:
     """What is in a log, as far as it says so before it is read.
 
     Raises:
@@ -142,15 +142,18 @@ def missing(there: LogContents, layout: Layout) -> list[str]:
     return []
 
 
-def open_log(path: str | Path, layout: Layout | None = None) -> Log:
+def open_log(path: str | Path | Mapping[str, np.ndarray], layout: Layout | None = None) -> Log:
     """Open a log: CSV or other text, Parquet, NumPy, MCAP, a ROS 1 bag, a ROS 2 bag (its folder, or a .db3 file).
 
-    Images are read from a video, a folder of frames, MCAP and bags.
+    Images are read from a video, a folder of frames, MCAP and bags. Arrays in memory are a log, too.
 
     Raises:
         InputError: the file is not there, or not what its name says.
     """
-    layout, path = layout or Layout(), Path(path)
+    layout = layout or Layout()
+    if isinstance(path, Mapping):
+        return HeldLog(path, layout)
+    path = Path(path)
     kind = _kind(path)
     if kind in (_VIDEO, _FRAMES):
         return (VideoLog if kind == _VIDEO else FrameFolder)(path, layout)

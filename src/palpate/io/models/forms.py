@@ -199,10 +199,10 @@ FORMS: Mapping[type, Form] = {
     ),
     Payload: Form(
         {
-            "weight": Key("N, in the base frame"),
-            "force_bias": Key("N, in the sensor's frame, as all that follows"),
-            "center_of_mass": Key("m"),
-            "torque_bias": Key("N m"),
+            "weight": Key("N, in the base frame", required=True),
+            "force_bias": Key("N, in the sensor's frame, as all that follows", required=True),
+            "center_of_mass": Key("m", required=True),
+            "torque_bias": Key("N m", required=True),
             "magnitude": Key("m/s^2, of gravity: mass is |weight| over it"),
             "residual": Key("N, N m: rms of the fit", least=0.0, required=True),
             "samples": Key("that were used", least=0.0),

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from palpate.calls import called_as
 from palpate.contact.estimator import ContactEstimator
 from palpate.contact.taxel_estimator import TaxelSettings
 from palpate.errors import InputError
@@ -25,11 +27,16 @@ from palpate.spatial.pose import Pose
 if TYPE_CHECKING:
     from palpate.io.pipeline import OpenedLog
 
-__all__ = ["Rig", "check_rig", "load_rig"]
+__all__ = ["Rig", "check_rig", "load_rig", "with_mesh"]
 
 Table = TypeVar("Table")
+_NO_RIG = {
+    "a mesh": (".stl", ".obj", ".ply", ".dae"),
+    "a log": (".csv", ".parquet", ".npy", ".npz", ".mcap", ".bag", ".db3"),
+}
 
 
+@called_as('palpate.load_rig("rig.toml")', estimator='palpate.load_rig("rig.toml").estimator(rate=200.0)')
 @dataclass(frozen=True)
 class Rig:
     """The whole file.
@@ -179,13 +186,16 @@ class Rig:
             "max_gap": self.orientation.max_gap,
         }
 
-    def estimator(self, log: OpenedLog | None = None, sensor: str | None = None) -> ContactEstimator:
+    def estimator(
+        self, log: OpenedLog | None = None, sensor: str | None = None, rate: float | None = None
+    ) -> ContactEstimator:
         """What turns readings into contacts: the same that `palpate estimate` runs.
 
         Args:
             log: of `palpate.open_log`; noise, rate, tare and rest are taken from its start where the rig does not state
                 them. None: for a live loop.
             sensor: name of the sensor's table, where there are several.
+            rate: [Hz] of the samples of a live loop, which a filter needs, in place of the one that the rig states.
 
         Raises:
             InputError: the rig says too little, a file that it names cannot be used, or the log does not begin at rest
@@ -193,16 +203,40 @@ class Rig:
         """
         from palpate.io.pipeline import prepare  # here: it takes rigs
 
-        return prepare(self, log, sensor).estimator
+        rig = self if rate is None else replace(self, filter=replace(self.filter, rate=rate))
+        return prepare(rig, log, sensor).estimator
 
 
-def load_rig(path: str | Path) -> Rig:
+def with_mesh(rig: Rig | None, mesh: str | PathLike[str], unit: str | None) -> Rig:
+    """Return the rig with the mesh of a file as its surface; of none, the mesh in the frame of a tared six-axis sensor.
+
+    Raises:
+        InputError: no unit, or one that is not known.
+    """
+    try:
+        surface = RigSurface(mesh=str(mesh), unit=unit)
+    except ValueError as problem:
+        raise InputError(f"{problem}.", where=str(mesh)) from problem
+    if rig is None:
+        return Rig(surface)
+    told = {"kind": "mesh", "mesh": str(Path(mesh).resolve()), "unit": unit}
+    alone: dict[str, Any] = {"urdf": None, "link": None, "geometry": None, "packages": {}}
+    return replace(rig, surface=replace(rig.surface or surface, **told, **alone))
+
+
+@called_as('palpate.load_rig("rig.toml")')
+def load_rig(path: str | PathLike[str]) -> Rig:
     """Read a rig; what does not fit is named with the place and the nearest fit.
 
     Raises:
         InputError: not there, not TOML, a key misspelt or missing, a value of another kind or out of bounds.
     """
-    return check_rig(load_toml(Path(path)), Path(path))
+    path = Path(path)
+    for what, suffixes in _NO_RIG.items():
+        if path.suffix.lower() in suffixes:
+            line = 'palpate.estimate("log.csv", "rig.toml") or palpate.estimate("log.csv", mesh="probe.stl", unit="mm")'
+            raise InputError(f"is {what}, not a rig.", where=str(path), hint=f"Write {line}.")
+    return check_rig(load_toml(path), path)
 
 
 def check_rig(table: Mapping[str, Any], path: Path) -> Rig:

@@ -1,0 +1,193 @@
+"""How the front door is called: a wrong argument is answered with the line to write; what lies higher is fetched."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import wraps
+from importlib import import_module
+from inspect import Signature, signature, unwrap
+from os import PathLike
+from types import NoneType, UnionType
+from typing import Any, TypeVar, Union, cast, get_args, get_origin
+
+import numpy as np
+
+from palpate.errors import InputError
+
+__all__ = ["answering", "by_name", "called_as"]
+
+_Made = TypeVar("_Made", bound=Callable[..., Any])
+_KINDS: dict[Any, str] = {
+    str: "text",
+    float: "a number",
+    int: "a whole number",
+    bool: "True or False",
+    PathLike: "a path",
+    NoneType: "None",
+    Mapping: "a mapping",
+    Sequence: "a list",
+}
+
+
+_MEANT = {
+    "position": "contacts.point",
+    "magnitude": "np.linalg.norm(contacts.force, axis=-1)",
+    "events": "contacts.touches()",
+    "show": "contacts.plot(mesh)",
+    "to_csv": 'contacts.save("contacts.csv")',
+}
+
+
+class _Numbers:
+    """What stands for numpy's ArrayLike in an annotation."""
+
+
+def by_name(dotted: str) -> Any:
+    """Return what a module defines, imported now: for methods of values that open files, which their rooms do not.
+
+    Args:
+        dotted: module and name, "palpate.io.contacts.read_contacts".
+    """
+    module, _, name = dotted.rpartition(".")
+    return getattr(import_module(module), name)
+
+
+def answering(value: object, name: str) -> Any:
+    """Answer a name that one looks for in contacts with what is meant, as their `__getattr__`."""
+    hint = f". Write {_MEANT[name]}" if name in _MEANT else ""
+    raise AttributeError(f"{type(value).__name__!r} object has no attribute {name!r}{hint}", name=name, obj=value)
+
+
+def called_as(line: str, **lines: str) -> Callable[[_Made], _Made]:
+    """Decorate a function, or a class for its constructor, so that a call with a wrong argument says what to write.
+
+    Arguments are looked at when a call has failed: one that works costs nothing more. What fails with arguments of the
+    right kinds fails as it did.
+
+    Args:
+        line: a call as one writes it.
+        lines: the same of methods of the class, by their names.
+
+    Raises:
+        InputError: by the call, where an argument is missing, unknown or of another kind than its annotation says.
+    """
+
+    def decorated(made: Any) -> Any:
+        if not isinstance(made, type):
+            return _explained(made, line)
+        for name, written in {"__init__": line, **lines}.items():
+            method: Any = vars(made)[name]
+            of_class = type(method) is classmethod
+            plain = _explained(method.__func__ if of_class else method, written)
+            setattr(made, name, classmethod(plain) if of_class else plain)
+        return made
+
+    return cast("Callable[[_Made], _Made]", decorated)
+
+
+def _explained(function: Any, line: str) -> Any:
+    @wraps(function)
+    def explaining(*args: Any, **kwargs: Any) -> Any:
+        try:
+            return function(*args, **kwargs)
+        except Exception as problem:
+            wrong = _wrong(function, args, kwargs) or _unfit(function, problem)
+            if not wrong:
+                raise
+            where = function.__qualname__.partition(".__")[0]
+            raise InputError(wrong, where=where, hint=f"Write {line}.") from problem
+
+    return explaining
+
+
+def _wrong(function: Any, args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> str:
+    """The sentence about the first argument that cannot be meant, or ""."""
+    stated = signature(function)
+    try:
+        given = stated.bind(*args, **kwargs).arguments
+    except TypeError as problem:
+        names = [name for name in stated.parameters if name not in ("self", "cls")]
+        return f"{problem}; the arguments are {', '.join(names)}."
+    for name, options in _taken(function, stated).items():
+        if name in given and options and not any(_fits(option, given[name]) for option in options):
+            *others, last = dict.fromkeys(_named(option) for option in options)
+            words = f"{', '.join(others)} or {last}" if others else last
+            return f"{name} must be {words}, not {_described(given[name])}."
+    return ""
+
+
+def _unfit(function: Any, problem: Exception) -> str:
+    """What was said of an argument, where nothing was said of how to mend it: a shape, say."""
+    if not isinstance(problem, InputError) or problem.where or problem.hint:
+        return ""
+    return problem.what if problem.what.split()[0] in signature(function).parameters else ""
+
+
+def _taken(function: Any, stated: Signature) -> dict[str, tuple[Any, ...]]:
+    """By argument, the kinds that its annotation names; none where it names what only type checkers import."""
+    found: dict[str, tuple[Any, ...]] = {}
+    names = {**getattr(unwrap(function), "__globals__", {}), "ArrayLike": _Numbers}
+    for name, parameter in stated.parameters.items():
+        kind = parameter.annotation
+        if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD) or kind is parameter.empty:
+            continue
+        try:
+            kind = eval(kind, names) if isinstance(kind, str) else kind
+        except (NameError, AttributeError, TypeError):
+            continue
+        found[name] = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+    return found
+
+
+def _fits(option: Any, value: Any) -> bool:
+    """Whether a value is of a kind; of kinds that are not known here, any is."""
+    if option is _Numbers or hasattr(option, "dim_str"):
+        return _is_numbers(value)
+    if option in (float, int):
+        return _is_numbers(value, "biuf" if option is float else "biu") and np.ndim(value) == 0
+    kind: Any = get_origin(option) or option or NoneType
+    if kind is Sequence:
+        return isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
+    return isinstance(value, kind) if isinstance(kind, type) and kind is not Any else True
+
+
+def _is_numbers(value: Any, kinds: str = "biuf") -> bool:
+    try:
+        return np.asarray(value).dtype.kind in kinds
+    except Exception:  # whatever an object of another library raises
+        return False
+
+
+def _named(option: Any) -> str:
+    """A kind as a sentence has it."""
+    if option is _Numbers or hasattr(option, "dim_str"):
+        axes = ["..." if axis.startswith("*") else axis for axis in getattr(option, "dim_str", "").split()]
+        return f"numbers of shape ({', '.join(axes)}{',' * (len(axes) == 1)})" if axes else "numbers"
+    kind: Any = get_origin(option) or option or NoneType
+    return _KINDS.get(kind) or _one(kind)
+
+
+def _described(value: Any) -> str:
+    """What was given."""
+    if isinstance(value, float | int | None):
+        return repr(value)
+    if isinstance(value, str):
+        return f"the text {value!r:.40}"
+    if isinstance(value, PathLike):
+        return "a path"
+    if isinstance(value, type):
+        return f"the class {value.__name__}"
+    if isinstance(value, list | tuple):
+        try:
+            return f"a list of {np.asarray(cast('Any', value)).dtype}"
+        except (ValueError, TypeError):
+            return "lists of more than one shape"
+    shape, kind = getattr(value, "shape", None), getattr(value, "dtype", None)
+    parts = [f"shape {shape}"] if isinstance(shape, tuple) else []
+    parts += [] if kind is None else [str(kind)]
+    return " of ".join([_one(cast("Any", type(value))), *parts])
+
+
+def _one(kind: type[Any]) -> str:
+    name = kind.__name__.replace("ndarray", "array")
+    return f"{'an' if name[0] in 'aeiouAEIOU' else 'a'} {name}"

@@ -1,0 +1,49 @@
+"""A body as a caller has it: a surface, a mesh of trimesh, or the path of a mesh file."""
+
+from __future__ import annotations
+
+from os import PathLike
+from typing import Any, Protocol, runtime_checkable
+
+from palpate.errors import InputError
+from palpate.surfaces.mesh import Mesh
+from palpate.surfaces.surface import Surface
+
+__all__ = ["SurfaceLike", "Trimesh", "as_surface"]
+
+
+@runtime_checkable
+class Trimesh(Protocol):
+    """What `trimesh.Trimesh` and `trimesh.Scene` have in common, and no surface of Palpate has."""
+
+    units: Any
+
+    def export(self, *args: Any, **kwargs: Any) -> Any:
+        """Write it to a file."""
+        ...
+
+
+SurfaceLike = Surface | Trimesh | str | PathLike[str]
+
+
+def as_surface(given: SurfaceLike, unit: str | None = None) -> Surface:
+    """Return the surface itself, or a `Mesh` of a mesh file or of trimesh's mesh.
+
+    Args:
+        given: the body. A path is read at each call.
+        unit: of the numbers in the file, or of trimesh's where it states none: m, cm, mm, um or in.
+
+    Raises:
+        InputError: no unit, a unit of what is in metres already, or nothing that is a surface.
+        GeometryError: nothing usable in it.
+    """
+    if isinstance(given, str | PathLike):
+        return Mesh.load(given, unit)
+    if isinstance(given, Trimesh):
+        return Mesh.from_trimesh(given, unit)
+    if not hasattr(given, "prepared"):
+        line = 'palpate.Mesh.load("probe.stl", unit="mm")'
+        raise InputError(f"a {type(given).__name__} is no surface.", hint=f"Write {line}.")
+    if unit is not None:
+        raise InputError(f"unit={unit!r} is for a mesh file, and this surface is in metres.", hint="Leave unit out.")
+    return given
