@@ -1,9 +1,10 @@
 """Compile the kernels ahead of time, into the extension module that `palpate.surfaces._jit` loads.
 
 `python native_build.py [LEVEL]...` builds it for processor levels, "x86-64-v3" and "x86-64" of x86-64 and the machine's
-name elsewhere; without one, for this processor. It needs numba, setuptools, a C compiler and Python's headers. The
-module consists of parts, compiled side by side by a process each; its files bear a digest of all kernels in their
-names, and one of other kernels is never loaded.
+name elsewhere; without one, for this processor. `--first` builds what a six-axis log on a mesh needs, and leaves the
+other parts. It needs numba, setuptools, a C compiler and Python's headers. The module consists of parts, compiled side
+by side by a process each; its files bear a digest of all kernels in their names, and one of other kernels is never
+loaded.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import sysconfig
 import tempfile
 import warnings
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -28,13 +30,23 @@ from typing import Any
 ROOT = Path(__file__).parent
 PACKAGE = ROOT / "src" / "palpate"
 LEVELS = ("x86-64-v3", "x86-64")  # of x86-64 processors
-FIRST = ("contact__kernel_", "contact__live_")  # half of the work: the entries of the first part
+FIRST = ("mesh", "basics")  # parts that a six-axis log on a mesh needs
+LOCATING = ("contact__kernel_", "contact__live_")  # by a mesh in the first way of calling them
+BASICS = ("surfaces__topology_", "surfaces__bvh_", "surfaces__nearest_", "surfaces__rays_", "sensors__compensation_")
+BASICS += ("sensors__filters_", "io_logs__")
 
 
-def main(levels: Sequence[str] = ()) -> list[Path]:
+def part_of(symbol: str) -> str:
+    """Return the part that has an exported function."""
+    if symbol.startswith(LOCATING):
+        return "mesh" if symbol.endswith("_0") else "equation"
+    return "basics" if symbol.startswith(BASICS) else "sensors"
+
+
+def main(levels: Sequence[str] = (), parts: Sequence[str] = ()) -> list[Path]:
     """Build the parts that are not there yet, and return all that are wanted; none where they cannot be built."""
     jit = _kernels()
-    wanted = [(level, part) for level in levels or [jit.level()] for part in range(jit.PARTS)]
+    wanted = [(level, part) for part in parts or jit.PARTS for level in levels or [jit.level()]]
     files = [jit.native_file(*one) for one in wanted]
     missing = [one for one, file in zip(wanted, files, strict=True) if not file.exists()]
     if not missing:
@@ -42,11 +54,10 @@ def main(levels: Sequence[str] = ()) -> list[Path]:
     lacking = _lacking()
     if not lacking:
         begin = perf_counter()
-        _say("compiling the kernels ahead of time, once for this version: a minute on two cores")
-        running = [_start(level, part) for level, part in missing]
-        errors = [process.communicate()[1] for process in running]
-        failed = [error for error, process in zip(errors, running, strict=True) if process.returncode]
-        lacking = failed[0].strip().splitlines()[-1] if failed else ""
+        _say(f"compiling kernels ahead of time, once for this version: {', '.join(part for _, part in missing)}")
+        with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+            errors = [error for error in pool.map(_compiled, missing) if error]
+        lacking = errors[0].strip().splitlines()[-1] if errors else ""
     if lacking:
         _say(f"kernels are not compiled ahead of time ({lacking}): the first use of each compiles it, minutes in all")
         return []
@@ -54,7 +65,7 @@ def main(levels: Sequence[str] = ()) -> list[Path]:
         if f"-{jit.STAMP}-" not in old.name:
             old.unlink()
     size = sum(file.stat().st_size for file in files)
-    _say(f"compiled {len(jit.ENTRIES)} kernels in {perf_counter() - begin:.0f} s, {size / 1e6:.1f} MB")
+    _say(f"compiled in {perf_counter() - begin:.0f} s, {size / 1e6:.1f} MB")
     return files
 
 
@@ -71,16 +82,21 @@ def _lacking() -> str:
     return f"no {absent[0]}" if absent else ""
 
 
-def _start(level: str, part: int) -> subprocess.Popen[str]:
-    """Start a process that compiles one part; the name of the processor is read when numba is imported."""
+def _compiled(one: tuple[str, str]) -> str:
+    """Compile one part for a level in a process of its own, and return its error, "" for none.
+
+    The name of the processor is read when numba is imported; numba's own assertions are a twentieth of the time.
+    """
+    level, part = one
     surroundings = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
     if level.startswith("x86-64"):
         surroundings |= {"NUMBA_CPU_NAME": level, "NUMBA_CPU_FEATURES": ""}
-    command = [sys.executable, __file__, "--part", level, str(part)]
-    return subprocess.Popen(command, env=surroundings, stderr=subprocess.PIPE, text=True)
+    command = [sys.executable, "-O", __file__, "--part", level, part]
+    done = subprocess.run(command, env=surroundings, stderr=subprocess.PIPE, text=True, check=False)
+    return done.stderr if done.returncode else ""
 
 
-def build(level: str, part: int) -> None:
+def build(level: str, part: str) -> None:
     """Compile one part of the module for a processor level."""
     from numba.core import typing
     from numba.pycc import cc, compiler
@@ -89,29 +105,28 @@ def build(level: str, part: int) -> None:
     jit = _kernels()
     _only_once()
     jit.register_choices()
-    module = cc.CC(f"palpate_native_{part}", source_module=ModuleType("palpate_native"))
+    name = f"palpate_native_{part}"
+    module = cc.CC(name, source_module=ModuleType("palpate_native"))
     released = set[Any]()
     for entry in jit.ENTRIES.values():
         entry.options["cache"] = False  # there is no machine code to keep
-        if entry.name.startswith(FIRST) is not (part == 0):
-            continue
         for way, arguments in enumerate(entry.ways):
-            types = [_type(argument) for argument in arguments]
-            if None not in types:
-                symbol, signature = entry.symbol(way), typing.signature(None, *types)
+            symbol, types = entry.symbol(way), [_type(argument) for argument in arguments]
+            if part_of(symbol) == part and None not in types:
+                signature = typing.signature(None, *types)
                 module._exported_functions[symbol] = compiler.ExportEntry(symbol, signature, entry.py_func)
         if entry.options.get("nogil"):
             released.add(entry.py_func)
     compiler.compile_extra = _with_flags(compiler.compile_extra, released, jit.OPTIONS["error_model"])
     with tempfile.TemporaryDirectory() as scratch:
-        module.output_dir, module.output_file = scratch, f"palpate_native_{part}.so"
+        module.output_dir, module.output_file = scratch, f"{name}.so"
         module.target_cpu = level if level.startswith("x86-64") else "generic"
         module.compile()
         final = jit.native_file(level, part)
         final.parent.mkdir(exist_ok=True)
-        part = final.with_suffix(f".{os.getpid()}")  # two builds at once make the same file
-        shutil.copy(Path(scratch, module.output_file), part)
-        part.replace(final)
+        torn = final.with_suffix(f".{os.getpid()}")  # two builds at once make the same file
+        shutil.copy(Path(scratch, module.output_file), torn)
+        torn.replace(final)
 
 
 def _with_flags(compile_extra: Any, released: set[Any], error_model: str) -> Any:
@@ -158,6 +173,10 @@ def _only_once() -> None:
         link(library)
 
     link = codegen.AOTCodeLibrary.finalize
+    def keep(library: Any, module: Any) -> None:
+        module.data_layout = library._codegen._data_layout
+
+    codegen.CPUCodeLibrary._optimize_functions = keep
     codegen.JITCodeLibrary.finalize, codegen.AOTCodeLibrary.finalize = finalize, with_all
     cpu.CPUContext.get_executable = lambda *_: [].append  # a function of its own for each; it is never called
 
@@ -198,6 +217,8 @@ def _say(text: str) -> None:
 if __name__ == "__main__":
     warnings.simplefilter("ignore")
     if sys.argv[1:2] == ["--part"]:
-        build(sys.argv[2], int(sys.argv[3]))
+        build(*sys.argv[2:])
+    elif sys.argv[1:2] == ["--first"]:
+        main(parts=FIRST)
     else:
         main(sys.argv[1:])

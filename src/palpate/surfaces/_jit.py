@@ -75,7 +75,7 @@ OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": False}
 STAMP = _stamp()
 ENTRIES: dict[str, Entry] = {}  # every compiled function that Python calls, by its module and name
 KEPT = 256  # forms of arguments that an entry remembers
-PARTS = 2  # of the extension module, which are compiled side by side
+PARTS = ("sensors", "mesh", "equation", "basics")  # of the extension module, compiled side by side, longest first
 _CHOICES: list[tuple[Callable[..., Any], Callable[..., Any]]] = []
 _MAKING = threading.RLock()
 
@@ -204,12 +204,12 @@ def released(stated: str) -> Callable[[Callable[..., Any]], Entry]:
 
 def inner(function: Callable[..., Any]) -> Kernel:
     """Decorate a function that only compiled code calls: no wrapper for Python, which halves the compiler's work."""
-    return Kernel(function, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+    return Kernel(function, no_cpython_wrapper=True, no_cfunc_wrapper=True, forceinline=False)
 
 
 def inlined(function: Callable[..., Any]) -> Kernel:
-    """Decorate one of the few inner functions that must not become a call."""
-    return Kernel(function, inline="always")
+    """Decorate one of the few inner functions that must not become a call: LLVM inlines it, whatever its size."""
+    return Kernel(function, no_cpython_wrapper=True, no_cfunc_wrapper=True, forceinline=True)
 
 
 def chosen_for(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -243,7 +243,7 @@ def level() -> str:
     return "x86-64"
 
 
-def native_file(level: str, part: int) -> Path:
+def native_file(level: str, part: str) -> Path:
     """Return where the extension module of these kernels is, for a level and this Python."""
     return PACKAGE / "_native" / f"{level}-{STAMP}-{part}{EXTENSION_SUFFIXES[0]}"
 
@@ -254,7 +254,7 @@ def _native() -> dict[str, Callable[..., Any]]:
     if os.environ.get("PALPATE_NATIVE") == "0":
         return {}
     found: dict[str, Callable[..., Any]] = {}
-    for part in range(PARTS):
+    for part in PARTS:
         files = [file for name in (level(), level().removesuffix("-v3")) if (file := native_file(name, part)).exists()]
         if files:
             name = f"palpate_native_{part}"
