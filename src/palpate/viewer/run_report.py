@@ -22,11 +22,11 @@ from palpate.viewer.captions import MEANING, feature
 from palpate.viewer.heat import colours
 from palpate.viewer.report import Picture, Report, Section, Table, Tile, percent, picture
 from palpate.viewer.run_summary import RunSummary
-from palpate.viewer.samples import sample_starts, strongest, thinned
+from palpate.viewer.samples import median, sample_starts, strongest, thinned
 from palpate.viewer.scene import before
 from palpate.viewer.timeline import since
 
-__all__ = ["Kept", "Run", "compose", "median", "tone", "touch_table"]
+__all__ = ["Kept", "Run", "compose", "tone", "touch_table"]
 
 SHOWN = 200  # touches in the table
 NUMBERED = 60  # on the body
@@ -132,13 +132,6 @@ class Kept:
     def median_radius(self) -> float:
         """[m] of the even ones, NaN where there is none."""
         return median(self.radius[self.even])
-
-
-@takes_arrays
-def median(values: Float[np.ndarray, " n"]) -> float:
-    """Of the finite ones; NaN where there is none."""
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else float("nan")
 
 
 def tone(share: float, good: float, poor: float) -> str:
