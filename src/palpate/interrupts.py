@@ -34,7 +34,7 @@ def uninterrupted() -> Generator[None]:
 
 @contextmanager
 def importing() -> Generator[None]:
-    """Hold Ctrl-C back, and the garbage collector: new modules have no garbage, and to look for it is a tenth of the time."""
+    """Hold back Ctrl-C and the garbage collector: new modules have no garbage, and looking is a tenth of the time."""
     collecting = gc.isenabled()
     gc.disable()
     try:
