@@ -19,6 +19,7 @@ import native_build
 from evidence.row import ROOT, Row
 from palpate.cli import main
 from palpate.contact import Locator
+from palpate.io.contacts import read_contacts
 from palpate.simulation import simulate_session, write_session
 from palpate.simulation.shapes import Ellipsoid
 from palpate.surfaces import Mesh, _jit
@@ -31,7 +32,9 @@ MOST, MOST_MIB = {"six-axis": 2.0}, 200.0  # s of CPU, 3 of the other sensors; m
 SESSIONS = {  # what `palpate simulate` makes, its log and its rig, and the calibration that the rig needs
     "load cells": ("load-cells", "log.csv", "rig.toml", "load-cells bench_log.csv --rig rig.toml -o fingertip.toml"),
     "skin and six-axis": ("forearm", "both.mcap", "both.toml", ""),
+    "marker ring": ("marker-ring --small", "frames.avi", "rig.toml", "marker-ring . --rig rig.toml -o ring.toml"),
 }
+MODEL = {"marker ring": 'model = "ring.toml"\n'}  # a line for the rig, where it does not name its calibration
 RUN = """
 import os, resource, sys
 from pathlib import Path
@@ -62,10 +65,12 @@ def _sessions(folder: Path, small: bool) -> Iterator[tuple[str, Path, Path]]:
     main(["--quiet", "calibrate", "payload", str(folder / "free_motion.csv"), "-o", str(folder / "payload.toml")])
     yield "six-axis", folder / "touches.csv", folder / "rig.toml"
     for sensor, (kind, log, rig, calibration) in {} if small else SESSIONS.items():
-        made = folder / kind
-        _palpate(folder, "simulate", kind, "-o", kind)
+        made = folder / sensor.replace(" ", "_")
+        _palpate(folder, "simulate", *kind.split(), "-o", made.name)
         if calibration:
             _palpate(made, "calibrate", *calibration.split())
+            with (made / rig).open("a") as file:
+                file.write(MODEL.get(sensor, ""))
         yield sensor, made / log, made / rig
 
 
@@ -94,7 +99,9 @@ def _estimated(sensor: str, log: Path, rig: Path, small: bool) -> Iterator[Row]:
     met = None if small or not built else cpu <= most and memory <= MOST_MIB and not numba
     got = f"{cpu:.2f} s, {memory:.0f} MiB; numba {'imported' if numba else 'not imported'}"
     target = f"<= {most:g} s of CPU, {MOST_MIB:g} MiB, no numba"
-    yield Row(NAME, f"{sensor}: `palpate estimate` of a log, first answer", target, got, met, COMMAND)
+    contacts = read_contacts(output)
+    length = f"{contacts.sample[-1] + 1:,} samples, {np.ptp(contacts.time):.0f} s"
+    yield Row(NAME, f"{sensor}: `palpate estimate` of {length}, first answer", target, got, met, COMMAND)
     if not small:
         others = {"numba": run(native="0"), "an older processor": run(plain=True)}
         got = ", ".join(f"{name}: {'same' if other[0] == digest else 'OTHER'}" for name, other in others.items())

@@ -4,6 +4,9 @@ Run: `python -m tests.follow [--clone] [PAGE...]`, or `make follow`; without a w
 tutorials. Minutes; what fails is listed at the end, and the exit code is 1. What a page shows of the output is looked
 for in what was printed, numbers to 5 %. What serves until Ctrl-C is interrupted once it serves.
 
+A line that prints nothing for more than two seconds fails, too; its stderr is a terminal. On a machine that has more to
+do than processors that is shown and fails nothing.
+
 `pip install` and `make` are not typed again: the environment is the one that this runs in, and of `make demo` the
 command that it stands for. With `--clone` they are: in a clone of the last commit and a new environment, from the
 registry.
@@ -11,13 +14,17 @@ registry.
 
 from __future__ import annotations
 
+import errno
 import os
+import pty
 import re
+import selectors
 import signal
 import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -26,6 +33,7 @@ from tests.support.blocks import PAGES, ROOT, Block, blocks, unseen
 SERVES = re.compile(r"palpate (view|replay)\b|palpate live\b.*--view")
 ACTIVATE = ". .venv/bin/activate"
 PATIENCE = 300.0  # s, of a page that is to be served
+SILENT = 2.0  # s without a word that a line may take
 STANDS_FOR = {"make demo": "python examples/demo.py --no-view", ACTIVATE: "true"}
 BESIDE = ("examples",)  # what a clone has, and pages name
 
@@ -59,6 +67,7 @@ class _Shell:
     cloned: bool
     snippets: list[str] = field(default_factory=list[str])
     printed: list[str] = field(default_factory=list[str])
+    silent: float = 0.0  # s, the longest while of the last line in which it printed nothing
 
     def type(self, line: str, wanted: int) -> str | None:
         """What went wrong with a line; None where nothing did."""
@@ -74,6 +83,8 @@ class _Shell:
         if line.startswith("palpate demo") and "--no-view" not in line:
             line += " --no-view"
         done = self._run(["bash", "-c", line])
+        if self.silent > SILENT and os.getloadavg()[0] <= (os.cpu_count() or 1):
+            return f"printed nothing for {self.silent:.1f} s"
         code = done.returncode if done.returncode >= 0 else 128 - done.returncode  # as a shell says that it was killed
         return None if code == wanted else f"exit code {code}: {done.stderr.strip()[-500:]}"
 
@@ -84,7 +95,7 @@ class _Shell:
         return None if done.returncode == 0 else done.stderr.strip()[-500:]
 
     def _run(self, words: list[str]) -> subprocess.CompletedProcess[str]:
-        done = subprocess.run(words, cwd=self.folder, env=self.environment, capture_output=True, text=True)
+        done, self.silent = heard(words, self.folder, self.environment)
         self._heard(done.stdout, done.stderr)
         return done
 
@@ -150,11 +161,45 @@ def _block(shell: _Shell, block: Block) -> list[str]:
     failed: list[str] = []
     for line, wanted in block.lines() if block.kind == "sh" else ():
         _say(f"--- {block}: $ {line}")
-        start, used = time.monotonic(), _used()
+        start, used, shell.silent = time.monotonic(), _used(), 0.0
         wrong = shell.type(line, wanted)
-        _say(f"    ({time.monotonic() - start:.1f} s, {_used() - used:.1f} s of CPU)")
+        took = f"{time.monotonic() - start:.1f} s, {_used() - used:.1f} s of CPU, silent for {shell.silent:.1f} s"
+        _say(f"    ({took}, load {os.getloadavg()[0]:.1f})")
         failed += [] if wrong is None else [f"{block}: {line}: {wrong}"]
     return failed
+
+
+def heard(
+    words: Sequence[str], folder: Path, environment: Mapping[str, str]
+) -> tuple[subprocess.CompletedProcess[str], float]:
+    """What a program printed, with a terminal as its stderr, and the longest while [s] in which it printed nothing."""
+    master, terminal = pty.openpty()
+    surroundings = {**environment, "PYTHONUNBUFFERED": "1"}
+    texts, longest, last = {"stdout": bytearray(), "stderr": bytearray()}, 0.0, time.monotonic()
+    with (
+        open(master, "rb", buffering=0) as screen,
+        subprocess.Popen(words, cwd=folder, env=surroundings, stdout=subprocess.PIPE, stderr=terminal) as running,
+        selectors.DefaultSelector() as waited,
+    ):
+        os.close(terminal)
+        assert running.stdout is not None
+        waited.register(running.stdout, selectors.EVENT_READ, "stdout")
+        waited.register(screen, selectors.EVENT_READ, "stderr")
+        while waited.get_map():
+            for key, _ in waited.select():
+                try:
+                    piece = os.read(key.fd, 1 << 16)
+                except OSError as problem:
+                    if problem.errno != errno.EIO:  # a terminal that nobody writes to any more
+                        raise
+                    piece = b""
+                now = time.monotonic()
+                longest, last = max(longest, now - last), now
+                texts[key.data] += piece
+                if not piece:
+                    waited.unregister(key.fileobj)
+    shown = {name: text.decode(errors="replace").replace("\r\n", "\n") for name, text in texts.items()}
+    return subprocess.CompletedProcess(list(words), running.returncode, **shown), longest
 
 
 def _used() -> float:

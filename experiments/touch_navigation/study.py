@@ -6,7 +6,6 @@ import ast
 import hashlib
 import json
 import os
-import pickle
 import sys
 import time
 from collections import defaultdict
@@ -34,7 +33,6 @@ __all__ = ["BIN", "Found", "Outcome", "found", "frames_a_second", "run", "stamp"
 
 BIN = 0.05  # N of the histogram of forces
 BINS = 400
-SKINS = Path(__file__).parents[2] / ".cache"
 KEPT = 15  # frames from one kept pose of a traced run to the next
 CODE = ("control", "simulation/arena", "cli/arena_run.py", "cli/arena_ring.py")  # what a run depends on most
 
@@ -152,14 +150,8 @@ def run(condition: Condition) -> Outcome:
 
 @cache
 def _worn() -> RingWear:
-    """The skin that every robot wears, calibrated once for all processes: it takes most of a minute."""
-    path = SKINS / f"touch_navigation_skin_{stamp()}.pickle"
-    if not path.exists():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        made = path.with_suffix(f".{os.getpid()}")
-        made.write_bytes(pickle.dumps(RingWear.made()))
-        made.replace(path)
-    return pickle.loads(path.read_bytes())
+    """The skin that every robot wears."""
+    return RingWear.made()
 
 
 def frames_a_second(count: int = 200) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 import subprocess
 import sys
 from collections.abc import Callable
@@ -14,6 +15,7 @@ import pytest
 import trimesh
 
 from palpate.cli import main
+from palpate.contact.locate import OFF, ON
 from palpate.io.contacts import read_contacts
 from palpate.io.models import load_toml, read_model
 from palpate.io.rig import load_rig
@@ -56,6 +58,50 @@ def test_payload_is_what_the_session_carries(session: Session, made: Path) -> No
     assert payload.force_bias == pytest.approx(session.load.force_bias, abs=5e-3)
     assert payload.center_of_mass == pytest.approx(session.load.center_of_mass, abs=2e-4)
     assert "free_motion.csv sha256:" in payload.provenance["log"]
+
+
+def test_without_an_output_the_touches_are_said_and_nothing_is_written(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The same words as of the contacts that are written."""
+    monkeypatch.chdir(tmp_path)
+    call = ["estimate", str(made / "touches.csv"), "--rig", str(made / "rig.toml")]
+    before = sorted(made.iterdir())
+    capsys.readouterr()
+    assert main(call) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert not list(tmp_path.iterdir())
+    assert sorted(made.iterdir()) == before
+    assert main([*call, "-o", "contacts.csv"]) == 0
+    assert main(["events", "contacts.csv"]) == 0
+    written = capsys.readouterr().out.splitlines()
+    assert [line for line in said if line.startswith("  time ")] != []
+    table = [line for line in said if re.match(r"  (touch|\d+) ", line)]
+    assert len(table) == 9  # eight touches below a header
+    assert set(table) <= set(written)
+    assert main([*call, "--report", "page.html"]) == 1
+    assert "Add -o FILE" in capsys.readouterr().err
+
+
+def test_an_implausible_log_names_the_next_command(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And the command works as it is printed; a payload that is not there names the command that writes one."""
+    monkeypatch.chdir(tmp_path)
+    capsys.readouterr()
+    call = ["estimate", str(made / "touches.csv"), "--mesh", str(made / "probe.stl"), "--unit", "mm"]
+    assert main(call) in (0, 4)  # some weights are where a contact could be
+    named = re.search(r"next: `palpate (.*)`;", capsys.readouterr().out)
+    assert named is not None
+    assert main(shlex.split(named[1])) == 0
+    assert (tmp_path / "rig.toml").exists()
+    assert main([*call, "--payload", "payload.toml"]) == 1
+    assert "payload.toml: there is no such file. `palpate calibrate payload` writes" in capsys.readouterr().err
+
+
+def test_help_states_the_thresholds_that_the_code_has(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["estimate", "--help"]) == 0
+    assert f"{ON:g}, {OFF:g} times the noise" in " ".join(capsys.readouterr().out.replace("│", " ").split())
 
 
 def test_the_chain_of_the_quick_start(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

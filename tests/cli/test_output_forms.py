@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ from palpate.cli import main
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.io.contacts import write_contacts
+from tests.follow import heard
 
 UNIX = 1.75e9 + 0.25  # s: 2025-06-15 15:06:40 UTC, and a quarter
 
@@ -103,3 +106,29 @@ def test_seconds_since_1970_are_counted_from_a_date(tmp_path: Path, capsys: pyte
     assert " 0.250" in out
     said = _said(capsys, "events", str(contacts))
     assert said["facts"]["time [s]"] + said["tables"][0][1]["start [s]"] == pytest.approx(UNIX + 1.0)
+
+
+SILENT = """
+import sys, time
+from palpate.cli import console
+console._TICK, console._SILENT = 0.02, 0.05
+with console.spoken(quiet={quiet}, json=False):
+    console.wait("building")
+    time.sleep(0.5)
+    console.lines([("built", 1)])
+    console.announce("served")
+    time.sleep(0.5)
+"""
+
+
+@pytest.mark.parametrize("quiet", [False, True])
+def test_on_a_terminal_silent_seconds_are_counted_until_something_is_served(quiet: bool, tmp_path: Path) -> None:
+    """Between two printed lines, on stderr, and wiped before the next; ten times as long as a count needs."""
+    done, _ = heard([sys.executable, "-c", SILENT.format(quiet=quiet)], tmp_path, os.environ)
+    count = "\rpalpate: building, 0 s\x1b[K"
+    assert done.returncode == 0
+    assert (count in done.stderr) is not quiet
+    assert done.stderr.count("working") == 0  # nobody waits for a page
+    if not quiet:
+        assert done.stderr.endswith("\r\x1b[K")
+        assert done.stdout.split() == ["built", "1", "served"]

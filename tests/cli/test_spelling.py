@@ -22,6 +22,10 @@ GROUPS = {"estimate": (), "events": (), "calibrate": ("clock", "load-cells"), "r
         ("calibrate load_cells", "`palpate calibrate load-cells`"),
         ("calibrate xyzzy", "`palpate calibrate --help`"),
         ("xyzzy", "`palpate --help`"),
+        ("version", "`palpate --version`"),
+        ("Tare", "`palpate estimate --tare SECONDS`"),
+        ("plot", "`palpate view`"),
+        ("locate", "`palpate estimate`"),
     ],
 )
 def test_a_misspelt_command_names_what_was_meant(call: str, meant: str) -> None:
@@ -51,6 +55,9 @@ def test_options_are_those_of_the_command() -> None:
         ("estimate log.csv -o x.csv --riig rig.toml", "--rig?"),
         ("estimate --jsn", "--json?"),
         ("--verson", "--version?"),
+        ("estimate --log log.csv", "`palpate estimate LOG`"),
+        ("live --ip 192.168.1.1", "[source]"),
+        ("inspect --xyzzy", "`palpate inspect --help`"),
     ],
 )
 def test_a_misspelt_call_is_one_sentence(call: str, meant: str, capsys: pytest.CaptureFixture[str]) -> None:

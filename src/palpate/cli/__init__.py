@@ -39,7 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(argv: Sequence[str] | None) -> int:
     try:
-        from palpate.interrupts import uninterrupted
+        from palpate.interrupts import importing
 
         words = list(sys.argv[1:] if argv is None else argv)
         if words == ["--version"]:
@@ -47,14 +47,14 @@ def _run(argv: Sequence[str] | None) -> int:
 
             print(f"palpate {__version__}")
             return 0
-        with uninterrupted():  # imports here, not above: Ctrl-C may fall on them
+        with importing():  # imports here, not above: Ctrl-C may fall on them
             from palpate.cli.app import run
         if isinstance(sys.stdout, io.TextIOWrapper):
             sys.stdout.reconfigure(errors="backslashreplace")  # names of files need not fit the terminal's encoding
         if {"-h", "--help"} & set(words):  # nothing but the parser speaks
             run(words)
             return 0
-        with uninterrupted():
+        with importing():
             from palpate.cli.console import spoken
             from palpate.io.output_lock import reserving
         # these two are of every command, wherever they stand

@@ -12,7 +12,7 @@ from shutil import get_terminal_size
 from textwrap import wrap
 
 from palpate.cli.spelling import command_of, unknown_command, unknown_option
-from palpate.interrupts import uninterrupted
+from palpate.interrupts import importing
 
 __all__ = ["run"]
 
@@ -29,7 +29,7 @@ class _Command:
 
     def load(self) -> Callable[..., None]:
         """The command itself."""
-        with uninterrupted():
+        with importing():
             return getattr(import_module(f"palpate.cli.{self.module}"), self.function)
 
 
@@ -257,8 +257,8 @@ def _call(called: tuple[str, ...], words: list[str], asked: bool) -> None:
 
 
 def _parse(called: tuple[str, ...], words: list[str], *, speaks: bool) -> None:
-    import tyro  # here: lists of commands do without it
-
+    with importing():
+        import tyro  # here: lists of commands do without it
     prog = " ".join(["palpate", *called])
     tyro.cli(_EACH[" ".join(called)].load(), prog=prog, args=words[len(called) :], console_outputs=speaks)
 

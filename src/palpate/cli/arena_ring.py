@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.calibration.marker_ring.calibrate import RingTruth, calibrate_marker_ring
+from palpate.cli.kept import kept
 from palpate.contact.estimate import ROW, Status
 from palpate.contact.ring_estimator import RingEstimator
 from palpate.sensors.fisheye import Fisheye
@@ -62,9 +63,10 @@ class RingWear:
 
     @staticmethod
     def made(seed: int = 0, ring: MarkerRing | None = None) -> RingWear:
-        """A unit of the coarse barrel (seconds), calibrated here where no calibration is given."""
+        """A unit of the coarse barrel, calibrated here (seconds, once) where no calibration is given."""
         unit = RingUnit.drawn(seed, coarse=True)
-        return RingWear(unit, ring or arena_ring(unit), RingSkin.built(unit))
+        skin = kept("arena_skin", seed, lambda: RingSkin.built(unit))
+        return RingWear(unit, ring or kept("arena_ring", seed, lambda: arena_ring(unit)), skin)
 
 
 class RingSense:

@@ -21,7 +21,7 @@ from palpate.cli.parallel import begin_results, from_row, read_rows, require_bac
 from palpate.cli.setup import Setup
 from palpate.contact.estimate import Status
 from palpate.errors import InputError, PalpateError
-from palpate.io.atomic import reserve_output, write_text, writing
+from palpate.io.atomic import require_folder, reserve_output, write_text, writing
 from palpate.io.models import provenance
 from palpate.io.rig import Rig
 from palpate.io.tables.lines import open_input
@@ -227,10 +227,11 @@ def _absolute(setup: Setup) -> Setup:
 
 
 def _require_folder(output: Path) -> None:
+    require_folder(output)
     with writing(output):
         if output.exists() and not output.is_dir():
             raise InputError("is no folder.", where=str(output), hint="Many logs need a folder: -o FOLDER.")
-        output.mkdir(parents=True, exist_ok=True)
+        output.mkdir(exist_ok=True)
     reserve_output(output / KEPT)
 
 

@@ -1,6 +1,7 @@
 """How commands speak: a title, lines of name and value, notes; progress on stderr where a person watches.
 
-The same words are text, or one JSON object (`--json`), or nothing but the warnings (`--quiet`, on stderr).
+The same words are text, or one JSON object (`--json`), or nothing but the warnings (`--quiet`, on stderr). On a
+terminal no command is silent for more than two seconds: where nothing is printed, a line on stderr counts them.
 """
 
 from __future__ import annotations
@@ -13,6 +14,8 @@ from collections.abc import Generator, Iterable, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from math import isfinite
+from threading import Event, Thread
+from time import monotonic
 from typing import Any, cast
 
 import numpy as np
@@ -76,7 +79,49 @@ def _about(text: str) -> dict[str, Any]:
     return {"title": text, "facts": {}, "tables": []}
 
 
+class _Counter:
+    """What is done, and for how many seconds, on one line of stderr where nothing else is printed for a second."""
+
+    def __init__(self) -> None:
+        self.doing: str | None = None  # None: nobody waits
+        self._since, self._shown = monotonic(), False
+
+    def printing(self, doing: str | None = "working") -> None:
+        """Something is printed now, and then is done what `doing` says."""
+        if self._shown:
+            _wipe()
+        self.doing, self._since, self._shown = doing, monotonic(), False
+
+    def run(self, ended: Event) -> None:
+        """Count until it is over; in a thread of its own."""
+        self.printing()
+        while not ended.wait(_TICK):
+            seconds = monotonic() - self._since
+            if self.doing is not None and seconds > _SILENT:
+                self._shown = True
+                print(f"\rpalpate: {self.doing}, {seconds:.0f} s", end="\x1b[K", file=sys.stderr, flush=True)
+        self.printing(None)
+
+
+_TICK, _SILENT = 0.5, 1.0  # s
+_COUNTER = _Counter()
 _VOICES = [_Voice()]  # the last one speaks
+
+
+@contextmanager
+def _counted(wanted: bool) -> Generator[None]:
+    """The seconds of silence are counted, once for commands within commands."""
+    if not (wanted and len(_VOICES) == 2 and sys.stderr.isatty()):
+        yield
+        return
+    ended = Event()
+    thread = Thread(target=_COUNTER.run, args=(ended,), daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
 
 
 @contextmanager
@@ -87,7 +132,8 @@ def spoken(*, quiet: bool, json: bool) -> Generator[None]:
     level = library.level
     library.setLevel(logging.ERROR)  # commands say themselves what takes long
     try:
-        yield
+        with _counted(not quiet):
+            yield
     except SystemExit as leaving:
         if leaving.code not in (0, 1, 2) and not isinstance(leaving.code, str):  # a wrong call
             _finish()
@@ -133,9 +179,10 @@ def lines(pairs: Iterable[tuple[str, object]]) -> None:
 
 
 def announce(text: str) -> None:
-    """What a person waits for, at once."""
+    """What a person waits for, at once; after it a command may rest, as one does that serves a page."""
     _print(f"  {text}")
     sys.stdout.flush()
+    _COUNTER.printing(None)
 
 
 def step(text: str) -> None:
@@ -173,6 +220,7 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
 def _print(text: str) -> None:
     voice = _VOICES[-1]
     if not (voice.quiet or voice.json):
+        _COUNTER.printing()
         print(text)
 
 
@@ -228,6 +276,7 @@ def shares(counts: np.ndarray) -> list[tuple[str, Figure]]:
 def wait(text: str) -> None:
     """Tell a person why nothing happens; on stderr, so that output stays clean."""
     if sys.stderr.isatty():
+        _COUNTER.printing(text)
         print(f"palpate: {text}", file=sys.stderr, flush=True)
 
 
@@ -244,7 +293,12 @@ def progress(done: int, share: float) -> None:
 def overwrite(text: str) -> None:
     """One line that is written over again and again, for a person."""
     if sys.stderr.isatty():
+        _COUNTER.printing(_COUNTER.doing or "working")
         print(f"\rpalpate: {text}", end="\x1b[K", file=sys.stderr, flush=True)
+
+
+def _wipe() -> None:
+    print("\r\x1b[K", end="", file=sys.stderr, flush=True)
 
 
 @contextmanager
@@ -254,4 +308,4 @@ def counting() -> Generator[None]:
         yield
     finally:
         if sys.stderr.isatty():
-            print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+            _wipe()

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 from os import cpu_count
 from pathlib import Path
+from shlex import join
 from typing import Annotated, Literal
 
+import numpy as np
+from jaxtyping import Int
 from tyro.conf import arg
 
 from palpate.cli.console import counting, lines, note, progress, shares, title, wait
 from palpate.cli.contact_files import compared_blocks
 from palpate.cli.estimate_log import Estimated, estimate_log, record_of
-from palpate.cli.options import FileOption, Log, Output
+from palpate.cli.events import say_touches
+from palpate.cli.options import FileOption, Log
 from palpate.cli.report import judged
 from palpate.cli.report_advice import mounting_known
 from palpate.cli.run_report import run_of
 from palpate.cli.setup import Setup
+from palpate.contact.estimate import Status
 from palpate.contact.ground_truth import Samples, Touches
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs, write_text
@@ -37,7 +42,8 @@ LONG = 100_000_000  # bytes of a log from which other processes are worth their 
 def estimate(
     log: Log,
     /,
-    output: Output,
+    *,
+    output: Annotated[FileOption, arg(aliases=["-o"])] = None,
     setup: Annotated[Setup, arg(name="")],
     frame: Literal["surface", "sensor", "base"] = "surface",
     report: FileOption = None,
@@ -55,7 +61,7 @@ def estimate(
         log: CSV, Parquet, NumPy, MCAP or a ROS bag. Wrenches: columns time,fx,fy,fz,tx,ty,tz and, where orientation
             matters, qx,qy,qz,qw, or topics with WrenchStamped and PoseStamped. Load cells: their voltages. A taxel
             sheet: one column a cell, or arrays, or images. Other names and units stand in the rig.
-        output: contacts to write: .csv, .parquet or .mcap.
+        output: contacts to write: .csv, .parquet or .mcap. Without it a summary and the touches are all that is said.
         setup: what is touched, and how contacts are found.
         frame: of the result; base needs the sensor's orientation and position in the log.
         report: page to write as well (.html): what was done, pictures, what to improve.
@@ -68,24 +74,39 @@ def estimate(
         raise InputError(f"must be 1 at least, not {workers}.", where="--workers")
     rig = setup.load()
     inputs = (log, setup.rig, *rig.files().values(), truth, compare)
-    keep_inputs(output, inputs, beside=(record_of(output), *([report] if report else [])))
-    require_format(output)  # this and what follows: before the work, not after it
+    if output is not None:  # this and what follows: before the work, not after it
+        keep_inputs(output, inputs, beside=(record_of(output), *([report] if report else [])))
+        require_format(output)
+    elif report is not None:
+        raise InputError("the report is of contacts that are written.", where="--report", hint="Add -o FILE.")
     known, other = _ground_truth(truth, report), _compared(compare, report, rig)
     opened = setup.open(log, rig)
     wait("preparing the surface")
     files = {"log": log, "rig": setup.rig, **rig.files(opened.kind), "truth": truth}
     with counting():
         done = estimate_log(opened, output, frame, files, progress, workers=_workers(opened, workers))
-    _say(f"{log} -> {output}", done)
-    if report is not None:
+    _say(str(log) if output is None else f"{log} -> {output}", done)
+    if output is None:
+        say_touches(done.summary.finder.touches(), "`palpate events` of what -o FILE writes has them all")
+    elif report is not None:
         warnings = (*([done.nothing] if done.nothing else []), *done.doubts, *done.short)
         run = run_of(done.pipeline, done.summary, done.record, output.name, warnings)
         run = judged(run, known, mounted=mounting_known(rig))
         write_text(report, render(compose(run if other is None else beside(run, other[0], other[1]))))
     note(done.short, kind="warning")
     note([done.nothing] if done.nothing else [], kind="warning")
+    note(_next(log, setup, done.summary.statuses))
     if done.short or done.nothing:
         raise SystemExit(INTERRUPTED if done.ended == "interrupted" else TORN if done.short else UNBELIEVABLE)
+
+
+def _next(log: Path, setup: Setup, statuses: Int[np.ndarray, " s"]) -> list[str]:
+    """The command for a log that comes out implausible where a mesh is all that is known."""
+    answered = statuses[Status.CONTACT] + statuses[Status.AMBIGUOUS]
+    if setup.rig is not None or setup.mesh is None or statuses[Status.IMPLAUSIBLE] <= answered:
+        return []
+    made = join(["palpate", "rig", "new", str(log), str(setup.mesh), "-o", "rig.toml"])
+    return [f"next: `{made}`; there the payload, the tare and where the mesh sits are stated"]
 
 
 def _workers(opened: OpenedLog, asked: int | None) -> int:

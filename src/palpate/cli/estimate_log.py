@@ -61,7 +61,7 @@ def record_of(output: Path) -> Path:
 
 def estimate_log(
     opened: OpenedLog,
-    output: Path,
+    output: Path | None,
     frame: str,
     files: Mapping[str, Path | None],
     watch: Watch,
@@ -73,7 +73,7 @@ def estimate_log(
 
     Args:
         opened: the log.
-        output: of contacts; OUTPUT.toml is written when it stands.
+        output: of contacts; OUTPUT.toml is written when it stands. None: contacts are summed up and not written.
         frame: of the result.
         files: what it is made from, for OUTPUT.toml: what each is -> where.
         watch: is told how far it is.
@@ -86,15 +86,15 @@ def estimate_log(
     """
     keep_memory()
     with ExitStack() as stack:
-        beside = stack.enter_context(_beside(opened, files)) if workers > 1 else None
+        beside = stack.enter_context(_beside(opened, files)) if workers > 1 and output is not None else None
         pipeline = Pipeline.of(opened, frame)
-        made = output, frame, pipeline.estimator.features
+        features = pipeline.estimator.features
         begin = perf_counter()
-        if beside is None:
-            writing = writing_here(*made)
+        if beside is None or output is None:
+            writing = writing_here(output, frame, features)
         else:
             opened.read_ahead(beside.reader, pipeline.estimator, workers)
-            writing = writing_beside(beside.writer, *made)
+            writing = writing_beside(beside.writer, output, frame, features)
 
         def made_from(*, interrupted: bool) -> dict[str, str]:
             ended = "interrupted" if interrupted else "torn" if opened.torn else "whole"
@@ -138,7 +138,7 @@ def _written(
     pipeline: Pipeline,
     writing: AbstractContextManager[SummedWriter],
     watch: Watch,
-    output: Path,
+    output: Path | None,
     made_from: Callable[..., dict[str, str]],
     *,
     keep_short: bool,
@@ -156,7 +156,8 @@ def _written(
                 raise _Stopped from None
             with uninterrupted():
                 stack.close()
-                write_provenance(record_of(output), record)
+                if output is not None:
+                    write_provenance(record_of(output), record)
     except _Stopped:
         raise KeyboardInterrupt from None
     return writer, record
@@ -178,9 +179,10 @@ def _interrupted(pipeline: Pipeline, writer: SummedWriter, watch: Watch) -> bool
     return False
 
 
-def _short(output: Path, log: OpenedLog, summary: RunSummary, *, interrupted: bool) -> Iterator[str]:
+def _short(output: Path | None, log: OpenedLog, summary: RunSummary, *, interrupted: bool) -> Iterator[str]:
     """Why not all of the log is in the output."""
     if interrupted:
-        yield f"interrupted: {output.name} holds the {summary.samples:,} samples done until then"
+        holds = "this is of" if output is None else f"{output.name} holds"
+        yield f"interrupted: {holds} the {summary.samples:,} samples done until then"
     if log.torn:
         yield log.torn

@@ -9,7 +9,7 @@ from tyro.conf import arg
 
 from palpate.cli.console import Figure, in_full, lines, note, table, title
 from palpate.cli.options import ContactsFile, FileOption
-from palpate.contact.events import TouchFinder
+from palpate.contact.events import Events, TouchFinder
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
 from palpate.io.contacts import contact_blocks
@@ -17,7 +17,7 @@ from palpate.io.contacts.events import write_events
 from palpate.viewer.run_report import touch_table
 from palpate.viewer.timeline import since
 
-__all__ = ["events"]
+__all__ = ["events", "say_touches"]
 
 _SHOWN = 40
 
@@ -48,6 +48,17 @@ def events(
         notes |= dict.fromkeys(block.notes)
     found = finder.touches()
     title(f"{contacts}: {len(found)} touches in {rows:,} rows")
+    say_touches(found, "--output writes them all")
+    if len(found) and np.isnan(found.deviation).all():
+        notes["no standard deviation: no noise was known"] = None
+    note(notes)
+    if output is not None:
+        write_events(output, found)
+        lines([("written to", output)])
+
+
+def say_touches(found: Events, otherwise: str) -> None:
+    """The table of touches, and where there are too many for a screen `otherwise`: how to have them all."""
     start, after = since(found.start)
     lines([("time [s]", Figure(after, start))] if after else [])
     shown = len(found) if in_full() else _SHOWN
@@ -55,10 +66,4 @@ def events(
         made = touch_table(found, shown)
         table(made.header, made.rows)
     if len(found) > shown:
-        note([f"{len(found) - shown} more: --output writes them all"])
-    if len(found) and np.isnan(found.deviation).all():
-        notes["no standard deviation: no noise was known"] = None
-    note(notes)
-    if output is not None:
-        write_events(output, found)
-        lines([("written to", output)])
+        note([f"{len(found) - shown} more: {otherwise}"])

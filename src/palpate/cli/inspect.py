@@ -10,7 +10,6 @@ import numpy as np
 from tyro.conf import arg
 
 from palpate.cli.console import Figure, in_full, lines, note, span, title
-from palpate.cli.evaluate import truth_times
 from palpate.cli.inspect_log import inspect_contacts, inspect_log, say_contents
 from palpate.cli.options import FileOption, SomeFile
 from palpate.cli.spectrum import KINDS, draw_spectrum, located
@@ -212,6 +211,8 @@ def _listed(value: object) -> Figure:
 
 
 def _ground_truth(file: Path) -> None:
+    from palpate.cli.evaluate import truth_times  # here: a log needs nothing of it
+
     truth = read_ground_truth(file)
     title(f"{file}: {'touches at known points' if isinstance(truth, Touches) else 'the truth at instants'}")
     lines([("rows", f"{len(truth.point):,}"), ("time", span(truth_times(truth)))])

@@ -17,8 +17,6 @@ from palpate.io.logs import LogContents, contents, open_log
 from palpate.io.logs.decoding import role
 from palpate.io.logs.image_messages import IMAGES
 from palpate.io.models import read_provenance
-from palpate.io.pipeline import HEAD, Pipeline
-from palpate.io.pipeline import open_log as open_rig_log
 from palpate.io.rig import Rig
 from palpate.io.rig.force_torque import doubted_noise
 from palpate.io.rig.guess import topics_of
@@ -27,7 +25,7 @@ from palpate.io.rig.new import guess_sensor
 from palpate.sensors.noise import estimate_noise
 from palpate.sensors.recording import FORCE, ORIENTATION, POSITION, TORQUE, Recording
 from palpate.viewer.report import percent
-from palpate.viewer.run_report import median
+from palpate.viewer.samples import median
 
 __all__ = ["inspect_contacts", "inspect_log", "say_contents"]
 
@@ -72,6 +70,8 @@ def _inspect_one(
     """The readings of one sensor."""
     remarks: tuple[str, ...] = ()
     if rig is not None:
+        from palpate.io.pipeline import open_log as open_rig_log  # here: a log alone needs nothing of it
+
         log = open_rig_log(file, rig, sensor, topic)
         kind, blocks = log.kind, iter(log)
         if (layout := kind.layout(log.rig)).images is not None:
@@ -120,6 +120,9 @@ def _inspect_one(
 
 def _asked(file: Path, rig: Rig, sensor: str | None) -> str:
     """Which bounds of friction and torsion the start of a log asks for, or ""."""
+    from palpate.io.pipeline import HEAD, Pipeline
+    from palpate.io.pipeline import open_log as open_rig_log
+
     with open_rig_log(file, rig, sensor) as log:
         pipeline, done = Pipeline.of(log), 0
         for block, _, _ in pipeline.stream():

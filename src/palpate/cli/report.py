@@ -14,7 +14,8 @@ from palpate.evaluation.evaluate import Report as Evaluation
 from palpate.evaluation.evaluate import evaluate
 from palpate.viewer import plots
 from palpate.viewer.report import Picture, Section, Table, Tile, percent, picture
-from palpate.viewer.run_report import Kept, Run, coverage_tone, median
+from palpate.viewer.run_report import Kept, Run, coverage_tone
+from palpate.viewer.samples import median
 
 __all__ = ["judged"]
 

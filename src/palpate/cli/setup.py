@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal, TypeVar, cast
 from tyro.conf import arg
 
 from palpate.cli.options import FileOption, Pair, Scalar
+from palpate.contact.locate import OFF, ON
 from palpate.errors import InputError
 from palpate.io.pipeline import OpenedLog, open_log
 from palpate.io.rig import Rig, load_rig
@@ -19,6 +20,7 @@ from palpate.io.rig.tables import RigFilter, RigNoise, RigThresholds
 __all__ = ["Setup"]
 
 Made = TypeVar("Made")
+_CONTACT = f"force [N] at which a contact begins, and below which it ends (default: {ON:g}, {OFF:g} times the noise)."
 _PAIRS = {"noise": RigNoise, "contact": RigThresholds}  # options of two numbers, as the rig has them
 FILTERS = Literal["none", "kalman", "butterworth", "zero_phase"]
 
@@ -37,7 +39,7 @@ class Setup:
         method: soft_finger (default) or wrench_axis.
         friction: bound on the tangent of the angle between force and normal (default 1).
         torsion: bound on torque about the normal over normal force [m] (default 0.005).
-        contact: force [N] at which a contact begins, and below which it ends (default: 10 and 5 times the noise).
+        contact: force [N] at which a contact begins, and below which it ends; otherwise by the noise.
         filter: none (default), kalman, butterworth, or zero_phase (forward and backward); details in the rig.
         cutoff: of a butterworth or zero_phase filter [Hz] (default 10).
         tare: seconds at the start of the log in which nothing is touched: their mean is taken off.
@@ -54,7 +56,7 @@ class Setup:
     method: Annotated[Literal["soft_finger", "wrench_axis"] | None, arg(metavar="NAME", help_behavior_hint="")] = None
     friction: Scalar = None
     torsion: Scalar = None
-    contact: Pair = None
+    contact: Annotated[Pair, arg(help=_CONTACT)] = None
     filter: Annotated[FILTERS | None, arg(metavar="NAME", help_behavior_hint="")] = None
     cutoff: Scalar = None
     tare: Scalar = None

@@ -65,8 +65,6 @@ def require_new(folder: Path) -> None:
         raise InputError("is a file, not a folder.", where=str(folder), hint="Name another folder.")
     if folder.is_dir() and any(folder.iterdir()):
         raise InputError("is not empty.", where=str(folder), hint="Name a new folder.")
-    if not folder.absolute().parent.is_dir():
-        raise InputError("is to be made in a folder that is not there.", where=str(folder))
 
 
 @contextmanager

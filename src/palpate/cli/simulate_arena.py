@@ -133,8 +133,6 @@ def _require_new(output: Path, film: Path | None, asked: Asked, robots: int) -> 
     for file in [*files_of(output, robots, asked.images).values(), *([film] if film is not None else [])]:
         if file.exists() or file.is_symlink():
             raise InputError("is already there.", where=str(file), hint="Name another output.")
-        if not file.absolute().parent.is_dir():
-            raise InputError("is to be made in a folder that is not there.", where=str(file))
 
 
 def _recorded(run: ArenaRun, asked: Asked, recording: Path, film: Path | None, port: int | None) -> ArenaResult:

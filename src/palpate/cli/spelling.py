@@ -8,7 +8,19 @@ from difflib import SequenceMatcher
 
 __all__ = ["command_of", "unknown_command", "unknown_option"]
 
-_ALIKE = 0.6  # share of letters that are the same; below it a suggestion confuses more than it helps
+_ALIKE = 0.65  # share of letters that are the same; below it a suggestion confuses more than it helps
+_COMMANDS = {  # what other programs call it, or an option that sounds like a command
+    "version": "--version",
+    "help": "--help",
+    "locate": "estimate",
+    "plot": "view",
+    "show": "view",
+    "tare": "estimate --tare SECONDS",
+}
+_OPTIONS = {  # what is said in another way
+    "--log": "a log is named without an option, as in `palpate estimate LOG`.",
+    "--ip": "the address of a device stands in a rig's [source]: `palpate rig new --source KIND:ADDRESS` writes one.",
+}
 
 
 def command_of(words: Sequence[str], groups: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
@@ -33,6 +45,8 @@ def unknown_command(words: Sequence[str], groups: Mapping[str, Sequence[str]]) -
         meant = leaves | {f"{group}-{name}": f"{group} {name}" for group, names in groups.items() for name in names}
         meant |= {name: name for name in groups}
     near = _nearest(rest[0], meant)
+    if not known and rest[0].lower() in _COMMANDS:
+        near, meant = rest[0], {rest[0]: _COMMANDS[rest[0].lower()]}
     listed = " ".join(["palpate", *known, "--help"])
     hint = f"`{listed}` lists them." if near is None else f"did you mean `palpate {meant[near]}`?"
     return f"there is no command `{said}`; {hint}"
@@ -46,13 +60,15 @@ def unknown_option(words: Sequence[str], command: Sequence[str], options: Iterab
         option = word.partition("=")[0].replace("_", "-")
         if re.fullmatch(r"--[a-z][\w-]*", option) and option not in known:
             near = _nearest(option, known)
-            hint = f"`{name} --help` lists them." if near is None else f"did you mean {near}?"
+            nearest = f"`{name} --help` lists them." if near is None else f"did you mean {near}?"
+            hint = _OPTIONS.get(option, nearest)
             return f"`{name}` has no option {word.partition('=')[0]}; {hint}"
     return None
 
 
 def _nearest(word: str, known: Iterable[str]) -> str | None:
     """The most similar of them, of several the first in the alphabet; None where nothing is alike."""
-    ranked = [(SequenceMatcher(None, word.lower(), name).ratio(), name) for name in sorted(known)]
+    bare = word.lower().lstrip("-")
+    ranked = [(SequenceMatcher(None, bare, name.lstrip("-")).ratio(), name) for name in sorted(known)]
     share, name = max(ranked, default=(0.0, ""), key=lambda each: each[0])
     return name if share >= _ALIKE else None

@@ -44,20 +44,24 @@ class SummedWriter(Protocol):
 
 
 class _Here:
-    def __init__(self, writer: ContactsWriter) -> None:
+    def __init__(self, writer: ContactsWriter | None) -> None:
         self._writer, self.summary, self.seconds, self.rows = writer, RunSummary(), 0.0, 0
 
     def write(self, found: Contacts, placed: Contacts) -> None:
         begin = perf_counter()
-        self._writer.write(placed)
+        if self._writer is not None:
+            self._writer.write(placed)
         self.seconds += perf_counter() - begin
         self.summary.add(found)
         self.rows += len(placed)
 
 
 @contextmanager
-def writing_here(output: Path, frame: str, features: tuple[str, ...]) -> Generator[SummedWriter]:
-    """See `palpate.io.contacts.open_contacts`."""
+def writing_here(output: Path | None, frame: str, features: tuple[str, ...]) -> Generator[SummedWriter]:
+    """See `palpate.io.contacts.open_contacts`; without an output they are summed up alone."""
+    if output is None:
+        yield _Here(None)
+        return
     with open_contacts(output, frame_id=frame, features=features) as writer:
         yield _Here(writer)
 

@@ -82,8 +82,6 @@ def _require_film(film: Path, log: Path) -> None:
     reserve_output(film)
     if film.exists() or film.is_symlink():
         raise InputError("is already there.", where=str(film), hint="Name another film.")
-    if not film.absolute().parent.is_dir():
-        raise InputError("is to be made in a folder that is not there.", where=str(film))
     if is_taxel_file(log):
         raise InputError("is of contacts over time; places of taxels do not move.", where="--film")
 

@@ -316,9 +316,8 @@ class FusedLocator:
         new = np.zeros((1, 17))
         new[0, :3], new[0, 3:6] = unseen.points[place], unseen.normals[place]
         new[0, 6], new[0, 7] = PUSHES.mean(), PUSHES.std()
-        width = float(np.median(self._places[:, 7]))
         across = np.eye(3) - np.outer(new[0, 3:6], new[0, 3:6])
-        new[0, 8:] = (width**2 * across).reshape(9)
+        new[0, 8:] = (self._width**2 * across).reshape(9)
         carries = np.concatenate([given.carries, np.ones((len(given.wrenches), 1), np.bool_)], axis=1)
         contacts = np.concatenate([given.contacts, new])
         return self._fused(contacts, given.wrenches.copy(), given.covariances.copy(), carries)
@@ -327,3 +326,8 @@ class FusedLocator:
     def _places(self) -> Float[np.ndarray, "c 8"]:
         """Where unseen contacts are looked for."""
         return candidates(self.surface, self.seed)
+
+    @cached_property
+    def _width(self) -> float:
+        """[m] deviation of the area that a place stands for, the median of them."""
+        return float(np.median(self._places[:, 7]))

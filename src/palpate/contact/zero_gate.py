@@ -129,10 +129,10 @@ class ZeroGate:
     """
 
     def __init__(self, filter: ZeroFilter, sensor: FollowedSensor, shape: ContactShape, alone: bool = False) -> None:
-        from scipy.stats import chi2
+        from scipy.special import chdtri  # here: scipy is slow to import, its stats most of all
 
         self.filter, self.sensor, self.shape, self.alone = filter, sensor, shape, alone
-        limits = (float(chi2.isf(chance, filter.channels)) for chance in (SINGLE, LAGGED, RETURNED))
+        limits = (float(chdtri(filter.channels, chance)) for chance in (SINGLE, LAGGED, RETURNED))
         self._single, self._lagged, self._returned = limits
         self.jumps = list[Jump]()
         self.reset()

@@ -9,6 +9,7 @@ import tempfile
 from collections.abc import Generator, Iterable
 from contextlib import contextmanager
 from pathlib import Path
+from shlex import quote
 
 from palpate.errors import InputError
 from palpate.io.output_lock import only_writer, reserve
@@ -21,6 +22,7 @@ __all__ = [
     "keep_inputs",
     "part",
     "replacing",
+    "require_folder",
     "reserve_output",
     "write_text",
     "writing",
@@ -50,7 +52,6 @@ def keep_inputs(output: Path, inputs: Iterable[Path | None], *, beside: Iterable
         target = _status(written)
         if written is not grown:  # a folder of that name may be what a killed process left
             _refuse_irregular(written, target)
-            _require_folder(written)
         for path, status in read:
             if target is not None and status is not None and os.path.samestat(target, status):
                 raise InputError(f"would overwrite an input, {path}.", where=str(written), hint="Name another output.")
@@ -59,11 +60,12 @@ def keep_inputs(output: Path, inputs: Iterable[Path | None], *, beside: Iterable
 
 
 def reserve_output(path: Path) -> None:
-    """Let no other process write a file or a folder until the command ends.
+    """Let no other process write a file or a folder until the command ends; see `require_folder`.
 
     Raises:
-        InputError: another process writes it.
+        InputError: another process writes it, or it would be in a folder that is not there.
     """
+    require_folder(path)
     reserve(_target(path))
 
 
@@ -188,10 +190,16 @@ def _refuse_irregular(path: Path, status: os.stat_result | None) -> None:
         raise InputError(f"is {kind}, not a file to write.", where=str(path), hint="Name another output.")
 
 
-def _require_folder(path: Path) -> None:
+def require_folder(path: Path) -> None:
+    """Refuse what is to be written in a folder that is not there: a command makes what it is to fill, nothing above.
+
+    Raises:
+        InputError: there is no such folder.
+    """
     folder = _target(path).parent
     if not folder.is_dir():
-        raise InputError(f"cannot write here: there is no folder {str(folder)!r}.", where=str(path))
+        what = f"cannot write here: there is no folder {str(folder)!r}."
+        raise InputError(what, where=str(path), hint=f"Make it first: mkdir -p {quote(str(folder))}")
 
 
 def _status(path: Path) -> os.stat_result | None:

@@ -95,14 +95,14 @@ def explanations(cells: LoadCells, sound: Bool[np.ndarray, " some"] | None = Non
     Raises:
         NotIdentifiable: they tell no wrench.
     """
-    from scipy.stats import chi2
+    from scipy.special import chdtri  # here: scipy is slow to import, its stats most of all
 
     kept = cells.channels(sound)
     inverse, covariance, rest = cells.inverse(kept)
     count, freedom = cells.cells + len(kept), len(rest)
     directions, corrections = np.zeros((count, 3, freedom)), np.zeros((count, 3, 6))
     covariances, bounds = np.tile(covariance, (1 + count, 1, 1)), -np.ones(1 + count)
-    bounds[0] = float(chi2.isf(CHANCE, freedom)) if freedom else np.inf
+    bounds[0] = float(chdtri(freedom, CHANCE)) if freedom else np.inf
     made = Explanations(cells, inverse, rest, directions, corrections, covariances, bounds)
     for e in range(count):
         out = made.channels(e) & kept
@@ -117,5 +117,5 @@ def explanations(cells: LoadCells, sound: Bool[np.ndarray, " some"] | None = Non
         directions[e, :size] = basis.T
         corrections[e, :size] = np.linalg.solve(triangle.T, inverse[:, out].T)
         covariances[1 + e] += corrections[e].T @ corrections[e]
-        bounds[1 + e] = float(chi2.isf(CHANCE, freedom - size)) if freedom > size else 0.0
+        bounds[1 + e] = float(chdtri(freedom - size, CHANCE)) if freedom > size else 0.0
     return made

@@ -83,9 +83,9 @@ def find_faults(
 
 
 def _bound(freedom: int) -> float:
-    from scipy.stats import chi2
+    from scipy.special import chdtri  # here: scipy is slow to import, its stats most of all
 
-    return float(chi2.isf(CHANCE, freedom)) if freedom > 0 else np.inf
+    return float(chdtri(freedom, CHANCE)) if freedom > 0 else np.inf
 
 
 def _explained(

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from palpate.spatial.arguments import takes_arrays
 from palpate.viewer._style import AXES, INK, figure, styled
 from palpate.viewer.report import Report, Section, Table, Tile, first_rows, percent, picture
-from palpate.viewer.run_report import median
+from palpate.viewer.samples import median
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -23,11 +23,11 @@ from palpate.viewer.captions import MEANING, feature
 from palpate.viewer.heat import colours
 from palpate.viewer.report import Picture, Report, Section, Table, Tile, percent, picture
 from palpate.viewer.run_summary import RunSummary
-from palpate.viewer.samples import sample_starts, strongest, thinned
+from palpate.viewer.samples import median, sample_starts, strongest, thinned
 from palpate.viewer.scene import before
 from palpate.viewer.timeline import since
 
-__all__ = ["Kept", "Run", "compose", "coverage_tone", "median", "touch_table"]
+__all__ = ["Kept", "Run", "compose", "coverage_tone", "touch_table"]
 
 SHOWN = 200  # touches in the table
 NUMBERED = 60  # on the body
@@ -136,15 +136,8 @@ class Kept:
         return median(self.radius[self.even])
 
 
-@takes_arrays
-def median(values: Float[np.ndarray, " n"]) -> float:
-    """Of the finite ones; NaN where there is none."""
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else float("nan")
-
-
 def coverage_tone(inside: float) -> str:
-    """Of the share of truths that 95 % ellipses hold: too many are as wrong as too few."""
+    """Return the tone of a share of truths that 95 % ellipses hold: too many are as wrong as too few."""
     off = abs(inside - 0.95)
     return "good" if off <= 0.03 else "poor" if off > 0.1 or inside > 0.995 else ""
 

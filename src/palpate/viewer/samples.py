@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from palpate.contact.contacts import Contacts
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["sample_starts", "sheet_places", "strongest", "thinned", "totals"]
+__all__ = ["median", "sample_starts", "sheet_places", "strongest", "thinned", "totals"]
 
 
 def sample_starts(contacts: Contacts) -> Int[np.ndarray, " m"]:
@@ -46,3 +46,10 @@ def totals(contacts: Contacts, starts: Int[np.ndarray, " m"]) -> Float[np.ndarra
         return force
     known = np.logical_or.reduceat(np.isfinite(force), starts)
     return np.where(known, np.add.reduceat(np.nan_to_num(force, posinf=0.0), starts), np.nan)
+
+
+@takes_arrays
+def median(values: Float[np.ndarray, " n"]) -> float:
+    """Of the finite ones; NaN where there is none."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else float("nan")

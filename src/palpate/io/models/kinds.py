@@ -112,7 +112,14 @@ def read_model(path: str | Path, holds: type[Any] | None = None) -> Any:
     Raises:
         InputError: no model, or not of that class; a key misspelt or missing, a value of the wrong kind or shape.
     """
-    table = load_toml(path)
+    try:
+        table = load_toml(path)
+    except InputError as problem:
+        if holds is None or Path(path).exists():
+            raise
+        _, model = _model(holds)
+        hint = f"`{model.command}` writes {model.called}. {problem.hint}".strip()
+        raise InputError(problem.what, where=problem.where, hint=hint) from None
     kind = table.pop("kind", None)
     if holds is None:
         if kind not in MODELS:

@@ -1,0 +1,79 @@
+"""What takes long to make is kept: used where it is of the same inputs and code, made anew where it is not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.cli import kept as keeping
+from palpate.cli.kept import kept
+
+
+class Making:
+    """Counts how often it makes."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def __call__(self) -> dict[str, object]:
+        """Make it."""
+        self.count += 1
+        return {"table": np.arange(12.0).reshape(3, 4), "name": "skin"}
+
+
+@pytest.fixture
+def folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, Path]:
+    both = tmp_path / "package", tmp_path / "user"
+    monkeypatch.setattr(keeping, "_folders", lambda: both)
+    monkeypatch.setattr(keeping, "PACKAGE", tmp_path / "code")
+    (tmp_path / "code").mkdir()
+    return both
+
+
+def test_a_second_run_makes_nothing_and_has_the_same_to_the_last_bit(folders: tuple[Path, Path]) -> None:
+    make = Making()
+    first, second = kept("skin", 7, make), kept("skin", 7, make)
+    assert make.count == 1
+    assert second["name"] == first["name"]
+    np.testing.assert_array_equal(np.asarray(second["table"]), np.asarray(first["table"]), strict=True)
+    assert not second["table"].flags.writeable  # type: ignore[attr-defined]
+    assert [file.name for file in folders[0].iterdir()] == ["skin.kept"]  # and no part of one
+
+
+def test_other_inputs_and_other_code_make_it_anew(folders: tuple[Path, Path], tmp_path: Path) -> None:
+    make = Making()
+    kept("skin", 7, make)
+    kept("skin", 8, make)
+    assert make.count == 2
+    (tmp_path / "code/barrel.py").write_text("STIFFNESS = 2\n")
+    kept("skin", 8, make)
+    assert make.count == 3
+
+
+@pytest.mark.parametrize("damage", ["empty", "cut", "flipped", "another file"])
+def test_a_damaged_file_is_made_anew(folders: tuple[Path, Path], damage: str) -> None:
+    make = Making()
+    kept("skin", 7, make)
+    file = folders[0] / "skin.kept"
+    whole = file.read_bytes()
+    flipped = bytearray(whole)
+    flipped[len(whole) // 2] ^= 1
+    file.write_bytes({"empty": b"", "cut": whole[:-5], "flipped": bytes(flipped), "another file": b"PK" * 99}[damage])
+    kept("skin", 7, make)
+    assert make.count == 2
+    assert file.read_bytes() == whole
+
+
+def test_without_a_folder_to_write_into_nothing_is_kept(folders: tuple[Path, Path]) -> None:
+    """Files in the place of the folders: a test that runs as root may write into any folder."""
+    make = Making()
+    folders[0].touch()
+    kept("skin", 7, make)
+    assert [file.name for file in folders[1].iterdir()] == ["skin.kept"]  # the user's
+    (folders[1] / "skin.kept").unlink()
+    folders[1].rmdir()
+    folders[1].touch()
+    assert kept("skin", 7, make)["name"] == "skin"
+    assert make.count == 2
