@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from evidence.call_values import Seen
 from palpate.errors import PalpateError
 
 __all__ = ["ROOMS", "Call", "Known", "answer", "containers", "public", "same", "watch", "wrong"]
@@ -44,6 +45,16 @@ class Known:
     owner: type | None = None
     attribute: str = ""
 
+    @property
+    def called(self) -> Any:
+        """What is called: the class, for a constructor."""
+        made = self.owner if self.attribute == "__init__" else self.made
+        return getattr(made, "unwatched", made)
+
+    def signature(self) -> inspect.Signature:
+        """Of what is called."""
+        return inspect.signature(self.called)
+
 
 @dataclasses.dataclass
 class Call:
@@ -59,7 +70,7 @@ class Call:
 
     def changeable(self) -> list[str]:
         """The arguments that are arrays or numbers."""
-        kinds = inspect.signature(self.known.made).parameters
+        kinds = self.bound.signature.parameters
         single = [name for name in self.bound.arguments if kinds[name].kind not in (2, 4)]  # no *args, no **kwargs
         return [name for name in single if name != "self" and _is_numbers(self.bound.arguments[name])]
 
@@ -89,26 +100,28 @@ def _with_methods(name: str, made: Any) -> Iterator[Known]:
     if not inspect.isclass(made):
         yield Known(name, made)
         return
-    if not getattr(made, "_is_protocol", False):
+    abstract = getattr(made, "_is_protocol", False)
+    if not abstract:
         yield Known(name, made, made, "__init__")
     for attribute, value in vars(made).items():
         plain = value.__func__ if isinstance(value, classmethod | staticmethod) else value
-        if inspect.isfunction(plain) and (attribute == "__call__" or not attribute.startswith("_")):
+        stated = abstract and not plain.__code__.co_names if inspect.isfunction(plain) else True  # a body of dots
+        if not stated and (attribute == "__call__" or not attribute.startswith("_")):
             yield Known(f"{name}.{attribute}", plain, made, attribute)
 
 
-def watch(known: Iterable[Known]) -> dict[str, Call]:
-    """The first valid call of each, filled as they are made from now on, wherever that is."""
+def watch(known: Iterable[Known], seen: Seen) -> dict[str, Call]:
+    """The first valid call of each, filled as they are made from now on, wherever that is; and what they were given."""
     calls: dict[str, Call] = {}
     for each in known:
         if each.owner is None:
-            _patched(each, _watched(each, each.made, calls))
+            _patched(each, _watched(each, each.made, calls, seen))
         elif each.attribute == "__init__":
             if "__init__" in vars(each.owner):
-                each.owner.__init__ = _watched(each, each.owner.__init__, calls)
+                each.owner.__init__ = _watched(each, each.owner.__init__, calls, seen)
         else:
             value = vars(each.owner)[each.attribute]
-            made = _watched(each, each.made, calls)
+            made = _watched(each, each.made, calls, seen)
             setattr(each.owner, each.attribute, type(value)(made) if not inspect.isfunction(value) else made)
     return calls
 
@@ -122,8 +135,10 @@ def _patched(known: Known, made: Callable[..., Any]) -> None:
                     setattr(module, key, made)
 
 
-def _watched(known: Known, made: Callable[..., Any], calls: dict[str, Call]) -> Callable[..., Any]:
+def _watched(known: Known, made: Callable[..., Any], calls: dict[str, Call], seen: Seen) -> Callable[..., Any]:
     from functools import wraps
+
+    signature = known.signature()
 
     @wraps(made)
     def call(*args: Any, **kwargs: Any) -> Any:
@@ -134,12 +149,12 @@ def _watched(known: Known, made: Callable[..., Any], calls: dict[str, Call]) -> 
         begun = time.perf_counter()
         answer = made(*args, **kwargs)
         try:
-            bound = inspect.signature(known.owner if known.attribute == "__init__" else known.made).bind(
-                *kept[0], **kept[1]
-            )
+            bound = signature.bind(*kept[0], **kept[1])
         except (TypeError, ValueError):
             return answer
         calls.setdefault(known.name, Call(known, bound, time.perf_counter() - begun))
+        seen.call(bound)
+        seen.value(args[0] if known.attribute == "__init__" else answer)
         return answer
 
     vars(call)["unwatched"] = made
@@ -238,14 +253,10 @@ def answer(call: Call, changed: Mapping[str, Any]) -> tuple[str, Any]:
     """How it ended, "answered", "refused" or the name of a raw error; with the answer, or what was said."""
     known, arguments = call.known, call.arguments() | dict(changed)
     given = inspect.BoundArguments(call.bound.signature, {name: arguments[name] for name in call.bound.arguments})
-    made = known.owner if known.attribute == "__init__" and known.owner is not None else known.made
-    args, kwargs = given.args, given.kwargs
-    if isinstance(made, type):
-        args = args
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
-            found = getattr(made, "unwatched", made)(*args, **kwargs)
+            found = known.called(*given.args, **given.kwargs)
             if isinstance(found, Iterator):
                 found = [each for each, _ in zip(found, range(3), strict=False)]
     except PalpateError as problem:
@@ -349,14 +360,8 @@ def main(count: int, seed: int, first: int, folder: Path) -> None:
 
 def takes_numbers(known: Known) -> bool:
     """Whether any argument is annotated as an array."""
-    try:
-        parameters = inspect.signature(known.owner if known.attribute == "__init__" else known.made).parameters
-    except (TypeError, ValueError):
-        return False
-    return any(
-        any(word in str(each.annotation) for word in ("Array", "ndarray", "Vector", "Image"))
-        for each in parameters.values()
-    )
+    words = ("Array", "ndarray", "Vector", "Image")
+    return any(any(word in str(each.annotation) for word in words) for each in known.signature().parameters.values())
 
 
 if __name__ == "__main__":
