@@ -10,7 +10,9 @@ import runpy
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
+from evidence.call_more import more_calls
 from evidence.call_values import Seen, attempts
 from evidence.call_walk import ROOMS, Call, Known, answer, public, watch
 from evidence.row import ROOT
@@ -62,7 +64,7 @@ def made_calls(known: list[Known], folder: Path, *, small: bool) -> dict[str, Ca
 def _run(folder: Path, *, small: bool) -> None:
     from palpate.cli import main
 
-    failed = list[str]()
+    failed, made = list[str](), dict[str, dict[str, Any]]()
     here = Path.cwd()
     folder.mkdir(parents=True, exist_ok=True)
     os.chdir(folder)
@@ -70,7 +72,8 @@ def _run(folder: Path, *, small: bool) -> None:
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()) as said:
             for example in sorted((ROOT / "examples").glob("[0-9]*.py")):
                 if not small or example.name.startswith(EXAMPLES):
-                    runpy.run_path(str(example))
+                    made[example.name[:2]] = runpy.run_path(str(example))
+            more_calls(folder, made)
             for command in () if small else COMMANDS:
                 if main(command.split()) not in (0, 4):
                     failed.append(f"palpate {command}: {said.getvalue()[-300:]}")

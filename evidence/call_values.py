@@ -9,6 +9,7 @@ import typing
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from enum import Enum
+from functools import cache
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any
@@ -19,6 +20,9 @@ __all__ = ["Seen", "attempts"]
 
 LENGTH = 6  # of every named axis, which suits three-vectors in pairs and square matrices
 DEPTH = 3  # of values in values that were seen
+SINGLE = {"time", "row", "column", "frequency"}  # arguments that may be one number
+SIXES = {"wrench", "reading", "q", "vector"}
+THREES = {"positions", "normals", "points"}
 PLAIN = {float: 0.5, int: 2, bool: True, str: "a", bytes: b"a"}
 
 
@@ -33,9 +37,10 @@ class Seen:
         """Keep the arguments of a call."""
         for name, value in bound.arguments.items():
             annotation = str(bound.signature.parameters[name].annotation)
-            if not isinstance(value, Iterator):
-                self.given.setdefault((name, annotation), value)
-                self.given.setdefault(("", annotation), value)
+            if name == "self" or isinstance(value, Iterator):  # a constructor may not be done with it
+                continue
+            self.given.setdefault((name, annotation), value)
+            self.given.setdefault(("", annotation), value)
             self.value(value)
 
     def value(self, value: Any, depth: int = 0) -> None:
@@ -83,11 +88,15 @@ def attempts(called: Callable[..., Any], owner: type | None, seen: Seen) -> Iter
 def _value(
     name: str, parameter: inspect.Parameter, called: Callable[..., Any], seen: Seen, length: int, *, prefer: bool
 ) -> Any:
-    stated = str(parameter.annotation)
-    array = "np.ndarray" in stated
+    annotation: Any = parameter.annotation
+    if isinstance(annotation, typing.ForwardRef):  # of a NamedTuple
+        annotation = annotation.__forward_arg__
+    stated = str(annotation)
+    array = "np.ndarray" in stated or stated.startswith("ArrayLike")
+    if stated.startswith("ArrayLike") and not (prefer and (name, stated) in seen.given):
+        return _numbers(name, length)
     if (prefer or not array) and (name, stated) in seen.given:
         return seen.given[name, stated]
-    annotation: Any = parameter.annotation
     if isinstance(annotation, str):
         annotation = eval(annotation, _names(called))
     try:
@@ -96,20 +105,27 @@ def _value(
         return seen.given["", stated]
 
 
-def _names(called: Any) -> dict[str, Any]:
-    """What the annotations of a module may say, with what it imports for type checkers only."""
+@cache
+def _of_palpate() -> dict[str, Any]:
+    """Every class that is loaded, by its name."""
     import collections.abc
 
     import palpate
 
-    plain = called
-    while hasattr(plain, "__wrapped__"):
-        plain = plain.__wrapped__
     names = {**vars(typing), **vars(collections.abc), **{n: getattr(palpate, n) for n in palpate.__all__}}
     for module in [m for n, m in list(sys.modules.items()) if n.startswith("palpate") and m is not None]:
         for key, value in vars(module).items():
             if isinstance(value, type):
                 names.setdefault(key, value)
+    return names
+
+
+def _names(called: Any) -> dict[str, Any]:
+    """What the annotations of a module may say, with what it imports for type checkers only."""
+    names = _of_palpate()
+    plain = called
+    while hasattr(plain, "__wrapped__"):
+        plain = plain.__wrapped__
     return {**names, **vars(sys.modules[plain.__module__])}
 
 
@@ -147,9 +163,20 @@ def _made(name: str, annotation: Any, seen: Seen, length: int) -> Any:
             return None
         if annotation.__module__.startswith("palpate"):
             return seen.of(annotation)
-    if annotation is np.ndarray or "ArrayLike" in str(annotation) or "_NestedSequence" in str(annotation):
-        return np.array([0.1, 0.2, 0.3])
+    if annotation is np.ndarray:
+        return _numbers(name, length)
     raise LookupError(name)
+
+
+def _numbers(name: str, length: int) -> Any:
+    """Numbers of an annotation that says no shape."""
+    if name in SINGLE:
+        return 0.5
+    if name in THREES:
+        return np.random.default_rng(len(name)).normal(size=(length, 3))
+    if name in SIXES:
+        return 0.1 * np.arange(1.0, 7.0)
+    return np.array([0.1, 0.2, 0.3])
 
 
 def _array(name: str, annotation: Any, length: int) -> np.ndarray:

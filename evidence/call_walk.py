@@ -12,6 +12,7 @@ import importlib
 import inspect
 import json
 import pkgutil
+import signal
 import sys
 import time
 import warnings
@@ -28,11 +29,11 @@ from palpate.errors import PalpateError
 __all__ = ["ROOMS", "Call", "Known", "answer", "containers", "public", "same", "watch", "wrong"]
 
 ROOMS = ("spatial", "surfaces", "sensors", "contact", "control", "calibration", "evaluation", "io", "viewer")
-INNER = ROOMS[:-2]  # that open no file and draw nothing
 WRITTEN = {"out", "counts", "rows", "memory", "state"}  # written into: a copy in another container would be of no use
 LARGEST = 200_000  # numbers in the arguments of a call that is kept
 SLOW = 0.5  # s: a callable that takes longer gets a few calls only
 FEW = 4
+LONGEST = 30  # s: a call that takes longer is as bad as a raw error
 FEWEST = 2000  # calls, up to which those that annotations alone make are enough
 
 
@@ -154,7 +155,9 @@ def _watched(known: Known, made: Callable[..., Any], calls: dict[str, Call], see
             return answer
         calls.setdefault(known.name, Call(known, bound, time.perf_counter() - begun))
         seen.call(bound)
-        seen.value(args[0] if known.attribute == "__init__" else answer)
+        seen.value(answer)
+        if known.owner is not None and args:
+            seen.value(args[0])
         return answer
 
     vars(call)["unwatched"] = made
@@ -256,14 +259,19 @@ def answer(call: Call, changed: Mapping[str, Any]) -> tuple[str, Any]:
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
+            signal.alarm(LONGEST)
             found = known.called(*given.args, **given.kwargs)
             if isinstance(found, Iterator):
                 found = [each for each, _ in zip(found, range(3), strict=False)]
     except PalpateError as problem:
         return "refused", str(problem)
+    except TimeoutError:
+        return "endless", f"more than {LONGEST} s"
     except Exception as problem:
         where = _where(problem)
         return type(problem).__name__, f"{where}: {str(problem)[:160]}"
+    finally:
+        signal.alarm(0)
     return "answered", found if found is not None else arguments.get("self")
 
 
@@ -326,19 +334,20 @@ def _tried(
                 left -= 1
 
 
+def _endless(*_: Any) -> None:
+    raise TimeoutError
+
+
 def main(count: int, seed: int, first: int, folder: Path) -> None:
     """Make the calls from `first` on."""
+    signal.signal(signal.SIGALRM, _endless)
     out, sys.stdout = sys.stdout, sys.stderr  # what a call prints is no line of this
     from evidence.call_scenes import made_calls
-    from evidence.call_values import generated
 
-    every = [each for each in public(ROOMS if count > FEWEST else INNER) if takes_numbers(each)]
-    calls = generated(every, made_calls(every, folder) if count > FEWEST else {})
-    print(
-        json.dumps({"callables": len(every), "missing": sorted(e.name for e in every if e.name not in calls)}),
-        flush=True,
-        file=out,
-    )
+    known = [each for each in public(ROOMS) if takes_numbers(each)]
+    calls = made_calls(known, folder, small=count < FEWEST)
+    missing = sorted(each.name for each in known if each.name not in calls)
+    print(json.dumps({"callables": len(known), "missing": missing}), flush=True, file=out)
     listed = [calls[name] for name in sorted(calls)]
     for number, (call, kind, name, what, given) in enumerate(_tried(listed, count, np.random.default_rng(seed))):
         if number < first:

@@ -55,6 +55,7 @@ class RingFit(Value):
     covariance: Float[np.ndarray, "6 6"]
     focal_fitted: bool
 
+    @takes_arrays
     def __init__(self, view: RingView, order: np.ndarray, plane: np.ndarray, **rest: Any) -> None:
         order = np.array(order, dtype=np.int64)
         order.flags.writeable = False

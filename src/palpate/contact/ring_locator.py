@@ -61,6 +61,7 @@ class RingSettings:
             raise InputError("reach must be positive, speed and patience not negative.")
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class RingFound:
     """Contacts of frames, in the form of the compiled loops.

@@ -20,6 +20,7 @@ from palpate.errors import InputError
 from palpate.sensors.compensation import Compensation
 from palpate.sensors.recording import Recording
 from palpate.sensors.wrench_sensor import Tare
+from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.mesh import Mesh
 
 __all__ = ["AlignController"]
@@ -55,6 +56,7 @@ class AlignController:
             the estimator filters, and `Follow` would be late by what it does not know of.
     """
 
+    @takes_arrays
     def __init__(
         self,
         arm: Arm,

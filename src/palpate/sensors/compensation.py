@@ -19,6 +19,7 @@ from palpate.sensors.rest import at_rest
 from palpate.sensors.wrench_sensor import Placement, Tare, square_root
 from palpate.sensors.zero_filter import Free, ZeroState
 from palpate.spatial._arrays import shaped
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose, rotation_from_quaternion, skew
 from palpate.spatial.pose_track import sound_quaternions
 
@@ -146,6 +147,7 @@ class Compensation:
         if self._drifts:
             self.held[19] = self._aged(np.array([time], dtype=np.float64))[0, 0]
 
+    @takes_arrays
     def inputs(
         self, time: Float[np.ndarray, " n"], readings: Float[np.ndarray, "n 6"], beside: Mapping[str, np.ndarray]
     ) -> Float[np.ndarray, " _"]:
@@ -183,6 +185,7 @@ class Compensation:
         made = self._limits, self._load, self._zero, turned, self._mean, self._unsure
         return *made, placement.factor, placement.matrix, constant
 
+    @takes_arrays
     def place(
         self,
         measured: _Compensated,
@@ -273,6 +276,7 @@ class Compensation:
         readings = np.concatenate([channels[FORCE], channels[TORQUE]], axis=1)
         return self.kept_of(self.inputs(recording.time, readings, channels), len(recording))
 
+    @takes_arrays
     def kept_of(self, inputs: Float[np.ndarray, " _"], count: int) -> Float[np.ndarray, "n 19"]:
         """The same of live inputs."""
         if count == 1:
@@ -281,6 +285,7 @@ class Compensation:
         parts = [inputs[begin:end].reshape(count, -1) for begin, end in pairwise(widths.tolist())]
         return np.concatenate(parts, axis=1)
 
+    @takes_arrays
     def free(self, kept: Float[np.ndarray, "n 19"]) -> Free:
         """Readings less the stated payload; by how much they differ for a newton more of its weight."""
         readings = _kept(kept)
@@ -296,6 +301,7 @@ class Compensation:
             regressor[:, :3, 0], regressor[:, 3:, 0] = hangs, np.cross(self._stated[3:6], hangs)
         return Free(made.wrench, regressor, bool(np.any(made.status == SATURATED)))
 
+    @takes_arrays
     def window_noise(
         self, kept: Float[np.ndarray, "n 19"], usable: Bool[np.ndarray, " n"]
     ) -> tuple[Float[np.ndarray, "6 6"], Float[np.ndarray, "6 6"]]:
@@ -318,6 +324,7 @@ class Compensation:
         self._place(np.zeros((1, 6)), *parts, *rest)
         return self._left[count], spread[0]
 
+    @takes_arrays
     def as_wrench(
         self, change: Float[np.ndarray, "n 6"], covariance: Float[np.ndarray, "6 6"]
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "6 6"]]:

@@ -19,6 +19,7 @@ from palpate.sensors.recording import LARGEST, Recording
 from palpate.sensors.wrench_sensor import Placement, Tare
 from palpate.sensors.zero_filter import Free, ZeroState
 from palpate.spatial._arrays import shaped
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
 
 __all__ = ["START", "LoadCellArray"]
@@ -73,6 +74,7 @@ class LoadCellArray:
 
     channels = (VOLTAGE,)
 
+    @takes_arrays
     def __init__(
         self,
         cells: LoadCells,
@@ -166,6 +168,7 @@ class LoadCellArray:
         if self._live % LIVE == 0:
             self._keep(self.held[None])
 
+    @takes_arrays
     def inputs(
         self, time: Float[np.ndarray, " n"], readings: Float[np.ndarray, "n m"], beside: Mapping[str, np.ndarray]
     ) -> Float[np.ndarray, " _"]:
@@ -228,10 +231,12 @@ class LoadCellArray:
         """The voltages."""
         return self._voltages(recording)
 
+    @takes_arrays
     def kept_of(self, inputs: Float[np.ndarray, " _"], count: int) -> Float[np.ndarray, "n m"]:
         """The same of live inputs."""
         return inputs.reshape(count, -1).copy()
 
+    @takes_arrays
     def free(self, kept: Float[np.ndarray, "n m"]) -> Free:
         """The voltages, NaN in samples with a sound channel at its range or beyond sense."""
         sound: Bool[np.ndarray, "n m"] = np.abs(kept) <= LARGEST
@@ -241,6 +246,7 @@ class LoadCellArray:
         values = np.where(usable[:, None], np.where(sound, kept, self.zero.voltage), np.nan)
         return Free(values, np.zeros((*kept.shape, 0)), bool(full.any()))
 
+    @takes_arrays
     def window_noise(
         self, kept: Float[np.ndarray, "n m"], usable: Bool[np.ndarray, " n"]
     ) -> tuple[Float[np.ndarray, "m m"], Float[np.ndarray, "m m"]]:
@@ -248,6 +254,7 @@ class LoadCellArray:
         count = max(1.0, float(np.count_nonzero(usable)) / self.cells.correlation)
         return self.cells.noise / count, np.zeros_like(self.cells.noise)
 
+    @takes_arrays
     def as_wrench(
         self, change: Float[np.ndarray, "n m"], covariance: Float[np.ndarray, "m m"]
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "6 6"]]:

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable
 from functools import wraps
-from inspect import Parameter, isfunction, signature
+from inspect import Parameter, isfunction, signature, unwrap
 from types import NoneType, UnionType
-from typing import Any, NamedTuple, TypeVar, Union, cast, get_args, get_origin
+from typing import Any, ForwardRef, NamedTuple, TypeVar, Union, cast, get_args, get_origin
 
 import numpy as np
 
 from palpate.errors import InputError
 from palpate.spatial._arrays import shaped
 
-__all__ = ["takes_arrays"]
+__all__ = ["number", "takes_arrays"]
 
 _Made = TypeVar("_Made", bound=Callable[..., Any])
 _LARGEST = 2**62  # whole number
+_PUBLIC = ("__init__", "__call__")  # methods, for all their underscores; of a NamedTuple `__new__`, too
 _WRITTEN = {"out", "out_covariance", "out_total", "counts"}  # a copy of these arguments would be of no use
 _DTYPES = {"Float": np.dtype(np.float64), "Int": np.dtype(np.int64), "Bool": np.dtype(np.bool_)}
 
@@ -65,22 +67,22 @@ def takes_arrays(made: _Made) -> _Made:
     Raises:
         InputError: an argument has another shape, or is not of real numbers.
     """
-    return cast("_Made", _class(made) if isinstance(made, type) else _function(made))
+    return cast("_Made", _class(made) if isinstance(made, type) else _function(made, unwrap(made).__module__))
 
 
 def _class(made: type[Any]) -> type[Any]:
     for name, value in list(vars(made).items()):
-        if name.startswith("_") and name not in ("__init__", "__call__"):
+        if name.startswith("_") and name not in _PUBLIC and not (name == "__new__" and hasattr(made, "_fields")):
             continue
         if isinstance(value, classmethod | staticmethod):
             kind, plain = cast("Any", type(cast("Any", value))), cast("Any", value).__func__
-            setattr(made, name, kind(_function(plain)))
+            setattr(made, name, kind(_function(plain, made.__module__)))
         elif isfunction(value):
-            setattr(made, name, _function(value))
+            setattr(made, name, _function(value, made.__module__))
     return made
 
 
-def _function(function: Callable[..., Any]) -> Callable[..., Any]:
+def _function(function: Callable[..., Any], module: str) -> Callable[..., Any]:
     parameters = signature(function).parameters
     if not parameters.keys() - {"self", "cls"}:
         return function
@@ -92,7 +94,7 @@ def _function(function: Callable[..., Any]) -> Callable[..., Any]:
     def taking(*args: Any, **kwargs: Any) -> Any:
         nonlocal plan
         if plan is None:  # not earlier: annotations may name what its module defines later
-            plan = _plan(function)
+            plan = _plan(function, vars(sys.modules[module]))
             places.extend((place, plan[name]) for place, name in enumerate(names) if name in plan)
         sizes: dict[str, _Size] = {}
         given, count = list(args), len(args)
@@ -114,27 +116,30 @@ def _function(function: Callable[..., Any]) -> Callable[..., Any]:
     return taking
 
 
-def _plan(function: Callable[..., Any]) -> dict[str, _Wanted]:
+def _plan(function: Callable[..., Any], known: dict[str, Any]) -> dict[str, _Wanted]:
     """By name, what is wanted of the arguments that are arrays or numbers."""
     made: dict[str, _Wanted] = {}
     for name, parameter in signature(function).parameters.items():
         if name in _WRITTEN or parameter.kind in (Parameter.VAR_POSITIONAL, Parameter.VAR_KEYWORD):
             continue
-        stated = str(parameter.annotation)
+        annotation = parameter.annotation
+        if isinstance(annotation, ForwardRef):  # of a NamedTuple
+            annotation = annotation.__forward_arg__
+        stated = str(annotation)
         if stated.removesuffix(" | None") in ("ArrayLike", "np.ndarray"):
             wanted = _Wanted(name, stated.endswith("None"), (), None, (), any=True)
         else:
-            wanted = _wanted(name, _annotation(parameter.annotation, function))
+            wanted = _wanted(name, _annotation(annotation, known))
         if wanted is not None:
             made[name] = wanted
     return made
 
 
-def _annotation(annotation: Any, function: Callable[..., Any]) -> Any:
+def _annotation(annotation: Any, known: dict[str, Any]) -> Any:
     if not isinstance(annotation, str):
         return annotation
     try:
-        return eval(annotation, getattr(function, "__globals__", {}))
+        return eval(annotation, known)
     except (NameError, AttributeError, TypeError):  # a name that is imported for type checkers only
         return None
 
@@ -172,6 +177,11 @@ def _taken(wanted: _Wanted, value: Any, sizes: dict[str, _Size]) -> Any:
     if not _bound(array.shape, wanted, sizes):
         raise InputError(f"{wanted.name} must have shape {_said(wanted.axes, sizes)}, not {array.shape}.")
     return array
+
+
+def number(value: Any, name: str) -> float:
+    """Return one number of whatever class as a float; raise an InputError where it is none."""
+    return float(_number(value, _Wanted(name, False, (), None, ())))
 
 
 def _real(values: Any, name: str) -> np.ndarray:
