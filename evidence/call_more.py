@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,13 +9,15 @@ import numpy as np
 __all__ = ["more_calls"]
 
 
-def more_calls(folder: Path, made: dict[str, dict[str, Any]]) -> None:
-    """Make them, in a folder, with what examples made: their variables by the number of each."""
+def more_calls(made: dict[str, dict[str, Any]], *, small: bool) -> None:
+    """Make them, with what examples made: their variables by the number of each."""
     _poses_and_motion()
     _filters(np.random.default_rng(0))
     _surfaces()
+    if not small:
+        _compiled()
     _calibrations(np.random.default_rng(1))
-    _live(folder)
+    _live()
     _drawn()
     _estimators(made)
 
@@ -29,7 +30,7 @@ def _poses_and_motion() -> None:
     from palpate.control.stability import DelayedRobot
     from palpate.sensors.acceleration import kind_of_acceleration
     from palpate.spatial.live_track import LiveTrack
-    from palpate.surfaces import Mesh, Sphere
+    from palpate.surfaces import Sphere
 
     time, still = np.arange(20) * 0.01, np.tile([0.0, 0.0, 0.0, 1.0], (20, 1))
     track = LiveTrack()
@@ -52,24 +53,24 @@ def _filters(rng: np.random.Generator) -> None:
     from palpate.sensors.spectrum import spectrum
 
     time = np.arange(400) * 0.01
-    Kalman().gain(np.array([1.0, 5.0]), 100.0)
-    Kalman().delay(np.array([1.0, 5.0]), 100.0)
+    kalman = Kalman()
+    kalman.gain(np.array([1.0, 5.0]), 100.0)
+    kalman.delay(np.array([1.0, 5.0]), 100.0)
     BothWays(Butterworth(10.0).recursion(100.0), 100.0).push(time, np.full(400, -1, np.int8), rng.normal(size=(400, 6)))
     spectrum(time, rng.normal(size=(400, 3)))
+
+
+def _compiled() -> None:
+    from palpate.surfaces.implicit import superquadric
+
+    superquadric((0.03, 0.02, 0.01), (0.7, 0.7)).evaluate(np.full((4, 3), 0.01))  # numba compiles it for seconds
 
 
 def _surfaces() -> None:
     from palpate.contact.iterative import fit_paraboloid, locate_iteratively
     from palpate.contact.locate import Locator
-    from palpate.contact.locating_threads import LocatingThreads
-    from palpate.sensors.wrench_sensor import Placement
-    from palpate.contact.zero_gate import ContactShape
-    from palpate.sensors.recording import Recording
-    from palpate.spatial.pose import Pose
-    from palpate.surfaces import Mesh, Sphere
-    from palpate.surfaces.implicit import superquadric
+    from palpate.surfaces import Sphere
 
-    superquadric((0.03, 0.02, 0.01), (0.7, 0.7)).evaluate(np.full((4, 3), 0.01))
     mesh = Sphere(0.02).mesh(5000)
     fitted = fit_paraboloid(mesh, (0.0, 0.0, 0.02), 4e-3)
     wrench = np.array([0.0, 0.0, -2.0, 0.0, 0.0, 0.0])
@@ -77,10 +78,6 @@ def _surfaces() -> None:
     locator = Locator(mesh, noise=np.repeat([0.02, 0.001], 3))
     free = np.full(4, -1, np.int8)
     locator.first_free(np.tile(wrench, (4, 1)), None, free)
-    ContactShape(locator, Placement(Pose.identity()))(wrench, 1e-4 * np.eye(6))
-    with LocatingThreads(locator, 1) as threads:
-        threads.put(Recording(np.zeros(4), {}), np.tile(wrench, (4, 1)), None, free)
-        threads.finish()
 
 
 def _calibrations(rng: np.random.Generator) -> None:
@@ -90,6 +87,7 @@ def _calibrations(rng: np.random.Generator) -> None:
     from palpate.calibration.skin_map.layout import Sheet
     from palpate.calibration.skin_map.sheet import fit_stretch, map_skin
     from palpate.sensors.fisheye import Fisheye
+    from palpate.sensors.pokes import Pokes
     from palpate.spatial.pose import Pose
     from palpate.surfaces import Mesh
 
@@ -97,6 +95,9 @@ def _calibrations(rng: np.random.Generator) -> None:
     walk = np.cumsum(rng.normal(0.0, 1e-3, (len(time), 2)), axis=0)
     fit = identify_drift(time, walk + rng.normal(0.0, 0.01, walk.shape))
     fit.spread(np.array([True, False, True]))
+    pushed, turns = rng.normal(size=(10, 6)), np.tile(np.eye(3), (10, 1, 1))
+    made = Pokes.from_table(pushed, turns, np.zeros((10, 3)), np.zeros(10), rng.normal(size=(10, 4)), noise=np.ones(6))
+    made.picked(np.arange(10) < 5)
     force, layer = rng.uniform(0.1, 8.0, 200), np.arange(200) % 2
     reading = 1024.0 * (1.0 - 10.0 / (34.0 / force + np.array([0.5, 1.6])[layer]))
     identify_resistive(force, reading, scale=1024.0, reference=np.full(200, 10.0), layer=layer, floor=20.0)
@@ -107,89 +108,74 @@ def _calibrations(rng: np.random.Generator) -> None:
     poses = [Pose.from_rotation_vector(*each) for each in zip(turns, places, strict=True)]
     fit_lens([lens.project(pose.apply(board)) for pose in poses], (9, 6), 0.01, (640, 480))
     flat = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.1, 0.1, 0.0], [0.0, 0.1, 0.0]])
-    mesh, faces = Mesh.from_arrays(flat, np.array([[0, 1, 2], [0, 2, 3]])), {"origin": (0.01, 0.01, 0.0)}
-    laid = {**faces, "heading": (1, 0, 0)}
+    mesh = Mesh.from_arrays(flat, np.array([[0, 1, 2], [0, 2, 3]]))
+    laid: dict[str, Any] = {"origin": (0.01, 0.01, 0.0), "heading": (1, 0, 0)}
     truth = map_skin(mesh, Sheet(3, 4, (0.01, 0.01), stretch=(1.05, 1.1)), **laid)
     known = {cell: truth.centres[cell] for cell in ((0, 3), (2, 2), (2, 3))}
     fit_stretch(mesh, Sheet(3, 4, (0.01, 0.01)), known, **laid)
 
 
-def _live(folder: Path) -> None:
-    from palpate.contact.estimate import ROW
-    from palpate.io.live.cobs import CobsFrames, encoded
-    from palpate.io.live.lines import LineFrames, printed
+def _live() -> None:
+    from palpate.io.live.cobs import encoded
+    from palpate.io.live.lines import printed
     from palpate.io.live.netft_status import status_word
     from palpate.io.live.poses import LivePoses
-    from palpate.io.live.record_messages import RecordMessages, record_topics
-    from palpate.io.live.record_file import RecordFile
-    from palpate.io.live.ring import Form, Ring, latencies
     from palpate.io.live.ros_messages import image_message
-    from palpate.io.live.sequence import Sequence
-    from palpate.io.live.source import Batch
     from palpate.io.rig.guess_time import TimeGuess
 
     numbers = np.arange(12.0).reshape(2, 6)
-    for frames, sent in ((CobsFrames(6), encoded(numbers, 1, "f8")[0]), (LineFrames(6, None), printed(numbers, 1)[0])):
-        frames.feed(sent)
-        frames.take(np.zeros((4, 6)), np.zeros(4, np.int64))
+    encoded(numbers, 1, "f8")
+    printed(numbers, 1)
     status_word("Net F/T").bad(np.array([0, 1 << 31]))
     LivePoses(None).at(np.array([0, 10**9]))
     image_message(0, "camera", np.zeros((4, 5, 3), np.uint8))
-    Sequence().follow([1, 2], [1, 2], [0, 1], np.zeros(2, np.int64))
     TimeGuess("time", "").judged(np.arange(50) * 0.01)
-    form = Form("force_torque", (6,), False, (), ROW.length, 1)
-    ring = Ring.make(folder / "ring", form, 1 << 20)
-    batch = Batch((6,), 8)
-    batch.stamp[:] = np.arange(8) + 1
-    ring.take_in(batch, 8, np.zeros(8))
-    ring.answer(np.zeros((8, ROW.length)), np.ones(8, np.int64))
-    slots, _ = ring.read(0, 8)
-    latencies(slots)
-    form.contacts(slots)
-    records, messages = RecordMessages(form).of(slots, 0)
-    RecordFile(folder / "record.mcap", record_topics(form), 0).append(records, messages)
 
 
 def _drawn() -> None:
-    from palpate.sensors.markers import opencv
     from palpate.viewer.arena import Trails
-    from palpate.viewer.ink import Ink
 
     Trails(2).add(np.zeros((2, 3)))
-    ink, picture, red = Ink(opencv()), np.zeros((40, 50, 3), np.uint8), (255, 0, 0)
-    corners = np.array([[1.0, 1.0], [30.0, 1.0], [20.0, 30.0]])
-    ink.area(picture, corners, red)
-    ink.loop(picture, corners, red, 1)
-    ink.line(picture, corners, red, 1)
-    ink.disc(picture, corners[0], 3.0, red)
-    ink.ring(picture, corners[0], 3.0, red, 1)
-    ink.arrow(picture, corners[:2], red)
-    ink.text(picture, "word", (3, 3), 0.5, red)
-    ink.middle(picture, "word", corners[0], 0.5, red)
-    ink.shrunk(picture, (20, 20))
 
 
 def _estimators(made: dict[str, dict[str, Any]]) -> None:
+    """One live sample, and some in a row, of the estimators of the examples that were run."""
+    from palpate.contact.frames import in_base
+    from palpate.sensors.markers import find_colour
+
     for number, name in (("09", "estimator"), ("06", "fingertip"), ("07", "skin"), ("08", "estimator")):
         if number not in made:
             continue
-        estimator, log = made[number][name], made[number].get("log")
-        log = made[number]["session"].frames if number == "07" else made[number]["images"] if number == "08" else log
-        (channel,) = [each for each in estimator.channels if each in log.channels][:1]
-        readings = log.wrenches() if number == "09" else log.channels[channel]
-        beside = {"orientation": log.channels["orientation"][:5]} if number == "09" else {}
-        turns = [made["09"]["rotations"][0]] if number == "09" else []
-        rows = estimator.empty(1, *(() if number in ("06", "09") else ()))
-        estimator.run_into(log.time[:5], readings[:5], estimator.empty(5 * estimator.most), np.zeros(5, np.int64), beside)
-        estimator.update(float(log.time[5]), readings[5], *turns)
-        estimator.update_into(float(log.time[6]), readings[6], rows if estimator.most == 1 else estimator.empty(), *turns)
-        next(iter(estimator.pairs([log.picked(log.time < log.time[5])])))
+        there, turns = made[number], list[Any]()
+        estimator, log = (
+            there[name],
+            there.get("log") or (there["images"] if number == "08" else there["session"].frames),
+        )
+        readings = next(
+            (log.channels[each] for each in estimator.channels if each in log.channels and number != "09"), None
+        )
+        if readings is None:
+            readings, turns = log.wrenches(), [there["rotations"][0]]
+        beside = {name: log.channels[name][:5] for name in ("orientation",) if name in log.channels}
+        time, room, few = log.time.tolist(), estimator.empty(5 * estimator.most), 2 if number == "08" else 5
+        estimator.run_into(log.time[:few], readings[:few], room, np.zeros(few, np.int64), beside)
+        estimator.update(time[5], readings[5], *turns)
+        estimator.update_into(time[6], readings[6], estimator.empty(), *turns)
+        estimator.pairs([log.picked(log.time < time[5])])
         if number == "06":
+            _voltages(estimator.sensor, log, readings)
+        if number == "08":
+            find_colour(log.channels["image"][0], 24)
+        if number == "09":
             sensor = estimator.sensor
-            sensor.single(float(log.time[7]), readings[7])
-            sensor.hold(float(log.time[8]), readings[8], None, None)
-            kept = sensor.kept(log.picked(log.time < log.time[5]))
-            inputs = sensor.inputs(log.time[:5], readings[:5], {})
-            sensor.kept_of(inputs, 5)
-            sensor.free(kept)
-            sensor.as_wrench(kept, np.eye(kept.shape[1]))
+            sensor.kept_of(sensor.inputs(log.time[:5], readings[:5], beside), 5)
+            one = estimator.run(log.picked(log.time < time[5]))
+            in_base(one.estimate, beside["orientation"], np.zeros((5, 3)), estimator.mount)
+
+
+def _voltages(sensor: Any, log: Any, readings: np.ndarray) -> None:
+    sensor.single(float(log.time[7]), readings[7])
+    sensor.hold(float(log.time[8]), readings[8], None, None)
+    kept = sensor.kept_of(sensor.inputs(log.time[:5], readings[:5], {}), 5)
+    sensor.free(kept)
+    sensor.as_wrench(kept, np.eye(kept.shape[1]))

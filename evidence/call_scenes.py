@@ -73,7 +73,7 @@ def _run(folder: Path, *, small: bool) -> None:
             for example in sorted((ROOT / "examples").glob("[0-9]*.py")):
                 if not small or example.name.startswith(EXAMPLES):
                     made[example.name[:2]] = runpy.run_path(str(example))
-            more_calls(folder, made)
+            more_calls(made, small=small)
             for command in () if small else COMMANDS:
                 if main(command.split()) not in (0, 4):
                     failed.append(f"palpate {command}: {said.getvalue()[-300:]}")

@@ -12,6 +12,7 @@ import importlib
 import inspect
 import json
 import pkgutil
+import re
 import signal
 import sys
 import time
@@ -29,8 +30,9 @@ from palpate.errors import PalpateError
 __all__ = ["ROOMS", "Call", "Known", "answer", "containers", "public", "same", "watch", "wrong"]
 
 ROOMS = ("spatial", "surfaces", "sensors", "contact", "control", "calibration", "evaluation", "io", "viewer")
+ARRAYS = re.compile(r"\b(ArrayLike|ndarray|Vector|Image)\b")
 WRITTEN = {"out", "counts", "rows", "memory", "state"}  # written into: a copy in another container would be of no use
-LARGEST = 200_000  # numbers in the arguments of a call that is kept
+LARGEST = 2_000_000  # bytes in the arguments of a call that is kept
 SLOW = 0.5  # s: a callable that takes longer gets a few calls only
 FEW = 4
 LONGEST = 30  # s: a call that takes longer is as bad as a raw error
@@ -45,6 +47,11 @@ class Known:
     made: Callable[..., Any]
     owner: type | None = None
     attribute: str = ""
+
+    @property
+    def short(self) -> str:
+        """The name without that of the package."""
+        return self.name.removeprefix("palpate.")
 
     @property
     def called(self) -> Any:
@@ -166,7 +173,7 @@ def _watched(known: Known, made: Callable[..., Any], calls: dict[str, Call], see
 
 def _size(value: Any) -> int:
     if isinstance(value, np.ndarray):
-        return value.size
+        return value.nbytes
     if isinstance(value, tuple | list):
         return sum(map(_size, value))
     return sum(map(_size, value.values())) if isinstance(value, Mapping) else 0
@@ -233,9 +240,11 @@ def containers(value: np.ndarray) -> dict[str, tuple[Any, np.ndarray]]:
     plain = value.astype(np.float64) if value.dtype.kind == "f" else value
     locked, strided = plain.copy(), np.repeat(plain, 2, axis=-1)[..., ::2] if plain.ndim else plain
     locked.flags.writeable = False
-    made = {"a list": plain.tolist(), "read-only": locked, "strided": strided, "by columns": np.asfortranarray(plain)}
+    made: dict[str, Any] = {"read-only": locked, "strided": strided, "by columns": np.asfortranarray(plain)}
     made |= {"of another class": _Own(plain)}
-    if plain.ndim:
+    if plain.size or plain.ndim == 1:  # a list of nothing has no other axes
+        made["a list"] = plain.tolist()
+    if plain.ndim and "a list" in made:
         made["a tuple"] = tuple(plain.tolist())
     if plain.ndim == 1 and plain.size:
         made["a Series"] = pl.Series(plain)
@@ -342,12 +351,14 @@ def main(count: int, seed: int, first: int, folder: Path) -> None:
     """Make the calls from `first` on."""
     signal.signal(signal.SIGALRM, _endless)
     out, sys.stdout = sys.stdout, sys.stderr  # what a call prints is no line of this
+    from evidence.call_names import LATER
     from evidence.call_scenes import made_calls
 
-    known = [each for each in public(ROOMS) if takes_numbers(each)]
-    calls = made_calls(known, folder, small=count < FEWEST)
-    missing = sorted(each.name for each in known if each.name not in calls)
-    print(json.dumps({"callables": len(known), "missing": missing}), flush=True, file=out)
+    known, small = [each for each in public(ROOMS) if takes_numbers(each)], count < FEWEST
+    calls = made_calls([each for each in known if not (small and each.short in LATER)], folder, small=small)
+    names = [each.name for each in known]
+    missing = [name for name in names if name not in calls]
+    print(json.dumps({"callables": names, "missing": missing}), flush=True, file=out)
     listed = [calls[name] for name in sorted(calls)]
     for number, (call, kind, name, what, given) in enumerate(_tried(listed, count, np.random.default_rng(seed))):
         if number < first:
@@ -369,8 +380,7 @@ def main(count: int, seed: int, first: int, folder: Path) -> None:
 
 def takes_numbers(known: Known) -> bool:
     """Whether any argument is annotated as an array."""
-    words = ("Array", "ndarray", "Vector", "Image")
-    return any(any(word in str(each.annotation) for word in words) for each in known.signature().parameters.values())
+    return any(ARRAYS.search(str(each.annotation)) for each in known.signature().parameters.values())
 
 
 if __name__ == "__main__":

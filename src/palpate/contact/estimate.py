@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.errors import InputError
-from palpate.spatial._arrays import Value, shaped
+from palpate.spatial._arrays import FLOAT, INT64, Value, shaped
 
 if TYPE_CHECKING:
     from palpate.surfaces.drawing import Drawing
@@ -93,6 +93,10 @@ class ContactEstimate(Value):
     status: Any  # int8 array or Status: no type checker knows the batch
 
     def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            dtype = INT64 if name == "candidates" else FLOAT
+            if name != "status" and (type(value) is not np.ndarray or value.dtype != dtype):
+                object.__setattr__(self, name, shaped(value, (...,), name, dtype))
         if not self.batch:
             object.__setattr__(self, "status", Status(int(self.status)))
         elif self.status.shape != self.batch or self.status.dtype != np.int8:

@@ -9,6 +9,7 @@ from palpate.control.law import Sensed
 from palpate.control.motion_bank import MotionBank
 from palpate.control.probe_face import ProbeFace
 from palpate.errors import InputError
+from palpate.spatial._arrays import require_out
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Follow"]
@@ -114,6 +115,7 @@ class Follow:
         K is the stiffest to be expected at first, then what force over travel says so far; a round body is up to three
         times stiffer than that where it stands.
         """
+        require_out(out, (6,))
         out[:] = 0.0
         travel = float((seen.tip - self._origin) @ self._axes[:, 2])
         secant = 3.0 * max(self._pressing, self._touch) / max(travel, 1e-4)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
 from palpate.spatial._arrays import shaped
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import number, takes_arrays
 
 __all__ = ["MotionBank"]
 
@@ -95,6 +95,8 @@ class MotionBank:
     def update(self, step: float, readings: Float[np.ndarray, " c"], variances: Float[np.ndarray, " c"]) -> None:
         """Over a step [s] of time, then by one reading of each series; NaN: none of that series."""
         shape = self.sizes.shape
+        if type(step) is not float:
+            step = number(step, "step")
         readings, variances = shaped(readings, shape, "readings"), shaped(variances, shape, "variances")
         self._advance(readings, variances, step, self._densities, self._rates, self._filters, self._mixed)
 

@@ -46,7 +46,7 @@ class _Weighed(NamedTuple):
     def of(cls, time: Float[np.ndarray, " n"], slow: float) -> _Weighed:
         """To be filled."""
         n = len(time)
-        return cls(time, np.empty((n, 6)), np.empty(n, np.int8), np.empty(n, np.int64), np.empty((n, 6, 6)), slow)
+        return cls(time, np.empty((n, 6)), np.empty(n, np.int8), np.zeros(n, np.int64), np.zeros((n, 6, 6)), slow)
 
 
 class LoadCellArray:
@@ -190,6 +190,7 @@ class LoadCellArray:
         slow = np.array([self._slow])
         return *made, slow, *self._seen_from(placement), placement.factor, placement.matrix
 
+    @takes_arrays
     def place(
         self,
         measured: _Weighed,

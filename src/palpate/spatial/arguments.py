@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import sys
 from collections.abc import Callable
 from functools import wraps
@@ -20,7 +21,11 @@ __all__ = ["number", "takes_arrays"]
 _Made = TypeVar("_Made", bound=Callable[..., Any])
 _LARGEST = 2**62  # whole number
 _PUBLIC = ("__init__", "__call__")  # methods, for all their underscores; of a NamedTuple `__new__`, too
-_WRITTEN = {"out", "out_covariance", "out_total", "counts"}  # a copy of these arguments would be of no use
+_WRITTEN = {"out", "out_covariance", "out_total"}  # a copy of these arguments would be of no use
+_MISFITS = re.compile(  # NumPy's words, and LAPACK's
+    "broadcast|mismatch|did not match|reshape|out.of.bounds|out of range|cannot assign|same length|same first dimension"
+    "|not finite|Singular matrix|positive definite|did not converge"
+)
 _DTYPES = {"Float": np.dtype(np.float64), "Int": np.dtype(np.int64), "Bool": np.dtype(np.bool_)}
 
 
@@ -42,6 +47,7 @@ class _Wanted(NamedTuple):
         axes: of an array, as jaxtyping writes them.
         whole: of a number: it must be.
         any: any array of real numbers, which the function makes one of its own from.
+        parts: of a tuple of numbers: of each, whether it must be whole.
     """
 
     name: str
@@ -51,6 +57,7 @@ class _Wanted(NamedTuple):
     axes: tuple[str, ...]
     whole: bool = False
     any: bool = False
+    parts: tuple[bool, ...] = ()
 
 
 def takes_arrays(made: _Made) -> _Made:
@@ -119,8 +126,10 @@ def _function(function: Callable[..., Any], module: str) -> Callable[..., Any]:
 def _plan(function: Callable[..., Any], known: dict[str, Any]) -> dict[str, _Wanted]:
     """By name, what is wanted of the arguments that are arrays or numbers."""
     made: dict[str, _Wanted] = {}
-    for name, parameter in signature(function).parameters.items():
-        if name in _WRITTEN or parameter.kind in (Parameter.VAR_POSITIONAL, Parameter.VAR_KEYWORD):
+    parameters = signature(function).parameters
+    written = _WRITTEN | {"counts"} if "out" in parameters else _WRITTEN
+    for name, parameter in parameters.items():
+        if name in written or parameter.kind in (Parameter.VAR_POSITIONAL, Parameter.VAR_KEYWORD):
             continue
         annotation = parameter.annotation
         if isinstance(annotation, ForwardRef):  # of a NamedTuple
@@ -150,6 +159,9 @@ def _wanted(name: str, annotation: Any) -> _Wanted | None:
     kinds = [option for option in options if option in (float, int)]
     others = tuple(option for option in options if isinstance(option, type) and option not in (*arrays, *kinds))
     optional = NoneType in others
+    tuples = [get_args(option) for option in options if get_origin(option) is tuple]
+    if len(tuples) == 1 and len(tuples) + optional == len(options) and set(tuples[0]) <= {int, float}:
+        return _Wanted(name, optional, (), None, (), parts=tuple(part is int for part in tuples[0]))
     if len(arrays) + bool(kinds) != 1 or len(others) + len(arrays) + len(kinds) != len(options):
         return None  # none of both, or what cannot be told from its class
     others = tuple(other for other in others if other is not NoneType)
@@ -165,6 +177,8 @@ def _taken(wanted: _Wanted, value: Any, sizes: dict[str, _Size]) -> Any:
     """An argument as the function takes it."""
     if (value is None and wanted.optional) or isinstance(value, wanted.others):
         return value
+    if wanted.parts:
+        return _tuple(wanted, value)
     if wanted.any:
         real = type(value) is np.ndarray and value.dtype.kind in "biuf"
         return value if real else _real(value, wanted.name)
@@ -182,6 +196,14 @@ def _taken(wanted: _Wanted, value: Any, sizes: dict[str, _Size]) -> Any:
 def number(value: Any, name: str) -> float:
     """Return one number of whatever class as a float; raise an InputError where it is none."""
     return float(_number(value, _Wanted(name, False, (), None, ())))
+
+
+def _tuple(wanted: _Wanted, values: Any) -> tuple[Any, ...]:
+    """So many numbers, of whatever container."""
+    array = shaped(values, (len(wanted.parts),), wanted.name)
+    named = [f"{wanted.name}[{place}]" for place in range(len(array))]
+    kinds = [_Wanted(name, False, (), None, (), whole) for name, whole in zip(named, wanted.parts, strict=True)]
+    return tuple(_number(value, kind) for value, kind in zip(array.tolist(), kinds, strict=True))
 
 
 def _real(values: Any, name: str) -> np.ndarray:
@@ -264,4 +286,12 @@ def _unusable(given: dict[str, Any], plan: dict[str, _Wanted], problem: Exceptio
             return f"{name} must be finite, not {value}."
         elif isinstance(problem, ZeroDivisionError) and isinstance(value, float | int) and value == 0:
             return f"{name} must not be zero."
+    if _MISFITS.search(str(problem)):
+        shapes = [f"{name} {cast('np.ndarray', given[name]).shape}" for name in plan if _is_array(given.get(name))]
+        numbers = [f"{name} {given[name]}" for name in plan if isinstance(given.get(name), float | int | tuple)]
+        return f"{', '.join(shapes + numbers)} cannot be computed with: {problem}." if shapes + numbers else ""
     return ""
+
+
+def _is_array(value: Any) -> bool:
+    return isinstance(value, np.ndarray)

@@ -89,6 +89,7 @@ def array_message(values: np.ndarray, names: Sequence[str] = ("rows", "columns")
     return message.align(8).raw(np.ascontiguousarray(values, dtype="<f8").tobytes()).done()
 
 
+@takes_arrays
 def image_message(stamp: int, frame_id: str, image: np.ndarray) -> bytes:
     """An Image: (height, width, 3) uint8 blue, green, red as bgr8; (height, width) uint8 as mono8."""
     height, width = image.shape[:2]
