@@ -1,4 +1,4 @@
-"""Valid calls of what neither the examples nor the commands call, and whose arguments are none that annotations make."""
+"""Valid calls of what neither the examples nor the commands call, with arguments that annotations do not make."""
 
 from __future__ import annotations
 
@@ -96,7 +96,9 @@ def _calibrations(rng: np.random.Generator) -> None:
     fit = identify_drift(time, walk + rng.normal(0.0, 0.01, walk.shape))
     fit.spread(np.array([True, False, True]))
     pushed, turns = rng.normal(size=(10, 6)), np.tile(np.eye(3), (10, 1, 1))
-    made = Pokes.from_table(pushed, turns, np.zeros((10, 3)), np.zeros(10), rng.normal(size=(10, 4)), noise=np.ones(6))
+    made = Pokes.from_table(
+        pushed, turns, np.zeros((10, 3)), np.zeros(10, np.int64), rng.normal(size=(10, 4)), noise=np.eye(6)
+    )
     made.picked(np.arange(10) < 5)
     force, layer = rng.uniform(0.1, 8.0, 200), np.arange(200) % 2
     reading = 1024.0 * (1.0 - 10.0 / (34.0 / force + np.array([0.5, 1.6])[layer]))
