@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["more_calls"]
+from evidence.call_values import Seen
+
+__all__ = ["fused_calls", "more_calls"]
 
 
 def more_calls(made: dict[str, dict[str, Any]], *, small: bool) -> None:
@@ -181,3 +183,20 @@ def _voltages(sensor: Any, log: Any, readings: np.ndarray) -> None:
     kept = sensor.kept_of(sensor.inputs(log.time[:5], readings[:5], {}), 5)
     sensor.free(kept)
     sensor.as_wrench(kept, np.eye(kept.shape[1]))
+
+
+def fused_calls(seen: Seen) -> None:
+    """Samples of the estimator of a skin and a force/torque sensor, and of its locator, as the commands left them."""
+    from palpate.contact.fused import FusedLocator
+    from palpate.contact.fused_estimator import FusedEstimator
+
+    estimator, locator, turn = seen.of(FusedEstimator), seen.of(FusedLocator), np.eye(3)
+    width = 6 + len(estimator.taxels.body)
+    estimator.update(1e4, np.zeros(width), turn)
+    estimator.update_into(1e4 + 0.1, np.zeros(width), estimator.empty(), turn)
+    beside = {"orientation": np.tile([0.0, 0.0, 0.0, 1.0], (2, 1))}
+    time = 1e4 + np.array([0.2, 0.3])
+    estimator.run_into(time, np.zeros((2, width)), estimator.empty(2 * estimator.most), np.zeros(2, np.int64), beside)
+    contacts = locator.rows(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]), np.ones(1), np.ones(1), np.ones(1))
+    out, covariance, total = np.empty((1, 5)), np.empty((3, 3)), np.empty(16)
+    locator.fuse_into(contacts, np.array([0.0, 0.0, -1.0, 0.0, 0.0, 0.0]), np.eye(6), out, covariance, total)

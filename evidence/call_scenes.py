@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from evidence.call_more import more_calls
+from evidence.call_more import fused_calls, more_calls
 from evidence.call_values import Seen, attempts
 from evidence.call_walk import ROOMS, Call, Known, answer, public, watch
 from evidence.row import ROOT
@@ -51,9 +51,14 @@ CHEAP = (3, 8)  # commands
 
 def made_calls(known: list[Known], folder: Path, *, small: bool) -> dict[str, Call]:
     """One valid call of each that can be called: as examples and commands call it, or with values seen there."""
+    from palpate.io import poke_files
+
     seen = Seen()
     calls = watch(public(ROOMS), seen)
     _run(folder, small=small)
+    if not small:
+        fused_calls(seen)
+        poke_files.read_pokes(folder / "pokes" / "pokes.mcap")
     for _ in range(ROUNDS):
         for each in known:
             if each.name not in calls:

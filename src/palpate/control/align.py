@@ -21,7 +21,7 @@ from palpate.sensors.compensation import Compensation
 from palpate.sensors.recording import Recording
 from palpate.sensors.wrench_sensor import Tare
 from palpate.spatial._arrays import shaped
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import number, takes_arrays
 from palpate.surfaces.mesh import Mesh
 
 __all__ = ["AlignController"]
@@ -180,6 +180,8 @@ class AlignController:
         Raises:
             InputError: joints of another number than the arm's.
         """
+        if type(time) is not float:
+            time = number(time, "time")
         feedback = self._feedback
         feedback[:] = shaped(joints, feedback.shape, "joints")
         if self._time == -np.inf:

@@ -131,6 +131,7 @@ class Follow:
         out: Float[np.ndarray, " 6"],
     ) -> None:
         """To where the surface will be when the command is met: tip on it, axis against it, no spin."""
+        require_out(out, (6,))
         behind = float(SMOOTHING[0]) - 0.5 * period  # a command is already led there over the period that it begins
         values, rates = self.bank.predict(time - self._time + self.late + behind)
         values[2] -= (SMOOTHING[0] - SMOOTHING[2]) * rates[2]

@@ -24,7 +24,7 @@ _PUBLIC = ("__init__", "__call__")  # methods, for all their underscores; of a N
 _WRITTEN = {"out", "out_covariance", "out_total"}  # a copy of these arguments would be of no use
 _MISFITS = re.compile(  # NumPy's words, and LAPACK's
     "broadcast|mismatch|did not match|reshape|out.of.bounds|out of range|cannot assign|same length|same first dimension"
-    "|not finite|Singular matrix|positive definite|did not converge"
+    "|not finite|invalid entry|Singular matrix|positive definite|did not converge"
 )
 _DTYPES = {"Float": np.dtype(np.float64), "Int": np.dtype(np.int64), "Bool": np.dtype(np.bool_)}
 
@@ -162,6 +162,8 @@ def _wanted(name: str, annotation: Any) -> _Wanted | None:
     tuples = [get_args(option) for option in options if get_origin(option) is tuple]
     if len(tuples) == 1 and len(tuples) + optional == len(options) and set(tuples[0]) <= {int, float}:
         return _Wanted(name, optional, (), None, (), parts=tuple(part is int for part in tuples[0]))
+    if len(arrays) > 1 and len(arrays) + optional == len(options):  # of several types
+        return _Wanted(name, optional, (), None, (), any=True)
     if len(arrays) + bool(kinds) != 1 or len(others) + len(arrays) + len(kinds) != len(options):
         return None  # none of both, or what cannot be told from its class
     others = tuple(other for other in others if other is not NoneType)
@@ -180,7 +182,7 @@ def _taken(wanted: _Wanted, value: Any, sizes: dict[str, _Size]) -> Any:
     if wanted.parts:
         return _tuple(wanted, value)
     if wanted.any:
-        real = type(value) is np.ndarray and value.dtype.kind in "biuf"
+        real = type(value) is np.ndarray and value.dtype.kind in "biuf" and value.flags.c_contiguous
         return value if real else _real(value, wanted.name)
     if wanted.dtype is None:
         plain = type(value) is int and -_LARGEST < value < _LARGEST if wanted.whole else type(value) is float
@@ -209,7 +211,7 @@ def _tuple(wanted: _Wanted, values: Any) -> tuple[Any, ...]:
 def _real(values: Any, name: str) -> np.ndarray:
     """An array of real numbers, of the type that they have."""
     try:
-        array = np.asarray(values)
+        array = np.asarray(values, order="C")
     except (ValueError, TypeError):  # lists of different lengths, for one
         array = np.array([None])
     return array if array.dtype.kind in "biuf" else shaped(values, (...,), name)
