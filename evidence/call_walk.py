@@ -12,6 +12,8 @@ import importlib
 import inspect
 import json
 import pkgutil
+import re
+import signal
 import sys
 import time
 import warnings
@@ -22,16 +24,18 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from evidence.call_values import Seen
 from palpate.errors import PalpateError
 
 __all__ = ["ROOMS", "Call", "Known", "answer", "containers", "public", "same", "watch", "wrong"]
 
 ROOMS = ("spatial", "surfaces", "sensors", "contact", "control", "calibration", "evaluation", "io", "viewer")
-INNER = ROOMS[:-2]  # that open no file and draw nothing
+ARRAYS = re.compile(r"\b(ArrayLike|ndarray|Vector|Image)\b")
 WRITTEN = {"out", "counts", "rows", "memory", "state"}  # written into: a copy in another container would be of no use
-LARGEST = 200_000  # numbers in the arguments of a call that is kept
+LARGEST = 2_000_000  # bytes in the arguments of a call that is kept
 SLOW = 0.5  # s: a callable that takes longer gets a few calls only
 FEW = 4
+LONGEST = 30  # s: a call that takes longer is as bad as a raw error
 FEWEST = 2000  # calls, up to which those that annotations alone make are enough
 
 
@@ -43,6 +47,21 @@ class Known:
     made: Callable[..., Any]
     owner: type | None = None
     attribute: str = ""
+
+    @property
+    def short(self) -> str:
+        """The name without that of the package."""
+        return self.name.removeprefix("palpate.")
+
+    @property
+    def called(self) -> Any:
+        """What is called: the class, for a constructor."""
+        made = self.owner if self.attribute == "__init__" else self.made
+        return getattr(made, "unwatched", made)
+
+    def signature(self) -> inspect.Signature:
+        """Of what is called."""
+        return inspect.signature(self.called)
 
 
 @dataclasses.dataclass
@@ -59,7 +78,7 @@ class Call:
 
     def changeable(self) -> list[str]:
         """The arguments that are arrays or numbers."""
-        kinds = inspect.signature(self.known.made).parameters
+        kinds = self.bound.signature.parameters
         single = [name for name in self.bound.arguments if kinds[name].kind not in (2, 4)]  # no *args, no **kwargs
         return [name for name in single if name != "self" and _is_numbers(self.bound.arguments[name])]
 
@@ -89,26 +108,28 @@ def _with_methods(name: str, made: Any) -> Iterator[Known]:
     if not inspect.isclass(made):
         yield Known(name, made)
         return
-    if not getattr(made, "_is_protocol", False):
+    abstract = getattr(made, "_is_protocol", False)
+    if not abstract:
         yield Known(name, made, made, "__init__")
     for attribute, value in vars(made).items():
         plain = value.__func__ if isinstance(value, classmethod | staticmethod) else value
-        if inspect.isfunction(plain) and (attribute == "__call__" or not attribute.startswith("_")):
+        stated = abstract and not plain.__code__.co_names if inspect.isfunction(plain) else True  # a body of dots
+        if not stated and (attribute == "__call__" or not attribute.startswith("_")):
             yield Known(f"{name}.{attribute}", plain, made, attribute)
 
 
-def watch(known: Iterable[Known]) -> dict[str, Call]:
-    """The first valid call of each, filled as they are made from now on, wherever that is."""
+def watch(known: Iterable[Known], seen: Seen) -> dict[str, Call]:
+    """The first valid call of each, filled as they are made from now on, wherever that is; and what they were given."""
     calls: dict[str, Call] = {}
     for each in known:
         if each.owner is None:
-            _patched(each, _watched(each, each.made, calls))
+            _patched(each, _watched(each, each.made, calls, seen))
         elif each.attribute == "__init__":
             if "__init__" in vars(each.owner):
-                each.owner.__init__ = _watched(each, each.owner.__init__, calls)
+                each.owner.__init__ = _watched(each, each.owner.__init__, calls, seen)
         else:
             value = vars(each.owner)[each.attribute]
-            made = _watched(each, each.made, calls)
+            made = _watched(each, each.made, calls, seen)
             setattr(each.owner, each.attribute, type(value)(made) if not inspect.isfunction(value) else made)
     return calls
 
@@ -122,8 +143,10 @@ def _patched(known: Known, made: Callable[..., Any]) -> None:
                     setattr(module, key, made)
 
 
-def _watched(known: Known, made: Callable[..., Any], calls: dict[str, Call]) -> Callable[..., Any]:
+def _watched(known: Known, made: Callable[..., Any], calls: dict[str, Call], seen: Seen) -> Callable[..., Any]:
     from functools import wraps
+
+    signature = known.signature()
 
     @wraps(made)
     def call(*args: Any, **kwargs: Any) -> Any:
@@ -134,12 +157,14 @@ def _watched(known: Known, made: Callable[..., Any], calls: dict[str, Call]) -> 
         begun = time.perf_counter()
         answer = made(*args, **kwargs)
         try:
-            bound = inspect.signature(known.owner if known.attribute == "__init__" else known.made).bind(
-                *kept[0], **kept[1]
-            )
+            bound = signature.bind(*kept[0], **kept[1])
         except (TypeError, ValueError):
             return answer
         calls.setdefault(known.name, Call(known, bound, time.perf_counter() - begun))
+        seen.call(bound)
+        seen.value(answer)
+        if known.owner is not None and args:
+            seen.value(args[0])
         return answer
 
     vars(call)["unwatched"] = made
@@ -148,7 +173,7 @@ def _watched(known: Known, made: Callable[..., Any], calls: dict[str, Call]) -> 
 
 def _size(value: Any) -> int:
     if isinstance(value, np.ndarray):
-        return value.size
+        return value.nbytes
     if isinstance(value, tuple | list):
         return sum(map(_size, value))
     return sum(map(_size, value.values())) if isinstance(value, Mapping) else 0
@@ -215,9 +240,11 @@ def containers(value: np.ndarray) -> dict[str, tuple[Any, np.ndarray]]:
     plain = value.astype(np.float64) if value.dtype.kind == "f" else value
     locked, strided = plain.copy(), np.repeat(plain, 2, axis=-1)[..., ::2] if plain.ndim else plain
     locked.flags.writeable = False
-    made = {"a list": plain.tolist(), "read-only": locked, "strided": strided, "by columns": np.asfortranarray(plain)}
+    made: dict[str, Any] = {"read-only": locked, "strided": strided, "by columns": np.asfortranarray(plain)}
     made |= {"of another class": _Own(plain)}
-    if plain.ndim:
+    if plain.size or plain.ndim == 1:  # a list of nothing has no other axes
+        made["a list"] = plain.tolist()
+    if plain.ndim and "a list" in made:
         made["a tuple"] = tuple(plain.tolist())
     if plain.ndim == 1 and plain.size:
         made["a Series"] = pl.Series(plain)
@@ -238,21 +265,22 @@ def answer(call: Call, changed: Mapping[str, Any]) -> tuple[str, Any]:
     """How it ended, "answered", "refused" or the name of a raw error; with the answer, or what was said."""
     known, arguments = call.known, call.arguments() | dict(changed)
     given = inspect.BoundArguments(call.bound.signature, {name: arguments[name] for name in call.bound.arguments})
-    made = known.owner if known.attribute == "__init__" and known.owner is not None else known.made
-    args, kwargs = given.args, given.kwargs
-    if isinstance(made, type):
-        args = args
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
-            found = getattr(made, "unwatched", made)(*args, **kwargs)
+            signal.alarm(LONGEST)
+            found = known.called(*given.args, **given.kwargs)
             if isinstance(found, Iterator):
                 found = [each for each, _ in zip(found, range(3), strict=False)]
     except PalpateError as problem:
         return "refused", str(problem)
+    except TimeoutError:
+        return "endless", f"more than {LONGEST} s"
     except Exception as problem:
         where = _where(problem)
         return type(problem).__name__, f"{where}: {str(problem)[:160]}"
+    finally:
+        signal.alarm(0)
     return "answered", found if found is not None else arguments.get("self")
 
 
@@ -315,19 +343,22 @@ def _tried(
                 left -= 1
 
 
+def _endless(*_: Any) -> None:
+    raise TimeoutError
+
+
 def main(count: int, seed: int, first: int, folder: Path) -> None:
     """Make the calls from `first` on."""
+    signal.signal(signal.SIGALRM, _endless)
     out, sys.stdout = sys.stdout, sys.stderr  # what a call prints is no line of this
+    from evidence.call_names import LATER
     from evidence.call_scenes import made_calls
-    from evidence.call_values import generated
 
-    every = [each for each in public(ROOMS if count > FEWEST else INNER) if takes_numbers(each)]
-    calls = generated(every, made_calls(every, folder) if count > FEWEST else {})
-    print(
-        json.dumps({"callables": len(every), "missing": sorted(e.name for e in every if e.name not in calls)}),
-        flush=True,
-        file=out,
-    )
+    known, small = [each for each in public(ROOMS) if takes_numbers(each)], count < FEWEST
+    calls = made_calls([each for each in known if not (small and each.short in LATER)], folder, small=small)
+    names = [each.name for each in known]
+    missing = [name for name in names if name not in calls]
+    print(json.dumps({"callables": names, "missing": missing}), flush=True, file=out)
     listed = [calls[name] for name in sorted(calls)]
     for number, (call, kind, name, what, given) in enumerate(_tried(listed, count, np.random.default_rng(seed))):
         if number < first:
@@ -349,14 +380,7 @@ def main(count: int, seed: int, first: int, folder: Path) -> None:
 
 def takes_numbers(known: Known) -> bool:
     """Whether any argument is annotated as an array."""
-    try:
-        parameters = inspect.signature(known.owner if known.attribute == "__init__" else known.made).parameters
-    except (TypeError, ValueError):
-        return False
-    return any(
-        any(word in str(each.annotation) for word in ("Array", "ndarray", "Vector", "Image"))
-        for each in parameters.values()
-    )
+    return any(ARRAYS.search(str(each.annotation)) for each in known.signature().parameters.values())
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ from palpate.calibration._payload_rank import check_noise
 from palpate.calibration._payload_solve import Settings, Solution, rms, solve
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.force_torque import Payload
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["AS_IS", "Hypothesis", "corrected", "diagnose", "doubts"]
 
@@ -43,6 +44,7 @@ BAD_LEFT_OUT = 0.2  # or more than this share of the samples set aside
 FAR_BETTER = 3.0  # an explanation must reduce the misfit by this
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
     """What a log may be, instead of wrenches in the sensor frame with rotations of the sensor in the base.

@@ -12,7 +12,7 @@ from jaxtyping import Float, Int, UInt8
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.fisheye import Fisheye, RingView
 from palpate.sensors.markers import opencv
-from palpate.spatial._arrays import Value, frozen
+from palpate.spatial._arrays import Value, frozen, shaped
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
 
@@ -55,6 +55,7 @@ class RingFit(Value):
     covariance: Float[np.ndarray, "6 6"]
     focal_fitted: bool
 
+    @takes_arrays
     def __init__(self, view: RingView, order: np.ndarray, plane: np.ndarray, **rest: Any) -> None:
         order = np.array(order, dtype=np.int64)
         order.flags.writeable = False
@@ -192,6 +193,9 @@ def fit_rings(
         InputError: as `fit_ring_view`; the rings do not lie one round the other in the picture.
     """
     pixels = np.asarray(rest_pixels, dtype=np.float64)
+    rings = tuple(shaped(rings, (None,), "rings").tolist())
+    if not rings or len(pixels) % len(rings):
+        raise InputError(f"{len(pixels)} markers are not as many in each of {len(rings)} rings.")
     if len(rings) == 1:
         fitted = fit_ring_view(pixels, radius, **camera)
         return fitted.view, fitted.order

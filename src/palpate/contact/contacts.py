@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Int8
+from numpy.typing import ArrayLike
 
 from palpate.calls import answering, by_name, called_as
 from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.errors import InputError
-from palpate.spatial._arrays import shaped
+from palpate.spatial._arrays import FLOAT, INT64, shaped
 from palpate.spatial.pose import Pose
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Contacts"]
 
+_LARGEST = 2**62  # number of a sample
 _NO_FEATURES: Mapping[str, Float[np.ndarray, " n"]] = MappingProxyType({})
 
 
@@ -62,9 +64,9 @@ class Contacts:
         __getattr__ = answering
 
     def __post_init__(self) -> None:
-        for name in ("sample", "time", "identity"):
-            object.__setattr__(self, name, _read_only(getattr(self, name)))
-        features = {name: _read_only(values) for name, values in self.features.items()}
+        for name, dtype in (("sample", INT64), ("time", FLOAT), ("identity", INT64)):
+            object.__setattr__(self, name, _read_only(getattr(self, name), name, dtype))
+        features = {name: _read_only(values, name) for name, values in self.features.items()}
         object.__setattr__(self, "features", MappingProxyType(features))
         count = len(self.sample)
         columns = {"time": self.time, "identity": self.identity, "estimate": self.estimate.status, **features}
@@ -77,6 +79,8 @@ class Contacts:
         """One contact a sample, the samples counted from `first`."""
         time = shaped(time, (None,), "time")
         count = len(time)
+        if not (isinstance(first, int | np.integer) and abs(first) < _LARGEST):
+            raise InputError(f"first must be the number of a sample, not {first!r:.60}.")
         return cls(first + np.arange(count), time, np.zeros(count, dtype=np.int64), estimate)
 
     @classmethod
@@ -89,6 +93,8 @@ class Contacts:
     ) -> Contacts:
         """From rows of a `ContactEstimator`: `ROW`, then its features, then the identity where there are several."""
         end = ROW.length + len(features)
+        if type(rows) is not np.ndarray or rows.ndim != 2 or rows.shape[1] < end:
+            raise InputError(f"rows must be an array of shape (n, {end}) or wider, not {np.shape(rows)}.")
         columns = {name: rows[:, ROW.length + k].copy() for k, name in enumerate(features)}
         identity = rows[:, end].astype(np.int64) if rows.shape[1] > end else np.zeros(len(rows), dtype=np.int64)
         return cls(sample, time, identity, ContactEstimate.from_rows(rows[:, : ROW.length]), columns)
@@ -299,8 +305,10 @@ class Contacts:
         return f"Contacts({len(self):,} rows{several}{span}: {seen})"
 
 
-def _read_only(values: np.ndarray) -> np.ndarray:
+def _read_only(values: ArrayLike, name: str, dtype: np.dtype[Any] = FLOAT) -> np.ndarray:
     """The array itself where it is read-only and nobody else's, else a read-only copy."""
+    if type(values) is not np.ndarray or values.dtype != dtype:
+        values = shaped(values, (...,), name, dtype)
     if values.flags.writeable or values.base is not None:
         values = values.copy()
         values.flags.writeable = False

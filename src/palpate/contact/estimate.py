@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 
 from palpate.calls import answering, called_as
 from palpate.errors import InputError
-from palpate.spatial._arrays import Value, shaped
+from palpate.spatial._arrays import FLOAT, INT64, Value, shaped
 from palpate.spatial.pose import Pose
 
 if TYPE_CHECKING:
@@ -118,6 +118,10 @@ class ContactEstimate(Value):
         __getattr__ = answering
 
     def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            dtype = INT64 if name == "candidates" else FLOAT
+            if name != "status" and (type(value) is not np.ndarray or value.dtype != dtype):
+                object.__setattr__(self, name, shaped(value, (...,), name, dtype))
         if not self.batch:
             object.__setattr__(self, "status", Status(int(self.status)))
         elif self.status.shape != self.batch or self.status.dtype != np.int8:

@@ -17,7 +17,7 @@ from palpate.sensors.wrench_sensor import Tare
 from palpate.spatial._arrays import FLOAT, shaped
 from palpate.spatial.pose import Pose
 
-__all__ = ["NOTHING_BESIDE", "ContactEstimator", "instant", "samples"]
+__all__ = ["NOTHING_BESIDE", "ContactEstimator"]
 
 NOTHING_BESIDE: Mapping[str, np.ndarray] = MappingProxyType({})
 

@@ -28,6 +28,7 @@ from palpate.sensors.smoothing import BothWays, Forward, known_rate, require_for
 from palpate.sensors.wrench_sensor import Measured, Placement, Tare, WrenchSensor
 from palpate.sensors.zero_filter import FollowedSensor, ZeroHistory
 from palpate.spatial._arrays import require_out, shaped
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
 
 __all__ = ["FEATURES", "FusedEstimator"]
@@ -81,6 +82,7 @@ class FusedEstimator:
 
     channels = (CELLS, FORCE, TORQUE, AVERAGED)
 
+    @takes_arrays
     def __init__(
         self,
         taxels: TaxelEstimator,

@@ -12,7 +12,7 @@ from palpate.spatial._arrays import Value
 from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.surface import Surface
 
-__all__ = ["PUSHES", "Unseen", "candidates", "locked", "ranked"]
+__all__ = ["PUSHES", "Unseen", "candidates", "locked"]
 
 PUSHES = np.geomspace(0.5, 20.0, 11)  # [N] normal forces of an unseen contact, equally likely; a quarter of each beside
 _PLACES = 1200

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.errors import GeometryError, InputError
-from palpate.spatial._arrays import frozen
+from palpate.spatial._arrays import frozen, shaped
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import skew
 from palpate.surfaces.mesh import Mesh
@@ -184,7 +184,7 @@ def locate_iteratively(
         return _nothing(force, Status.INVALID)
     if not np.any(force):
         return _nothing(force, Status.NO_CONTACT)
-    first = _entry(surface, force, moment) if start is None else np.asarray(start, dtype=np.float64)
+    first = _entry(surface, force, moment) if start is None else shaped(start, (3,), "start")
     equation = fit_paraboloid(surface, first, radius) if isinstance(surface, Mesh) else surface
     point, k, residual, evaluations = _solve(equation, force, moment, first, jacobian == "analytic")
     slope = equation.gradient(point[None])[0]

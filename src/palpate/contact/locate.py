@@ -31,7 +31,7 @@ from palpate.contact.neighbours import in_space
 from palpate.errors import InputError
 from palpate.sensors.load_cells import Indentation
 from palpate.spatial._arrays import FLOAT, INT8, Value, require_batch, require_out, shaped
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import number, takes_arrays
 from palpate.spatial.shown import vector
 from palpate.spatial.uncertain import noise_covariance
 from palpate.spatial.wrench import Wrench
@@ -105,6 +105,7 @@ class Locator:
         InputError: an unknown method, or bounds that are not positive, or on < off.
     """
 
+    @takes_arrays
     def __init__(
         self,
         surface: SurfaceLike,
@@ -556,6 +557,8 @@ def locate(
     """
     if unit is not None or not hasattr(surface, "prepared"):
         surface = as_surface(surface, unit)
+    if type(friction) is not float or type(torsion) is not float:
+        friction, torsion = number(friction, "friction"), number(torsion, "torsion")
     known, vectors, covariance = cast("Surface", surface), _six_numbers(wrench), None
     if vectors is None:
         whole = wrench if isinstance(wrench, Wrench) else Wrench.from_vector(shaped(wrench, (..., 6), "wrench"))

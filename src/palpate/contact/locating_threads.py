@@ -13,7 +13,7 @@ from palpate.contact.locate import Locator
 from palpate.contact.whole_touches import Located
 from palpate.sensors.recording import Recording
 
-__all__ = ["LocatingThreads", "Pending"]
+__all__ = ["Pending"]
 
 LONG = 8192  # samples without a rest that wait for one: others are measured meanwhile
 _Memory = Float[np.ndarray, " s"]

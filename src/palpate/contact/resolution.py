@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
 from palpate.sensors.load_cells import LoadCells, single_wrench_map
+from palpate.spatial._arrays import shaped
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import skew
 
@@ -136,7 +137,7 @@ def nominal_cells(
         limit: [V] of a reading, to either side.
         drift: [V] of a reading after its bias was taken, one standard deviation.
     """
-    places = np.asarray(positions, dtype=np.float64)
+    places = shaped(positions, (None, 3), "positions")
     maps = np.concatenate([single_wrench_map(place) for place in places], axis=1)
     balance = maps @ maps.T
     if np.linalg.cond(balance / np.outer(_ARMS, _ARMS)) > _FLAT:

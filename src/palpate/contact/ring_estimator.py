@@ -221,6 +221,8 @@ class RingEstimator:
             frame: what is the matter with it, as `MarkerTracker.frame` says.
         """
         pixels = shaped(pixels, (len(self.ring), 2), "pixels")
+        if not any(frame is each for each in Frame):
+            raise InputError(f"frame must be a Frame, not {frame!r:.60}.")
         return self._write(instant(time), pixels, int(frame), self._into(out))
 
     def _into(self, out: np.ndarray) -> Float[np.ndarray, "rows width"]:
@@ -230,6 +232,8 @@ class RingEstimator:
             InputError: they cannot.
         """
         width = ROW.length + len(self.features) + 1
+        if type(out) is not np.ndarray:
+            raise InputError(f"out must be rows of {width} as `empty` makes them, not {type(out).__name__}.")
         if out.dtype != np.float64 or out.shape[-1:] != (width,) or out.ndim > 2:
             fits = False
         else:

@@ -61,6 +61,7 @@ class RingSettings:
             raise InputError("reach must be positive, speed and patience not negative.")
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class RingFound:
     """Contacts of frames, in the form of the compiled loops.
@@ -161,4 +162,4 @@ class RingLocator:
 @takes_arrays
 def turned(angle: ArrayLike) -> Float[np.ndarray, "*batch"]:
     """Angles [rad] into -pi ... pi."""
-    return np.asarray((np.asarray(angle) + pi) % (2.0 * pi) - pi)
+    return np.asarray((np.asarray(angle, dtype=np.float64) + pi) % (2.0 * pi) - pi)

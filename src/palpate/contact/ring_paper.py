@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from palpate.errors import InputError
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["PaperForce", "paper_contacts"]
@@ -63,7 +64,10 @@ class PaperForce:
     def __init__(
         self, moved: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"], force: Float[np.ndarray, " n"]
     ) -> None:
-        self._coefficients: np.ndarray = np.linalg.lstsq(self._design(moved, angle), force, rcond=None)[0]
+        design = self._design(moved, angle)
+        if not (np.isfinite(design).all() and np.isfinite(force).all()):  # LAPACK would never end
+            raise InputError("moved, angle and force must be finite.")
+        self._coefficients: np.ndarray = np.linalg.lstsq(design, force, rcond=None)[0]
 
     def __call__(self, moved: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """(n,) [N]."""

@@ -12,7 +12,7 @@ from palpate.contact.estimate import ROW, Status
 from palpate.contact.locate import Locator
 from palpate.sensors.recording import Recording
 
-__all__ = ["LONGEST", "Located", "joined", "whole_touches"]
+__all__ = ["LONGEST", "joined", "whole_touches"]
 
 LONGEST = 200_000  # samples that are kept waiting for the end of a touch
 _APART = 0.05  # of the body's size between samples: the touch may have changed its branch

@@ -30,6 +30,7 @@ from palpate.sensors.smoothing import BothWays, Forward, known_rate, require_for
 from palpate.sensors.wrench_sensor import Measured, Placement, Tare, WrenchSensor
 from palpate.sensors.zero_filter import FollowedSensor, ZeroHistory, ZeroState
 from palpate.spatial._arrays import require_out
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
 from palpate.surfaces.given import SurfaceLike
 
@@ -157,6 +158,7 @@ class WrenchEstimator:
     features: tuple[str, ...] = ()
     most = 1
 
+    @takes_arrays
     def __init__(
         self,
         locator: Locator | SurfaceLike,

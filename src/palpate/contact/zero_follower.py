@@ -29,7 +29,7 @@ from palpate.sensors.zero_filter import (
 )
 from palpate.spatial._arrays import shaped
 
-__all__ = ["WINDOW", "ZeroFollower"]
+__all__ = ["WINDOW"]
 
 WINDOW = 0.1  # s: short beside a touch, long enough for some samples
 AHEAD = 100  # free windows after one that are waited for on logs: more hardly change it

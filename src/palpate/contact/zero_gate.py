@@ -15,7 +15,7 @@ from palpate.sensors.wrench_sensor import Placement
 from palpate.sensors.zero_filter import FollowedSensor, Window, ZeroFilter
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["DELAY", "ContactShape", "Decided", "Jump", "Seen", "ZeroGate"]
+__all__ = ["DELAY", "Seen"]
 
 DELAY = 1.0  # s a window waits: a touch that grows by 20 mN/s is noticed within it, at 40 mN of noise and 200 Hz
 AFTER = 0.5  # s after a touch that are left out: the end of a release that is as slow

@@ -21,6 +21,8 @@ from palpate.errors import InputError
 from palpate.sensors.compensation import Compensation
 from palpate.sensors.recording import Recording
 from palpate.sensors.wrench_sensor import Tare
+from palpate.spatial._arrays import shaped
+from palpate.spatial.arguments import number, takes_arrays
 from palpate.surfaces.mesh import Mesh
 
 __all__ = ["AlignController"]
@@ -57,6 +59,7 @@ class AlignController:
             the estimator filters, and `Follow` would be late by what it does not know of.
     """
 
+    @takes_arrays
     def __init__(
         self,
         arm: Arm,
@@ -147,7 +150,7 @@ class AlignController:
 
     def start(self, time: float, joints: ArrayLike) -> None:
         """Anew from these joints, at rest, from the approach on; the first `update` does it."""
-        self._command[:] = np.asarray(joints, dtype=np.float64)
+        self._command[:] = shaped(joints, self._command.shape, "joints")
         if not np.isfinite(self._command).all():
             raise InputError("the joints to start from must be finite.", where="joints")
         self.model.start(time, self._command)
@@ -179,10 +182,10 @@ class AlignController:
         Raises:
             InputError: joints of another number than the arm's.
         """
-        feedback, given = self._feedback, np.asarray(joints, dtype=np.float64)
-        if given.shape != feedback.shape:
-            raise InputError(f"feedback must be of {len(feedback)} joints, not of shape {given.shape}.", where="joints")
-        feedback[:] = given
+        if type(time) is not float:
+            time = number(time, "time")
+        feedback = self._feedback
+        feedback[:] = shaped(joints, feedback.shape, "joints")
         if self._time == -np.inf:
             self.start(time, feedback)
         elif not time > self._time or not time < self._time + JUMP:

@@ -9,6 +9,7 @@ from palpate.control.law import Sensed
 from palpate.control.motion_bank import MotionBank
 from palpate.control.probe_face import ProbeFace
 from palpate.errors import InputError
+from palpate.spatial._arrays import require_out
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Follow"]
@@ -114,6 +115,7 @@ class Follow:
         K is the stiffest to be expected at first, then what force over travel says so far; a round body is up to three
         times stiffer than that where it stands.
         """
+        require_out(out, (6,))
         out[:] = 0.0
         travel = float((seen.tip - self._origin) @ self._axes[:, 2])
         secant = 3.0 * max(self._pressing, self._touch) / max(travel, 1e-4)
@@ -129,6 +131,7 @@ class Follow:
         out: Float[np.ndarray, " 6"],
     ) -> None:
         """To where the surface will be when the command is met: tip on it, axis against it, no spin."""
+        require_out(out, (6,))
         behind = float(SMOOTHING[0]) - 0.5 * period  # a command is already led there over the period that it begins
         values, rates = self.bank.predict(time - self._time + self.late + behind)
         values[2] -= (SMOOTHING[0] - SMOOTHING[2]) * rates[2]

@@ -10,7 +10,7 @@ from palpate.control.arm import Arm
 from palpate.errors import InputError
 from palpate.spatial._arrays import require_out, shaped
 
-__all__ = ["damped_step", "limited"]
+__all__: list[str] = []  # for this package alone
 
 
 def damped_step(

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
 from palpate.spatial._arrays import shaped
+from palpate.spatial.arguments import number, takes_arrays
 
 __all__ = ["MotionBank"]
 
@@ -35,6 +36,7 @@ class MotionBank:
         InputError: a size that is not positive.
     """
 
+    @takes_arrays
     def __init__(self, sizes: ArrayLike) -> None:
         from palpate.control import _motion_bank as kernel  # compiled: loaded when first needed
 
@@ -54,6 +56,7 @@ class MotionBank:
         self.predict(0.0)
         self.start(np.zeros(count))
 
+    @takes_arrays
     def start(self, values: ArrayLike, rates: ArrayLike | None = None, series: int | slice = slice(None)) -> None:
         """Begin at these values (c,), known to about the sizes, and at rest within the sizes over a second.
 
@@ -92,6 +95,8 @@ class MotionBank:
     def update(self, step: float, readings: Float[np.ndarray, " c"], variances: Float[np.ndarray, " c"]) -> None:
         """Over a step [s] of time, then by one reading of each series; NaN: none of that series."""
         shape = self.sizes.shape
+        if type(step) is not float:
+            step = number(step, "step")
         readings, variances = shaped(readings, shape, "readings"), shaped(variances, shape, "variances")
         self._advance(readings, variances, step, self._densities, self._rates, self._filters, self._mixed)
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from palpate.contact import Status
 from palpate.errors import InputError
 from palpate.spatial._arrays import frozen
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Limits", "State", "Supervisor"]
 
@@ -27,6 +28,7 @@ class State(StrEnum):
     STOPPED = "stopped"  # for good: retreats first, if it was for force
 
 
+@takes_arrays
 @dataclass(frozen=True)
 class Limits:
     """What a loop must never pass, and how long it waits.

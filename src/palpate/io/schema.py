@@ -16,7 +16,7 @@ from palpate.errors import GeometryError, InputError, NotIdentifiable
 from palpate.io.units import near
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["INFINITE", "Form", "Key", "covariance_matrix", "parse"]
+__all__ = ["INFINITE", "Form", "Key", "parse"]
 
 Model = TypeVar("Model")
 INFINITE: Mapping[str, bool] = {"infinite": True}  # metadata of a field that may be inf

@@ -20,6 +20,7 @@ from palpate.sensors.rest import at_rest
 from palpate.sensors.wrench_sensor import Placement, Tare, square_root
 from palpate.sensors.zero_filter import Free, ZeroState
 from palpate.spatial._arrays import shaped
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose, rotation_from_quaternion, skew
 from palpate.spatial.pose_track import sound_quaternions
 
@@ -148,6 +149,7 @@ class Compensation:
         if self._drifts:
             self.held[19] = self._aged(np.array([time], dtype=np.float64))[0, 0]
 
+    @takes_arrays
     def inputs(
         self, time: Float[np.ndarray, " n"], readings: Float[np.ndarray, "n 6"], beside: Mapping[str, np.ndarray]
     ) -> Float[np.ndarray, " _"]:
@@ -185,6 +187,7 @@ class Compensation:
         made = self._limits, self._load, self._zero, turned, self._mean, self._unsure
         return *made, placement.factor, placement.matrix, constant
 
+    @takes_arrays
     def place(
         self,
         measured: _Compensated,
@@ -275,6 +278,7 @@ class Compensation:
         readings = np.concatenate([channels[FORCE], channels[TORQUE]], axis=1)
         return self.kept_of(self.inputs(recording.time, readings, channels), len(recording))
 
+    @takes_arrays
     def kept_of(self, inputs: Float[np.ndarray, " _"], count: int) -> Float[np.ndarray, "n 19"]:
         """The same of live inputs."""
         if count == 1:
@@ -283,6 +287,7 @@ class Compensation:
         parts = [inputs[begin:end].reshape(count, -1) for begin, end in pairwise(widths.tolist())]
         return np.concatenate(parts, axis=1)
 
+    @takes_arrays
     def free(self, kept: Float[np.ndarray, "n 19"]) -> Free:
         """Readings less the stated payload; by how much they differ for a newton more of its weight."""
         readings = _kept(kept)
@@ -298,6 +303,7 @@ class Compensation:
             regressor[:, :3, 0], regressor[:, 3:, 0] = hangs, np.cross(self._stated[3:6], hangs)
         return Free(made.wrench, regressor, bool(np.any(made.status == SATURATED)))
 
+    @takes_arrays
     def window_noise(
         self, kept: Float[np.ndarray, "n 19"], usable: Bool[np.ndarray, " n"]
     ) -> tuple[Float[np.ndarray, "6 6"], Float[np.ndarray, "6 6"]]:
@@ -320,6 +326,7 @@ class Compensation:
         self._place(np.zeros((1, 6)), *parts, *rest)
         return self._left[count], spread[0]
 
+    @takes_arrays
     def as_wrench(
         self, change: Float[np.ndarray, "n 6"], covariance: Float[np.ndarray, "6 6"]
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "6 6"]]:

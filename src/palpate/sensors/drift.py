@@ -10,10 +10,12 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Drift"]
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False, init=False)
 class Drift(Value):
     """A zero that walks at random, a rate that dies away as the sensor warms up, and a payload that is not quite known.

@@ -20,6 +20,7 @@ from palpate.sensors.recording import LARGEST, Recording
 from palpate.sensors.wrench_sensor import Placement, Tare
 from palpate.sensors.zero_filter import Free, ZeroState
 from palpate.spatial._arrays import shaped
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
 
 __all__ = ["START", "LoadCellArray"]
@@ -46,7 +47,7 @@ class _Weighed(NamedTuple):
     def of(cls, time: Float[np.ndarray, " n"], slow: float) -> _Weighed:
         """To be filled."""
         n = len(time)
-        return cls(time, np.empty((n, 6)), np.empty(n, np.int8), np.empty(n, np.int64), np.empty((n, 6, 6)), slow)
+        return cls(time, np.empty((n, 6)), np.empty(n, np.int8), np.zeros(n, np.int64), np.zeros((n, 6, 6)), slow)
 
 
 @called_as("palpate.LoadCellArray(cells)")
@@ -75,6 +76,7 @@ class LoadCellArray:
 
     channels = (VOLTAGE,)
 
+    @takes_arrays
     def __init__(
         self,
         cells: LoadCells,
@@ -168,6 +170,7 @@ class LoadCellArray:
         if self._live % LIVE == 0:
             self._keep(self.held[None])
 
+    @takes_arrays
     def inputs(
         self, time: Float[np.ndarray, " n"], readings: Float[np.ndarray, "n m"], beside: Mapping[str, np.ndarray]
     ) -> Float[np.ndarray, " _"]:
@@ -189,6 +192,7 @@ class LoadCellArray:
         slow = np.array([self._slow])
         return *made, slow, *self._seen_from(placement), placement.factor, placement.matrix
 
+    @takes_arrays
     def place(
         self,
         measured: _Weighed,
@@ -230,10 +234,12 @@ class LoadCellArray:
         """The voltages."""
         return self._voltages(recording)
 
+    @takes_arrays
     def kept_of(self, inputs: Float[np.ndarray, " _"], count: int) -> Float[np.ndarray, "n m"]:
         """The same of live inputs."""
         return inputs.reshape(count, -1).copy()
 
+    @takes_arrays
     def free(self, kept: Float[np.ndarray, "n m"]) -> Free:
         """The voltages, NaN in samples with a sound channel at its range or beyond sense."""
         sound: Bool[np.ndarray, "n m"] = np.abs(kept) <= LARGEST
@@ -243,6 +249,7 @@ class LoadCellArray:
         values = np.where(usable[:, None], np.where(sound, kept, self.zero.voltage), np.nan)
         return Free(values, np.zeros((*kept.shape, 0)), bool(full.any()))
 
+    @takes_arrays
     def window_noise(
         self, kept: Float[np.ndarray, "n m"], usable: Bool[np.ndarray, " n"]
     ) -> tuple[Float[np.ndarray, "m m"], Float[np.ndarray, "m m"]]:
@@ -250,6 +257,7 @@ class LoadCellArray:
         count = max(1.0, float(np.count_nonzero(usable)) / self.cells.correlation)
         return self.cells.noise / count, np.zeros_like(self.cells.noise)
 
+    @takes_arrays
     def as_wrench(
         self, change: Float[np.ndarray, "n m"], covariance: Float[np.ndarray, "m m"]
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "6 6"]]:

@@ -104,6 +104,7 @@ class MarkerColour:
         return weights
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False, init=False)
 class Blobs(Value):
     """What looks like markers.
@@ -292,6 +293,7 @@ class MarkerTracker:
         InputError: another number of pixels, areas or spreads than of the view's markers.
     """
 
+    @takes_arrays
     def __init__(
         self,
         view: RingView,

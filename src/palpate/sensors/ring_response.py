@@ -125,6 +125,8 @@ class RingResponse(Value):
 
         Markers ring by ring, as many in each; marker by marker, outwards and along: n = 2 m.
         """
+        if count < 1:
+            raise InputError(f"count must be 1 or more, not {count}.")
         phi = 2.0 * np.pi * np.arange(count) / count
         orders = self.orders
         of_delta = ring_basis(markers[None, :] - phi[:, None], orders[0])

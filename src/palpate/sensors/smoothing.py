@@ -7,8 +7,9 @@ from jaxtyping import Float, Int8
 
 from palpate.errors import InputError
 from palpate.sensors.filters import Filter, Recursion
+from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["BothWays", "Forward", "known_rate", "require_forward"]
+__all__ = ["known_rate", "require_forward"]
 
 GAP_PERIODS, LEAST_GAP = 5, 0.05  # samples and s: clocks that stamp on arrival make smaller gaps of their own
 SEGMENT = 4096  # wrenches that are filtered backward at a time, at least; of wider samples as many values
@@ -73,6 +74,7 @@ class Forward:
         self._smooth(time, status, values, *self.parts, age)
         return age
 
+    @takes_arrays
     def starts(self, time: Float[np.ndarray, " n"], status: Int8[np.ndarray, " n"]) -> np.ndarray:
         """The ages that samples will have."""
         clock, state = self._clock.copy(), self._state.copy()
@@ -80,10 +82,12 @@ class Forward:
         self._clock[:], self._state[:] = clock, state
         return age
 
+    @takes_arrays
     def share(self, age: np.ndarray) -> Float[np.ndarray, " n"]:
         """Of the noise's variance, what is left at an age; means nothing for samples that were passed by."""
         return self.shares[np.minimum(age, len(self.shares) - 1)]
 
+    @takes_arrays
     def held(self, value: Float[np.ndarray, " _"], count: int) -> Values:
         """What would come out if the last sample stayed; leaves the filter there."""
         values = np.repeat(value[None], count, axis=0)

@@ -33,6 +33,7 @@ _COVERED = 0.93  # squared spacings that a cell covers: 0.87 on a lattice of tri
     sheet="palpate.TaxelBody.sheet(palpate.map_skin(mesh, sheet, ...))",
     anywhere="palpate.TaxelBody.anywhere(positions, normals)",
 )
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class TaxelBody:
     """Cells of a sheet, row by row, or taxels anywhere on a body, in the body's own frame.
@@ -337,6 +338,8 @@ def _paired(
     tree = cKDTree(points)
     query: tuple[Any, Any] = tree.query(points, k=min(_NEAR, len(points)))
     far, which = query
+    if not np.isfinite(far).all():
+        raise InputError("the taxels lie too far apart to know neighbours: positions are in metres.", where="taxels")
     if (far[:, 1] == 0).any():
         raise InputError(f"two taxels are at one place: {int(which[far[:, 1] == 0][0, 0])}.", where="taxels")
     facing = np.einsum("kc,kjc->kj", normals, normals[which]) > 0

@@ -16,17 +16,7 @@ from palpate.sensors.recording import Recording
 from palpate.spatial._arrays import Value, shaped
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = [
-    "FollowedSensor",
-    "Free",
-    "Node",
-    "Window",
-    "ZeroFilter",
-    "ZeroHistory",
-    "ZeroState",
-    "ZeroStatus",
-    "smoothed",
-]
+__all__ = ["FollowedSensor", "Free", "ZeroHistory", "ZeroState", "ZeroStatus"]
 
 
 class ZeroStatus(IntEnum):
@@ -38,6 +28,7 @@ class ZeroStatus(IntEnum):
     LOST = 3  # no reading could be used
 
 
+@takes_arrays
 class Free(NamedTuple):
     """Readings less payload and inertia, as they are without contact: the zero.
 
@@ -52,6 +43,7 @@ class Free(NamedTuple):
     full: bool
 
 
+@takes_arrays
 class ZeroState(NamedTuple):
     """What is known of the zero at a time.
 

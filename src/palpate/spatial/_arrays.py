@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
 
-__all__ = ["FLOAT", "INT8", "Value", "frozen", "require_batch", "require_out", "require_shape", "shaped"]
+__all__ = ["FLOAT", "INT8", "INT64", "Value", "frozen", "require_batch", "require_out", "require_shape", "shaped"]
 
 Shape = tuple[int | EllipsisType | None, ...]  # first, None: any length, or ...: any leading axes
 
 _KINDS = {"f": "biuf", "i": "iu", "u": "iu", "b": "b"}  # of numbers that arrays of a kind are made from
-FLOAT, INT8 = np.dtype(np.float64), np.dtype(np.int8)
+FLOAT, INT8, INT64 = np.dtype(np.float64), np.dtype(np.int8), np.dtype(np.int64)
 
 
 def shaped(values: ArrayLike, shape: Shape, name: str, dtype: np.dtype[Any] = FLOAT) -> np.ndarray:

@@ -3,22 +3,29 @@
 from __future__ import annotations
 
 import math
+import re
+import sys
 from collections.abc import Callable
 from functools import wraps
 from inspect import Parameter, isfunction, signature, unwrap
 from types import NoneType, UnionType
-from typing import Any, NamedTuple, TypeVar, Union, cast, get_args, get_origin
+from typing import Any, ForwardRef, NamedTuple, TypeVar, Union, cast, get_args, get_origin
 
 import numpy as np
 
 from palpate.errors import InputError
 from palpate.spatial._arrays import shaped
 
-__all__ = ["takes_arrays"]
+__all__ = ["number", "takes_arrays"]
 
 _Made = TypeVar("_Made", bound=Callable[..., Any])
 _LARGEST = 2**62  # whole number
-_WRITTEN = {"out", "out_covariance", "out_total", "counts"}  # a copy of these arguments would be of no use
+_PUBLIC = ("__init__", "__call__")  # methods, for all their underscores; of a NamedTuple `__new__`, too
+_WRITTEN = {"out", "out_covariance", "out_total"}  # a copy of these arguments would be of no use
+_MISFITS = re.compile(  # NumPy's words, and LAPACK's
+    "broadcast|mismatch|did not match|reshape|out.of.bounds|out of range|cannot assign|same length|same first dimension"
+    "|not finite|invalid entry|Singular matrix|positive definite|did not converge"
+)
 _DTYPES = {"Float": np.dtype(np.float64), "Int": np.dtype(np.int64), "Bool": np.dtype(np.bool_)}
 
 
@@ -40,6 +47,7 @@ class _Wanted(NamedTuple):
         axes: of an array, as jaxtyping writes them.
         whole: of a number: it must be.
         any: any array of real numbers, which the function makes one of its own from.
+        parts: of a tuple of numbers: of each, whether it must be whole.
     """
 
     name: str
@@ -49,6 +57,7 @@ class _Wanted(NamedTuple):
     axes: tuple[str, ...]
     whole: bool = False
     any: bool = False
+    parts: tuple[bool, ...] = ()
 
 
 def takes_arrays(made: _Made) -> _Made:
@@ -65,22 +74,22 @@ def takes_arrays(made: _Made) -> _Made:
     Raises:
         InputError: an argument has another shape, or is not of real numbers.
     """
-    return cast("_Made", _class(made) if isinstance(made, type) else _function(made))
+    return cast("_Made", _class(made) if isinstance(made, type) else _function(made, unwrap(made).__module__))
 
 
 def _class(made: type[Any]) -> type[Any]:
     for name, value in list(vars(made).items()):
-        if name.startswith("_") and name not in ("__init__", "__call__"):
+        if name.startswith("_") and name not in _PUBLIC and not (name == "__new__" and hasattr(made, "_fields")):
             continue
         if isinstance(value, classmethod | staticmethod):
             kind, plain = cast("Any", type(cast("Any", value))), cast("Any", value).__func__
-            setattr(made, name, kind(_function(plain)))
+            setattr(made, name, kind(_function(plain, made.__module__)))
         elif isfunction(value):
-            setattr(made, name, _function(value))
+            setattr(made, name, _function(value, made.__module__))
     return made
 
 
-def _function(function: Callable[..., Any]) -> Callable[..., Any]:
+def _function(function: Callable[..., Any], module: str) -> Callable[..., Any]:
     code = unwrap(function).__code__  # its names cost a tenth of what `signature` does, of a thousand functions
     taken = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
     if not set(taken) - {"self", "cls"}:
@@ -93,7 +102,7 @@ def _function(function: Callable[..., Any]) -> Callable[..., Any]:
     def taking(*args: Any, **kwargs: Any) -> Any:
         nonlocal plan
         if plan is None:  # not earlier: annotations may name what its module defines later
-            plan = _plan(function)
+            plan = _plan(function, vars(sys.modules[module]))
             places.extend((place, plan[name]) for place, name in enumerate(names) if name in plan)
         sizes: dict[str, _Size] = {}
         given, count = list(args), len(args)
@@ -115,27 +124,32 @@ def _function(function: Callable[..., Any]) -> Callable[..., Any]:
     return taking
 
 
-def _plan(function: Callable[..., Any]) -> dict[str, _Wanted]:
+def _plan(function: Callable[..., Any], known: dict[str, Any]) -> dict[str, _Wanted]:
     """By name, what is wanted of the arguments that are arrays or numbers."""
     made: dict[str, _Wanted] = {}
-    for name, parameter in signature(function).parameters.items():
-        if name in _WRITTEN or parameter.kind in (Parameter.VAR_POSITIONAL, Parameter.VAR_KEYWORD):
+    parameters = signature(function).parameters
+    written = _WRITTEN | {"counts"} if "out" in parameters else _WRITTEN
+    for name, parameter in parameters.items():
+        if name in written or parameter.kind in (Parameter.VAR_POSITIONAL, Parameter.VAR_KEYWORD):
             continue
-        stated = str(parameter.annotation)
+        annotation = parameter.annotation
+        if isinstance(annotation, ForwardRef):  # of a NamedTuple
+            annotation = annotation.__forward_arg__
+        stated = str(annotation)
         if stated.removesuffix(" | None") in ("ArrayLike", "np.ndarray"):
             wanted = _Wanted(name, stated.endswith("None"), (), None, (), any=True)
         else:
-            wanted = _wanted(name, _annotation(parameter.annotation, function))
+            wanted = _wanted(name, _annotation(annotation, known))
         if wanted is not None:
             made[name] = wanted
     return made
 
 
-def _annotation(annotation: Any, function: Callable[..., Any]) -> Any:
+def _annotation(annotation: Any, known: dict[str, Any]) -> Any:
     if not isinstance(annotation, str):
         return annotation
     try:
-        return eval(annotation, getattr(function, "__globals__", {}))
+        return eval(annotation, known)
     except (NameError, AttributeError, TypeError):  # a name that is imported for type checkers only
         return None
 
@@ -146,6 +160,11 @@ def _wanted(name: str, annotation: Any) -> _Wanted | None:
     kinds = [option for option in options if option in (float, int)]
     others = tuple(option for option in options if isinstance(option, type) and option not in (*arrays, *kinds))
     optional = NoneType in others
+    tuples = [get_args(option) for option in options if get_origin(option) is tuple]
+    if len(tuples) == 1 and len(tuples) + optional == len(options) and set(tuples[0]) <= {int, float}:
+        return _Wanted(name, optional, (), None, (), parts=tuple(part is int for part in tuples[0]))
+    if len(arrays) > 1 and len(arrays) + optional == len(options):  # of several types
+        return _Wanted(name, optional, (), None, (), any=True)
     if len(arrays) + bool(kinds) != 1 or len(others) + len(arrays) + len(kinds) != len(options):
         return None  # none of both, or what cannot be told from its class
     others = tuple(other for other in others if other is not NoneType)
@@ -161,8 +180,10 @@ def _taken(wanted: _Wanted, value: Any, sizes: dict[str, _Size]) -> Any:
     """An argument as the function takes it."""
     if (value is None and wanted.optional) or isinstance(value, wanted.others):
         return value
+    if wanted.parts:
+        return _tuple(wanted, value)
     if wanted.any:
-        real = type(value) is np.ndarray and value.dtype.kind in "biuf"
+        real = type(value) is np.ndarray and value.dtype.kind in "biuf" and value.flags.c_contiguous
         return value if real else _real(value, wanted.name)
     if wanted.dtype is None:
         plain = type(value) is int and -_LARGEST < value < _LARGEST if wanted.whole else type(value) is float
@@ -175,10 +196,23 @@ def _taken(wanted: _Wanted, value: Any, sizes: dict[str, _Size]) -> Any:
     return array
 
 
+def number(value: Any, name: str) -> float:
+    """Return one number of whatever class as a float; raise an InputError where it is none."""
+    return float(_number(value, _Wanted(name, False, (), None, ())))
+
+
+def _tuple(wanted: _Wanted, values: Any) -> tuple[Any, ...]:
+    """So many numbers, of whatever container."""
+    array = shaped(values, (len(wanted.parts),), wanted.name)
+    named = [f"{wanted.name}[{place}]" for place in range(len(array))]
+    kinds = [_Wanted(name, False, (), None, (), whole) for name, whole in zip(named, wanted.parts, strict=True)]
+    return tuple(_number(value, kind) for value, kind in zip(array.tolist(), kinds, strict=True))
+
+
 def _real(values: Any, name: str) -> np.ndarray:
     """An array of real numbers, of the type that they have."""
     try:
-        array = np.asarray(values)
+        array = np.asarray(values, order="C")
     except (ValueError, TypeError):  # lists of different lengths, for one
         array = np.array([None])
     return array if array.dtype.kind in "biuf" else shaped(values, (...,), name)
@@ -255,4 +289,12 @@ def _unusable(given: dict[str, Any], plan: dict[str, _Wanted], problem: Exceptio
             return f"{name} must be finite, not {value}."
         elif isinstance(problem, ZeroDivisionError) and isinstance(value, float | int) and value == 0:
             return f"{name} must not be zero."
+    if _MISFITS.search(str(problem)):
+        shapes = [f"{name} {cast('np.ndarray', given[name]).shape}" for name in plan if _is_array(given.get(name))]
+        numbers = [f"{name} {given[name]}" for name in plan if isinstance(given.get(name), float | int | tuple)]
+        return f"{', '.join(shapes + numbers)} cannot be computed with: {problem}." if shapes + numbers else ""
     return ""
+
+
+def _is_array(value: Any) -> bool:
+    return isinstance(value, np.ndarray)

@@ -73,6 +73,7 @@ class LiveTrack(PoseTrack):
         """Stamp [s] of the newest pose, on the samples' clock; -inf where there is none."""
         return self._newest
 
+    @takes_arrays
     def at(self, time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 3"]]:
         """Quaternions x, y, z, w and positions [m]: see the class. NaN where there is no answer."""
         time = shaped(time, (None,), "time")
@@ -96,6 +97,7 @@ class LiveTrack(PoseTrack):
             position[late] = first[:, 5:] + share[:, None] * (last[5:] - first[:, 5:])
         return quaternion, position
 
+    @takes_arrays
     def lag(self, time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """How much older the newest pose is [s], 0 where it is not; and the s [rad] of the class.
 

@@ -9,6 +9,8 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from palpate.errors import InputError
+from palpate.spatial._arrays import shaped
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["one_line", "rounded", "uncertain", "vector"]
@@ -21,7 +23,9 @@ _LONGEST = 40  # characters of a string
 @takes_arrays
 def vector(values: ArrayLike, digits: int = 3) -> str:
     """Numbers (n,) in brackets, with as many digits behind the point."""
-    return "(" + ", ".join(f"{value:.{digits}f}" for value in np.asarray(values, dtype=np.float64)) + ")"
+    if digits < 0:
+        raise InputError(f"digits must be 0 or more, not {digits}.")
+    return "(" + ", ".join(f"{value:.{digits}f}" for value in shaped(values, (None,), "values")) + ")"
 
 
 def rounded(value: float, deviation: float) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from palpate.errors import GeometryError
+from palpate.errors import GeometryError, InputError
 from palpate.spatial._arrays import Value, frozen, shaped
 from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.mesh import Mesh
@@ -135,17 +135,27 @@ def solve_tangent(
     return np.stack([g * a - f * b, e * b - f * a], axis=-1) / (e * g - f * f)[..., None]
 
 
+def _breaks(breaks: ArrayLike, degree: int) -> Float[np.ndarray, " k"]:
+    """The ends of spans, of which there is one at least, for a degree that there is."""
+    found = shaped(breaks, (None,), "breaks")
+    if not (len(found) > 1 and np.isfinite(found).all() and (np.diff(found) > 0).all()):
+        raise InputError("breaks must be finite and increase, two at least.")
+    if not 1 <= degree <= _MOST:
+        raise InputError(f"degree must be one of 1 to {_MOST}, not {degree}.")
+    return found
+
+
 @takes_arrays
 def open_knots(breaks: ArrayLike, degree: int = 3) -> Float[np.ndarray, " k"]:
     """Knots that begin and end at the first and the last of `breaks`, each `degree` + 1 times."""
-    breaks = np.asarray(breaks, dtype=np.float64)
+    breaks = _breaks(breaks, degree)
     return np.concatenate([np.full(degree, breaks[0]), breaks, np.full(degree, breaks[-1])])
 
 
 @takes_arrays
 def periodic_knots(breaks: ArrayLike, degree: int = 3) -> Float[np.ndarray, " k"]:
     """Knots of a closed curve; the last of `breaks` is the first again, a period later."""
-    breaks = np.asarray(breaks, dtype=np.float64)
+    breaks = _breaks(breaks, degree)
     period = breaks[-1] - breaks[0]
     around = np.concatenate([breaks[:-1] - period, breaks[:-1], breaks[:-1] + period])
     while len(around) < 3 * len(breaks) + 2 * degree:  # few spans: the period comes round more often
@@ -157,6 +167,8 @@ def periodic_knots(breaks: ArrayLike, degree: int = 3) -> Float[np.ndarray, " k"
 @takes_arrays
 def greville(knots: Float[np.ndarray, " k"], degree: int) -> Float[np.ndarray, " n"]:
     """Where control points have most of their say: means x_i of `degree` knots, so that x = sum N_i(x) x_i."""
+    if not 1 <= degree <= min(_MOST, len(knots) - 2):
+        raise InputError(f"degree must be one of 1 to {_MOST} and suit {len(knots)} knots, not {degree}.")
     inner = np.lib.stride_tricks.sliding_window_view(knots[1:-1], degree)
     return inner.mean(axis=1)
 

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Ink"]
+__all__: list[str] = []  # for this package alone
 
 _SHIFT = 4  # bits of a fraction of a pixel
 

@@ -20,7 +20,7 @@ from palpate.sensors.pokes import Pokes
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import skew
 
-__all__ = ["Before", "Solution", "eliminated", "solve"]
+__all__ = ["Solution", "solve"]
 
 TAIL = 5.0  # degrees of freedom of the residuals: pokes that fit badly count less
 _STEPS = 40

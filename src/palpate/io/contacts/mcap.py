@@ -24,7 +24,6 @@ __all__ = [
     "WRENCH_FIELDS",
     "WRENCH_STAMPED",
     "Messages",
-    "from_messages",
     "named_features",
     "topics",
 ]

@@ -17,7 +17,7 @@ from mcap.opcode import Opcode
 
 from palpate.io.logs.mcap import MAGIC
 
-__all__ = ["MESSAGE", "McapWriter", "Topic"]
+__all__ = ["MESSAGE", "Topic"]
 
 MESSAGE = np.dtype(  # what stands before the bytes of a message
     [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"), ("publish", "<u8")]

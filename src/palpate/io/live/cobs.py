@@ -26,8 +26,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.io.live import _cobs
+from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["TYPES", "CobsFrames", "encoded"]
+__all__ = ["TYPES", "encoded"]
 
 TYPES = ("u1", "i1", "u2", "i2", "u4", "i4", "f4", "f8")
 """NumPy's names of the types of numbers, in the order of their codes."""
@@ -109,6 +110,7 @@ class CobsFrames:
         return "none of them a whole frame: is it `baud` or `framing`?"
 
 
+@takes_arrays
 def encoded(values: Float[np.ndarray, "n k"], counter: int, number: str) -> tuple[bytes, Int[np.ndarray, " n"]]:
     """Samples as frames.
 

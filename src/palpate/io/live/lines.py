@@ -23,7 +23,9 @@ from collections import deque
 import numpy as np
 from jaxtyping import Float, Int
 
-__all__ = ["LineFrames", "numbers", "printed"]
+from palpate.spatial.arguments import takes_arrays
+
+__all__ = ["numbers", "printed"]
 
 _NUMBER = re.compile(
     rb"(?:(?<![\w.^*+\-\x80-\xff])|[-+] *)"  # a sign may stand apart, as on scales
@@ -166,6 +168,7 @@ def numbers(line: bytes) -> list[float] | None:
     return [float(each.replace(b" ", b"")) for each in found]
 
 
+@takes_arrays
 def printed(values: Float[np.ndarray, "n k"], counter: int) -> tuple[bytes, Int[np.ndarray, " n"]]:
     """Samples as lines: the counter and the numbers, to the last bit.
 

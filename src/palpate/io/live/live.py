@@ -30,6 +30,7 @@ from palpate.io.rig.kind import Prepared
 from palpate.io.rig.rig import Rig, load_rig
 from palpate.io.rig.tables import RigFilter
 from palpate.sensors.recording import ACCELERATION, ORIENTATION, POSITION, UNSTEADY, Recording, apart
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Answers", "Live", "open_live"]
 
@@ -41,6 +42,7 @@ AGAIN = 10.0  # s between sentences on starts that cannot be used
 TARE = 1.0  # s, where the rig does not say
 
 
+@takes_arrays
 @dataclass(frozen=True)
 class Answers:
     """Samples that were answered, in order.

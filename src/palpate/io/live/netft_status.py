@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Int
 
+from palpate.spatial.arguments import takes_arrays
+
 __all__ = ["SATURATED", "StatusWord", "status_word"]
 
 _ERROR, _MONITOR = 1 << 31, 1 << 16
@@ -62,6 +64,7 @@ _AXIA: Mapping[int, str] = {
 }
 
 
+@takes_arrays
 @dataclass(frozen=True)
 class StatusWord:
     """How a product's status reads.

@@ -14,6 +14,7 @@ from palpate.io.live.source import SILENT, Batch
 from palpate.io.logs.decoding import decode, seconds
 from palpate.io.logs.log import Messages, Topic
 from palpate.io.logs.transforms import TREES, transforms
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.frames import FramePath, FrameTree
 from palpate.spatial.live_track import LiveTrack
 from palpate.spatial.pose import Pose
@@ -24,6 +25,7 @@ __all__ = ["LivePoses", "Posed"]
 _KEPT = 2.0  # s of poses, beyond max_gap: samples may be late, too
 
 
+@takes_arrays
 class Posed(NamedTuple):
     """Poses of the sensor in the base at times of samples.
 
@@ -97,6 +99,7 @@ class LivePoses:
             stamps, values = np.where(stamps == 0, messages.time, stamps)[sound], values[sound]
             self._grow(self._track, stamps, values)
 
+    @takes_arrays
     def at(self, stamp: Int[np.ndarray, " n"]) -> Posed:
         """At the times [ns] of samples."""
         if (path := self._way()) is None:

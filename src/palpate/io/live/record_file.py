@@ -18,7 +18,7 @@ from palpate.io.contacts.mcap_regain import Regained, regained
 from palpate.io.contacts.mcap_write import McapWriter, Topic
 from palpate.io.live.record_messages import EVENTS, READINGS
 
-__all__ = ["RecordFile", "Span", "grown", "named", "place", "span_of"]
+__all__ = ["Span", "grown", "named", "place", "span_of"]
 
 _WRAP = 2**32  # sequence numbers
 _HEAD = 1 << 14  # bytes that a file may have whose head is torn

@@ -23,7 +23,7 @@ from palpate.io.contacts.mcap_write import Topic
 from palpate.io.live.ring import Form
 from palpate.io.logs.topics import LIVE, LIVE_ACCELERATION, LIVE_POSE
 
-__all__ = ["EVENTS", "READINGS", "RecordMessages", "event", "record_topics"]
+__all__ = ["EVENTS", "READINGS", "event", "record_topics"]
 
 READINGS, EVENTS, POSE, ACCELERATION = 4, 5, 6, 7  # channels behind those of the contacts
 _INFO, _WARN = 20, 30

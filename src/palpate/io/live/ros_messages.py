@@ -8,6 +8,8 @@ from struct import Struct
 import numpy as np
 from jaxtyping import Float, Int
 
+from palpate.spatial.arguments import takes_arrays
+
 __all__ = ["Cdr", "array_message", "image_message", "stamped"]
 
 _HEAD = b"\0\1\0\0"  # plain, little-endian
@@ -53,6 +55,7 @@ class Cdr:
         return bytes(self._data)
 
 
+@takes_arrays
 def stamped(frame_id: str, stamp: Int[np.ndarray, " n"], values: Float[np.ndarray, "n k"]) -> list[bytes]:
     """Messages of a header and k doubles: WrenchStamped (force first), PoseStamped, PoseWithCovarianceStamped.
 
@@ -70,6 +73,7 @@ def stamped(frame_id: str, stamp: Int[np.ndarray, " n"], values: Float[np.ndarra
     return [row.tobytes() for row in rows]
 
 
+@takes_arrays
 def array_message(values: np.ndarray, names: Sequence[str] = ("rows", "columns")) -> bytes:
     """A Float64MultiArray of one sample.
 
@@ -85,6 +89,7 @@ def array_message(values: np.ndarray, names: Sequence[str] = ("rows", "columns")
     return message.align(8).raw(np.ascontiguousarray(values, dtype="<f8").tobytes()).done()
 
 
+@takes_arrays
 def image_message(stamp: int, frame_id: str, image: np.ndarray) -> bytes:
     """An Image: (height, width, 3) uint8 blue, green, red as bgr8; (height, width) uint8 as mono8."""
     height, width = image.shape[:2]

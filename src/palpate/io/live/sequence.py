@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Int
 
-__all__ = ["Sequence"]
+__all__: list[str] = []  # for this package alone
 
 _ROUND = 1 << 32
 _LATE = 4096  # positions behind the last within which a sample is late or repeated, not the first of another count

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Int
 from palpate.io.logs.log import Messages
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Cursor", "taken"]
+__all__ = ["taken"]
 
 _MOST_DIMENSIONS = 16
 

@@ -16,7 +16,7 @@ from palpate.io.logs.samples import Samples
 from palpate.sensors.markers import opencv
 from palpate.sensors.recording import IMAGE, Recording
 
-__all__ = ["Frame", "FrameBlocks", "ImageLog", "decoded", "refuse_others", "to_bgr"]
+__all__ = ["Frame", "FrameBlocks", "ImageLog", "decoded", "refuse_others"]
 
 ROWS = 32  # frames of a block, or fewer if they are large
 BYTES = 1 << 26  # of a block
