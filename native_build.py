@@ -173,6 +173,7 @@ def _only_once() -> None:
         link(library)
 
     link = codegen.AOTCodeLibrary.finalize
+
     def keep(library: Any, module: Any) -> None:
         module.data_layout = library._codegen._data_layout
 

@@ -79,7 +79,7 @@ class Contacts:
         """One contact a sample, the samples counted from `first`."""
         time = shaped(time, (None,), "time")
         count = len(time)
-        if not (isinstance(first, int | np.integer) and abs(first) < _LARGEST):
+        if not (isinstance(cast("Any", first), int | np.integer) and abs(first) < _LARGEST):
             raise InputError(f"first must be the number of a sample, not {first!r:.60}.")
         return cls(first + np.arange(count), time, np.zeros(count, dtype=np.int64), estimate)
 
