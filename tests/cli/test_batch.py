@@ -167,7 +167,7 @@ def test_a_log_that_breaks_in_the_middle_is_listed(
     assert "run.parquet: cannot be read as Parquet" in capsys.readouterr().out
     assert not list(out.glob("*.parquet"))
     assert main([*words, "-o", str(log / "out")]) == 1
-    assert "cannot write here (Not a directory)" in capsys.readouterr().err
+    assert "cannot write here: there is no folder" in capsys.readouterr().err
 
 
 def test_a_worker_that_is_ended_from_outside_costs_one_job() -> None:

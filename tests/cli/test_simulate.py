@@ -34,7 +34,7 @@ def test_what_is_there_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str
     said = capsys.readouterr().err
     assert "is not empty" in said
     assert "is a file" in said
-    assert "not there" in said
+    assert "there is no folder" in said
 
 
 def test_ctrl_c_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -213,7 +213,7 @@ def test_an_output_or_a_rig_that_is_none_is_refused(tmp_path: Path, capsys: pyte
     rig.write_text('[surface]\nmesh = "probe.stl"\nunit = "m"\n\n[force_torque]\nframe = "sensor"\n')
     for words, sentence in (
         (("-o", tmp_path / "run.html"), "not the name of an MCAP file"),
-        (("-o", tmp_path / "nowhere" / "run.mcap"), "not there"),
+        (("-o", tmp_path / "nowhere" / "run.mcap"), "there is no folder"),
         (("-o", tmp_path / "run.mcap", "--rig", rig), "robots of the arena wear rings"),
         (("-o", tmp_path / "sum.html", "--seeds", "0"), "--seeds"),
     ):

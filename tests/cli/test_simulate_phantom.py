@@ -87,4 +87,4 @@ def test_an_output_that_is_none_is_refused(tmp_path: Path, capsys: pytest.Captur
     assert _simulate("-o", tmp_path / "nowhere" / "run.mcap") == 1
     said = capsys.readouterr().err
     assert "not the name of an MCAP file" in said
-    assert "not there" in said
+    assert "there is no folder" in said

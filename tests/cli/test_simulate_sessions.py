@@ -39,7 +39,7 @@ def test_impossible_numbers_are_one_sentence(
 def test_what_is_there_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str) -> None:
     mine = tmp_path / "mine.txt"
     mine.write_text("kept", encoding="utf-8")
-    said = {tmp_path: "is not empty", mine: "is a file", tmp_path / "nowhere/run": "not there"}
+    said = {tmp_path: "is not empty", mine: "is a file", tmp_path / "nowhere/run": "there is no folder"}
     for folder, why in said.items():
         assert main(["simulate", command, "-o", str(folder)]) == 1
         assert why in capsys.readouterr().err

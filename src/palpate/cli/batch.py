@@ -107,7 +107,7 @@ def batch(
 
     Args:
         logs: files, folders (with all that is below) and patterns; see `palpate estimate`.
-        output: folder to write into; made where it is not there.
+        output: folder to write into; made where it is not there, in one that is.
         setup: what is touched, and how contacts are found.
         form: of the files of contacts: parquet, csv or mcap.
         frame: of the results; base needs the sensor's orientation and position in the logs.
