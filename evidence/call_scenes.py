@@ -58,7 +58,7 @@ def made_calls(known: list[Known], folder: Path, *, small: bool) -> dict[str, Ca
     _run(folder, small=small)
     if not small:
         fused_calls(seen)
-        poke_files.read_pokes(folder / "pokes" / "pokes.mcap")
+        poke_files.read_pokes(folder / "pokes" / "pairs.csv")
     for _ in range(ROUNDS):
         for each in known:
             if each.name not in calls:

@@ -219,8 +219,8 @@ class FusedEstimator:
         require_forward(self._filter)
         width = len(self.taxels.body) + 7
         values, time = shaped(reading, (width,), "reading"), instant(time)
+        require_out(out, (..., ROW.length + len(self.features) + 1))
         rows = out.reshape(-1, out.shape[-1])
-        require_out(rows, (None, ROW.length + len(self.features) + 1))
         cells, wrench, averaged = values[:-7], values[-7:-1], values[-1:]
         count = self.taxels.update_into(time, cells, self._rows)
         follower = self._entered(time, self.kelvin)
