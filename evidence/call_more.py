@@ -191,12 +191,12 @@ def fused_calls(seen: Seen) -> None:
     from palpate.contact.fused_estimator import FusedEstimator
 
     estimator, locator, turn = seen.of(FusedEstimator), seen.of(FusedLocator), np.eye(3)
-    width = 6 + len(estimator.taxels.body)
+    width = len(estimator.taxels.body) + 7
     estimator.update(1e4, np.zeros(width), turn)
     estimator.update_into(1e4 + 0.1, np.zeros(width), estimator.empty(), turn)
     beside = {"orientation": np.tile([0.0, 0.0, 0.0, 1.0], (2, 1))}
     time = 1e4 + np.array([0.2, 0.3])
     estimator.run_into(time, np.zeros((2, width)), estimator.empty(2 * estimator.most), np.zeros(2, np.int64), beside)
-    contacts = locator.rows(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]), np.ones(1), np.ones(1), np.ones(1))
+    contacts = locator.rows(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]), np.ones(1), np.ones(1), np.eye(3)[None])
     out, covariance, total = np.empty((1, 5)), np.empty((3, 3)), np.empty(16)
     locator.fuse_into(contacts, np.array([0.0, 0.0, -1.0, 0.0, 0.0, 0.0]), np.eye(6), out, covariance, total)

@@ -5,6 +5,7 @@ from __future__ import annotations
 __all__ = ["LATER", "UNCALLED"]
 
 UNCALLED = {  # and why
+    "io.poke_files.read_pokes": "reads a table of another robot's pokes; of its arguments only the noise is an array",
     "io.live.netft_device.NetFtDevice.send": "sends by a socket",
     "io.live.ros_device.RosDevice.send": "sends by a node of ROS 2",
     "io.live.serial_device.SerialDevice.send": "sends by a pseudo-terminal",
@@ -84,7 +85,6 @@ LATER = frozenset(  # what only examples and commands that take a while make arg
         "io.live.ros_poses.RosPoses.at",
         "io.live.serial_device.SerialDevice.send",
         "io.logs.log.Messages",
-        "io.poke_files.read_pokes",
         "io.rig.edit.update_pose",
         "io.urdf.Kinematics.poses",
         "io.urdf.Kinematics.require_radians",

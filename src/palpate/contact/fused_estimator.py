@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, Status
-from palpate.contact.estimator import NOTHING_BESIDE, instant, samples
+from palpate.contact.estimator import NOTHING_BESIDE, instant, rows_of, samples
 from palpate.contact.fused import Fused, FusedLocator
 from palpate.contact.fused_unseen import Unseen
 from palpate.contact.locate import Locator
@@ -219,8 +219,7 @@ class FusedEstimator:
         require_forward(self._filter)
         width = len(self.taxels.body) + 7
         values, time = shaped(reading, (width,), "reading"), instant(time)
-        rows = out.reshape(-1, out.shape[-1])
-        require_out(rows, (None, ROW.length + len(self.features) + 1))
+        rows = rows_of(out, ROW.length + len(self.features) + 1)
         cells, wrench, averaged = values[:-7], values[-7:-1], values[-1:]
         count = self.taxels.update_into(time, cells, self._rows)
         follower = self._entered(time, self.kelvin)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from palpate.calls import called_as
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, Status
-from palpate.contact.estimator import NOTHING_BESIDE, instant, samples
+from palpate.contact.estimator import NOTHING_BESIDE, instant, rows_of, samples
 from palpate.contact.ring_locator import RingFound, RingLocator, RingSettings
 from palpate.errors import InputError
 from palpate.sensors.marker_ring import MarkerRing
@@ -200,7 +200,7 @@ class RingEstimator:
         acceleration: ArrayLike | None = None,
     ) -> int:
         """`update` into rows of `empty`: how many are written, at least 1, as many as fit."""
-        rows, time = self._into(out), instant(time)
+        rows, time = rows_of(out, ROW.length + len(self.features) + 1), instant(time)
         image = reading if type(reading) is np.ndarray else shaped(reading, (..., 3), "reading", UINT8)
         pixels = np.empty((len(self.ring), 2))
         return self._write(time, pixels, self._track(image, pixels), rows)
@@ -223,24 +223,7 @@ class RingEstimator:
         pixels = shaped(pixels, (len(self.ring), 2), "pixels")
         if not any(frame is each for each in Frame):
             raise InputError(f"frame must be a Frame, not {frame!r:.60}.")
-        return self._write(instant(time), pixels, int(frame), self._into(out))
-
-    def _into(self, out: np.ndarray) -> Float[np.ndarray, "rows width"]:
-        """Rows that can be written.
-
-        Raises:
-            InputError: they cannot.
-        """
-        width = ROW.length + len(self.features) + 1
-        if type(out) is not np.ndarray:
-            raise InputError(f"out must be rows of {width} as `empty` makes them, not {type(out).__name__}.")
-        if out.dtype != np.float64 or out.shape[-1:] != (width,) or out.ndim > 2:
-            fits = False
-        else:
-            fits = out.flags.carray and out.size > 0
-        if not fits:
-            raise InputError(f"out must be rows of {width} as `empty` makes them, not {out.dtype} {out.shape}.")
-        return out.reshape(-1, width)
+        return self._write(instant(time), pixels, int(frame), rows_of(out, ROW.length + len(self.features) + 1))
 
     def _write(self, time: float, pixels: np.ndarray, state: int, rows: np.ndarray) -> int:
         """One frame's contacts into rows: how many."""

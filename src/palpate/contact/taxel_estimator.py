@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from palpate.calls import called_as
 from palpate.contact.contacts import Contacts
-from palpate.contact.estimator import NOTHING_BESIDE, instant, samples
+from palpate.contact.estimator import NOTHING_BESIDE, instant, rows_of, samples
 from palpate.errors import InputError
 from palpate.sensors.filters import Filter
 from palpate.sensors.intensity import Curve, Intensity
@@ -283,21 +283,14 @@ class TaxelEstimator:
         require_forward(self.filter)
         self._require_rest()
         width = self._kernels.AREA + len(self.features) + 1
-        if (
-            out.dtype != np.float64
-            or out.shape[-1:] != (width,)
-            or out.ndim > 2
-            or not out.flags.carray
-            or not out.size
-        ):
-            raise InputError(f"out must be rows of {width} as `empty` makes them, not {out.dtype} {out.shape}.")
+        writable = rows_of(out, width)
         frame = self.body.picked(shaped(reading, (...,), "reading"))
         fits = frame.shape == self.body.shape or frame.shape == (len(self.body),)
         when, raw, rows = self._single
         when[0] = instant(time)
         raw[0] = frame.reshape(-1) if fits else np.nan
         raw[np.abs(raw) > LARGEST] = np.nan  # a fault of the sensor
-        return self._run(when, raw, self._buffer, out.reshape(-1, width), rows, self._buffer[0][:0])[1]
+        return self._run(when, raw, self._buffer, writable, rows, self._buffer[0][:0])[1]
 
     def run_into(
         self,

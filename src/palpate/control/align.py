@@ -184,8 +184,10 @@ class AlignController:
         """
         if type(time) is not float:
             time = number(time, "time")
-        feedback = self._feedback
-        feedback[:] = shaped(joints, feedback.shape, "joints")
+        feedback, given = self._feedback, shaped(joints, (...,), "joints")
+        if given.shape != feedback.shape:
+            raise InputError(f"feedback must be of {len(feedback)} joints, not of shape {given.shape}.", where="joints")
+        feedback[:] = given
         if self._time == -np.inf:
             self.start(time, feedback)
         elif not time > self._time or not time < self._time + JUMP:

@@ -20,7 +20,7 @@ from palpate.sensors.recording import LARGEST, Recording
 from palpate.sensors.wrench_sensor import Placement, Tare
 from palpate.sensors.zero_filter import Free, ZeroState
 from palpate.spatial._arrays import shaped
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import number, takes_arrays
 from palpate.spatial.pose import Pose
 
 __all__ = ["START", "LoadCellArray"]
@@ -157,6 +157,8 @@ class LoadCellArray:
         acceleration: ArrayLike | None = None,
     ) -> _Weighed:
         """Of one sample of voltages (3 k,)."""
+        if type(time) is not float:
+            time = number(time, "time")
         self.hold(time, reading, rotation, acceleration)
         return self._weighed(np.array([time], dtype=np.float64), self.held[None])
 

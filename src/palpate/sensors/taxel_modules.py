@@ -17,6 +17,7 @@ __all__ = ["LAYOUTS", "ModuleLayout"]
 _SPACING = 6.533e-3  # m, between neighbours of the lattice of iCub's later triangles
 _TELLING, _ROUNDS = 6, 3  # taxels that say how a module is bent; turns until its middle is level
 _STEP = 6.0e-3  # m, between neighbours along the edge of its earlier ones
+_MOST = 10_000  # modules of a skin
 
 
 @takes_arrays
@@ -51,6 +52,8 @@ class ModuleLayout(Value):
     @classmethod
     def repeated(cls, places: Float[np.ndarray, "t 2"], modules: int) -> ModuleLayout:
         """So many modules alike, numbered one after the other."""
+        if not 0 <= modules <= _MOST:
+            raise InputError(f"modules must be at most {_MOST:,}, not {modules}.")
         return cls(np.tile(places, (modules, 1)), np.repeat(np.arange(modules), len(places)))
 
     @classmethod

@@ -45,6 +45,8 @@ def quaternion_from_rotation(rotation: Float[np.ndarray, "*batch 3 3"]) -> Float
     """
     from scipy.spatial.transform import Rotation  # here: it takes 0.1 s to import
 
+    if np.isinf(rotation).any():  # SciPy would never end
+        raise InputError("rotation must be finite.")
     try:
         flat = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_quat(canonical=True)
     except ValueError as problem:
