@@ -31,7 +31,15 @@ __all__ = ["ROOMS", "Call", "Known", "answer", "containers", "public", "same", "
 
 ROOMS = ("spatial", "surfaces", "sensors", "contact", "control", "calibration", "evaluation", "io", "viewer")
 ARRAYS = re.compile(r"\b(ArrayLike|ndarray|Vector|Image)\b")
-WRITTEN = {"out", "counts", "rows", "memory", "state"}  # written into: a copy in another container would be of no use
+WRITTEN = {
+    "out",
+    "out_covariance",
+    "out_total",
+    "counts",
+    "rows",
+    "memory",
+    "state",
+}  # written into: a copy in another container would be of no use
 LARGEST = 2_000_000  # bytes in the arguments of a call that is kept
 SLOW = 0.5  # s: a callable that takes longer gets a few calls only
 FEW = 4
@@ -297,9 +305,7 @@ def same(one: Any, other: Any, depth: int = 0) -> bool:
     if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
         if one.dtype.kind == "O":
             return one.shape == other.shape
-        return (
-            one.shape == other.shape and one.dtype == other.dtype and np.array_equal(one, other, one.dtype.kind == "f")
-        )
+        return one.shape == other.shape and np.array_equal(one, other, {one.dtype.kind, other.dtype.kind} == {"f"})
     if type(one) is not type(other):
         return False
     if isinstance(one, float):

@@ -138,7 +138,7 @@ class ContactEstimate(Value):
     @classmethod
     def from_rows(cls, rows: Float[np.ndarray, "*batch 22"]) -> ContactEstimate:
         """From rows as the compiled loops write them."""
-        if type(rows) is not np.ndarray or rows.shape[-1:] != _ROW:
+        if type(rows) is not np.ndarray or rows.shape[-1:] != _ROW or rows.dtype != FLOAT:
             rows = shaped(rows, (..., ROW.length), "rows")
         if rows.ndim == 1 and rows.item(ROW.candidates) >= 0 and rows.item(ROW.status) >= 0:  # none of them NaN
             return cls._from_row(rows.copy())

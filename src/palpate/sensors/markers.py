@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from palpate.errors import InputError, not_loaded
 from palpate.sensors.fisheye import RingView
 from palpate.sensors.marker_labels import USUAL_LIMITS, LabelLimits, label_ring, owed
-from palpate.spatial._arrays import Value, frozen, require_out
+from palpate.spatial._arrays import Value, frozen, require_out, shaped
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Blobs", "Frame", "MarkerColour", "MarkerTracker", "find_blobs", "find_colour", "opencv"]
@@ -22,6 +22,7 @@ __all__ = ["Blobs", "Frame", "MarkerColour", "MarkerTracker", "find_blobs", "fin
 Image = UInt8[np.ndarray, "h w 3"]
 
 SCORES = ("red", "green", "blue", "bright", "dark")
+_PIXEL = np.dtype(np.uint8)
 _GREY = (2, 9, 5)  # sixteenths of blue, green, red
 _LEAST_CONTRAST = 8.0  # of 255: markers that differ less from the skin are none
 _LIT = 0.002  # share of a frame's bytes: where fewer are lit, it is black but for hot pixels
@@ -207,6 +208,8 @@ def _quietest(image: Image, colour: MarkerColour, count: int) -> MarkerColour:
 
 def _read(image: np.ndarray) -> np.ndarray:
     """The same pixels in one piece, that cannot be written: loops are compiled once, whatever the caller's are."""
+    if type(image) is not np.ndarray or image.dtype != _PIXEL:
+        image = shaped(image, (...,), "image", _PIXEL)
     view = np.ascontiguousarray(image).view()
     view.flags.writeable = False
     return view

@@ -180,7 +180,7 @@ def basis_matrices(
     """Values and slopes of all basis functions at some places."""
     from scipy.interpolate import BSpline  # here: scipy is slow to import
 
-    if not 0 <= degree < len(knots) - 1 or not (np.diff(knots) >= 0.0).all():
+    if not 0 <= degree < len(knots) - 1 or not (np.diff(knots) >= 0.0).all() or not knots[degree] < knots[-degree - 1]:
         raise InputError(f"knots must not fall, and there must be more than degree + 1 of them; degree is {degree}.")
     spline = BSpline(knots, np.eye(len(knots) - degree - 1), degree)
     return np.asarray(spline(places)), np.asarray(spline(places, nu=1))

@@ -166,6 +166,8 @@ def simpler(
     """
     if faces.size and not (faces.min() >= 0 and faces.max() < len(vertices)):
         raise InputError(f"faces must be numbers of the {len(vertices)} vertices, from 0.")
+    if most < 0 or not np.isfinite(vertices).all():  # it would never end
+        raise InputError(f"most ({most}) must be 0 or more, and vertices finite.")
     used, corners = np.unique(faces, return_inverse=True)
     points, few = vertices[used], corners.reshape(-1, 3)
     cell = float(np.ptp(points, axis=0).max()) / 200 if len(points) else 0.0

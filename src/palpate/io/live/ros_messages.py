@@ -8,6 +8,7 @@ from struct import Struct
 import numpy as np
 from jaxtyping import Float, Int
 
+from palpate.errors import InputError
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Cdr", "array_message", "image_message", "stamped"]
@@ -92,6 +93,8 @@ def array_message(values: np.ndarray, names: Sequence[str] = ("rows", "columns")
 @takes_arrays
 def image_message(stamp: int, frame_id: str, image: np.ndarray) -> bytes:
     """An Image: (height, width, 3) uint8 blue, green, red as bgr8; (height, width) uint8 as mono8."""
+    if image.ndim not in (2, 3):
+        raise InputError(f"image must have shape (height, width) or (height, width, 3), not {image.shape}.")
     height, width = image.shape[:2]
     encoding = "bgr8" if image.ndim == 3 else "mono8"
     message = Cdr().header(stamp, frame_id).numbers("I", height, width).text(encoding).numbers("B", 0)
