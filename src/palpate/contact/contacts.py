@@ -94,9 +94,8 @@ class Contacts:
         """From rows of a `ContactEstimator`: `ROW`, then its features, then the identity where there are several."""
         end = ROW.length + len(features)
         if type(rows) is not np.ndarray or rows.ndim != 2 or rows.shape[1] < end:
-            raise InputError(
-                f"rows must be an array of shape (n, {end}) or wider, not {type(rows).__name__} {getattr(rows, 'shape', ())}."
-            )
+            seen = f"{type(rows).__name__} {getattr(rows, 'shape', ())}"
+            raise InputError(f"rows must be an array of shape (n, {end}) or wider, not {seen}.")
         columns = {name: rows[:, ROW.length + k].copy() for k, name in enumerate(features)}
         identity = rows[:, end].astype(np.int64) if rows.shape[1] > end else np.zeros(len(rows), dtype=np.int64)
         return cls(sample, time, identity, ContactEstimate.from_rows(rows[:, : ROW.length]), columns)
