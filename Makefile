@@ -20,12 +20,13 @@ UV := .tools/bin/uv
 help: ## this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' Makefile
 
-setup: $(READY) ## the environment, in .venv
+setup: native ## the environment, in .venv, and the kernels
 
 native: $(READY) ## the kernels, compiled ahead of time; at once where they are
 	@$(BIN)/python native_build.py
 
-demo: native ## the whole chain on a made-up session, into demo/
+demo: $(READY) ## the whole chain on a made-up session, into demo/
+	@$(BIN)/python native_build.py --first
 	$(BIN)/python examples/demo.py
 
 browser: ## chromium, from Debian's packages where there is none: the tests of the page open it
@@ -43,25 +44,25 @@ check: $(READY) ## style, types, import directions
 docs: $(READY) ## the pages, into docs/_build
 	$(BIN)/sphinx-build -W --keep-going -q docs docs/_build/html
 
-bench: $(READY) ## timings side by side and against their targets, into benchmarks/RESULTS.md and TARGETS.md
+bench: native ## timings side by side and against their targets, into benchmarks/RESULTS.md and TARGETS.md
 	$(BIN)/python -m benchmarks
 
-evidence: $(READY) ## every claim with its figure, into docs/evidence.md
+evidence: native ## every claim with its figure, into docs/evidence.md
 	$(BIN)/python -m evidence
 
-experiments: $(READY) ## the papers' experiments beside ours, into experiments/*/README.md
+experiments: native ## the papers' experiments beside ours, into experiments/*/README.md
 	for paper in experiments/*/__main__.py; do $(BIN)/python -m experiments.$$(basename $$(dirname $$paper)) || exit 1; done
 
 mutants: $(READY) ## stated faults, turned on one by one: do the tests of their room notice?
 	$(BIN)/python -m mutants
 
-pictures: $(READY) ## the pictures of README and pages, into docs/pictures, from what `make demo` left
+pictures: native ## the pictures of README and pages, into docs/pictures, from what `make demo` left
 	$(BIN)/python docs/pictures/make.py
 
-screens: $(READY) ## pictures of every page in a browser, at a desk and on a phone, into .cache/screens; minutes
+screens: native ## pictures of every page in a browser, at a desk and on a phone, into .cache/screens; minutes
 	$(BIN)/python -m tests.screens .cache/screens
 
-follow: $(READY) ## the README and the tutorials, word by word as a newcomer would; minutes
+follow: native ## the README and the tutorials, word by word as a newcomer would; minutes
 	$(BIN)/python -m tests.follow
 
 package: $(READY) ## wheel and sdist, built and used in bare environments of each Python that is here; minutes each
@@ -82,6 +83,5 @@ $(UV):
 $(READY): $(UV) requirements.lock pyproject.toml
 	$(UV) venv --quiet --allow-existing --python "$(PYTHON)" .venv
 	$(UV) pip sync --quiet --compile-bytecode --python $(BIN)/python --require-hashes requirements.lock
-	$(BIN)/python native_build.py
-	$(UV) pip install --quiet --python $(BIN)/python --no-deps --no-build-isolation --editable .
+	PALPATE_NATIVE=0 $(UV) pip install --quiet --python $(BIN)/python --no-deps --no-build-isolation --editable .
 	@touch $@

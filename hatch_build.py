@@ -41,7 +41,12 @@ class CustomBuildHook(BuildHookInterface[Any]):
     """The extension module: for both levels of x86-64 processors in a wheel, for this one in a checkout."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Build it, and name the platform; where it cannot be built the wheel is one of Python alone."""
+        """Build it, and name the platform; where it cannot be built the wheel is one of Python alone.
+
+        `PALPATE_NATIVE=0` leaves it: `make setup` builds it after the environment.
+        """
+        if os.environ.get("PALPATE_NATIVE") == "0":
+            return
         sys.path.insert(0, self.root)
         native = import_module("native_build")
         editable = version == "editable"

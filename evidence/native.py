@@ -94,7 +94,7 @@ def _estimated(sensor: str, log: Path, rig: Path, small: bool) -> Iterator[Row]:
 
     found = sorted((run() for _ in range(1 if small else 5)), key=lambda one: one[1])
     digest, cpu, memory, numba = found[len(found) // 2]
-    built = _jit.native_file(_jit.level(), 0).exists()
+    built = _jit.native_file(_jit.level(), "mesh").exists()
     most = MOST.get(sensor, 3.0)
     met = None if small or not built else cpu <= most and memory <= MOST_MIB and not numba
     got = f"{cpu:.2f} s, {memory:.0f} MiB; numba {'imported' if numba else 'not imported'}"

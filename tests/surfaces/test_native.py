@@ -18,7 +18,7 @@ from palpate.surfaces import _jit
 from palpate.surfaces._arguments import forms, require
 from palpate.surfaces._band import solve_band
 
-BUILT = _jit.native_file(_jit.level(), 0).exists()
+BUILT = _jit.native_file(_jit.level(), "mesh").exists()
 needs_module = pytest.mark.skipif(  # CI has a compiler: there it fails
     not BUILT and not os.environ.get("CI"), reason="no extension module was built (make native)"
 )
