@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.errors import InputError
 from palpate.spatial._arrays import FLOAT, INT64, shaped
+from palpate.spatial.arguments import whole_number
 
 if TYPE_CHECKING:
     import polars as pl
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Contacts"]
 
-_LARGEST = 2**62  # number of a sample
 _NO_FEATURES: Mapping[str, Float[np.ndarray, " n"]] = MappingProxyType({})
 
 
@@ -64,8 +64,7 @@ class Contacts:
         """One contact a sample, the samples counted from `first`."""
         time = shaped(time, (None,), "time")
         count = len(time)
-        if not (isinstance(first, int | np.integer) and abs(first) < _LARGEST):
-            raise InputError(f"first must be the number of a sample, not {first!r:.60}.")
+        first = whole_number(first, "first")
         return cls(first + np.arange(count), time, np.zeros(count, dtype=np.int64), estimate)
 
     @classmethod
@@ -80,7 +79,7 @@ class Contacts:
         end = ROW.length + len(features)
         if type(rows) is not np.ndarray or rows.ndim != 2 or rows.shape[1] < end:
             raise InputError(
-                f"rows must be an array of shape (n, {end}) or wider, not {type(rows).__name__} {getattr(rows, 'shape', ())}."
+                f"rows must be an array of shape (n, {end}) or wider, not {getattr(rows, 'shape', rows)!r:.60}."
             )
         columns = {name: rows[:, ROW.length + k].copy() for k, name in enumerate(features)}
         identity = rows[:, end].astype(np.int64) if rows.shape[1] > end else np.zeros(len(rows), dtype=np.int64)
