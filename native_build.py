@@ -19,7 +19,7 @@ import sysconfig
 import tempfile
 import warnings
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -56,7 +56,11 @@ def main(levels: Sequence[str] = (), parts: Sequence[str] = ()) -> list[Path]:
         begin = perf_counter()
         _say(f"compiling kernels ahead of time, once for this version: {', '.join(part for _, part in missing)}")
         with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
-            errors = [error for error in pool.map(_compiled, missing) if error]
+            running = [pool.submit(_compiled, one) for one in missing]
+            while wait(running, timeout=1.0).not_done:
+                if sys.stderr.isatty():
+                    _say(f"{perf_counter() - begin:.0f} s", end="\r")
+            errors = [error for error in (each.result() for each in running) if error]
         lacking = errors[0].strip().splitlines()[-1] if errors else ""
     if lacking:
         _say(f"kernels are not compiled ahead of time ({lacking}): the first use of each compiles it, minutes in all")
@@ -210,8 +214,8 @@ def _kernels() -> Any:
     return jit
 
 
-def _say(text: str) -> None:
-    sys.stderr.write(f"{text}\n")
+def _say(text: str, end: str = "\n") -> None:
+    sys.stderr.write(text + end)
     sys.stderr.flush()
 
 

@@ -248,7 +248,7 @@ def containers(value: np.ndarray) -> dict[str, tuple[Any, np.ndarray]]:
     plain = value.astype(np.float64) if value.dtype.kind == "f" else value
     locked, strided = plain.copy(), np.repeat(plain, 2, axis=-1)[..., ::2] if plain.ndim else plain
     locked.flags.writeable = False
-    made: dict[str, Any] = {"read-only": locked, "strided": strided, "by columns": np.asfortranarray(plain)}
+    made: dict[str, Any] = {"read-only": locked, "strided": strided, "by columns": np.asarray(plain, order="F")}
     made |= {"of another class": _Own(plain)}
     if plain.size or plain.ndim == 1:  # a list of nothing has no other axes
         made["a list"] = plain.tolist()

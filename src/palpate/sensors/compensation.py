@@ -20,7 +20,7 @@ from palpate.sensors.rest import at_rest
 from palpate.sensors.wrench_sensor import Placement, Tare, square_root
 from palpate.sensors.zero_filter import Free, ZeroState
 from palpate.spatial._arrays import shaped
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import number, takes_arrays
 from palpate.spatial.pose import Pose, rotation_from_quaternion, skew
 from palpate.spatial.pose_track import sound_quaternions
 
@@ -135,6 +135,8 @@ class Compensation:
         self, time: float, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None
     ) -> _Compensated:
         """Of six numbers, with the sensor's rotation in the base (3, 3) where it is needed; NaN: not known now."""
+        if type(time) is not float:
+            time = number(time, "time")
         self.hold(time, reading, rotation, acceleration)
         return self._compensated(self._read(time), self._zero)
 

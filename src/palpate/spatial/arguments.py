@@ -16,7 +16,7 @@ import numpy as np
 from palpate.errors import InputError
 from palpate.spatial._arrays import shaped
 
-__all__ = ["number", "takes_arrays"]
+__all__ = ["number", "takes_arrays", "whole_number"]
 
 _Made = TypeVar("_Made", bound=Callable[..., Any])
 _LARGEST = 2**62  # whole number
@@ -24,7 +24,7 @@ _PUBLIC = ("__init__", "__call__")  # methods, for all their underscores; of a N
 _WRITTEN = {"out", "out_covariance", "out_total"}  # a copy of these arguments would be of no use
 _MISFITS = re.compile(  # NumPy's words, and LAPACK's
     "broadcast|mismatch|did not match|reshape|out.of.bounds|out of range|cannot assign|same length|same first dimension"
-    "|not finite|invalid entry|too big|allowed size|negative values|Singular matrix|positive definite|did not converge"
+    "|not finite|invalid entry|too big|allowed size|one unknown dimension|negative values|Singular matrix|positive definite|did not converge"
 )
 _DTYPES = {"Float": np.dtype(np.float64), "Int": np.dtype(np.int64), "Bool": np.dtype(np.bool_)}
 
@@ -199,6 +199,15 @@ def _taken(wanted: _Wanted, value: Any, sizes: dict[str, _Size]) -> Any:
 def number(value: Any, name: str) -> float:
     """Return one number of whatever class as a float; raise an InputError where it is none."""
     return float(_number(value, _Wanted(name, False, (), None, ())))
+
+
+def whole_number(value: Any, name: str) -> int:
+    """Return one whole number of whatever class as an int; raise an InputError where it is none."""
+    return (
+        value
+        if type(value) is int and abs(value) < _LARGEST
+        else int(_number(value, _Wanted(name, False, (), None, (), True)))
+    )
 
 
 def _tuple(wanted: _Wanted, values: Any) -> tuple[Any, ...]:

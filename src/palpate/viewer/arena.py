@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
+from palpate.errors import InputError
 from palpate.spatial.arguments import takes_arrays
 from palpate.viewer._style import AXES, INK, STATUS
 
@@ -97,6 +98,8 @@ class Trails:
 
     def add(self, poses: Float[np.ndarray, "n 3"]) -> None:
         """The next moment; what moved less than a step adds nothing."""
+        if len(poses) != len(self._points):
+            raise InputError(f"poses must be of {len(self._points)} robots, not {len(poses)}.")
         for points, (x, y, _) in zip(self._points, poses.tolist(), strict=True):
             if not points or (x - points[-1][0]) ** 2 + (y - points[-1][1]) ** 2 >= STEP**2:
                 points.append((x, y))

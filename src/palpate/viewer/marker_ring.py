@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
+from palpate.errors import InputError
 from palpate.sensors.marker_ring import MarkerRing
 from palpate.sensors.markers import opencv
 from palpate.spatial.arguments import takes_arrays
@@ -23,12 +24,15 @@ __all__ = ["RingLayer", "annotated", "compressed"]
 _QUALITY = 80  # of kept frames
 _REST, _NOW, _MOVED = (150, 150, 150), (0, 235, 255), (255, 160, 0)  # blue, green, red
 _MAGNIFIED = 4  # times that displacements are drawn longer than they are
+_FARTHEST = 1e6  # px: OpenCV counts sixteenths in 32 bits
 _COLOUR = (200, 40, 40)
 
 
 @takes_arrays
 def compressed(frame: UInt8[np.ndarray, "h w 3"]) -> bytes:
     """A frame as JPEG: a log of frames does not fit into memory."""
+    if not frame.size:
+        raise InputError("frame is empty.")
     cv2 = opencv()
     return bytes(cv2.imencode(".jpg", frame, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1])
 
@@ -38,12 +42,14 @@ def annotated(
     frame: UInt8[np.ndarray, "h w 3"], rest: Float[np.ndarray, "m 2"], pixels: Float[np.ndarray, "m 2"]
 ) -> UInt8[np.ndarray, "h w 3"]:
     """A frame with each marker's place, and its way from rest drawn four times as long; red first."""
+    if not (np.abs(rest) < _FARTHEST).all():
+        raise InputError(f"rest must be finite pixels, less than {_FARTHEST:g}.")
     cv2 = opencv()
     picture, fine = frame.copy(), 8.0
     for before, now in zip(rest, pixels, strict=True):
         start = tuple((fine * before).round().astype(int).tolist())
         cv2.circle(picture, start, int(3 * fine), _REST, 1, cv2.LINE_AA, 3)
-        if np.isfinite(now).all():
+        if (np.abs(now) < _FARTHEST).all():
             end = tuple((fine * (before + _MAGNIFIED * (now - before))).round().astype(int).tolist())
             cv2.line(picture, start, end, _MOVED, 2, cv2.LINE_AA, 3)
             cv2.circle(

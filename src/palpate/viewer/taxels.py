@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float, Float32, Int, UInt8
 
+from palpate.errors import InputError
 from palpate.sensors.taxels import TaxelBody
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import quaternion_from_rotation
@@ -45,6 +46,8 @@ class TaxelLayer:
         forces: Float[np.ndarray, "n k"] | Float32[np.ndarray, "n k"] | None = None,
         live: bool = False,
     ) -> None:
+        if forces is not None and (forces.ndim != 2 or forces.shape[1] != len(body)):
+            raise InputError(f"forces must have shape (n, {len(body)}), not {forces.shape}.")
         self._body, self._forces = body, forces
         self._fed = np.zeros(len(body)) if live else None
         strong = 0.0 if forces is None or not len(forces) else float(np.quantile(forces.max(axis=1), 0.99))

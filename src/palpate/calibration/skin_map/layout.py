@@ -27,7 +27,7 @@ from palpate.errors import InputError
 from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.bspline import basis_matrices, greville, open_knots, solve_tangent
 
-__all__ = ["Bounds", "Layout", "Parametric", "Sheet", "lay"]
+__all__ = ["Bounds", "Layout", "Parametric", "Sheet"]
 
 _STEP = 2e-3  # m, of the geodesics' Runge-Kutta
 _MOST_ELEMENTS = 64  # along either side of the sheet: a cell of a fine one is smaller than what it has to follow
