@@ -16,11 +16,7 @@ from palpate.calls import answering, by_name, called_as
 from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.errors import InputError
 from palpate.spatial._arrays import FLOAT, INT64, shaped
-<<<<<<< HEAD
-from palpate.spatial.pose import Pose
-=======
 from palpate.spatial.arguments import whole_number
->>>>>>> calls/main
 
 if TYPE_CHECKING:
     import polars as pl
@@ -82,12 +78,7 @@ class Contacts:
         """One contact a sample, the samples counted from `first`."""
         time = shaped(time, (None,), "time")
         count = len(time)
-<<<<<<< HEAD
-        if not (isinstance(cast("Any", first), int | np.integer) and abs(first) < _LARGEST):
-            raise InputError(f"first must be the number of a sample, not {first!r:.60}.")
-=======
         first = whole_number(first, "first")
->>>>>>> calls/main
         return cls(first + np.arange(count), time, np.zeros(count, dtype=np.int64), estimate)
 
     @classmethod
@@ -101,14 +92,9 @@ class Contacts:
         """From rows of a `ContactEstimator`: `ROW`, then its features, then the identity where there are several."""
         end = ROW.length + len(features)
         if type(rows) is not np.ndarray or rows.ndim != 2 or rows.shape[1] < end:
-<<<<<<< HEAD
-            seen = f"{type(rows).__name__} {getattr(rows, 'shape', ())}"
-            raise InputError(f"rows must be an array of shape (n, {end}) or wider, not {seen}.")
-=======
             raise InputError(
                 f"rows must be an array of shape (n, {end}) or wider, not {getattr(rows, 'shape', rows)!r:.60}."
             )
->>>>>>> calls/main
         columns = {name: rows[:, ROW.length + k].copy() for k, name in enumerate(features)}
         identity = rows[:, end].astype(np.int64) if rows.shape[1] > end else np.zeros(len(rows), dtype=np.int64)
         return cls(sample, time, identity, ContactEstimate.from_rows(rows[:, : ROW.length]), columns)

@@ -72,20 +72,11 @@ def samples(
 
 def rows_of(out: Any, width: int) -> Float[np.ndarray, "rows width"]:
     """Rows that an estimator's `update_into` can write into; raise an InputError where they are not as of `empty`."""
-<<<<<<< HEAD
-    rows: np.ndarray = cast("Any", out) if isinstance(out, np.ndarray) else np.zeros(0, dtype=np.bool_)
-    shaped_so = rows.dtype == np.float64 and rows.shape[-1:] == (width,) and rows.ndim <= 2
-    if not (shaped_so and rows.flags.carray and rows.size):
-        seen = f"{rows.dtype} {rows.shape}" if rows is out else type(cast("object", out)).__name__
-        raise InputError(f"out must be rows of {width} as `empty` makes them, not {seen}.")
-    return rows.reshape(-1, width)
-=======
     if type(out) is np.ndarray and out.dtype == np.float64 and out.shape[-1:] == (width,) and out.ndim <= 2:
         if out.flags.carray and out.size:
             return out.reshape(-1, width)
     seen = [str(getattr(out, each)) for each in ("dtype", "shape") if hasattr(out, each)] or [type(out).__name__]
     raise InputError(f"out must be rows of {width} as `empty` makes them, not {' '.join(seen)}.")
->>>>>>> calls/main
 
 
 @runtime_checkable
