@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from os import PathLike
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, cast, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Int8
@@ -17,6 +17,7 @@ from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.errors import InputError
 from palpate.spatial._arrays import FLOAT, INT64, shaped
 from palpate.spatial.arguments import whole_number
+from palpate.spatial.pose import Pose
 
 if TYPE_CHECKING:
     import polars as pl
