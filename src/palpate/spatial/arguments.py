@@ -22,9 +22,10 @@ _Made = TypeVar("_Made", bound=Callable[..., Any])
 _LARGEST = 2**62  # whole number
 _PUBLIC = ("__init__", "__call__")  # methods, for all their underscores; of a NamedTuple `__new__`, too
 _WRITTEN = {"out", "out_covariance", "out_total"}  # a copy of these arguments would be of no use
-_MISFITS = re.compile(  # NumPy's words, and LAPACK's
+_MISFITS = re.compile(  # NumPy's words, and those of LAPACK, SciPy and matplotlib
     "broadcast|mismatch|did not match|reshape|out.of.bounds|out of range|cannot assign|same length|same first dimension"
-    "|not finite|invalid entry|too big|allowed size|one unknown dimension|negative values|Singular matrix|positive definite|did not converge"
+    "|not finite|invalid entry|too big|allowed size|one unknown dimension|negative values"
+    "|Singular matrix|positive definite|did not converge"
 )
 _DTYPES = {"Float": np.dtype(np.float64), "Int": np.dtype(np.int64), "Bool": np.dtype(np.bool_)}
 
