@@ -4,4 +4,4 @@ from palpate.calibration.skin_map.layout import Layout, Sheet, lay
 from palpate.calibration.skin_map.sheet import fit_stretch, map_skin
 from palpate.calibration.skin_map.shell import Mode, Planes
 
-__all__ = ["Layout", "Mode", "Planes", "Sheet", "fit_stretch", "lay", "map_skin"]
+__all__ = ["Layout", "Mode", "Planes", "Sheet", "fit_stretch", "map_skin"]
