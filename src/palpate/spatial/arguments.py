@@ -203,11 +203,9 @@ def number(value: Any, name: str) -> float:
 
 def whole_number(value: Any, name: str) -> int:
     """Return one whole number of whatever class as an int; raise an InputError where it is none."""
-    return (
-        value
-        if type(value) is int and abs(value) < _LARGEST
-        else int(_number(value, _Wanted(name, False, (), None, (), True)))
-    )
+    if type(value) is int and abs(value) < _LARGEST:
+        return value
+    return int(_number(value, _Wanted(name, False, (), None, (), whole=True)))
 
 
 def _tuple(wanted: _Wanted, values: Any) -> tuple[Any, ...]:
