@@ -5,6 +5,8 @@ from __future__ import annotations
 __all__ = ["LATER", "UNCALLED"]
 
 UNCALLED = {  # and why
+    "viewer.live_probe.LiveProbe": "opens a server",
+    "viewer.live_probe.LiveProbe.show": "opens a server",
     "io.poke_files.read_pokes": "reads a table of another robot's pokes; of its arguments only the noise is an array",
     "io.live.netft_device.NetFtDevice.send": "sends by a socket",
     "io.live.ros_device.RosDevice.send": "sends by a node of ROS 2",

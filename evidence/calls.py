@@ -23,7 +23,7 @@ __all__ = ["rows"]
 COMMAND = "python -m evidence --only calls"
 THEME = "calls"
 SEED = 40
-FULL, SMALL = 10_000, 300
+FULL, SMALL = 10_000, 150
 SHOWN = 6  # callables that are named in a row
 ALLOWED = "PalpateError, never a raw error; a missing or unknown argument is Python's own TypeError, and is not tried"
 

@@ -11,7 +11,8 @@ from evidence.row import Row, shared, skipped
 from evidence.skin_general import general
 from evidence.skin_hard import hard_rows
 from evidence.skin_shapes import Cone, Elliptic, Sphere, Torus, round_mesh, wristlike
-from palpate.calibration.skin_map import Sheet, lay, map_skin
+from palpate.calibration.skin_map import Sheet, map_skin
+from palpate.calibration.skin_map.layout import lay
 from palpate.calibration.skin_map.paper import paper_surface
 from palpate.calibration.skin_map.sections import cut
 from palpate.calibration.skin_map.sheet import placed

@@ -12,8 +12,9 @@ from evidence.skin_general import general
 from evidence.skin_hard import box_link, holed, soup
 from evidence.skin_map import HEADING, ORIGIN, unrolled
 from evidence.skin_shapes import Cone, Elliptic, Sphere, Torus, march, round_mesh, wristlike
-from palpate.calibration.skin_map import Planes, Sheet, fit_stretch, lay, map_skin
+from palpate.calibration.skin_map import Planes, Sheet, fit_stretch, map_skin
 from palpate.calibration.skin_map.chart import round_chart
+from palpate.calibration.skin_map.layout import lay
 from palpate.calibration.skin_map.paper import paper_map
 from palpate.calibration.skin_map.sections import cut
 from palpate.cli import main

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import polars as pl
@@ -10,7 +11,7 @@ import pytest
 from jaxtyping import Bool, Float, Int
 
 from palpate.errors import InputError
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.arguments import number, takes_arrays, whole_number
 
 
 @takes_arrays
@@ -25,6 +26,19 @@ def taken(
     other: Float[np.ndarray, "*#batch 2"] | None = None,
 ) -> tuple[object, ...]:
     return time, points, rate, which, mask, batch, other
+
+
+@takes_arrays
+class Pair(NamedTuple):
+    """A named tuple, whose constructor is checked as a function is."""
+
+    first: Float[np.ndarray, " n"]
+    second: Float[np.ndarray, " n"]
+
+
+@takes_arrays
+def sized(values: Float[np.ndarray, " n"], size: tuple[int, int]) -> np.ndarray:
+    return values.reshape(size)
 
 
 TIME, POINTS = np.arange(4.0), np.arange(12.0).reshape(4, 3)
@@ -121,3 +135,27 @@ def test_a_class_takes_them_in_its_constructor_and_its_methods() -> None:
     assert Line([1, 2], (3, 4)).moved([1, 1]).at.tolist() == [2.0, 3.0]
     with pytest.raises(InputError, match="value must have shape"):
         Line([1.0, 2.0], [3.0])
+
+
+def test_a_named_tuple_and_a_tuple_of_numbers_are_taken_as_arrays_are() -> None:
+    assert Pair([1, 2], (3, 4)).second.dtype == np.float64
+    assert sized(TIME.tolist(), [2.0, 2]).shape == (2, 2)
+    with pytest.raises(InputError, match=r"second must have shape \(2,\)"):
+        Pair([1, 2], [3])
+    with pytest.raises(InputError, match=r"size\[1\] must be a whole number"):
+        sized(TIME, (2, 1.5))
+    with pytest.raises(InputError, match=r"size must have shape \(2,\)"):
+        sized(TIME, (2, 2, 1))
+
+
+def test_arrays_that_do_not_fit_together_are_named_with_their_shapes() -> None:
+    with pytest.raises(InputError, match=r"values \(4,\), size \(3, 3\) cannot be computed with"):
+        sized(TIME, (3, 3))
+
+
+def test_a_number_may_be_of_any_class_and_is_one() -> None:
+    assert number(np.float32(0.5), "a") == 0.5
+    assert whole_number(np.int8(3), "a") == 3
+    for make, value in ((number, "1"), (number, [1.0]), (whole_number, 1.5), (whole_number, 10**400)):
+        with pytest.raises(InputError, match="a must be"):
+            make(value, "a")

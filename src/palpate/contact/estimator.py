@@ -72,8 +72,8 @@ def samples(
 
 def rows_of(out: Any, width: int) -> Float[np.ndarray, "rows width"]:
     """Rows that an estimator's `update_into` can write into; raise an InputError where they are not as of `empty`."""
-    rows = type(out) is np.ndarray and out.dtype == np.float64 and out.shape[-1:] == (width,) and out.ndim <= 2
-    if rows and out.flags.carray and out.size:
+    known = type(out) is np.ndarray and out.dtype == np.float64
+    if known and out.shape[-1:] == (width,) and out.ndim <= 2 and out.flags.carray and out.size:
         return out.reshape(-1, width)
     seen = [str(getattr(out, each)) for each in ("dtype", "shape") if hasattr(out, each)] or [type(out).__name__]
     raise InputError(f"out must be rows of {width} as `empty` makes them, not {' '.join(seen)}.")

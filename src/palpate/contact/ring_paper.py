@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from palpate.errors import InputError
+from palpate.spatial._arrays import require_finite
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["PaperForce", "paper_contacts"]
@@ -65,8 +65,8 @@ class PaperForce:
         self, moved: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"], force: Float[np.ndarray, " n"]
     ) -> None:
         design = self._design(moved, angle)
-        if not (np.isfinite(design).all() and np.isfinite(force).all()):  # LAPACK would never end
-            raise InputError("moved, angle and force must be finite.")
+        require_finite(design, "moved and angle")
+        require_finite(force, "force")
         self._coefficients: np.ndarray = np.linalg.lstsq(design, force, rcond=None)[0]
 
     def __call__(self, moved: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:

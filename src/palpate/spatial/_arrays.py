@@ -13,7 +13,18 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
 
-__all__ = ["FLOAT", "INT8", "INT64", "Value", "frozen", "require_batch", "require_out", "require_shape", "shaped"]
+__all__ = [
+    "FLOAT",
+    "INT8",
+    "INT64",
+    "Value",
+    "frozen",
+    "require_batch",
+    "require_finite",
+    "require_out",
+    "require_shape",
+    "shaped",
+]
 
 Shape = tuple[int | EllipsisType | None, ...]  # first, None: any length, or ...: any leading axes
 
@@ -47,6 +58,12 @@ def require_shape(array: np.ndarray, shape: Shape, name: str) -> None:
     """Raise an InputError where an array has another shape than one that is wanted, as `shaped` takes it."""
     if not _fits(array.shape, shape):
         raise InputError(f"{name} must have shape {_said(shape)}, not {array.shape}.")
+
+
+def require_finite(array: np.ndarray, name: str) -> None:
+    """Raise an InputError where a number is NaN or infinite: LAPACK's least squares would never end."""
+    if not np.isfinite(array).all():
+        raise InputError(f"{name} must be finite.")
 
 
 def require_batch(array: np.ndarray, batch: tuple[int, ...], name: str) -> None:

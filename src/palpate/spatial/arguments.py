@@ -22,10 +22,10 @@ _Made = TypeVar("_Made", bound=Callable[..., Any])
 _LARGEST = 2**62  # whole number
 _PUBLIC = ("__init__", "__call__")  # methods, for all their underscores; of a NamedTuple `__new__`, too
 _WRITTEN = {"out", "out_covariance", "out_total"}  # a copy of these arguments would be of no use
-_MISFITS = re.compile(  # NumPy's words, and LAPACK's
+_MISFITS = re.compile(  # NumPy's words, and those of LAPACK, SciPy and matplotlib
     "broadcast|mismatch|did not match|reshape|out.of.bounds|out of range|cannot assign|same length|same first dimension"
-    "|not finite|invalid entry|too big|allowed size|one unknown dimension|negative values|Singular matrix"
-    "|positive definite|did not converge"
+    "|not finite|invalid entry|too big|allowed size|one unknown dimension|negative values"
+    "|Singular matrix|positive definite|did not converge"
 )
 _DTYPES = {"Float": np.dtype(np.float64), "Int": np.dtype(np.int64), "Bool": np.dtype(np.bool_)}
 
@@ -204,11 +204,9 @@ def number(value: Any, name: str) -> float:
 
 def whole_number(value: Any, name: str) -> int:
     """Return one whole number of whatever class as an int; raise an InputError where it is none."""
-    return (
-        value
-        if type(value) is int and abs(value) < _LARGEST
-        else int(_number(value, _Wanted(name, False, (), None, (), True)))
-    )
+    if type(value) is int and abs(value) < _LARGEST:
+        return value
+    return int(_number(value, _Wanted(name, False, (), None, (), whole=True)))
 
 
 def _tuple(wanted: _Wanted, values: Any) -> tuple[Any, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from palpate.spatial._arrays import require_finite
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import skew
 
@@ -48,4 +49,6 @@ def linear_map(
 ) -> Float[np.ndarray, "m 6"]:
     """W = u @ map, from channels without their zero while forces press at known points: W = (F, p x F)."""
     wrenches = np.concatenate([forces, np.cross(points, forces)], axis=1)
+    require_finite(channels, "channels")
+    require_finite(wrenches, "points and forces")
     return np.linalg.lstsq(channels, wrenches, rcond=None)[0]
