@@ -19,6 +19,11 @@ UNCALLED = {  # and why
 LATER = frozenset(  # what only examples and commands that take a while make arguments for
     [
         "calibration.clock.identify_offset",
+        "calibration.taxels.metric.nearest_in_metric",
+        "io.tables.fields.Rows.add",
+        "io.tables.table.Table",
+        "spatial.pose.Pose.from_matrix",
+        "viewer.server.Served.look",
         "calibration.curve_kinds.chosen",
         "calibration.intensity.identify_curve",
         "calibration.intensity.identify_intensity",

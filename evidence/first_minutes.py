@@ -39,7 +39,7 @@ def plain_answers(folder: Path) -> np.ndarray:
     log = folder / READ[0].name
     log.write_bytes(READ[0].data)
     _said("rig", "new", str(log), "-o", str(folder / "rig.toml"))
-    _heard(lambda: estimate(log, folder / "contacts.csv", Setup(rig=folder / "rig.toml")))
+    _heard(lambda: estimate(log, output=folder / "contacts.csv", setup=Setup(rig=folder / "rig.toml")))
     return _answers(folder / "contacts.csv")
 
 
@@ -87,7 +87,7 @@ def _misread(export: Export, log: Path, rig: Path, plain: np.ndarray) -> Iterato
     off = np.abs(recording.wrenches() - WRENCH)[there]
     if off[:, :3].max() > export.tolerance[0] or off[:, 3:].max() > export.tolerance[1]:
         yield "other wrenches"
-    _heard(lambda: estimate(log, rig.with_name("contacts.csv"), Setup(rig=rig)))
+    _heard(lambda: estimate(log, output=rig.with_name("contacts.csv"), setup=Setup(rig=rig)))
     pressed = PRESSED & there
     found, wanted = _answers(rig.with_name("contacts.csv"))[pressed], plain[pressed]
     torque = 2.0 * export.tolerance[0] * RADIUS + export.tolerance[1]  # N m: by how much those about the touch err

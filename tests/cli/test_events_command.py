@@ -38,7 +38,7 @@ def test_touches_are_printed_and_written(tmp_path: Path, capsys: pytest.CaptureF
     assert main(["events", str(contacts), "-o", str(output)]) == 0
     printed = capsys.readouterr().out.splitlines()
     assert printed[0].endswith("3 touches in 300 rows")
-    shown = ["2", "1.000", "1.490", "0.490", "3.000", "1.00", "-2.00", "3.00", "0.50", "0.00", "0.0"]
+    shown = ["2", "1.000", "1.490", "0.490", "3.00", "1.00", "-2.00", "3.00", "0.50", "0.00", "0.0"]
     assert printed[3].split() == shown
     found = read_touches(output)
     assert found.start.tolist() == [0.0, 1.0, 2.0]

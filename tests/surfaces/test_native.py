@@ -147,8 +147,9 @@ print(vector.tolist())
     if found.returncode and ("unshare:" in found.stderr or "mount:" in found.stderr):
         pytest.skip("this system lets nobody mount a folder read-only")
     assert found.stdout.strip() == "[0.5, 0.5]", found.stderr
-    assert len(found.stderr.splitlines()) == 1
-    assert "NUMBA_CACHE_DIR" in found.stderr
+    lines = [line for line in found.stderr.splitlines() if "takes about a minute" not in line]  # on a busy machine
+    assert len(lines) == 1
+    assert "NUMBA_CACHE_DIR" in lines[0]
 
 
 def test_arguments_are_read_as_they_are_stated() -> None:
