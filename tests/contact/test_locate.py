@@ -406,7 +406,7 @@ def test_six_numbers_are_answered_as_a_batch_of_one_and_are_not_written_into() -
     same(pickle.loads(pickle.dumps(found)), found)
     wrongs: tuple[Any, ...] = ([0.0] * 5, ["a"] * 6, [[0.0], [1.0, 2.0], 3.0, 4.0, 5.0, 6.0], [None] * 6)
     for wrong in wrongs:
-        with pytest.raises(InputError, match=r"vector must"):
+        with pytest.raises(InputError, match=r"wrench must"):
             locate(wrong, mesh)
 
 
