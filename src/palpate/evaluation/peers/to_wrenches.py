@@ -24,11 +24,14 @@ def payload_and_bias(
         wrenches: of the sensor that carries the tool and nothing touches.
         rotations: of the sensor in the base.
     """
+    require_finite(wrenches, "wrenches")
+    require_finite(rotations, "rotations")
     one = np.broadcast_to(np.eye(3), rotations.shape)
     turned = np.swapaxes(rotations, 1, 2)
     first = np.concatenate([turned, one], axis=2).reshape(-1, 6)
     weight = np.linalg.lstsq(first, wrenches[:, :3].ravel(), rcond=None)[0]
     down = turned @ weight[:3]
+    require_finite(down, "the weight that wrenches and rotations give")
     second = np.concatenate([-skew(down), one], axis=2).reshape(-1, 6)
     return np.concatenate([weight, np.linalg.lstsq(second, wrenches[:, 3:].ravel(), rcond=None)[0]])
 
