@@ -60,7 +60,7 @@ class Set:
 
     def streamed(self, size: int = LENGTH) -> pl.DataFrame:
         """Its contacts by `stream`."""
-        return pl.concat([found.to_polars() for found in self.estimator().stream(self.cut(size))])
+        return palpate.Contacts.joined(list(self.estimator().stream(self.cut(size)))).to_polars()
 
     @cached_property
     def _prepared(self) -> tuple[Any, Recording]:
@@ -368,5 +368,5 @@ def test_a_log_is_the_same_in_every_format(made: Set) -> None:
 
 def _numbered(single: list[Any]) -> pl.DataFrame:
     """Contacts of one sample each, counted from 0."""
-    frames = [found.to_polars().with_columns(sample=pl.lit(k, pl.Int64)) for k, found in enumerate(single)]
-    return pl.concat(frames)
+    numbered = [replace(found, sample=np.full(len(found), k)) for k, found in enumerate(single)]
+    return palpate.Contacts.joined(numbered).to_polars()
