@@ -43,7 +43,7 @@ class CustomBuildHook(BuildHookInterface[Any]):
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Build it, and name the platform; where it cannot be built the wheel is one of Python alone.
 
-        `PALPATE_NATIVE=0` leaves it: `make setup` builds it after the environment.
+        `PALPATE_NATIVE=0` skips it: `make setup` builds it after the environment.
         """
         if os.environ.get("PALPATE_NATIVE") == "0":
             return

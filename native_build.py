@@ -128,9 +128,9 @@ def build(level: str, part: str) -> None:
         module.compile()
         final = jit.native_file(level, part)
         final.parent.mkdir(exist_ok=True)
-        torn = final.with_suffix(f".{os.getpid()}")  # two builds at once make the same file
-        shutil.copy(Path(scratch, module.output_file), torn)
-        torn.replace(final)
+        temporary = final.with_suffix(f".{os.getpid()}")  # two builds at once make the same file
+        shutil.copy(Path(scratch, module.output_file), temporary)
+        temporary.replace(final)
 
 
 def _with_flags(compile_extra: Any, released: set[Any], error_model: str) -> Any:

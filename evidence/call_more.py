@@ -32,12 +32,14 @@ def _poses_and_motion() -> None:
     from palpate.control.stability import DelayedRobot
     from palpate.sensors.acceleration import kind_of_acceleration
     from palpate.spatial.live_track import LiveTrack
+    from palpate.spatial.pose import Pose
     from palpate.surfaces import Sphere
 
     time, still = np.arange(20) * 0.01, np.tile([0.0, 0.0, 0.0, 1.0], (20, 1))
     track = LiveTrack()
     track.add(time, still, np.zeros((20, 3)))
     track.at(time)
+    Pose.from_matrix(np.eye(4))
     track.lag(time)
     kind_of_acceleration(np.tile([0.0, 0.0, 9.8], (5, 1)), "m/s^2")
     face = ProbeFace.of(Sphere(0.02).mesh(300))
@@ -160,9 +162,9 @@ def _estimators(made: dict[str, dict[str, Any]]) -> None:
         )
         if readings is None:
             readings, turns = log.wrenches(), [there["rotations"][0]]
-        beside = {name: log.channels[name][:5] for name in ("orientation",) if name in log.channels}
+        extra = {name: log.channels[name][:5] for name in ("orientation",) if name in log.channels}
         time, room, few = log.time.tolist(), estimator.empty(5 * estimator.most), 2 if number == "08" else 5
-        estimator.run_into(log.time[:few], readings[:few], room, np.zeros(few, np.int64), beside)
+        estimator.run_into(log.time[:few], readings[:few], room, np.zeros(few, np.int64), extra)
         estimator.update(time[5], readings[5], *turns)
         estimator.update_into(time[6], readings[6], estimator.empty(), *turns)
         estimator.pairs([log.picked(log.time < time[5])])
@@ -172,9 +174,9 @@ def _estimators(made: dict[str, dict[str, Any]]) -> None:
             find_colour(log.channels["image"][0], 24)
         if number == "09":
             sensor = estimator.sensor
-            sensor.kept_of(sensor.inputs(log.time[:5], readings[:5], beside), 5)
+            sensor.kept_of(sensor.inputs(log.time[:5], readings[:5], extra), 5)
             one = estimator.run(log.picked(log.time < time[5]))
-            in_base(one.estimate, beside["orientation"], np.zeros((5, 3)), estimator.mount)
+            in_base(one.estimate, extra["orientation"], np.zeros((5, 3)), estimator.mount)
 
 
 def _voltages(sensor: Any, log: Any, readings: np.ndarray) -> None:
@@ -194,9 +196,9 @@ def fused_calls(seen: Seen) -> None:
     width = len(estimator.taxels.body) + 7
     estimator.update(1e4, np.zeros(width), turn)
     estimator.update_into(1e4 + 0.1, np.zeros(width), estimator.empty(), turn)
-    beside = {"orientation": np.tile([0.0, 0.0, 0.0, 1.0], (2, 1))}
+    extra = {"orientation": np.tile([0.0, 0.0, 0.0, 1.0], (2, 1))}
     time = 1e4 + np.array([0.2, 0.3])
-    estimator.run_into(time, np.zeros((2, width)), estimator.empty(2 * estimator.most), np.zeros(2, np.int64), beside)
+    estimator.run_into(time, np.zeros((2, width)), estimator.empty(2 * estimator.most), np.zeros(2, np.int64), extra)
     contacts = locator.rows(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]), np.ones(1), np.ones(1), np.eye(3)[None])
     out, covariance, total = np.empty((1, 5)), np.empty((3, 3)), np.empty(16)
     locator.fuse_into(contacts, np.array([0.0, 0.0, -1.0, 0.0, 0.0, 0.0]), np.eye(6), out, covariance, total)

@@ -348,11 +348,11 @@ def _tried(
 def main(count: int, seed: int, first: int, folder: Path) -> None:
     """Make the calls from `first` on."""
     out, sys.stdout = sys.stdout, sys.stderr  # what a call prints is no line of this
-    from evidence.call_names import LATER, UNCALLED
+    from evidence.call_names import LATER, uncalled
     from evidence.call_scenes import made_calls
 
     known, small = [each for each in public(ROOMS) if takes_numbers(each)], count < FEWEST
-    left = UNCALLED.keys() | (LATER if small else frozenset())
+    left = uncalled(each.short for each in known) | (LATER if small else frozenset())
     calls = made_calls([each for each in known if each.short not in left], folder, small=small)
     names = [each.name for each in known]
     missing = [name for name in names if name not in calls]

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from evidence.call_names import LATER, UNCALLED
+from evidence.call_names import LATER, UNCALLED, uncalled
 from evidence.row import ROOT, Row
 
 __all__ = ["rows"]
@@ -62,10 +62,11 @@ def rows(small: bool) -> Iterator[Row]:
 
 def _reached(walk: _Walk, small: bool) -> Row:
     """Every public callable that takes arrays is called, or listed with a reason; no list names what is not there."""
-    listed = UNCALLED.keys() | (LATER if small else frozenset())
-    missing = sorted(set(walk.missing) - listed)
-    gone = sorted((UNCALLED.keys() | LATER) - set(walk.callables))
-    got = f"{len(walk.callables) - len(walk.missing)} of {len(walk.callables)} called, {len(UNCALLED)} listed, "
+    listed = uncalled(walk.callables)
+    missing = sorted(set(walk.missing) - listed - (LATER if small else frozenset()))
+    classes = {name.rpartition(".")[0] for name in walk.callables}
+    gone = sorted((UNCALLED.keys() - classes | LATER) - set(walk.callables))
+    got = f"{len(walk.callables) - len(walk.missing)} of {len(walk.callables)} called, {len(listed)} listed, "
     got += f"{len(missing)} neither" + (f" ({', '.join(missing[:SHOWN])})" if missing else "")
     got += f"; listed and not there: {', '.join(gone)}" if gone else ""
     what = "public callables that take arrays, called or listed with a reason (evidence/call_names.py)"

@@ -13,7 +13,7 @@
 
     # touches
     for touch in contacts.touches():
-        touch.start, touch.end, touch.point, touch.peak_force
+        touch.start, touch.duration, touch.point, touch.peak_force
 
     # a file, a table, a drawing
     contacts.save("contacts.mcap")
@@ -29,6 +29,7 @@
     contact = palpate.locate([0, 0, -5, 0.02, 0, 0], palpate.surfaces.Sphere(0.01))
     skin = palpate.TaxelEstimator(palpate.TaxelBody.anywhere(positions, normals))
     skin.tare(palpate.Recording(times, {"cells": readings}))
+    contacts = skin.run(palpate.Recording(times, {"cells": readings}))
 
     # the payload, from wrenches in poses in which nothing is touched; or one that is known
     palpate.identify_payload(wrenches, quaternions).save("payload.toml")
@@ -194,7 +195,7 @@ def __dir__() -> list[str]:
 
 
 def _hint(name: str) -> str:
-    """Where something is that is not here, as a line."""
+    """Return the line that uses what is not at the front door but elsewhere, or is spelt nearly so; "" for nothing."""
     rooms = (room for room in _ROOMS if hasattr(_import(f"palpate.{room}"), name))
     near = [*(f"{room}.{name}" for room in rooms), *_near(name, __all__, 1)]
     line = _ELSEWHERE.get(name) or "".join(f"palpate.{each}" for each in near[:1])

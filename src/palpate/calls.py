@@ -1,4 +1,4 @@
-"""How the front door is called: a wrong argument is answered with the line to write; what lies higher is fetched."""
+"""Answer a wrong argument at the front door with the line to write, and fetch by name what higher rooms define."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _MEANT = {
 
 
 class _Numbers:
-    """What stands for numpy's ArrayLike in an annotation."""
+    """Stand for NumPy's ArrayLike in an annotation."""
 
 
 def by_name(dotted: str) -> Any:
@@ -101,7 +101,7 @@ def _explained(function: Any, line: str) -> Any:
 
 
 def _wrong(function: Any, args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> str:
-    """The sentence about the first argument that cannot be meant, or ""."""
+    """Return a sentence about the first argument that is missing, unknown or of another kind, or ""."""
     stated = signature(function)
     try:
         given = stated.bind(*args, **kwargs).arguments
@@ -117,14 +117,14 @@ def _wrong(function: Any, args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> s
 
 
 def _unfit(function: Any, problem: Exception) -> str:
-    """What was said of an argument, where nothing was said of how to mend it: a shape, say."""
+    """Return the sentence of an error about an argument that has no hint yet, such as about its shape; or ""."""
     if not isinstance(problem, InputError) or problem.where or problem.hint:
         return ""
     return problem.what if problem.what.split()[0] in signature(function).parameters else ""
 
 
 def _taken(function: Any, stated: Signature) -> dict[str, tuple[Any, ...]]:
-    """By argument, the kinds that its annotation names; none where it names what only type checkers import."""
+    """Return by argument the kinds that its annotation names; none where only type checkers import them."""
     found: dict[str, tuple[Any, ...]] = {}
     names = {**getattr(unwrap(function), "__globals__", {}), "ArrayLike": _Numbers}
     for name, parameter in stated.parameters.items():
@@ -140,7 +140,7 @@ def _taken(function: Any, stated: Signature) -> dict[str, tuple[Any, ...]]:
 
 
 def _fits(option: Any, value: Any) -> bool:
-    """Whether a value is of a kind; of kinds that are not known here, any is."""
+    """Return whether a value is of a kind; true for kinds that are not known here."""
     if option is _Numbers or hasattr(option, "dim_str"):
         return _is_numbers(value)
     if option in (float, int):
@@ -159,7 +159,7 @@ def _is_numbers(value: Any, kinds: str = "biuf") -> bool:
 
 
 def _named(option: Any) -> str:
-    """A kind as a sentence has it."""
+    """Return the words for a kind of argument."""
     if option is _Numbers or hasattr(option, "dim_str"):
         axes = ["..." if axis.startswith("*") else axis for axis in getattr(option, "dim_str", "").split()]
         return f"numbers of shape ({', '.join(axes)}{',' * (len(axes) == 1)})" if axes else "numbers"
@@ -168,7 +168,7 @@ def _named(option: Any) -> str:
 
 
 def _described(value: Any) -> str:
-    """What was given."""
+    """Return the words for an argument that was given."""
     if isinstance(value, float | int | None):
         return repr(value)
     if isinstance(value, str):

@@ -356,5 +356,5 @@ def test_what_cannot_be_is_refused() -> None:
 
 @pytest.mark.parametrize("shape", [(5,), (7,), (2, 6), (1, 6)])
 def test_a_reading_of_another_shape_is_refused(shape: tuple[int, ...]) -> None:
-    with pytest.raises(InputError, match=r"the reading of one sample must have shape \(6,\)"):
+    with pytest.raises(InputError, match=r"reading must have shape \(6,\)"):
         estimator(payload=None).update(0.0, np.zeros(shape))

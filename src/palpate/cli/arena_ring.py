@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
@@ -12,6 +13,8 @@ from palpate.calibration.marker_ring.calibrate import RingTruth, calibrate_marke
 from palpate.cli.kept import kept
 from palpate.contact.estimate import ROW, Status
 from palpate.contact.ring_estimator import RingEstimator
+from palpate.io.atomic import replacing
+from palpate.io.models import read_model, write_model
 from palpate.sensors.fisheye import Fisheye
 from palpate.sensors.marker_ring import MarkerRing, RingBody
 from palpate.sensors.markers import Frame
@@ -65,8 +68,26 @@ class RingWear:
     def made(seed: int = 0, ring: MarkerRing | None = None) -> RingWear:
         """A unit of the coarse barrel, calibrated here (seconds, once) where no calibration is given."""
         unit = RingUnit.drawn(seed, coarse=True)
-        skin = kept("arena_skin", seed, lambda: RingSkin.built(unit))
-        return RingWear(unit, ring or kept("arena_ring", seed, lambda: arena_ring(unit)), skin)
+        skin = kept("arena_skin.npz", seed, lambda: RingSkin.built(unit), _write_skin, _read_skin)
+        ring = ring or kept("arena_ring.toml", seed, lambda: arena_ring(unit), write_model, _read_ring)
+        return RingWear(unit, ring, skin)
+
+
+def _write_skin(path: Path, skin: RingSkin) -> None:
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, **vars(skin))
+
+
+def _read_skin(path: Path) -> RingSkin:
+    with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+        found = {name: arrays[name] for name in arrays.files}
+    for array in found.values():
+        array.flags.writeable = False
+    return RingSkin(**found)
+
+
+def _read_ring(path: Path) -> MarkerRing:
+    return read_model(path, MarkerRing)
 
 
 class RingSense:

@@ -34,8 +34,9 @@ _NO_FEATURES: Mapping[str, Float[np.ndarray, " n"]] = MappingProxyType({})
 @called_as(
     'palpate.estimate("log.csv", "rig.toml")',
     __getitem__="contacts[3] or contacts[contacts.answered]",
-    in_frame='contacts.in_frame(T_base_surface) with a Pose, or palpate.estimate("log.csv", "rig.toml", frame="base")',
-    touches="contacts.touches(gap=0.05)",
+    in_frame="contacts.in_frame(palpate.Pose.from_matrix(T_base_surface)), or "
+    'palpate.estimate("log.csv", "rig.toml", frame="base")',
+    touches="contacts.touches(gap=0.05, shortest=0.02)",
     load='palpate.Contacts.load("contacts.mcap")',
     save='contacts.save("contacts.mcap")',
     plot='contacts.plot(palpate.Mesh.load("probe.stl", unit="mm"))',

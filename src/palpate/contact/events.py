@@ -73,9 +73,12 @@ class Events:
         return len(self.start)
 
     def __getitem__(self, which: int) -> SimpleNamespace:
-        """One touch: numbers and vectors by the same names, also in a `for`."""
+        """Return one touch: numbers and vectors by the same names, and its duration [s]; also in a `for`."""
         columns = {name: value[which] for name, value in vars(self).items() if name != "features"}
-        return SimpleNamespace(**columns, features={name: value[which] for name, value in self.features.items()})
+        duration = self.end[which] - self.start[which]
+        return SimpleNamespace(
+            **columns, duration=duration, features={name: value[which] for name, value in self.features.items()}
+        )
 
     @property
     def deviation(self) -> Float[np.ndarray, " k"]:

@@ -122,7 +122,6 @@ class Locator:
         from palpate.contact import _kernel  # compiled: loaded when first needed
 
         surface = as_surface(surface, unit)
-
         if method not in METHODS:
             slow = " iterative is for `palpate.locate` alone." if method == "iterative" else ""
             raise InputError(f"unknown method {method!r}.", hint=f"Use one of {', '.join(METHODS)}.{slow}")
@@ -555,11 +554,10 @@ def locate(
     Raises:
         InputError: an unknown method, or wrenches, noise or previous of another shape.
     """
-    if unit is not None or not hasattr(surface, "prepared"):
-        surface = as_surface(surface, unit)
+    surface = as_surface(surface, unit)
     if type(friction) is not float or type(torsion) is not float:
         friction, torsion = number(friction, "friction"), number(torsion, "torsion")
-    known, vectors, covariance = cast("Surface", surface), _six_numbers(wrench), None
+    vectors, covariance = _six_numbers(wrench), None
     if vectors is None:
         whole = wrench if isinstance(wrench, Wrench) else Wrench.from_vector(shaped(wrench, (..., 6), "wrench"))
         vectors, covariance = whole.vector(), whole.covariance
@@ -567,8 +565,8 @@ def locate(
     last = None if point is None else shaped(point, (3,), "previous")
     last = None if last is None or not np.isfinite(last).all() else last
     if method == "iterative":
-        return _iterated(vectors.reshape(-1, 6), known, last, friction, torsion).reshaped(vectors.shape[:-1])
-    locator = _prepared(known, (method, friction, torsion))
+        return _iterated(vectors.reshape(-1, 6), surface, last, friction, torsion).reshaped(vectors.shape[:-1])
+    locator = _prepared(surface, (method, friction, torsion))
     if noise is not None:
         covariance = noise_covariance(noise)
     if vectors.ndim == 1:

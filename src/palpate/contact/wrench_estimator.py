@@ -113,7 +113,8 @@ class _Live:
 
 @called_as(
     "palpate.WrenchEstimator(mesh, palpate.ForceTorque(noise=(0.02, 0.001)))",
-    update="estimator.update(time, [0, 0, -5, 0.02, 0, 0], pose.rotation)",
+    update="estimator.update(time, [0, 0, -5, 0.02, 0, 0], "
+    "palpate.Pose.from_quaternion(quaternion, [0, 0, 0]).rotation)",
     run='estimator.run(palpate.Recording(time, {"force": force, "torque": torque}))',
     tare='estimator.tare(palpate.Recording(time, {"force": force, "torque": torque}))',
 )

@@ -525,4 +525,4 @@ def _both(shares: Float[np.ndarray, "6"]) -> Float[np.ndarray, "6 6"]:
 
 def _of_one(what: str, values: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
     """One sample's values."""
-    return shaped(values, shape, f"the {what} of one sample")
+    return shaped(values, shape, what)

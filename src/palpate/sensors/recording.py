@@ -28,6 +28,8 @@ __all__ = [
     "UNSTEADY",
     "VOLTAGE",
     "Recording",
+    "apart",
+    "sealed",
 ]
 
 LARGEST = 1e9  # N, N m, m/s^2: what is larger is a fault of the file, and its powers would overflow

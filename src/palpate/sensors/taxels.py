@@ -14,6 +14,7 @@ from palpate.calls import called_as
 from palpate.errors import InputError
 from palpate.sensors.recording import CELLS, LARGEST, Recording
 from palpate.sensors.skin_map import SkinMap
+from palpate.spatial._arrays import shaped
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["TaxelBody"]
@@ -212,7 +213,8 @@ class TaxelBody:
         Raises:
             InputError: as `anywhere`; or a normal is not known of a taxel that is there.
         """
-        points, outward = np.asarray(positions, dtype=np.float64), np.asarray(normals, dtype=np.float64)
+        points = shaped(positions, (None, 3), "positions")
+        outward = shaped(normals, points.shape, "normals")
         numbers = np.flatnonzero(np.isfinite(points).all(axis=1))
         for taxel in masked:
             if not 0 <= taxel < len(points):

@@ -16,7 +16,17 @@ from palpate.sensors.recording import Recording
 from palpate.spatial._arrays import Value, shaped
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["FollowedSensor", "Free", "ZeroHistory", "ZeroState", "ZeroStatus"]
+__all__ = [
+    "FollowedSensor",
+    "Free",
+    "Node",
+    "Window",
+    "ZeroFilter",
+    "ZeroHistory",
+    "ZeroState",
+    "ZeroStatus",
+    "smoothed",
+]
 
 
 class ZeroStatus(IntEnum):

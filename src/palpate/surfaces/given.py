@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from os import PathLike
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, cast, runtime_checkable
 
 from palpate.errors import InputError
 from palpate.surfaces.mesh import Mesh
@@ -37,6 +37,8 @@ def as_surface(given: SurfaceLike, unit: str | None = None) -> Surface:
         InputError: no unit, a unit of what is in metres already, or nothing that is a surface.
         GeometryError: nothing usable in it.
     """
+    if unit is None and hasattr(given, "prepared"):  # first, and by its name alone: `locate` asks at each call
+        return cast("Surface", given)
     if isinstance(given, str | PathLike):
         return Mesh.load(given, unit)
     if isinstance(given, Trimesh):
@@ -44,6 +46,4 @@ def as_surface(given: SurfaceLike, unit: str | None = None) -> Surface:
     if not hasattr(given, "prepared"):
         line = 'palpate.Mesh.load("probe.stl", unit="mm")'
         raise InputError(f"a {type(given).__name__} is no surface.", hint=f"Write {line}.")
-    if unit is not None:
-        raise InputError(f"unit={unit!r} is for a mesh file, and this surface is in metres.", hint="Leave unit out.")
-    return given
+    raise InputError(f"unit={unit!r} is for a mesh file, and this surface is in metres.", hint="Leave unit out.")

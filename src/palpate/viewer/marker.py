@@ -116,6 +116,7 @@ class Marker:
             self._arc.points = np.concatenate([segments, barbs(segments[-1])]).astype(np.float32)
 
 
+@takes_arrays
 def facing(way: Float[np.ndarray, "3"]) -> tuple[float, float, float, float]:
     """Quaternion w, x, y, z that turns z to a direction by the shortest way."""
     x, y, z = (way / np.linalg.norm(way)).tolist()

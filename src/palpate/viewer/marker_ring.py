@@ -44,6 +44,8 @@ def annotated(
     """A frame with each marker's place, and its way from rest drawn four times as long; red first."""
     if not (np.abs(rest) < _FARTHEST).all():
         raise InputError(f"rest must be finite pixels, less than {_FARTHEST:g}.")
+    if not frame.size:
+        raise InputError("frame is empty.")
     cv2 = opencv()
     picture, fine = frame.copy(), 8.0
     for before, now in zip(rest, pixels, strict=True):

@@ -34,7 +34,7 @@ from palpate.errors import InputError
 from palpate.io.live.source import Batch
 from palpate.io.logs.decoding import seconds
 
-__all__ = ["READERS"]
+__all__ = ["READERS", "Ring", "latencies"]
 
 MAGIC, VERSION = b"PALPRING", 1
 HEAD = 1 << 16  # bytes before the slots
