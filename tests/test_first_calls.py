@@ -17,9 +17,11 @@ import trimesh
 from polars.testing import assert_frame_equal
 
 import palpate
+from palpate.calls import called_as
 from palpate.errors import InputError
 
 WRENCH = [0.0, 0.0, -5.0, 0.02, 0.0, 0.0]  # pressed from above at (0, -4) mm, on a cube of 40 mm
+wrong: Any = importlib.import_module("palpate.surfaces")  # for calls that a type checker refuses
 COLUMNS = ("time", "fx", "fy", "fz", "tx", "ty", "tz", "qx", "qy", "qz", "qw", "x", "y", "z")
 RIG = """
 [surface]
@@ -287,6 +289,12 @@ def test_the_front_door_lists_itself() -> None:
         (lambda: palpate.Pose.identity().apply("a"), "pose.apply(contact.point)"),
         (lambda: palpate.estimate("log.csv", "rig.toml")["force"], "contacts[3]"),
         (lambda: palpate.Status("touched"), "palpate.Status.CONTACT"),
+        (lambda: palpate.estimate("log.csv", "rig.toml", rate=100.0), '"time": np.arange(len(wrenches)) / rate'),
+        (lambda: palpate.estimate("log.csv", "rig.toml", start=1.0), "contacts[contacts.time >= start]"),
+        (lambda: wrong.Cylinder(radius=0.01, height=0.03), "Cylinder(radius=0.01, half_length=0.03)"),
+        (lambda: wrong.Ellipsoid(0.03, 0.02, 0.01), "Ellipsoid((0.02, 0.015, 0.03))"),
+        (lambda: palpate.Locator("probe.stl", unit="mm")(WRENCH), "locator.run(wrench)"),
+        (lambda: palpate.locate([WRENCH], "probe.stl", unit="mm").status == "touched", "palpate.Status.CONTACT"),
     ],
 )
 def test_what_cannot_work_is_answered_with_the_line(here: Bench, call: Callable[[], object], line: str) -> None:
@@ -295,10 +303,45 @@ def test_what_cannot_work_is_answered_with_the_line(here: Bench, call: Callable[
     assert line in str(said.value)
 
 
-@pytest.mark.parametrize("name", ["position", "magnitude", "events", "to_csv", "show"])
-def test_a_part_of_contacts_by_another_name_is_answered_with_the_line(here: Bench, name: str) -> None:
-    with pytest.raises(AttributeError, match=r"Write .*contacts\."):
-        getattr(palpate.estimate(here.log, "rig.toml"), name)
+@pytest.mark.parametrize(
+    ("name", "line"),
+    [
+        ("contacts.position", "Write contacts.point"),
+        ("contacts.magnitude", "Write np.linalg.norm(contacts.force"),
+        ("contacts.events", "Write contacts.touches()"),
+        ("contacts.to_csv", 'Write contacts.save("contacts.csv")'),
+        ("contacts.show", "Write contacts.plot(mesh)"),
+        ("contacts.plot().show", 'Write drawing.save("contacts.html")'),
+        ("contacts[0].position", "Write contact.point"),
+        ("palpate.Pose.identity().inv", "Write pose.inverse()"),
+        ("palpate.WrenchEstimator(mesh, palpate.ForceTorque(noise=(0.02, 0.001))).estimate", "Write estimator.run("),
+        ("palpate.Payload(mass=0.4).subtract", "It has center_of_mass, compensate, covariance"),
+    ],
+)
+def test_a_part_by_another_name_is_answered_with_the_line(here: Bench, name: str, line: str) -> None:
+    with pytest.raises(AttributeError) as said:
+        eval(name, {"contacts": palpate.estimate(here.log, "rig.toml"), "mesh": here.mesh, "palpate": palpate})
+    assert line in str(said.value)
+
+
+def test_a_property_that_fails_says_why() -> None:
+    @called_as("Broken()")
+    class Broken:
+        @property
+        def inner(self) -> float:
+            return getattr(self, "missing")  # noqa: B009
+
+    with pytest.raises(AttributeError, match="'missing'"):
+        Broken().inner  # noqa: B018
+
+
+def test_statuses_are_compared_with_words(here: Bench) -> None:
+    contacts = here.contacts
+    assert 0 < np.count_nonzero(contacts.status == "contact") < len(contacts)
+    for status in palpate.Status:
+        np.testing.assert_array_equal(contacts.status == status.label, contacts.status == status)
+        np.testing.assert_array_equal(contacts.status != status.label, contacts.status != status)
+        assert (contacts[0].status == status.label) == (contacts[0].status is status)
 
 
 @pytest.mark.parametrize(

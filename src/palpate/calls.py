@@ -14,7 +14,7 @@ import numpy as np
 
 from palpate.errors import InputError
 
-__all__ = ["answering", "by_name", "called_as"]
+__all__ = ["by_name", "called_as"]
 
 _Made = TypeVar("_Made", bound=Callable[..., Any])
 _KINDS: dict[Any, str] = {
@@ -26,15 +26,6 @@ _KINDS: dict[Any, str] = {
     NoneType: "None",
     Mapping: "a mapping",
     Sequence: "a list",
-}
-
-
-_MEANT = {
-    "position": "contacts.point",
-    "magnitude": "np.linalg.norm(contacts.force, axis=-1)",
-    "events": "contacts.touches()",
-    "show": "contacts.plot(mesh)",
-    "to_csv": 'contacts.save("contacts.csv")',
 }
 
 
@@ -52,21 +43,17 @@ def by_name(dotted: str) -> Any:
     return getattr(import_module(module), name)
 
 
-def answering(value: object, name: str) -> Any:
-    """Answer a name that one looks for in contacts with what is meant, as their `__getattr__`."""
-    hint = f". Write {_MEANT[name]}" if name in _MEANT else ""
-    raise AttributeError(f"{type(value).__name__!r} object has no attribute {name!r}{hint}", name=name, obj=value)
-
-
 def called_as(line: str, **lines: str) -> Callable[[_Made], _Made]:
     """Decorate a function, or a class for its constructor, so that a call with a wrong argument says what to write.
 
     Arguments are looked at when a call has failed: one that works costs nothing more. What fails with arguments of the
-    right kinds fails as it did.
+    right kinds fails as it did. An attribute that a class does not have is answered with the line, or with those that
+    it has.
 
     Args:
         line: a call as one writes it.
-        lines: the same of methods of the class, by their names.
+        lines: the same of methods of the class, by their names; and what is meant by arguments of the function, or
+            attributes of the class, that do not exist.
 
     Raises:
         InputError: by the call, where an argument is missing, unknown or of another kind than its annotation says.
@@ -74,18 +61,34 @@ def called_as(line: str, **lines: str) -> Callable[[_Made], _Made]:
 
     def decorated(made: Any) -> Any:
         if not isinstance(made, type):
-            return _explained(made, line)
+            return _explained(made, line, lines)
         for name, written in {"__init__": line, **lines}.items():
-            method: Any = vars(made)[name]
-            of_class = type(method) is classmethod
-            plain = _explained(method.__func__ if of_class else method, written)
-            setattr(made, name, classmethod(plain) if of_class else plain)
+            method: Any = vars(made).get(name)
+            if method is not None:
+                of_class = type(method) is classmethod
+                plain = _explained(method.__func__ if of_class else method, written, {})
+                setattr(made, name, classmethod(plain) if of_class else plain)
+        cast("Any", made).__getattr__ = _answering(lines)
         return made
 
     return cast("Callable[[_Made], _Made]", decorated)
 
 
-def _explained(function: Any, line: str) -> Any:
+def _answering(lines: Mapping[str, str]) -> Callable[[object, str], Any]:
+    """Return the `__getattr__` of a class."""
+
+    def answer(value: object, name: str) -> Any:
+        if hasattr(type(value), name):  # a property that has failed: as it did
+            return object.__getattribute__(value, name)
+        known = [each for each in dir(value) if not each.startswith("_")]
+        hint = f"Write {lines[name]}" if name in lines else f"It has {', '.join(known)}"
+        what = f"{type(value).__name__!r} object has no attribute {name!r}"
+        raise AttributeError(f"{what}. {hint}.", name=name, obj=value)
+
+    return answer
+
+
+def _explained(function: Any, line: str, lines: Mapping[str, str]) -> Any:
     @wraps(function)
     def explaining(*args: Any, **kwargs: Any) -> Any:
         try:
@@ -95,7 +98,8 @@ def _explained(function: Any, line: str) -> Any:
             if not wrong:
                 raise
             where = function.__qualname__.partition(".__")[0]
-            raise InputError(wrong, where=where, hint=f"Write {line}.") from problem
+            meant = next((lines[name] for name in kwargs if name in lines), line)
+            raise InputError(wrong, where=where, hint=f"Write {meant}.") from problem
 
     return explaining
 

@@ -75,6 +75,11 @@ def _first(made: Callable[[], Callable[..., Any]], plain: Callable[..., Any]) ->
         count += 1
         if checked is None:
             checked = made()
-        return checked(*args, **kwargs)
+        try:
+            return checked(*args, **kwargs)
+        except TypeError as problem:
+            if type(problem) is not TypeError:  # an annotation does not hold
+                raise
+            return plain(*args, **kwargs)  # arguments that do not fit its signature: in its own words
 
     return call

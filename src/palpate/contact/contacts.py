@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Int8
 from numpy.typing import ArrayLike
 
-from palpate.calls import answering, by_name, called_as
+from palpate.calls import by_name, called_as
 from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.errors import InputError
 from palpate.spatial._arrays import FLOAT, INT64, shaped
@@ -40,6 +40,11 @@ _NO_FEATURES: Mapping[str, Float[np.ndarray, " n"]] = MappingProxyType({})
     load='palpate.Contacts.load("contacts.mcap")',
     save='contacts.save("contacts.mcap")',
     plot='contacts.plot(palpate.Mesh.load("probe.stl", unit="mm"))',
+    position="contacts.point",
+    magnitude="np.linalg.norm(contacts.force, axis=-1)",
+    events="contacts.touches()",
+    show="contacts.plot(mesh)",
+    to_csv='contacts.save("contacts.csv")',
 )
 @dataclass(frozen=True, eq=False)
 class Contacts:
@@ -60,9 +65,6 @@ class Contacts:
     estimate: ContactEstimate
     features: Mapping[str, Float[np.ndarray, " n"]] = field(default_factory=lambda: _NO_FEATURES)
     notes: tuple[str, ...] = ()
-
-    if not TYPE_CHECKING:  # which knows the names itself
-        __getattr__ = answering
 
     def __post_init__(self) -> None:
         for name, dtype in (("sample", INT64), ("time", FLOAT), ("identity", INT64)):

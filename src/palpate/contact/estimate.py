@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from palpate.calls import answering, called_as
+from palpate.calls import called_as
 from palpate.errors import InputError
 from palpate.spatial._arrays import FLOAT, INT64, Value, shaped
 from palpate.spatial.pose import Pose
@@ -58,10 +58,25 @@ class Status(IntEnum):
     def __format__(self, spec: str) -> str:
         return format(self.label, spec)
 
+    def __eq__(self, other: object) -> bool:
+        return int.__eq__(self, Status(other) if isinstance(other, str) else other)  # pyright: ignore[reportArgumentType]
+
+    __hash__ = int.__hash__
+
     def __bool__(self) -> bool:
         raise InputError(
             "a Status is neither true nor false.", hint=f"Write status == palpate.Status.{self.name}, or if contact:."
         )
+
+
+class Statuses(np.ndarray):
+    """Hold codes of `Status`, int8; == and != take the words of files, too."""
+
+    def __eq__(self, other: object) -> Any:
+        return np.asarray(self) == (Status(other) if isinstance(other, str) else other)
+
+    def __ne__(self, other: object) -> Any:
+        return np.asarray(self) != (Status(other) if isinstance(other, str) else other)
 
 
 class _Row:
@@ -88,6 +103,10 @@ _ROW = (ROW.length,)
     "palpate.locate([0, 0, -5, 0.02, 0, 0], mesh)",
     in_frame="contact.in_frame(palpate.Pose.from_matrix(T_base_surface))",
     plot='contact.plot(palpate.Mesh.load("probe.stl", unit="mm"))',
+    position="contact.point",
+    magnitude="np.linalg.norm(contact.force, axis=-1)",
+    show="contact.plot(mesh)",
+    touches="palpate.Contacts.single(times, contact).touches()",
 )
 @dataclass(frozen=True, eq=False, repr=False)
 class ContactEstimate(Value):
@@ -114,9 +133,6 @@ class ContactEstimate(Value):
     candidates: Int[np.ndarray, "*batch"]
     status: Any  # int8 array or Status: no type checker knows the batch
 
-    if not TYPE_CHECKING:  # which knows the names itself
-        __getattr__ = answering
-
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
             dtype = INT64 if name == "candidates" else FLOAT
@@ -126,6 +142,8 @@ class ContactEstimate(Value):
             object.__setattr__(self, "status", Status(int(self.status)))
         elif self.status.shape != self.batch or self.status.dtype != np.int8:
             raise InputError(f"status must be int8 of shape {self.batch}, not {self.status.dtype} {self.status.shape}.")
+        else:
+            object.__setattr__(self, "status", self.status.view(Statuses))
         for value in vars(self).values():
             if isinstance(value, np.ndarray):
                 value.flags.writeable = False

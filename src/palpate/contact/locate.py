@@ -82,6 +82,7 @@ class Candidates(Value):
     'palpate.Locator("probe.stl", unit="mm", noise=(0.02, 0.001))',
     run="locator.run([[0, 0, -5, 0.02, 0, 0]])",
     candidates="locator.candidates([0, 0, -5, 0.02, 0, 0])",
+    locate="locator.run([[0, 0, -5, 0.02, 0, 0]])",
 )
 class Locator:
     """Prepared location on one surface: the tree is built and the loops are compiled here, never in the loop.
@@ -199,7 +200,7 @@ class Locator:
         """Forget the last contact and the hysteresis, or set the last contact to a point (3,) [m]."""
         self._state[:] = _state(previous)
 
-    def __call__(self, wrench: ArrayLike, out: np.ndarray) -> None:
+    def __call__(self, wrench: ArrayLike, out: np.ndarray | None = None) -> None:
         """Locate one wrench (6,), force first, in the surface's frame, into `out`; carries hysteresis and last contact.
 
         Allocates nothing where the wrench is an array of float64, writable or not, a column or a row.
@@ -209,8 +210,11 @@ class Locator:
             out: (22,), a row of `empty()`.
 
         Raises:
-            InputError: other shapes, or an `out` that cannot be written into.
+            InputError: other shapes, or an `out` that cannot be written into, or none.
         """
+        if out is None:
+            hint = "Write locator.run(wrench), or out = locator.empty() and locator(wrench, out)."
+            raise InputError("out is missing.", hint=hint)
         if type(out) is not np.ndarray or out.shape != _ROW or out.dtype != FLOAT or not out.flags.carray:
             require_out(out, _ROW)
         if type(wrench) is not np.ndarray or wrench.shape != _WRENCH or wrench.dtype != FLOAT:

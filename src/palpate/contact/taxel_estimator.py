@@ -79,7 +79,13 @@ class TaxelSettings:
             raise InputError("reach must be positive, speed and patience not negative.")
 
 
-@called_as("palpate.TaxelEstimator(palpate.TaxelBody.anywhere(positions, normals))")
+@called_as(
+    "palpate.TaxelEstimator(palpate.TaxelBody.anywhere(positions, normals))",
+    update="skin.update(time, readings)",
+    run='skin.run(palpate.Recording(times, {"cells": readings}))',
+    tare='skin.tare(palpate.Recording(times, {"cells": readings}))',
+    estimate='skin.run(palpate.Recording(times, {"cells": readings}))',
+)
 class TaxelEstimator:
     """The estimator of taxels: each frame is answered with what those before it left (rest, identities, filter).
 

@@ -117,6 +117,7 @@ class _Live:
     "palpate.Pose.from_quaternion(quaternion, [0, 0, 0]).rotation)",
     run='estimator.run(palpate.Recording(time, {"force": force, "torque": torque}))',
     tare='estimator.tare(palpate.Recording(time, {"force": force, "torque": torque}))',
+    estimate='estimator.run(palpate.Recording(time, {"force": force, "torque": torque}))',
 )
 class WrenchEstimator:
     """The `ContactEstimator` of every sensor of wrenches, on any surface.

@@ -342,7 +342,14 @@ class Pipeline:
         return list(dict.fromkeys((*self.doubted, *self.estimator.doubts(), *self._seen.doubts(self.estimator))))
 
 
-@called_as(_LINE)
+@called_as(
+    _LINE,
+    rate='palpate.estimate({"time": np.arange(len(wrenches)) / rate, "force": wrenches[:, :3], '
+    '"torque": wrenches[:, 3:]}, "rig.toml")',
+    start='contacts = palpate.estimate("log.csv", "rig.toml"), then contacts[contacts.time >= start]',
+    end='contacts = palpate.estimate("log.csv", "rig.toml"), then contacts[contacts.time < end]',
+    output='palpate.estimate("log.csv", "rig.toml").save("contacts.csv")',
+)
 def estimate(
     log: LogLike,
     rig: Rig | str | PathLike[str] | None = None,

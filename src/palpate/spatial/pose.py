@@ -60,6 +60,7 @@ def quaternion_from_rotation(rotation: Float[np.ndarray, "*batch 3 3"]) -> Float
     from_matrix="palpate.Pose.from_matrix(np.eye(4))",
     from_rotation_vector="palpate.Pose.from_rotation_vector([0, 0, 1.57], [0, 0, 0.085])",
     apply="pose.apply(contact.point)",
+    inv="pose.inverse()",
     __matmul__="T_base_sensor @ T_sensor_surface; contact.in_frame(T_base_surface) moves a contact",
 )
 @takes_arrays
@@ -115,6 +116,11 @@ class Pose(Value):
             last = matrix[..., 3, :].tolist()
             raise InputError(f"the last row of matrix must be 0, 0, 0, 1, not {last}.", hint="Is it transposed?")
         return cls(matrix[..., :3, :3], matrix[..., :3, 3])
+
+    @classmethod
+    def from_translation(cls, translation: ArrayLike) -> Pose:
+        """Make a pose of a translation (*batch, 3) [m] alone."""
+        return cls(np.eye(3), translation)
 
     @classmethod
     def from_rotation_vector(cls, rotation_vector: ArrayLike, translation: ArrayLike) -> Pose:

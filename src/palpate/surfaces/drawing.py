@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from palpate.calls import by_name
+from palpate.calls import by_name, called_as
 from palpate.errors import InputError
 from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.given import SurfaceLike, as_surface
@@ -64,6 +64,7 @@ class Specks:
     colour: UInt8[np.ndarray, "m 3"]
 
 
+@called_as("contacts.plot(mesh)", save='drawing.save("contacts.html")', show='drawing.save("contacts.html")')
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Drawing:

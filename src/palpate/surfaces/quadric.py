@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from palpate.calls import called_as
 from palpate.errors import GeometryError
 from palpate.spatial._arrays import frozen
 from palpate.spatial.arguments import takes_arrays
@@ -70,6 +71,7 @@ class _Oval(Quadric):
         return (unit * self.halves()).reshape(-1, 3), _grid(2 * count, count + 1, closed=True)
 
 
+@called_as("palpate.surfaces.Ellipsoid((0.02, 0.015, 0.03))")
 @dataclass(frozen=True, eq=False)
 class Ellipsoid(_Oval):
     """(x/a)^2 + (y/b)^2 + (z/c)^2 = 1.
@@ -85,6 +87,7 @@ class Ellipsoid(_Oval):
         return self.axes
 
 
+@called_as("palpate.surfaces.Sphere(0.01)")
 @dataclass(frozen=True, eq=False)
 class Sphere(_Oval):
     """|p| = radius.
@@ -139,6 +142,7 @@ class _Tube(Quadric):
         return points.reshape(-1, 3), _grid(len(turn), count + 1, closed=not self.upper)
 
 
+@called_as("palpate.surfaces.EllipticCylinder(a=0.02, b=0.01, half_length=0.03)")
 @dataclass(frozen=True, eq=False)
 class EllipticCylinder(_Tube):
     """(x/a)^2 + (z/b)^2 = 1 with |y| <= half_length and without lids: the `load cells` paper's (9) to (12).
@@ -160,6 +164,7 @@ class EllipticCylinder(_Tube):
         return self.a, self.b
 
 
+@called_as("palpate.surfaces.Cylinder(radius=0.01, half_length=0.03)")
 @dataclass(frozen=True, eq=False)
 class Cylinder(_Tube):
     """x^2 + z^2 = radius^2 with |y| <= half_length and without lids.
@@ -179,6 +184,7 @@ class Cylinder(_Tube):
         return self.radius, self.radius
 
 
+@called_as("palpate.surfaces.Paraboloid(radii=(0.02, 0.01), height=0.01)")
 @dataclass(frozen=True, eq=False)
 class Paraboloid(Quadric):
     """z = -(x^2/r_x + y^2/r_y)/2 from its apex at z = 0 down to -height; the body is below.
