@@ -10,6 +10,7 @@
     contacts = palpate.estimate("log.csv", "rig.toml")
     contacts = palpate.estimate("log.csv", mesh="probe.stl", unit="mm")
     contacts[3], contacts.point[contacts.answered], contacts.status == palpate.Status.CONTACT, contacts.notes
+    contacts[(contacts.time >= 1.0) & (contacts.time < 2.0)]
 
     # touches
     for touch in contacts.touches():
@@ -40,7 +41,7 @@
     contacts = palpate.estimate("log.csv", "rig.toml", frame="base")
     contact.in_frame(palpate.Pose.from_matrix(T_base_surface))
 
-What is refused raises `palpate.PalpateError`, with a sentence that says what to write. Files are read in `palpate.io`.
+What is refused raises `palpate.PalpateError`, with a sentence that says what to write.
 """
 
 from difflib import get_close_matches as _near

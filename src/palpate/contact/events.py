@@ -10,17 +10,23 @@ from types import MappingProxyType, SimpleNamespace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from palpate.calls import called_as
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import Status
 from palpate.sensors.recording import LARGEST
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Events", "TouchFinder", "find_touches", "largest_deviation"]
+__all__ = ["Events", "Touch", "TouchFinder", "find_touches", "largest_deviation"]
 
 WINDOW = 0.1  # s over which points are averaged before it is asked how far they moved
 LATEST = 1e20  # s: beyond any clock, in nanoseconds too
 LEAST = 1e-24  # m^2: below any spread of a point
 FAINT = 0.1  # of the heaviest window's weight: what weighs less has no say in that
+
+
+@called_as("contacts.touches()[0]", contacts="contacts[(contacts.time >= touch.start) & (contacts.time <= touch.end)]")
+class Touch(SimpleNamespace):
+    """One of `Events`: its attributes, of this touch alone, and its `duration` [s]."""
 
 
 @takes_arrays
@@ -72,11 +78,11 @@ class Events:
     def __len__(self) -> int:
         return len(self.start)
 
-    def __getitem__(self, which: int) -> SimpleNamespace:
+    def __getitem__(self, which: int) -> Touch:
         """Return one touch: numbers and vectors by the same names, and its duration [s]; also in a `for`."""
         columns = {name: value[which] for name, value in vars(self).items() if name != "features"}
         duration = self.end[which] - self.start[which]
-        return SimpleNamespace(
+        return Touch(
             **columns, duration=duration, features={name: value[which] for name, value in self.features.items()}
         )
 

@@ -348,6 +348,9 @@ class Pipeline:
     '"torque": wrenches[:, 3:]}, "rig.toml")',
     start='contacts = palpate.estimate("log.csv", "rig.toml"), then contacts[contacts.time >= start]',
     end='contacts = palpate.estimate("log.csv", "rig.toml"), then contacts[contacts.time < end]',
+    surface="palpate.WrenchEstimator(surface, palpate.ForceTorque(noise=(0.02, 0.001))).run("
+    'palpate.Recording(time, {"force": force, "torque": torque})), or a rig with [surface] kind = "ellipsoid"',
+    payload='a rig with [force_torque] payload = "payload.toml", then palpate.estimate("log.csv", "rig.toml")',
     output='palpate.estimate("log.csv", "rig.toml").save("contacts.csv")',
 )
 def estimate(

@@ -61,7 +61,7 @@ def quaternion_from_rotation(rotation: Float[np.ndarray, "*batch 3 3"]) -> Float
     from_rotation_vector="palpate.Pose.from_rotation_vector([0, 0, 1.57], [0, 0, 0.085])",
     apply="pose.apply(contact.point)",
     inv="pose.inverse()",
-    __matmul__="T_base_sensor @ T_sensor_surface; contact.in_frame(T_base_surface) moves a contact",
+    __matmul__="T_base_sensor @ T_sensor_surface, pose.apply(point) or contact.in_frame(pose)",
 )
 @takes_arrays
 @dataclass(frozen=True, eq=False, init=False)
