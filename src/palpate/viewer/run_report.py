@@ -197,7 +197,7 @@ def _places(run: Run) -> Section:
         )
         shown.append(picture(body, f"{words}, and say more when a pointer rests on them."))
     if np.isfinite(kept.radius).any():
-        sizes = plots.histogram(1e3 * kept.radius[kept.even], "long half axis of the 95 % ellipse [mm]")
+        sizes = plots.histogram(1e3 * kept.radius[kept.even], "long half axis of the 95 % ellipse", "mm")
         held = ", ".join(run.uncertainties)
         words = f"How certain the points are. The ellipses hold {held}; errors of the mesh are not in them."
         shown.append(picture(sizes, words))
@@ -220,7 +220,7 @@ def _in_space(run: Run, marks: Sequence[Mark]) -> str:
 def _statuses(run: Run) -> Section:
     counts = run.summary.statuses
     rows = "samples" if run.summary.rows <= run.summary.samples else "rows (a sample has one for each contact)"
-    facts = tuple((kind.label, f"{counts[kind]:,} {rows}. {MEANING[kind]}") for kind in Status if counts[kind])
+    facts = tuple((kind.words, f"{counts[kind]:,} {rows}. {MEANING[kind]}") for kind in Status if counts[kind])
     shares = picture(plots.statuses(counts), "What became of the samples; answered are contact and ambiguous.")
     return Section("Statuses", pictures=(shares,), facts=facts)
 
@@ -268,13 +268,13 @@ def touch_table(found: Events, most: int) -> Table:
 
 
 def _inputs(provenance: Mapping[str, str]) -> Section:
-    """Names and hashes of the files, versions, options."""
+    """Names and hashes of the files, versions."""
     used = ", ".join(f"{name} {release}" for name, release in (("numpy", np.__version__), ("Python", python_version())))
     facts = [("versions", f"palpate {provenance.get('palpate', 'unknown')}, {used}")]
     for name, said in provenance.items():
         if name != "palpate":
             facts.append((name.replace("_", " "), said.replace(" sha256:", ", SHA-256 ")))
-    return Section("Inputs and options", facts=tuple(facts))
+    return Section("Inputs", facts=tuple(facts))
 
 
 def _time_budget(stages: Mapping[str, float], samples: int) -> Section:
@@ -286,5 +286,5 @@ def _time_budget(stages: Mapping[str, float], samples: int) -> Section:
         (name, f"{spent:.3f}", f"{1e6 * spent / count:.2f}", percent(spent / total))
         for name, spent in (*stages.items(), ("all", total))
     ]
-    header = ("stage", "time [s]", "per sample [us]", "share")
+    header = ("stage", "time [s]", "per sample [µs]", "share")
     return Section("Time budget", tables=(Table(header, tuple(rows)),))
