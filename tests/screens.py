@@ -26,7 +26,7 @@ LIVE = {
     "arena": ("simulate", "arena", "--seed", "7", "--view", "--port", "0"),
     "phantom": ("simulate", "phantom", "--seconds", "3600", "--view", "--port", "0"),
 }
-DRAWN = 8.0  # s that a browser without a graphics card takes to draw all of a page
+DRAWN = 15.0  # s that a browser without a graphics card takes to draw all of a page
 
 
 def main() -> None:

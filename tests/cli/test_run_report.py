@@ -155,7 +155,7 @@ def test_of_two_contacts_at_once_the_one_at_the_truth_is_judged() -> None:
     assert (tiles["samples"], tiles["contacts at once"], tiles["peak force"]) == ("10", "2", "2 N")
     table = _section(run, "Touches").tables[0]
     assert table.header[:2] == ("touch", "contact")
-    assert table.header[-1] == "area [cm²]"
+    assert table.header[-1] == "contact area [cm²]"
     assert [row[1] for row in table.rows] == ["1", "2"]
     assert [row[-1] for row in table.rows] == ["2", "2"]
 

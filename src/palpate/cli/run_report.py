@@ -170,7 +170,12 @@ def _of_taxels(run: Run, rig: Rig, estimator: TaxelEstimator) -> Run:
         drawn = (mesh.vertices, mesh.faces)
     facts = [("cells", f"{len(body)}, of which {int(body.usable.sum())} are used")]
     if health is not None:
-        facts.append(("at rest", f"{np.median(health.baseline):.3g}, noise {np.median(health.noise):.2g} (medians)"))
+        facts.append(
+            (
+                "at rest",
+                f"{np.median(health.baseline):.3g} counts, noise {np.median(health.noise):.2g} counts (medians)",
+            )
+        )
         facts.append(("dead, stuck", f"{int(health.dead.sum())}, {int(health.stuck.sum())}"))
     section = taxels(run.kept.contacts, tuple(facts), shape, () if health is None else health.notes)
     uncertainties = ("the cells' noise", "where in a cell a touch may be")
@@ -182,7 +187,7 @@ def _of_both(run: Run, rig: Rig, estimator: FusedEstimator) -> Run:
     run = _of_taxels(run, rig, estimator.taxels)
     return replace(
         run,
-        method="Places are the skin's, forces those that explain skin and wrench within friction",
+        method="and places are the skin's, forces those that explain skin and wrench within friction",
         uncertainties=(*run.uncertainties, "the wrench's noise", "what the skin's forces are off by"),
         sections=(*run.sections, *zero_section(estimator)),
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from html import escape
 
 import numpy as np
@@ -13,7 +13,7 @@ from palpate.viewer._style import STATUS
 from palpate.viewer.scene import Moment, Scene, ShownContact
 from palpate.viewer.widgets import card
 
-__all__ = ["MEANING", "beside", "caption", "feature"]
+__all__ = ["MEANING", "beside", "caption", "feature", "is_shown"]
 
 NONE = "&ndash;"
 FLAT = 0.05  # of the largest deviation: less is none
@@ -88,16 +88,16 @@ def _contact(contact: ShownContact, magnification: int, single: bool) -> Iterato
     yield "95 %", _ellipse(contact, magnification)
     if np.isfinite(contact.torque):
         yield "torque", f"{1e3 * contact.torque:z.1f} mN m about the normal"
-    features = [_feature(name, contact) for name in contact.features if _shown(name, contact)]
+    features = [_feature(name, contact) for name in contact.features if is_shown(name, contact.features)]
     if single:
         yield from features
     elif features:
         yield "features", ", ".join(f"{name}&nbsp;{value}" for name, value in features)
 
 
-def _shown(name: str, contact: ShownContact) -> bool:
+def is_shown(name: str, features: Collection[str]) -> bool:
     """A feature has a row: neither the deviation of another one, nor what the number says already."""
-    return name not in _INWARD and not (name.endswith("_sd") and name[:-3] in contact.features)
+    return name not in _INWARD and not (name.endswith("_sd") and name[:-3] in features)
 
 
 def _size(contact: ShownContact) -> float:

@@ -89,7 +89,7 @@ def legend(scene: Scene, heat: bool) -> str:
     return strip(items)
 
 
-def _css(ink: Sequence[float]) -> str:
+def _css(ink: Sequence[int] | Sequence[float]) -> str:
     return "rgb({:.0f},{:.0f},{:.0f})".format(*ink)
 
 

@@ -65,7 +65,7 @@ class LiveProbe(Served):
         self._phantom = self._space.add_frame("/phantom", show_axes=False)
         sides = (SCALE * plate[0], SCALE * plate[1], SCALE * plate[2])
         self._space.add_mesh_simple("/probe/body", SCALE * vertices, faces, color=PROBE, flat_shading=False)
-        self._space.add_box("/phantom/body", TISSUE, sides, opacity=0.4, position=(0.0, 0.0, -sides[2] / 2))
+        self._space.add_box("/phantom/body", TISSUE, sides, opacity=0.3, position=(0.0, 0.0, -sides[2] / 2))
         nothing = np.zeros((1, 2, 3), dtype=np.float32)
         self._arrow = self._space.add_arrows("/force", nothing, PUSH, shaft_radius=0.03, head_radius=0.08)
         self._links: list[CylinderHandle] = []

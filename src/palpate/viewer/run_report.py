@@ -19,7 +19,7 @@ from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.shown import rounded
 from palpate.surfaces.drawing import Drawing, Mark, Specks
 from palpate.viewer import plots
-from palpate.viewer.captions import MEANING, feature
+from palpate.viewer.captions import MEANING, feature, is_shown
 from palpate.viewer.heat import colours
 from palpate.viewer.report import Picture, Report, Section, Table, Tile, percent, picture
 from palpate.viewer.run_summary import RunSummary
@@ -229,11 +229,14 @@ def _touches(found: Events) -> Section:
     if not len(found):
         return Section("Touches")
     text = "sd is one standard deviation of a sample in the direction in which it is largest."
-    return Section("Touches", text=(text,), tables=(touch_table(found, SHOWN),))
+    return Section("Touches", text=(text,), tables=(touch_table(found, SHOWN, spelled=True),))
 
 
-def touch_table(found: Events, most: int) -> Table:
-    """The first touches, at most `most`: when, how hard, where, and what the sensor adds."""
+def touch_table(found: Events, most: int, *, spelled: bool = False) -> Table:
+    """The first touches, at most `most`: when, how hard, where, and all that the sensor adds, as files name it.
+
+    Spelled, what it adds has names in words, and deviations are left out.
+    """
     (x, y, z), (start, after) = 1e3 * found.point.T, since(found.start)
     columns = {
         "touch": ("{:.0f}", np.arange(1, len(found) + 1)),
@@ -252,8 +255,10 @@ def touch_table(found: Events, most: int) -> Table:
     if not found.identity.any():  # of a sensor that feels one contact at a time
         del columns["contact"]
     for name, values in found.features.items():
-        _, scale, unit = feature(name)
-        columns[f"{name} [{unit}]" if unit else name] = ("{:.3g}", scale * values)
+        words, scale, unit = feature(name)
+        if is_shown(name, found.features) or not spelled:
+            words = words if spelled else name
+            columns[f"{words} [{unit}]" if unit else words] = ("{:.3g}", scale * values)
 
     def cell(text: str, values: np.ndarray, k: int) -> str:
         if not np.isfinite(values[k]):
