@@ -26,7 +26,7 @@ _REST, _NOW, _MOVED = (150, 150, 150), (0, 235, 255), (255, 160, 0)  # blue, gre
 _MAGNIFIED = 4  # times that displacements are drawn longer than they are
 _FARTHEST = 1e6  # px: OpenCV counts sixteenths in 32 bits
 _COLOUR = (200, 40, 40)
-_ABOVE = 1.01  # radii of the skin
+_ABOVE = 1.03  # radii of the skin
 
 
 @takes_arrays
@@ -103,7 +103,7 @@ class RingLayer:
         colours = np.tile(np.array(_COLOUR, np.uint8), (len(self._ring), 1))
         points = self._points(self._ring.rest)
         self._markers: PointCloudHandle = server.scene.add_point_cloud(
-            "/markers", points, colours, point_size=0.012, point_shape="circle"
+            "/markers", points, colours, point_size=0.007, point_shape="circle"
         )
 
     def panel(self, gui: GuiApi) -> None:
