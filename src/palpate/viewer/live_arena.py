@@ -212,7 +212,7 @@ class _Robot:
                 angle, force = rows[at]
                 out = np.array([np.cos(pose[2] + angle), np.sin(pose[2] + angle), 0.0])
                 tip = np.array([pose[0], pose[1], BLOCK + 0.02]) + self._radius * out  # above the block that pushes
-                tail = tip + max(0.02, min(ARROW * force, LONGEST)) * out
+                tail = tip + max(ARROW, min(ARROW * force, LONGEST)) * out
                 arrow.points = np.stack([tail, tip])[None].astype(np.float32)
 
 
