@@ -80,12 +80,15 @@ def _served(words: tuple[str, ...]) -> Iterator[str]:
 
 
 def _photograph(browser: Any, address: str, size: tuple[int, int], picture: Path) -> None:
-    """A page as it opens, once it is drawn."""
+    """A page as it opens, once it is drawn; one that moves stands still."""
     view = browser.new_page(viewport={"width": size[0], "height": size[1]}, has_touch=size[0] < 600)
     view.set_default_timeout(1e3 * PATIENCE)
     view.goto(address)
     view.wait_for_selector("canvas")
     view.locator(".mantine-Notification-closeButton").first.click()  # that there is no graphics card here
+    view.wait_for_timeout(1e3 * DRAWN)
+    for button in view.get_by_role("button", name="Pause").all():
+        button.click()  # all of the picture is of one moment
     view.wait_for_timeout(1e3 * DRAWN)
     view.screenshot(path=str(picture))
     view.close()

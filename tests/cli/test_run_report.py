@@ -117,7 +117,7 @@ def test_settings_are_those_of_the_rig() -> None:
     noise = np.diag([0.02**2] * 3 + [0.001**2] * 3)
     locator = Locator(RIG.surface.load(Path()), noise=noise, on=0.5, off=0.3)
     facts = dict(wrench_settings(RIG, locator, noise, "butterworth, 5 Hz"))
-    assert facts["method"] == "soft_finger"
+    assert facts["method"] == "soft finger"
     assert facts["a contact"] == "begins at 0.5 N, ends at 0.3 N"
     assert facts["noise of a reading"].startswith("0.02 N and 0.001 N m")
     assert facts["filter"] == "butterworth, 5 Hz"
@@ -155,7 +155,7 @@ def test_of_two_contacts_at_once_the_one_at_the_truth_is_judged() -> None:
     assert (tiles["samples"], tiles["contacts at once"], tiles["peak force"]) == ("10", "2", "2 N")
     table = _section(run, "Touches").tables[0]
     assert table.header[:2] == ("touch", "contact")
-    assert table.header[-1] == "area [cm²]"
+    assert table.header[-1] == "contact area [cm²]"
     assert [row[1] for row in table.rows] == ["1", "2"]
     assert [row[-1] for row in table.rows] == ["2", "2"]
 
@@ -172,7 +172,7 @@ def test_advice_follows_from_what_went_wrong(kind: Status) -> None:
     counts = np.zeros(len(Status), dtype=np.int64)
     counts[[Status.CONTACT, kind]] = 900, 100
     said = status_advice(counts)
-    assert any(sentence.startswith("10.0 % of the") and kind.label in sentence for sentence in said)
+    assert any(sentence.startswith("10.0 % of the") and kind.words in sentence for sentence in said)
 
 
 def test_the_page_holds_inputs_warnings_and_the_time_budget() -> None:
@@ -181,5 +181,5 @@ def test_the_page_holds_inputs_warnings_and_the_time_budget() -> None:
     page = render(compose(judged(run)))
     assert "careful &lt;b&gt;" in page
     assert "log.csv, SHA-256 abc" in page
-    assert all(f"<td>{cell}</td>" in page for cell in ("locate", "0.003", "3.00", "75.0 %", "4.00", "100.0 %"))
+    assert all(f">{cell}</td>" in page for cell in ("locate", "0.003", "3.00", "75.0 %", "4.00", "100.0 %"))
     assert len(page) < 2_000_000

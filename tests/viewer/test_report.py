@@ -28,7 +28,7 @@ FIGURES: dict[str, Callable[[], Any]] = {
     "forces": lambda: plots.forces(TIME, RNG.normal(size=(N, 3)), STATUS),
     "locations": lambda: plots.locations(TIME, HOLES, np.abs(HOLES)),
     "silhouettes": lambda: plots.silhouettes(VERTICES, FACES, HOLES, HOLES, RNG.uniform(0, 9, N)),
-    "histogram": lambda: plots.histogram(RNG.lognormal(size=N), "radius [mm]"),
+    "histogram": lambda: plots.histogram(RNG.lognormal(size=N), "radius", "mm"),
     "statuses": lambda: plots.statuses(np.bincount(STATUS, minlength=len(Status))),
     "errors": lambda: plots.errors(TIME, np.abs(HOLES[:, 0]), np.abs(HOLES[:, 1])),
     "touch_errors": lambda: plots.touch_errors(["a", "b"], np.array([1e-3, np.nan]), np.array([2e-3, np.nan])),
@@ -45,7 +45,7 @@ EMPTY: dict[str, Callable[[], Any]] = {
     "flat": lambda: plots.silhouettes(
         np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.0]]), np.array([[0, 1, 2]]), np.zeros((1, 3)), np.eye(3)[:1], TIME[:1]
     ),
-    "histogram": lambda: plots.histogram(np.full(3, np.nan), "radius [mm]"),
+    "histogram": lambda: plots.histogram(np.full(3, np.nan), "radius", "mm"),
     "statuses": lambda: plots.statuses(np.zeros(len(Status), dtype=np.int64)),
     "errors": lambda: plots.errors(TIME[:1], np.full(1, 1e-3), np.full(1, np.nan)),
     "zeros": lambda: zeros(TIME[:0], HOLES[:0].repeat(2, axis=1), HOLES[:0].repeat(2, axis=1), np.zeros(0, np.bool_)),

@@ -94,9 +94,9 @@ def test_a_moment_is_the_estimate_of_its_sample(scene: Scene) -> None:
 
 
 def test_a_usual_ellipse_can_be_seen(scene: Scene) -> None:
-    """Drawn, it is as long as a fiftieth of the body, or the next smaller magnification would do."""
+    """Drawn, it is as long as a twenty-fifth of the body, or the next smaller magnification would do."""
     long = np.sqrt(CHI2_95) * SPREAD[0]
-    least = scene.size / 50
+    least = scene.size / 25
     assert scene.magnification * long >= least
     smaller = [times for times in MAGNIFICATIONS if times < scene.magnification]
     assert not smaller or smaller[-1] * long < least

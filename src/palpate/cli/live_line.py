@@ -72,7 +72,7 @@ def contacts(slots: np.ndarray) -> str:
     status = rows[:, ROW.status]
     touching = rows[(status == Status.CONTACT) | (status == Status.AMBIGUOUS)]
     if not len(touching):
-        return str(Status(int(status[0])).label).replace("_", " ") if len(rows) else "not answered"
+        return Status(int(status[0])).words if len(rows) else "not answered"
     force = np.linalg.norm(touching[:, ROW.force], axis=1)
     x, y, z = 1e3 * touching[int(np.argmax(force)), ROW.point]
     several = f"{len(touching)} contacts, strongest " if len(touching) > 1 else "contact "

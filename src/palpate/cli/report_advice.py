@@ -67,7 +67,7 @@ def status_advice(counts: Int[np.ndarray, " s"]) -> tuple[str, ...]:
     for kind, (least, remedy) in _REMEDY.items():
         whole, name = (total, "samples") if kind in (Status.INVALID, Status.NO_POSE) else (loaded, "loaded samples")
         if counts[kind] and counts[kind] >= least * whole:
-            said.append(f"{percent(counts[kind] / whole)} of the {name} are {kind.label}: {remedy}")
+            said.append(f"{percent(counts[kind] / whole)} of the {name} are {kind.words}: {remedy}")
     return tuple(said)
 
 

@@ -38,6 +38,30 @@ from palpate.viewer.zero_plot import zeros
 __all__ = ["force_torque", "load_cells", "run_of", "taxels", "wrench_settings"]
 
 Facts = tuple[tuple[str, str], ...]
+OPTIONS = ("frame", "sensor", "ended")  # of a record, beside those of its pipeline
+_SETTINGS = {  # of estimators, as rigs name them -> in words, by how much they are multiplied, and in which unit
+    "on": ("a contact begins at", 1.0, "deviations of the noise"),
+    "off": ("a contact ends at", 1.0, "deviations of the noise"),
+    "sure": ("two peaks are two contacts from", 1.0, "deviations between them"),
+    "share": ("and from", 1e2, "% of the lower peak"),
+    "unequal": ("gains of cells differ by", 1e2, "%"),
+    "drift": ("the rest is followed within", 1.0, "s"),
+    "walk": ("the rest wanders by", 1.0, "counts/√s"),
+    "reach": ("from frame to frame a contact moves by", 1e3, "mm at most"),
+    "speed": ("and at", 1e3, "mm/s at most"),
+    "patience": ("a lost contact is waited for", 1.0, "s"),
+    "apart": ("contacts are told apart from", 1.0, "°"),
+    "dropped": ("markers left out of a frame", 1.0, "at most"),
+    "shift": ("a neighbour shifts a contact by", 1.0, "°"),
+    "wide": ("widths differ by", 1.0, "deviations of the calibration's"),
+    "friction": ("friction, at most", 1.0, "(tangent of the angle between force and normal)"),
+    "tangential": ("tangential force", 1e2, "% of the normal force (one standard deviation)"),
+    "gain": ("gain of the skin", 1e2, "% off (one standard deviation)"),
+    "floor": ("force of the skin", 1.0, "N off beside that (one standard deviation)"),
+    "alarm": ("false alarms", 1e2, "%"),
+    "turns": ("prior written anew", 1.0, "times"),
+    "crease": ("edges are sharp from", 1.0, "°"),
+}
 
 
 def run_of(
@@ -58,8 +82,8 @@ def run_of(
         output,
         f"and turned into contacts as those of {log.kind.called}",
         summary,
-        settings=tuple((name, str(value)) for name, value in pipeline.facts.items() if value is not None),
-        provenance=record,
+        settings=tuple(_setting(name, value) for name, value in pipeline.facts.items() if value is not None),
+        provenance={name: said for name, said in record.items() if name not in {*pipeline.facts, *OPTIONS}},
         stages={"read": log.seconds, **pipeline.seconds},
         notes=tuple(pipeline.notes()),
         warnings=warnings,
@@ -73,6 +97,12 @@ def run_of(
     surface = body_of(log.rig)  # of a marker ring: a cylinder where the rig has no surface
     drawn = None if surface is None else surface.drawn()
     return run if drawn is None else replace(run, body=(drawn.vertices, drawn.faces))
+
+
+def _setting(name: str, value: object) -> tuple[str, str]:
+    """In words and with its unit."""
+    words, scale, unit = _SETTINGS.get(name, (name.replace("_", " "), 1.0, ""))
+    return words, f"{scale * value:g} {unit}".strip() if isinstance(value, int | float) else str(value)
 
 
 def _of_wrenches(run: Run, rig: Rig, estimator: WrenchEstimator) -> Run:
@@ -140,7 +170,12 @@ def _of_taxels(run: Run, rig: Rig, estimator: TaxelEstimator) -> Run:
         drawn = (mesh.vertices, mesh.faces)
     facts = [("cells", f"{len(body)}, of which {int(body.usable.sum())} are used")]
     if health is not None:
-        facts.append(("at rest", f"{np.median(health.baseline):.3g}, noise {np.median(health.noise):.2g} (medians)"))
+        facts.append(
+            (
+                "at rest",
+                f"{np.median(health.baseline):.3g} counts, noise {np.median(health.noise):.2g} counts (medians)",
+            )
+        )
         facts.append(("dead, stuck", f"{int(health.dead.sum())}, {int(health.stuck.sum())}"))
     section = taxels(run.kept.contacts, tuple(facts), shape, () if health is None else health.notes)
     uncertainties = ("the cells' noise", "where in a cell a touch may be")
@@ -152,7 +187,7 @@ def _of_both(run: Run, rig: Rig, estimator: FusedEstimator) -> Run:
     run = _of_taxels(run, rig, estimator.taxels)
     return replace(
         run,
-        method="Places are the skin's, forces those that explain skin and wrench within friction",
+        method="and places are the skin's, forces those that explain skin and wrench within friction",
         uncertainties=(*run.uncertainties, "the wrench's noise", "what the skin's forces are off by"),
         sections=(*run.sections, *zero_section(estimator)),
     )
@@ -182,7 +217,7 @@ def wrench_settings(
     surface = locator.surface
     facets = f", {len(surface.faces):,} facets" if isinstance(surface, Mesh) else ""
     facts = [
-        ("method", rig.estimate.method),
+        ("method", rig.estimate.method.replace("_", " ")),
         ("friction, at most", f"{rig.estimate.friction:g} (tangent of the angle between force and normal)"),
         ("torsion, at most", f"{1e3 * rig.estimate.torsion:g} mm (torque about the normal over normal force)"),
         ("a contact", f"begins at {locator.on:.3g} N, ends at {locator.off:.3g} N"),
@@ -217,7 +252,7 @@ def _mounting(pose: Pose, covariance: Sequence[Sequence[float]] | None) -> list[
     if covariance is None:
         stated = (("mounting", place, "mm"), ("turned by", turn, "deg"))
         return [
-            (name, f"({', '.join(f'{v:.2f}' for v in three)}) {unit}, not calibrated") for name, three, unit in stated
+            (name, f"({', '.join(f'{v:z.2f}' for v in three)}) {unit}, not calibrated") for name, three, unit in stated
         ]
     known = np.asarray(covariance)
     moves = np.concatenate([-skew(pose.translation), np.eye(3)], axis=1)  # what a small motion does to the origin

@@ -52,6 +52,11 @@ class Status(IntEnum):
         """As files spell it: lower case."""
         return self.name.lower()
 
+    @property
+    def words(self) -> str:
+        """As a person reads it: `label` without its underscore."""
+        return self.label.replace("_", " ")
+
     def __str__(self) -> str:
         return self.label
 

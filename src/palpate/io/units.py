@@ -146,7 +146,7 @@ def measured(values: Iterable[float], spreads: Iterable[float], unit: str) -> st
     both = list(zip(values, spreads, strict=True))
     largest = max((spread for _, spread in both), default=0.0)
     digits = min(8, max(0, 1 - floor(log10(largest)))) if largest > 0 and isfinite(largest) else 4
-    left, right = (", ".join(f"{pair[k]:.{digits}f}" for pair in both) for k in (0, 1))
+    left, right = (", ".join(f"{pair[k]:z.{digits}f}" for pair in both) for k in (0, 1))
     return f"{left} +- {right} {unit}" if len(both) == 1 else f"({left}) +- ({right}) {unit}"
 
 

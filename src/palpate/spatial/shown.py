@@ -25,7 +25,7 @@ def vector(values: ArrayLike, digits: int = 3) -> str:
     """Numbers (n,) in brackets, with as many digits behind the point."""
     if digits < 0:
         raise InputError(f"digits must be 0 or more, not {digits}.")
-    return "(" + ", ".join(f"{value:.{digits}f}" for value in shaped(values, (None,), "values")) + ")"
+    return "(" + ", ".join(f"{value:z.{digits}f}" for value in shaped(values, (None,), "values")) + ")"
 
 
 def rounded(value: float, deviation: float) -> str:
@@ -33,7 +33,7 @@ def rounded(value: float, deviation: float) -> str:
     digits = 2
     if 0.0 < deviation < np.inf:
         digits = min(max(0, 1 - int(f"{deviation:.1e}".partition("e")[2])), _DECIMALS)
-    return f"{round(value, digits) + 0.0:.{digits}f}"
+    return f"{value:z.{digits}f}"
 
 
 def uncertain(value: float, deviation: float) -> str:

@@ -128,7 +128,7 @@ def _said(result: LogResult) -> str:
 
 def _shares(statuses: Sequence[int]) -> str:
     total = max(sum(statuses), 1)
-    return ", ".join(f"{kind.label} {percent(statuses[kind] / total)}" for kind in Status if sum(statuses[kind:][:1]))
+    return ", ".join(f"{kind.words} {percent(statuses[kind] / total)}" for kind in Status if sum(statuses[kind:][:1]))
 
 
 def _warnings(results: Sequence[LogResult]) -> Section:
@@ -149,7 +149,7 @@ def _statuses(results: Sequence[LogResult]) -> Section:
     for each in results:
         counts += np.array(each.statuses or [0] * len(Status), dtype=np.int64)
     total = max(int(counts.sum()), 1)
-    facts = tuple((kind.label, f"{percent(counts[kind] / total)}, {counts[kind]:,}") for kind in Status if counts[kind])
+    facts = tuple((kind.words, f"{percent(counts[kind] / total)}, {counts[kind]:,}") for kind in Status if counts[kind])
     return Section("Samples of all logs", facts=facts)
 
 

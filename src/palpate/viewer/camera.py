@@ -13,7 +13,7 @@ VIEW = float(np.radians(45.0))  # angle of view from top to bottom
 MARGIN = 0.14  # of half the picture, on each side: the words at the end of an arrow have room there
 NARROW = 0.8  # width over height: narrower pictures are those of phones
 PHONE, PANEL = 600, 388  # px: wider windows lose so much to the panel, which is not docked yet when a browser comes
-SHEET, STRIP = 0.46, 0.1  # shares of the height that are covered: by a phone's panel, by the legend of others
+SHEET, STRIP = 0.46, 0.1  # shares of the height that are covered: by a phone's panel, by the legend
 
 
 @takes_arrays
@@ -29,18 +29,20 @@ def fit(
         points: to be seen; at least one.
         direction: unit, from them to the camera; z is up in the picture.
         aspect: width over height of the picture.
-        covered: share of the height, from below, that is hidden; None: by the panel of a phone, or by the legend.
+        covered: share of the height, from below, that is hidden; None: by the legend, or by the panel of a phone, whose
+            legend covers its share from above.
     """
+    above = STRIP if covered is None and aspect < NARROW else 0.0
     covered = (SHEET if aspect < NARROW else STRIP) if covered is None else covered
     right = np.cross([0.0, 0.0, 1.0], direction)
     right = right / np.linalg.norm(right) if np.linalg.norm(right) > 1e-9 else np.array([1.0, 0.0, 0.0])
-    above, way = np.cross(direction, right), points @ direction
-    top = np.tan(VIEW / 2) * (1.0 - MARGIN)
-    foot, side = np.tan(VIEW / 2) * (1.0 - 2.0 * covered - MARGIN * (1.0 - covered)), top * aspect
-    x, y = points @ right, points @ above
+    upward, way = np.cross(direction, right), points @ direction
+    top, foot = (np.tan(VIEW / 2) * (1.0 - 2.0 * hidden - MARGIN * (1.0 - hidden)) for hidden in (above, covered))
+    side = np.tan(VIEW / 2) * (1.0 - MARGIN) * aspect
+    x, y = points @ right, points @ upward
     easts, wests = float((x + side * way).max()), float((side * way - x).max())
     norths, souths = float((y + top * way).max()), float((foot * way - y).max())
     far = max((easts + wests) / (2.0 * side), (norths + souths) / (top + foot), float(way.max()) + 1e-3)
     across, up = 0.5 * (easts - wests), 0.5 * (norths - souths + (foot - top) * far)
-    position = across * right + up * above + far * direction
+    position = across * right + up * upward + far * direction
     return position, position - (far - float(way.mean())) * direction

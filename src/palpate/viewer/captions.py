@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from html import escape
 
 import numpy as np
@@ -13,7 +13,7 @@ from palpate.viewer._style import STATUS
 from palpate.viewer.scene import Moment, Scene, ShownContact
 from palpate.viewer.widgets import card
 
-__all__ = ["MEANING", "beside", "caption", "feature"]
+__all__ = ["MEANING", "beside", "caption", "feature", "is_shown"]
 
 NONE = "&ndash;"
 FLAT = 0.05  # of the largest deviation: less is none
@@ -44,7 +44,7 @@ _FEATURES = {  # as files name them, in SI -> name, how many of which unit; with
     "shear": ("shear", 1.0, "N"),
     "markers": ("markers seen", 1.0, ""),
     "share": ("unknown part of the shear", 1e2, "%"),
-    "unexplained": ("chance of such a wrench", 1e2, "%"),
+    "unexplained": ("wrench fits skin, p-value", 1e2, "%"),
     "belief": ("probability of the place", 1e2, "%"),
     "angle_sd": ("angle, sd", 180 / np.pi, "°"),
     "depth_sd": ("depth, sd", 1e3, "mm"),
@@ -72,7 +72,7 @@ def caption(moment: Moment, magnification: int, more: Sequence[tuple[str, str]] 
     """
     contacts = moment.contacts
     single = len(contacts) == 1
-    words, status = _status(contacts[0]) if single else f"{len(contacts)} contacts", contacts[0].status
+    words, status = contacts[0].status.words if single else f"{len(contacts)} contacts", contacts[0].status
     number = _force(contacts[0]) if single else _newton(float(np.sum([_size(contact) for contact in contacts])))
     rows = [row for contact in contacts for row in _contact(contact, magnification, single)]
     rows += [(escape(name), escape(value)) for name, value in more]
@@ -83,25 +83,21 @@ def caption(moment: Moment, magnification: int, more: Sequence[tuple[str, str]] 
 def _contact(contact: ShownContact, magnification: int, single: bool) -> Iterator[tuple[str, str]]:
     """Names and values of one contact; with a headline where there are several, and its features on a line."""
     if not single:
-        yield f"<b>contact {contact.identity}</b>", f"<b>{_force(contact)}</b>, {_status(contact)}"
+        yield f"<b>contact {contact.identity}</b>", f"<b>{_force(contact)}</b>, {contact.status.words}"
     yield "place", _place(contact)
     yield "95 %", _ellipse(contact, magnification)
     if np.isfinite(contact.torque):
-        yield "torque", f"{round(1e3 * contact.torque, 1) + 0.0:.1f} mN m about the normal"
-    features = [_feature(name, contact) for name in contact.features if _shown(name, contact)]
+        yield "torque", f"{1e3 * contact.torque:z.1f} mN m about the normal"
+    features = [_feature(name, contact) for name in contact.features if is_shown(name, contact.features)]
     if single:
         yield from features
     elif features:
         yield "features", ", ".join(f"{name}&nbsp;{value}" for name, value in features)
 
 
-def _shown(name: str, contact: ShownContact) -> bool:
+def is_shown(name: str, features: Collection[str]) -> bool:
     """A feature has a row: neither the deviation of another one, nor what the number says already."""
-    return name not in _INWARD and not (name.endswith("_sd") and name[:-3] in contact.features)
-
-
-def _status(contact: ShownContact) -> str:
-    return contact.status.label.replace("_", " ")
+    return name not in _INWARD and not (name.endswith("_sd") and name[:-3] in features)
 
 
 def _size(contact: ShownContact) -> float:
@@ -151,9 +147,9 @@ def beside(scene: Scene, moment: Moment) -> list[tuple[str, str]]:
     if other is None or scene.beside is None:
         return []
     theirs, ours = other.contacts[0], moment.contacts[0]
-    said = _status(theirs)
+    said = theirs.status.words
     if theirs.located:
-        place = " ".join(f"{name} {value:.2f}" for name, value in zip("xyz", 1e3 * theirs.point, strict=True))
+        place = " ".join(f"{name} {value:z.2f}" for name, value in zip("xyz", 1e3 * theirs.point, strict=True))
         said += f", {_size(theirs):.2f} N at {place} mm"
     if theirs.located and ours.located:
         apart = 1e3 * float(np.linalg.norm(theirs.point - ours.point))

@@ -179,7 +179,7 @@ class ScenePicture:
         """Title, and what the strongest contact is."""
         ink, strongest = self._ink, moment.contacts[0]
         ink.text(picture, ink.cut(self.scene.title, 0.6, 520), (24, 34), 0.6, DARK)
-        said = strongest.status.label.replace("_", " ")
+        said = strongest.status.words
         if strongest.located:
             place = ", ".join(f"{value:.1f}" for value in 1e3 * strongest.point)
             said += f": {float(np.linalg.norm(strongest.force)):.2f} N at ({place}) mm"

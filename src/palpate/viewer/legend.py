@@ -1,21 +1,21 @@
-"""What is drawn and what its colours stand for, as HTML: a strip below the scene, on a phone a part of the panel."""
+"""What is drawn and what its colours stand for, as HTML: a strip below the scene, on a phone above it."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from palpate.viewer.camera import PANEL
+from palpate.viewer.camera import PANEL, PHONE
 from palpate.viewer.heat import PALETTE
+from palpate.viewer.marker import FORCE, POINT, TORQUE, TRACE
 from palpate.viewer.scene import Scene, nice
 
 __all__ = ["AXES", "bar", "dot", "item", "keys", "legend", "strip"]
 
-_ARROW, _RIM = (
-    "rgb(40,140,205)",
-    "rgb(0,48,120)",
-)  # of what the page's lights make of a force; of lines, which have none
+_ARROW = "rgb(40,140,205)"  # of what the page's lights make of a force
 AXES = ((200, 40, 40), (40, 150, 40), (40, 70, 200))  # x, y, z
 _GLYPHS = {  # 28 x 18 each
     "arrow": '<path d="M2 15 L20 5" stroke="{0}" stroke-width="3"/><path d="M26 2 L16.5 3.5 L20.5 10 Z" fill="{0}"/>',
@@ -31,11 +31,13 @@ _KEYS = (
     ("shift &larr; &rarr;", "touched sample before, after"),
     ("click", "in a plot or a line of the list: go there"),
 )
-_WIDE = """<style>@media (min-width: 1000px) { .palpate-legend {
-  position: fixed; left: 0; bottom: 0; box-sizing: border-box; max-width: calc(100vw - PANELpx);
-  padding: .5em 1em !important;
+_LOOK = """<style>@media (max-width: PHONEpx), (min-width: 1000px) { .palpate-legend {
+  position: fixed; left: 0; box-sizing: border-box; padding: .5em 1em !important;
   pointer-events: none; background: color-mix(in srgb, var(--mantine-color-body) 80%, transparent);
-} }</style>""".replace("PANEL", str(PANEL))  # narrower, it stays in the panel
+} }
+@media (max-width: PHONEpx) { .palpate-legend { top: 0; right: 0; font-size: .7em !important; gap: 0 1em !important } }
+@media (min-width: 1000px) { .palpate-legend { bottom: 0; max-width: calc(100vw - PANELpx) } }
+</style>""".replace("PANEL", str(PANEL)).replace("PHONE", str(PHONE))  # between them, it stays in the panel
 
 
 def item(glyph: str, ink: str, words: str) -> str:
@@ -46,7 +48,7 @@ def item(glyph: str, ink: str, words: str) -> str:
 
 def dot(ink: tuple[int, int, int], words: str) -> str:
     """Points or marks of a colour."""
-    return item("dot", "rgb({},{},{})".format(*ink), escape(words))
+    return item("dot", _css(ink), escape(words))
 
 
 def bar(words: str, most: float, unit: str) -> str:
@@ -60,7 +62,7 @@ def strip(items: list[str]) -> str:
     """All of them, side by side."""
     rows = "".join(f'<span style="display:flex;align-items:center;gap:.5em">{each}</span>' for each in items)
     return (
-        f'{_WIDE}<div class="palpate-legend" style="display:flex;flex-wrap:wrap;gap:.2em 1.3em;padding:.2em .8em .8em;'
+        f'{_LOOK}<div class="palpate-legend" style="display:flex;flex-wrap:wrap;gap:.2em 1.3em;padding:.2em .8em .8em;'
         f'font-size:.8em;line-height:1.4">{rows}</div>'
     )
 
@@ -68,11 +70,13 @@ def strip(items: list[str]) -> str:
 def legend(scene: Scene, heat: bool) -> str:
     """What a scene draws, with or without heat."""
     items = [
-        item("arrow", _ARROW, "force on the body: the tip pushes"),
-        item("ring", _RIM, "95 % ellipse of the point"),
+        item("arrow", _ARROW, "force on the body"),
+        item("ring", _lit(FORCE), "95 % ellipse"),
+        item("arrow", _lit(POINT), "normal"),
+        item("line", _lit(TRACE.mean(axis=0)), "trail"),
     ]
     if np.isfinite(scene.contacts.torque).any():
-        items.append(item("curl", "rgb(130,40,120)", "torque about the normal"))
+        items.append(item("curl", _lit(TORQUE), "torque about the normal"))
     if scene.beside is not None:
         items += [dot((0, 48, 120), scene.title), dot((0, 120, 80), scene.beside.title)]
     if heat and scene.body is not None:
@@ -83,6 +87,15 @@ def legend(scene: Scene, heat: bool) -> str:
     )
     items.append(f"<span>axes {axes}, grid {1e3 * nice(scene.size / 12):g} mm</span>")
     return strip(items)
+
+
+def _css(ink: Sequence[int] | Sequence[float]) -> str:
+    return "rgb({:.0f},{:.0f},{:.0f})".format(*ink)
+
+
+def _lit(ink: ArrayLike) -> str:
+    """What the page makes of a line: it takes its colour as linear."""
+    return _css((255 * (np.asarray(ink) / 255) ** (1 / 2.2)).tolist())
 
 
 def keys() -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from base64 import b64encode
 from html import escape
 from time import monotonic, sleep
 from typing import TYPE_CHECKING, Any
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from palpate.sensors.markers import opencv
 from palpate.viewer._style import MUTED, RULE, STATUS
 from palpate.viewer.arena import Arena, Scene, Trails, colour, mixed, newtons
 from palpate.viewer.arena_picture import senses
@@ -28,7 +30,7 @@ BEFORE = np.array([0.0, -0.57, 0.82])  # where the camera stands: before the low
 HEAD = 0.14  # m: how high the number of a robot is drawn
 TALL, WALL, BLOCK = 0.06, 0.05, 0.09  # m: how high a robot, the walls and blocks are drawn
 THICK = 0.02  # m of a wall
-ARROW, LONGEST = 0.045, 0.22  # m of an arrow for each newton, and at most
+ARROW, LONGEST = 0.06, 0.3  # m of an arrow for each newton, and at most
 MOST = 6  # contacts of a robot that are drawn
 SEEN = 8  # robots whose cameras are shown
 FASTEST = 20.0
@@ -110,9 +112,7 @@ class LiveArena(Served):
             drawn.tell(scene, self._trails)
         self._words.content = _words(scene)
         some = scene if self.arena.robots <= SEEN else _first(scene, SEEN)
-        view = _rgb(senses(some, self.arena.radius, 120))
-        if not np.array_equal(view, self._view):
-            self._views.image = self._view = view
+        self._views.content = _inline(senses(some, self.arena.radius, 120))
 
     def wait(self, time: float) -> None:
         """Return when the page is to show a time [s] of the run: no sooner than it is due, and not while it pauses.
@@ -137,11 +137,10 @@ class LiveArena(Served):
         self._button = gui.add_button("Pause", hint="the run stands still meanwhile")
         self._button.on_click(lambda _: self.pause(not self._paused))
         self._speed = gui.add_slider(
-            "speed", 0.5, FASTEST, 0.5, 1.0, hint="times real time, where the computer can keep up with it"
+            "speed [\u00d7]", 0.5, FASTEST, 0.5, 1.0, hint="times real time, where the computer can keep up with it"
         )
         with gui.add_folder("What they feel"):
-            self._view = np.full((4, 4, 3), 255, dtype=np.uint8)
-            self._views = gui.add_image(self._view, format="jpeg", jpeg_quality=80)
+            self._views = gui.add_html("")
         with gui.add_folder("Show", expand_by_default=False):
             dark = gui.add_checkbox("dark", False)
         dark.on_update(lambda _: theme(gui, dark.value))
@@ -212,8 +211,8 @@ class _Robot:
             if there:
                 angle, force = rows[at]
                 out = np.array([np.cos(pose[2] + angle), np.sin(pose[2] + angle), 0.0])
-                tip = np.array([pose[0], pose[1], 0.7 * TALL]) + self._radius * out
-                tail = tip + max(0.02, min(ARROW * force, LONGEST)) * out
+                tip = np.array([pose[0], pose[1], BLOCK + 0.02]) + self._radius * out  # above the block that pushes
+                tail = tip + max(ARROW, min(ARROW * force, LONGEST)) * out
                 arrow.points = np.stack([tail, tip])[None].astype(np.float32)
 
 
@@ -238,9 +237,17 @@ def _add_field(space: SceneApi, arena: Arena) -> None:
     for robot, (x, y) in enumerate(arena.goals.tolist()):
         body, faces = _disc(0.10, 0.002)
         space.add_mesh_simple(
-            f"/goal_{robot + 1}", body, faces, color=mixed(colour(robot), 0.25), position=(x, y, 0.0), cast_shadow=False
+            f"/goal_{robot + 1}",
+            body,
+            faces,
+            color=_deep(mixed(colour(robot), 0.25)),
+            position=(x, y, 0.0),
+            cast_shadow=False,
         )
-        space.add_label(f"/goal_{robot + 1}/name", f"goal {robot + 1}", anchor="center-center", font_screen_scale=0.8)
+        beside = (0.12, 0.0, 0.0)
+        space.add_label(
+            f"/goal_{robot + 1}/name", f"goal {robot + 1}", position=beside, anchor="center-left", font_screen_scale=0.8
+        )
 
 
 def _add_block(space: SceneApi, arena: Arena, at: int) -> Any:
@@ -289,8 +296,10 @@ def _about_z(turn: float) -> tuple[float, float, float, float]:
     return float(np.cos(turn / 2)), 0.0, 0.0, float(np.sin(turn / 2))
 
 
-def _rgb(picture: np.ndarray) -> np.ndarray:
-    return np.ascontiguousarray(picture[:, :, ::-1])
+def _inline(picture: np.ndarray) -> str:
+    """As HTML: a picture that is never older than the words beside it."""
+    code = b64encode(opencv().imencode(".jpg", picture)[1]).decode()
+    return f'<img decoding="sync" alt="" style="display:block;width:100%" src="data:image/jpeg;base64,{code}">'
 
 
 def _first(scene: Scene, most: int) -> Scene:

@@ -65,9 +65,9 @@ class LiveProbe(Served):
         self._phantom = self._space.add_frame("/phantom", show_axes=False)
         sides = (SCALE * plate[0], SCALE * plate[1], SCALE * plate[2])
         self._space.add_mesh_simple("/probe/body", SCALE * vertices, faces, color=PROBE, flat_shading=False)
-        self._space.add_box("/phantom/body", TISSUE, sides, opacity=0.75, position=(0.0, 0.0, -sides[2] / 2))
+        self._space.add_box("/phantom/body", TISSUE, sides, opacity=0.3, position=(0.0, 0.0, -sides[2] / 2))
         nothing = np.zeros((1, 2, 3), dtype=np.float32)
-        self._arrow = self._space.add_arrows("/force", nothing, PUSH, shaft_radius=0.02, head_radius=0.05)
+        self._arrow = self._space.add_arrows("/force", nothing, PUSH, shaft_radius=0.03, head_radius=0.08)
         self._links: list[CylinderHandle] = []
         self._corners = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-1.0, 0.0)]) * sides
         self._add_panel()
@@ -79,9 +79,7 @@ class LiveProbe(Served):
         dock(gui, "moving phantom")
         self._words = gui.add_html("")
         self._force = add_curves(gui, ("force [N]",), ("#0072b2",), target="target [N]")
-        self._angle = add_curves(
-            gui, ("in-plane [deg]", "out-of-plane [deg]"), ("#d55e00", "#009e73"), target="target [deg]"
-        )
+        self._angle = add_curves(gui, ("in-plane [°]", "out-of-plane [°]"), ("#d55e00", "#009e73"), target="target [°]")
         arm, probe = dot(ARM, "arm"), dot(PROBE, "probe")
         push = item("arrow", "rgb(213,94,0)", "force on the probe")
         gui.add_html(strip([arm, probe, dot(TISSUE, "moving tissue"), push]))
@@ -137,7 +135,7 @@ class LiveProbe(Served):
 
     def _described(self, time: float, force: float, angles: tuple[float, float], words: str) -> str:
         state, _, why = words.partition(": ")
-        turned = [f"{angle:+.2f}°" for angle in np.degrees(angles)]
+        turned = [f"{angle:+z.2f}°" for angle in np.degrees(angles)]
         rows = [
             ("target", f"{self._wanted:.1f} N, at right angles"),
             ("off the normal", f"{turned[0]} in-plane, {turned[1]} out-of-plane"),

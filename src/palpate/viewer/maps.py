@@ -90,7 +90,8 @@ def sheet_map(
         )
         drawn.colorbar(dots, ax=axes, label=label, shrink=0.8)
     rows, columns = shape or (int(np.nanmax(cells[:, 0])) + 2, int(np.nanmax(cells[:, 1])) + 2)
-    axes.set(xlim=(-0.5, columns - 0.5), ylim=(-0.5, rows - 0.5), xlabel="column", ylabel="row", aspect="equal")
+    axes.set(xlim=(-0.5, columns - 0.5), ylim=(-0.5, rows - 0.5), aspect="equal")
+    axes.set(xlabel="column [cells]", ylabel="row [cells]")
     return drawn
 
 

@@ -26,6 +26,7 @@ _REST, _NOW, _MOVED = (150, 150, 150), (0, 235, 255), (255, 160, 0)  # blue, gre
 _MAGNIFIED = 4  # times that displacements are drawn longer than they are
 _FARTHEST = 1e6  # px: OpenCV counts sixteenths in 32 bits
 _COLOUR = (200, 40, 40)
+_ABOVE = 1.03  # radii of the skin
 
 
 @takes_arrays
@@ -97,12 +98,12 @@ class RingLayer:
         return np.stack(place, axis=1)
 
     def draw(self, server: ViserServer | ClientHandle, scene: Scene) -> None:
-        """Markers as points in the planes of their rings."""
+        """Markers as points on the skin: within it nobody sees them."""
         self._scene = scene
         colours = np.tile(np.array(_COLOUR, np.uint8), (len(self._ring), 1))
         points = self._points(self._ring.rest)
         self._markers: PointCloudHandle = server.scene.add_point_cloud(
-            "/markers", points, colours, point_size=0.012, point_shape="circle"
+            "/markers", points, colours, point_size=0.007, point_shape="circle"
         )
 
     def panel(self, gui: GuiApi) -> None:
@@ -130,7 +131,7 @@ class RingLayer:
 
     def legend(self) -> list[str]:
         """The markers."""
-        return [dot(_COLOUR, "marker, inside")]
+        return [dot(_COLOUR, "marker, below the skin")]
 
     def _sample(self, scene: Scene, index: int) -> int | None:
         """Of the log; None where nothing is known of it."""
@@ -142,9 +143,10 @@ class RingLayer:
         return self._pixels[sample].astype(np.float64) if self._fed is None else self._fed[1]
 
     def _points(self, pixels: Float[np.ndarray, "m 2"]) -> Float32[np.ndarray, "m 3"]:
-        """In the scene's units; a marker that is not seen stands where it rests."""
+        """Above the markers, in the scene's units; a marker that is not seen stands where it rests."""
         view = self._ring.view
         plane = view.to_plane(np.where(np.isfinite(pixels), pixels, self._ring.rest), view.heights)
+        plane *= _ABOVE * self._ring.radius / np.linalg.norm(plane, axis=1, keepdims=True)
         return self._scene.placed(np.concatenate([plane, view.heights[:, None]], axis=1)).astype(np.float32)
 
     def _picture(self, sample: int) -> UInt8[np.ndarray, "h w 3"]:

@@ -15,7 +15,7 @@ from palpate.viewer.legend import keys, legend
 from palpate.viewer.scene import MAGNIFICATIONS, Moment, Scene
 from palpate.viewer.scene3d import Settings
 from palpate.viewer.touch_list import touch_list
-from palpate.viewer.widgets import ELLIPSE, PADDING, dock, theme
+from palpate.viewer.widgets import ELLIPSE, along_time, dock, theme
 
 if TYPE_CHECKING:
     from viser import ClientHandle, GuiApi, GuiUplotHandle
@@ -168,10 +168,8 @@ class Panel:
             _marked(clock, values[:, which], 0.0, (low, high)),
             (uplot.Series(label="time [s]"), *lines, mark),
             scales={"x": uplot.Scale(time=False), "y": uplot.Scale(range=(low, high))},
-            legend=uplot.Legend(show=True, live=False),
             cursor=uplot.Cursor(sync=uplot.Cursor_Sync(key="palpate")),
-            height=150,
-            padding=PADDING,
+            **along_time(),
         )
 
     def _show_plots(self, moment: Moment) -> None:

@@ -144,7 +144,7 @@ def silhouettes(
 
 @takes_arrays
 @styled()
-def histogram(values: Float[np.ndarray, " n"], label: str) -> Figure:
+def histogram(values: Float[np.ndarray, " n"], label: str, unit: str) -> Figure:
     """How many of each size, on a logarithmic axis where they span more than a decade."""
     drawn = figure(2.4)
     axes: Any = drawn.subplots()
@@ -159,8 +159,8 @@ def histogram(values: Float[np.ndarray, " n"], label: str) -> Figure:
             axes.set_xscale("log")
             plain(axes.xaxis, (1, 2, 5))
         middle = float(np.median(known))
-        _mark(axes, middle, f"median {middle:.3g}")
-    axes.set(xlabel=label, ylabel="share [%]")
+        _mark(axes, middle, f"median {middle:.3g} {unit}")
+    axes.set(xlabel=f"{label} [{unit}]", ylabel="share [%]")
     return drawn
 
 
@@ -172,7 +172,7 @@ def statuses(counts: Int[np.ndarray, " s"]) -> Figure:
     drawn = figure(0.45 + 0.27 * max(len(kinds), 2))
     axes: Any = drawn.subplots()
     shares = [100 * counts[kind] / max(counts.sum(), 1) for kind in kinds]
-    axes.barh([kind.label for kind in kinds], shares, color=[STATUS[kind] for kind in kinds], height=0.7)
+    axes.barh([kind.words for kind in kinds], shares, color=[STATUS[kind] for kind in kinds], height=0.7)
     for row, share in enumerate(shares):
         axes.annotate(f" {share:.1f} %", (share, row), va="center", fontsize=8.5)
     axes.invert_yaxis()

@@ -69,7 +69,7 @@ class Section:
         points: sentences of a list.
         pictures: figures, side by side where there is room.
         facts: names and values.
-        tables: each in a box of its own that scrolls.
+        tables: each in a box of its own; where it is wider than the page, a row is a block of names and values.
         drawing: elements as they are, such as `palpate.surfaces.drawing.Drawing.html`.
     """
 

@@ -19,7 +19,7 @@ from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.shown import rounded
 from palpate.surfaces.drawing import Drawing, Mark, Specks
 from palpate.viewer import plots
-from palpate.viewer.captions import MEANING, feature
+from palpate.viewer.captions import MEANING, feature, is_shown
 from palpate.viewer.heat import colours
 from palpate.viewer.report import Picture, Report, Section, Table, Tile, percent, picture
 from palpate.viewer.run_summary import RunSummary
@@ -197,7 +197,7 @@ def _places(run: Run) -> Section:
         )
         shown.append(picture(body, f"{words}, and say more when a pointer rests on them."))
     if np.isfinite(kept.radius).any():
-        sizes = plots.histogram(1e3 * kept.radius[kept.even], "long half axis of the 95 % ellipse [mm]")
+        sizes = plots.histogram(1e3 * kept.radius[kept.even], "long half axis of the 95 % ellipse", "mm")
         held = ", ".join(run.uncertainties)
         words = f"How certain the points are. The ellipses hold {held}; errors of the mesh are not in them."
         shown.append(picture(sizes, words))
@@ -220,7 +220,7 @@ def _in_space(run: Run, marks: Sequence[Mark]) -> str:
 def _statuses(run: Run) -> Section:
     counts = run.summary.statuses
     rows = "samples" if run.summary.rows <= run.summary.samples else "rows (a sample has one for each contact)"
-    facts = tuple((kind.label, f"{counts[kind]:,} {rows}. {MEANING[kind]}") for kind in Status if counts[kind])
+    facts = tuple((kind.words, f"{counts[kind]:,} {rows}. {MEANING[kind]}") for kind in Status if counts[kind])
     shares = picture(plots.statuses(counts), "What became of the samples; answered are contact and ambiguous.")
     return Section("Statuses", pictures=(shares,), facts=facts)
 
@@ -229,11 +229,14 @@ def _touches(found: Events) -> Section:
     if not len(found):
         return Section("Touches")
     text = "sd is one standard deviation of a sample in the direction in which it is largest."
-    return Section("Touches", text=(text,), tables=(touch_table(found, SHOWN),))
+    return Section("Touches", text=(text,), tables=(touch_table(found, SHOWN, spelled=True),))
 
 
-def touch_table(found: Events, most: int) -> Table:
-    """The first touches, at most `most`: when, how hard, where, and what the sensor adds."""
+def touch_table(found: Events, most: int, *, spelled: bool = False) -> Table:
+    """The first touches, at most `most`: when, how hard, where, and all that the sensor adds, as files name it.
+
+    Spelled, what it adds has names in words, and deviations are left out.
+    """
     (x, y, z), (start, after) = 1e3 * found.point.T, since(found.start)
     columns = {
         "touch": ("{:.0f}", np.arange(1, len(found) + 1)),
@@ -252,8 +255,10 @@ def touch_table(found: Events, most: int) -> Table:
     if not found.identity.any():  # of a sensor that feels one contact at a time
         del columns["contact"]
     for name, values in found.features.items():
-        _, scale, unit = feature(name)
-        columns[f"{name} [{unit}]" if unit else name] = ("{:.3g}", scale * values)
+        words, scale, unit = feature(name)
+        if is_shown(name, found.features) or not spelled:
+            words = words if spelled else name
+            columns[f"{words} [{unit}]" if unit else words] = ("{:.3g}", scale * values)
 
     def cell(text: str, values: np.ndarray, k: int) -> str:
         if not np.isfinite(values[k]):
@@ -268,13 +273,13 @@ def touch_table(found: Events, most: int) -> Table:
 
 
 def _inputs(provenance: Mapping[str, str]) -> Section:
-    """Names and hashes of the files, versions, options."""
+    """Names and hashes of the files, versions."""
     used = ", ".join(f"{name} {release}" for name, release in (("numpy", np.__version__), ("Python", python_version())))
     facts = [("versions", f"palpate {provenance.get('palpate', 'unknown')}, {used}")]
     for name, said in provenance.items():
         if name != "palpate":
             facts.append((name.replace("_", " "), said.replace(" sha256:", ", SHA-256 ")))
-    return Section("Inputs and options", facts=tuple(facts))
+    return Section("Inputs", facts=tuple(facts))
 
 
 def _time_budget(stages: Mapping[str, float], samples: int) -> Section:
@@ -286,5 +291,5 @@ def _time_budget(stages: Mapping[str, float], samples: int) -> Section:
         (name, f"{spent:.3f}", f"{1e6 * spent / count:.2f}", percent(spent / total))
         for name, spent in (*stages.items(), ("all", total))
     ]
-    header = ("stage", "time [s]", "per sample [us]", "share")
+    header = ("stage", "time [s]", "per sample [µs]", "share")
     return Section("Time budget", tables=(Table(header, tuple(rows)),))

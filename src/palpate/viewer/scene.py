@@ -44,7 +44,7 @@ TRAIL = 300  # samples of a trail
 SMALL = 4, 32  # rings of an ellipse's points, the rim the last; points on each: a polygon that nobody sees
 LARGE = 8, 64  # the same of an ellipse that is large beside the body
 _LARGE = 0.05  # sizes of the body, of the longer half-axis
-_LIFT = 2e-3  # sizes of the body by which an ellipse lies above it
+_LIFT = 5e-3  # sizes of the body by which an ellipse lies above it
 _ABOUT = 0.2  # sizes of the body that are shown about a contact
 _ROOM = 0.3  # sizes of the body about it for an arrow that is still to come
 _SURE = 3.0  # deviations that a torque is from zero before it is drawn
@@ -326,7 +326,8 @@ class Scene:
     def ellipse_on_body(self, contact: ShownContact, magnification: int) -> Float[np.ndarray, "k 3"]:
         """A located contact's 95 % ellipse laid on the body [m], so that nothing of it hangs over an edge.
 
-        Its points, those of a `disc` in the tangent plane, are taken to the nearest point of the surface.
+        Its points, those of a `disc` in the tangent plane, are taken to the nearest point of the surface, and as far
+        above it as the contact is, such as on a skin.
         """
         axes = np.minimum(magnification * contact.axes, 2.0 * self.size)
         within = disc(*(LARGE if axes[0] > _LARGE * self.size else SMALL))
@@ -334,7 +335,8 @@ class Scene:
         if self.surface is None:
             return flat + _LIFT * self.size * contact.normal
         points, normals, _ = self.surface.project(flat)
-        return points + _LIFT * self.size * normals
+        above = max(0.0, float((contact.point - points[0]) @ normals[0]))  # the first point is the middle
+        return points + (above + _LIFT * self.size) * normals
 
     def _total_beside(self, clock: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
         """(k,) [N] of the contacts that are compared at times since the start of these."""
@@ -529,5 +531,5 @@ def _width(size: float, points: Float[np.ndarray, "n 3"]) -> float:
 def _magnified(size: float, shown: Contacts) -> int:
     axes = ellipse(shown.covariance, shown.normal)[0][:, 0]
     axes = axes[axes > 0]
-    wanted = size / 50 / float(np.median(axes)) if len(axes) else 1.0
+    wanted = size / 25 / float(np.median(axes)) if len(axes) else 1.0
     return next((times for times in MAGNIFICATIONS if times >= wanted), MAGNIFICATIONS[-1])

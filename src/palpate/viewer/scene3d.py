@@ -14,7 +14,7 @@ from jaxtyping import Float
 from palpate.viewer.camera import fit
 from palpate.viewer.heat import FineMesh, colours, linear
 from palpate.viewer.legend import AXES
-from palpate.viewer.marker import FORCE, OTHER, Marker
+from palpate.viewer.marker import FORCE, OTHER, TRACE, Marker
 from palpate.viewer.scene import Moment, Scene, ShownContact, before, nice
 
 if TYPE_CHECKING:
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Scene3D", "Settings", "aim"]
 
-TRACE = np.array([(0, 90, 170), (170, 205, 235)])  # now, and long ago
 BEYOND = 0.05  # sizes of the body that its axes are longer than it
 
 
@@ -157,7 +156,7 @@ class Scene3D:
         )  # fmt: skip
         ends = np.diag(np.maximum(high, 0.0) + BEYOND * size)
         axes = self.scene.placed(np.stack([np.zeros((3, 3)), ends], axis=1)).astype(np.float32)
-        inks = np.repeat(np.array(AXES, np.uint8)[:, None], 2, axis=1)
+        inks = np.repeat(linear(np.array(AXES, np.uint8))[:, None], 2, axis=1)
         self._space.add_line_segments("/axes", axes, inks, thickness=3.0, thickness_units="screen")
 
 

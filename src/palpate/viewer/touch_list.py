@@ -8,6 +8,8 @@ from palpate.viewer.scene import Scene
 
 __all__ = ["touch_list"]
 
+_SEEN = """const list = this.previousElementSibling;
+list.scrollTop = {} * list.querySelector('tr').getBoundingClientRect().height"""
 LISTED = 500  # touches: a longer list is slow to send, and nobody reads it
 
 
@@ -20,7 +22,7 @@ def touch_list(scene: Scene, time: float) -> str:
     marked = int(now[0]) if len(now) else -1
     lines: list[str] = []
     for k in range(min(len(found), LISTED)):
-        place = "&ensp;".join(f"{value:.1f}" for value in 1e3 * found.point[k])
+        place = "&ensp;".join(f"{value:z.1f}" for value in 1e3 * found.point[k])
         seconds = scene.seconds_at(float(found.peak_time[k]))
         look = "background:rgba(0,114,178,.18);font-weight:600" if k == marked else ""
         lines.append(
@@ -30,9 +32,11 @@ def touch_list(scene: Scene, time: float) -> str:
     more = f"<div>and {len(found) - LISTED:,} more</div>" if len(found) > LISTED else ""
     head = "".join(f"<th>{name}</th>" for name in ("touch", "at [s]", "peak [N]", "x y z [mm]"))
     return (
-        "<style>.palpate-touches { margin: .2em .8em .6em; max-height: 9em; overflow-y: auto; font-size: .8em; }"
+        "<style>.palpate-touches { margin: .2em .8em .6em; max-height: 10.5em; overflow-y: auto; font-size: .8em; }"
         ".palpate-touches table { width: calc(100% - .8em); text-align: right; border-collapse: collapse; }"
-        ".palpate-touches td, .palpate-touches th { padding: 0; line-height: 1.5em; }</style>"
+        ".palpate-touches td, .palpate-touches th { padding: 0; line-height: 1.5em; height: 1.5em; }"
+        ".palpate-touches th { position: sticky; top: 0; background: var(--mantine-color-body); }</style>"
         '<div class="palpate-touches" style="font-variant-numeric:tabular-nums"><table>'
-        f'<thead style="opacity:.6">{head}</thead><tbody>{"".join(lines)}</tbody></table>{more}</div>'
+        f"<thead>{head}</thead><tbody>{''.join(lines)}</tbody></table>{more}</div>"
+        f'<style onload="{_SEEN.format(max(marked - 2, 0))}"></style>'
     )

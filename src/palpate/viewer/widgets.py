@@ -11,10 +11,9 @@ import numpy as np
 if TYPE_CHECKING:
     from viser import GuiApi, GuiUplotHandle
 
-__all__ = ["ELLIPSE", "PADDING", "add_curves", "card", "dock", "name", "table", "theme"]
+__all__ = ["ELLIPSE", "add_curves", "along_time", "card", "dock", "name", "table", "theme"]
 
 ELLIPSE = "the 95 % ellipse of a point, drawn so many times as large"
-PADDING = (8, 8, 0, 0)  # px about a plot: the uppermost number of its axis is not cut
 TARGET = "#5d6975"
 _TITLE = """<style onload="document.title='Palpate'"></style>"""  # viser names its page after itself
 _SHEET = """<style>@media (max-width: 600px) {
@@ -22,7 +21,9 @@ _SHEET = """<style>@media (max-width: 600px) {
   width: 100% !important; max-height: 46% !important;
 }
 .mantine-Paper-root[style*="position: fixed"] div[style="width: 20em;"] { width: 100% !important; }
-}</style>"""  # viser's covers three fifths of a phone, and not its whole width
+}
+.mantine-Slider-markLabel { translate: 0 .25em; }</style>"""
+# viser's sheet covers three fifths of a phone, and not its whole width; its sliders' knobs cover their end labels
 
 
 def theme(gui: GuiApi, dark: bool) -> None:
@@ -94,7 +95,18 @@ def add_curves(
         tuple(np.zeros(1) for _ in range(1 + len(curves))),
         (uplot.Series(label="time [s]"), *curves),
         scales={"x": across},
-        legend=uplot.Legend(show=True, live=False),
-        height=150,
-        padding=PADDING,
+        **along_time(),
     )
+
+
+def along_time() -> dict[str, Any]:
+    """What the plots of all pages are: so high, with time along, no number of an axis cut, and a legend below."""
+    from viser import uplot
+
+    bare = uplot.Axis_Ticks(show=False)
+    return {
+        "axes": (uplot.Axis(label="time [s]", labelSize=18, size=28, ticks=bare), uplot.Axis(ticks=bare)),
+        "legend": uplot.Legend(show=True, live=False),
+        "height": 165,
+        "padding": (8, 16, 0, 0),
+    }

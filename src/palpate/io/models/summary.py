@@ -31,7 +31,7 @@ def of_payload(payload: Payload) -> Lines:
         ("centre of mass", measured(1e3 * payload.center_of_mass, 1e3 * spread[6:9], "mm")),
         ("force bias", measured(payload.force_bias, spread[3:6], "N")),
         ("torque bias", measured(payload.torque_bias, spread[9:], "N m")),
-        ("residual", f"{payload.residual[0]:.3g} N, {payload.residual[1]:.3g} N m rms"),
+        ("residual", f"{1e3 * payload.residual[0]:.3g} mN, {1e3 * payload.residual[1]:.3g} N mm rms"),
     ]
 
 
