@@ -15,7 +15,7 @@ READY := .venv/.ready
 UV := .tools/bin/uv
 
 .DEFAULT_GOAL := help
-.PHONY: help setup native demo browser test check docs bench evidence experiments mutants pictures screens follow package lock clean
+.PHONY: help setup native demo browser test check docs bench evidence experiments mutants pictures screens follow same package lock clean
 
 help: ## this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' Makefile
@@ -65,6 +65,9 @@ screens: native ## pictures of every page in a browser, at a desk and on a phone
 follow: native ## the README and the tutorials, word by word as a newcomer would; minutes
 	$(BIN)/python -m tests.follow
 
+same: native ## answers of this checkout and of BASE=COMMIT over the same inputs, to the last bit; minutes
+	$(BIN)/python -m tests.same $(BASE)
+
 package: $(READY) ## wheel and sdist, built and used in bare environments of each Python that is here; minutes each
 	$(BIN)/python -m tests.package
 
@@ -82,6 +85,6 @@ $(UV):
 
 $(READY): $(UV) requirements.lock pyproject.toml
 	$(UV) venv --quiet --allow-existing --python "$(PYTHON)" .venv
-	$(UV) pip sync --quiet --compile-bytecode --python $(BIN)/python --require-hashes requirements.lock
+	$(UV) pip sync --quiet --python $(BIN)/python --require-hashes requirements.lock
 	PALPATE_NATIVE=0 $(UV) pip install --quiet --python $(BIN)/python --no-deps --no-build-isolation --editable .
 	@touch $@

@@ -28,7 +28,7 @@ from evidence.row import Row
 from evidence.row_for_row import unanswered
 from evidence.watched import LIMIT, watched
 
-__all__ = ["KINDS", "Kind", "Outcome", "bench", "rows", "try_one"]
+__all__ = ["KINDS", "Kind", "Outcome", "bench", "rows", "spoil", "try_one"]
 
 NAME = "mutated files"
 COMMAND = "python -m evidence --only bad_input"
@@ -130,14 +130,20 @@ def bench() -> Iterator[Path]:
             os.chdir(before)
 
 
-def try_one(name: str, number: int) -> Outcome:
-    """One case, among the good files."""
+def spoil(name: str, number: int) -> tuple[str, Path, Path]:
+    """Spoil a file of the current folder, and return the command that is given it, the file, and what is written."""
     kind = KINDS[name]
     random = np.random.default_rng([number, *name.encode()])
     file, ways = kind.files[int(random.integers(len(kind.files)))]
     bad = _spoilt(Path(file), ways, random)
     out = Path(f"out.{SUFFIXES[number % len(SUFFIXES)]}")
     command = kind.commands[int(random.integers(len(kind.commands)))].format(bad=bad, out=out, made="made.toml")
+    return command, bad, out
+
+
+def try_one(name: str, number: int) -> Outcome:
+    """One case, among the good files."""
+    command, bad, out = spoil(name, number)
     for left in Path().glob("out.*"):
         shutil.rmtree(left) if left.is_dir() else left.unlink()
     heard = watched(command.split())

@@ -245,7 +245,7 @@ def check_rig(table: Mapping[str, Any], path: Path) -> Rig:
     Raises:
         InputError: a key misspelt or missing, a value of another kind or out of bounds.
     """
-    common = {each.name for each in fields(Rig)} - {"sensors", "folder"}
+    common = [each.name for each in fields(Rig) if each.name not in ("sensors", "folder")]
     for name in table:
         if name not in common and name not in KINDS:
             raise InputError(f"unknown key {name!r}.", where=str(path), hint=near(name, [*common, *KINDS]))

@@ -1,0 +1,1 @@
+"""Play the same commands on this checkout and on another commit, and compare what they answer: `make same`."""

@@ -1,0 +1,67 @@
+"""What differs between two folders that the same steps were played in: arrays to the last bit, the rest as text."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+from mcap.reader import make_reader
+
+__all__ = ["differences"]
+
+WIDTH = 120  # letters that are shown of a line
+VARIES = (  # what no two runs have in common
+    (re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d+)?)?(Z|\+00:00)?"), "DATE"),
+    (re.compile(r"\b\d\d:\d\d:\d\d\b"), "CLOCK"),
+    (re.compile(r"read [\d.]+ s, prepare .* once prepared and compiled"), "TOOK"),
+    (re.compile(r"<tr><td>(read|prepare|compile|locate|write|together)</td>.*</tr>"), "TOOK"),
+    (re.compile(r"latency [\d,]+ .s \(.*\)"), "LATENCY"),
+    (re.compile(r"^palpate: (finding the contacts|preparing) .*\n", re.MULTILINE), ""),  # after 2 s of silence
+)
+OF_A_RUN = ("live.mcap", ".arena.mcap.lock")  # a record with the clock of the run: its contacts are compared as a table
+
+
+def differences(one: Path, other: Path) -> Iterator[str]:
+    """One line a file that is not the same, with the first place where it differs."""
+    names = sorted({str(path.relative_to(side)) for side in (one, other) for path in side.rglob("*") if path.is_file()})
+    for name in names:
+        if Path(name).name in OF_A_RUN:
+            continue
+        here, there = one / name, other / name
+        if not (here.exists() and there.exists()):
+            yield f"{name}: only {'before' if here.exists() else 'after'}"
+        elif here.read_bytes() != there.read_bytes():
+            known, found = _told(here, one), _told(there, other)
+            if known != found:
+                yield f"{name}: {_first(known, found)}"
+
+
+def _told(path: Path, root: Path) -> Any:
+    """What a file says, without what is of the run."""
+    try:
+        if path.suffix == ".parquet":
+            return pl.read_parquet(path).write_json()  # NaN is NaN
+        if path.suffix == ".mcap":
+            with path.open("rb") as file:
+                return "\n".join(
+                    f"{channel.topic} {schema.name if schema else ''} {message.log_time} {message.data.hex()}"
+                    for schema, channel, message in make_reader(file).iter_messages()
+                )
+        text = path.read_text()
+    except Exception:  # a spoilt file, or one that is not text: its bytes
+        return path.read_bytes().hex()
+    text = text.replace(str(root), "ROOT")
+    for pattern, word in VARIES:
+        text = pattern.sub(word, text)
+    return text
+
+
+def _first(known: str, found: str) -> str:
+    """The first line in which two texts differ, where in it, and how many lines do."""
+    pairs = [pair for pair in zip_longest(known.splitlines(), found.splitlines(), fillvalue="") if pair[0] != pair[1]]
+    at = max(0, next(k for k, (a, b) in enumerate(zip_longest(*pairs[0])) if a != b) - 40)
+    return f"{len(pairs)} lines differ, first {pairs[0][0][at:][:WIDTH]!r}, now {pairs[0][1][at:][:WIDTH]!r}"
