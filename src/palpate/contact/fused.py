@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from palpate.contact.fused_cones import within_cones
 from palpate.contact.fused_unseen import PUSHES, Unseen, candidates, locked, ranked
 from palpate.errors import InputError
-from palpate.spatial._arrays import Value, shaped
+from palpate.spatial._arrays import Value, require_finite, shaped
 from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.surface import Surface
 
@@ -385,9 +385,15 @@ class FusedLocator:
         return self.unseen_by(given.whitened[k].copy(), given.factors[k].copy())
 
     def unseen_by(self, whitened: Float[np.ndarray, "6"], factor: Float[np.ndarray, "6 6"]) -> Unseen:
-        """`unseen` of one wrench, as `FusedFrames` has it."""
+        """`unseen` of one wrench, as `FusedFrames` has it.
+
+        Raises:
+            InputError: a number is not finite, as of a frame without a wrench.
+        """
         from palpate.contact import _fused
 
+        require_finite(whitened, "whitened")
+        require_finite(factor, "factor")
         out = np.zeros((len(self._places), 4))
         _fused.explained(self._places, whitened, factor, self.settings.tangential, PUSHES, out)
         return ranked(self._places, out, self._width)

@@ -47,7 +47,7 @@ def within_cones(
     Raises:
         InputError: counts and covariances that do not fit to the forces.
     """
-    if counts.sum() != len(force) or [each.shape for each in covariances] != [(3 * n, 3 * n) for n in counts.tolist()]:
+    if counts.sum() != len(force) or [np.shape(each) for each in covariances] != [(3 * n, 3 * n) for n in counts]:
         raise InputError(f"counts and covariances must be those of frames with {len(force)} contacts in all.")
     found, further, notes = force.copy(), np.zeros(len(counts)), tuple[str, ...]()
     try:
