@@ -10,9 +10,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
+from scipy.sparse.csgraph import connected_components
+from scipy.special import logsumexp
+from scipy.stats import multivariate_normal
 
-from palpate.contact import fused_cones
+from palpate.contact import _fused, fused_cones
 from palpate.contact.fused import Fused, FusedLocator, FusionSettings
+from palpate.contact.fused_unseen import PUSHES, candidates
 from palpate.errors import InputError
 from palpate.spatial.pose import Pose
 from palpate.surfaces import Cylinder
@@ -186,6 +190,33 @@ def test_arrays_and_values_agree() -> None:
     assert locator.fuse_into(rows, np.full(6, np.nan), made.covariances[0].copy(), out, covariance, total) == 0
     np.testing.assert_allclose(out[:, :3], -made.forces[:, None] * made.normals, atol=1e-12)
     assert np.isnan(total).all()
+
+
+@pytest.mark.parametrize("friction", [0.26, 5.0])
+def test_frames_are_fused_as_each_alone(friction: float) -> None:
+    """To the last bit, also where cones bind; without contacts, and without a wrench."""
+    locator = FusedLocator(SURFACE, FusionSettings(friction=friction))
+    cases = [case(seed, count, friction=0.6) for seed, count in enumerate([2, 0, 3, 1, 5, 0])]
+    cases[3] = replace(cases[3], wrenches=np.full((1, 6), np.nan))
+    alone = [locator.fuse(*vars(each).values()) for each in cases]
+    rows = [locator.rows(*list(vars(each).values())[:5]) for each in cases]
+    counts, wrenches = np.array([len(each) for each in rows]), np.concatenate([each.wrenches for each in cases])
+    found = locator.fuse_frames(
+        np.concatenate(rows), counts, wrenches, np.concatenate([each.covariances for each in cases])
+    )
+    assert any(each.bound.any() for each in alone) == (friction < 1.0)
+    for name in ("force", "share", "bound", "p"):
+        np.testing.assert_array_equal(getattr(found, name), np.concatenate([getattr(each, name) for each in alone]))
+    assert found.alarm.tolist() == [each.alarm for each in alone]
+    blocks = [each.covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] for each in alone for i in range(len(each.share))]
+    np.testing.assert_array_equal(found.spread, [block[np.triu_indices(3)] for block in blocks])
+    for k in np.flatnonzero(np.isfinite(found.p)).tolist():
+        np.testing.assert_array_equal(found.whitened[k], alone[k].given.whitened[0])
+        np.testing.assert_array_equal(found.factors[k], alone[k].given.factors[0])
+    none = locator.fuse_frames(np.empty((0, 17)), np.empty(0, np.int64), np.empty((0, 6)), np.empty((0, 6, 6)))
+    assert [len(each) for each in none] == [0] * len(none)
+    with pytest.raises(InputError, match="sum up to the 11 contacts"):
+        locator.fuse_frames(np.concatenate(rows), counts[::-1] + 1, wrenches, np.zeros((6, 6, 6)))
 
 
 @settings(max_examples=10)
@@ -368,6 +399,50 @@ def test_an_unseen_contact_is_found_where_it_is() -> None:
     assert off @ np.linalg.solve(both.covariance[-3:, -3:], off) < 16.3  # 99.9 % of a Gaussian in three axes
     assert (both.force[-1] @ normal) < 0.0
     assert both.p[0] > found.p[0]
+
+
+def test_the_evidence_of_a_place_is_that_of_a_gaussian() -> None:
+    """Of the wrench, by the forces that one more contact may have there; and its patches are those of SciPy."""
+    made = case(12, 2)
+    found = FusedLocator(SURFACE).fuse(*vars(replace(made, wrenches=made.wrenches + 0.3)).values())
+    unseen = FusedLocator(SURFACE).unseen(found)
+    expected, cov = found.expected[0], twin(made, replace(FREE, turns=0))[3]
+    places = candidates(SURFACE, 0)
+    by_place = {tuple(place[:3]): place for place in places}
+    evidence = np.empty(len(places))
+    for i in range(len(places)):
+        point, normal, (log_share, width) = np.split(by_place[tuple(unseen.points[i])], [3, 6])
+        arm = np.concatenate([np.eye(3), skew(point)])
+        flat = np.eye(3) - np.outer(normal, normal)
+        twist = np.concatenate([np.zeros((3, 3)), skew(normal)]) @ flat
+        each = [
+            multivariate_normal.logpdf(
+                made.wrenches[0] + 0.3,
+                expected - m * arm @ normal,
+                cov
+                + m * m * (np.outer(arm @ normal, arm @ normal) / 16 + 0.25**2 * arm @ flat @ arm.T)
+                + (m * width) ** 2 * twist @ twist.T,
+            )
+            for m in PUSHES
+        ]
+        evidence[i] = logsumexp(each) + log_share
+    np.testing.assert_allclose(unseen.belief, np.exp(evidence - logsumexp(evidence)), rtol=1e-6)
+    inside, step = unseen.points[unseen.region], np.sqrt(12.0) * np.median(places[:, 7])
+    apart = np.linalg.norm(inside[:, None] - inside, axis=2)
+    _, labels = connected_components(apart <= 2.0 * step)
+    _, first = np.unique(labels, return_index=True)
+    np.testing.assert_array_equal(unseen.cluster[unseen.region], np.argsort(np.argsort(first))[labels])
+    assert (unseen.cluster[~unseen.region] == -1).all()
+
+
+def test_places_are_as_far_apart_as_can_be() -> None:
+    points = np.random.default_rng(0).uniform(size=(200, 3))
+    kept, nearest = np.zeros(20, np.int64), np.zeros(200, np.int64)
+    _fused.spaced(points, kept, nearest)
+    away = np.linalg.norm(points[:, None] - points[kept], axis=2)
+    for k in range(1, 20):
+        assert kept[k] == np.argmax(away[:, :k].min(axis=1))
+    np.testing.assert_array_equal(nearest, away.argmin(axis=1))
 
 
 @pytest.mark.parametrize(

@@ -20,9 +20,9 @@ import math
 
 import numpy as np
 
-from palpate.surfaces._jit import entry, inner, released
+from palpate.surfaces._jit import entry, inlined, inner, released
 
-__all__ = ["explained", "fuse", "fuse_one", "rarity", "room"]
+__all__ = ["clusters", "explained", "fuse", "fuse_frames", "fuse_one", "rarity", "room", "spaced"]
 
 ROW = 17  # of a contact: point, outward normal, normal force, its deviation, covariance of the place row by row
 OUT = 5  # of a contact: force, deviation of the tangential force now over before, slack of the cone
@@ -287,22 +287,16 @@ def _surprise(rows, root, carries, factor, column, found):
                 bb += column[2, r] ** 2
             variance -= aa * aa + bb * bb + 2.0 * ab * ab + 2.0 / 3.0 * (aa * bb - ab * ab)
     found[0], found[1], found[2] = total, dof, variance
-    found[3] = _rarity(total, dof, variance)
+    found[3] = rarity(total, dof, variance)
 
 
-@inner
-def _rarity(total, dof, variance):
+@entry("total float, dof float, variance float")
+def rarity(total, dof, variance):
     """Share of a gamma distribution of this mean and variance beyond `total` (Wilson and Hilferty); NaN without one."""
     if not (dof > 0 and variance > 0.0):
         return np.nan
     spread = variance / (9.0 * dof * dof)
     return 0.5 * math.erfc(((total / dof) ** (1.0 / 3.0) - (1.0 - spread)) / np.sqrt(2.0 * spread))
-
-
-@entry("total float, dof float, variance float")
-def rarity(total, dof, variance):
-    """`_rarity`, from outside."""
-    return _rarity(total, dof, variance)
 
 
 @inner
@@ -362,6 +356,41 @@ def fuse_one(contacts, wrench, covariance, settings, work, out, out_covariance, 
     return _fuse(given, work[36:], out, out_covariance, totals, factors)
 
 
+@released(
+    """
+    contacts n 17, counts int64 k, wrenches k 6, covariances k 6 6, settings 5, out out n 5, spreads out n 6,
+    covariance out c, totals out k 16, factors out k 6 6, broken out int64 k
+    """
+)
+def fuse_frames(contacts, counts, wrenches, covariances, settings, out, spreads, covariance, totals, factors, broken):
+    """`fuse_one` for frame after frame, each with its `counts` of the contacts.
+
+    `counts` are the contacts of each frame; `spreads` the covariances of the single forces: xx, xy, xz, yy, yz, zz;
+    `covariance` those of all forces of a frame, 9 counts^2 numbers, frame by frame; `broken` what `fuse_one` returns. A
+    wrench that is not finite leaves NaN in `totals` and `factors`.
+    """
+    most = 0
+    for k in range(len(counts)):
+        most = max(most, counts[k])
+    work = np.zeros(36 + room(most, 1))
+    begin = at = 0
+    for k in range(len(counts)):
+        count, size = counts[k], 3 * counts[k]
+        whole = covariance[at : at + size * size].reshape((size, size))
+        here = slice(begin, begin + count)
+        work[:36] = np.nan
+        broken[k] = fuse_one(contacts[here], wrenches[k], covariances[k], settings, work, out[here], whole, totals[k])
+        factors[k] = work[:36].reshape((6, 6))
+        for i in range(count):
+            place = 0
+            for r in range(3):
+                for q in range(r, 3):
+                    spreads[begin + i, place] = whole[3 * i + r, 3 * i + q]
+                    place += 1
+        begin, at = begin + count, at + size * size
+
+
+@inner
 def room(count, sensors):
     """Numbers that `fuse` works in; `fuse_one` 36 more."""
     n, k = 3 * count, 6 * sensors
@@ -466,8 +495,8 @@ def explained(places, whitened, factor, tangential, magnitudes, out):
     """How well one more contact explains a wrench, place by place.
 
     Its normal force is one of `magnitudes` m, give or take a quarter; a place errs by its own spacing. With y the
-    whitened wrench and G what (normal, tangential, tangential, place, place) of deviation 1 do to it, the evidence is
-    that of y ~ N(m g, I + G G^T).
+    whitened wrench and G m what (normal, tangential, tangential, place, place) of deviation 1 do to it, the evidence is
+    that of y ~ N(m g, I + m^2 G G^T).
 
     Args:
         places: (c, 8) points [m], outward normals, log of the share of the area, deviation [m] of the place.
@@ -477,8 +506,9 @@ def explained(places, whitened, factor, tangential, magnitudes, out):
         magnitudes: (m,) [N], equally likely.
         out: (c, 4) log evidence with the share of the area, and the force [N] there.
     """
-    frame, columns, scaled = np.empty((3, 3)), np.empty((5, 6)), np.empty((5, 6))
-    gram, right, best = np.empty((5, 5)), np.empty(5), np.empty(3)
+    frame, columns, push, off = np.empty((3, 3)), np.empty((5, 6)), np.empty(6), np.empty(6)
+    products, split, right, best = np.empty((5, 5)), np.empty((5, 5)), np.empty(5), np.empty(3)
+    weights, pushes = np.empty(len(magnitudes)), np.empty((len(magnitudes), 3))
     for c in range(len(places)):
         _frame(places[c, 3:6], frame)
         for e in range(5):
@@ -490,19 +520,27 @@ def explained(places, whitened, factor, tangential, magnitudes, out):
             else:
                 _cross(tangent, frame[0], columns[e, 3:])
             _whiten(factor, columns[e])
-        total, top = 0.0, -np.inf
-        best[0] = best[1] = best[2] = 0.0
-        for m in magnitudes:
-            weight = _evidence(columns, whitened, m, tangential, places[c, 7], scaled, gram, right)
-            if weight > top:
-                for e in range(3):
-                    best[e] *= np.exp(top - weight)
-                total, top = total * np.exp(top - weight), weight
-            part = np.exp(weight - top)
+            for r in range(6):
+                if e == 0:
+                    push[r] = columns[0, r]
+                columns[e, r] *= 0.25 if e == 0 else tangential if e < 3 else places[c, 7]
+        for a in range(5):
+            for b in range(a + 1):
+                products[a, b] = 0.0
+                for r in range(6):
+                    products[a, b] += columns[a, r] * columns[b, r]
+        for j in range(len(magnitudes)):
+            weights[j] = _evidence(columns, products, push, whitened, magnitudes[j], split, right, off)
+            pushes[j, 0] = magnitudes[j] + 0.25 * magnitudes[j] * right[0]
+            pushes[j, 1] = tangential * magnitudes[j] * right[1]
+            pushes[j, 2] = tangential * magnitudes[j] * right[2]
+        top, total = weights.max(), 0.0
+        best[:] = 0.0
+        for j in range(len(magnitudes)):
+            part = np.exp(weights[j] - top)
             total += part
-            best[0] += part * (m + 0.25 * m * right[0])
-            best[1] += part * tangential * m * right[1]
-            best[2] += part * tangential * m * right[2]
+            for e in range(3):
+                best[e] += part * pushes[j, e]
         out[c, 0] = top + np.log(total) - np.log(len(magnitudes)) + places[c, 6]
         for e in range(3):
             out[c, 1 + e] = 0.0
@@ -517,32 +555,78 @@ def _cross(a, b, out):
     out[2] = a[0] * b[1] - a[1] * b[0]
 
 
-@inner
-def _evidence(columns, whitened, m, tangential, spacing, scaled, gram, right):
-    """Log of N(y; m g, I + G G^T) but for a constant; `right` becomes the components, in deviations."""
-    result = 0.0
+@inlined
+def _evidence(columns, products, push, whitened, m, split, right, off):
+    """Log of N(y; m g, I + m^2 G G^T) but for a constant; `right` becomes the components x, in deviations.
+
+    What is left of y - m g - m G x counts with |x|^2: no large numbers are taken from each other.
+    """
     for r in range(6):
-        residual = whitened[r] - m * columns[0, r]
-        result -= 0.5 * residual * residual
-        scaled[0, r] = 0.25 * m * columns[0, r]
-        scaled[1, r], scaled[2, r] = tangential * m * columns[1, r], tangential * m * columns[2, r]
-        scaled[3, r], scaled[4, r] = spacing * m * columns[3, r], spacing * m * columns[4, r]
+        off[r] = whitened[r] - m * push[r]
     for a in range(5):
         right[a] = 0.0
         for r in range(6):
-            right[a] += scaled[a, r] * (whitened[r] - m * columns[0, r])
+            right[a] += columns[a, r] * off[r]
+        right[a] *= m
         for b in range(a + 1):
-            gram[a, b] = 1.0 if a == b else 0.0
-            for r in range(6):
-                gram[a, b] += scaled[a, r] * scaled[b, r]
-    _split(gram, 0.0)
+            split[a, b] = m * m * products[a, b]
+        split[a, a] += 1.0
+    scale = 1.0
     for a in range(5):
-        for b in range(a):
-            right[a] -= gram[a, b] * right[b]
-    for a in range(5):
-        result += 0.5 * right[a] ** 2 / gram[a, a] - 0.5 * np.log(gram[a, a])
-        right[a] /= gram[a, a]
+        scale *= split[a, a]
+        split[a, a] = 1.0 / split[a, a]
+        for i in range(a + 1, 5):
+            lower = split[i, a] * split[a, a]
+            right[i] -= lower * right[a]
+            for k in range(a + 1, i + 1):
+                split[i, k] -= lower * split[k, a]
+    square = 0.0
     for a in range(4, -1, -1):
         for b in range(a + 1, 5):
-            right[a] -= gram[b, a] * right[b]
-    return result
+            right[a] -= split[b, a] * right[b]
+        right[a] *= split[a, a]
+        square += right[a] * right[a]
+        pull = m * right[a]
+        for r in range(6):
+            off[r] -= pull * columns[a, r]
+    for r in range(6):
+        square += off[r] * off[r]
+    return -0.5 * (square + np.log(scale))
+
+
+@entry("points n 3, kept out int64 c, nearest out int64 n")
+def spaced(points, kept, nearest):
+    """Points as far from each other as can be, one after the other, and which of them is nearest to each point."""
+    apart = np.full(len(points), np.inf)
+    for k in range(len(kept)):
+        kept[k] = 0 if k == 0 else np.argmax(apart)
+        for i in range(len(points)):
+            to = _square(points[i], points[kept[k]])
+            if to < apart[i]:
+                nearest[i], apart[i] = k, to
+
+
+@entry("points n 3, near float, label out int64 n")
+def clusters(points, near, label):
+    """Patches of points that are near each other, numbered by their first point."""
+    waiting = np.empty(len(points), np.int64)
+    label[:] = -1
+    patches = 0
+    for first in range(len(points)):
+        if label[first] >= 0:
+            continue
+        label[first], waiting[0], count = patches, first, 1
+        while count > 0:
+            count -= 1
+            one = waiting[count]
+            for other in range(len(points)):
+                if label[other] < 0 and _square(points[one], points[other]) <= near * near:
+                    label[other], waiting[count] = patches, other
+                    count += 1
+        patches += 1
+
+
+@inner
+def _square(a, b):
+    """Squared distance of two points."""
+    return (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2

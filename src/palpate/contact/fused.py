@@ -9,15 +9,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from math import inf
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from palpate.contact.fused_cones import within_cones
 from palpate.contact.fused_unseen import PUSHES, Unseen, candidates, locked, ranked
 from palpate.errors import InputError
-from palpate.spatial._arrays import Value, shaped
+from palpate.spatial._arrays import Value, require_finite, shaped
 from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.surface import Surface
 
@@ -123,6 +124,28 @@ class Fused(Value):
         locked(self)
 
 
+class FusedFrames(NamedTuple):
+    """Forces of the contacts of many frames, frame by frame, and how well each frame's wrench fits to them.
+
+    Attributes:
+        force, share, bound: (m, 3), (m,), (m,) of each contact, as in `Fused`.
+        spread: (m, 6) [N^2] covariance of each force: xx, xy, xz, yy, yz, zz.
+        p, alarm: (n,) of each frame, as in `Fused`.
+        whitened, factors: (n, 6), (n, 6, 6) of each frame, as in `Given`.
+        notes: a sentence each.
+    """
+
+    force: Float[np.ndarray, "m 3"]
+    share: Float[np.ndarray, " m"]
+    bound: Bool[np.ndarray, " m"]
+    spread: Float[np.ndarray, "m 6"]
+    p: Float[np.ndarray, " n"]
+    alarm: Bool[np.ndarray, " n"]
+    whitened: Float[np.ndarray, "n 6"]
+    factors: Float[np.ndarray, "n 6 6"]
+    notes: tuple[str, ...]
+
+
 @takes_arrays
 class FusedLocator:
     """Forces of several contacts of a body, from its skin and its force/torque sensors.
@@ -207,6 +230,47 @@ class FusedLocator:
         settings, work = self._settings, self._room(len(contacts))
         return int(_fused.fuse_one(contacts, wrench, covariance, settings, work, out, out_covariance, out_total))
 
+    def fuse_frames(
+        self,
+        contacts: Float[np.ndarray, "m 17"],
+        counts: Int[np.ndarray, " n"],
+        wrenches: Float[np.ndarray, "n 6"],
+        covariances: Float[np.ndarray, "n 6 6"],
+    ) -> FusedFrames:
+        """`fuse` for many frames of one wrench, which feels all contacts of its frame.
+
+        Args:
+            contacts: (m, 17) rows as `rows` makes them, frame by frame.
+            counts: (n,) how many contacts each frame has.
+            wrenches: (n, 6) [N, N m]; one with NaN tells nothing.
+            covariances: (n, 6, 6) of their noise.
+
+        Raises:
+            InputError: shapes that do not fit, or counts that are not those of the contacts.
+        """
+        from palpate.contact import _fused
+
+        if counts.min(initial=0) < 0 or counts.sum() != len(contacts):
+            raise InputError(f"counts must not be negative, and sum up to the {len(contacts)} contacts.")
+        out, spread, broken = np.zeros((len(contacts), 5)), np.zeros((len(contacts), 6)), np.zeros_like(counts)
+        totals, factors = np.zeros((len(counts), 16)), np.zeros((len(counts), 6, 6))
+        ends = np.cumsum(9 * counts**2)
+        covariance = np.zeros(ends[-1] if len(ends) else 0)
+        into = (out, spread, covariance, totals, factors, broken)
+        _fused.fuse_frames(contacts, counts, wrenches, covariances, self._settings, *into)
+        outside, notes = broken > 0, tuple[str, ...]()
+        if outside.any():
+            which, told = np.repeat(outside, counts), totals[outside]
+            size, at = 3 * counts[outside], ends[outside]
+            wholes = [covariance[end - n * n : end].reshape(n, n) for n, end in zip(size, at, strict=True)]
+            given = (out[which, :3], contacts[which, 3:6], counts[outside], wholes)
+            out[which, :3], notes = self._within(*given, told)
+            totals[outside] = told
+        force, p = out[:, :3].copy(), totals[:, 9]
+        _, bound = self._slack(force, contacts[:, 3:6])
+        whitened = totals[:, 10:].copy()
+        return FusedFrames(force, out[:, 3], bound, spread, p, p < self.settings.alarm, whitened, factors, notes)
+
     @staticmethod
     def rows(
         points: ArrayLike, normals: ArrayLike, forces: ArrayLike, deviations: ArrayLike, spreads: ArrayLike
@@ -259,14 +323,10 @@ class FusedLocator:
         given = (contacts, wrenches[heard], covariances[heard], carries[heard])
         broken = _fused.fuse(*given, self._settings, work, out, covariance, totals, factors)
         force, notes = out[:, :3], tuple[str, ...]()
-        if broken:
-            force, further, notes = within_cones(force, covariance, contacts[:, 3:6], self.settings.friction)
-            if sensors == 1:  # of several, nothing says whose wrench is that much further off
-                totals[0, 6] += further
-                totals[0, 9] = _fused.rarity(totals[0, 6], totals[0, 7], totals[0, 8])
-        normal = -np.einsum("ni,ni->n", force, contacts[:, 3:6])
-        across = np.linalg.norm(force + normal[:, None] * contacts[:, 3:6], axis=1)
-        slack = self.settings.friction * normal - across
+        if broken:  # of several sensors, nothing says whose wrench is that much further off
+            told = totals if sensors == 1 else np.zeros((1, 16))
+            force, notes = self._within(force, contacts[:, 3:6], np.array([count]), [covariance], told)
+        slack, bound = self._slack(force, contacts[:, 3:6])
         p = totals[:, 9].copy()
         told = np.full((len(wrenches), 8), np.nan)
         told[heard, :7], told[heard, 7] = totals[:, :7], p
@@ -275,7 +335,7 @@ class FusedLocator:
             covariance,
             out[:, 3].copy(),
             slack,
-            slack <= _BINDS * (1.0 + np.abs(normal)),
+            bound,
             told[:, :6].copy(),
             told[:, 6].copy(),
             told[:, 7].copy(),
@@ -283,6 +343,31 @@ class FusedLocator:
             Given(*given, totals[:, 10:].copy(), factors, p),
             notes,
         )
+
+    def _within(
+        self,
+        force: Float[np.ndarray, "m 3"],
+        normals: Float[np.ndarray, "m 3"],
+        counts: Int[np.ndarray, " n"],
+        covariances: list[np.ndarray],
+        totals: Float[np.ndarray, "n 16"],
+    ) -> tuple[Float[np.ndarray, "m 3"], tuple[str, ...]]:
+        """Forces of frames within their cones, and what could not be done; each wrench is as much further off."""
+        from palpate.contact import _fused
+
+        force, further, notes = within_cones(force, normals, counts, covariances, self.settings.friction)
+        totals[:, 6] += further
+        totals[:, 9] = [_fused.rarity(*each) for each in totals[:, 6:9].tolist()]
+        return force, notes
+
+    def _slack(
+        self, force: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"]
+    ) -> tuple[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+        """Friction times the normal less the tangential force, and whether the cone binds."""
+        normal = -np.einsum("ni,ni->n", force, normals)
+        across = np.linalg.norm(force + normal[:, None] * normals, axis=1)
+        slack = self.settings.friction * normal - across
+        return slack, slack <= _BINDS * (1.0 + np.abs(normal))
 
     def unseen(self, fused: Fused) -> Unseen:
         """Where one contact more may be that explains the wrench; of several sensors, that of the least p.
@@ -293,16 +378,25 @@ class FusedLocator:
         Raises:
             InputError: it was made without a wrench.
         """
-        from palpate.contact import _fused
-
         given = fused.given
         if not len(given.wrenches):
             raise InputError("no wrench is finite, and without one nothing is known of unseen contacts")
         k = int(np.argmin(given.p))
+        return self.unseen_by(given.whitened[k].copy(), given.factors[k].copy())
+
+    def unseen_by(self, whitened: Float[np.ndarray, "6"], factor: Float[np.ndarray, "6 6"]) -> Unseen:
+        """`unseen` of one wrench, as `FusedFrames` has it.
+
+        Raises:
+            InputError: a number is not finite, as of a frame without a wrench.
+        """
+        from palpate.contact import _fused
+
+        require_finite(whitened, "whitened")
+        require_finite(factor, "factor")
         out = np.zeros((len(self._places), 4))
-        tangential = self.settings.tangential
-        _fused.explained(self._places, given.whitened[k].copy(), given.factors[k].copy(), tangential, PUSHES, out)
-        return ranked(self._places, out)
+        _fused.explained(self._places, whitened, factor, self.settings.tangential, PUSHES, out)
+        return ranked(self._places, out, self._width)
 
     def beside(self, fused: Fused, unseen: Unseen, place: int = 0) -> Fused:
         """Forces of the contacts seen and of one unseen, all estimated anew together; the unseen one is the last.
@@ -313,14 +407,18 @@ class FusedLocator:
             place: number of the place in it.
         """
         given = fused.given
-        new = np.zeros((1, 17))
-        new[0, :3], new[0, 3:6] = unseen.points[place], unseen.normals[place]
-        new[0, 6], new[0, 7] = PUSHES.mean(), PUSHES.std()
-        across = np.eye(3) - np.outer(new[0, 3:6], new[0, 3:6])
-        new[0, 8:] = (self._width**2 * across).reshape(9)
         carries = np.concatenate([given.carries, np.ones((len(given.wrenches), 1), np.bool_)], axis=1)
-        contacts = np.concatenate([given.contacts, new])
+        contacts = np.concatenate([given.contacts, self.unseen_row(unseen, place)[None]])
         return self._fused(contacts, given.wrenches.copy(), given.covariances.copy(), carries)
+
+    def unseen_row(self, unseen: Unseen, place: int = 0) -> Float[np.ndarray, "17"]:
+        """An unseen contact in the form of `rows`."""
+        new = np.zeros(17)
+        new[:3], new[3:6] = unseen.points[place], unseen.normals[place]
+        new[6], new[7] = PUSHES.mean(), PUSHES.std()
+        across = np.eye(3) - np.outer(new[3:6], new[3:6])
+        new[8:] = (self._width**2 * across).reshape(9)
+        return new
 
     @cached_property
     def _places(self) -> Float[np.ndarray, "c 8"]:

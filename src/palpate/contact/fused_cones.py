@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from importlib import import_module
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from palpate.errors import InputError
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["within_cones"]
@@ -21,65 +23,86 @@ _NONE = "no forces within the cones of friction were found: those of the closed 
 
 @takes_arrays
 def within_cones(
-    force: Float[np.ndarray, "n 3"],
-    covariance: Float[np.ndarray, "m m"],
-    normals: Float[np.ndarray, "n 3"],
+    force: Float[np.ndarray, "m 3"],
+    normals: Float[np.ndarray, "m 3"],
+    counts: Int[np.ndarray, " n"],
+    covariances: Sequence[Float[np.ndarray, "_ _"]],
     friction: float,
-) -> tuple[Float[np.ndarray, "n 3"], float, tuple[str, ...]]:
-    """The forces f with the least (f - force)^T covariance^-1 (f - force) of those within the cones.
+) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, " n"], tuple[str, ...]]:
+    """The forces f with the least (f - force)^T covariance^-1 (f - force) of those within the cones, frame by frame.
 
     With covariance = S S^T and f = force + S x it is the shortest x whose f lies in second-order cones
-    |t_i| <= friction n_i: a problem of n cones, solved by clarabel.
+    |t_i| <= friction n_i: a problem of a frame's cones, solved by clarabel.
 
     Args:
-        force: (n, 3) [N] the best without cones.
-        covariance: (3n, 3n) of it; it may be singular.
-        normals: (n, 3) outward unit normals.
+        force: (m, 3) [N] the best without cones, frame by frame.
+        normals: (m, 3) outward unit normals.
+        counts: (n,) contacts of each frame.
+        covariances: n of (3 counts, 3 counts); one may be singular.
         friction: tangential over normal force.
 
     Returns:
-        Forces, how far off they are: that least square, and what could not be done.
+        Forces, how far off those of each frame are: that least square, and what could not be done.
+
+    Raises:
+        InputError: counts and covariances that do not fit to the forces.
     """
+    if counts.sum() != len(force) or [np.shape(each) for each in covariances] != [(3 * n, 3 * n) for n in counts]:
+        raise InputError(f"counts and covariances must be those of frames with {len(force)} contacts in all.")
+    found, further, notes = force.copy(), np.zeros(len(counts)), tuple[str, ...]()
     try:
         clarabel: Any = import_module("clarabel")
     except ImportError:
-        return force, 0.0, (_WITHOUT,)
-    count, root = len(force), _root(covariance)
-    turn = _cones(normals, friction)
-    matrix = (turn @ root.reshape(count, 3, -1)).reshape(3 * count, -1)
-    given = (turn @ force[:, :, None]).reshape(-1)
-    size = matrix.shape[1]
+        return found, further, (_WITHOUT,)
+    turns, end = _cones(normals, friction), 0
+    for k, (count, covariance) in enumerate(zip(counts.tolist(), covariances, strict=True)):
+        one, end, root = slice(end, end + count), end + count, _root(covariance)
+        matrix = (turns[one] @ root.reshape(count, 3, -1)).reshape(3 * count, -1)
+        least = _shortest(clarabel, matrix, (turns[one] @ force[one, :, None]).reshape(-1))
+        if least is None:
+            notes = (_NONE,)
+        else:
+            found[one] += (root @ least).reshape(-1, 3)
+            further[k] = least @ least
+    return found, further, notes
+
+
+def _shortest(
+    clarabel: Any, matrix: Float[np.ndarray, "m s"], given: Float[np.ndarray, " m"]
+) -> Float[np.ndarray, " s"] | None:
+    """The x for which `given` + `matrix` x lies in its cones; None where there is none."""
+    count, size = len(given) // 3, matrix.shape[1]
     if not size:
-        return force, 0.0, (_NONE,)
-    rows: Int[np.ndarray, " m"] = np.arange(3 * count * size) % (3 * count)
+        return None
     settings = clarabel.DefaultSettings()
     settings.verbose = False
-    problem = clarabel.DefaultSolver(
-        _identity(size),
-        np.zeros(size),
-        _columns(-matrix, rows, 3 * count, 3 * count),
-        given,
-        [clarabel.SecondOrderConeT(3)] * count,
-        settings,
-    )
-    found = problem.solve()
-    if str(found.status) not in ("Solved", "AlmostSolved"):
-        return force, 0.0, (_NONE,)
-    least = np.asarray(found.x)
-    return force + (root @ least).reshape(-1, 3), float(least @ least), ()
+    cones = [clarabel.SecondOrderConeT(3)] * count
+    whole = (_identity(size), [0.0] * size, _columns(-matrix), given.tolist(), cones, settings)
+    solved = clarabel.DefaultSolver(*whole).solve()
+    return np.asarray(solved.x) if str(solved.status) in ("Solved", "AlmostSolved") else None
 
 
-def _columns(values: Float[np.ndarray, "r c"], rows: Int[np.ndarray, " m"], each: int, height: int) -> Any:
-    """A matrix as clarabel takes it, `each` numbers a column: handed over as it is, which is quicker than found out."""
-    sparse: Any = import_module("scipy.sparse")
-    width = values.shape[1]
-    return sparse.csc_array((values.T.ravel(), rows, each * np.arange(width + 1)), shape=(height, width))
+class _Sparse(NamedTuple):
+    """What clarabel reads of a sparse matrix of SciPy, whose import takes longer than the forces of many frames."""
+
+    data: list[float]
+    indices: list[int]
+    indptr: list[int]
+    shape: tuple[int, int]
+    has_canonical_format: bool = True
+
+
+def _columns(matrix: Float[np.ndarray, "r c"]) -> _Sparse:
+    """All numbers of a matrix; lists, which clarabel reads in half the time."""
+    height, width = matrix.shape
+    ends = range(0, height * width + 1, height)
+    return _Sparse(matrix.T.ravel().tolist(), [*range(height)] * width, [*ends], (height, width))
 
 
 @cache
-def _identity(size: int) -> Any:
-    """Made once for each number of contacts: it takes a third of the solver's time."""
-    return _columns(np.ones((1, size)), np.arange(size), 1, size)
+def _identity(size: int) -> _Sparse:
+    """Made once for each number of contacts."""
+    return _Sparse([1.0] * size, [*range(size)], [*range(size + 1)], (size, size))
 
 
 def _root(covariance: Float[np.ndarray, "m m"]) -> Float[np.ndarray, "m r"]:

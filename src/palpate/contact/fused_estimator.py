@@ -7,14 +7,13 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int, Int8
+from jaxtyping import Bool, Float, Int, Int8
 from numpy.typing import ArrayLike
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, Status
 from palpate.contact.estimator import NOTHING_BESIDE, instant, rows_of, samples
-from palpate.contact.fused import Fused, FusedLocator
-from palpate.contact.fused_unseen import Unseen
+from palpate.contact.fused import FusedFrames, FusedLocator
 from palpate.contact.locate import Locator
 from palpate.contact.taxel_estimator import TaxelEstimator
 from palpate.contact.zero_follower import ZeroFollower
@@ -46,7 +45,6 @@ FEATURES = (
     "force_zz",
 )
 SHARE, BOUND, UNEXPLAINED, BELIEF, SPREAD = range(5)  # where they stand behind the skin's
-_UPPER = np.triu_indices(3)
 LOOKS = 0.1  # s after which the place of what the skin does not feel is looked for again: that takes milliseconds
 PERSISTS = 0.05  # s that something must be unexplained before it is a contact: a touch that begins is felt first
 AGREES = 0.8  # of the frames with a contact may be unexplained before that is a doubt
@@ -142,7 +140,7 @@ class FusedEstimator:
         self._teller = self._follower
         self._noted = dict[str, None]()
         self._since = self._looked = np.nan  # [s] when the wrench began to be unexplained, and its place was looked for
-        self._places: Unseen | None = None
+        self._place: _Place | None = None
         self._frames = self._missing = self._touched = self._unexplained = self._opposed = 0
 
     def tare(self, recording: Recording) -> Tare:
@@ -219,16 +217,19 @@ class FusedEstimator:
         require_forward(self._filter)
         width = len(self.taxels.body) + 7
         values, time = shaped(reading, (width,), "reading"), instant(time)
-        rows = rows_of(out, ROW.length + len(self.features) + 1)
+        out = rows_of(out, ROW.length + len(self.features) + 1)
         cells, wrench, averaged = values[:-7], values[-7:-1], values[-1:]
         count = self.taxels.update_into(time, cells, self._rows)
         follower = self._entered(time, self.kelvin)
         measured = self.sensor.single(time, wrench, rotation, acceleration)
-        located, covariance, status = self._placed(measured, averaged)
+        located, skin = self._placed(measured, averaged), self._rows[:count]
         if follower is not None:
             kept = follower.sensor.kept_of(follower.sensor.held, 1)
-            follower.add(time, kept, self._told(self._rows[:count]))
-        return self._frame(time, self._rows[:count], located[0], covariance[0], int(status[0]), rows)
+            follower.add(time, kept, self._told(skin))
+        rows, _ = self._framed(np.array([time]), skin, np.array([count]), located)
+        count = min(len(rows), len(out))
+        out[:count] = rows[:count]
+        return count
 
     def run_into(
         self,
@@ -251,11 +252,12 @@ class FusedEstimator:
             self.taxels.run_into(block.time, channels[CELLS], self._rows, counts[one])
             skin = self._rows[: int(counts[done])]
             follower = self._entered(float(time[done]), ZeroFollower.kelvin(kept))
-            located, covariance, status = self._wrenches(block)
+            located = self._wrenches(block)
             if follower is not None:
                 follower.add(block.time, follower.sensor.kept(block), self._told(skin))
-            counts[done] = self._frame(float(time[done]), skin, located[0], covariance[0], int(status[0]), out[used:])
-            used += int(counts[done])
+            rows, counts[one] = self._framed(block.time, skin, counts[one], located)
+            out[used : used + len(rows)] = rows
+            used += len(rows)
             done += 1
         return done
 
@@ -315,10 +317,8 @@ class FusedEstimator:
             return True
         return False if self._covered else None
 
-    def _wrenches(
-        self, recording: Recording
-    ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"], Int8[np.ndarray, " n"]]:
-        """In the surface's frame, with covariances; NaN where there is none."""
+    def _wrenches(self, recording: Recording) -> _Located:
+        """In the surface's frame, with covariances and statuses; NaN where there is none."""
         return self._placed(self.sensor.measure(recording), recording.channels[AVERAGED][:, 0])
 
     def _placed(
@@ -326,7 +326,7 @@ class FusedEstimator:
         measured: Measured,
         averaged: Float[np.ndarray, " n"],
         smoothed: _Smoothed | None = None,
-    ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"], Int8[np.ndarray, " n"]]:
+    ) -> _Located:
         wrenches, share = measured.wrench, 1.0 / np.maximum(np.nan_to_num(averaged, nan=1.0), 1.0)
         if smoothed is not None:
             wrenches, share = smoothed[0], share * smoothed[1]
@@ -346,7 +346,7 @@ class FusedEstimator:
             located = self._wrenches(piece) if smoothed is None else self._placed(*smoothed)
             if follower is not None:
                 follower.add(piece.time, follower.sensor.kept(piece), self._told(cut.skin))
-            made.append(self._framed(cut, located))
+            made.append(self._framed(piece.time, cut.skin, cut.counts, located))
         return self._contacts(made, block, first)
 
     def _both_sides(
@@ -365,7 +365,7 @@ class FusedEstimator:
         for cut, zero in follower.both_sides((cut.samples, self._told(cut.skin), cut) for cut in cuts()):
             if zero is not None:
                 follower.sensor.follow(zero)
-            made.append(self._framed(cut, self._wrenches(cut.samples)))
+            made.append(self._framed(cut.samples.time, cut.skin, cut.counts, self._wrenches(cut.samples)))
             if cut.block is not None:
                 yield cut.block, self._contacts(made, cut.block, first)
                 first, made = first + len(cut.block), []
@@ -378,121 +378,153 @@ class FusedEstimator:
         cuts = list(ZeroFollower.pieces(block.time)) if followed else [slice(0, len(block))]
         for cut in cuts:
             part = edges[cut.start : cut.stop + 1]
-            rows, ends = skin[part[0] : part[-1]], (part - part[0]).tolist()
-            yield _Cut(block.picked(cut), rows, ends, block if cut is cuts[-1] else None)
-
-    def _framed(self, cut: _Cut, located: tuple[np.ndarray, np.ndarray, np.ndarray]) -> _Framed:
-        """The frames of a piece, one after the other."""
-        out, parts, counts = self.empty(self.most), list[np.ndarray](), list[int]()
-        for k, (wrench, covariance, status) in enumerate(zip(*located, strict=True)):
-            rows = cut.skin[cut.edges[k] : cut.edges[k + 1]]
-            counts.append(self._frame(float(cut.samples.time[k]), rows, wrench, covariance, int(status), out))
-            parts.append(out[: counts[-1]].copy())
-        return np.concatenate([self.empty(0), *parts]), counts
+            yield _Cut(block.picked(cut), skin[part[0] : part[-1]], np.diff(part), block if cut is cuts[-1] else None)
 
     def _contacts(self, made: list[_Framed], block: Recording, first: int) -> Contacts:
-        counts = np.array([count for _, each in made for count in each], dtype=np.int64)
+        counts = np.concatenate([np.zeros(0, np.int64), *(each for _, each in made)])
         sample, time = first + np.repeat(np.arange(len(block)), counts), np.repeat(block.time, counts)
         return Contacts.of_rows(
             sample, time, np.concatenate([self.empty(0), *(rows for rows, _ in made)]), self.features
         )
 
-    def _frame(
+    def _framed(
         self,
-        time: float,
-        skin: Float[np.ndarray, "n v"],
-        wrench: Float[np.ndarray, "6"],
-        covariance: Float[np.ndarray, "6 6"],
-        status: int,
-        out: Float[np.ndarray, "m w"],
-    ) -> int:
-        """One frame: rows of the skin, then one of what it does not feel; how many are written."""
-        count, after = len(skin), ROW.length + len(self.taxels.features)
-        skin = skin[: len(out)]
-        out[: len(skin), :after], out[: len(skin), -1] = skin[:, :-1], skin[:, -1]
-        out[: len(skin), after:-1] = np.nan
-        touching = np.flatnonzero(np.isfinite(skin[:, ROW.point]).all(axis=1))
-        usable = status < 0 and bool(np.isfinite(wrench).all())
-        felt = skin[touching[0] if len(touching) else 0, ROW.status] != Status.INVALID
-        self._frames += 1
-        self._missing += not usable
-        if not felt or not (usable or len(touching)):
-            self._since = np.nan
-            return len(skin)
-        fused = self._fuse(skin[touching], wrench if usable else np.full(6, np.nan), covariance)
+        time: Float[np.ndarray, " n"],
+        skin: Float[np.ndarray, "r v"],
+        counts: Int[np.ndarray, " n"],
+        located: _Located,
+    ) -> _Framed:
+        """Frames: rows of the skin, `counts` of each, then one of what it does not feel."""
+        wrenches, covariances, status = located
+        frame = np.repeat(np.arange(len(counts)), counts)
+        touching = np.asarray(np.isfinite(skin[:, ROW.point]).all(axis=1))
+        felt = skin[np.cumsum(counts) - counts, ROW.status] != Status.INVALID
+        usable = (status < 0) & np.isfinite(wrenches).all(axis=1)
+        pressed = np.bincount(frame[touching], minlength=len(counts))
+        contacts = self._pressing(skin[touching])
+        known = np.where((felt & usable)[:, None], wrenches, np.nan)
+        fused = self.fused.fuse_frames(contacts, pressed, known, covariances)
         self._noted |= dict.fromkeys(fused.notes)
-        _write(fused, touching, out, after)
-        if not usable:
-            out[touching, ROW.force] = skin[touching, ROW.force]
-        if len(touching) and usable:
-            self._judge(skin[touching, ROW.force], wrench, bool(fused.alarm))
-        if not usable or not self._persists(time, bool(fused.alarm)) or count >= len(out):
-            return len(skin)
-        return self._unseen(time, fused, touching, out, len(skin), after)
+        self._frames += len(counts)
+        self._missing += int(np.count_nonzero(~usable))
+        self._judge(skin[touching, ROW.force], frame[touching], wrenches, usable & (pressed > 0), fused.alarm)
+        after = ROW.length + len(self.taxels.features)
+        rows = np.full((len(skin), after + len(FEATURES) + 1), np.nan)
+        rows[:, :after], rows[:, -1] = skin[:, :-1], skin[:, -1]
+        rows[touching, after + UNEXPLAINED], rows[touching, after + BELIEF] = fused.p[frame[touching]], 1.0
+        _write(fused, rows, touching, after)
+        alone = touching & ~usable[frame]
+        rows[alone, ROW.force] = skin[alone, ROW.force]
+        found = self._unseen(time, felt & (usable | (pressed > 0)), usable, fused)
+        if not found:
+            return rows, counts
+        more = np.isin(np.arange(len(counts)), list(found))
+        beside, ends, instead = more[frame], np.cumsum(counts)[more], more & (pressed == 0)
+        kept = np.insert(~instead[frame], ends, True)  # not the row that says that there is no contact
+        new = np.array([place.row for place in found.values()])
+        new[:, after + UNEXPLAINED] = fused.p[more]
+        rows = np.insert(rows, ends, new, axis=0)[kept]
+        new = [place.contact for place in found.values()]
+        contacts = np.insert(contacts[beside[touching]], np.cumsum(pressed[more]), new, axis=0)
+        fused = self.fused.fuse_frames(contacts, pressed[more] + 1, wrenches[more], covariances[more])
+        self._noted |= dict.fromkeys(fused.notes)
+        pushed = np.insert(touching & beside, ends, True)[kept]
+        _write(fused, rows, pushed, after)
+        return rows, np.where(instead, 0, counts) + more
 
-    def _fuse(
-        self, rows: Float[np.ndarray, "n v"], wrench: Float[np.ndarray, "6"], covariance: Float[np.ndarray, "6 6"]
-    ) -> Fused:
-        normals, forces = rows[:, ROW.normal], rows[:, ROW.force]
-        normal = np.maximum(-np.sum(normals * forces, axis=1), 0.0)
-        deviations = np.where(rows[:, ROW.status] == Status.SATURATED, np.maximum(normal, 1.0), 0.0)
-        spreads = np.nan_to_num(rows[:, ROW.covariance].reshape(-1, 3, 3))
-        return self.fused.fuse(rows[:, ROW.point], normals, normal, deviations, spreads, wrench[None], covariance[None])
+    def _pressing(self, skin: Float[np.ndarray, "n v"]) -> Float[np.ndarray, "n 17"]:
+        """Contacts of the skin as `fused` takes them."""
+        normals, status = skin[:, ROW.normal], skin[:, ROW.status]
+        normal = np.maximum(-np.sum(normals * skin[:, ROW.force], axis=1), 0.0)
+        deviations = np.where(status == Status.SATURATED, np.maximum(normal, 1.0), 0.0)
+        spreads = np.nan_to_num(skin[:, ROW.covariance].reshape(-1, 3, 3))
+        return self.fused.rows(skin[:, ROW.point], normals, normal, deviations, spreads)
+
+    def _judge(
+        self,
+        forces: Float[np.ndarray, "m 3"],
+        frame: Int[np.ndarray, " m"],
+        wrenches: Float[np.ndarray, "n 6"],
+        touched: Bool[np.ndarray, " n"],
+        alarm: Bool[np.ndarray, " n"],
+    ) -> None:
+        """Whether skin and wrench say the same, for doubts."""
+        total = np.zeros((len(wrenches), 3))
+        np.add.at(total, frame, forces)
+        unexplained = touched & alarm
+        opposed = unexplained & (np.sum(total * wrenches[:, :3], axis=1) < 0.0)
+        self._touched += int(np.count_nonzero(touched))
+        self._unexplained += int(np.count_nonzero(unexplained))
+        self._opposed += int(np.count_nonzero(opposed))
+
+    def _unseen(
+        self,
+        time: Float[np.ndarray, " n"],
+        told: Bool[np.ndarray, " n"],
+        usable: Bool[np.ndarray, " n"],
+        fused: FusedFrames,
+    ) -> dict[int, _Place]:
+        """Frames in which something lasts that the skin does not feel, and its place, which is looked for now and then.
+
+        `told`: frames in which skin or wrench tell something.
+        """
+        found = dict[int, _Place]()
+        for k, now in enumerate(time.tolist()):
+            if not told[k]:
+                self._since = np.nan
+            elif usable[k] and self._persists(now, bool(fused.alarm[k])):
+                if self._place is None or not now - self._looked < LOOKS:
+                    self._place, self._looked = self._looked_for(fused.whitened[k], fused.factors[k]), now
+                found[k] = self._place
+        return found
 
     def _persists(self, time: float, alarm: bool) -> bool:
         """Whether what is unexplained lasts."""
         if not alarm:
-            self._since, self._places = np.nan, None
+            self._since, self._place = np.nan, None
             return False
         if np.isnan(self._since):
             self._since = time
         return time - self._since >= PERSISTS
 
-    def _unseen(
-        self, time: float, fused: Fused, touching: Int[np.ndarray, " n"], out: np.ndarray, row: int, after: int
-    ) -> int:
-        """The contact that the skin does not feel, in the place of a row that says that there is none."""
-        if self._places is None or not time - self._looked < LOOKS:
-            self._places, self._looked = self.fused.unseen(fused), time
-        places = self._places
-        if not len(places.belief):
-            return row
-        at = row if len(touching) else 0
-        mine, inside, several = out[at], places.cluster == 0, len(places.best)
-        mine[:] = np.nan
-        share = places.belief[inside] / places.belief[inside].sum()
-        away = places.points[inside] - places.points[0]
-        mine[ROW.point], mine[ROW.normal] = places.points[0], places.normals[0]
-        mine[ROW.covariance] = np.einsum("k,ki,kj->ij", share, away, away).ravel()
-        mine[ROW.residual], mine[ROW.candidates] = 0.0, several
-        mine[ROW.status] = Status.CONTACT if several == 1 else Status.AMBIGUOUS
-        _write(self.fused.beside(fused, places), np.append(touching, at), out, after)
-        out[touching, after + UNEXPLAINED] = mine[after + UNEXPLAINED] = fused.p[0]
-        mine[after + BELIEF], mine[-1] = places.share[0], 0.0
-        return at + 1
+    def _looked_for(self, whitened: Float[np.ndarray, "6"], factor: Float[np.ndarray, "6 6"]) -> _Place:
+        """The contact that the skin does not feel, where it is believed most."""
+        places = self.fused.unseen_by(whitened, factor)
+        inside, several = places.cluster == 0, int(places.cluster.max()) + 1
+        believed = places.belief[inside].sum()
+        share, away = places.belief[inside] / believed, places.points[inside] - places.points[0]
+        row = np.full(ROW.length + len(self.features) + 1, np.nan)
+        row[ROW.point], row[ROW.normal] = places.points[0], places.normals[0]
+        row[ROW.covariance] = np.einsum("k,ki,kj->ij", share, away, away).ravel()
+        row[ROW.residual], row[ROW.candidates] = 0.0, several
+        row[ROW.status] = Status.CONTACT if several == 1 else Status.AMBIGUOUS
+        row[ROW.length + len(self.taxels.features) + BELIEF], row[-1] = believed, 0.0
+        return _Place(row, self.fused.unseen_row(places))
 
-    def _judge(self, forces: Float[np.ndarray, "n 3"], wrench: Float[np.ndarray, "6"], alarm: bool) -> None:
-        """Whether skin and wrench say the same, for doubts."""
-        self._touched += 1
-        self._unexplained += alarm
-        self._opposed += alarm and bool(forces.sum(axis=0) @ wrench[:3] < 0)
+
+class _Place(NamedTuple):
+    """A contact that the skin does not feel: as a row but for its force, and as `FusedLocator.rows` has it."""
+
+    row: Float[np.ndarray, " w"]
+    contact: Float[np.ndarray, "17"]
 
 
 class _Cut(NamedTuple):
     """Samples of one window of the zero, with what the skin alone says of them.
 
     Attributes:
-        samples: they; skin: rows of all of them; edges: where those of each begin, and where the last end.
+        samples: they; skin: rows of all of them; counts: how many each has.
         block: that they end; None: it goes on.
     """
 
     samples: Recording
     skin: Float[np.ndarray, "r v"]
-    edges: list[int]
+    counts: Int[np.ndarray, " n"]
     block: Recording | None
 
 
-_Framed = tuple[Float[np.ndarray, "_ w"], list[int]]  # rows, and how many of each frame
+_Framed = tuple[Float[np.ndarray, "_ w"], Int[np.ndarray, " _"]]  # rows, and how many of each frame
+_Located = tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"], Int8[np.ndarray, " n"]]  # see `_wrenches`
 _Smoothed = tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, " n"]]  # wrenches, and what is left of their noise
 _Taken = tuple[Measured, Float[np.ndarray, " n"], _Smoothed]  # the second: means of how many readings
 
@@ -522,12 +554,8 @@ class _Beside:
         return measured, averaged, (wrenches, share)
 
 
-def _write(fused: Fused, touching: Int[np.ndarray, " n"], out: np.ndarray, after: int) -> None:
-    """What is known of the forces of contacts that the skin feels."""
-    count = len(touching)
-    blocks = fused.covariance.reshape(count, 3, count, 3)
-    each = blocks[np.arange(count), :, np.arange(count)] if count else np.zeros((0, 3, 3))
-    out[touching, ROW.force] = fused.force
-    out[touching, after + SHARE], out[touching, after + BOUND] = fused.share, fused.bound
-    out[touching, after + UNEXPLAINED], out[touching, after + BELIEF] = fused.p[0], 1.0
-    out[touching, after + SPREAD : after + SPREAD + 6] = each[:, *_UPPER]
+def _write(fused: FusedFrames, rows: Float[np.ndarray, "r w"], which: Bool[np.ndarray, " r"], after: int) -> None:
+    """What is known of the forces of contacts, into `which` of the rows."""
+    rows[which, ROW.force] = fused.force
+    rows[which, after + SHARE], rows[which, after + BOUND] = fused.share, fused.bound
+    rows[which, after + SPREAD : after + SPREAD + 6] = fused.spread

@@ -74,6 +74,8 @@ def candidates(surface: Surface, seed: int, count: int = _PLACES) -> Float[np.nd
         (c, 8) points [m], outward normals, log of the share of the area that each stands for, and the deviation [m] of
         that area in each direction.
     """
+    from palpate.contact import _fused  # compiled: loaded when first needed
+
     rng, mesh = np.random.default_rng([seed, 2]), surface.drawn()
     facets = np.flatnonzero(~mesh.covered)
     areas = mesh.areas[facets]
@@ -82,7 +84,8 @@ def candidates(surface: Surface, seed: int, count: int = _PLACES) -> Float[np.nd
     root, along = np.sqrt(rng.uniform(size=len(chosen))), rng.uniform(size=len(chosen))
     weights = np.stack([1.0 - root, root * (1.0 - along), root * along], axis=1)
     fine = np.einsum("nk,nki->ni", weights, mesh.vertices[mesh.faces[chosen]])
-    kept, nearest = _spread(fine, count)
+    kept, nearest = np.zeros(count, np.int64), np.zeros(len(fine), np.int64)
+    _fused.spaced(fine, kept, nearest)
     points, normals, _ = surface.project(fine[kept])
     shares = np.bincount(nearest, minlength=len(kept)) / len(fine)
     width = np.sqrt(shares * areas.sum() / 12.0)
@@ -90,54 +93,32 @@ def candidates(surface: Surface, seed: int, count: int = _PLACES) -> Float[np.nd
     return np.ascontiguousarray(found[np.isfinite(found).all(axis=1)])
 
 
-def _spread(fine: Float[np.ndarray, "m 3"], count: int) -> tuple[Int[np.ndarray, " c"], Int[np.ndarray, " m"]]:
-    """Points as far from each other as can be, one after the other, and which of them is nearest to each point."""
-    kept, nearest = np.zeros(count, np.int64), np.zeros(len(fine), np.int64)
-    apart = np.full(len(fine), np.inf)
-    for k in range(count):
-        kept[k] = 0 if k == 0 else int(np.argmax(apart))
-        to = np.einsum("ni,ni->n", fine - fine[kept[k]], fine - fine[kept[k]])
-        closer = to < apart
-        nearest[closer], apart[closer] = k, to[closer]
-    return kept, nearest
-
-
 @takes_arrays
-def ranked(places: Float[np.ndarray, "c 8"], explained: Float[np.ndarray, "c 4"]) -> Unseen:
+def ranked(places: Float[np.ndarray, "c 8"], explained: Float[np.ndarray, "c 4"], width: float) -> Unseen:
     """Places in the order of belief, with the smallest set that holds 95 %.
 
     Args:
         places: as `candidates` gives them.
         explained: (c, 4) log evidence with the share of the area, and force [N] there.
+        width: [m] the median of the places' deviations.
     """
+    from palpate.contact import _fused
+
     evidence = explained[:, 0]
     top = evidence.max()
     belief = np.exp(evidence - top - log(np.exp(evidence - top).sum()))
     order = np.argsort(-evidence, kind="stable")
     places, belief = places[order], belief[order]
     region = np.cumsum(belief) - belief < _HELD
+    cluster = np.full(len(places), -1, np.int64)
+    near = 2.0 * float(np.sqrt(12.0)) * width  # two steps from place to place
+    _fused.clusters(places[region, :3], near, inside := cluster[region])
+    cluster[region] = inside
     return Unseen(
         places[:, :3].copy(),
         places[:, 3:6].copy(),
         explained[order, 1:].copy(),
         belief,
         region,
-        _clusters(places[:, :3], places[:, 7], region),
+        cluster,
     )
-
-
-def _clusters(
-    points: Float[np.ndarray, "c 3"], width: Float[np.ndarray, " c"], region: Bool[np.ndarray, " c"]
-) -> Int[np.ndarray, " c"]:
-    """Patches of neighbouring places of the region, numbered by their likeliest place; -1 outside."""
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-
-    inside = np.flatnonzero(region)
-    near = 2.0 * np.sqrt(12.0) * float(np.median(width))  # two steps from place to place
-    graph = cKDTree(points[inside]).sparse_distance_matrix(cKDTree(points[inside]), near)
-    _, label = connected_components(graph.tocsr(), directed=False)
-    _, first, which = np.unique(label, return_index=True, return_inverse=True)
-    found = np.full(len(points), -1, np.int64)
-    found[inside] = np.argsort(np.argsort(first))[which]
-    return found

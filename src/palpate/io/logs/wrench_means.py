@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from palpate.spatial.arguments import takes_arrays
 
@@ -70,8 +70,7 @@ class WrenchMeans:
         end = np.searchsorted(stamps, time + halves, side="right")
         counts = np.where(np.isfinite(time), end - first, 0)
         made = self._between(time, stamps, values)
-        for k in np.flatnonzero(counts).tolist():
-            made[k] = self._mean(values[first[k] : end[k]])
+        made[counts > 0] = self._mean(values, first[counts > 0], counts[counts > 0])
         self.rows += len(time)
         self.unanswered += int(np.count_nonzero(np.isnan(made[:, 0])))
         return made, counts[:, None].astype(np.float64)
@@ -103,9 +102,20 @@ class WrenchMeans:
             halves[k] = step / 2
         return halves, step
 
-    def _mean(self, readings: Float[np.ndarray, "k 6"]) -> Float[np.ndarray, "6"]:
-        saturated = np.flatnonzero((np.abs(readings) >= self._limits).any(axis=1))
-        return readings[saturated[0]] if len(saturated) else readings.mean(axis=0)
+    def _mean(
+        self, values: Float[np.ndarray, "k 6"], first: Int[np.ndarray, " n"], counts: Int[np.ndarray, " n"]
+    ) -> Float[np.ndarray, "n 6"]:
+        """Of so many readings from the `first` on, each added to those before it; or the first that is saturated."""
+        made = np.zeros((len(first), 6))
+        for k in range(int(counts.max(initial=0))):
+            more = counts > k
+            made[more] += values[first[more] + k]
+        made /= counts[:, None]
+        saturated = np.append(np.flatnonzero((np.abs(values) >= self._limits).any(axis=1)), len(values))
+        at = saturated[np.searchsorted(saturated, first)]
+        within = at < first + counts
+        made[within] = values[at[within]]
+        return made
 
     def _between(
         self, time: Float[np.ndarray, " n"], stamps: Float[np.ndarray, " k"], values: Float[np.ndarray, "k 6"]

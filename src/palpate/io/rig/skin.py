@@ -168,6 +168,8 @@ def _layout(rig: Rig) -> Layout:
 def _shape(rig: Rig, table: RigSkin) -> tuple[int, ...]:
     """Of a frame."""
     if table.map is not None:
+        if table.rows and table.columns:  # as the map says too, or `rig_map` refuses it
+            return table.rows, table.columns
         place = rig_map(rig)
         return place.rows, place.columns
     if table.taxels is None:
