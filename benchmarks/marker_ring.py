@@ -10,9 +10,9 @@ import numpy as np
 from evidence.row import Row
 from palpate.calibration.marker_ring.calibrate import RingTruth, calibrate_marker_ring
 from palpate.contact.ring_estimator import RingEstimator
+from palpate.opencv import opencv
 from palpate.sensors.fisheye import Fisheye
 from palpate.sensors.marker_ring import MarkerRing, RingBody
-from palpate.sensors.markers import opencv
 from palpate.sensors.recording import IMAGE, Recording
 from palpate.simulation.ring_session import Protocol, RingSession, RingUnit, Touching, calibration_run, touching_run
 

@@ -13,7 +13,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from evidence.row import Row, shared, skipped
-from palpate.sensors.markers import MarkerColour, find_blobs, opencv
+from palpate.opencv import opencv
+from palpate.sensors.markers import MarkerColour, find_blobs
 
 __all__ = ["rows"]
 

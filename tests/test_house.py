@@ -167,6 +167,43 @@ def test_what_stands_beside_the_package_imports_in_one_direction() -> None:
     assert wrong == []
 
 
+CIRCLES = [  # of files that import each other, for type checkers or within functions too; a shorter list is better
+    {"io.pipeline", *(f"io.rig.{name}" for name in ("drift", "force_torque", "fusion", "kind", "kinds", "load_cells"))}
+    | {f"io.rig.{name}" for name in ("marker_ring", "pokes", "rig", "skin", "wrench")}
+]
+
+
+def test_no_files_import_each_other_in_a_circle() -> None:
+    source = ROOT / "src" / "palpate"
+    files = {".".join(file.relative_to(source).with_suffix("").parts): file for file in source.rglob("*.py")}
+    graph = {name.removesuffix(".__init__"): set[str]() for name in files}
+    for name, file in files.items():
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("palpate."):
+                module = (node.module or "").removeprefix("palpate.")
+                ends = {
+                    f"{module}.{alias.name}" if f"{module}.{alias.name}" in graph else module for alias in node.names
+                }
+                graph[name.removesuffix(".__init__")] |= ends & set(graph)
+    found = list[set[str]]()
+    reached = {name: _reached(graph, name) for name in graph}
+    for name in graph:
+        circle = {other for other in reached[name] if name in reached[other]}
+        if circle and circle not in found:
+            found.append(circle)
+    assert found == CIRCLES
+
+
+def _reached(graph: dict[str, set[str]], start: str) -> set[str]:
+    """Everything that a file imports, directly or through others; itself where it is in a circle."""
+    seen, waiting = set[str](), [start]
+    while waiting:
+        new = graph[waiting.pop()] - seen
+        seen |= new
+        waiting += new
+    return seen
+
+
 def _imports(file: Path) -> Iterator[tuple[ast.stmt, str]]:
     """Each import of a file, and the first part of its name."""
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):

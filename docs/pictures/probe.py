@@ -11,7 +11,8 @@ from drawing import DEEP, MM, MORE, SKIN, WARM, arrows, body, browser, figure, p
 from matplotlib.collections import PolyCollection
 
 import palpate
-from palpate.contact.events import Events, find_touches
+from palpate.contact.events import Events
+from palpate.contact.touch_finder import find_touches
 from palpate.io.contacts import read_contacts
 
 ARROW = 2.2  # mm for a newton

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, UInt8
 
 from palpate.contact.ring_locator import turned
 from palpate.contact.ring_paper import PaperForce, paper_contacts
-from palpate.sensors.markers import opencv
+from palpate.opencv import opencv
 
 __all__ = ["Theirs", "sorted_markers", "spots"]
 

@@ -11,8 +11,9 @@ import pytest
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate, Status
-from palpate.contact.events import Events, TouchFinder
-from palpate.contact.events import find_touches as find
+from palpate.contact.events import Events
+from palpate.contact.touch_finder import TouchFinder
+from palpate.contact.touch_finder import find_touches as find
 
 RATE = 1000.0
 

@@ -28,7 +28,8 @@ from palpate.io.live.ros2 import RosTopics
 from palpate.io.live.ros_device import RosDevice
 from palpate.io.live.ros_poses import RosPoses
 from palpate.io.live.ros_types import DEFINITIONS
-from palpate.io.live.source import SOURCES, Batch, Source
+from palpate.io.live.source import Batch, Source
+from palpate.io.live.sources import source_of
 from palpate.io.logs.layout import ArrayChannel, ImageChannel, Layout
 from palpate.io.rig.rig import Rig
 from palpate.io.rig.source import RigSource
@@ -369,7 +370,7 @@ def test_silence_return_and_jumping_stamps_are_said(domain: int, monkeypatch: py
 def test_a_rig_says_what_is_heard(domain: int) -> None:
     device = RosDevice("/arm/ft", domain=domain)
     assert f"domain = {domain}" in device.open()
-    source = SOURCES["ros2"](
+    source = source_of(
         Rig(
             sensors={"force_torque": RigForceTorque(topic="/arm/ft")},
             orientation=RigOrientation(base="base", sensor="ft"),

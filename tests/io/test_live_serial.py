@@ -23,7 +23,8 @@ from palpate.io.live.cobs import TYPES, CobsFrames, encoded
 from palpate.io.live.device import Device
 from palpate.io.live.lines import LineFrames, numbers, printed
 from palpate.io.live.serial_device import SerialDevice
-from palpate.io.live.source import Batch, Source, source_of
+from palpate.io.live.source import Batch, Source
+from palpate.io.live.sources import source_of
 from palpate.io.rig.rig import check_rig
 from palpate.io.rig.source import RigSource
 

@@ -12,8 +12,8 @@ from palpate.errors import InputError
 
 pytest.importorskip("skfem")
 
-from palpate.simulation.barrel import COARSE_ROWS, Barrel, BarrelSettings, Indenter
-from palpate.simulation.barrel_elasticity import compliance, solid
+from palpate.simulation.barrel import Barrel, Indenter
+from palpate.simulation.barrel_elasticity import COARSE_ROWS, BarrelSettings, compliance, solid
 
 COARSE = BarrelSettings(around=48, rows=COARSE_ROWS)
 EVEN = replace(COARSE, uneven=(0.0, 0.0))

@@ -12,9 +12,9 @@ import pytest
 
 from palpate.contact.estimate import Status
 from palpate.simulation.shapes import Superquadric
-from palpate.surfaces.drawing import Drawing, Mark
 from palpate.viewer import plots
 from palpate.viewer._style import inline
+from palpate.viewer.drawing import Drawing, Mark
 from palpate.viewer.report import Report, Section, Table, Tile, picture, render
 from palpate.viewer.zero_plot import zeros
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from palpate.contact.contacts import Contacts
-from palpate.contact.events import find_touches
+from palpate.contact.touch_finder import find_touches
 from palpate.errors import InputError
-from palpate.surfaces.drawing import FACETS, Drawing, simpler
+from palpate.viewer.drawing import FACETS, Drawing, simpler
 from palpate.viewer.run_compare import beside, partners
 from palpate.viewer.run_report import Run
 from palpate.viewer.run_summary import RunSummary

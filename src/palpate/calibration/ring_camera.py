@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from palpate.errors import InputError, NotIdentifiable
+from palpate.opencv import opencv
 from palpate.sensors.fisheye import Fisheye, RingView
-from palpate.sensors.markers import opencv
 from palpate.spatial._arrays import Value, frozen, shaped
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose

@@ -9,7 +9,8 @@ from tyro.conf import arg
 
 from palpate.cli.console import Figure, in_full, lines, note, table, title
 from palpate.cli.options import ContactsFile, FileOption
-from palpate.contact.events import Events, TouchFinder
+from palpate.contact.events import Events
+from palpate.contact.touch_finder import TouchFinder
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
 from palpate.io.contacts import contact_blocks

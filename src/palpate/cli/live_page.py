@@ -24,9 +24,9 @@ from palpate.io.logs.samples import Samples
 from palpate.io.rig import Rig, load_rig
 from palpate.io.rig.kinds import KINDS
 from palpate.sensors.recording import CELLS, Recording
-from palpate.viewer.layer import Layer
 from palpate.viewer.live import SECONDS, SILENT, Figures, LivePage, recent
 from palpate.viewer.marker_ring import RingLayer
+from palpate.viewer.scene import Layer
 from palpate.viewer.taxels import TaxelLayer
 
 __all__ = ["Stream", "feed_of", "show"]

@@ -15,9 +15,9 @@ from palpate.io.rig.load_cells import RigLoadCells
 from palpate.io.rig.marker_ring import rig_ring, ring_surface
 from palpate.io.rig.skin import rig_body
 from palpate.surfaces import Surface
-from palpate.viewer.layer import Layer
 from palpate.viewer.load_cells import LoadCellLayer
 from palpate.viewer.marker_ring import RingLayer, compressed
+from palpate.viewer.scene import Layer
 from palpate.viewer.taxels import TaxelLayer
 
 __all__ = ["Kept", "body_of", "layers_of"]

@@ -23,7 +23,7 @@ from palpate.io.models.summary import of_taxels
 from palpate.io.pipeline import Pipeline
 from palpate.io.rig import Rig
 from palpate.io.taxel_files import read_taxel_places
-from palpate.sensors.markers import opencv
+from palpate.opencv import opencv
 from palpate.simulation.video import Video
 from palpate.viewer.film import RATE, SIZE, ScenePicture
 from palpate.viewer.scene import Scene, prepare

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     import polars as pl
 
     from palpate.contact.events import Events
-    from palpate.surfaces.drawing import Drawing
     from palpate.surfaces.given import SurfaceLike
 
 __all__ = ["Contacts"]
@@ -241,9 +240,7 @@ class Contacts:
 
     def touches(self, *, gap: float = 0.05, shortest: float = 0.02) -> Events:
         """Return start, end, place and peak force of each touch; see `find_touches`."""
-        from palpate.contact.events import find_touches  # here: it reads contacts
-
-        return find_touches(self, gap=gap, shortest=shortest)
+        return by_name("palpate.contact.touch_finder.find_touches")(self, gap=gap, shortest=shortest)
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Contacts:
@@ -264,9 +261,7 @@ class Contacts:
 
     def to_polars(self) -> pl.DataFrame:
         """As a table, with the columns that files of contacts have."""
-        from palpate.contact.table import to_frame  # here: polars is slow to import
-
-        return to_frame(self)
+        return by_name("palpate.contact.table.to_frame")(self)
 
     def to_pandas(self) -> Any:
         """The same as a pandas table.
@@ -281,21 +276,17 @@ class Contacts:
             raise InputError("to_pandas needs pandas, which does not load.", hint=hint) from problem
         return frame(self.to_polars().to_dict(as_series=False))
 
-    def plot(self, surface: SurfaceLike | None = None) -> Drawing:
+    def plot(self, surface: SurfaceLike | None = None) -> Any:
         """The touches, numbered, on the body: a drawing that a notebook shows, and that a pointer turns.
 
         Args:
             surface: the body, in the frame of these contacts; None: they are drawn alone.
         """
-        from palpate.contact.notebook import drawing_of_touches
-
-        return drawing_of_touches(self, surface)
+        return by_name("palpate.viewer.notebook.drawing_of_touches")(self, surface)
 
     def _repr_html_(self) -> str:
         """For notebooks: how many of what, and the touches; every row is in `to_polars`."""
-        from palpate.contact.notebook import table_of  # here: it reads contacts
-
-        return table_of(self)
+        return by_name("palpate.viewer.notebook.table_of")(self)
 
     def __repr__(self) -> str:
         if not len(self):

@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from palpate.calls import called_as
+from palpate.calls import by_name, called_as
 from palpate.errors import InputError
 from palpate.spatial._arrays import FLOAT, INT64, Value, shaped
 from palpate.spatial.pose import Pose
 
 if TYPE_CHECKING:
-    from palpate.surfaces.drawing import Drawing
     from palpate.surfaces.given import SurfaceLike
 
 __all__ = ["CHI2_95", "ROW", "ContactEstimate", "Status"]
@@ -241,15 +240,13 @@ class ContactEstimate(Value):
             status=self.status,
         )
 
-    def plot(self, surface: SurfaceLike | None = None) -> Drawing:
+    def plot(self, surface: SurfaceLike | None = None) -> Any:
         """Points, forces and 95 % ellipses on the body: a drawing that a notebook shows, and that a pointer turns.
 
         Args:
             surface: the body, in the frame of these estimates; None: they are drawn alone.
         """
-        from palpate.contact.notebook import drawing_of_estimates
-
-        return drawing_of_estimates(self, surface)
+        return by_name("palpate.viewer.notebook.drawing_of_estimates")(self, surface)
 
     def __repr__(self) -> str:
         if not self.batch:

@@ -9,9 +9,9 @@ from jaxtyping import Bool, Float, Int
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import Status
-from palpate.contact.events import find_touches
 from palpate.contact.ground_truth import Samples
 from palpate.contact.locate import Locator
+from palpate.contact.touch_finder import find_touches
 from palpate.evaluation.errors import ErrorSummary
 from palpate.evaluation.evaluate import Report, report
 from palpate.sensors.skin_map import SkinMap

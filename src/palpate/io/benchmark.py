@@ -18,7 +18,7 @@ from palpate.errors import InputError
 from palpate.io.models.toml import load_toml
 from palpate.io.tables.table import Table, read_table
 from palpate.io.units import near
-from palpate.sensors.markers import opencv
+from palpate.opencv import opencv
 from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.mesh import Mesh
 

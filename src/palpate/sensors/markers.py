@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from types import ModuleType
-from typing import cast
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
-from palpate.errors import InputError, not_loaded
+from palpate.errors import InputError
+from palpate.opencv import opencv
 from palpate.sensors.fisheye import RingView
 from palpate.sensors.marker_labels import USUAL_LIMITS, LabelLimits, label_ring, owed
 from palpate.spatial._arrays import Value, frozen, require_out, shaped
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Blobs", "Frame", "MarkerColour", "MarkerTracker", "find_blobs", "find_colour", "opencv"]
+__all__ = ["Blobs", "Frame", "MarkerColour", "MarkerTracker", "find_blobs", "find_colour"]
 
 Image = UInt8[np.ndarray, "h w 3"]
 
@@ -33,20 +31,6 @@ _EVERY = 32  # rows: so many share one that tells a black frame and a frozen cam
 _LONGEST = 12.0  # px: a step that a marker is expected to go on with
 _AGAIN = 6.0  # px, of a marker that is back, from one frame to the next
 _DISC = 1 / (2 * np.pi)  # trace of the second moments of a disc over its area
-
-
-def opencv() -> ModuleType:
-    """OpenCV, loaded when first needed; its FFmpeg says nothing on the terminal: what it meets is said in sentences.
-
-    Raises:
-        InputError: it is not installed.
-    """
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # read when the first video is opened
-    try:
-        import cv2
-    except ImportError as problem:
-        raise not_loaded(problem, "images need OpenCV", "camera") from problem
-    return cast("ModuleType", cv2)
 
 
 class Frame(IntEnum):

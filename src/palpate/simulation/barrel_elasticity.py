@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -18,14 +18,64 @@ from scipy.linalg import cho_factor, cho_solve
 
 from palpate.errors import not_loaded
 
-if TYPE_CHECKING:
-    from palpate.simulation.barrel import BarrelSettings
+__all__ = ["COARSE_ROWS", "BarrelSettings", "Solid", "compliance", "solid", "stiffness_matrix"]
 
-__all__ = ["Solid", "compliance", "solid", "stiffness_matrix"]
+FULL_ROWS = (0.0, 0.004, 0.008, 0.012, 0.016, 0.022, 0.029, 0.037, 0.045)
+COARSE_ROWS = (0.0, 0.006, 0.016, 0.029, 0.045)
 
 Carried = tuple[np.ndarray, np.ndarray, np.ndarray]  # freedoms, their parts of the borders, which borders
 
 SECTOR = 4  # bricks around the ring that are condensed together: 24 sectors of 96, the fewest operations in all
+
+
+@dataclass(frozen=True)
+class BarrelSettings:
+    """Shape and material of a barrel.
+
+    Attributes:
+        radius, end_radius: [m] outside, at the equator and at the ends; a parabola between.
+        thickness: [m] of the wall, on average.
+        uneven: relative first harmonic and relative higher harmonics (2 to 5) of the thickness around the ring.
+        modulus: Young's [Pa].
+        poisson: Poisson's ratio.
+        around: bricks around the ring, a multiple of 4.
+        rows: [m] edges of the bricks from the equator to the clamped end.
+        band: [m] height above the equator up to which bodies can touch; one of `rows`.
+        markers: how many in each ring, evenly spaced from angle 0.
+        rings: [m] heights of the rings of markers above the equator, ring by ring; below `rows`' clamped end.
+        marker_radius: [m] of a marker.
+        outline: points on a marker's outline.
+        seed: of the uneven thickness.
+    """
+
+    radius: float = 0.055
+    end_radius: float = 0.047
+    thickness: float = 0.004
+    uneven: tuple[float, float] = (0.04, 0.02)
+    modulus: float = 0.3e6
+    poisson: float = 0.45
+    around: int = 96
+    rows: tuple[float, ...] = FULL_ROWS
+    band: float = 0.016
+    markers: int = 24
+    rings: tuple[float, ...] = (0.0,)
+    marker_radius: float = 0.0015
+    outline: int = 12
+    seed: int = 0
+
+    def outer(self, z: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+        """Outer radius [m] at heights [m]."""
+        return self.radius - (self.radius - self.end_radius) * (z / self.rows[-1]) ** 2
+
+    def thickness_at(self, angle: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+        """Thickness [m] at angles [rad]."""
+        rng = np.random.default_rng(self.seed)
+        phase = rng.uniform(0.0, 2.0 * np.pi, 5)
+        share = rng.standard_normal(4)
+        share /= np.linalg.norm(share)
+        order = np.arange(2, 6)
+        higher = np.cos(order * (np.asarray(angle)[..., None] - phase[1:])) @ share
+        return self.thickness * (1.0 + self.uneven[0] * np.cos(angle - phase[0]) + self.uneven[1] * higher)
 
 
 @dataclass(frozen=True, eq=False)

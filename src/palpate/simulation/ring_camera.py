@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from palpate.sensors.markers import opencv
+from palpate.opencv import opencv
 
 __all__ = ["Look", "Photographer", "RingCamera"]
 

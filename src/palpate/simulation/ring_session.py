@@ -13,7 +13,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from palpate.simulation.barrel import COARSE_ROWS, Barrel, BarrelSettings, Indenter, Pressed
+from palpate.simulation.barrel import Barrel, Indenter, Pressed
+from palpate.simulation.barrel_elasticity import COARSE_ROWS, BarrelSettings
 from palpate.simulation.ring_camera import Look, Photographer, RingCamera
 
 __all__ = ["Faults", "Protocol", "RingSession", "RingUnit", "Touching", "calibration_run", "touching_run"]

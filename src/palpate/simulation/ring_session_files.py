@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from palpate.errors import InputError
-from palpate.sensors.markers import opencv
+from palpate.opencv import opencv
 from palpate.simulation.ring_camera import RingCamera
 from palpate.simulation.ring_session import RATE, RingSession, RingUnit
 

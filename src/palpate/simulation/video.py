@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from palpate.errors import InputError
-from palpate.sensors.markers import opencv
+from palpate.opencv import opencv
 
 __all__ = ["Video"]
 

@@ -5,20 +5,18 @@ from __future__ import annotations
 import functools
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
+from palpate.calls import by_name
 from palpate.spatial._arrays import Value, frozen, shaped
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
 from palpate.surfaces.mesh import Mesh
-from palpate.surfaces.surface import Prepared
-
-if TYPE_CHECKING:
-    from palpate.surfaces.drawing import Drawing
+from palpate.surfaces.prepared import Prepared
 
 __all__ = ["Analytic"]
 
@@ -119,11 +117,9 @@ class Analytic(Value, ABC):
         """What a viewer shows of it."""
         return self.mesh()
 
-    def plot(self) -> Drawing:
+    def plot(self) -> Any:
         """A drawing that a notebook shows, and that a pointer turns."""
-        from palpate.surfaces.drawing import Drawing  # here: it is seldom wanted
-
-        return Drawing.of(self)
+        return by_name("palpate.viewer.drawing.Drawing").of(self)
 
     def prepared(self) -> Prepared:
         """For the compiled loops; made, and they compiled, on the first call."""

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
-from palpate.calls import called_as
+from palpate.calls import by_name, called_as
 from palpate.errors import GeometryError, InputError
 from palpate.spatial._arrays import Value, frozen, shaped
 from palpate.spatial.arguments import takes_arrays
@@ -24,12 +24,11 @@ from palpate.surfaces._normals import corner_normals, facet_normals, half_edge_t
 from palpate.surfaces._patches import Split, build_patches
 from palpate.surfaces._repair import bodies, repair
 from palpate.surfaces._tree import Tree, build_tree
-from palpate.surfaces.surface import Prepared
+from palpate.surfaces.prepared import Prepared
 from palpate.waiting import waiting
 
 if TYPE_CHECKING:
     from palpate.spatial.pose import Pose
-    from palpate.surfaces.drawing import Drawing
 
 __all__ = ["UNITS", "Mesh", "plausible_size"]
 
@@ -263,11 +262,9 @@ class Mesh(Value):
         """What a viewer shows of it: itself."""
         return self
 
-    def plot(self) -> Drawing:
+    def plot(self) -> Any:
         """A drawing that a notebook shows, and that a pointer turns."""
-        from palpate.surfaces.drawing import Drawing  # here: it is seldom wanted
-
-        return Drawing.of(self)
+        return by_name("palpate.viewer.drawing.Drawing").of(self)
 
     def project(
         self, points: ArrayLike

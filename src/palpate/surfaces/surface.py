@@ -2,33 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
-from palpate.spatial.arguments import takes_arrays
+from palpate.surfaces.mesh import Mesh
+from palpate.surfaces.prepared import Prepared
 
-if TYPE_CHECKING:
-    from palpate.surfaces.mesh import Mesh
-
-__all__ = ["Prepared", "Surface"]
-
-
-@takes_arrays
-@dataclass(frozen=True)
-class Prepared:
-    """A surface as compiled loops read it: two arguments (`_kernels`), in unit size (p - centre)/scale, in metres.
-
-    `edged`: has it sharp edges?
-    """
-
-    arguments: tuple[Any, Float[np.ndarray, "m k"]]
-    centre: Float[np.ndarray, "3"]
-    scale: float
-    edged: bool = False
+__all__ = ["Surface"]
 
 
 @runtime_checkable

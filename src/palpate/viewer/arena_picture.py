@@ -8,7 +8,7 @@ from math import ceil
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from palpate.sensors.markers import opencv
+from palpate.opencv import opencv
 from palpate.viewer._style import MUTED, RULE, STATUS
 from palpate.viewer.arena import DARK, FORCE, Arena, Scene, Trails, colour, mixed, newtons
 from palpate.viewer.ink import Ink

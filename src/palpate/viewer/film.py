@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from palpate.sensors.markers import opencv
+from palpate.opencv import opencv
 from palpate.viewer._style import MUTED, RULE
 from palpate.viewer.arena import DARK, mixed
 from palpate.viewer.camera import VIEW

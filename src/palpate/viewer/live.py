@@ -13,10 +13,9 @@ import numpy as np
 from palpate.contact.contacts import Contacts
 from palpate.surfaces import Surface
 from palpate.viewer.captions import caption
-from palpate.viewer.layer import Layer
 from palpate.viewer.legend import legend
 from palpate.viewer.samples import sample_starts, totals
-from palpate.viewer.scene import MAGNIFICATIONS, Scene, alone, nothing, prepare
+from palpate.viewer.scene import MAGNIFICATIONS, Layer, Scene, alone, nothing, prepare
 from palpate.viewer.scene3d import Scene3D, Settings, aim
 from palpate.viewer.server import Served
 from palpate.viewer.timeline import downsampled

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from palpate.sensors.markers import opencv
+from palpate.opencv import opencv
 from palpate.viewer._style import MUTED, RULE, STATUS
 from palpate.viewer.arena import Arena, Scene, Trails, colour, mixed, newtons
 from palpate.viewer.arena_picture import senses

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
 from palpate.errors import InputError
+from palpate.opencv import opencv
 from palpate.sensors.marker_ring import MarkerRing
-from palpate.sensors.markers import opencv
 from palpate.spatial.arguments import takes_arrays
 from palpate.viewer.legend import dot
 

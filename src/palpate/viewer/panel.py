@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from html import escape
 from importlib.resources import files
 from typing import TYPE_CHECKING
@@ -20,8 +21,6 @@ from palpate.viewer.widgets import ELLIPSE, along_time, dock, theme
 if TYPE_CHECKING:
     from viser import ClientHandle, GuiApi, GuiUplotHandle
 
-    from palpate.viewer.session import Session
-
 __all__ = ["Panel"]
 
 NUMBERED = 60  # touches whose numbers are drawn: more would hide the body
@@ -33,10 +32,16 @@ FORCES, PLACES = slice(0, 2), slice(2, 5)  # columns of the curves
 
 
 class Panel:
-    """Handles of the panel; `show` writes a moment into them."""
+    """Handles of the panel; `show` writes a moment into them.
 
-    def __init__(self, gui: GuiApi, scene: Scene, session: Session) -> None:
-        self._scene, self._session, self._gui = scene, session, gui
+    Args:
+        gui: of a browser, or of the server where all see the same.
+        scene: whose moments are shown.
+        ask: takes a request, such as "seek 1.5", and the browser that made it.
+    """
+
+    def __init__(self, gui: GuiApi, scene: Scene, ask: Callable[[str, ClientHandle | None], None]) -> None:
+        self._scene, self._ask, self._gui = scene, ask, gui
         dock(self._gui, scene.title)
         self._now = self._gui.add_html("")
         for layer in scene.layers:
@@ -59,7 +64,7 @@ class Panel:
         """Of playing, times real time."""
         return SPEEDS[self._speed.value]
 
-    def show(self, moment: Moment, seconds: float) -> None:
+    def show(self, moment: Moment, seconds: float, playing: bool) -> None:
         """Describe a moment, and mark it in the plots."""
         rows = [row for layer in self._scene.layers for row in layer.rows(self._scene, moment.index)]
         rows += beside(self._scene, moment)
@@ -67,7 +72,7 @@ class Panel:
         self._legend.content = legend(self._scene, self._heat.value)
         if self._slider.value != (shown := _short(seconds)):
             self._slider.value = shown
-        self._show_playing(self._session.playing)
+        self._show_playing(playing)
         self._touches.content = touch_list(self._scene, moment.time)
         self._show_plots(moment)
 
@@ -85,8 +90,8 @@ class Panel:
         self._play = self._gui.add_button("Play")
         self._skip = self._gui.add_button_group("touch", ("previous", "next", "focus contact"))
         self._speed = self._gui.add_dropdown("speed", tuple(SPEEDS), initial_value="x 1")
-        self._slider.on_update(lambda event: self._session.seek(self._slider.value) if event.client else None)
-        self._play.on_click(lambda _: self._session.play(not self._session.playing))
+        self._slider.on_update(lambda event: self._ask(f"seek {self._slider.value}", None) if event.client else None)
+        self._play.on_click(lambda _: self._ask("play", None))
         self._skip.on_click(lambda event: self._skipped(self._skip.value, event.client))
         picture = self._gui.add_button_group(
             "picture", ("reset view", "save"), hint="look at the whole body; save what is seen as a file"
@@ -94,16 +99,10 @@ class Panel:
         picture.on_click(lambda event: self._pictured(picture.value, event.client))
 
     def _skipped(self, where: str, client: ClientHandle | None) -> None:
-        if where == "focus contact":
-            self._session.face(client)
-        else:
-            self._session.step(1 if where == "next" else -1)
+        self._ask({"focus contact": "face", "next": "touch 1"}.get(where, "touch -1"), client)
 
     def _pictured(self, what: str, client: ClientHandle | None) -> None:
-        if what == "save":
-            self._session.save(client)
-        else:
-            self._session.frame(client)
+        self._ask("save" if what == "save" else "frame", client)
 
     def _add_touches(self) -> None:
         """The list; what is the same as before is not sent again."""
@@ -112,7 +111,7 @@ class Panel:
     def _add_controls(self) -> None:
         """Keys and clicks: a script, and the field in which it leaves what is asked for (see there)."""
         asked = self._gui.add_text("palpate asks", "")
-        asked.on_update(lambda event: self._session.ask(asked.value.partition(" ")[2]) if event.client else None)
+        asked.on_update(lambda event: self._ask(asked.value.partition(" ")[2], None) if event.client else None)
         script = files("palpate.viewer").joinpath("controls.js").read_text(encoding="utf-8")
         self._gui.add_html(f'<style onload="{escape(script)}"></style>')  # viser runs no script element
 
@@ -134,7 +133,7 @@ class Panel:
             self._ellipse = self._gui.add_dropdown("ellipse", options, initial_value=first, hint=ELLIPSE)
             self._dark = self._gui.add_checkbox("dark", False)
         for handle in (self._heat, self._numbers, self._trail, self._ellipse, self._window):
-            handle.on_update(lambda event: self._session.refresh())
+            handle.on_update(lambda event: self._ask("refresh", None))
         self._dark.on_update(lambda event: theme(self._gui, self._dark.value))
 
     def _add_plots(self) -> None:

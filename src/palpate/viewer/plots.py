@@ -11,8 +11,8 @@ from jaxtyping import Bool, Float, Int
 
 from palpate.contact.estimate import Status
 from palpate.spatial.arguments import takes_arrays
-from palpate.surfaces.drawing import Mark
 from palpate.viewer._style import AXES, INK, MUTED, RULE, STATUS, figure, styled
+from palpate.viewer.drawing import Mark
 from palpate.viewer.report import HOVER
 from palpate.viewer.samples import thinned
 from palpate.viewer.timeline import downsampled, since

@@ -70,7 +70,7 @@ class Section:
         pictures: figures, side by side where there is room.
         facts: names and values.
         tables: each in a box of its own; where it is wider than the page, a row is a block of names and values.
-        drawing: elements as they are, such as `palpate.surfaces.drawing.Drawing.html`.
+        drawing: elements as they are, such as `palpate.viewer.drawing.Drawing.html`.
     """
 
     title: str

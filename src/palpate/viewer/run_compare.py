@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.contact.events import Events
-from palpate.contact.notebook import marks_of
 from palpate.contact.plausibility import UNLOADED
 from palpate.errors import InputError
 from palpate.viewer import plots
+from palpate.viewer.notebook import marks_of
 from palpate.viewer.report import Picture, Section, Table, percent, picture
 from palpate.viewer.run_report import NUMBERED, SHOWN, Kept, Run
 from palpate.viewer.run_summary import RunSummary

@@ -13,14 +13,14 @@ from jaxtyping import Bool, Float, Int
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import CHI2_95, Status
 from palpate.contact.events import Events, largest_deviation
-from palpate.contact.notebook import marks_of
 from palpate.contact.plausibility import UNLOADED
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.shown import rounded
-from palpate.surfaces.drawing import Drawing, Mark, Specks
 from palpate.viewer import plots
 from palpate.viewer.captions import MEANING, feature, is_shown
+from palpate.viewer.drawing import Drawing, Mark, Specks
 from palpate.viewer.heat import colours
+from palpate.viewer.notebook import marks_of
 from palpate.viewer.report import Picture, Report, Section, Table, Tile, percent, picture
 from palpate.viewer.run_summary import RunSummary
 from palpate.viewer.samples import median, sample_starts, strongest, thinned

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, ContactEstimate, Status
-from palpate.contact.events import TouchFinder
+from palpate.contact.touch_finder import TouchFinder
 from palpate.viewer.samples import sample_starts
 
 __all__ = ["RunSummary"]

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -13,19 +14,23 @@ from jaxtyping import Bool, Float, Int
 from palpate.contact.contacts import Contacts
 from palpate.contact.ellipse import ellipse
 from palpate.contact.estimate import ROW, ContactEstimate, Status
-from palpate.contact.events import Events, find_touches
+from palpate.contact.events import Events
+from palpate.contact.touch_finder import find_touches
 from palpate.errors import InputError
 from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces import Surface
 from palpate.viewer.heat import FineMesh, density, refined
-from palpate.viewer.layer import Layer
 from palpate.viewer.samples import sample_starts, strongest, thinned, totals
 from palpate.viewer.timeline import Timeline, downsampled
+
+if TYPE_CHECKING:
+    from viser import ClientHandle, GuiApi, ViserServer
 
 __all__ = [
     "LARGE",
     "MAGNIFICATIONS",
     "SMALL",
+    "Layer",
     "Moment",
     "Scene",
     "ShownContact",
@@ -56,6 +61,44 @@ _OUTERMOST = 200  # directions in which the outline is looked for
 _MEDIAN_BEND = 0.6745 * 6**0.5  # median of a - 2 b + c of normal values, in their deviations
 _PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 _ARROW = 0.35  # sizes of the body that an arrow of a usual force is long
+
+
+@runtime_checkable
+class Layer(Protocol):
+    """Show what a sensor adds to the page: things in the scene, lines of the caption, controls and pictures.
+
+    It is drawn once, and then moved from moment to moment.
+    """
+
+    @property
+    def covers(self) -> bool:
+        """It hides the body below it, and its heat."""
+        ...
+
+    @property
+    def places(self) -> Float[np.ndarray, "k 3"]:
+        """[m] what the picture must hold where the body has no mesh."""
+        ...
+
+    def draw(self, server: ViserServer | ClientHandle, scene: Scene) -> None:
+        """Add what stands in the scene, in `Scene.placed` units."""
+        ...
+
+    def panel(self, gui: GuiApi) -> None:
+        """Add controls and pictures below the caption."""
+        ...
+
+    def show(self, scene: Scene, index: int) -> None:
+        """Move everything to a sample of the scene, or of one with other contacts on the same body."""
+        ...
+
+    def rows(self, scene: Scene, index: int) -> list[tuple[str, str]]:
+        """Names and values with their units, plain text, below those of the contacts."""
+        ...
+
+    def legend(self) -> list[str]:
+        """What its marks and colours are, as `palpate.viewer.legend` makes it."""
+        ...
 
 
 @takes_arrays

@@ -40,7 +40,7 @@ class Session:
         """The sample that is shown, counted in the scene."""
         with at.atomic():
             self.scene3d = Scene3D(at, scene)
-            self._panel = Panel(at.gui, scene, self)
+            self._panel = Panel(at.gui, scene, self.ask)
         self._show()
         self._painter = threading.Thread(target=self._paint, name="palpate-page", daemon=True)
         self._painter.start()
@@ -69,10 +69,19 @@ class Session:
         timeline = self.scene.timeline
         self.seek(float(timeline.clock[timeline.touched_sample(timeline.at(self._seconds), which)]))
 
-    def ask(self, what: str) -> None:
-        """A request of the page's keys and clicks, such as "play", "seek 1.5", "touch -1"; any other is none."""
+    def ask(self, what: str, client: ClientHandle | None = None) -> None:
+        """Do what the panel, a key or a click asks for, such as "play", "seek 1.5", "touch -1"; ignore anything else.
+
+        Args:
+            what: a word, and a number.
+            client: the browser that asks, where it matters: for its view, and for a picture.
+        """
         verb, _, value = what.partition(" ")
-        if verb == "play":
+        if verb in ("face", "frame", "save"):
+            {"face": self.face, "frame": self.frame, "save": self.save}[verb](client)
+        elif verb == "refresh":
+            self.refresh()
+        elif verb == "play":
             self.play(not self.playing)
         elif verb in ("touch", "sample") and value in ("1", "-1"):
             (self.step if verb == "touch" else self.step_sample)(int(value))
@@ -146,7 +155,7 @@ class Session:
         moment = self.scene.at(self.index)
         with self._at.atomic():
             self.scene3d.show(moment, self._panel.settings())
-            self._panel.show(moment, seconds)
+            self._panel.show(moment, seconds, self.playing)
 
 
 def _on_white(shown: UInt8[np.ndarray, "h w c"]) -> UInt8[np.ndarray, "h w 3"]:

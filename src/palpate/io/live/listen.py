@@ -9,7 +9,8 @@ import numpy as np
 import polars as pl
 
 from palpate.errors import InputError
-from palpate.io.live.source import Batch, source_of
+from palpate.io.live.source import Batch
+from palpate.io.live.sources import source_of
 from palpate.io.logs.layout import WRENCH_COLUMNS
 from palpate.io.rig.rig import Rig
 from palpate.io.rig.source import RigSource

@@ -22,7 +22,8 @@ from palpate.errors import InputError
 from palpate.io.live.replay import Replay
 from palpate.io.live.ring import Form, Ring
 from palpate.io.live.ros_poses import RosPoses
-from palpate.io.live.source import BATCH, Batch, Source, source_of
+from palpate.io.live.source import BATCH, Batch, Source
+from palpate.io.live.sources import source_of
 from palpate.io.logs.decoding import seconds
 from palpate.io.logs.samples import Samples
 from palpate.io.logs.topics import LIVE_BOTH

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from palpate.io.live.source import SILENT, Batch, Source
+from palpate.io.live.sources import source_of
 from palpate.io.logs.decoding import seconds
 from palpate.io.logs.samples import Samples
 from palpate.io.logs.wrench_means import WrenchMeans
@@ -52,14 +53,12 @@ class Pair:
         Raises:
             InputError: what its [source] says cannot be.
         """
-        from palpate.io.live.source import SOURCES
-
         stated, layout = rig.stream(), kind.layout(rig)
         both: list[Source] = []
         for part, source in zip(kind.parts, (stated, stated.wrench or stated), strict=True):
             alone = replace(rig, sensors={part: rig.sensors[part]}, source=replace(source, wrench=None))
             alone = replace(alone, orientation=type(rig.orientation)())  # poses come beside the pair
-            both.append(SOURCES[source.kind](alone))
+            both.append(source_of(alone))
         limits = None if layout.wrench_range is None else Samples(layout, Path()).recorded(layout.wrench_range)
         return cls(both[0], both[1], WrenchMeans(0.0, layout.max_gap, limits))
 

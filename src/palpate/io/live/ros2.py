@@ -22,7 +22,7 @@ from palpate.io.logs.image_messages import image_messages
 from palpate.io.logs.layout import ImageChannel, Layout
 from palpate.io.logs.log import LogContents, Messages, Topic
 from palpate.io.logs.topics import NONE, choose, choose_images, main_channel
-from palpate.sensors.markers import opencv
+from palpate.opencv import opencv
 
 if TYPE_CHECKING:
     from palpate.io.rig.rig import Rig

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Int
 from numpy.typing import DTypeLike
 
-if TYPE_CHECKING:
-    from palpate.io.rig.kind import SensorKind
-    from palpate.io.rig.rig import Rig
-
-__all__ = ["BATCH", "SOURCES", "Batch", "Source", "source_of"]
+__all__ = ["BATCH", "Batch", "Source"]
 
 BATCH = 1024  # samples that a source gives at once, at most
 SILENT = 5.0  # s without a sample, after which a source says so
@@ -85,60 +80,3 @@ class Source(Protocol):
     def close(self) -> None:
         """Leave the device as it was found; may be called twice, and without `open`."""
         ...
-
-
-def _netft(rig: Rig) -> Source:
-    from palpate.io.live.netft import NetFt
-
-    return NetFt.of(rig)
-
-
-def _serial(rig: Rig) -> Source:
-    from palpate.io.live.serial import SerialPort
-
-    return SerialPort.of(rig)
-
-
-def _ros2(rig: Rig) -> Source:
-    from palpate.io.live.ros2 import RosTopics
-
-    return RosTopics.of(rig)
-
-
-def _camera(rig: Rig) -> Source:
-    from palpate.io.live.camera import Camera
-
-    return Camera.of(rig)
-
-
-def _replay(rig: Rig) -> Source:
-    from palpate.io.live.replay import Replay
-
-    return Replay.of(rig)
-
-
-SOURCES: Mapping[str, Callable[[Rig], Source]] = {
-    "netft": _netft,
-    "serial": _serial,
-    "ros2": _ros2,
-    "camera": _camera,
-    "replay": _replay,
-}
-"""Kind of [source] in a rig -> the source that it says, not opened yet. Add a row, and every command takes it."""
-
-
-def source_of(rig: Rig, kind: SensorKind | None = None) -> Source:
-    """What the [source] of a rig says, not opened yet.
-
-    Args:
-        rig: with a [source].
-        kind: of its sensors; one that is made of two gets the samples of both.
-
-    Raises:
-        InputError: the rig has no [source], or what it says cannot be.
-    """
-    if kind is not None and kind.parts and rig.stream().kind != "replay":
-        from palpate.io.live.pair import Pair
-
-        return Pair.of(rig, kind)
-    return SOURCES[rig.stream().kind](rig)

@@ -17,7 +17,7 @@ from palpate.io.logs.images import Frame, ImageLog, decoded
 from palpate.io.logs.layout import Layout
 from palpate.io.logs.log import Images, LogContents
 from palpate.io.logs.video import RATE
-from palpate.sensors.markers import opencv
+from palpate.opencv import opencv
 from palpate.sensors.recording import Recording
 
 __all__ = ["FrameFolder", "holds_frames"]

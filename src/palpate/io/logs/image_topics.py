@@ -15,7 +15,7 @@ from palpate.io.logs.images import Frame, ImageLog
 from palpate.io.logs.layout import ImageChannel, Layout
 from palpate.io.logs.log import LogContents, Source, Topic
 from palpate.io.logs.topics import choose_images
-from palpate.sensors.markers import opencv
+from palpate.opencv import opencv
 from palpate.sensors.recording import Recording
 
 __all__ = ["ImageTopicLog", "first_size"]

@@ -13,7 +13,7 @@ from palpate.errors import InputError
 from palpate.io.logs.layout import Layout
 from palpate.io.logs.log import Log
 from palpate.io.logs.samples import Samples
-from palpate.sensors.markers import opencv
+from palpate.opencv import opencv
 from palpate.sensors.recording import IMAGE, Recording
 
 __all__ = ["Frame", "FrameBlocks", "ImageLog", "decoded", "refuse_others"]

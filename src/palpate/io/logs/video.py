@@ -16,7 +16,7 @@ from palpate.io.logs.images import Frame, ImageLog
 from palpate.io.logs.layout import Layout
 from palpate.io.logs.log import Images, LogContents
 from palpate.io.tables.lines import open_input
-from palpate.sensors.markers import opencv
+from palpate.opencv import opencv
 from palpate.sensors.recording import Recording
 
 __all__ = ["RATE", "VIDEOS", "VideoLog", "is_video"]

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from palpate.errors import InputError
-from palpate.sensors.markers import opencv
+from palpate.opencv import opencv
 from palpate.simulation.arena.layout import Layout
 from palpate.simulation.bags import header, open_bag
 

@@ -15,8 +15,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 
-from palpate.simulation.barrel import Barrel, BarrelSettings
+from palpate.simulation.barrel import Barrel
 from palpate.simulation.barrel_contact import Band, Indenter, Settled, settle
+from palpate.simulation.barrel_elasticity import BarrelSettings
 from palpate.simulation.ring_session import RingUnit
 
 __all__ = ["KINDS", "RingSkin", "disc_points"]

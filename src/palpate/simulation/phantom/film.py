@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from palpate.errors import InputError
-from palpate.sensors.markers import opencv
+from palpate.opencv import opencv
 from palpate.simulation.engine import engine
 from palpate.simulation.phantom.lab import PhantomLab
 from palpate.simulation.video import Video

@@ -217,4 +217,4 @@ def _packed(values: np.ndarray, kind: type[np.unsignedinteger[Any]]) -> str:
 
 
 def _script() -> str:
-    return files("palpate.surfaces").joinpath("drawing.js").read_text(encoding="utf-8")
+    return files("palpate.viewer").joinpath("drawing.js").read_text(encoding="utf-8")

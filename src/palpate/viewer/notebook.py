@@ -11,9 +11,10 @@ import numpy as np
 from palpate.contact.contacts import Contacts
 from palpate.contact.ellipse import ellipse
 from palpate.contact.estimate import ContactEstimate
-from palpate.contact.events import Events, find_touches
-from palpate.surfaces.drawing import Drawing, Mark
+from palpate.contact.events import Events
+from palpate.contact.touch_finder import find_touches
 from palpate.surfaces.given import SurfaceLike
+from palpate.viewer.drawing import Drawing, Mark
 
 __all__ = ["drawing_of_estimates", "drawing_of_touches", "marks_of", "table_of"]
 
@@ -30,7 +31,7 @@ def table_of(contacts: Contacts) -> str:
     if len(touches):
         said.append(_table(_HEADER, _rows(touches, _SHOWN)))
     if len(touches) > _SHOWN:
-        said.append(f"<p>and {len(touches) - _SHOWN:,} touches more: palpate.contact.events.find_touches</p>")
+        said.append(f"<p>and {len(touches) - _SHOWN:,} touches more: palpate.contact.touch_finder.find_touches</p>")
     said += [f"<p>{escape(note)}</p>" for note in contacts.notes]
     return "<div>" + "".join(said) + "</div>"
 

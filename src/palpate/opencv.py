@@ -1,0 +1,25 @@
+"""Load OpenCV when it is first needed: it is an extra."""
+
+from __future__ import annotations
+
+import os
+from types import ModuleType
+from typing import cast
+
+from palpate.errors import not_loaded
+
+__all__ = ["opencv"]
+
+
+def opencv() -> ModuleType:
+    """Load OpenCV and return its module; its FFmpeg prints nothing on the terminal.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # read when the first video is opened
+    try:
+        import cv2
+    except ImportError as problem:
+        raise not_loaded(problem, "images need OpenCV", "camera") from problem
+    return cast("ModuleType", cv2)
