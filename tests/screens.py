@@ -26,7 +26,8 @@ LIVE = {
     "arena": ("simulate", "arena", "--seed", "7", "--view", "--port", "0"),
     "phantom": ("simulate", "phantom", "--seconds", "3600", "--view", "--port", "0"),
 }
-DRAWN = 8.0  # s that a browser without a graphics card takes to draw all of a page
+DRAWN = 4.0  # s between two looks at a page
+LOOKS = 8  # at most, until two are the same: one that moves may never be
 
 
 def main() -> None:
@@ -89,8 +90,13 @@ def _photograph(browser: Any, address: str, size: tuple[int, int], picture: Path
     view.wait_for_timeout(1e3 * DRAWN)
     for button in view.get_by_role("button", name="Pause").all():
         button.click()  # all of the picture is of one moment
-    view.wait_for_timeout(1e3 * DRAWN)
-    view.screenshot(path=str(picture))
+    shown, before = view.screenshot(), b""
+    for _ in range(LOOKS):  # a browser without a graphics card takes long to draw all, the words last
+        if shown == before:
+            break
+        view.wait_for_timeout(1e3 * DRAWN)
+        shown, before = view.screenshot(), shown
+    picture.write_bytes(shown)
     view.close()
 
 

@@ -125,7 +125,7 @@ def test_what_yields_is_pushed_and_forgotten() -> None:
 def test_a_gap_that_narrows_is_left() -> None:
     made = course(Wall((0.3, 0.12), (0.8, 0.03)), Wall((0.3, -0.12), (0.8, -0.03))).go(90.0)
     assert made.greatest < 3.5
-    assert any("narrow" in each or "before" in each or "passed" in each for each in made.seen)
+    assert any("narrow" in each or "before" in each or "past" in each for each in made.seen)
     assert made.navigator.arrived
 
 

@@ -24,8 +24,8 @@ from tests.support.pages import ellipsoid, session, two_contacts
 
 WINDOWS = ((1440 - PANEL, 900, STRIP), (390, 844, SHEET))  # px of the picture, and what is covered of it from below
 LABEL = np.array([22.0, 18.0])  # px of half the width of "12.3 N", and its height
-VALUE = re.compile(r"-?[\d.,]+( ± [\d.]+)? (N|mm|cm²|kPa|°|%|cells|mN m about the normal)")
-COUNTS = ("cells pressed", "markers seen")
+VALUE = re.compile(r"-?[\d.,]+( ± [\d.]+)? (N|mm|cm²|kPa|°|%|mN m about the normal)")
+COUNTS = ("cells pressed", "markers seen", "sheet row, from 0", "sheet column, from 0", "p-value of wrench")
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(0.3, 3.0), st.floats(0.0, 0.5))
@@ -56,7 +56,7 @@ def test_body_arrow_and_its_label_are_within_the_window_and_not_covered(found: o
     camera = Camera(position, target, VIEW, (wide, high))
     body = camera.seen(scene.placed(scene.body.vertices))[:, :2]
     labels = camera.seen(scene.placed(np.array([scene.labelled(each) for each in contacts])))[:, :2]
-    points = np.concatenate([body, labels + [1, 0] * LABEL, labels - LABEL])
+    points = np.concatenate([body, labels + LABEL, labels - LABEL])
     assert points.min() >= 0
     assert points[:, 0].max() <= wide
     assert points[:, 1].max() <= (1 - covered) * high
@@ -74,9 +74,9 @@ def test_every_number_of_the_panel_has_a_name_and_a_unit_or_is_a_count() -> None
     for name, value in rows:
         text = unescape(value).replace("\xa0", " ")
         assert "_" not in name + text
-        if name not in (*COUNTS, "time", "place", "95 %"):
+        if name not in (*COUNTS, "time", "place [mm]", "95 % half-axes"):
             assert VALUE.fullmatch(text), (name, text)
-    assert dict(rows)["angle"].count("±") == 1  # its deviation is no row of its own
+    assert dict(rows)["spread, angle"].count("±") == 1  # its deviation is no row of its own
     number = re.search(r"font-weight:600[^>]*>(.*?)</span>", said)
     assert number is not None
     assert number[1].endswith(" N")

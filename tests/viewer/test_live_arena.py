@@ -56,7 +56,7 @@ def test_the_clock_of_the_run_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_it_stands_still_while_it_pauses() -> None:
     with LiveArena(arena(), port=0) as page:
         page.pause(True)
-        assert page._button.label == "Go on"
+        assert page._button.label == "Resume"
         waiting = threading.Thread(target=page.wait, args=(0.01,))
         waiting.start()
         waiting.join(0.3)

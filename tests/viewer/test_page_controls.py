@@ -200,7 +200,14 @@ def test_a_click_in_the_list_or_on_a_plot_goes_there(view: object, page: Page, s
 def test_what_is_compared_is_said(view: object, page: Page) -> None:
     page.session.seek(2.5)
     view.locator(".palpate-card").get_by_text("theirs", exact=True).wait_for()
-    for words in ("force on the body", "95 % ellipse", "torque about the normal", "touched 0", "theirs", "grid"):
+    for words in (
+        "force on the body",
+        "95 % ellipse",
+        "torque about the normal",
+        "time touched per area 0",
+        "theirs",
+        "grid",
+    ):
         assert words in view.locator(".palpate-legend").inner_text()
 
 

@@ -241,7 +241,7 @@ def test_a_caption_holds_units_and_standard_deviations(scene: Scene) -> None:
     moment = scene.at(200).contacts[0]
     assert f"{np.linalg.norm(moment.force):.2f} N" in said
     assert f"x {uncertain(1e3 * moment.point[0], 1e3 * moment.deviation[0])}".replace("±", "+-") in said
-    assert "within 0.98 &times; 0.49 mm, drawn 5 times as large" in said  # sqrt(5.991) times 0.4 and 0.2 mm
+    assert "0.98 &times; 0.49 mm, drawn &times; 5" in said  # sqrt(5.991) times 0.4 and 0.2 mm
     assert "1.0 mN m" in said
     assert "a &lt; b" in said
 
@@ -273,7 +273,7 @@ def test_a_moment_holds_all_contacts_of_its_sample_the_strongest_first() -> None
     said = caption(scene.at(50), 1)
     assert "2 contacts" in said
     assert "3.00 N" in said  # 2 and 1
-    assert "contact area&nbsp;2&nbsp;cm²" in said
+    assert "contact area&nbsp;2.00&nbsp;cm²" in said
 
 
 def test_plots_of_several_contacts_hold_the_sum_and_the_strongest() -> None:

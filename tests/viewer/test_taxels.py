@@ -91,7 +91,7 @@ def test_the_page_of_a_sheet_shows_both_contacts_and_the_cells_below_them() -> N
         shade = layer._cells.batched_colors.astype(int).sum(axis=1)
         order = np.argsort(shade, kind="stable")[:2]
         assert [divmod(int(cell), SHAPE[1]) for cell in order] == [(3, 15), (2, 5)]
-        assert layer.rows(scene, 1) == [("all cells", "10.00 N"), ("strongest cell", "6.00 N")]
+        assert layer.rows(scene, 1) == [("all cells, sum", "10.0 N"), ("strongest cell", "6.00 N")]
         assert f"{layer.most:.3g} N" in layer.legend()[0]
         layer.show(scene, 0)
         assert len(np.unique(layer._cells.batched_colors, axis=0)) == 1

@@ -196,7 +196,7 @@ class TouchNavigator:
         if time < self._until and not behind:
             return self._leave
         self._until = -inf
-        self.state, self._why = "move to goal", "a touch is passed" if felt else "nothing is in the way"
+        self.state, self._why = "move to goal", "drives past what it touches" if felt else "nothing is in the way"
         if self._blocked:
             self._why = "no way is free: it tries what it touched longest ago"
         flanks = self._squeezed(felt)

@@ -13,7 +13,7 @@ from palpate.errors import InputError
 from palpate.spatial._arrays import shaped
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["one_line", "rounded", "uncertain", "vector"]
+__all__ = ["one_line", "rounded", "three_digits", "uncertain", "vector"]
 
 _NUMBERS = 6  # of an array that are printed; of a larger one, its shape
 _DECIMALS = 6  # behind the point, at most
@@ -28,18 +28,23 @@ def vector(values: ArrayLike, digits: int = 3) -> str:
     return "(" + ", ".join(f"{value:z.{digits}f}" for value in shaped(values, (None,), "values")) + ")"
 
 
-def rounded(value: float, deviation: float) -> str:
-    """Return a value to two digits of its standard deviation; where none is known, two behind the point."""
+def rounded(value: float, deviation: float, most: int = _DECIMALS) -> str:
+    """Return a value to two digits of its standard deviation, or so many behind the point; where none is known, two."""
     digits = 2
     if 0.0 < deviation < np.inf:
-        digits = min(max(0, 1 - int(f"{deviation:.1e}".partition("e")[2])), _DECIMALS)
+        digits = min(max(0, 1 - int(f"{deviation:.1e}".partition("e")[2])), most)
     return f"{value:z.{digits}f}"
 
 
-def uncertain(value: float, deviation: float) -> str:
-    """Return a value with its standard deviation, both to two digits of that; the value alone where none is known."""
+def uncertain(value: float, deviation: float, most: int = _DECIMALS) -> str:
+    """Return a value with its standard deviation, both as `rounded` has it; the value alone where none is known."""
     known = 0.0 < deviation < np.inf
-    return rounded(value, deviation) + (f" ± {rounded(deviation, deviation)}" if known else "")
+    return rounded(value, deviation, most) + (f" ± {rounded(deviation, deviation, most)}" if known else "")
+
+
+def three_digits(value: float) -> str:
+    """Return a value to three digits, or to the unit where that is finer."""
+    return rounded(value, abs(value) / 10)
 
 
 def one_line(value: object) -> str:

@@ -8,7 +8,7 @@ from html import escape
 import numpy as np
 
 from palpate.contact.estimate import Status
-from palpate.spatial.shown import rounded, uncertain
+from palpate.spatial.shown import rounded, three_digits, uncertain
 from palpate.viewer._style import STATUS
 from palpate.viewer.scene import Moment, Scene, ShownContact
 from palpate.viewer.widgets import card
@@ -17,6 +17,7 @@ __all__ = ["MEANING", "beside", "caption", "feature", "is_shown"]
 
 NONE = "&ndash;"
 FLAT = 0.05  # of the largest deviation: less is none
+FINEST = 3  # digits behind the point of a place [mm]
 MEANING = {
     Status.CONTACT: "Located.",
     Status.AMBIGUOUS: "Located, but another point explains the reading too and lies outside the 95 % ellipse.",
@@ -30,22 +31,23 @@ MEANING = {
 }
 _FEATURES = {  # as files name them, in SI -> name, how many of which unit; without a unit it is a count
     "area": ("contact area", 1e4, "cm²"),
-    "load": ("sum of its cells", 1.0, "N"),
+    "load": ("its cells, sum", 1.0, "N"),
     "peak": ("peak pressure", 1e-3, "kPa"),
     "pressure": ("mean pressure", 1e-3, "kPa"),
     "axis_long": ("spread, long axis", 1e3, "mm"),
     "axis_short": ("spread, short axis", 1e3, "mm"),
-    "angle": ("angle", 180 / np.pi, "°"),
+    "angle": ("angle about the axis", 180 / np.pi, "°"),
+    "axis_angle": ("spread, angle", 180 / np.pi, "°"),
     "cells": ("cells pressed", 1.0, ""),
-    "row": ("row on the sheet", 1.0, "cells"),
-    "column": ("column on the sheet", 1.0, "cells"),
+    "row": ("sheet row, from 0", 1.0, ""),
+    "column": ("sheet column, from 0", 1.0, ""),
     "width": ("half width of the dent", 1e3, "mm"),
     "depth": ("depth of the dent", 1e3, "mm"),
     "shear": ("shear", 1.0, "N"),
     "markers": ("markers seen", 1.0, ""),
-    "share": ("unknown part of the shear", 1e2, "%"),
-    "unexplained": ("wrench fits skin, p-value", 1e2, "%"),
-    "belief": ("probability of the place", 1e2, "%"),
+    "share": ("shear sd / prior", 1e2, "%"),
+    "unexplained": ("p-value of wrench", 1.0, ""),
+    "belief": ("place, probability", 1e2, "%"),
     "angle_sd": ("angle, sd", 180 / np.pi, "°"),
     "depth_sd": ("depth, sd", 1e3, "mm"),
     "force_sd": ("force, sd", 1.0, "N"),
@@ -57,8 +59,10 @@ _INWARD = (
 )  # no rows of their own
 
 
-def feature(name: str) -> tuple[str, float, str]:
-    """What a feature is called, by how much it is multiplied to be shown, and in which unit; "" where it has none."""
+def feature(name: str, among: Collection[str]) -> tuple[str, float, str]:
+    """What a feature among others is called, by how much it is multiplied to be shown, and its unit; "" for none."""
+    if name == "angle" and "axis_long" in among:  # files call two things so
+        name = "axis_angle"
     return _FEATURES.get(name, (name.replace("_", " "), 1.0, ""))
 
 
@@ -84,8 +88,8 @@ def _contact(contact: ShownContact, magnification: int, single: bool) -> Iterato
     """Names and values of one contact; with a headline where there are several, and its features on a line."""
     if not single:
         yield f"<b>contact {contact.identity}</b>", f"<b>{_force(contact)}</b>, {contact.status.words}"
-    yield "place", _place(contact)
-    yield "95 %", _ellipse(contact, magnification)
+    yield "place [mm]", _place(contact)
+    yield "95 % half-axes", _ellipse(contact, magnification)
     if np.isfinite(contact.torque):
         yield "torque", f"{1e3 * contact.torque:z.1f} mN m about the normal"
     features = [_feature(name, contact) for name in contact.features if is_shown(name, contact.features)]
@@ -115,11 +119,13 @@ def _newton(force: float) -> str:
 
 
 def _feature(name: str, contact: ShownContact) -> tuple[str, str]:
-    words, scale, unit = feature(name)
+    words, scale, unit = feature(name, contact.features)
     deviation = scale * contact.features.get(f"{name}_sd", np.nan)
     value = scale * contact.features[name]
-    shown = uncertain(value, deviation) if np.isfinite(deviation) else f"{float(f'{value:.3g}'):,g}"
-    return escape(words), f"{shown}&nbsp;{unit}" if unit else shown
+    if not unit:
+        return escape(words), f"{float(f'{value:.3g}'):,g}"
+    shown = uncertain(value, deviation) if np.isfinite(deviation) else three_digits(value)
+    return escape(words), f"{shown}&nbsp;{unit}"
 
 
 def _place(contact: ShownContact) -> str:
@@ -129,16 +135,17 @@ def _place(contact: ShownContact) -> str:
     shown = list[str]()
     for name, value, error in zip("xyz", 1e3 * contact.point, 1e3 * contact.deviation, strict=True):
         across = error > FLAT * most  # along the normal the point lies on the surface, which has no deviation
-        shown.append(f"{name} {uncertain(value, error) if across else rounded(value, most)}".replace(" ", "&nbsp;"))
-    return "&ensp;".join(shown) + "&nbsp;mm"
+        said = uncertain(value, max(error, 10.0**-FINEST), FINEST) if across else rounded(value, most, FINEST)
+        shown.append(f"{name} {said}".replace(" ", "&nbsp;"))
+    return "&ensp;".join(shown)
 
 
 def _ellipse(contact: ShownContact, magnification: int) -> str:
     if not np.isfinite(contact.axes).all():
         return NONE if not contact.located else "no noise is known"
     long, short = 1e3 * contact.axes
-    drawn = f", drawn {magnification} times as large" if magnification > 1 else ", drawn to scale"
-    return f"within {long:.2g} &times; {short:.2g} mm{drawn}"
+    drawn = f"drawn &times;&nbsp;{magnification}" if magnification > 1 else "drawn to scale"
+    return f"{long:.2g} &times; {short:.2g} mm, {drawn}"
 
 
 def beside(scene: Scene, moment: Moment) -> list[tuple[str, str]]:

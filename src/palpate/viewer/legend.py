@@ -67,20 +67,21 @@ def strip(items: list[str]) -> str:
     )
 
 
-def legend(scene: Scene, heat: bool) -> str:
-    """What a scene draws, with or without heat."""
+def legend(scene: Scene, heat: bool, trail: float) -> str:
+    """What a scene draws, with or without heat, and with a trail of so many seconds."""
     items = [
         item("arrow", _ARROW, "force on the body"),
         item("ring", _lit(FORCE), "95 % ellipse"),
         item("arrow", _lit(POINT), "normal"),
-        item("line", _lit(TRACE.mean(axis=0)), "trail"),
     ]
-    if np.isfinite(scene.contacts.torque).any():
+    if trail:
+        items.append(item("line", _lit(TRACE.mean(axis=0)), f"places of the last {trail:g} s"))
+    if scene.turns:
         items.append(item("curl", _lit(TORQUE), "torque about the normal"))
     if scene.beside is not None:
         items += [dot((0, 48, 120), scene.title), dot((0, 120, 80), scene.beside.title)]
     if heat and scene.body is not None:
-        items.append(bar("touched", 1e-4 * float(scene.heat.max()), "s/cm²"))
+        items.append(bar("time touched per area", 1e-4 * float(scene.heat.max()), "s/cm²"))
     items += [each for layer in scene.layers for each in layer.legend()]
     axes = "".join(
         f'<b style="color:rgb({r},{g},{b})">{name}</b>&thinsp;' for name, (r, g, b) in zip("xyz", AXES, strict=True)

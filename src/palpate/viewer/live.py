@@ -153,7 +153,7 @@ class LivePage(Served):
         with self._server.atomic():
             self._scene3d.show_trail(moment, float(self._trail.value))
             self._now.content = caption(moment, self._magnification, rows)
-            self._legend.content = legend(scene, heat=False)
+            self._legend.content = legend(scene, False, float(self._trail.value))
             self._force.data = self._curve(figures.silent)
             self._alarm.content = _alarm(figures)
             self._figures.content = _described(figures)

@@ -27,6 +27,7 @@ __all__ = ["LiveArena"]
 TICK, SLOW = 1 / 15, 1 / 4  # s of the clock between two pictures, and between two states of the panel and the trails
 PATIENCE = 0.05  # s between two looks at the panel while it waits
 BEFORE = np.array([0.0, -0.57, 0.82])  # where the camera stands: before the lower wall, and above it
+ASIDE = 0.06  # m from a robot to its number
 HEAD = 0.14  # m: how high the number of a robot is drawn
 TALL, WALL, BLOCK = 0.06, 0.05, 0.09  # m: how high a robot, the walls and blocks are drawn
 THICK = 0.02  # m of a wall
@@ -80,7 +81,7 @@ class LiveArena(Served):
     def pause(self, on: bool) -> None:
         """Stand still, or go on; as the button does."""
         self._paused = on
-        self._button.label = "Go on" if on else "Pause"
+        self._button.label = "Resume" if on else "Pause"
 
     def show(self, scene: Scene, *, now: bool = False) -> None:
         """Draw a moment, unless one was drawn a moment ago.
@@ -132,7 +133,7 @@ class LiveArena(Served):
 
     def _add_panel(self) -> None:
         gui = self._server.gui
-        dock(gui, self.arena.name or "arena")
+        dock(gui, f"arena, layout {self.arena.name}" if self.arena.name else "arena")
         self._words = gui.add_html("")
         self._button = gui.add_button("Pause", hint="the run stands still meanwhile")
         self._button.on_click(lambda _: self.pause(not self._paused))
@@ -161,13 +162,7 @@ class _Robot:
         space.add_mesh_simple(
             f"{name}/nose", flat, np.array([[0, 1, 2]]), color=(255, 255, 255), side="double", cast_shadow=False
         )
-        space.add_label(
-            f"{name}/number",
-            f"{robot + 1}",
-            position=(0.0, 0.0, TALL + 0.03),
-            anchor="bottom-center",
-            font_screen_scale=0.85,
-        )
+        self._number = space.add_label(f"{name}_number", f"{robot + 1}", anchor="center-center", font_screen_scale=0.85)
         nothing = np.zeros((1, 2, 3), dtype=np.float32)
         self._trail = space.add_line_segments(
             f"/trail_{robot + 1}", nothing, mixed(own, 0.2), thickness=3.0, thickness_units="screen"
@@ -204,6 +199,9 @@ class _Robot:
         pose, felt = scene.poses[self._robot], scene.touches[self._robot]
         felt = np.zeros((0, 2)) if felt is None else felt
         rows: list[list[float]] = felt[np.argsort(-felt[:, 1], kind="stable")][:MOST].tolist()
+        away = pose[2] + rows[0][0] + np.pi if rows else np.pi / 2  # its number, from the arrow of the hardest push
+        beside = (self._radius + ASIDE) * np.array([np.cos(away), np.sin(away)])
+        self._number.position = (*(pose[:2] + beside).tolist(), TALL)
         for at, arrow in enumerate(self._arrows):
             there = at < len(rows)
             if arrow.visible != there:
@@ -339,9 +337,9 @@ def _words(scene: Scene) -> str:
 
 def _legend(arena: Arena) -> list[str]:
     """What is drawn of an arena."""
-    items = [item("arrow", "rgb(213,94,0)", f"push on a robot, up to {LONGEST / ARROW:.1f} N")]
+    items = [item("arrow", "rgb(213,94,0)", f"push on a robot, and in its ring, up to {LONGEST / ARROW:.1f} N")]
     if arena.movable.any():
         items.append(dot(mixed(STATUS[5], 0.0), "block that can be pushed"))
     if not arena.movable.all():
         items.append(dot(mixed(STATUS[3], 0.0), "fixed block"))
-    return [*items, item("line", "rgb({},{},{})".format(*colour(0)), "way so far"), "<span>grid 0.5 m</span>"]
+    return [*items, item("line", STATUS[7], "way so far, in the robot's colour"), "<span>grid 0.5 m</span>"]

@@ -81,7 +81,7 @@ class LiveProbe(Served):
         self._force = add_curves(gui, ("force [N]",), ("#0072b2",), target="target [N]")
         self._angle = add_curves(gui, ("in-plane [°]", "out-of-plane [°]"), ("#d55e00", "#009e73"), target="target [°]")
         arm, probe = dot(ARM, "arm"), dot(PROBE, "probe")
-        push = item("arrow", "rgb(213,94,0)", "force on the probe")
+        push = item("arrow", "rgb(185,100,65)", "force on the probe")  # as it is seen through the tissue
         gui.add_html(strip([arm, probe, dot(TISSUE, "moving tissue"), push]))
 
     def show(
@@ -140,5 +140,5 @@ class LiveProbe(Served):
             ("target", f"{self._wanted:.1f} N, at right angles"),
             ("off the normal", f"{turned[0]} in-plane, {turned[1]} out-of-plane"),
         ]
-        rows += [("why", escape(why)), ("time", f"{time:.1f} s")]
+        rows += [("reason", escape(why)), ("time", f"{time:.1f} s")]
         return card(f"{force:.2f} N", escape(state), STATUS[0 if force > LEAST else 3], why, rows)

@@ -23,6 +23,7 @@ OTHER = (0, 120, 80)  # of contacts that are compared
 FAINT = np.array((190, 205, 225))  # of the rim of an ellipse that says nothing
 FAINTEST = 0.02  # of the usual torque: less is not drawn
 STILL = 0.01  # sizes of the body by which a label is not moved: words that tremble cannot be read
+STEEP = 0.5  # z of a normal below which the camera, which stands above, sees an arrow come from below
 _FULL, _RADIUS, _STEPS = 1.5 * np.pi, 0.09, 40  # arc of the usual torque [rad], in sizes of the body
 _BARB, _WIDE = 0.03, 0.014  # of the head at its end, in sizes of the body
 
@@ -51,8 +52,8 @@ class Marker:
         self._arrow = space.add_arrows(
             f"{root}/force/{slot}", nothing, ink, shaft_radius=0.007, head_radius=0.018, head_length=0.05
         )
-        below = "top-center" if root else "bottom-center"  # two results are often at one place
-        self._label = space.add_label(f"{root}/force/{slot}/label", "", anchor=below)
+        self._label = space.add_label(f"{root}/force/{slot}/label", "")
+        self._anchors = ("top-center", "bottom-center") if root else ("bottom-center", "top-center")
 
     def show(self, scene: Scene, contact: ShownContact | None, magnification: int) -> None:
         """Move it to a contact of a scene; None, or one without a place, hides it."""
@@ -105,6 +106,8 @@ class Marker:
         words = scene.placed(scene.labelled(contact))
         if np.abs(words - self._label.position).max() > STILL:
             self._label.position = words
+        below = contact.normal[2] < STEEP  # two results are often at one place: their labels are on two sides
+        _put(self._label, anchor=self._anchors[int(below)])
         name = f"{contact.identity}: " if scene.several else ""
         _put(self._label, text=f"{name}{length * scene.size / scene.newton:.1f} N")
 

@@ -25,7 +25,7 @@ _QUALITY = 80  # of kept frames
 _REST, _NOW, _MOVED = (150, 150, 150), (0, 235, 255), (255, 160, 0)  # blue, green, red
 _MAGNIFIED = 4  # times that displacements are drawn longer than they are
 _FARTHEST = 1e6  # px: OpenCV counts sixteenths in 32 bits
-_COLOUR = (200, 40, 40)
+_COLOUR = (190, 60, 150)
 _ABOVE = 1.03  # radii of the skin
 
 
@@ -109,7 +109,7 @@ class RingLayer:
     def panel(self, gui: GuiApi) -> None:
         """The frame."""
         if self._frames or self._fed is not None:
-            label = f"camera: markers, and their ways from rest times {_MAGNIFIED}"
+            label = f"camera; yellow: markers; blue: ways from rest, \u00d7 {_MAGNIFIED}"
             self._image = gui.add_image(self._picture(0), label=label, format="jpeg")
 
     def feed(self, frame: UInt8[np.ndarray, "h w 3"], pixels: Float[np.ndarray, "m 2"]) -> None:

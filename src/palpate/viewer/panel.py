@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
+from palpate.spatial.shown import three_digits
 from palpate.viewer._style import AXES
 from palpate.viewer.captions import beside, caption
 from palpate.viewer.legend import keys, legend
@@ -69,7 +70,7 @@ class Panel:
         rows = [row for layer in self._scene.layers for row in layer.rows(self._scene, moment.index)]
         rows += beside(self._scene, moment)
         self._now.content = caption(moment, self.settings().magnification, rows)
-        self._legend.content = legend(self._scene, self._heat.value)
+        self._legend.content = legend(self._scene, self._heat.value, float(self._trail.value))
         if self._slider.value != (shown := _short(seconds)):
             self._slider.value = shown
         self._show_playing(playing)
@@ -86,7 +87,9 @@ class Panel:
         timeline = self._scene.timeline
         duration = max(_short(timeline.duration), DIGIT)
         step = min(max(_short(timeline.step or duration / 1000), DIGIT), duration)
-        self._slider = self._gui.add_slider("time [s]", 0.0, duration, step, 0.0)
+        self._slider = self._gui.add_slider(
+            "time [s]", 0.0, duration, step, 0.0, marks=((0.0, "0"), (duration, three_digits(duration)))
+        )
         self._play = self._gui.add_button("Play")
         self._skip = self._gui.add_button_group("touch", ("previous", "next", "focus contact"))
         self._speed = self._gui.add_dropdown("speed", tuple(SPEEDS), initial_value="x 1")
@@ -139,7 +142,7 @@ class Panel:
     def _add_plots(self) -> None:
         self._window = self._gui.add_dropdown("plots", tuple(WINDOWS), initial_value="all")
         self._whole = self._scene.curves()
-        forces = ("total", "strongest") if self._scene.several else ("pressing", "force")
+        forces = ("total", "strongest") if self._scene.several else ("normal force", "force")
         inks = ("#9aa5b0", "#0072b2")
         if self._scene.beside is not None:
             forces, inks = (self._scene.beside.title, forces[1]), ("#007850", "#0072b2")

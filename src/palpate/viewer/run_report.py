@@ -255,7 +255,7 @@ def touch_table(found: Events, most: int, *, spelled: bool = False) -> Table:
     if not found.identity.any():  # of a sensor that feels one contact at a time
         del columns["contact"]
     for name, values in found.features.items():
-        words, scale, unit = feature(name)
+        words, scale, unit = feature(name, found.features)
         if is_shown(name, found.features) or not spelled:
             words = words if spelled else name
             columns[f"{words} [{unit}]" if unit else words] = ("{:.3g}", scale * values)

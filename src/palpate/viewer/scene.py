@@ -56,7 +56,8 @@ _SURE = 3.0  # deviations that a torque is from zero before it is drawn
 _SAMPLED = 2_000  # contacts that a typical value is taken from
 _FEW = 50  # while they come
 _STRONG = 0.95  # quantile of what counts as usual
-_BEYOND = 0.03  # sizes of the body from an arrow's tail to its label
+_OUT = 0.05  # sizes of the body that its axes are longer than it
+_BEYOND = 0.05  # sizes of the body from an arrow's tail to its label
 _OUTERMOST = 200  # directions in which the outline is looked for
 _MEDIAN_BEND = 0.6745 * 6**0.5  # median of a - 2 b + c of normal values, in their deviations
 _PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
@@ -252,11 +253,18 @@ class Scene:
             return _corners(self.bounds)
         return self.body.vertices[np.unique((self.body.vertices @ _directions().T).argmax(axis=0))]
 
+    @cached_property
+    def axes(self) -> Float[np.ndarray, "3 2 3"]:
+        """(3, 2, 3) [m] ends of the axes of the surface's frame, which leave the body."""
+        ends = np.diag(np.maximum(self.bounds[1], 0.0) + _OUT * self.size)
+        return np.stack([np.zeros((3, 3)), ends], axis=1)
+
     def seen_with(self, contacts: Sequence[ShownContact]) -> Float[np.ndarray, "k 3"]:
         """(k, 3) [m] of the body and the arrows of contacts; room for arrows where there are none."""
         tails = self._tails(contacts)
         room = _corners(self.bounds + _ROOM * self.size * np.array([[-1.0], [1.0]]))
-        return np.concatenate([self.outline, tails if len(tails) else room])
+        axes = np.clip(self.axes[:, 1], room.min(axis=0), room.max(axis=0))  # a frame may be far from its body
+        return np.concatenate([self.outline, axes, tails if len(tails) else room])
 
     def seen_near(self, contact: ShownContact) -> Float[np.ndarray, "k 3"]:
         """(k, 3) [m] of a located contact's arrow and of what is about it."""
@@ -294,9 +302,14 @@ class Scene:
         sure = abs(contact.torque) > _SURE * noise and self.torque > 0  # NaN is not
         return contact.torque / self.torque if sure else 0.0
 
+    @cached_property
+    def turns(self) -> bool:
+        """The torque is drawn amid some touch."""
+        return any(self.turning(self.at(k).contacts[0]) for k in thinned(self.timeline.touches, _FEW).tolist())
+
     def ready(self) -> None:
         """Compute what the first picture needs, before anybody waits for it."""
-        _ = (self.touches, self.outline, self.torque, self.torque_noise, self.total)
+        _ = (self.touches, self.outline, self.turns, self.total)
         opening = self.at(self.opening).contacts[0]
         if opening.located and np.isfinite(opening.axes).all():
             self.ellipse_on_body(opening, 1)  # loads machine code

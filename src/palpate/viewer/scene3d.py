@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Scene3D", "Settings", "aim"]
 
-BEYOND = 0.05  # sizes of the body that its axes are longer than it
+LETTER = 0.02  # sizes of the body from the end of an axis to its name
 
 
 @dataclass(frozen=True)
@@ -145,19 +145,21 @@ class Scene3D:
 
     def _add_ground(self) -> None:
         """A grid under the body and the axes of the surface's frame; the legend has their scale and colours."""
-        low, high = self.scene.bounds
         size = self.scene.size
         cell = nice(size / 12)
-        floor = self.scene.placed(low - 0.03 * size)[2]
+        floor = self.scene.placed(self.scene.bounds[0] - 0.03 * size)[2]
         self._space.add_grid(
             "/grid", width=2.0, height=2.0, position=(0.0, 0.0, floor), cell_size=cell / size,
             section_size=5 * cell / size, cell_color=(206, 212, 218), section_color=(168, 176, 184),
             fade_distance=4.0,
         )  # fmt: skip
-        ends = np.diag(np.maximum(high, 0.0) + BEYOND * size)
-        axes = self.scene.placed(np.stack([np.zeros((3, 3)), ends], axis=1)).astype(np.float32)
+        axes = self.scene.placed(self.scene.axes).astype(np.float32)
         inks = np.repeat(linear(np.array(AXES, np.uint8))[:, None], 2, axis=1)
         self._space.add_line_segments("/axes", axes, inks, thickness=3.0, thickness_units="screen")
+        for letter, end in zip("xyz", axes[:, 1] + LETTER * np.eye(3), strict=True):
+            self._space.add_label(
+                f"/axes/{letter}", letter, position=end, anchor="center-center", font_screen_scale=0.75
+            )
 
 
 def _both_sides(tree: dict[str, Any]) -> None:

@@ -11,6 +11,7 @@ from palpate.errors import InputError
 from palpate.sensors.taxels import TaxelBody
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import quaternion_from_rotation
+from palpate.spatial.shown import three_digits
 from palpate.viewer.heat import colours, linear
 from palpate.viewer.legend import bar
 from palpate.viewer.marker import FORCE
@@ -92,7 +93,7 @@ class TaxelLayer:
         seen.on_update(lambda event: setattr(self._cells, "visible", seen.value))
         if self._body.rows and self._known:
             flat = unrolled(np.zeros((self._body.rows, self._body.columns)), self.most, np.zeros((0, 2)))
-            self._sheet = gui.add_image(flat, label="sheet, unrolled: the last row on top")
+            self._sheet = gui.add_image(flat, label="sheet, unrolled, row 0 below; ring: contact")
 
     def feed(self, force: Float[np.ndarray, " k"]) -> None:
         """What the cells carry now [N]; darkest is the largest force so far."""
@@ -112,7 +113,10 @@ class TaxelLayer:
         if not self._known:
             return []
         force = self._force(scene, index)
-        return [("all cells", f"{force.sum():.2f} N"), ("strongest cell", f"{force.max():.2f} N")]
+        return [
+            ("all cells, sum", f"{three_digits(force.sum())} N"),
+            ("strongest cell", f"{three_digits(force.max())} N"),
+        ]
 
     def legend(self) -> list[str]:
         """The force of the darkest cell."""

@@ -22,8 +22,14 @@ _SHEET = """<style>@media (max-width: 600px) {
 }
 .mantine-Paper-root[style*="position: fixed"] div[style="width: 20em;"] { width: 100% !important; }
 }
-.mantine-Slider-markLabel { translate: 0 .25em; }</style>"""
-# viser's sheet covers three fifths of a phone, and not its whole width; its sliders' knobs cover their end labels
+.mantine-Slider-markLabel { translate: 0 .25em; }
+.mantine-Paper-root .mantine-ScrollArea-root::after {
+  content: ""; position: absolute; inset: auto 11px 0 0; height: 3em; z-index: 9; pointer-events: none;
+  background: linear-gradient(transparent, var(--mantine-color-body) 80%);
+}
+.mantine-Paper-root .mantine-ScrollArea-content { padding: 0 .4em 3em 0; }</style>"""
+# viser's sheet covers three fifths of a phone, and not its whole width; its sliders' knobs cover their end labels,
+# its bar what is at the right; what goes on below the edge fades there, so that no line looks as if it were cut
 
 
 def theme(gui: GuiApi, dark: bool) -> None:
@@ -105,7 +111,7 @@ def along_time() -> dict[str, Any]:
 
     bare = uplot.Axis_Ticks(show=False)
     return {
-        "axes": (uplot.Axis(label="time [s]", labelSize=18, size=28, ticks=bare), uplot.Axis(ticks=bare)),
+        "axes": (uplot.Axis(label="time [s]", labelSize=18, size=28, ticks=bare), uplot.Axis(space=18, ticks=bare)),
         "legend": uplot.Legend(show=True, live=False),
         "height": 165,
         "padding": (8, 16, 0, 0),
