@@ -190,8 +190,10 @@ def _voltages(sensor: Any, log: Any, readings: np.ndarray) -> None:
 def fused_calls(seen: Seen) -> None:
     """Samples of the estimator of a skin and a force/torque sensor, and of its locator, as the commands left them."""
     from palpate.contact.fused import FusedLocator
+    from palpate.contact.fused_cones import within_cones
     from palpate.contact.fused_estimator import FusedEstimator
 
+    within_cones(np.array([[1.0, 0.0, 0.0]]), np.array([[0.0, 0.0, 1.0]]), np.array([1]), [np.eye(3)], 0.5)
     estimator, locator, turn = seen.of(FusedEstimator), seen.of(FusedLocator), np.eye(3)
     width = len(estimator.taxels.body) + 7
     estimator.update(1e4, np.zeros(width), turn)

@@ -61,6 +61,7 @@ LATER = frozenset(  # what only examples and commands that take a while make arg
         "contact.fused.FusedLocator.fuse_into",
         "contact.fused.FusedLocator.rows",
         "contact.fused.FusedLocator.unseen_by",
+        "contact.fused_cones.within_cones",
         "contact.fused_estimator.FusedEstimator",
         "contact.fused_estimator.FusedEstimator.pairs",
         "contact.fused_estimator.FusedEstimator.run_into",

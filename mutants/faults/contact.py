@@ -186,7 +186,7 @@ FAULTS: list[Fault] = [
     *of(
         "contact/fused.py",
         "tests/contact/test_fused.py",
-        ("the way into the cones is free", "totals[0, 6] += further", "totals[0, 6] += 0.0"),
+        ("the way into the cones is free", "totals[:, 6] += further", "totals[:, 6] += 0.0"),
     ),
     *of(
         "contact/zero_follower.py",

@@ -78,7 +78,7 @@ def test_what_fails_is_listed_and_nothing_else_is_lost(fleet: Path, made: Path) 
     assert re.search(r"3 of 4|of 4", page)
     assert "Logs that failed" in page
     assert "there is no column" in page
-    rows = re.findall(r"<td>[^<]*logs/[^<]*</td>", page)
+    rows = re.findall(r"<td[^>]*>[^<]*logs/[^<]*</td>", page)
     assert len([row for row in rows if "run.csv" in row]) == 2
 
 

@@ -398,7 +398,7 @@ def test_the_report_holds_what_the_run_says(made: Path, tmp_path: Path, capsys: 
     assert all(f">{figure}<" in page for figure in row.split()[-5:])  # mean, median, 95 %, worst and count
     force = np.linalg.norm(read_contacts(tmp_path / "contacts.csv").estimate.force, axis=1)
     assert f"{np.nanmax(force):.3g} N" in page
-    assert all(word in page for word in ("touches.mcap", "1,760", "no_pose", "Against the ground truth", "Butterworth"))
+    assert all(word in page for word in ("touches.mcap", "1,760", "no pose", "Against the ground truth", "Butterworth"))
     assert page.count("<svg") + page.count("<img") > 2
     record = load_toml(tmp_path / "contacts.csv.toml")
     assert record["truth"].startswith("truth.csv sha256:")

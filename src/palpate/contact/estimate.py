@@ -63,7 +63,7 @@ class Status(IntEnum):
         return format(self.label, spec)
 
     def __eq__(self, other: object) -> bool:
-        return int.__eq__(self, Status(other) if isinstance(other, str) else other)  # pyright: ignore[reportArgumentType]
+        return int(self) == (int(Status(other)) if isinstance(other, str) else other)
 
     __hash__ = int.__hash__
 

@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from palpate.calls import called_as
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Events", "Touch", "largest_deviation"]
+__all__ = ["Events", "largest_deviation"]
 
 
 @called_as("contacts.touches()[0]", contacts="contacts[(contacts.time >= touch.start) & (contacts.time <= touch.end)]")
