@@ -156,16 +156,19 @@ def _pairs(folder: Path, count: int, formats: Sequence[str]) -> Iterator[Row]:
     """Two commands at once with one output, spelt in two ways."""
     (folder / "link").symlink_to(folder)
     for suffix in formats:
-        won = refused = 0
+        won, refused, others = 0, 0, list[str]()
         for k in range(count):
             outputs = f"pair{k}{suffix}", f"link/pair{k}{suffix}"
             words = ["estimate", "long.csv", "--rig", "rig.toml", "-o"]
             both = [each.ended() for each in [_Running(folder, [*words, output]) for output in outputs]]
             codes = sorted(each.code in (0, 4) for each in both)
             won += codes == [False, True] and (folder / outputs[0]).exists()
-            refused += any(each.code == 1 and "is being written already" in each.said for each in both)
+            said = [each.said for each in both if each.code not in (0, 4)]
+            refused += (known := any("is being written already" in each for each in said))
+            others += [] if known else [f"codes {[each.code for each in both]}: {' | '.join(said)[-120:]}"]
         litter = [file.name for file in folder.iterdir() if file.suffix in (".lock", ".part")]
         got = f"{won} with one that wins, {refused} with one that says so, {len(litter)} files left over"
+        got += f"; {others[0]}" if others else ""
         what = f"{count} pairs of `estimate` at once with one output ({suffix})"
         yield _row(what, f"{count}, {count}, 0", got, (won, refused, len(litter)) == (count, count, 0))
 
