@@ -66,7 +66,7 @@ follow: native ## the README and the tutorials, word by word as a newcomer would
 	$(BIN)/python -m tests.follow
 
 same: native ## answers of this checkout and of BASE=COMMIT over the same inputs, to the last bit; minutes
-	$(BIN)/python -m tests.same $(BASE)
+	$(BIN)/python -m tests.same "$(BASE)"
 
 package: $(READY) ## wheel and sdist, built and used in bare environments of each Python that is here; minutes each
 	$(BIN)/python -m tests.package

@@ -344,6 +344,14 @@ def test_statuses_are_compared_with_words(here: Bench) -> None:
         np.testing.assert_array_equal(contacts.status == status.label, contacts.status == status)
         np.testing.assert_array_equal(contacts.status != status.label, contacts.status != status)
         assert (contacts[0].status == status.label) == (contacts[0].status is status)
+        assert (contacts[0].status != status.label) == (contacts[0].status is not status)
+        assert status == status.words
+    assert type(contacts.answered) is np.ndarray
+    codes = np.zeros(1, dtype=np.int8)
+    fields = {**vars(contacts.estimate[:1]), "status": codes}
+    palpate.ContactEstimate(**fields)
+    with pytest.raises(ValueError, match="read-only"):
+        codes[0] = 7
 
 
 @pytest.mark.parametrize(

@@ -64,6 +64,8 @@ def called_as(line: str, **lines: str) -> Callable[[_Made], _Made]:
             return _explained(made, line, lines)
         for name, written in {"__init__": line, **lines}.items():
             method: Any = vars(made).get(name)
+            if method is None and name != "__init__" and hasattr(made, name):
+                raise TypeError(f"{made.__name__} inherits {name}: decorate the class that defines it")
             if method is not None:
                 of_class = type(method) is classmethod
                 plain = _explained(method.__func__ if of_class else method, written, {})

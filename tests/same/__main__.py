@@ -68,4 +68,6 @@ def _playing(side: str, tree: Path) -> subprocess.Popen[bytes]:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) != 2 or not sys.argv[1]:
+        raise SystemExit("name the commit to compare with: make same BASE=HEAD~1")
     raise SystemExit(main(sys.argv[1]))

@@ -1,9 +1,10 @@
-"""What differs between two folders that the same steps were played in: arrays to the last bit, the rest as text."""
+"""Compare two folders in which the same steps were played: arrays to the last bit, the rest as text."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from io import BytesIO
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -26,7 +27,7 @@ OF_A_RUN = ("live.mcap", ".arena.mcap.lock")  # a record with the clock of the r
 
 
 def differences(one: Path, other: Path) -> Iterator[str]:
-    """One line a file that is not the same, with the first place where it differs."""
+    """Return a line for each file that is not the same, with the first place where it differs."""
     names = sorted({str(path.relative_to(side)) for side in (one, other) for path in side.rglob("*") if path.is_file()})
     for name in names:
         if Path(name).name in OF_A_RUN:
@@ -35,16 +36,18 @@ def differences(one: Path, other: Path) -> Iterator[str]:
         if not (here.exists() and there.exists()):
             yield f"{name}: only {'before' if here.exists() else 'after'}"
         elif here.read_bytes() != there.read_bytes():
-            known, found = _told(here, one), _told(there, other)
+            known, found = _text(here, one), _text(there, other)
             if known != found:
                 yield f"{name}: {_first(known, found)}"
 
 
-def _told(path: Path, root: Path) -> Any:
-    """What a file says, without what is of the run."""
+def _text(path: Path, root: Path) -> Any:
+    """Return what a file holds as text, without what no two runs have in common."""
     try:
         if path.suffix == ".parquet":
-            return pl.read_parquet(path).write_json()  # NaN is NaN
+            frame, written = pl.read_parquet(path), BytesIO()
+            frame.write_ipc(written)
+            return f"{frame.schema}\n{frame.fill_nan(None).write_json()}\n{written.getvalue().hex()}"
         if path.suffix == ".mcap":
             with path.open("rb") as file:
                 return "\n".join(
@@ -61,7 +64,9 @@ def _told(path: Path, root: Path) -> Any:
 
 
 def _first(known: str, found: str) -> str:
-    """The first line in which two texts differ, where in it, and how many lines do."""
+    """Return the first line in which two texts differ, where in it, and how many lines do."""
+    if known.splitlines() == found.splitlines():
+        return "the ends of lines differ"
     pairs = [pair for pair in zip_longest(known.splitlines(), found.splitlines(), fillvalue="") if pair[0] != pair[1]]
     at = max(0, next(k for k, (a, b) in enumerate(zip_longest(*pairs[0])) if a != b) - 40)
     return f"{len(pairs)} lines differ, first {pairs[0][0][at:][:WIDTH]!r}, now {pairs[0][1][at:][:WIDTH]!r}"

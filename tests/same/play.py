@@ -1,4 +1,4 @@
-"""Play steps in the folder of their inputs, with whichever Palpate is imported, and write down what each said and made.
+"""Play steps in the folder of their inputs, with whichever Palpate is imported, and record what each printed and wrote.
 
 Nothing but the command line and the front door is called, so that one file plays an older and a newer Palpate.
 `python play.py STEPS.json FOLDER`; a step is a name, a folder of its inputs, and words of a command or a function of
@@ -73,12 +73,16 @@ def front_door(log: str, rig: str) -> None:
         first = next(iter(opened))
     live: Any = known.estimator(rate=100.0)
     live.tare(first.picked(first.time <= first.time[0] + REST))
-    given, rows = list(samples(live.channels, first.picked(slice(SAMPLES)))), live.empty()
+    given = list(samples(live.channels, first.picked(slice(SAMPLES))))
+    rows = live.empty(*([live.most] if hasattr(live, "most") else []))
     _save("python_live", [live.update(*sample) for sample in given])
     live.reset()
     for sample in given:
         count = live.update_into(*sample[:2], rows, *sample[2:])
-        print(count, " ".join(value.hex() for value in np.ravel(rows)[: 22 * max(count, 1)].tolist()))
+        print(
+            count,
+            " ".join(value.hex() for value in np.ravel(rows[: max(count, 1)] if rows.ndim > 1 else rows).tolist()),
+        )
 
 
 def samples(channels: tuple[str, ...], recording: Any) -> Iterator[tuple[Any, ...]]:

@@ -1,4 +1,4 @@
-"""What is played: every command of every sensor of the conformance table, the live paths, bad inputs, the worlds."""
+"""List what is played: every command of every sensor of the conformance table, live paths, bad inputs, simulations."""
 
 from __future__ import annotations
 

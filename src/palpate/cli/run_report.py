@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from math import inf
 from pathlib import Path
 
 import numpy as np
@@ -38,7 +39,7 @@ from palpate.viewer.zero_plot import zeros
 __all__ = ["force_torque", "load_cells", "run_of", "taxels", "wrench_settings"]
 
 Facts = tuple[tuple[str, str], ...]
-OPTIONS = ("frame", "sensor", "ended")  # of a record, beside those of its pipeline
+OF_WRENCHES = ("crease", "noise_source")  # options of a record that `wrench_settings` does not show
 _SETTINGS = {  # of estimators, as rigs name them -> in words, by how much they are multiplied, and in which unit
     "on": ("a contact begins at", 1.0, "deviations of the noise"),
     "off": ("a contact ends at", 1.0, "deviations of the noise"),
@@ -54,7 +55,6 @@ _SETTINGS = {  # of estimators, as rigs name them -> in words, by how much they 
     "dropped": ("markers left out of a frame", 1.0, "at most"),
     "shift": ("a neighbour shifts a contact by", 1.0, "°"),
     "wide": ("widths differ by", 1.0, "deviations of the calibration's"),
-    "friction": ("friction, at most", 1.0, "(tangent of the angle between force and normal)"),
     "tangential": ("tangential force", 1e2, "% of the normal force (one standard deviation)"),
     "gain": ("gain of the skin", 1e2, "% off (one standard deviation)"),
     "floor": ("force of the skin", 1.0, "N off beside that (one standard deviation)"),
@@ -77,13 +77,16 @@ def run_of(
         warnings: that were said to the user.
     """
     estimator, log = pipeline.estimator, pipeline.log
+    shown = {*pipeline.facts, "sensor"} - {*(OF_WRENCHES if isinstance(estimator, WrenchEstimator) else ())}
     run = Run(
         log.path.name,
         output,
         f"and turned into contacts as those of {log.kind.called}",
         summary,
         settings=tuple(_setting(name, value) for name, value in pipeline.facts.items() if value is not None),
-        provenance={name: said for name, said in record.items() if name not in {*pipeline.facts, *OPTIONS}},
+        provenance={
+            name.replace("_", " "): text for name, text in record.items() if name not in shown and text != "whole"
+        },
         stages={"read": log.seconds, **pipeline.seconds},
         notes=tuple(pipeline.notes()),
         warnings=warnings,
@@ -100,8 +103,10 @@ def run_of(
 
 
 def _setting(name: str, value: object) -> tuple[str, str]:
-    """In words and with its unit."""
+    """Return a setting's name in words, and its value with its unit."""
     words, scale, unit = _SETTINGS.get(name, (name.replace("_", " "), 1.0, ""))
+    if value == inf:
+        return words, "never"
     return words, f"{scale * value:g} {unit}".strip() if isinstance(value, int | float) else str(value)
 
 

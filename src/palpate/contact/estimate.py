@@ -38,9 +38,9 @@ class Status(IntEnum):
 
     @classmethod
     def _missing_(cls, value: object) -> Status:
-        """As files spell it."""
+        """Return the status that a word stands for, spelt as in files or with spaces."""
         for each in cls:
-            if isinstance(value, str) and value == each.label:
+            if isinstance(value, str) and value.replace(" ", "_") == each.label:
                 return each
         hint = f"Write palpate.Status.CONTACT, or another of {', '.join(cls.__members__)}."
         given = repr(value)[:40] if isinstance(value, str | int | float | None) else f"a {type(value).__name__}"
@@ -53,7 +53,7 @@ class Status(IntEnum):
 
     @property
     def words(self) -> str:
-        """As a person reads it: `label` without its underscore."""
+        """Return the status as a person reads it: `label` without its underscore."""
         return self.label.replace("_", " ")
 
     def __str__(self) -> str:
@@ -64,6 +64,9 @@ class Status(IntEnum):
 
     def __eq__(self, other: object) -> bool:
         return int(self) == (int(Status(other)) if isinstance(other, str) else other)
+
+    def __ne__(self, other: object) -> bool:
+        return not self == other
 
     __hash__ = int.__hash__
 
@@ -147,6 +150,7 @@ class ContactEstimate(Value):
         elif self.status.shape != self.batch or self.status.dtype != np.int8:
             raise InputError(f"status must be int8 of shape {self.batch}, not {self.status.dtype} {self.status.shape}.")
         else:
+            self.status.flags.writeable = False  # the array itself: a view does not lock it
             object.__setattr__(self, "status", self.status.view(Statuses))
         for value in vars(self).values():
             if isinstance(value, np.ndarray):
@@ -259,7 +263,7 @@ class ContactEstimate(Value):
     @property
     def answered(self) -> Any:
         """True where the status is CONTACT or AMBIGUOUS."""
-        return self.status <= Status.AMBIGUOUS
+        return (np.asarray(self.status) if self.batch else self.status) <= Status.AMBIGUOUS
 
     def _columns(self) -> dict[str, np.ndarray]:
         """Every field as an array."""

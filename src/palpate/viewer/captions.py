@@ -122,10 +122,11 @@ def _feature(name: str, contact: ShownContact) -> tuple[str, str]:
     words, scale, unit = feature(name, contact.features)
     deviation = scale * contact.features.get(f"{name}_sd", np.nan)
     value = scale * contact.features[name]
-    if not unit:
-        return escape(words), f"{float(f'{value:.3g}'):,g}"
-    shown = uncertain(value, deviation) if np.isfinite(deviation) else three_digits(value)
-    return escape(words), f"{shown}&nbsp;{unit}"
+    if np.isfinite(deviation):
+        shown = uncertain(value, deviation)
+    else:
+        shown = three_digits(value) if unit else f"{float(f'{value:.3g}'):,g}"
+    return escape(words), f"{shown}&nbsp;{unit}" if unit else shown
 
 
 def _place(contact: ShownContact) -> str:

@@ -165,7 +165,7 @@ class Panel:
         ]
         mark = uplot.Series(label="now", stroke=NOW, width=1.5, points=uplot.Series_Points(show=False))
         clock, values = self._whole
-        low, high = _range(values[:, which])
+        low, high = _range(values[:, which], which == FORCES)
         return self._gui.add_uplot(
             _marked(clock, values[:, which], 0.0, (low, high)),
             (uplot.Series(label="time [s]"), *lines, mark),
@@ -180,7 +180,9 @@ class Panel:
             span = self._scene.timeline.span(moment.seconds - width / 2, moment.seconds + width / 2)
             clock, values = self._scene.curves(span)
         for plot, which in ((self._force, FORCES), (self._place, PLACES)):
-            plot.data = _marked(clock, values[:, which], moment.seconds, _range(self._whole[1][:, which]))
+            plot.data = _marked(
+                clock, values[:, which], moment.seconds, _range(self._whole[1][:, which], which == FORCES)
+            )
 
 
 def _short(seconds: float) -> float:
@@ -188,10 +190,11 @@ def _short(seconds: float) -> float:
     return round(float(np.ceil(round(seconds / DIGIT, 3))) * DIGIT, 4)
 
 
-def _range(values: Float[np.ndarray, "m k"]) -> tuple[float, float]:
-    """From the least to the largest, with some air, and 0 where there is nothing."""
+def _range(values: Float[np.ndarray, "m k"], zero: bool) -> tuple[float, float]:
+    """Return the bounds of an axis, from the least value to the largest with some air; with `zero`, 0 is among them."""
     known = values[np.isfinite(values)]
-    low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
+    known = np.append(known, 0.0) if zero or not len(known) else known
+    low, high = float(known.min()), float(known.max())
     air = 0.05 * (high - low) or 1.0
     return low - air, high + air
 
