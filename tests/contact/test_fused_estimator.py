@@ -215,3 +215,33 @@ def test_on_logs_the_zero_beside_a_skin_is_smoothed_from_both_sides(estimator: F
         off[name] = float(np.sqrt(np.mean(error[held] ** 2)))
     np.testing.assert_array_equal(found[0], found[1])
     assert off["both"] < 0.6 * off["forward"]
+
+
+def test_what_the_skin_does_not_feel_is_found_alike_in_blocks_and_frame_by_frame(
+    estimator: FusedEstimator, log: Recording
+) -> None:
+    """A push beside the sheet, with and without touches of the skin; the truth is where it was put."""
+    recording = log.picked(slice(100, 500))
+    surface = estimator.fused.surface
+    point, normal, _ = surface.project(surface.centre[None] + [[0.0, 0.0, -0.45 * surface.size]])
+    push = -6.0 * normal[0]
+    wrench = estimator.mount.wrench_matrix() @ np.concatenate([push, np.cross(point[0], push)])
+    pushed = (np.arange(400) % 200 > 60)[:, None]
+    channels = {**recording.channels}
+    channels[FORCE] = channels[FORCE] + pushed * wrench[:3]
+    channels[TORQUE] = channels[TORQUE] + pushed * wrench[3:]
+    recording = Recording(recording.time, channels)
+    blocks = estimator.run(recording)
+    estimator.reset()
+    columns = [recording.channels[name].reshape(400, -1) for name in (CELLS, FORCE, TORQUE, AVERAGED)]
+    turns = Pose.from_quaternion(recording.channels["orientation"], np.zeros(3)).rotation
+    frames = [
+        estimator.update(time, reading, turn)
+        for time, reading, turn in zip(recording.time.tolist(), np.hstack(columns), turns, strict=True)
+    ]
+    np.testing.assert_array_equal(np.concatenate([each.rows() for each in frames]), blocks.rows())
+    unseen = blocks.answered & (blocks.identity == 0)
+    felt = np.isin(blocks.sample, blocks.sample[blocks.answered & (blocks.identity > 0)])
+    assert np.count_nonzero(unseen & felt) > 20
+    assert np.count_nonzero(unseen & ~felt) > 20
+    assert np.median(np.linalg.norm(blocks.force[unseen] - push, axis=1)) < 2.0

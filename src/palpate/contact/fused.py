@@ -125,7 +125,7 @@ class Fused(Value):
 
 
 class FusedFrames(NamedTuple):
-    """Forces of the contacts of many frames, frame by frame, and how well each frame's wrench fits to them.
+    """Hold the forces of the contacts of many frames, frame by frame, and how well each frame's wrench fits to them.
 
     Attributes:
         force, share, bound: (m, 3), (m,), (m,) of each contact, as in `Fused`.
@@ -260,12 +260,12 @@ class FusedLocator:
         _fused.fuse_frames(contacts, counts, wrenches, covariances, self._settings, *into)
         outside, notes = broken > 0, tuple[str, ...]()
         if outside.any():
-            which, told = np.repeat(outside, counts), totals[outside]
+            which, off = np.repeat(outside, counts), totals[outside]
             size, at = 3 * counts[outside], ends[outside]
             wholes = [covariance[end - n * n : end].reshape(n, n) for n, end in zip(size, at, strict=True)]
             given = (out[which, :3], contacts[which, 3:6], counts[outside], wholes)
-            out[which, :3], notes = self._within(*given, told)
-            totals[outside] = told
+            out[which, :3], notes = self._within(*given, off)
+            totals[outside] = off
         force, p = out[:, :3].copy(), totals[:, 9]
         _, bound = self._slack(force, contacts[:, 3:6])
         whitened = totals[:, 10:].copy()
@@ -324,8 +324,8 @@ class FusedLocator:
         broken = _fused.fuse(*given, self._settings, work, out, covariance, totals, factors)
         force, notes = out[:, :3], tuple[str, ...]()
         if broken:  # of several sensors, nothing says whose wrench is that much further off
-            told = totals if sensors == 1 else np.zeros((1, 16))
-            force, notes = self._within(force, contacts[:, 3:6], np.array([count]), [covariance], told)
+            off = totals if sensors == 1 else np.zeros((1, 16))
+            force, notes = self._within(force, contacts[:, 3:6], np.array([count]), [covariance], off)
         slack, bound = self._slack(force, contacts[:, 3:6])
         p = totals[:, 9].copy()
         told = np.full((len(wrenches), 8), np.nan)
@@ -363,7 +363,7 @@ class FusedLocator:
     def _slack(
         self, force: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"]
     ) -> tuple[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-        """Friction times the normal less the tangential force, and whether the cone binds."""
+        """Return friction times the normal less the tangential force, and whether the cone binds."""
         normal = -np.einsum("ni,ni->n", force, normals)
         across = np.linalg.norm(force + normal[:, None] * normals, axis=1)
         slack = self.settings.friction * normal - across
@@ -385,7 +385,7 @@ class FusedLocator:
         return self.unseen_by(given.whitened[k].copy(), given.factors[k].copy())
 
     def unseen_by(self, whitened: Float[np.ndarray, "6"], factor: Float[np.ndarray, "6 6"]) -> Unseen:
-        """`unseen` of one wrench, as `FusedFrames` has it.
+        """Return where a contact could be that one whitened wrench feels and the skin does not.
 
         Raises:
             InputError: a number is not finite, as of a frame without a wrench.
@@ -412,7 +412,7 @@ class FusedLocator:
         return self._fused(contacts, given.wrenches.copy(), given.covariances.copy(), carries)
 
     def unseen_row(self, unseen: Unseen, place: int = 0) -> Float[np.ndarray, "17"]:
-        """An unseen contact in the form of `rows`."""
+        """Return an unseen contact as a row of `rows`."""
         new = np.zeros(17)
         new[:3], new[3:6] = unseen.points[place], unseen.normals[place]
         new[6], new[7] = PUSHES.mean(), PUSHES.std()

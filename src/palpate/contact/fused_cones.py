@@ -29,7 +29,7 @@ def within_cones(
     covariances: Sequence[Float[np.ndarray, "_ _"]],
     friction: float,
 ) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, " n"], tuple[str, ...]]:
-    """The forces f with the least (f - force)^T covariance^-1 (f - force) of those within the cones, frame by frame.
+    """Return the forces f within the cones with the least (f - force)^T covariance^-1 (f - force), frame by frame.
 
     With covariance = S S^T and f = force + S x it is the shortest x whose f lies in second-order cones
     |t_i| <= friction n_i: a problem of a frame's cones, solved by clarabel.
@@ -70,15 +70,15 @@ def within_cones(
 def _shortest(
     clarabel: Any, matrix: Float[np.ndarray, "m s"], given: Float[np.ndarray, " m"]
 ) -> Float[np.ndarray, " s"] | None:
-    """The x for which `given` + `matrix` x lies in its cones; None where there is none."""
+    """Return the x for which `given` + `matrix` x lies in its cones; None where there is none."""
     count, size = len(given) // 3, matrix.shape[1]
     if not size:
         return None
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     cones = [clarabel.SecondOrderConeT(3)] * count
-    whole = (_identity(size), [0.0] * size, _columns(-matrix), given.tolist(), cones, settings)
-    solved = clarabel.DefaultSolver(*whole).solve()
+    problem = (_identity(size), [0.0] * size, _columns(-matrix), given.tolist(), cones, settings)
+    solved = clarabel.DefaultSolver(*problem).solve()
     return np.asarray(solved.x) if str(solved.status) in ("Solved", "AlmostSolved") else None
 
 

@@ -394,7 +394,7 @@ class FusedEstimator:
         counts: Int[np.ndarray, " n"],
         located: _Located,
     ) -> _Framed:
-        """Frames: rows of the skin, `counts` of each, then one of what it does not feel."""
+        """Return the rows of frames: the skin's, `counts` of each, then one of what it does not feel; and how many."""
         wrenches, covariances, status = located
         frame = np.repeat(np.arange(len(counts)), counts)
         touching = np.asarray(np.isfinite(skin[:, ROW.point]).all(axis=1))
@@ -419,16 +419,16 @@ class FusedEstimator:
         if not found:
             return rows, counts
         more = np.isin(np.arange(len(counts)), list(found))
-        beside, ends, instead = more[frame], np.cumsum(counts)[more], more & (pressed == 0)
+        within, ends, instead = more[frame], np.cumsum(counts)[more], more & (pressed == 0)
         kept = np.insert(~instead[frame], ends, True)  # not the row that says that there is no contact
         new = np.array([place.row for place in found.values()])
         new[:, after + UNEXPLAINED] = fused.p[more]
         rows = np.insert(rows, ends, new, axis=0)[kept]
         new = [place.contact for place in found.values()]
-        contacts = np.insert(contacts[beside[touching]], np.cumsum(pressed[more]), new, axis=0)
+        contacts = np.insert(contacts[within[touching]], np.cumsum(pressed[more]), new, axis=0)
         fused = self.fused.fuse_frames(contacts, pressed[more] + 1, wrenches[more], covariances[more])
         self._noted |= dict.fromkeys(fused.notes)
-        pushed = np.insert(touching & beside, ends, True)[kept]
+        pushed = np.insert(touching & within, ends, True)[kept]
         _write(fused, rows, pushed, after)
         return rows, np.where(instead, 0, counts) + more
 
@@ -460,17 +460,17 @@ class FusedEstimator:
     def _unseen(
         self,
         time: Float[np.ndarray, " n"],
-        told: Bool[np.ndarray, " n"],
+        reporting: Bool[np.ndarray, " n"],
         usable: Bool[np.ndarray, " n"],
         fused: FusedFrames,
     ) -> dict[int, _Place]:
         """Frames in which something lasts that the skin does not feel, and its place, which is looked for now and then.
 
-        `told`: frames in which skin or wrench tell something.
+        `reporting`: frames in which skin or wrench have something to say.
         """
         found = dict[int, _Place]()
         for k, now in enumerate(time.tolist()):
-            if not told[k]:
+            if not reporting[k]:
                 self._since = np.nan
             elif usable[k] and self._persists(now, bool(fused.alarm[k])):
                 if self._place is None or not now - self._looked < LOOKS:
@@ -488,7 +488,7 @@ class FusedEstimator:
         return time - self._since >= PERSISTS
 
     def _looked_for(self, whitened: Float[np.ndarray, "6"], factor: Float[np.ndarray, "6 6"]) -> _Place:
-        """The contact that the skin does not feel, where it is believed most."""
+        """Return the contact that the skin does not feel, where it is believed most."""
         places = self.fused.unseen_by(whitened, factor)
         inside, several = places.cluster == 0, int(places.cluster.max()) + 1
         believed = places.belief[inside].sum()
@@ -555,7 +555,7 @@ class _Beside:
 
 
 def _write(fused: FusedFrames, rows: Float[np.ndarray, "r w"], which: Bool[np.ndarray, " r"], after: int) -> None:
-    """What is known of the forces of contacts, into `which` of the rows."""
+    """Write what is known of the forces of contacts into `which` of the rows."""
     rows[which, ROW.force] = fused.force
     rows[which, after + SHARE], rows[which, after + BOUND] = fused.share, fused.bound
     rows[which, after + SPREAD : after + SPREAD + 6] = fused.spread

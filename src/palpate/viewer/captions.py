@@ -60,7 +60,7 @@ _INWARD = (
 
 
 def feature(name: str, among: Collection[str]) -> tuple[str, float, str]:
-    """What a feature among others is called, by how much it is multiplied to be shown, and its unit; "" for none."""
+    """Return a feature's name in words, by how much it is multiplied to be shown, and its unit; "" for none."""
     if name == "angle" and "axis_long" in among:  # files call two things so
         name = "axis_angle"
     return _FEATURES.get(name, (name.replace("_", " "), 1.0, ""))
@@ -100,7 +100,7 @@ def _contact(contact: ShownContact, magnification: int, single: bool) -> Iterato
 
 
 def is_shown(name: str, features: Collection[str]) -> bool:
-    """A feature has a row: neither the deviation of another one, nor what the number says already."""
+    """Return whether a feature has a row: the deviation of another one has none, nor what the number shows."""
     return name not in _INWARD and not (name.endswith("_sd") and name[:-3] in features)
 
 

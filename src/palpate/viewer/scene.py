@@ -255,7 +255,7 @@ class Scene:
 
     @cached_property
     def axes(self) -> Float[np.ndarray, "3 2 3"]:
-        """(3, 2, 3) [m] ends of the axes of the surface's frame, which leave the body."""
+        """Return (3, 2, 3) [m] ends of the axes of the surface's frame, which leave the body."""
         ends = np.diag(np.maximum(self.bounds[1], 0.0) + _OUT * self.size)
         return np.stack([np.zeros((3, 3)), ends], axis=1)
 
@@ -304,7 +304,7 @@ class Scene:
 
     @cached_property
     def turns(self) -> bool:
-        """The torque is drawn amid some touch."""
+        """Return whether the torque is drawn amid some touch."""
         return any(self.turning(self.at(k).contacts[0]) for k in thinned(self.timeline.touches, _FEW).tolist())
 
     def ready(self) -> None:

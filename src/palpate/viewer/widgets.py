@@ -106,7 +106,7 @@ def add_curves(
 
 
 def along_time() -> dict[str, Any]:
-    """What the plots of all pages are: so high, with time along, no number of an axis cut, and a legend below."""
+    """Return the options of a plot over time: its height, padding for the numbers of its axes, a legend below."""
     from viser import uplot
 
     bare = uplot.Axis_Ticks(show=False)

@@ -105,7 +105,7 @@ class WrenchMeans:
     def _mean(
         self, values: Float[np.ndarray, "k 6"], first: Int[np.ndarray, " n"], counts: Int[np.ndarray, " n"]
     ) -> Float[np.ndarray, "n 6"]:
-        """Of so many readings from the `first` on, each added to those before it; or the first that is saturated."""
+        """Return the sums of `counts` readings from the `first` on, added in order; or the first that is saturated."""
         made = np.zeros((len(first), 6))
         for k in range(int(counts.max(initial=0))):
             more = counts > k
