@@ -9,6 +9,8 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from itertools import cycle, islice
+from math import ceil
 from pathlib import Path
 from statistics import median
 
@@ -22,12 +24,13 @@ ROOT = Path(__file__).parents[1]
 ROUNDS = 41
 MOST = 1.05  # times
 SENSORS = ("six-axis", "load_cells", "skin", "skin_and_wrench")
-CALLS = {  # what, the call, and how many of them make a round
-    "one `palpate.locate`": ("palpate.locate(wrench, mesh)", 5000),
-    "one live sample, six-axis (`update_into`)": ("estimator.update_into(0.0, wrench, row)", 5000),
-    "10,000 wrenches by `Locator.run`": ("locator.run(many, sequential=False)", 3),
-    **{f"{name}: 100 samples by `update_into`": (f"loop({name!r})", 3) for name in SENSORS},
-    **{f"{name}: 100 samples by `run`": (f"sides[{name!r}][0].run(sides[{name!r}][1])", 10) for name in SENSORS},
+LASTS = 0.1  # s of CPU that a round takes at least: of rounds of 5 ms, two equal sides differed by 36 %
+CALLS = {
+    "one `palpate.locate`": "palpate.locate(wrench, mesh)",
+    "one live sample, six-axis (`update_into`)": "estimator.update_into(0.0, wrench, row)",
+    "10,000 wrenches by `Locator.run`": "locator.run(many, sequential=False)",
+    **{f"{name}: 100 samples by `update_into`": f"loop({name!r})" for name in SENSORS},
+    **{f"{name}: 100 samples by `run`": f"sides[{name!r}][0].run(sides[{name!r}][1])" for name in SENSORS},
 }
 SIDE = """
 import sys, time
@@ -70,18 +73,17 @@ for line in sys.stdin:
 def rows(small: bool) -> Iterator[Row]:
     """Measure the median ratio of rounds."""
     there = os.environ.get("PALPATE_BESIDE")
-    what = "the other checkout's" if there else "numba's"
+    what, command = ("the other checkout's", f"PALPATE_BESIDE=DIR {COMMAND}") if there else ("numba's", COMMAND)
     sides = [_started(ROOT, "1"), _started(Path(there or ROOT).resolve(), "1" if there else "0")]
     try:
-        for name, (call, count) in CALLS.items():
-            if small and "sides" in call:
-                continue
-            count = max(1, count // 20) if small else count
-            times = [[_round(side, count, call) for side in sides] for _ in range(3 if small else ROUNDS)]
+        for name, call in CALLS.items():
+            count = ceil(LASTS / min(_round(side, 3, call) / 3 for side in sides))
+            turns = islice(cycle((1, -1)), 3 if small else ROUNDS)  # each side is first in every other round
+            times = [[_round(side, count, call) for side in sides[::turn]][::turn] for turn in turns]
             ratio = median(here / other for here, other in times)
             here, other = (1e6 * median(each) / count for each in zip(*times, strict=True))
             got = f"{ratio:.3f} times ({here:.1f} us, {other:.1f} there; {len(times)} rounds in turns, CPU)"
-            yield Row(NAME, name, f"<= 1.05 times {what}", got, None if small else ratio <= MOST, COMMAND)
+            yield Row(NAME, name, f"<= 1.05 times {what}", got, None if small else ratio <= MOST, command)
     finally:
         for side in sides:
             side.kill()

@@ -163,9 +163,10 @@ def _pairs(folder: Path, count: int, formats: Sequence[str]) -> Iterator[Row]:
             both = [each.ended() for each in [_Running(folder, [*words, output]) for output in outputs]]
             codes = sorted(each.code in (0, 4) for each in both)
             won += codes == [False, True] and (folder / outputs[0]).exists()
-            said = [each.said for each in both if each.code not in (0, 4)]
-            refused += (known := any("is being written already" in each for each in said))
-            others += [] if known else [f"codes {[each.code for each in both]}: {' | '.join(said)[-120:]}"]
+            if any(each.code == 1 and "is being written already" in each.said for each in both):
+                refused += 1
+            else:
+                others.append(f"{[(each.code, each.said[-60:]) for each in both]}")
         litter = [file.name for file in folder.iterdir() if file.suffix in (".lock", ".part")]
         got = f"{won} with one that wins, {refused} with one that says so, {len(litter)} files left over"
         got += f"; {others[0]}" if others else ""

@@ -34,7 +34,7 @@ class _Numbers:
 
 
 def by_name(dotted: str) -> Any:
-    """Return what a module defines, imported now: for methods of values that open files, which their rooms do not.
+    """Return what a module defines, imported now: for values that are saved or drawn, and tables of classes.
 
     Args:
         dotted: module and name, "palpate.io.contacts.read_contacts".

@@ -31,9 +31,9 @@ GROUP = re.compile(r"^  ([a-z][\w-]*) ", re.MULTILINE)
 
 
 def play(steps: list[dict[str, Any]], folder: Path) -> None:
-    """Play each step in its folder; what it said, and how it ended, goes to `said` beside them."""
-    said = folder / "said"
-    said.mkdir()
+    """Play each step in its folder; what it printed, and how it ended, goes to the folder `printed`."""
+    printed = folder / "printed"
+    printed.mkdir()
     for step in steps:
         os.chdir(folder / step["folder"])
         out, err = io.StringIO(), io.StringIO()
@@ -44,7 +44,7 @@ def play(steps: list[dict[str, Any]], folder: Path) -> None:
             except BaseException as problem:  # whatever it is, it is what is compared
                 code = "".join(traceback.format_exception_only(problem)).strip()
         text = f"{' '.join(step.get('words', [step.get('python', '')]))}\n{code}\n{out.getvalue()}\n{err.getvalue()}"
-        (said / f"{step['name']}.txt").write_text(text)
+        (printed / f"{step['name']}.txt").write_text(text)
 
 
 def helps() -> None:

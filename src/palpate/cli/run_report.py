@@ -39,7 +39,7 @@ from palpate.viewer.zero_plot import zeros
 __all__ = ["force_torque", "load_cells", "run_of", "taxels", "wrench_settings"]
 
 Facts = tuple[tuple[str, str], ...]
-OF_WRENCHES = ("crease", "noise_source")  # options of a record that `wrench_settings` does not show
+OF_WRENCHES = ("crease", "noise_source")  # settings that `wrench_settings` does not have
 _SETTINGS = {  # of estimators, as rigs name them -> in words, by how much they are multiplied, and in which unit
     "on": ("a contact begins at", 1.0, "deviations of the noise"),
     "off": ("a contact ends at", 1.0, "deviations of the noise"),
@@ -47,19 +47,19 @@ _SETTINGS = {  # of estimators, as rigs name them -> in words, by how much they 
     "share": ("and from", 1e2, "% of the lower peak"),
     "unequal": ("gains of cells differ by", 1e2, "%"),
     "drift": ("the rest is followed within", 1.0, "s"),
-    "walk": ("the rest wanders by", 1.0, "counts/√s"),
+    "walk": ("drift of the rest", 1.0, "counts/√s"),
     "reach": ("from frame to frame a contact moves by", 1e3, "mm at most"),
     "speed": ("and at", 1e3, "mm/s at most"),
     "patience": ("a lost contact is waited for", 1.0, "s"),
-    "apart": ("contacts are told apart from", 1.0, "°"),
+    "apart": ("two contacts are at least", 1.0, "° from each other"),
     "dropped": ("markers left out of a frame", 1.0, "at most"),
     "shift": ("a neighbour shifts a contact by", 1.0, "°"),
     "wide": ("widths differ by", 1.0, "deviations of the calibration's"),
     "tangential": ("tangential force", 1e2, "% of the normal force (one standard deviation)"),
-    "gain": ("gain of the skin", 1e2, "% off (one standard deviation)"),
-    "floor": ("force of the skin", 1.0, "N off beside that (one standard deviation)"),
+    "gain": ("error of the skin's gain", 1e2, "% (one standard deviation)"),
+    "floor": ("and of its force", 1.0, "N (one standard deviation)"),
     "alarm": ("false alarms", 1e2, "%"),
-    "turns": ("prior written anew", 1.0, "times"),
+    "turns": ("the prior is updated", 1.0, "times"),
     "crease": ("edges are sharp from", 1.0, "°"),
 }
 
@@ -77,15 +77,15 @@ def run_of(
         warnings: that were said to the user.
     """
     estimator, log = pipeline.estimator, pipeline.log
-    shown = {*pipeline.facts, "sensor"} - {*(OF_WRENCHES if isinstance(estimator, WrenchEstimator) else ())}
+    names = OF_WRENCHES if isinstance(estimator, WrenchEstimator) else pipeline.facts
     run = Run(
         log.path.name,
         output,
         f"and turned into contacts as those of {log.kind.called}",
         summary,
-        settings=tuple(_setting(name, value) for name, value in pipeline.facts.items() if value is not None),
+        settings=tuple(_setting(name, pipeline.facts[name]) for name in names if pipeline.facts.get(name) is not None),
         provenance={
-            name.replace("_", " "): text for name, text in record.items() if name not in shown and text != "whole"
+            name: text for name, text in record.items() if name not in {*pipeline.facts, "sensor"} and text != "whole"
         },
         stages={"read": log.seconds, **pipeline.seconds},
         notes=tuple(pipeline.notes()),
@@ -124,7 +124,7 @@ def _of_wrenches(run: Run, rig: Rig, estimator: WrenchEstimator) -> Run:
         method=f"{compensated}, and located on {_surface_name(rig)} by the {rig.estimate.method.replace('_', ' ')} "
         "method",
         body=(drawn.vertices, drawn.faces),
-        settings=wrench_settings(rig, estimator.locator, sensor.noise, filtered),
+        settings=(*wrench_settings(rig, estimator.locator, sensor.noise, filtered), *run.settings),
         uncertainties=("the sensor's noise", *(f"{name} uncertainty" for name, there in held if there)),
     )
     zero = zero_section(estimator)

@@ -17,7 +17,7 @@ __all__ = ["Events", "largest_deviation"]
 
 @called_as("contacts.touches()[0]", contacts="contacts[(contacts.time >= touch.start) & (contacts.time <= touch.end)]")
 class Touch(SimpleNamespace):
-    """One of `Events`: its attributes, of this touch alone, and its `duration` [s]."""
+    """Hold one touch of `Events`: the same attributes, numbers and vectors, and its `duration` [s]."""
 
 
 @takes_arrays

@@ -352,7 +352,7 @@ class FusedLocator:
         covariances: list[np.ndarray],
         totals: Float[np.ndarray, "n 16"],
     ) -> tuple[Float[np.ndarray, "m 3"], tuple[str, ...]]:
-        """Forces of frames within their cones, and what could not be done; each wrench is as much further off."""
+        """Return forces within their cones and what could not be done; add to `totals` how far off each frame is."""
         from palpate.contact import _fused
 
         force, further, notes = within_cones(force, normals, counts, covariances, self.settings.friction)

@@ -83,7 +83,7 @@ def _shortest(
 
 
 class _Sparse(NamedTuple):
-    """What clarabel reads of a sparse matrix of SciPy, whose import takes longer than the forces of many frames."""
+    """Hold what clarabel reads of a sparse matrix of SciPy, whose import would take longer than many frames."""
 
     data: list[float]
     indices: list[int]
@@ -93,7 +93,7 @@ class _Sparse(NamedTuple):
 
 
 def _columns(matrix: Float[np.ndarray, "r c"]) -> _Sparse:
-    """All numbers of a matrix; lists, which clarabel reads in half the time."""
+    """Return a full matrix column by column; in lists, which clarabel reads in half the time."""
     height, width = matrix.shape
     ends = range(0, height * width + 1, height)
     return _Sparse(matrix.T.ravel().tolist(), [*range(height)] * width, [*ends], (height, width))
@@ -101,7 +101,7 @@ def _columns(matrix: Float[np.ndarray, "r c"]) -> _Sparse:
 
 @cache
 def _identity(size: int) -> _Sparse:
-    """Made once for each number of contacts."""
+    """Return the identity matrix, made once for each size."""
     return _Sparse([1.0] * size, [*range(size)], [*range(size + 1)], (size, size))
 
 

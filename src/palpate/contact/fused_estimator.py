@@ -433,7 +433,7 @@ class FusedEstimator:
         return rows, np.where(instead, 0, counts) + more
 
     def _pressing(self, skin: Float[np.ndarray, "n v"]) -> Float[np.ndarray, "n 17"]:
-        """Contacts of the skin as `fused` takes them."""
+        """Return contacts of the skin as `fused` takes them."""
         normals, status = skin[:, ROW.normal], skin[:, ROW.status]
         normal = np.maximum(-np.sum(normals * skin[:, ROW.force], axis=1), 0.0)
         deviations = np.where(status == Status.SATURATED, np.maximum(normal, 1.0), 0.0)
@@ -448,7 +448,7 @@ class FusedEstimator:
         touched: Bool[np.ndarray, " n"],
         alarm: Bool[np.ndarray, " n"],
     ) -> None:
-        """Whether skin and wrench say the same, for doubts."""
+        """Count the frames in which skin and wrench disagree, for doubts."""
         total = np.zeros((len(wrenches), 3))
         np.add.at(total, frame, forces)
         unexplained = touched & alarm
@@ -464,7 +464,7 @@ class FusedEstimator:
         usable: Bool[np.ndarray, " n"],
         fused: FusedFrames,
     ) -> dict[int, _Place]:
-        """Frames in which something lasts that the skin does not feel, and its place, which is looked for now and then.
+        """Return frames in which something lasts that the skin does not feel, with its place, looked for now and then.
 
         `reporting`: frames in which skin or wrench have something to say.
         """

@@ -43,7 +43,7 @@ def uncertain(value: float, deviation: float, most: int = _DECIMALS) -> str:
 
 
 def three_digits(value: float) -> str:
-    """Return a value to three digits, or to the unit where that is finer."""
+    """Return a value to three digits; a large one to the unit, and never more than six places behind the point."""
     return rounded(value, abs(value) / 10)
 
 

@@ -105,7 +105,7 @@ class WrenchMeans:
     def _mean(
         self, values: Float[np.ndarray, "k 6"], first: Int[np.ndarray, " n"], counts: Int[np.ndarray, " n"]
     ) -> Float[np.ndarray, "n 6"]:
-        """Return the sums of `counts` readings from the `first` on, added in order; or the first that is saturated."""
+        """Return the means of `counts` readings from the `first` on; where one is saturated, the first such reading."""
         made = np.zeros((len(first), 6))
         for k in range(int(counts.max(initial=0))):
             more = counts > k
