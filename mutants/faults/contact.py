@@ -215,14 +215,9 @@ FAULTS: list[Fault] = [
         ),
     ),
     *of(
-        "contact/fused_estimator.py",
+        "contact/surface_wrenches.py",
         "tests/contact/test_fused_estimator.py",
-        (
-            "the zero from both sides is not used",
-            "follower.sensor.follow(zero)",
-            "follower.sensor.follow(None)",
-            "_both_sides",
-        ),
+        ("the zero from both sides is not used", "self.sensor.follow(zero)", "self.sensor.follow(None)"),
     ),
     *of(
         "contact/_taxels.py",

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from functools import wraps
 from importlib import import_module
-from inspect import Signature, signature, unwrap
+from inspect import Signature, getattr_static, signature, unwrap
 from os import PathLike
-from types import NoneType, UnionType
+from types import FunctionType, NoneType, UnionType
 from typing import Any, TypeVar, Union, cast, get_args, get_origin
 
 import numpy as np
@@ -61,14 +61,12 @@ def called_as(line: str, **lines: str) -> Callable[[_Made], _Made]:
 
     def decorated(made: Any) -> Any:
         if not isinstance(made, type):
-            return _explained(made, line, lines)
+            return _explained(made, made.__qualname__, line, lines)
         for name, written in {"__init__": line, **lines}.items():
-            method: Any = vars(made).get(name)
-            if method is None and name != "__init__" and hasattr(made, name):
-                raise TypeError(f"{made.__name__} inherits {name}: decorate the class that defines it")
-            if method is not None:
-                of_class = type(method) is classmethod
-                plain = _explained(method.__func__ if of_class else method, written, {})
+            method: Any = getattr_static(made, name, None)
+            of_class, where = type(method) is classmethod, f"{made.__qualname__}.{name}".partition(".__")[0]
+            if of_class or type(method) is FunctionType:
+                plain = _explained(getattr(method, "__func__", method), where, written, {})
                 setattr(made, name, classmethod(plain) if of_class else plain)
         cast("Any", made).__getattr__ = _answering(lines)
         return made
@@ -90,7 +88,7 @@ def _answering(lines: Mapping[str, str]) -> Callable[[object, str], Any]:
     return answer
 
 
-def _explained(function: Any, line: str, lines: Mapping[str, str]) -> Any:
+def _explained(function: Any, where: str, line: str, lines: Mapping[str, str]) -> Any:
     @wraps(function)
     def explaining(*args: Any, **kwargs: Any) -> Any:
         try:
@@ -99,7 +97,6 @@ def _explained(function: Any, line: str, lines: Mapping[str, str]) -> Any:
             wrong = _wrong(function, args, kwargs) or _unfit(function, problem)
             if not wrong:
                 raise
-            where = function.__qualname__.partition(".__")[0]
             meant = next((lines[name] for name in kwargs if name in lines), line)
             raise InputError(wrong, where=where, hint=f"Write {meant}.") from problem
 

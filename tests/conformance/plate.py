@@ -40,6 +40,9 @@ class Plate:
     def ready(self, blocks: Iterable[Recording]) -> Iterator[Recording]:
         return iter(blocks)
 
+    def smoothed_by(self, filter: Any, rate: Any, share: float) -> None:
+        pass
+
     def measure(self, recording: Recording) -> Loads:
         forces = recording.channels.get("plate", np.empty((0, 0)))
         if forces.shape[1:] != (3,):

@@ -12,7 +12,8 @@ import pytest
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import CHI2_95, Status
-from palpate.contact.taxel_estimator import TaxelEstimator, TaxelSettings
+from palpate.contact.taxel_estimator import TaxelEstimator
+from palpate.contact.taxel_settings import TaxelSettings
 from palpate.errors import InputError
 from palpate.sensors.drift import Drift
 from palpate.sensors.filters import Butterworth, Filter, Kalman

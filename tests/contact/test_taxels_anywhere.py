@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from palpate.contact.taxel_estimator import TaxelEstimator, TaxelSettings
+from palpate.contact.taxel_estimator import TaxelEstimator
+from palpate.contact.taxel_settings import TaxelSettings
 from palpate.sensors.taxel_health import Health
 from palpate.sensors.taxels import TaxelBody
 from palpate.spatial.pose import Pose

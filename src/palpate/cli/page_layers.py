@@ -6,14 +6,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from palpate.contact.estimator import ContactEstimator
-from palpate.contact.fused_estimator import FusedEstimator
-from palpate.contact.ring_estimator import RingEstimator
-from palpate.contact.taxel_estimator import TaxelEstimator
 from palpate.io.rig import Rig
 from palpate.io.rig.load_cells import RigLoadCells
 from palpate.io.rig.marker_ring import rig_ring, ring_surface
 from palpate.io.rig.skin import rig_body
+from palpate.sensors.recording import IMAGE, Recording
 from palpate.surfaces import Surface
 from palpate.viewer.load_cells import LoadCellLayer
 from palpate.viewer.marker_ring import RingLayer, compressed
@@ -30,21 +27,13 @@ class Kept:
     parts: list[np.ndarray] = field(default_factory=list[np.ndarray])
     frames: list[bytes] = field(default_factory=list[bytes])
 
-    def options(self, estimator: ContactEstimator) -> dict[str, object]:
-        """Of the estimator's `pairs`, so that it hands them over."""
-        if isinstance(estimator, TaxelEstimator | FusedEstimator):
-            return {"forces": self._keep_forces}
-        return {"markers": self._keep_markers} if isinstance(estimator, RingEstimator) else {}
-
-    def _keep_forces(self, cells: np.ndarray) -> None:
-        self.parts.append(cells.reshape(len(cells), -1).astype(np.float32))
-
-    def _keep_markers(self, frames: np.ndarray, pixels: np.ndarray) -> None:
-        self.frames += [compressed(frame) for frame in frames]
-        self.parts.append(pixels.astype(np.float32))
+    def keep(self, block: Recording, seen: np.ndarray) -> None:
+        """Keep what an estimator's `pairs` hands over of a block."""
+        self.frames += [compressed(frame) for frame in block.channels.get(IMAGE, ())]
+        self.parts.append(seen.astype(np.float32))
 
     def joined(self) -> np.ndarray | None:
-        """Of all blocks."""
+        """Return what was kept of all blocks; None where it is nothing."""
         return np.concatenate(self.parts) if self.parts else None
 
 

@@ -128,7 +128,7 @@ def _estimated(path: Path, setup: Setup, rig: Rig) -> tuple[Scene, list[str]]:
     pipeline = Pipeline.of(log)
     kept, parts, done = Kept(), list[Contacts](), 0
     with counting():
-        for block, found, _ in pipeline.stream(**kept.options(pipeline.estimator)):
+        for block, found, _ in pipeline.stream(kept.keep):
             parts.append(found)
             done += len(block)
             progress(done, log.position / max(log.size, 1))

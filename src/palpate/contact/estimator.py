@@ -1,27 +1,262 @@
-"""What turns readings into contacts, for every sensor: what commands, pages and live loops know."""
+"""Turn readings into contacts, for every sensor: the base class of all estimators."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from types import MappingProxyType
-from typing import Any, Protocol, cast, runtime_checkable
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from palpate.contact.contacts import Contacts
+from palpate.contact.estimate import ROW
 from palpate.errors import InputError
-from palpate.sensors.recording import Recording
+from palpate.sensors.filters import Filter
+from palpate.sensors.recording import Recording, apart
+from palpate.sensors.smoothing import require_forward
 from palpate.sensors.wrench_sensor import Tare
-from palpate.spatial._arrays import FLOAT, shaped
+from palpate.spatial._arrays import FLOAT, require_out, shaped
 from palpate.spatial.pose import Pose
 
-__all__ = ["NOTHING_BESIDE", "ContactEstimator"]
+__all__ = ["NOTHING_BESIDE", "Answered", "ContactEstimator"]
 
 NOTHING_BESIDE: Mapping[str, np.ndarray] = MappingProxyType({})
 
 _COUNT = np.dtype(np.int64)
+
+
+class Answered(NamedTuple):
+    """Samples with their contacts.
+
+    Attributes:
+        block: the samples.
+        rows: (r, width) of all of them, in order.
+        counts: (n,) how many rows each sample has.
+        seen: what the sensor shows beside contacts: the force [N] of each taxel, (n, k); the places [px] of the
+            markers, (n, m, 2); None: nothing, or it was not asked for.
+    """
+
+    block: Recording
+    rows: Float[np.ndarray, "r width"]
+    counts: Int[np.ndarray, " n"]
+    seen: np.ndarray | None = None
+
+
+class ContactEstimator(ABC):
+    """Turn readings into contacts; blocks of any size give the same contacts to the last bit.
+
+    The estimator of a sensor defines `answer`, `reset`, `tare` and `_single`; it overrides `answers` where a log is
+    answered better with what comes after a block, and `_arrays` where arrays are answered sooner than recordings.
+
+    Args:
+        channels: that a recording must have.
+        features: names of the columns that the sensor adds.
+        most: rows that one sample has at most.
+        mount: T_sensor_surface, for results in other frames; None: the identity.
+        filter: of the readings; one of zero phase works in `pairs` and `stream` only.
+        dtype: of a reading.
+    """
+
+    def __init__(
+        self,
+        channels: tuple[str, ...],
+        features: tuple[str, ...] = (),
+        most: int = 1,
+        mount: Pose | None = None,
+        filter: Filter | None = None,
+        dtype: np.dtype[Any] = FLOAT,
+    ) -> None:
+        self.channels, self.features, self.most, self.filter = channels, features, most, filter
+        self.mount = Pose.identity() if mount is None else mount
+        self._width, self._dtype = ROW.length + len(features) + (most > 1), dtype
+        self._samples = 0  # that `update`, `update_into` and `run_into` have answered
+
+    @abstractmethod
+    def answer(self, block: Recording, watched: bool = False) -> Answered:
+        """Answer the samples of a block by those before them.
+
+        Args:
+            block: the samples.
+            watched: return what the sensor shows beside contacts, too.
+        """
+
+    @abstractmethod
+    def tare(self, recording: Recording) -> Tare:
+        """Take what a window reads off from now on, in place of an earlier tare; then `reset`.
+
+        Args:
+            recording: steady and untouched.
+
+        Returns:
+            what was taken off, and a warning where it could be a touch, each as a sentence.
+
+        Raises:
+            InputError: too few samples, or not steady: what was seen.
+        """
+
+    @abstractmethod
+    def reset(self) -> None:
+        """Forget what samples left; not the tare."""
+        self._samples = 0
+
+    @abstractmethod
+    def notes(self) -> tuple[str, ...]:
+        """Return what was met so far, one sentence each."""
+
+    @abstractmethod
+    def doubts(self) -> tuple[str, ...]:
+        """Return what may be wrong, one sentence each."""
+
+    @abstractmethod
+    def _single(
+        self,
+        time: float,
+        reading: ArrayLike,
+        out: Float[np.ndarray, "rows width"],
+        rotation: ArrayLike | None,
+        acceleration: ArrayLike | None,
+    ) -> int:
+        """Write the contacts of one sample, as many as fit, and return how many."""
+
+    def answers(self, blocks: Iterable[Recording], watched: bool = False) -> Iterator[Answered]:
+        """Answer the blocks of a log, from its start, each as soon as its contacts are known.
+
+        Args:
+            blocks: of the log.
+            watched: return what the sensor shows beside contacts, too.
+        """
+        return (self.answer(block, watched) for block in blocks)
+
+    def empty(self, *batch: int) -> Float[np.ndarray, "*batch width"]:
+        """Return rows to write into: `contact.estimate.ROW`, `features`, and the identity where `most` is above 1."""
+        return np.zeros((*batch, self._width))
+
+    def run(self, recording: Recording) -> Contacts:
+        """Return the contacts of a block in the surface's frame, at least one row a sample.
+
+        Raises:
+            InputError: a channel is missing or has another shape, or the filter looks ahead.
+        """
+        require_forward(self.filter)
+        return self._contacts(self.answer(recording), 0)
+
+    def pairs(
+        self, blocks: Iterable[Recording], watch: Callable[[Recording, np.ndarray], None] | None = None
+    ) -> Iterator[tuple[Recording, Contacts]]:
+        """Yield each block of a log with its contacts, in order, as soon as they are known.
+
+        Args:
+            blocks: from the start of the log.
+            watch: is given each block with what the sensor shows beside contacts: see `Answered.seen`.
+
+        Raises:
+            InputError: a channel is missing or has another shape.
+        """
+        first = 0
+        for answered in self.answers(blocks, watch is not None):
+            if watch is not None and answered.seen is not None:
+                watch(answered.block, answered.seen)
+            yield answered.block, self._contacts(answered, first)
+            first += len(answered.block)
+
+    def stream(self, blocks: Iterable[Recording]) -> Iterator[Contacts]:
+        """Yield the contacts of `pairs` alone."""
+        return (contacts for _, contacts in self.pairs(blocks))
+
+    def update(
+        self,
+        time: ArrayLike,
+        reading: ArrayLike,
+        rotation: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
+    ) -> Contacts:
+        """Return the contacts of one live sample in the surface's frame; one row that says so where there is none.
+
+        Args:
+            time: [s] on the clock of the samples.
+            reading: as measured; the class says what it is.
+            rotation: (3, 3) sensor in base, where payload or frame need it; NaN: not known now.
+            acceleration: (3,) [m/s^2] of the sensor's origin in the sensor's frame; None: at rest.
+
+        Raises:
+            InputError: the reading has another shape; the rotation is needed and there is none; the rest of a skin is
+                not known; the filter looks ahead.
+        """
+        rows, time, first = self.empty(self.most), instant(time), self._samples
+        rows = rows[: self.update_into(time, reading, rows, rotation, acceleration)]
+        sample = np.full(len(rows), first)
+        return Contacts.of_rows(sample, np.full(len(rows), time, dtype=np.float64), rows, self.features)
+
+    def update_into(
+        self,
+        time: ArrayLike,
+        reading: ArrayLike,
+        out: Float[np.ndarray, "*rows width"],
+        rotation: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
+    ) -> int:
+        """Write the contacts of one live sample into rows of `empty`, for a control loop.
+
+        Returns:
+            how many rows were written: at least 1, and as many as fit.
+        """
+        require_forward(self.filter)
+        count = self._single(instant(time), reading, rows_of(out, self._width), rotation, acceleration)
+        self._samples += 1
+        return count
+
+    def run_into(
+        self,
+        time: ArrayLike,
+        readings: ArrayLike,
+        out: Float[np.ndarray, "rows width"],
+        counts: Int[np.ndarray, " n"],
+        beside: Mapping[str, ArrayLike] = NOTHING_BESIDE,
+    ) -> int:
+        """Write the contacts of arrays of samples into rows of `empty`, for streams.
+
+        Args:
+            time: [s].
+            readings: (n, ...) as `update` takes each.
+            out: written from its first row on.
+            counts: how many rows each sample has, in order; written.
+            beside: other channels of a `Recording`, such as `ORIENTATION`, as far as they are known.
+
+        Returns:
+            how many samples were answered: all, or as many as have room in `out`. Give the others again.
+        """
+        require_forward(self.filter)
+        require_out(out, (None, self._width))
+        done = self._arrays(*_samples(time, readings, counts, beside, self._dtype), out, counts)
+        self._samples += done
+        return done
+
+    def _arrays(
+        self,
+        time: Float[np.ndarray, " n"],
+        readings: np.ndarray,
+        beside: Mapping[str, np.ndarray],
+        out: Float[np.ndarray, "rows width"],
+        counts: Int[np.ndarray, " n"],
+    ) -> int:
+        """Answer arrays, as many samples as surely fit at a time; return how many."""
+        done = used = 0
+        while fits := min(len(time) - done, (len(out) - used) // self.most):
+            part = slice(done, done + fits)
+            channels = apart(self.channels, readings[part]) | {name: each[part] for name, each in beside.items()}
+            _, rows, counts[part], _ = self.answer(Recording(time[part], channels, source="the stream"))
+            out[used : used + len(rows)] = rows
+            done, used = done + fits, used + len(rows)
+        return done
+
+    def _contacts(self, answered: Answered, first: int) -> Contacts:
+        block, rows, counts, _ = answered
+        return Contacts.of_rows(
+            first + np.repeat(np.arange(len(block)), counts), np.repeat(block.time, counts), rows, self.features
+        )
 
 
 def instant(time: ArrayLike) -> float:
@@ -33,21 +268,27 @@ def instant(time: ArrayLike) -> float:
     return cast("float", time) if type(time) is float else float(shaped(time, (), "time"))
 
 
-def samples(
+def rows_of(out: Any, width: int) -> Float[np.ndarray, "rows width"]:
+    """Return the rows of `out` that an estimator can write into.
+
+    Raises:
+        InputError: they are not as `empty` makes them.
+    """
+    known = type(out) is np.ndarray and out.dtype == np.float64
+    if known and out.shape[-1:] == (width,) and out.ndim <= 2 and out.flags.carray and out.size:
+        return out.reshape(-1, width)
+    seen = [str(getattr(out, each)) for each in ("dtype", "shape") if hasattr(out, each)] or [type(out).__name__]
+    raise InputError(f"out must be rows of {width} as `empty` makes them, not {' '.join(seen)}.")
+
+
+def _samples(
     time: ArrayLike,
     readings: ArrayLike,
     counts: np.ndarray,
-    beside: Mapping[str, ArrayLike] = NOTHING_BESIDE,
-    dtype: np.dtype[Any] = FLOAT,
+    beside: Mapping[str, ArrayLike],
+    dtype: np.dtype[Any],
 ) -> tuple[Float[np.ndarray, " n"], np.ndarray, dict[str, np.ndarray]]:
-    """Return times, readings and other channels of `run_into` as compiled loops take them: contiguous, float64.
-
-    Args:
-        time: (n,) [s].
-        readings: (n, ...).
-        counts: to be written into.
-        beside: other channels, each (n, ...).
-        dtype: of the readings.
+    """Return times, readings and other channels as compiled loops take them: contiguous, float64.
 
     Raises:
         InputError: there is not one reading and one row of each other channel a time, or `counts` cannot take as many
@@ -68,112 +309,3 @@ def samples(
         seen = f"{getattr(counts, 'dtype', type(counts).__name__)} of shape {getattr(counts, 'shape', ())}"
         raise InputError(f"counts must be a writable, contiguous array of int64 and shape {time.shape}, not {seen}.")
     return time, made.pop("readings"), made
-
-
-def rows_of(out: Any, width: int) -> Float[np.ndarray, "rows width"]:
-    """Rows that an estimator's `update_into` can write into; raise an InputError where they are not as of `empty`."""
-    known = type(out) is np.ndarray and out.dtype == np.float64
-    if known and out.shape[-1:] == (width,) and out.ndim <= 2 and out.flags.carray and out.size:
-        return out.reshape(-1, width)
-    seen = [str(getattr(out, each)) for each in ("dtype", "shape") if hasattr(out, each)] or [type(out).__name__]
-    raise InputError(f"out must be rows of {width} as `empty` makes them, not {' '.join(seen)}.")
-
-
-@runtime_checkable
-class ContactEstimator(Protocol):
-    """Each sample is answered with what those before it left; blocks of any size give the same to the last bit."""
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """That a recording must have."""
-        ...
-
-    @property
-    def features(self) -> tuple[str, ...]:
-        """Names of the columns that the sensor adds."""
-        ...
-
-    @property
-    def most(self) -> int:
-        """Rows that one sample has at most."""
-        ...
-
-    @property
-    def mount(self) -> Pose:
-        """T_sensor_surface, for results in other frames."""
-        ...
-
-    def empty(self, *batch: int) -> Float[np.ndarray, "*batch width"]:
-        """Rows to write into: `ROW`, then features, then the identity where there are several contacts."""
-        ...
-
-    def reset(self) -> None:
-        """Forget what samples left; not the tare."""
-        ...
-
-    def tare(self, recording: Recording) -> Tare:
-        """Take what a steady, untouched window reads off from now on, in place of an earlier tare; then `reset`."""
-        ...
-
-    def run(self, recording: Recording) -> Contacts:
-        """Contacts of a block, in the surface's frame."""
-        ...
-
-    def pairs(self, blocks: Iterable[Recording]) -> Iterator[tuple[Recording, Contacts]]:
-        """Each block with its contacts, in order, as soon as they are known."""
-        ...
-
-    def stream(self, blocks: Iterable[Recording]) -> Iterator[Contacts]:
-        """The contacts alone."""
-        ...
-
-    def update(
-        self,
-        time: ArrayLike,
-        reading: ArrayLike,
-        rotation: ArrayLike | None = None,
-        acceleration: ArrayLike | None = None,
-    ) -> Contacts:
-        """Of one live sample."""
-        ...
-
-    def update_into(
-        self,
-        time: ArrayLike,
-        reading: ArrayLike,
-        out: Float[np.ndarray, "*rows width"],
-        rotation: ArrayLike | None = None,
-        acceleration: ArrayLike | None = None,
-    ) -> int:
-        """`update` into rows of `empty`; how many were written."""
-        ...
-
-    def run_into(
-        self,
-        time: ArrayLike,
-        readings: ArrayLike,
-        out: Float[np.ndarray, "rows width"],
-        counts: Int[np.ndarray, " n"],
-        beside: Mapping[str, ArrayLike] = NOTHING_BESIDE,
-    ) -> int:
-        """`run` of arrays into rows of `empty`, for streams.
-
-        Args:
-            time: [s].
-            readings: (n, ...) as `update` takes each.
-            out: written from its first row on.
-            counts: how many rows each sample has, in order.
-            beside: other channels of a `Recording`, such as `ORIENTATION`, as far as they are known.
-
-        Returns:
-            how many samples were answered: all, or as many as have room in `out`. Give the others again.
-        """
-        ...
-
-    def notes(self) -> tuple[str, ...]:
-        """What was met so far, one sentence each."""
-        ...
-
-    def doubts(self) -> tuple[str, ...]:
-        """What may be wrong."""
-        ...

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from types import TracebackType
 from typing import NamedTuple
@@ -10,11 +12,13 @@ import numpy as np
 from jaxtyping import Float, Int8
 
 from palpate.contact.locate import Locator
+from palpate.contact.surface_wrenches import Piece, Wrenches
 from palpate.contact.whole_touches import Located
 from palpate.sensors.recording import Recording
 
-__all__ = ["Pending"]
+__all__ = ["Pending", "located_in_threads"]
 
+AHEAD = 4  # blocks that may wait for the threads
 LONG = 8192  # samples without a rest that wait for one: others are measured meanwhile
 _Memory = Float[np.ndarray, " s"]
 _Part = tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"] | None, Int8[np.ndarray, " n"], np.ndarray]
@@ -130,6 +134,24 @@ class LocatingThreads:
         self, kind: type[BaseException] | None, raised: BaseException | None, at: TracebackType | None
     ) -> None:
         self._pool.shutdown(cancel_futures=raised is not None)
+
+
+def located_in_threads(
+    pieces: Iterable[tuple[Piece, Wrenches]], locator: Locator, threads: int
+) -> Iterator[tuple[Piece, Located]]:
+    """Yield each piece of a log located, by threads that work while the next ones are read, compensated and placed."""
+    waiting, blocks = deque[tuple[Piece, Pending]](), 0  # that wait from their first piece to their last
+    with LocatingThreads(locator, threads) as pool:
+        for piece, wrenches in pieces:
+            waiting.append((piece, pool.put(piece.samples, *wrenches)))
+            blocks += piece.ends is not None
+            while blocks > AHEAD:
+                first, part = waiting.popleft()
+                blocks -= first.ends is not None
+                yield first, part.result()
+        pool.finish()
+        for piece, part in waiting:
+            yield piece, part.result()
 
 
 def _part(located: Located, span: slice) -> _Part:

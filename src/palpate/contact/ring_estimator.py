@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from math import nan
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from palpate.calls import called_as
-from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, Status
-from palpate.contact.estimator import NOTHING_BESIDE, instant, rows_of, samples
+from palpate.contact.estimator import Answered, ContactEstimator, instant, rows_of
 from palpate.contact.ring_locator import RingFound, RingLocator, RingSettings
 from palpate.errors import InputError
 from palpate.sensors.marker_ring import MarkerRing
@@ -21,7 +19,7 @@ from palpate.sensors.markers import Frame, MarkerTracker
 from palpate.sensors.recording import IMAGE, Recording
 from palpate.sensors.ring_response import ring_basis
 from palpate.sensors.wrench_sensor import Tare
-from palpate.spatial._arrays import require_out, shaped
+from palpate.spatial._arrays import shaped
 from palpate.spatial.pose import Pose
 
 __all__ = ["FEATURES", "RingEstimator"]
@@ -35,10 +33,10 @@ _STEADY = 3.0  # times the calibration's jitter: a tare in which markers move mo
 
 
 @called_as('palpate.load_rig("rig.toml").estimator()')
-class RingEstimator:
-    """The estimator of a marker ring.
+class RingEstimator(ContactEstimator):
+    """Locate the contacts in each image of a marker ring, by where markers and contacts were in the one before.
 
-    Each frame is answered with what those before it left: where the markers were, the contacts, their identities. The
+    A reading is an image (height, width, 3), uint8; orientation and acceleration make no difference. The
     place is that of the centre of pressure on the outer surface, at the height of the markers; the force is what the
     environment presses with, inwards and along the ring; the torque is NaN. IMPLAUSIBLE: located, but the markers move
     as no few contacts can make them. INVALID: a black, frozen or unfitting frame, or fewer than half of the markers.
@@ -53,14 +51,11 @@ class RingEstimator:
         mount: T_sensor_surface.
     """
 
-    channels = (IMAGE,)
-    features = FEATURES
-
     def __init__(self, ring: MarkerRing, settings: RingSettings | None = None, *, mount: Pose | None = None) -> None:
         from palpate.contact import _ring, _track  # compiled: loaded when first needed
 
+        super().__init__((IMAGE,), FEATURES, _ring.MOST, mount, dtype=UINT8)
         self.ring, self.settings = ring, settings or RingSettings()
-        self.mount = Pose.identity() if mount is None else mount
         self._tared: Tare | None = None
         self._scratch, self._nothing = self.empty(_ring.MOST), self.empty()
         self._nothing[:_SEEN] = np.nan
@@ -77,28 +72,16 @@ class RingEstimator:
         self._widths = _dent_widths(ring)
         self.reset()
 
-    @property
-    def most(self) -> int:
-        """Contacts of one frame."""
-        return self.locator.most
-
-    def empty(self, *batch: int) -> Float[np.ndarray, "*batch width"]:
-        """Rows for `update_into`: `contact.estimate.ROW`, then `features`, then the identity."""
-        return np.zeros((*batch, ROW.length + len(self.features) + 1))
-
     def reset(self) -> None:
         """Forget what frames left: places of markers, contacts, identities."""
+        super().reset()
         self.locator.reset()
         self.tracker.reset()
         self._tracks[0][:], self._tracks[1][:] = -1.0, 1
         self._bad = dict.fromkeys(Frame, 0)
 
     def tare(self, recording: Recording) -> Tare:
-        """Take where the markers are in a steady, untouched window for their rest from now on; then `reset`.
-
-        Raises:
-            InputError: no frame shows the markers, or they move.
-        """
+        """Take where the markers are in a window for their rest from now on; see `ContactEstimator.tare`."""
         pixels, _ = self.markers(recording)
         self.reset()
         seen = np.count_nonzero(np.isfinite(pixels[..., 0]), axis=0)
@@ -150,60 +133,15 @@ class RingEstimator:
         self.tracker.track(image, pixels)
         return int(self.tracker.frame)
 
-    def run(self, recording: Recording) -> Contacts:
-        """The contacts of a block, at least one row a frame."""
-        pixels, states = self.markers(recording)
-        return self._contacts(recording.time, pixels, states, 0)
-
-    def pairs(
-        self,
-        blocks: Iterable[Recording],
-        markers: Callable[[UInt8[np.ndarray, "n h w 3"], Float[np.ndarray, "n m 2"]], None] | None = None,
-    ) -> Iterator[tuple[Recording, Contacts]]:
-        """Each block with its contacts, in order, as soon as they are known.
-
-        Args:
-            blocks: of one log, from its start.
-            markers: is given the frames of each block, and the places [px] of the markers in them.
-        """
-        first = 0
-        for block in blocks:
-            pixels, states = self.markers(block)
-            if markers is not None:
-                markers(block.channels[IMAGE], pixels)
-            yield block, self._contacts(block.time, pixels, states, first)
-            first += len(block)
-
-    def stream(self, blocks: Iterable[Recording]) -> Iterator[Contacts]:
-        """The contacts of `pairs` alone."""
-        return (found for _, found in self.pairs(blocks))
-
-    def update(
-        self,
-        time: ArrayLike,
-        reading: ArrayLike,
-        rotation: ArrayLike | None = None,
-        acceleration: ArrayLike | None = None,
-    ) -> Contacts:
-        """The contacts of one image (height, width, 3), uint8; one row that says so where there is none."""
-        image = reading if type(reading) is np.ndarray else shaped(reading, (..., 3), "reading", UINT8)
-        time, pixels = instant(time), np.full((1, len(self.ring), 2), np.nan)
-        state = np.array([self._track(image, pixels[0])])
-        return self._contacts(np.array([time], dtype=np.float64), pixels, state, 0)
-
-    def update_into(
-        self,
-        time: ArrayLike,
-        reading: ArrayLike,
-        out: Float[np.ndarray, "*rows width"],
-        rotation: ArrayLike | None = None,
-        acceleration: ArrayLike | None = None,
-    ) -> int:
-        """`update` into rows of `empty`: how many are written, at least 1, as many as fit."""
-        rows, time = rows_of(out, ROW.length + len(self.features) + 1), instant(time)
-        image = reading if type(reading) is np.ndarray else shaped(reading, (..., 3), "reading", UINT8)
-        pixels = np.empty((len(self.ring), 2))
-        return self._write(time, pixels, self._track(image, pixels), rows)
+    def answer(self, block: Recording, watched: bool = False) -> Answered:
+        """Answer the frames of a block, with the places of the markers."""
+        pixels, states = self.markers(block)
+        found, seen = self._found(pixels, states.tolist())
+        counts = np.maximum(found.counts, 1)
+        rows, first = self.empty(int(counts.sum())), 0
+        for n, when in enumerate(block.time.tolist()):
+            first += self._frame(when, found, n, seen[n], rows[first:])
+        return Answered(block, rows, counts, pixels)
 
     def update_markers_into(
         self,
@@ -223,37 +161,30 @@ class RingEstimator:
         pixels = shaped(pixels, (len(self.ring), 2), "pixels")
         if not any(frame is each for each in Frame):
             raise InputError(f"frame must be a Frame, not {frame!r:.60}.")
-        return self._write(instant(time), pixels, int(frame), rows_of(out, ROW.length + len(self.features) + 1))
+        return self._write(instant(time), pixels, int(frame), rows_of(out, self._width))
 
     def _write(self, time: float, pixels: np.ndarray, state: int, rows: np.ndarray) -> int:
         """One frame's contacts into rows: how many."""
-        found, seen = self._located(pixels[None], [state])
+        found, seen = self._found(pixels[None], [state])
         count = self._frame(float(time), found, 0, seen[0], self._scratch)
         fits = min(count, len(rows))
         rows[:fits] = self._scratch[:fits]
         return fits
 
-    def run_into(
+    def _single(
         self,
-        time: ArrayLike,
-        readings: ArrayLike,
+        time: float,
+        reading: ArrayLike,
         out: Float[np.ndarray, "rows width"],
-        counts: Int[np.ndarray, " n"],
-        beside: Mapping[str, ArrayLike] = NOTHING_BESIDE,
+        rotation: ArrayLike | None,
+        acceleration: ArrayLike | None,
     ) -> int:
-        """`run` of arrays; see `ContactEstimator`. What is known beside makes no difference."""
-        require_out(out, (None, ROW.length + len(self.features) + 1))
-        time, readings, _ = samples(time, readings, counts, dtype=UINT8)
-        used = 0
-        for n, (when, image) in enumerate(zip(time.tolist(), readings, strict=True)):
-            if used + self.most > len(out):
-                return n
-            counts[n] = self.update_into(when, image, out[used:])
-            used += int(counts[n])
-        return len(time)
+        image = reading if type(reading) is np.ndarray else shaped(reading, (..., 3), "reading", UINT8)
+        pixels = np.empty((len(self.ring), 2))
+        return self._write(time, pixels, self._track(image, pixels), out)
 
     def notes(self) -> tuple[str, ...]:
-        """What was met so far, one sentence each."""
+        """Return what was met so far, one sentence each."""
         said = [*self.ring.notes, *([self._tared.said] if self._tared else [])]
         what = {
             Frame.LOST: "show fewer than half of the markers",
@@ -265,10 +196,10 @@ class RingEstimator:
         return tuple(said)
 
     def doubts(self) -> tuple[str, ...]:
-        """What may be wrong, one sentence each."""
+        """Return what may be wrong, one sentence each."""
         return (self._tared.doubt,) if self._tared and self._tared.doubt else ()
 
-    def _located(self, pixels: np.ndarray, states: list[int]) -> tuple[RingFound, list[float]]:
+    def _found(self, pixels: np.ndarray, states: list[int]) -> tuple[RingFound, list[float]]:
         lost = [n for n, state in enumerate(states) if state != Frame.OK]
         if lost:
             for n in lost:
@@ -277,22 +208,6 @@ class RingEstimator:
             pixels[lost] = np.nan
         found, seen = self.locator.run_pixels(pixels, self.ring)
         return found, seen.astype(np.float64).tolist()
-
-    def _contacts(self, time: np.ndarray, pixels: np.ndarray, states: np.ndarray, first: int) -> Contacts:
-        return self._answer(time, *self._located(pixels, states.tolist()), first)
-
-    def _answer(self, time: np.ndarray, found: RingFound, seen: list[float], first: int) -> Contacts:
-        rows, sample = self._rows(time, found, seen)
-        return Contacts.of_rows(first + sample, time[sample], rows, self.features)
-
-    def _rows(self, time: np.ndarray, found: RingFound, seen: list[float]) -> tuple[np.ndarray, np.ndarray]:
-        """At least one row a frame, and the frame of each."""
-        many = np.maximum(found.counts, 1)
-        rows = self.empty(int(many.sum()))
-        first = 0
-        for n, when in enumerate(time.tolist()):
-            first += self._frame(when, found, n, seen[n], rows[first:])
-        return rows, np.repeat(np.arange(len(time)), many)
 
     def _frame(self, time: float, found: RingFound, n: int, seen: float, rows: np.ndarray) -> int:
         """The rows of one frame, at least one: how many."""

@@ -10,9 +10,10 @@ from jaxtyping import Bool, Float, Int8
 
 from palpate.contact.estimate import ROW, Status
 from palpate.contact.locate import Locator
+from palpate.contact.surface_wrenches import Piece
 from palpate.sensors.recording import Recording
 
-__all__ = ["LONGEST", "joined", "whole_touches"]
+__all__ = ["LONGEST", "joined", "rejoined", "whole_touches"]
 
 LONGEST = 200_000  # samples that are kept waiting for the end of a touch
 _APART = 0.05  # of the body's size between samples: the touch may have changed its branch
@@ -35,12 +36,24 @@ class Located(NamedTuple):
 
 
 def joined(block: Recording, pieces: list[Located]) -> Located:
-    """The pieces of a block as one."""
+    """Return the pieces of a block as one."""
+    if len(pieces) == 1:
+        return pieces[0]._replace(block=block)
     wrench, status, rows = (
         np.concatenate([getattr(piece, name) for piece in pieces]) for name in ("wrench", "status", "rows")
     )
     known = [piece.covariance for piece in pieces if piece.covariance is not None]
     return Located(block, wrench, np.concatenate(known) if known else None, status, rows)
+
+
+def rejoined(parts: Iterable[tuple[Piece, Located]]) -> Iterator[Located]:
+    """Yield blocks from their pieces."""
+    pieces = list[Located]()
+    for piece, part in parts:
+        pieces.append(part)
+        if piece.ends is not None:
+            yield joined(piece.ends, pieces)
+            pieces = []
 
 
 def whole_touches(parts: Iterable[Located], locator: Locator) -> Iterator[Located]:

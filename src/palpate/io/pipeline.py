@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from itertools import chain
@@ -300,13 +300,15 @@ class Pipeline:
         pipeline.seconds["prepare"] = perf_counter() - begin - (log.seconds - read) - compiling
         return pipeline
 
-    def stream(self, **options: Any) -> Iterator[tuple[Recording, Contacts, Contacts]]:
+    def stream(
+        self, watch: Callable[[Recording, np.ndarray], None] | None = None
+    ) -> Iterator[tuple[Recording, Contacts, Contacts]]:
         """Blocks of the log with their contacts, in the surface's frame and in the one asked for.
 
         Args:
-            options: that this estimator's `pairs` has beside the blocks, such as `forces` of taxels.
+            watch: is given each block with what the sensor shows beside contacts; see `ContactEstimator.pairs`.
         """
-        located = self.estimator.pairs(self.log, **options)
+        located = self.estimator.pairs(self.log, watch)
         while True:
             begin, read, before = perf_counter(), self.log.seconds, compile_seconds()
             pair = next(located, None)

@@ -82,6 +82,7 @@ class Compensation:
     """
 
     channels = (FORCE, TORQUE)
+    loop = "force_torque"
 
     def __init__(self, sensor: ForceTorque, payload: Payload | None = None, motion: Motion | None = None) -> None:
         from palpate.sensors import _compensation  # compiled: loaded when first needed
@@ -218,18 +219,18 @@ class Compensation:
         )
         return located, None if self.noise is None else covariances
 
-    def smoothed_by(self, made: Filter | None, rate: float | None, share: float) -> None:
-        """Wrenches come to `place` filtered; where the spectrum of the noise is known, each channel keeps its own part.
+    def smoothed_by(self, filter: Filter | None, rate: float | None, share: float) -> None:
+        """Learn which filter wrenches pass before `place`; of noise with a known spectrum each channel keeps a part.
 
         Args:
-            made: the filter, or None.
+            filter: of the wrenches; None: none.
             rate: [Hz] of the samples.
-            share: that the filter leaves of white noise at least.
+            share: least share of white noise's variance that it leaves.
         """
         spectrum = self.sensor.spectrum
         self._kept = 1.0, np.ones(6)
-        if made is not None and rate is not None and spectrum is not None and share < 1.0:
-            self._kept = share, spectrum.kept(made, rate)
+        if filter is not None and rate is not None and spectrum is not None and share < 1.0:
+            self._kept = share, spectrum.kept(filter, rate)
         self._placement = None
         self.revision += 1
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from palpate.calls import called_as
 from palpate.errors import InputError
+from palpate.sensors.filters import Filter
 from palpate.sensors.load_cell_explanations import explanations
 from palpate.sensors.load_cell_faults import Fault, find_faults
 from palpate.sensors.load_cell_zero import Zero, take_zero
@@ -75,6 +76,7 @@ class LoadCellArray:
     """
 
     channels = (VOLTAGE,)
+    loop = "load_cells"
 
     @takes_arrays
     def __init__(
@@ -100,7 +102,7 @@ class LoadCellArray:
         self._channels[~self.sound, 1:] = -np.inf, np.inf
         self._settings = np.concatenate([made.metric(), np.zeros((1, 6))])
         self.state, self.held = np.zeros(count + 2 * channels), np.zeros(channels)
-        self._seconds, self.revision, self.zeros_taken, self.settled = seconds, 0, 0, 1.0
+        self._seconds, self.revision, self.zeros_taken, self._settled = seconds, 0, 0, 1.0
         self._placement: Placement | None = None
         self._seen_at: Placement | None = None
         self._known, self._doubted = zero is not None, list[str]()
@@ -120,6 +122,10 @@ class LoadCellArray:
         self.zero = zero
         self.zeros_taken += 1
         self.follow(None)
+
+    def smoothed_by(self, filter: Filter | None, rate: float | None, share: float) -> None:
+        """Learn the least share of the noise's variance that a filter leaves; see `WrenchSensor.smoothed_by`."""
+        self._settled = share
 
     def ready(self, blocks: Iterable[Recording]) -> Iterator[Recording]:
         """The same rows, cut where the log begins anew, with the zero taken there."""
@@ -285,7 +291,7 @@ class LoadCellArray:
         self._channels[:, 0], self._slow = voltage, float(slow)
         ways = self._inverse - np.einsum("sai,sak->sik", *self._corrections) @ self._rest
         ways = np.concatenate([self._inverse[None], ways])
-        self._covariances = np.ascontiguousarray(self._noises + ways @ spread @ ways.swapaxes(1, 2) / self.settled)
+        self._covariances = np.ascontiguousarray(self._noises + ways @ spread @ ways.swapaxes(1, 2) / self._settled)
         rest = float(np.trace(self._rest @ spread @ self._rest.T)) / max(1, len(self._rest))
         wanders = float(np.sqrt(self.cells.drift**2 + rest))
         self._settings[6, :3] = wanders, self.cells.misfit, 1.0 + self._slow

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Iterable, Iterator
+from typing import TypeVar
+
 import numpy as np
 from jaxtyping import Float, Int8
 
@@ -15,6 +19,9 @@ GAP_PERIODS, LEAST_GAP = 5, 0.05  # samples and s: clocks that stamp on arrival 
 SEGMENT = 4096  # wrenches that are filtered backward at a time, at least; of wider samples as many values
 
 Values = Float[np.ndarray, "_ _"]
+Numbers = Float[np.ndarray, " _"]
+Status = Int8[np.ndarray, " _"]
+T = TypeVar("T")
 
 
 def known_rate(rate: float | None, of: str) -> float:
@@ -129,6 +136,31 @@ class BothWays:
     def least(self) -> float:
         """Of white noise, the least that is left in any sample of a run."""
         return self._inside + 2.0 * min(float(self._edge.min()), 0.0)
+
+    def through(self, items: Iterable[tuple[T, Numbers, Status, Values]]) -> Iterator[tuple[T, Values, Numbers]]:
+        """Filter items in their order, each yielded once all of its samples are filtered.
+
+        Args:
+            items: anything, with the times, statuses and values of its samples; those whose status is below 0 are
+                filtered in place.
+
+        Yields:
+            the same thing, its values, and the share of the noise's variance that is left in each.
+        """
+        waiting = deque[tuple[T, Status, Values]]()
+        for what, time, status, values in items:
+            self.push(time, status, values)
+            waiting.append((what, status, values))
+            yield from self._served(waiting)
+        self.finish()
+        yield from self._served(waiting)
+
+    def _served(self, waiting: deque[tuple[T, Status, Values]]) -> Iterator[tuple[T, Values, Numbers]]:
+        while waiting and self.ready >= np.count_nonzero(waiting[0][1] < 0):
+            what, status, values = waiting.popleft()
+            good, share = status < 0, np.ones(len(status))
+            values[good], share[good] = self.take(int(np.count_nonzero(good)))
+            yield what, values, share
 
     def push(self, time: Float[np.ndarray, " n"], status: Int8[np.ndarray, " n"], values: Values) -> None:
         """More samples; only those whose status is below 0 count."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -11,10 +11,11 @@ from jaxtyping import Bool, Float, Int
 from palpate.errors import InputError
 from palpate.sensors.recording import Recording
 from palpate.sensors.taxels import TaxelBody
+from palpate.sensors.wrench_sensor import Tare
 from palpate.spatial._arrays import frozen
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Health", "at_rest", "examine", "resting"]
+__all__ = ["Health", "at_rest", "examine", "resting", "tared"]
 
 SCATTER = 4.0  # times the noise, in a tare
 FEWEST = 8  # frames from which anything can be said of a cell
@@ -136,6 +137,37 @@ def at_rest(recording: Recording, body: TaxelBody, *, falling: bool = False) -> 
             hint="Let nothing touch them meanwhile, or mask a cell that never keeps still.",
         )
     return health
+
+
+def tared(
+    recording: Recording, body: TaxelBody, before: Health | None, *, pressed: float, falling: bool = False
+) -> tuple[Health, Tare]:
+    """Return the rest of every cell by a tare, and what it took, with a warning where it could be a touch.
+
+    Args:
+        recording: steady and untouched.
+        body: where the cells are.
+        before: what was known of the cells; which are bad stays.
+        pressed: deviations of its noise above its rest at which a cell looks pressed.
+        falling: readings fall under load.
+
+    Raises:
+        InputError: too few frames, or cells that do not keep still.
+    """
+    rest = at_rest(recording, body, falling=falling)
+    noise = float(np.median(rest.noise))
+    said = f"tare over {rest.frames} frames: cells rest at {np.median(rest.baseline):.3g}, with noise of {noise:.2g}"
+    usual = np.median(rest.baseline) if before is None else before.baseline
+    above = (-1.0 if falling else 1.0) * (rest.baseline - usual)
+    scatter = 0.0 if before is not None else 14.8 * float(np.median(np.abs(above - np.median(above))))
+    high = np.flatnonzero(body.usable & (above > scatter + pressed * rest.noise))
+    doubt = ""
+    if len(high) and len(high) < 0.5 * len(body):
+        where = ", ".join(body.name(cell) for cell in high[:5].tolist())
+        doubt = f"cells {where} rest high, as under a steady touch: make sure that nothing touched them"
+    if before is not None:
+        rest = replace(rest, dead=before.dead, stuck=before.stuck, notes=before.notes, doubts=before.doubts)
+    return rest, Tare(said, doubt)
 
 
 def _hysteresis(

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int8
 from numpy.typing import ArrayLike
 
+from palpate.sensors.filters import Filter
 from palpate.sensors.recording import Recording
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
@@ -92,6 +93,16 @@ class WrenchSensor(Protocol):
     @property
     def noise(self) -> Float[np.ndarray, "6 6"] | None:
         """Usual covariance of a wrench in the sensor's frame, thresholds follow from it; None: not known."""
+        ...
+
+    def smoothed_by(self, filter: Filter | None, rate: float | None, share: float) -> None:
+        """Learn which filter wrenches pass before `place`.
+
+        Args:
+            filter: of the wrenches; None: none.
+            rate: [Hz] of the samples.
+            share: least share of white noise's variance that it leaves.
+        """
         ...
 
     def ready(self, blocks: Iterable[Recording]) -> Iterator[Recording]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from palpate.calls import called_as
 from palpate.contact.estimator import ContactEstimator
-from palpate.contact.taxel_estimator import TaxelSettings
+from palpate.contact.taxel_settings import TaxelSettings
 from palpate.errors import InputError
 from palpate.io.logs.layout import Layout
 from palpate.io.models import load_toml

@@ -1,0 +1,98 @@
+"""Live samples from reading to contact in one compiled call, of sensors that such a loop is written for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+
+from palpate.contact.estimate import ROW
+from palpate.contact.locate import Locator
+from palpate.sensors.wrench_sensor import Placement, WrenchSensor
+
+__all__ = ["CompiledSensor", "LiveLoop"]
+
+
+@runtime_checkable
+class CompiledSensor(WrenchSensor, Protocol):
+    """A sensor of wrenches with a compiled loop in `contact._live`.
+
+    Attributes:
+        loop: its name there.
+        held: inputs of one sample.
+        state: what one sample leaves to the next.
+        revision: a number that changes with `constants`.
+    """
+
+    loop: str
+    held: Float[np.ndarray, " _"]
+    state: Float[np.ndarray, " _"]
+    revision: int
+
+    def hold(self, time: float, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None) -> None:
+        """Write one sample's inputs into `held`."""
+        ...
+
+    def inputs(
+        self, time: Float[np.ndarray, " n"], readings: Float[np.ndarray, "n m"], beside: Mapping[str, np.ndarray]
+    ) -> Float[np.ndarray, " _"]:
+        """Return the inputs of n samples, all of a kind one behind the other."""
+        ...
+
+    def constants(self, placement: Placement) -> tuple[np.ndarray, ...]:
+        """Return the arrays that the loop takes, in its order."""
+        ...
+
+
+class LiveLoop:
+    """Locate samples in one compiled call each, or a block in one, with the bits of the three steps.
+
+    Args:
+        sensor: of wrenches.
+        locator: on the surface.
+        placement: of the surface on the sensor.
+    """
+
+    def __init__(self, sensor: CompiledSensor, locator: Locator, placement: Placement) -> None:
+        from palpate.contact import _live  # compiled: loaded when first needed
+
+        self._given = sensor, locator, placement
+        self._hold, self._pack, self._revision = sensor.hold, _live.packed, -1
+        self._entry = getattr(_live, sensor.loop)
+        self._compiled = locator.compiled(known=sensor.noise is not None)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return LiveLoop, self._given  # the surface prepares its tree anew
+
+    def single(
+        self,
+        time: float,
+        reading: ArrayLike,
+        rotation: ArrayLike | None,
+        acceleration: ArrayLike | None,
+        rows: Float[np.ndarray, "1 width"],
+    ) -> None:
+        """Write the contact of one sample."""
+        self._hold(time, reading, rotation, acceleration)
+        self.run(rows)
+
+    def block(
+        self, time: np.ndarray, readings: np.ndarray, beside: Mapping[str, np.ndarray], rows: np.ndarray
+    ) -> np.ndarray:
+        """Write the contacts of a block, and return the inputs that the sensor made of it."""
+        inputs = self._given[0].inputs(time, readings, beside)
+        self.run(rows, inputs)
+        return inputs
+
+    def run(self, rows: np.ndarray, inputs: np.ndarray | None = None) -> None:
+        """Write the contacts of inputs; None: of those that the sensor holds."""
+        sensor, _, placement = self._given
+        if self._revision != sensor.revision:
+            packed = self._pack(sensor.constants(placement))
+            self._arguments = *packed, sensor.state, *self._compiled
+            self._revision = sensor.revision
+            self._loop = self._entry.compiled_for(sensor.held, *self._arguments, np.empty((1, ROW.length)))
+        self._loop(sensor.held if inputs is None else inputs, *self._arguments, rows)

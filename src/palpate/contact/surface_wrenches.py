@@ -1,0 +1,247 @@
+"""Wrenches of a sensor in the surface's frame: compensated, their zero followed, filtered, with covariances."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int8
+from numpy.typing import ArrayLike
+
+from palpate.contact.estimator import Answered
+from palpate.contact.zero_follower import ZeroFollower
+from palpate.contact.zero_gate import ContactShape
+from palpate.errors import InputError
+from palpate.sensors.drift import Drift
+from palpate.sensors.filters import Filter
+from palpate.sensors.recording import AVERAGED, Recording
+from palpate.sensors.smoothing import BothWays, Forward, known_rate
+from palpate.sensors.wrench_sensor import Measured, Placement, WrenchSensor
+from palpate.sensors.zero_filter import FollowedSensor, ZeroHistory, ZeroState
+
+__all__ = ["Piece", "SurfaceWrenches", "Wrenches"]
+
+PIECE = 4096  # samples at a time: what lies between two steps stays in the cache
+ALL = np.ones(1)  # of the noise is left
+
+
+class Piece(NamedTuple):
+    """Samples that are measured together: of one window of the zero, where it is followed.
+
+    Attributes:
+        samples: the samples.
+        ends: the block that ends with them; None where it goes on.
+        touched: whether a skin feels something; None where it cannot tell.
+        skin: what the skin answers, where there is one.
+    """
+
+    samples: Recording
+    ends: Recording | None
+    touched: bool | None = None
+    skin: Answered | None = None
+
+
+class Wrenches(NamedTuple):
+    """Wrenches about the surface's frame.
+
+    Attributes:
+        wrench: (n, 6) [N, N m].
+        covariance: (n, 6, 6), or None where the noise is not known.
+        status: (n,) `Status`, -1 for samples to locate.
+    """
+
+    wrench: Float[np.ndarray, "n 6"]
+    covariance: Float[np.ndarray, "n 6 6"] | None
+    status: Int8[np.ndarray, " n"]
+
+
+class SurfaceWrenches:
+    """Turn readings of a sensor into wrenches about the surface's frame, sample by sample or from a log.
+
+    The filter acts in the sensor's frame. In a log a zero that is followed is smoothed by what comes after, and a
+    filter of zero phase looks ahead; both keep pieces waiting.
+
+    Args:
+        sensor: of wrenches.
+        placement: of the surface on the sensor.
+        filter: of the wrenches; None: none.
+        rate: [Hz] of the samples, which a filter needs; `of`: what they are called.
+        drift: how the sensor's zero drifts; None: it is not followed.
+        shape: of contacts on the surface, for a zero that is followed.
+        logs: smooth the zero in logs.
+
+    Raises:
+        InputError: a filter without a rate, or a drift of a sensor whose zero cannot be followed.
+    """
+
+    def __init__(
+        self,
+        sensor: WrenchSensor,
+        placement: Placement,
+        filter: Filter | None,
+        rate: float | None,
+        drift: Drift | None,
+        shape: ContactShape | None,
+        *,
+        logs: bool,
+        of: str = "samples",
+    ) -> None:
+        self.sensor, self.placement, self._logs = sensor, placement, logs
+        self._drift, self._shape = drift, shape
+        self._recursion = None if filter is None else filter.recursion(known_rate(rate, of))
+        self._rate = 0.0 if filter is None else known_rate(rate, of)
+        self._ahead = filter is not None and filter.zero_phase
+        self._forward = None if self._recursion is None else Forward(self._recursion, self._rate)
+        if self._forward is not None:
+            self._forward(np.zeros(1), np.zeros(1, np.int8), np.zeros((1, 6)))  # compiles
+        sensor.smoothed_by(filter, rate, self._least())
+        self._follower = self._told = self._follows(smooth=False)
+
+    @property
+    def followed(self) -> bool:
+        """Whether the zero is followed."""
+        return self._follower is not None
+
+    def reset(self) -> None:
+        """Forget what samples left; not the tare."""
+        self.sensor.reset()
+        if self._forward is not None:
+            self._forward.reset()
+        if self._follower is not None:
+            self._follower.reset()
+        self._told = self._follower
+
+    def cuts(self, time: Float[np.ndarray, " n"]) -> list[slice]:
+        """Return where a block is cut: where the zero may change, or into 4,096 samples; at least one slice."""
+        if self._follower is not None:
+            return list(self._follower.pieces(time)) or [slice(0, 0)]
+        return [slice(start, min(start + PIECE, len(time))) for start in range(0, max(1, len(time)), PIECE)]
+
+    def pieces(self, blocks: Iterable[Recording]) -> Iterator[Piece]:
+        """Yield the pieces of blocks, in order."""
+        for block in blocks:
+            cuts = self.cuts(block.time)
+            for cut in cuts:
+                yield Piece(block.picked(cut), block if cut is cuts[-1] else None)
+
+    def forward(self, pieces: Iterable[Piece]) -> Iterator[tuple[Piece, Wrenches]]:
+        """Yield the wrenches of each piece, by what came before it."""
+        for piece in pieces:
+            samples, follower = piece.samples, None
+            if len(samples):
+                follower = self.entered(float(samples.time[0]), ZeroFollower.kelvin(samples.channels))
+            measured = self.sensor.measure(samples)
+            if follower is not None:
+                follower.add(samples.time, follower.sensor.kept(samples), piece.touched)
+            yield piece, self._placed(measured, *self._filtered(measured), _averaged(samples))
+
+    def of_log(self, pieces: Iterable[Piece]) -> Iterator[tuple[Piece, Wrenches]]:
+        """Yield the wrenches of each piece of a log, by what comes after it too where that is asked for."""
+        smoother = self._follows(smooth=True) if self._logs or self._ahead else None
+        if smoother is None and not self._ahead:
+            yield from self.forward(pieces)
+            return
+        zeros = ((piece, None) for piece in pieces) if smoother is None else self._from_both_sides(smoother, pieces)
+        measured = ((piece, zero, self._measured(piece, zero)) for piece, zero in zeros)
+        if not self._ahead or self._recursion is None:
+            for piece, _, made in measured:
+                yield piece, self._placed(made, *self._filtered(made), _averaged(piece.samples))
+            return
+        given = ((each, each[2].time, each[2].status, each[2].wrench) for each in measured)
+        for (piece, zero, made), wrenches, share in BothWays(self._recursion, self._rate).through(given):
+            self._follow(zero)
+            yield piece, self._placed(made, wrenches, share, _averaged(piece.samples))
+
+    def single(
+        self,
+        time: float,
+        reading: ArrayLike,
+        rotation: ArrayLike | None,
+        acceleration: ArrayLike | None,
+        *,
+        kelvin: float = np.nan,
+        averaged: np.ndarray = ALL,
+        touched: bool | None = None,
+    ) -> Wrenches:
+        """Return the wrench of one live sample, the mean of `averaged` readings."""
+        follower = self.entered(time, kelvin)
+        measured = self.sensor.single(time, reading, rotation, acceleration)
+        made = self._placed(measured, *self._filtered(measured), averaged)
+        if follower is not None:
+            follower.add(time, follower.sensor.kept_of(follower.sensor.held, 1), touched)
+        return made
+
+    def entered(self, time: float, kelvin: float) -> ZeroFollower | None:
+        """Return what follows the zero, after telling it the time [s] and temperature of the samples that come next."""
+        if self._follower is not None:
+            self._follower.enter(time, kelvin)
+            self._told = self._follower
+        return self._follower
+
+    def unfiltered(self, recording: Recording) -> Wrenches:
+        """Return the wrenches of a recording without the filter."""
+        measured = self.sensor.measure(recording)
+        return self._placed(measured, measured.wrench, ALL)
+
+    def history(self) -> ZeroHistory | None:
+        """Return how the zero went, in live samples or in the log that was read last; None where it is not followed."""
+        return None if self._told is None else self._told.history()
+
+    def notes(self) -> tuple[str, ...]:
+        """Return what was met so far, one sentence each."""
+        return (*self.sensor.notes(), *(() if self._told is None else self._told.notes()))
+
+    def doubts(self) -> tuple[str, ...]:
+        """Return what may be wrong with the sensor and its zero, one sentence each."""
+        return (*self.sensor.doubts(), *(() if self._told is None else self._told.doubts()))
+
+    def _least(self) -> float:
+        """Return the least share of white noise that the filter leaves."""
+        if self._recursion is None:
+            return 1.0
+        return BothWays(self._recursion, self._rate).least if self._ahead else float(self._recursion.share.min())
+
+    def _follows(self, smooth: bool) -> ZeroFollower | None:
+        if self._drift is None or self._shape is None:
+            return None
+        if not isinstance(self.sensor, FollowedSensor):
+            raise InputError("the zero of this sensor cannot be followed.", where="drift")
+        return ZeroFollower(self.sensor, self._drift, self._shape, smooth=smooth)
+
+    def _from_both_sides(
+        self, follower: ZeroFollower, pieces: Iterable[Piece]
+    ) -> Iterator[tuple[Piece, ZeroState | None]]:
+        self._told = follower
+        return follower.both_sides((piece.samples, piece.touched, piece) for piece in pieces)
+
+    def _measured(self, piece: Piece, zero: ZeroState | None) -> Measured:
+        self._follow(zero)
+        return self.sensor.measure(piece.samples)
+
+    def _follow(self, zero: ZeroState | None) -> None:
+        if zero is not None and isinstance(self.sensor, FollowedSensor):
+            self.sensor.follow(zero)
+
+    def _filtered(self, measured: Measured) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, " k"]]:
+        """Return wrenches by way of the filter, and the share of the noise that it leaves."""
+        if self._forward is None or self._ahead:
+            return measured.wrench, ALL
+        wrenches = measured.wrench
+        return wrenches, self._forward.share(self._forward(measured.time, measured.status, wrenches))
+
+    def _placed(
+        self,
+        measured: Measured,
+        wrenches: Float[np.ndarray, "n 6"],
+        share: Float[np.ndarray, " k"],
+        averaged: Float[np.ndarray, " _"] = ALL,
+    ) -> Wrenches:
+        if averaged is not ALL:
+            share = share * (1.0 / np.maximum(np.nan_to_num(averaged, nan=1.0), 1.0))
+        return Wrenches(*self.sensor.place(measured, wrenches, share, self.placement), measured.status)
+
+
+def _averaged(samples: Recording) -> Float[np.ndarray, " n"]:
+    """Return of how many readings each wrench is the mean."""
+    return samples.channels[AVERAGED][:, 0] if AVERAGED in samples.channels else ALL
