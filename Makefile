@@ -15,7 +15,7 @@ READY := .venv/.ready
 UV := .tools/bin/uv
 
 .DEFAULT_GOAL := help
-.PHONY: help setup native demo browser test check docs bench evidence experiments mutants pictures screens follow same package lock clean
+.PHONY: help setup native demo browser test check docs bench evidence experiments mutants pictures screens follow same size package lock clean
 
 help: ## this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' Makefile
@@ -67,6 +67,9 @@ follow: native ## the README and the tutorials, word by word as a newcomer would
 
 same: native ## answers of this checkout and of BASE=COMMIT over the same inputs, to the last bit; minutes
 	$(BIN)/python -m tests.same "$(BASE)"
+
+size: $(READY) ## lines of code by room, beside those of BASE=COMMIT if that is given
+	$(BIN)/python -m tests.size "$(BASE)"
 
 package: $(READY) ## wheel and sdist, built and used in bare environments of each Python that is here; minutes each
 	$(BIN)/python -m tests.package

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib
+import inspect
 import re
 import subprocess
 import sys
@@ -16,8 +17,11 @@ import pytest
 from jaxtyping import TypeCheckError
 
 import palpate
+from palpate.contact.estimator import ContactEstimator
+from palpate.contact.fused_estimator import FusedEstimator
 from palpate.errors import InputError
 from palpate.spatial.pose import skew
+from tests.size import lines_of_code
 from tests.support.checked import CALLS, start_counting
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -192,6 +196,21 @@ def test_no_files_import_each_other_in_a_circle() -> None:
         if circle and circle not in found:
             found.append(circle)
     assert found == CIRCLES
+
+
+@pytest.mark.parametrize(
+    "estimator", [palpate.WrenchEstimator, palpate.TaxelEstimator, palpate.RingEstimator, FusedEstimator]
+)
+def test_estimators_stay_small(estimator: type[ContactEstimator]) -> None:
+    lines, _ = inspect.getsourcelines(estimator)
+    methods = [name for name, _ in inspect.getmembers(estimator, inspect.isfunction) if not name.startswith("_")]
+    assert len(lines) <= 250
+    assert len(methods) <= 15
+
+
+def test_lines_of_code_are_counted_without_docstrings_comments_and_blanks() -> None:
+    text = '"""Say."""\n\nX = 1  # one\n# two\n\n\ndef f():\n    """Say\n    more."""\n    return """a\nb"""\n'
+    assert lines_of_code(text) == 4
 
 
 def _reached(graph: dict[str, set[str]], start: str) -> set[str]:

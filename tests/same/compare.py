@@ -20,7 +20,7 @@ VARIES = (  # what no two runs have in common
     (re.compile(r"\b\d\d:\d\d:\d\d\b"), "CLOCK"),
     (re.compile(r"read [\d.]+ s, prepare .* once prepared and compiled"), "TOOK"),
     (re.compile(r" *[\d,]+ Hz  .* lost"), "RATE"),  # the line of a live run, when it is printed
-    (re.compile(r"<tr><td>(read|prepare|compile|locate|write|all)</td>.*</tr>"), "TOOK"),
+    (re.compile(r"<tr><td[^>]*>(read|prepare|compile|locate|write|all)</td>.*</tr>"), "TOOK"),
     (re.compile(r"latency [\d,]+ .s \(.*\)"), "LATENCY"),
     (re.compile(r"^palpate: (finding the contacts|preparing) .*\n", re.MULTILINE), ""),  # after 2 s of silence
 )

@@ -274,9 +274,11 @@ def rows_of(out: Any, width: int) -> Float[np.ndarray, "rows width"]:
     Raises:
         InputError: they are not as `empty` makes them.
     """
-    known = type(out) is np.ndarray and out.dtype == np.float64
-    if known and out.shape[-1:] == (width,) and out.ndim <= 2 and out.flags.carray and out.size:
-        return out.reshape(-1, width)
+    if type(out) is np.ndarray and out.dtype == FLOAT and out.flags.carray:
+        if out.shape == (width,):
+            return out[None]
+        if out.ndim == 2 and out.shape[1] == width and len(out):
+            return out
     seen = [str(getattr(out, each)) for each in ("dtype", "shape") if hasattr(out, each)] or [type(out).__name__]
     raise InputError(f"out must be rows of {width} as `empty` makes them, not {' '.join(seen)}.")
 

@@ -172,7 +172,7 @@ class WrenchEstimator(ContactEstimator):
         rotation: ArrayLike | None,
         acceleration: ArrayLike | None,
     ) -> int:
-        rows = out[:1]
+        rows = out if len(out) == 1 else out[:1]
         if self._live is None:
             given = self._wrenches.single(time, reading, rotation, acceleration, kelvin=self.kelvin)
             self.locator.run_into(*given, rows)
