@@ -144,9 +144,20 @@ class TaxelEstimator(ContactEstimator):
         self._know(rest)
         return self._tared
 
-    def answer(self, block: Recording, watched: bool = False) -> Answered:
-        """Answer the frames of a block, with the force of each taxel if `watched`."""
-        return self._answered(block, watched)
+    def answer(
+        self, block: Recording, watched: bool = False, filtered: tuple[np.ndarray, ...] | None = None
+    ) -> Answered:
+        """Answer the frames of a block, with the force of each taxel if `watched`; see `TaxelFrames.run`."""
+        raw, count = self.body.readings(block), len(block)
+        counts, out = np.zeros(count, dtype=np.int64), self.empty(_ROWS)
+        forces = np.zeros((count, len(self.body))) if watched else self._frames.no_forces
+        parts, done = [self.empty(0)], 0
+        while done < count:
+            values = None if filtered is None else tuple(part[done:] for part in filtered)
+            step, used = self._frames.run(block.time[done:], raw[done:], out, counts[done:], forces[done:], values)
+            parts.append(out[:used].copy())
+            done += step
+        return Answered(block, np.concatenate(parts), counts, forces if watched else None)
 
     def answers(self, blocks: Iterable[Recording], watched: bool = False) -> Iterator[Answered]:
         """Answer the blocks of a log, from its start: its first frames say what is not known of rest and bad cells."""
@@ -156,7 +167,7 @@ class TaxelEstimator(ContactEstimator):
             return
         both = BothWays(self._recursion, known_rate(self.rate, "frames"), len(self.body))
         for (block, status), values, share in both.through(self._prepared(block) for block in blocks):
-            yield self._answered(block, watched, (values, status, share))
+            yield self.answer(block, watched, (values, status, share))
 
     def run(self, recording: Recording) -> Contacts:
         """Return the contacts of a block; its first frames say what is not known of rest and bad cells."""
@@ -265,19 +276,6 @@ class TaxelEstimator(ContactEstimator):
         """Return a block on its way through a filter of zero phase; see `BothWays.through`."""
         values, status = self._frames.prepare(self.body.readings(block))
         return (block, status), block.time, status, values
-
-    def _answered(self, block: Recording, watched: bool, filtered: tuple[np.ndarray, ...] | None = None) -> Answered:
-        """Answer a block piece by piece, as its rows fit."""
-        raw, count = self.body.readings(block), len(block)
-        counts, out = np.zeros(count, dtype=np.int64), self.empty(_ROWS)
-        forces = np.zeros((count, len(self.body))) if watched else self._frames.no_forces
-        parts, done = [self.empty(0)], 0
-        while done < count:
-            values = None if filtered is None else tuple(part[done:] for part in filtered)
-            step, used = self._frames.run(block.time[done:], raw[done:], out, counts[done:], forces[done:], values)
-            parts.append(out[:used].copy())
-            done += step
-        return Answered(block, np.concatenate(parts), counts, forces if watched else None)
 
     def require_rest(self) -> None:
         """Raise an InputError where the rest of the cells is not known."""
