@@ -93,8 +93,7 @@ class TaxelEstimator(ContactEstimator):
         super().__init__((CELLS,), ("row", "column", *FEATURES) if body.rows else FEATURES, MOST, mount, filter)
         self.body, self.settings, self.rate, self.intensity = body, settings or TaxelSettings(), rate, intensity
         self.health: Health | None = None
-        self._tared = Tare("", "")
-        self._looked = health is not None
+        self._tared, self._looked = Tare("", ""), health is not None
         self._ahead = filter is not None and filter.zero_phase
         self._recursion = None if filter is None else filter.recursion(known_rate(rate, "frames"))
         forward = None
