@@ -14,7 +14,7 @@ from evidence.exports import EDITED, NOTED, PRESSED, RADIUS, READ, TIME, WRENCH,
 from palpate.cli import main
 from palpate.cli.estimate import estimate
 from palpate.cli.inspect import inspect
-from palpate.cli.setup import Setup
+from palpate.cli.rig_options import RigOptions
 from palpate.io.contacts import read_contacts
 from palpate.io.logs import read_recording
 from palpate.io.rig import load_rig
@@ -39,7 +39,7 @@ def plain_answers(folder: Path) -> np.ndarray:
     log = folder / READ[0].name
     log.write_bytes(READ[0].data)
     _said("rig", "new", str(log), "-o", str(folder / "rig.toml"))
-    _heard(lambda: estimate(log, output=folder / "contacts.csv", setup=Setup(rig=folder / "rig.toml")))
+    _heard(lambda: estimate(log, output=folder / "contacts.csv", setup=RigOptions(rig=folder / "rig.toml")))
     return _answers(folder / "contacts.csv")
 
 
@@ -87,7 +87,7 @@ def _misread(export: Export, log: Path, rig: Path, plain: np.ndarray) -> Iterato
     off = np.abs(recording.wrenches() - WRENCH)[there]
     if off[:, :3].max() > export.tolerance[0] or off[:, 3:].max() > export.tolerance[1]:
         yield "other wrenches"
-    _heard(lambda: estimate(log, output=rig.with_name("contacts.csv"), setup=Setup(rig=rig)))
+    _heard(lambda: estimate(log, output=rig.with_name("contacts.csv"), setup=RigOptions(rig=rig)))
     pressed = PRESSED & there
     found, wanted = _answers(rig.with_name("contacts.csv"))[pressed], plain[pressed]
     torque = 2.0 * export.tolerance[0] * RADIUS + export.tolerance[1]  # N m: by how much those about the touch err

@@ -24,7 +24,7 @@ from palpate.contact import ContactEstimate, Contacts, Locator, WrenchEstimator
 from palpate.io.contacts import read_contacts
 from palpate.io.logs import read_recording
 from palpate.io.rig import load_rig
-from palpate.io.rig.force_torque import rig_payload, rig_sensor
+from palpate.io.rig.force_torque import ForceTorqueSection, stated_sensor
 from palpate.io.rig.tables import RigFilter
 from palpate.sensors import Butterworth, Kalman
 from palpate.sensors.compensation import Compensation
@@ -167,10 +167,13 @@ def _blocks(folder: Path, recording: Recording) -> Iterator[Row]:
 def chain_of(folder: Path, made: Filter | None, source: str = "none") -> WrenchEstimator:
     """Of the folder's rig, with a filter of its own and accelerations from `source`."""
     rig = load_rig(folder / "rig.toml")
-    payload, base = rig_payload(rig), replace(rig, filter=RigFilter()).estimator()
+    setup = rig.resolve("force_torque")
+    payload, base = setup.of(ForceTorqueSection).payload, replace(rig, filter=RigFilter()).estimator()
     motion = None if payload is None else Motion(source, gravity=payload.gravity, lever=payload.center_of_mass)
     locator = Locator(base.locator.surface, noise=base.locator.noise, on=base.locator.on, off=base.locator.off)
-    return WrenchEstimator(locator, Compensation(rig_sensor(rig), payload, motion), base.mount, filter=made, rate=200.0)
+    return WrenchEstimator(
+        locator, Compensation(stated_sensor(setup), payload, motion), base.mount, filter=made, rate=200.0
+    )
 
 
 def streamed(chain: WrenchEstimator, recording: Recording, size: int) -> dict[str, np.ndarray]:

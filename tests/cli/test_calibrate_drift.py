@@ -16,7 +16,6 @@ from palpate.cli import main
 from palpate.contact.resolution import nominal_cells
 from palpate.io.models import write_model
 from palpate.io.rig import load_rig
-from palpate.io.rig.drift import rig_drift
 from palpate.sensors import Payload
 from palpate.sensors.drift import Drift
 from palpate.simulation.bags import Stamped, header, nanoseconds, wrenches, write_bag
@@ -56,7 +55,7 @@ def columns(path: Path, names: str, *values: np.ndarray) -> None:
 
 
 def found_in(rig: Path, channels: int = 6) -> Drift:
-    found = rig_drift(load_rig(rig), channels)
+    found = load_rig(rig).resolve().followed(channels)
     assert found is not None
     return found
 

@@ -103,25 +103,25 @@ def test_a_log_of_one_status_makes_a_page_that_explains_it(kind: Status) -> None
 
 
 def test_advice_follows_from_what_is_missing() -> None:
-    said = " ".join(wrench_advice(RIG, payload=False, filtered=False, radius=2e-3))
+    said = " ".join(wrench_advice(RIG.resolve(), payload=False, filtered=False, radius=2e-3))
     assert "Identify the payload" in said
     assert "Calibrate the mounting" in said
     assert "no filter is in force" in said
     covariance = tuple(tuple(row) for row in (1e-6 * np.eye(6)).tolist())
     better = replace(RIG, surface=replace(RIG.surface, pose_covariance=covariance))
-    assert wrench_advice(better, payload=True, filtered=True, radius=2e-3) == ()
+    assert wrench_advice(better.resolve(), payload=True, filtered=True, radius=2e-3) == ()
     assert judged(_run()).advice == ("Nothing stands out: models are calibrated, and the samples are answered.",)
 
 
 def test_settings_are_those_of_the_rig() -> None:
     noise = np.diag([0.02**2] * 3 + [0.001**2] * 3)
     locator = Locator(RIG.surface.load(Path()), noise=noise, on=0.5, off=0.3)
-    facts = dict(wrench_settings(RIG, locator, noise, "butterworth, 5 Hz"))
+    facts = dict(wrench_settings(RIG.resolve(), locator, noise, "butterworth, 5 Hz"))
     assert facts["method"] == "soft finger"
     assert facts["a contact"] == "begins at 0.5 N, ends at 0.3 N"
     assert facts["noise of a reading"].startswith("0.02 N and 0.001 N m")
     assert facts["filter"] == "butterworth, 5 Hz"
-    models = dict(force_torque(RIG, None, Pose.identity()).facts)
+    models = dict(force_torque(RIG.resolve(), None, Pose.identity()).facts)
     assert models["payload"].startswith("none")
     assert models["mounting"] == "(0.00, 0.00, 0.00) mm, not calibrated"
 

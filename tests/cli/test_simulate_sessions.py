@@ -13,7 +13,6 @@ import pytest
 
 from palpate.cli import main
 from palpate.io.rig import load_rig
-from palpate.io.rig.load_cells import RigLoadCells
 from palpate.simulation.load_cell_bench import BENCHES
 from palpate.simulation.load_cell_files import load_cell_rig, write_load_cell_session
 
@@ -57,7 +56,7 @@ def test_a_seed_is_a_fingertip(tmp_path: Path) -> None:
     assert files["one"] == files["again"]
     assert files["one"]["log.csv"] != files["other"]["log.csv"]
     log, truth = pl.read_csv(tmp_path / "one/log.csv"), pl.read_csv(tmp_path / "one/truth.csv")
-    assert {"time", *load_rig(tmp_path / "one/rig.toml").table(RigLoadCells).columns} == set(log.columns)
+    assert {"time", *load_rig(tmp_path / "one/rig.toml").sensors["load_cells"].columns} == set(log.columns)
     assert set(truth["time"]) <= set(log["time"])
 
 
@@ -65,4 +64,4 @@ def test_a_seed_is_a_fingertip(tmp_path: Path) -> None:
 def test_the_rig_says_whether_the_fingertip_is_soft(tmp_path: Path, kind: str) -> None:
     rig = tmp_path / "rig.toml"
     rig.write_text(load_cell_rig(BENCHES[kind]), encoding="utf-8")
-    assert load_rig(rig).table(RigLoadCells).indentation == (kind == "soft layer")
+    assert load_rig(rig).sensors["load_cells"].indentation == (kind == "soft layer")

@@ -17,8 +17,8 @@ from palpate.io.logs.log import Messages
 from palpate.io.logs.mcap import McapFile
 from palpate.io.models import read_model
 from palpate.io.rig import load_rig
-from palpate.io.rig.pokes import open_pokes
-from palpate.io.rig.skin import rig_body
+from palpate.io.rig.poke_log import open_pokes
+from palpate.io.rig.skin import SkinSection
 from palpate.io.taxel_files import read_taxel_places
 from palpate.sensors.recording import Recording
 from palpate.sensors.taxel_places import TaxelPlaces
@@ -71,7 +71,7 @@ def test_wrenches_and_frames_of_one_reading_are_those_of_two(folder: Path, monke
         whole.append(self.path)  # not of a glance at the first stamps
 
     monkeypatch.setattr(McapFile, "_read", counted)
-    log, frames, parts = open_pokes(folder / "pokes.mcap", rig)
+    log, frames, parts = open_pokes(folder / "pokes.mcap", rig.resolve())
     both = list(parts)
     assert len(whole) == 1
     wrenches, stored = join(list(log.blocks())), list(frames.stored())
@@ -137,7 +137,8 @@ def test_inspect_says_what_each_file_is(folder: Path, capsys: pytest.CaptureFixt
 
 def test_contacts_know_how_well_the_places_of_their_taxels_are_known(folder: Path) -> None:
     skin = read_model(folder / "skin.toml", TaxelPlaces)
-    np.testing.assert_array_equal(rig_body(load_rig(folder / "skin_rig.toml")).covariance, skin.covariance)
+    body = load_rig(folder / "skin_rig.toml").resolve("skin").of(SkinSection).body
+    np.testing.assert_array_equal(body.covariance, skin.covariance)
 
 
 def test_the_skin_at_work_finds_touches(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,10 +13,10 @@ from palpate.contact.taxel_estimator import TaxelEstimator
 from palpate.io.logs.layout import ArrayChannel, Layout
 from palpate.io.rig.kind import Guess, Prepared
 from palpate.io.rig.kinds import KINDS
-from palpate.io.rig.rig import Rig
+from palpate.io.rig.setup import Setup
 from palpate.io.rig.skin import SKIN
-from palpate.io.rig.wrench import noted_filter, rig_filter
-from palpate.sensors.recording import CELLS, Recording
+from palpate.io.rig.wrench import noted_filter
+from palpate.sensors.recording import CELLS
 from palpate.sensors.taxel_health import examine
 from palpate.sensors.taxels import TaxelBody
 
@@ -38,15 +38,14 @@ class RigBall:
     tare: float | None = None
 
 
-def build(rig: Rig, head: Recording | None) -> Prepared:
-    """The estimator; what is at rest is seen at the start of the log."""
-    body = TaxelBody.anywhere(RADIUS * directions(), directions())
-    tare = rig.estimate.tare or rig.sensors["ball"].tare
+def build(setup: Setup) -> Prepared:
+    """Return the estimator; what is at rest is seen at the start of the log."""
+    body, head = TaxelBody.anywhere(RADIUS * directions(), directions()), setup.head
+    tare = setup.estimate.tare or setup.sensors["ball"].table.tare
     health = None if head is None else examine(head, body, seconds=tare)
-    smooth, rate = rig_filter(rig, head)
-    mount = None if rig.surface is None else rig.surface.pose.pose()
+    smooth, rate = setup.smoothing()
     estimator = TaxelEstimator(
-        body, None, health, settings=rig.contacts, filter=smooth.filter(), rate=rate, mount=mount
+        body, None, health, settings=setup.contacts, filter=smooth.filter(), rate=rate, mount=setup.link.mount
     )
     return Prepared(estimator, said=noted_filter(smooth, rate), facts={"tare": tare})
 
@@ -57,12 +56,12 @@ BALL = replace(
     name="ball",
     called="taxels on a ball",
     table=RigBall,
-    layout=lambda rig: LAYOUT,
+    layout=lambda setup: LAYOUT,
     build=build,
     guess=lambda log, there, mesh: (
         Guess("t0 to t199", LAYOUT, "[ball]\n") if set(COLUMNS) <= set(there.names) else None
     ),
     paths=(),
-    start=lambda rig: rig.estimate.tare or rig.sensors["ball"].tare or 1.0,
+    start=lambda setup: setup.estimate.tare or setup.sensors["ball"].table.tare or 1.0,
 )
 KINDS.update({"ball": BALL} | {name: KINDS.pop(name) for name in list(KINDS)})  # before [skin], which takes any frame

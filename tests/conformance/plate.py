@@ -14,8 +14,9 @@ import numpy as np
 
 from palpate.errors import InputError
 from palpate.io.logs.layout import ArrayChannel, Layout
-from palpate.io.rig.kind import Guess, SensorKind
+from palpate.io.rig.kind import Guess
 from palpate.io.rig.kinds import KINDS
+from palpate.io.rig.setup import SensorKind
 from palpate.io.rig.wrench import wrench_estimator
 from palpate.sensors.recording import LARGEST, Recording
 from palpate.sensors.wrench_sensor import Placement, Tare
@@ -76,8 +77,8 @@ KINDS["plate"] = SensorKind(
     called="three cells under a plate",
     table=make_dataclass("RigPlate", ()),  # it has nothing to say
     channels=("plate",),
-    layout=lambda rig: LAYOUT,
-    build=lambda rig, head: wrench_estimator(rig, Plate(), head, tare=rig.estimate.tare),
+    layout=lambda setup: LAYOUT,
+    build=lambda setup: wrench_estimator(setup, Plate(), tare=setup.estimate.tare),
     guess=lambda log, there, mesh: Guess("three", LAYOUT, "[plate]\n") if set(COLUMNS) <= set(there.names) else None,
     refused={"payload": "nothing hangs on a plate", "noise": "a plate's noise is known"},
 )

@@ -15,6 +15,7 @@ from palpate.io.live.live import Answers, Live
 from palpate.io.live.replay import Replay, bare
 from palpate.io.live.ring import Ring
 from palpate.io.logs import join
+from palpate.io.pipeline import OpenedLog
 from palpate.io.rig.source import RigSource
 from palpate.io.rig.tables import RigOrientation
 from palpate.sensors.recording import UNSTEADY
@@ -65,7 +66,7 @@ def test_a_replayed_log_is_answered_as_the_log_is(live: Live, tmp_path: Path) ->
             found.append(live.step(0.0))
         found.append(live.finish())
     assert not [said for said in live.said() if "invalid until" in said]
-    with palpate.open_log(live.source.path, live.rig) as opened:
+    with OpenedLog(live.source.path, live.setup) as opened:
         recording = join(list(opened))
     channels = {name: values for name, values in recording.channels.items() if name != UNSTEADY}
     stamps = np.rint(np.nan_to_num(recording.time) * 1e9).astype(np.int64)

@@ -47,9 +47,10 @@ def test_the_page_draws_what_passes_through_the_ring(
             live.step(0.0)
         live.finish()
     ring = Ring.make(tmp_path / "ring", live.form(), 1 << 27)
-    layers = layers_of(rig, ring.form.sensor, live=ring.form.shape)
-    stream, carried, touched = Stream(ring, feed_of(rig, ring, layers)), list[tuple[float, float]](), 0
-    with LivePage(body_of(rig), layers, sensor.name, stream.tare, port=0) as page:
+    setup = rig.resolve(ring.form.sensor)
+    layers = layers_of(setup, live=ring.form.shape)
+    stream, carried, touched = Stream(ring, feed_of(setup, ring, layers)), list[tuple[float, float]](), 0
+    with LivePage(body_of(setup), layers, sensor.name, stream.tare, port=0) as page:
         end = min(whole["answered"], len(whole.slots))
         for begin, until in pairwise(np.linspace(0, end, PICTURES + 1).astype(int).tolist()):
             ring.slots[begin:until] = whole.slots[begin:until]

@@ -15,7 +15,7 @@ from palpate.contact.estimate import Status
 from palpate.contact.fused_estimator import FusedEstimator
 from palpate.errors import InputError
 from palpate.io.logs import join
-from palpate.io.pipeline import open_log, prepare
+from palpate.io.pipeline import open_log
 from palpate.io.rig import load_rig
 from palpate.sensors.drift import Drift
 from palpate.sensors.recording import AVERAGED, CELLS, FORCE, TORQUE, Recording
@@ -47,7 +47,7 @@ def prepared(run: tuple[ForearmRun, Path]) -> tuple[FusedEstimator, Recording]:
     rig = load_rig(run[1] / "both.toml")
     with open_log(run[1] / "both.mcap", rig) as opened:
         assert opened.kind.name == "fusion"
-        made, recording = prepare(rig, opened).estimator, join(list(opened))
+        made, recording = opened.prepared().estimator, join(list(opened))
     assert isinstance(made, FusedEstimator)
     return made, recording
 

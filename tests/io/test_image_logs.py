@@ -27,8 +27,9 @@ from palpate.io.logs import (
     read_recording,
 )
 from palpate.io.pipeline import OpenedLog, Seen
-from palpate.io.rig import Rig
-from palpate.io.rig.kind import Prepared, SensorKind
+from palpate.io.rig.kind import Prepared
+from palpate.io.rig.link import Link
+from palpate.io.rig.setup import SensorKind, Setup
 from palpate.sensors.recording import CELLS, IMAGE, Recording
 from tests.support.image_files import (
     BAGS,
@@ -426,7 +427,7 @@ def _no_estimator(*_: object) -> Prepared:
 def test_the_start_of_a_log_of_images_is_some_frames(tmp_path: Path) -> None:
     path = write_video(tmp_path / "log.avi", 200)
     kind = SensorKind("camera", "a camera", type(None), (IMAGE,), _layout, _no_estimator)
-    with OpenedLog(path, object.__new__(Rig), kind) as log:
+    with OpenedLog(path, Setup(kind, {}, Link(None, tmp_path))) as log:
         for seconds in (0.0, 5.0):
             assert 30 <= len(log.head(seconds)) < 100
         assert numbers(images(join(list(log)))) == list(range(200))

@@ -20,7 +20,6 @@ from palpate.contact.estimate import ContactEstimate, Status
 from palpate.errors import InputError
 from palpate.io.live.json_lines import JsonLines
 from palpate.io.live.publish import Publisher, open_publisher, publish, require_address
-from palpate.io.rig.rig import Rig
 from tests.support.live_rings import answered, sphere_rig, sphere_ring, touches
 
 
@@ -195,7 +194,7 @@ def test_a_wrong_address_is_one_sentence_before_anything_starts(to: str, said: s
 def test_good_addresses_are_taken(tmp_path: Path) -> None:
     form = sphere_ring(tmp_path / "ring").form
     for to in ("udp:127.0.0.1:5005", "udp:[::1]:5005", f"unix:{tmp_path / 'contacts'}"):
-        made = open_publisher(to, form, Rig())
+        made = open_publisher(to, form)
         assert isinstance(made, Publisher)
         made.close()
         made.close()

@@ -545,15 +545,20 @@ SPHERE = {"surface": {"kind": "sphere", "radius": 0.1}}
 CELLS = {"load_cells": {"columns": [f"u{k}" for k in range(9)]}}
 
 
+def _device(table: dict[str, Any]) -> NetFt:
+    rig = check_rig(table, Path("rig.toml"))
+    return NetFt.of(rig.stream(), rig.resolve())
+
+
 def test_a_rig_of_other_units_or_another_sensor_is_refused() -> None:
     table = {**SPHERE, "source": {"kind": "netft", "address": HOST}}
     imperial = {"force_torque": {"units": {"force": "lbf", "torque": "lbf in"}}}
     with pytest.raises(InputError, match=r"must be N and N m, not lbf and lbf in.*Write units"):
-        NetFt.of(check_rig({**table, **imperial}, Path("rig.toml")))
+        _device({**table, **imperial})
     with pytest.raises(InputError, match=r"has no \[force_torque\]"):
-        NetFt.of(check_rig({**table, **CELLS}, Path("rig.toml")))
+        _device({**table, **CELLS})
     spelled = {"force_torque": {"units": {"force": "newton", "torque": "Nm"}}}
-    NetFt.of(check_rig({**table, **spelled}, Path("rig.toml")))
+    _device({**table, **spelled})
 
 
 # --- the stand-in
@@ -689,7 +694,7 @@ def test_a_port_that_is_taken_is_said(device: NetFtDevice) -> None:
 
 def test_the_source_that_the_stand_in_names_reaches_it(device: NetFtDevice) -> None:
     told_source = tomllib.loads(device.open())  # again: it listens anew, on the same ports
-    source = NetFt.of(check_rig({**SPHERE, "force_torque": {}, **told_source}, Path("rig.toml")))
+    source = _device({**SPHERE, "force_torque": {}, **told_source})
     with sending(device, 2.5):
         source.open()
         got = collect(source, 1, size=1)

@@ -370,13 +370,10 @@ def test_silence_return_and_jumping_stamps_are_said(domain: int, monkeypatch: py
 def test_a_rig_says_what_is_heard(domain: int) -> None:
     device = RosDevice("/arm/ft", domain=domain)
     assert f"domain = {domain}" in device.open()
-    source = source_of(
-        Rig(
-            sensors={"force_torque": RigForceTorque(topic="/arm/ft")},
-            orientation=RigOrientation(base="base", sensor="ft"),
-            source=RigSource("ros2", domain=domain),
-        )
+    rig = Rig(
+        sensors={"force_torque": RigForceTorque(topic="/arm/ft")}, orientation=RigOrientation(base="base", sensor="ft")
     )
+    source = source_of(RigSource("ros2", domain=domain), rig.resolve())
     assert isinstance(source, RosTopics)
     source.open()
     node = Node(domain)
@@ -430,7 +427,7 @@ def test_poses_of_a_topic_stand_for_any_source(domain: int) -> None:
         kind, name = f"geometry_msgs/{kind}", f"/pose{number}"
         writer = node.writer(name, kind)
         orientation = RigOrientation(topic=name[1:])
-        poses = RosPoses.of(Rig(orientation=orientation, source=RigSource("netft", "nobody", domain=domain)))
+        poses = RosPoses.of(orientation, RigSource("netft", "nobody", domain=domain))
         assert poses is not None
         poses.open()
         _until(lambda writer=writer: writer.readers)
@@ -444,9 +441,9 @@ def test_poses_of_a_topic_stand_for_any_source(domain: int) -> None:
         _until(lambda poses=poses: np.isfinite(poses.at(np.array([7 * SECOND])).quaternion).all())
         assert poses.at(np.array([7 * SECOND])).quaternion[0].tolist() == [0.0, 0.6, 0.0, 0.8]
         poses.close()
-    assert RosPoses.of(Rig()) is None
+    assert RosPoses.of(RigOrientation(), None) is None
     with pytest.raises(InputError, match=r"robot_state_publisher puts them on /tf"):
-        RosPoses.of(Rig(orientation=RigOrientation(urdf="arm.urdf", base="base", sensor="ft")))
+        RosPoses.of(RigOrientation(urdf="arm.urdf", base="base", sensor="ft"), None)
     node.close()
 
 

@@ -329,7 +329,8 @@ def _port(lines: str, sensor: str = "", **more: object) -> SerialPort:
     """The source of a rig with this [source]."""
     stated = tomllib.loads(lines + "\n[surface]\nkind = 'cylinder'\nradius = 0.05\nhalf_length = 0.1\n" + sensor)
     stated["source"] |= more
-    return SerialPort.of(check_rig(stated, Path("rig.toml")))
+    rig = check_rig(stated, Path("rig.toml"))
+    return SerialPort.of(rig.stream(), rig.resolve())
 
 
 def _received(source: Source, count: int) -> Batch:
@@ -579,8 +580,9 @@ def test_a_port_that_cannot_be_opened_is_explained(tmp_path: Path, monkeypatch: 
     lines = device.open()
     source = _port(lines)
     source.open()
+    rig = check_rig(tomllib.loads(lines + "[surface]\nkind='sphere'\nradius=0.1"), tmp_path)
     with pytest.raises(InputError, match="is used by another program"):
-        source_of(check_rig(tomllib.loads(lines + "[surface]\nkind='sphere'\nradius=0.1"), tmp_path)).open()
+        source_of(rig.stream(), rig.resolve()).open()
     source.close()
     with pytest.raises(InputError, match="does not know 99999999999 baud"):
         _port(lines, baud=99999999999).open()

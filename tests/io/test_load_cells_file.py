@@ -10,7 +10,7 @@ import pytest
 from palpate.errors import InputError
 from palpate.io.models import read_model, write_model
 from palpate.io.rig import check_rig
-from palpate.io.rig.load_cells import RigLoadCells
+from palpate.io.rig.load_cells import LoadCellSection
 from palpate.sensors.load_cells import Indentation, LoadCells
 from palpate.simulation.cell_array import LAYOUTS, random_cells
 
@@ -75,7 +75,7 @@ def test_the_rig_says_more_than_the_model(tmp_path: Path) -> None:
     write_model(tmp_path / "tip.toml", made())
     table = {"model": "tip.toml", "range": 2.0, "drift": 1e-3, "noise": 2e-4, "without": [2]}
     rig = check_rig({"surface": SURFACE, "load_cells": table}, tmp_path / "rig.toml")
-    cells = rig.table(RigLoadCells).cells(rig.folder)
+    cells = rig.resolve().of(LoadCellSection).cells
     assert np.all(np.abs(cells.limits) == 2.0)
     np.testing.assert_allclose(np.diag(cells.noise), 4e-8)
     (voltage,) = rig.layout().arrays
@@ -87,14 +87,14 @@ def test_the_rig_says_more_than_the_model(tmp_path: Path) -> None:
 def test_a_rig_without_a_model_says_what_to_do() -> None:
     rig = check_rig({"surface": SURFACE, "load_cells": {}}, Path("rig.toml"))
     with pytest.raises(InputError, match="palpate calibrate load-cells"):
-        rig.table(RigLoadCells).cells(rig.folder)
+        _ = rig.resolve().of(LoadCellSection).cells
     with pytest.raises(InputError, match="positions, sensitivity and noise"):
-        rig.table(RigLoadCells).nominal(Path())
+        rig.resolve().of(LoadCellSection).nominal()
     places = [[float(x) for x in place] for place in LAYOUTS[4]]
     table = {"positions": places, "sensitivity": 10.0, "noise": 1e-4}
     rig = check_rig({"surface": SURFACE, "load_cells": table}, Path("rig.toml"))
-    nominal = rig.table(RigLoadCells).nominal(Path())
+    nominal = rig.resolve().of(LoadCellSection).nominal()
     down = nominal.matrix @ [0.0, 0.0, -1.0, 0.0, 0.0, 0.0]
     np.testing.assert_allclose(down[2::3], -0.25 / 10.0)  # four alike, around the middle, share a push alike
     with pytest.raises(InputError, match=r"no \[load_cells"):
-        check_rig({"surface": SURFACE}, Path("rig.toml")).table(RigLoadCells)
+        check_rig({"surface": SURFACE}, Path("rig.toml")).resolve().of(LoadCellSection)

@@ -221,8 +221,8 @@ def test_a_proposed_rig_loads_and_knows_its_units(tmp_path: Path, unit: str, mes
     proposal = propose_rig(tmp_path / "log.csv", tmp_path / "probe.stl", tmp_path)
     (tmp_path / "rig.toml").write_text(proposal.text)
     rig = load_rig(tmp_path / "rig.toml")
-    assert (rig.surface.unit, rig.force_torque.units.torque, rig.time.unit) == (mesh_unit, unit, "ns")
-    assert rig.force_torque.columns == ("f_x", "f_y", "f_z", "m_x", "m_y", "m_z")
+    assert (rig.surface.unit, rig.sensors["force_torque"].units.torque, rig.time.unit) == (mesh_unit, unit, "ns")
+    assert rig.sensors["force_torque"].columns == ("f_x", "f_y", "f_z", "m_x", "m_y", "m_z")
     assert rig.surface.load(rig.folder).size == pytest.approx(0.04 * 3**0.5, rel=1e-6)
     assert ("N mm" in " ".join(proposal.remarks)) == (unit == "N mm")
 

@@ -11,7 +11,7 @@ from palpate.errors import InputError
 from palpate.io.logs import read_recording
 from palpate.io.logs.layout import Layout
 from palpate.io.rig import load_rig
-from palpate.io.rig.drift import drift_table, rig_drift
+from palpate.io.rig.drift import drift_table
 from palpate.io.rig.edit import update_drift
 from palpate.sensors.drift import Drift
 from palpate.sensors.recording import TEMPERATURE
@@ -36,7 +36,7 @@ def test_it_becomes_a_drift_of_six_channels_in_si(tmp_path: Path) -> None:
         'temperature = "T"\n'
     )
     rig = load_rig(a_rig(tmp_path, WRENCH + text))
-    drift = rig_drift(rig, 6)
+    drift = rig.resolve().followed(6)
     assert drift is not None
     np.testing.assert_array_equal(drift.walk, [0.003] * 3 + [1e-4, 1e-4, 2e-4])
     np.testing.assert_allclose(drift.warm_up, [0.01] * 3 + [2e-4] * 3, rtol=1e-15)  # a minute has 60 seconds
@@ -47,21 +47,21 @@ def test_it_becomes_a_drift_of_six_channels_in_si(tmp_path: Path) -> None:
 
 
 def test_what_is_not_said_is_none(tmp_path: Path) -> None:
-    drift = rig_drift(load_rig(a_rig(tmp_path, WRENCH + WALK)), 6)
+    drift = load_rig(a_rig(tmp_path, WRENCH + WALK)).resolve().followed(6)
     assert drift is not None
     assert not drift.warm_up.any()
     assert np.isinf(drift.settling)
-    assert rig_drift(load_rig(a_rig(tmp_path, WRENCH)), 6) is None
+    assert load_rig(a_rig(tmp_path, WRENCH)).resolve().followed(6) is None
 
 
 @pytest.mark.parametrize(("walk", "expected"), [("1e-6", [1e-6] * 9), (str([k * 1e-6 for k in range(1, 10)]), None)])
 def test_of_load_cells_it_is_a_number_or_a_list(tmp_path: Path, walk: str, expected: list[float] | None) -> None:
     rig = load_rig(a_rig(tmp_path, CELLS + f"[drift]\nwalk = {walk}\n"))
-    drift = rig_drift(rig, 9)
+    drift = rig.resolve().followed(9)
     assert drift is not None
     np.testing.assert_allclose(drift.walk, expected or 1e-6 * np.arange(1, 10), rtol=1e-12)
     with pytest.raises(InputError, match="12 channels") if expected is None else pytest.raises(InputError):
-        rig_drift(rig, 12 if expected is None else 6)
+        rig.resolve().followed(12 if expected is None else 6)
 
 
 @pytest.mark.parametrize(
@@ -119,7 +119,7 @@ def test_it_finds_its_place_in_any_form_of_rig(tmp_path: Path, before: str) -> N
     text = SURFACE + before if before.startswith("[") else before + SURFACE
     path = a_rig(tmp_path, text)
     update_drift(path, path, drift_table(FOUND, temperature="T"), {"walk": "from a log"})
-    drift, written = rig_drift(load_rig(path), 6), path.read_text()
+    drift, written = load_rig(path).resolve().followed(6), path.read_text()
     assert drift is not None
     for name in ("walk", "warm_up", "thermal", "thermal_deviation"):
         np.testing.assert_allclose(getattr(drift, name), getattr(FOUND, name), rtol=5e-4)  # four digits are written

@@ -13,7 +13,7 @@ from palpate.errors import InputError
 from palpate.io.contacts import read_contacts, write_contacts
 from palpate.io.models import read_model, write_model
 from palpate.io.rig import load_rig
-from palpate.io.rig.skin import RigSkin
+from palpate.io.rig.skin import SkinSection
 from palpate.io.skin_map import read_skin_map
 from palpate.sensors.intensity import Curve, Intensity
 
@@ -59,7 +59,7 @@ def test_what_is_wrong_with_a_rig_is_said(tmp_path: Path, text: str, said: str) 
     path = tmp_path / "rig.toml"
     path.write_text(text)
     with pytest.raises(InputError, match=said):
-        load_rig(path).table(RigSkin)
+        load_rig(path).resolve().of(SkinSection)
 
 
 def test_a_map_as_rows_of_cells_is_read_whatever_their_order(tmp_path: Path) -> None:

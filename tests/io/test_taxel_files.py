@@ -11,7 +11,7 @@ import pytest
 from palpate.errors import InputError
 from palpate.io.poke_files import holds_pokes, read_pokes
 from palpate.io.rig import load_rig
-from palpate.io.rig.skin import rig_body
+from palpate.io.rig.skin import SkinSection
 from palpate.io.taxel_files import holds_taxels, read_taxel_places, write_taxel_places
 from palpate.io.urdf import Urdf
 from palpate.sensors.taxel_places import TaxelPlaces
@@ -139,7 +139,7 @@ def test_a_body_leaves_out_numbers_without_a_taxel_and_takes_normals_from_the_su
     bare = TaxelPlaces(places.positions, np.full_like(places.normals, np.nan), module=places.module)
     write_taxel_places(tmp_path / "skin.txt", bare)
     (tmp_path / "rig.toml").write_text(RIG + "masked = [7, 25]\n")
-    body = rig_body(load_rig(tmp_path / "rig.toml"))
+    body = load_rig(tmp_path / "rig.toml").resolve().of(SkinSection).body
     assert (len(body), body.frame) == (23, 37)
     np.testing.assert_allclose(body.normals, places.normals[places.there], atol=1e-7)
     assert [body.name(k) for k in np.flatnonzero(~body.usable).tolist()] == ["7", "25"]
@@ -164,7 +164,7 @@ def test_what_is_wrong_with_a_rig_of_taxels_is_said(tmp_path: Path, text: str, s
     write_taxel_places(tmp_path / "skin.txt", bare)
     (tmp_path / "rig.toml").write_text(text)
     with pytest.raises(InputError, match=said):
-        rig_body(load_rig(tmp_path / "rig.toml"))
+        _ = load_rig(tmp_path / "rig.toml").resolve().of(SkinSection).body
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from palpate.io.ground_truth import read_ground_truth
 from palpate.io.logs import read_recording
 from palpate.io.models import read_model
 from palpate.io.rig.rig import load_rig
-from palpate.io.rig.skin import rig_map
+from palpate.io.rig.skin import SkinSection
 from palpate.sensors.drift import Drift
 from palpate.sensors.force_torque import Payload
 from palpate.sensors.intensity import Intensity
@@ -186,7 +186,7 @@ def test_the_files_are_read_by_palpate(run: ForearmRun, tmp_path: Path) -> None:
     np.testing.assert_allclose(np.abs((turns * run.wrench.channels[ORIENTATION])[known].sum(axis=1)), 1.0, atol=1e-6)
     np.testing.assert_array_equal(skin.channels[CELLS], run.skin.channels[CELLS][2:])
     np.testing.assert_allclose(skin.time, run.skin.time[2:] - 0.015, atol=1e-9)
-    np.testing.assert_allclose(rig_map(rig).centres, run.settings.sheet.layout().centres)
+    np.testing.assert_allclose(rig.resolve().of(SkinSection).map.centres, run.settings.sheet.layout().centres)
     np.testing.assert_allclose(rig.mount().apply(np.eye(3)), run.settings.mount.apply(np.eye(3)))
     assert read_model(tmp_path / "payload.toml", Payload).mass == pytest.approx(run.settings.mass)
     curve = read_model(tmp_path / "intensity.toml", Intensity).curves[0]

@@ -153,17 +153,17 @@ def _ring(rig: str | Path) -> MarkerRing:
         InputError: it is a rig of another sensor, or names no model.
     """
     from palpate.io.rig import load_rig
-    from palpate.io.rig.marker_ring import rig_ring
+    from palpate.io.rig.marker_ring import MarkerRingSection
 
     loaded = load_rig(Path(rig))
-    if "marker_ring" not in loaded.sensors:
+    if MarkerRingSection.name not in loaded.sensors:
         called = " and ".join(kind.called for kind in loaded.kinds)
         raise InputError(
             f"is a rig of {called}, and robots of the arena wear rings of markers.",
             where=str(rig),
             hint="Name a rig with [marker_ring] and its model.",
         )
-    return rig_ring(loaded)
+    return loaded.resolve().of(MarkerRingSection).ring
 
 
 @lru_cache(maxsize=1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, fields, replace
 from functools import lru_cache, partial
@@ -18,7 +18,7 @@ from palpate.cli.batch_logs import logs_of, names_of
 from palpate.cli.console import Figure, announce, lines, note, overwrite, title
 from palpate.cli.estimate_log import estimate_log, record_of
 from palpate.cli.parallel import begin_results, from_row, read_rows, require_backend, run_kept
-from palpate.cli.setup import Setup
+from palpate.cli.rig_options import RigOptions
 from palpate.contact.estimate import Status
 from palpate.errors import InputError, PalpateError
 from palpate.io.atomic import require_folder, reserve_output, write_text, writing
@@ -53,7 +53,7 @@ class _Job:
         parent: number of the process whose child does it; 0: whoever does.
     """
 
-    setup: Setup
+    setup: RigOptions
     made: str
     called: str
     log: Path
@@ -92,7 +92,7 @@ def batch(
     logs: Annotated[Positional[tuple[Path, ...]], arg(metavar="LOGS")],
     /,
     output: Annotated[Path, arg(aliases=["-o"], metavar="FOLDER")],
-    setup: Annotated[Setup, arg(name="")],
+    setup: Annotated[RigOptions, arg(name="")],
     form: Annotated[Literal["parquet", "csv", "mcap"], arg(name="format", metavar="NAME")] = "parquet",
     frame: Literal["surface", "sensor", "base"] = "surface",
     workers: Annotated[int | None, arg(metavar="N", help_behavior_hint="")] = None,
@@ -118,7 +118,7 @@ def batch(
     require_report()
     rig, found = setup.load(), logs_of(logs, output)
     _require_folder(output)
-    made = _digest(setup, rig, frame)
+    made = _digest(setup, rig.files(), frame)
     done = dict[str, _Kept]()
     kept = {each.log: each for each in _read(output / KEPT)}
     known = {Path(each.log): each.output.removesuffix(f".{form}") for each in kept.values()}
@@ -128,7 +128,7 @@ def batch(
         _Job(anywhere, made, _printable(log), log.absolute(), folder / f"{name}.{form}", frame, parent)
         for log, name in names_of(found, known).items()
     ]
-    _require_apart(jobs, setup, rig)
+    _require_apart(jobs, setup, rig.files())
     for job in jobs:
         overwrite(f"looking for what is done: {job.called}")
         if (there := kept.get(job.key)) is not None and _holds(there, job):
@@ -145,7 +145,7 @@ def batch(
     except KeyboardInterrupt:
         announce(f"{len(done)} of {len(jobs)} logs are in {output}: the same command goes on")
         raise
-    _end([done[job.key].result for job in jobs], output, setup, rig)
+    _end([done[job.key].result for job in jobs], output, setup, rig.files())
 
 
 def _one(job: _Job) -> _Kept:
@@ -155,7 +155,7 @@ def _one(job: _Job) -> _Kept:
         digest = log_digest(job.log)  # before: a log that grows meanwhile is another log
         rig = _rig(job.setup, job.made)
         opened = job.setup.open(job.log, rig)
-        files = {"log": job.log, "rig": job.setup.rig, **rig.files(opened.kind)}
+        files = {"log": job.log, "rig": job.setup.rig, **opened.setup.files()}
         done = estimate_log(opened, job.output, job.frame, files, partial(_watch, job.parent), keep_short=False)
     except PalpateError as problem:
         return _failed(job, str(problem).removeprefix(f"{job.log}: "))  # which stands beside it
@@ -188,7 +188,7 @@ def _lost(job: _Job) -> _Kept:
 
 
 @lru_cache(maxsize=1)
-def _rig(setup: Setup, made: str) -> Rig:
+def _rig(setup: RigOptions, made: str) -> Rig:
     """Read once a process; `made` changes with its files."""
     return setup.load()
 
@@ -209,10 +209,10 @@ def log_digest(log: Path) -> str:
     return hashlib.sha256(said.encode()).hexdigest()
 
 
-def _digest(setup: Setup, rig: Rig, frame: str) -> str:
+def _digest(setup: RigOptions, files: Mapping[str, Path], frame: str) -> str:
     """Of version, files of the rig and options."""
     options = {each.name: getattr(setup, each.name) for each in fields(setup) if each.name not in PATHS}
-    record = provenance({"rig": setup.rig, **rig.files()}, {**options, "frame": frame})
+    record = provenance({"rig": setup.rig, **files}, {**options, "frame": frame})
     return hashlib.sha256(repr(record).encode()).hexdigest()
 
 
@@ -221,7 +221,7 @@ def _printable(log: Path) -> str:
     return str(log).encode(errors="backslashreplace").decode()
 
 
-def _absolute(setup: Setup) -> Setup:
+def _absolute(setup: RigOptions) -> RigOptions:
     paths = {name: path.absolute() for name in PATHS if (path := getattr(setup, name)) is not None}
     return replace(setup, **paths)
 
@@ -235,9 +235,9 @@ def _require_folder(output: Path) -> None:
     reserve_output(output / KEPT)
 
 
-def _require_apart(jobs: Sequence[_Job], setup: Setup, rig: Rig) -> None:
+def _require_apart(jobs: Sequence[_Job], setup: RigOptions, files: Mapping[str, Path]) -> None:
     """No output is an input of any log."""
-    inputs = [setup.rig, *rig.files().values(), *(job.log for job in jobs)]
+    inputs = [setup.rig, *files.values(), *(job.log for job in jobs)]
     read = {path.resolve() for path in inputs if path is not None}
     for path in (path for job in jobs for path in (job.output, record_of(job.output))):
         if path.resolve() in read:
@@ -271,9 +271,9 @@ def _so_far(done: dict[str, _Kept], total: int) -> str:
     return f"{len(done)} of {total} logs, {samples:,} samples" + (f", {failed} failed" if failed else "")
 
 
-def _end(results: Sequence[LogResult], output: Path, setup: Setup, rig: Rig) -> None:
+def _end(results: Sequence[LogResult], output: Path, setup: RigOptions, files: Mapping[str, Path]) -> None:
     page = output / PAGE
-    said = [("rig", str(setup.rig or setup.mesh)), *((name, str(path)) for name, path in rig.files().items())]
+    said = [("rig", str(setup.rig or setup.mesh)), *((name, str(path)) for name, path in files.items())]
     write_text(page, render(compose(results, tuple(said))))
     title(f"{len(results)} logs -> {page}")
     lines((name, Figure(text, value)) for name, text, value in figures(results))

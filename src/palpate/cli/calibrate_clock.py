@@ -16,7 +16,7 @@ from palpate.io.logs import contents, read_poses, read_recording
 from palpate.io.models import provenance
 from palpate.io.rig import load_rig
 from palpate.io.rig.edit import update_offset
-from palpate.io.rig.force_torque import rig_payload
+from palpate.io.rig.force_torque import ForceTorqueSection
 from palpate.io.units import measured
 
 __all__ = ["calibrate_clock"]
@@ -38,9 +38,11 @@ def calibrate_clock(
         output: rig to write; it may be the same file.
         search: seconds to either side of the rig's offset that are looked at.
     """
-    setup = load_rig(rig)
-    keep_inputs(output, (log, *setup.files().values()))  # not the rig: it may be updated
-    if setup.force_torque.frame == "base":
+    stated = load_rig(rig)
+    keep_inputs(output, (log, *stated.files().values()))  # not the rig: it may be updated
+    setup = stated.resolve("force_torque")
+    sensor = setup.of(ForceTorqueSection)
+    if sensor.table.frame == "base":
         raise InputError(
             "wrenches written in the base frame were turned with poses whose clock is in question.",
             where=str(rig),
@@ -48,11 +50,11 @@ def calibrate_clock(
         )
     path = setup.files().get("payload")
     there = path is not None and path.exists()  # a rig may name it before it is made, which the clock may come before
-    layout, payload = setup.layout("force_torque"), rig_payload(setup) if there else None
+    layout, payload = setup.layout(), sensor.payload if there else None
     before = setup.orientation.offset
     recording = read_recording(log, layout)
     pose_time, quaternions, _ = read_poses(log, layout)
-    wrench = setup.force_torque.noise
+    wrench = sensor.table.noise
     found = identify_offset(
         recording.time,
         recording.wrenches(),

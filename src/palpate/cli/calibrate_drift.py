@@ -18,12 +18,13 @@ from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
 from palpate.io.logs import join
 from palpate.io.models import provenance
-from palpate.io.pipeline import open_log
-from palpate.io.rig import Rig, load_rig
+from palpate.io.pipeline import OpenedLog, open_log
+from palpate.io.rig import load_rig
 from palpate.io.rig.drift import MINUTE, drift_table
 from palpate.io.rig.edit import update_drift
-from palpate.io.rig.force_torque import accelerated, free_wrenches, rig_payload
-from palpate.io.rig.load_cells import RigLoadCells
+from palpate.io.rig.force_torque import ForceTorqueSection, accelerated, free_wrenches
+from palpate.io.rig.load_cells import LoadCellSection
+from palpate.io.rig.setup import Setup
 from palpate.sensors.force_torque import Payload
 from palpate.sensors.recording import ORIENTATION, POSITION, TEMPERATURE, VOLTAGE, Recording
 from palpate.spatial.pose import rotation_from_quaternion
@@ -52,16 +53,18 @@ def calibrate_drift(
         window: seconds over which readings are averaged at first.
     """
     require_positive(window, "--window")
-    setup = load_rig(rig)
-    keep_inputs(output, (log, *setup.files().values()))  # not the rig: it may be updated
-    kind, recording, notes = _read(log, setup)
-    _require_one(setup, kind, rig)
+    stated_rig = load_rig(rig)
+    keep_inputs(output, (log, *stated_rig.files().values()))  # not the rig: it may be updated
+    with open_log(log, stated_rig) as opened:
+        setup, recording, notes = _read(log, opened)
+    kind = setup.kind.name
+    _require_one(setup, rig)
     temperature = recording.channels[TEMPERATURE][:, 0] if TEMPERATURE in recording.channels else None
     if kind == "force_torque":
         setup, moves = _moving(setup, recording)
         notes = (*notes, *moves)
         found, said = _of_wrenches(setup, recording, temperature, window), _Wrench()
-        payload = rig_payload(setup)
+        payload = setup.of(ForceTorqueSection).payload
     else:
         found, said, payload = *_of_cells(setup, recording, temperature, window), None
     stated = setup.drift
@@ -77,25 +80,25 @@ def calibrate_drift(
         note(["no payload is named: what is found holds if the sensor did not turn"])
 
 
-def _read(log: Path, setup: Rig) -> tuple[str, Recording, tuple[str, ...]]:
-    """The sensor that the log is of, all of the log, and what is to be said of it."""
-    with open_log(log, setup) as opened:
-        kind = opened.kind.name
-        if kind not in ("force_torque", "load_cells"):
-            raise InputError(
-                f"[{kind}] has no zero that is followed: [drift] is of a force/torque sensor or of load cells.",
-                where=str(log),
-                hint="A skin follows its zero by itself: walk or drift in [contacts]." if kind == "skin" else "",
-            )
-        blocks = list(opened)
-        if not sum(map(len, blocks)):
-            raise InputError("holds no samples.", where=str(log))
-        return kind, join(blocks), opened.notes()
+def _read(log: Path, opened: OpenedLog) -> tuple[Setup, Recording, tuple[str, ...]]:
+    """Return the sensor that the log is of, all of the log, and what is to be said of it."""
+    kind = opened.kind.name
+    if kind not in ("force_torque", "load_cells"):
+        raise InputError(
+            f"[{kind}] has no zero that is followed: [drift] is of a force/torque sensor or of load cells.",
+            where=str(log),
+            hint="A skin follows its zero by itself: walk or drift in [contacts]." if kind == "skin" else "",
+        )
+    blocks = list(opened)
+    if not sum(map(len, blocks)):
+        raise InputError("holds no samples.", where=str(log))
+    return opened.setup, join(blocks), opened.notes()
 
 
-def _require_one(setup: Rig, kind: str, rig: Path) -> None:
-    """Before a second statement of the drift is written beside an older one."""
-    if getattr(setup.sensors.get(kind), "drift", None) is not None:
+def _require_one(setup: Setup, rig: Path) -> None:
+    """Refuse to write a second statement of the drift beside an older one."""
+    kind = setup.kind.name
+    if getattr(setup.sensors[kind].table, "drift", None) is not None:
         raise InputError(
             f"[{kind}] states a drift too, and only one of both can hold.",
             where=str(rig),
@@ -103,8 +106,8 @@ def _require_one(setup: Rig, kind: str, rig: Path) -> None:
         )
 
 
-def _moving(setup: Rig, recording: Recording) -> tuple[Rig, tuple[str, ...]]:
-    """The rig with accelerations from the poses where the arm moves and the log has none, and what is to be said."""
+def _moving(setup: Setup, recording: Recording) -> tuple[Setup, tuple[str, ...]]:
+    """Return the setup, with accelerations from the poses where the arm moves and the log has none, and notes."""
     if not accelerated(setup, recording):
         return setup, ()
     if POSITION not in recording.channels or setup.acceleration.kind == "none":
@@ -118,16 +121,16 @@ def _moving(setup: Rig, recording: Recording) -> tuple[Rig, tuple[str, ...]]:
 
 
 def _of_wrenches(
-    setup: Rig, recording: Recording, temperature: Float[np.ndarray, " n"] | None, window: float
+    setup: Setup, recording: Recording, temperature: Float[np.ndarray, " n"] | None, window: float
 ) -> DriftFit:
     """Of what is left when the payload is taken off."""
-    if rig_payload(setup) is None and (turned := _turned(recording)) > TURNED:
+    if setup.of(ForceTorqueSection).payload is None and (turned := _turned(recording)) > TURNED:
         raise InputError(
             f"the sensor turns by {turned:.0f} degrees, and the rig names no payload whose weight could be taken off.",
             where=recording.source,
             hint="Run `palpate calibrate payload` and name its file in the rig, or record the sensor at rest.",
         )
-    noise = setup.force_torque.noise
+    noise = setup.of(ForceTorqueSection).table.noise
     return identify_drift(
         recording.time,
         free_wrenches(setup, recording),
@@ -164,11 +167,10 @@ def _turned(recording: Recording) -> float:
 
 
 def _of_cells(
-    setup: Rig, recording: Recording, temperature: Float[np.ndarray, " n"] | None, window: float
+    setup: Setup, recording: Recording, temperature: Float[np.ndarray, " n"] | None, window: float
 ) -> tuple[DriftFit, _Cells]:
     """Of the voltages of the cells that are used; one that is left out drifts as the others do."""
-    table = setup.table(RigLoadCells)
-    cells = table.cells(setup.folder)
+    table, cells = setup.of(LoadCellSection).table, setup.of(LoadCellSection).cells
     sound = cells.channels(~np.isin(np.arange(cells.cells) + 1, table.without))
     voltages = recording.channels[VOLTAGE]
     beyond = (voltages <= cells.limits[:, 0]) | (voltages >= cells.limits[:, 1])

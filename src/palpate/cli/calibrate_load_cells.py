@@ -11,8 +11,7 @@ from palpate.io.atomic import keep_inputs
 from palpate.io.logs import read_recording
 from palpate.io.models import provenance, write_model
 from palpate.io.rig import load_rig
-from palpate.io.rig.load_cells import RigLoadCells, load_cells_layout
-from palpate.io.rig.wrench import rig_surface
+from palpate.io.rig.load_cells import LoadCellSection, load_cells_layout
 from palpate.sensors.recording import REFERENCE, VOLTAGE
 
 __all__ = ["calibrate_load_cells"]
@@ -30,8 +29,8 @@ def calibrate_load_cells(log: Log, /, rig: RigFile, output: Output) -> None:
         rig: TOML with [surface] and [load_cells].
         output: model to write, such as fingertip.toml.
     """
-    setup = load_rig(rig)
-    table = setup.table(RigLoadCells)
+    setup = load_rig(rig).resolve()
+    table = setup.of(LoadCellSection).table
     keep_inputs(output, (log, rig, setup.files().get("mesh")))
     recording = read_recording(log, load_cells_layout(setup, bench=True))
     reference, voltages = recording.channels[REFERENCE], recording.channels[VOLTAGE]
@@ -41,7 +40,7 @@ def calibrate_load_cells(log: Log, /, rig: RigFile, output: Output) -> None:
         voltages,
         reference[:, :3],
         reference[:, 3:],
-        rig_surface(setup),
+        setup.link.surface(),
         indentation=table.indentation,
         options=CalibrationOptions(
             ball=table.ball / 2.0,

@@ -16,7 +16,7 @@ from palpate.io.logs import open_log
 from palpate.io.models import provenance, read_model, write_model
 from palpate.io.models.summary import of_marker_ring
 from palpate.io.rig import load_rig
-from palpate.io.rig.marker_ring import rig_ring_body
+from palpate.io.rig.marker_ring import MarkerRingSection
 from palpate.io.tables.table import read_table
 from palpate.sensors.marker_ring import MarkerRing
 from palpate.sensors.recording import Recording
@@ -44,11 +44,11 @@ def calibrate_marker_ring_command(
             it is known, shear_n along rising angles; empty where nothing touches (default: truth.csv beside them).
         like: model of another unit: tens of presses then do.
     """
-    setup = load_rig(rig)
+    setup = load_rig(rig).resolve("marker_ring")
     frames, table = _files(run, truth)
     keep_inputs(output, (frames, rig, table, like))
     before = None if like is None else read_model(like, MarkerRing).response
-    log = open_log(frames, setup.layout("marker_ring"))
+    log = open_log(frames, setup.layout())
     with counting():
 
         def watched() -> Iterator[Recording]:
@@ -59,7 +59,7 @@ def calibrate_marker_ring_command(
                 progress(done, log.position / max(log.size, 1))
 
         record = provenance({"log": frames, "truth": table, "rig": rig}, {} if like is None else {"like": str(like)})
-        ring = calibrate_marker_ring(watched(), _truth(table), rig_ring_body(setup), before, record)
+        ring = calibrate_marker_ring(watched(), _truth(table), setup.of(MarkerRingSection).body(), before, record)
     write_model(output, ring)
     title(f"{run} -> {output}")
     lines(of_marker_ring(ring))

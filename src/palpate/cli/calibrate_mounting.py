@@ -24,9 +24,10 @@ from palpate.io.atomic import keep_inputs
 from palpate.io.ground_truth import read_touches
 from palpate.io.logs import read_recording
 from palpate.io.models import provenance
-from palpate.io.rig import Rig, load_rig
+from palpate.io.rig import load_rig
 from palpate.io.rig.edit import update_pose
-from palpate.io.rig.force_torque import rig_payload, rig_sensor
+from palpate.io.rig.force_torque import ForceTorqueSection, stated_sensor
+from palpate.io.rig.setup import Setup
 from palpate.io.units import measured
 from palpate.sensors.compensation import Compensation
 from palpate.sensors.recording import Recording
@@ -59,12 +60,13 @@ def calibrate_mounting(
         marks: start,end,px,py,pz[,label] of each touch, in the surface's frame.
         placement: standard deviation [m] of how well marks are hit, along each axis.
     """
-    setup = load_rig(rig)
-    keep_inputs(output, (log, marks, *setup.files().values()))  # not the rig: it may be updated
-    recording = read_recording(log, setup.layout("force_torque"))
-    if setup.surface is None:
+    stated = load_rig(rig)
+    keep_inputs(output, (log, marks, *stated.files().values()))  # not the rig: it may be updated
+    setup = stated.resolve("force_torque")
+    recording = read_recording(log, setup.layout())
+    if setup.link.stated is None:
         raise InputError("a rig needs a [surface].", where=str(rig))
-    surface = setup.surface.load(setup.folder).drawn()  # an equation as its fine mesh: evidence counts facets
+    surface = setup.link.surface().drawn()  # an equation as its fine mesh: evidence counts facets
     wait("preparing the surface")
     wrenches, covariances, estimator = _in_sensor(recording, setup, surface)
     touches = _presses(recording, wrenches, estimator) if marks is None else read_touches(marks)
@@ -72,7 +74,7 @@ def calibrate_mounting(
     means, spreads = mean_touches(
         recording.time, wrenches, touches.start, touches.end, estimator.sensor.noise, covariances
     )
-    initial = setup.surface.pose.pose()
+    initial = setup.link.mount
 
     def identify(rows: Rows, placed: float) -> Mounting:
         return identify_mounting(
@@ -98,13 +100,14 @@ def calibrate_mounting(
     )
     lines([] if error is None else [("touches err by", _err_by(error, placement))])
     note([*surface.notes, *recording.notes, *mounting.notes])
-    note(_doubts(mounting, initial, setup, residual, anywhere=marks is None), kind="warning")
+    payload = setup.of(ForceTorqueSection).table.payload is not None
+    note(_doubts(mounting, initial, residual, payload=payload, anywhere=marks is None), kind="warning")
 
 
-def _doubts(mounting: Mounting, initial: Pose, rig: Rig, residual: float, *, anywhere: bool) -> list[str]:
+def _doubts(mounting: Mounting, initial: Pose, residual: float, *, payload: bool, anywhere: bool) -> list[str]:
     """Before somebody relies on it."""
     said: list[str] = []
-    if rig.force_torque.payload is None:
+    if not payload:
         said.append("the rig names no payload: weight and bias, where they are not taken off, end up in the pose")
     if residual > POOR:
         said.append(
@@ -122,10 +125,10 @@ def _doubts(mounting: Mounting, initial: Pose, rig: Rig, residual: float, *, any
 
 
 def _in_sensor(
-    recording: Recording, setup: Rig, surface: Mesh
+    recording: Recording, setup: Setup, surface: Mesh
 ) -> tuple[np.ndarray, np.ndarray | None, WrenchEstimator]:
     """Compensated wrenches in the sensor's frame, and what the payload's uncertainty adds to their covariance."""
-    sensor = rig_sensor(setup, recording)
+    sensor = stated_sensor(setup, recording)
     settings = setup.estimate.contact
     locator = Locator(
         surface,
@@ -133,7 +136,7 @@ def _in_sensor(
         on=None if settings is None else settings.on,
         off=None if settings is None else settings.off,
     )
-    load = rig_payload(setup)
+    load = setup.of(ForceTorqueSection).payload
     estimator = WrenchEstimator(locator, Compensation(sensor, load), live=False)  # surface frame = sensor frame
     wrenches, covariances, statuses = estimator.contact_wrenches(recording)
     usable = np.where((statuses < 0)[:, None], wrenches, np.nan)

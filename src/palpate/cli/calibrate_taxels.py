@@ -21,14 +21,17 @@ from palpate.cli.options import FileOption, Log, Output, RigFile, Scalar
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
 from palpate.io.logs import contents
-from palpate.io.models import provenance, read_model
+from palpate.io.models import provenance
 from palpate.io.models.summary import of_taxels
 from palpate.io.poke_files import holds_pokes, read_pokes
-from palpate.io.rig import Rig, load_rig
-from palpate.io.rig.pokes import RigPokes, open_pokes
-from palpate.io.rig.skin import RigSkin
+from palpate.io.rig import load_rig
+from palpate.io.rig.force_torque import ForceTorqueSection
+from palpate.io.rig.poke_log import open_pokes
+from palpate.io.rig.pokes import RigPokes
+from palpate.io.rig.setup import Setup
+from palpate.io.rig.skin import SkinSection
+from palpate.io.rig.tables import RigForceTorque
 from palpate.io.taxel_files import SUFFIXES, read_taxel_places, write_taxel_places
-from palpate.sensors.intensity import Intensity
 from palpate.sensors.pokes import Pokes
 from palpate.sensors.recording import Recording
 from palpate.sensors.taxel_modules import LAYOUTS, ModuleLayout
@@ -67,15 +70,15 @@ def calibrate_taxels_command(
         layout: of modules, in place of the rig's: ring12, triangle10, triangle10+2, or a file of taxels.
         threshold: above its rest, at which a taxel answers; found where it is not given.
     """
-    setup = load_rig(rig)
+    stated = load_rig(rig)
     if output.suffix.lower() not in SUFFIXES:
         hint = f"Use {', '.join(SUFFIXES)}."
         raise InputError(f"cannot write places of taxels as {output.suffix!r}.", where=str(output), hint=hint)
-    table = _over(setup.pokes or RigPokes(), threshold)
-    setup = replace(setup, pokes=table)
-    begun = start or (None if table.start is None else setup.folder / table.start)
-    keep_inputs(output, (log, rig, begun, *setup.files().values()))
-    surface = None if setup.surface is None else setup.surface.load(setup.folder)
+    table = _over(stated.pokes or RigPokes(), threshold)
+    begun = start or (None if table.start is None else stated.folder / table.start)
+    keep_inputs(output, (log, rig, begun, *stated.files().values()))
+    setup = replace(stated.resolve(), pokes=table)
+    surface = None if setup.link.stated is None else setup.link.surface()
     if is_taxel_file(log):
         _place(log, setup, method, layout, (output, rig, surface))
         return
@@ -101,13 +104,13 @@ def calibrate_taxels_command(
     note(_next(setup, output, surface))
 
 
-def _place(path: Path, rig: Rig, method: str, layout: str | None, rest: tuple[Path, Path, Surface | None]) -> None:
+def _place(path: Path, setup: Setup, method: str, layout: str | None, rest: tuple[Path, Path, Surface | None]) -> None:
     """Places in place of pokes: modules are laid where their taxels come nearest to them."""
     output, rig_file, surface = rest
     if method != "modules":
         raise InputError("places of taxels can only be made better as those of modules.", where="--method")
     places = read_taxel_places(path)
-    modules, said = _layout(layout, rig, places, None)
+    modules, said = _layout(layout, setup, places, None)
     found = place_modules(places, modules, surface)
     record = provenance({"places": path, "rig": rig_file}, {"method": method, "layout": layout})
     write_taxel_places(output, replace(found.places, provenance=record, notes=(*found.places.notes, *found.notes)))
@@ -124,26 +127,28 @@ def _over(table: RigPokes, threshold: float | None) -> RigPokes:
         raise InputError(f"{problem}.", where="--threshold") from problem
 
 
-def _pokes(log: Path, rig: Rig, start: TaxelPlaces | None) -> Pokes:
-    """Out of a table of pokes, or found in a log."""
-    table, noise = rig.pokes or RigPokes(), rig.force_torque.noise
+def _pokes(log: Path, setup: Setup, start: TaxelPlaces | None) -> Pokes:
+    """Return the pokes of a table, or those found in a log."""
+    table, wrench = setup.pokes or RigPokes(), RigForceTorque()
+    if ForceTorqueSection.name in setup.sensors:
+        wrench = setup.of(ForceTorqueSection).table
+    noise, limits = wrench.noise, wrench.range
     if holds_pokes(list(contents(log).names)):
         covariance = None if noise is None else np.diag(noise.six() ** 2)
         return believed(read_pokes(log, threshold=table.threshold or 0.0, noise=covariance), start=start)
-    if "skin" not in rig.sensors:
+    if SkinSection.name not in setup.sensors:
         hint = "Add a [skin] with count = N, or taxels = FILE, and where the log keeps their readings."
         raise InputError("the rig does not say what the taxels of the log are.", where="rig", hint=hint)
-    skin, limits = rig.table(RigSkin), rig.force_torque.range
-    curves = None if skin.intensity is None else read_model(rig.folder / skin.intensity, Intensity)
+    bits, curves = setup.of(SkinSection).table.bits, setup.of(SkinSection).intensity
     search = PokeSearch(
         threshold=table.threshold,
         pose=None if table.pose is None else table.pose.pose(),
-        top=2.0**skin.bits - 1.0 if skin.bits else np.inf,
+        top=2.0**bits - 1.0 if bits else np.inf,
         falling=curves is not None and curves.curves[0].falling,
         limits=None if limits is None else limits.six(),
         start=start,
     )
-    wrenches, frames, parts = open_pokes(log, rig)
+    wrenches, frames, parts = open_pokes(log, setup)
 
     def counted() -> Iterator[Recording | Block]:
         done = 0
@@ -161,18 +166,18 @@ def _pokes(log: Path, rig: Rig, start: TaxelPlaces | None) -> Pokes:
 
 
 def _layout(
-    name: str | None, rig: Rig, start: TaxelPlaces | None, pokes: Pokes | None
+    name: str | None, setup: Setup, start: TaxelPlaces | None, pokes: Pokes | None
 ) -> tuple[ModuleLayout | None, list[str]]:
     """Of the modules: by name or file; None: that of the start. Without a start those that never answered are left out.
 
     Raises:
         InputError: no such layout, or it does not fit the taxels.
     """
-    chosen = name or (rig.pokes.layout if rig.pokes is not None else None)
+    chosen = name or (setup.pokes.layout if setup.pokes is not None else None)
     if chosen is None:
         return None, []
     if chosen not in LAYOUTS:
-        path = Path(chosen) if name is not None else rig.folder / chosen
+        path = Path(chosen) if name is not None else setup.link.folder / chosen
         if not path.exists():
             hint = f"Use {', '.join(LAYOUTS)}, or a file of taxels."
             raise InputError(f"there is no layout {chosen!r}.", where="layout", hint=hint)
@@ -248,10 +253,10 @@ def _one_configuration(pokes: Pokes, found: TaxelCalibration) -> list[str]:
     ]
 
 
-def _next(rig: Rig, output: Path, surface: Surface | None) -> list[str]:
+def _next(setup: Setup, output: Path, surface: Surface | None) -> list[str]:
     said = [f'name it in the rig: taxels = "{output.name}" under [skin]']
     if surface is None:
         said.append("with the link's mesh as [surface] the taxels are known better")
-    if rig.pokes is not None and rig.pokes.start is None:
+    if setup.pokes is not None and setup.pokes.start is None:
         said.append("start = FILE of where they are by CAD, in [pokes], makes places absolute")
     return said

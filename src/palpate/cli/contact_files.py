@@ -9,7 +9,7 @@ from palpate.contact.contacts import Contacts
 from palpate.errors import InputError
 from palpate.io.contacts import contact_blocks, read_contacts
 from palpate.io.models import read_provenance
-from palpate.io.rig import Rig
+from palpate.io.rig.link import Link
 
 __all__ = ["compared_blocks", "on_body", "written"]
 
@@ -19,7 +19,7 @@ def written(path: Path) -> Contacts | None:
     return read_contacts(path) if _holds_contacts(path) else None
 
 
-def compared_blocks(path: Path, rig: Rig) -> Iterator[Contacts]:
+def compared_blocks(path: Path, link: Link) -> Iterator[Contacts]:
     """Contacts to compare, block by block, in the frame that the body is drawn in.
 
     Raises:
@@ -31,10 +31,10 @@ def compared_blocks(path: Path, rig: Rig) -> Iterator[Contacts]:
             where=str(path),
             hint="Estimate it first: palpate estimate LOG --rig RIG -o CONTACTS.",
         )
-    return (on_body(block, path, rig) for block in contact_blocks(path))
+    return (on_body(block, path, link) for block in contact_blocks(path))
 
 
-def on_body(contacts: Contacts, path: Path, rig: Rig) -> Contacts:
+def on_body(contacts: Contacts, path: Path, link: Link) -> Contacts:
     """As they were written, in the frame that the body is drawn in.
 
     Raises:
@@ -47,8 +47,8 @@ def on_body(contacts: Contacts, path: Path, rig: Rig) -> Contacts:
             where=str(path),
             hint="Estimate without --frame base, or view the log itself.",
         )
-    if frame == "sensor" and rig.surface is not None:
-        contacts = contacts.in_frame(rig.surface.pose.pose().inverse())
+    if frame == "sensor" and link.stated is not None:
+        contacts = contacts.in_frame(link.mount.inverse())
     return contacts
 
 

@@ -16,9 +16,8 @@ from palpate.cli.options import Output
 from palpate.contact.resolution import nominal_cells
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs, write_text
-from palpate.io.rig import Rig, load_rig
-from palpate.io.rig.load_cells import RigLoadCells
-from palpate.io.rig.wrench import rig_surface
+from palpate.io.rig import load_rig
+from palpate.io.rig.load_cells import LoadCellSection, RigLoadCells
 from palpate.sensors.load_cells import LoadCells
 from palpate.viewer.report import render, require_report
 
@@ -52,19 +51,21 @@ def design_load_cells(
             raise InputError(f"--{name} must be positive, not {value:g}.")
     if not 0 <= friction < inf:
         raise InputError(f"--friction must not be negative, not {friction:g}.")
-    setup = load_rig(rig)
-    keep_inputs(output, (rig, *setup.files().values()))
-    surface, cells = rig_surface(setup), setup.table(RigLoadCells).nominal(setup.folder)
-    design = Design(rig.name, cells, surface, accuracy, force, friction, tared, tuple(_variants(setup, cells)))
+    stated = load_rig(rig)
+    keep_inputs(output, (rig, *stated.files().values()))
+    setup = stated.resolve()
+    surface, frame = setup.link.surface(), setup.of(LoadCellSection)
+    cells = frame.nominal()
+    design = Design(rig.name, cells, surface, accuracy, force, friction, tared, tuple(_variants(frame.table, cells)))
     write_text(output, render(compose(design)))
     title(f"{rig} -> {output}")
     lines([(tile.name, f"{tile.value} {tile.word}".rstrip()) for tile in tiles(design)])
     note(warnings(design), "warning")
 
 
-def _variants(rig: Rig, cells: LoadCells) -> Iterator[tuple[str, LoadCells]]:
+def _variants(table: RigLoadCells, cells: LoadCells) -> Iterator[tuple[str, LoadCells]]:
     """Layouts that have not been built can still be changed."""
-    table, places = rig.table(RigLoadCells), cells.positions
+    places = cells.positions
     if table.model is not None or table.sensitivity is None or table.noise is None:
         return
     middle = places.mean(axis=0)

@@ -17,9 +17,8 @@ from palpate.cli.estimate_log import Estimated, estimate_log, record_of
 from palpate.cli.events import say_touches
 from palpate.cli.options import FileOption, Log
 from palpate.cli.report import judged
-from palpate.cli.report_advice import mounting_known
+from palpate.cli.rig_options import RigOptions
 from palpate.cli.run_report import run_of
-from palpate.cli.setup import Setup
 from palpate.contact.estimate import Status
 from palpate.contact.ground_truth import Samples, Touches
 from palpate.errors import InputError
@@ -27,7 +26,7 @@ from palpate.io.atomic import keep_inputs, write_text
 from palpate.io.contacts import require_format
 from palpate.io.ground_truth import read_ground_truth
 from palpate.io.pipeline import OpenedLog
-from palpate.io.rig import Rig
+from palpate.io.rig.link import Link
 from palpate.viewer.report import render, require_report
 from palpate.viewer.run_compare import beside
 from palpate.viewer.run_report import compose
@@ -44,7 +43,7 @@ def estimate(
     /,
     *,
     output: Annotated[FileOption, arg(aliases=["-o"])] = None,
-    setup: Annotated[Setup, arg(name="")],
+    setup: Annotated[RigOptions, arg(name="")],
     frame: Literal["surface", "sensor", "base"] = "surface",
     report: FileOption = None,
     truth: FileOption = None,
@@ -79,10 +78,10 @@ def estimate(
         require_format(output)
     elif report is not None:
         raise InputError("the report is of contacts that are written.", where="--report", hint="Add -o FILE.")
-    known, other = _ground_truth(truth, report), _compared(compare, report, rig)
+    known, other = _ground_truth(truth, report), _compared(compare, report, rig.resolve().link)
     opened = setup.open(log, rig)
     wait("preparing the surface")
-    files = {"log": log, "rig": setup.rig, **rig.files(opened.kind), "truth": truth}
+    files = {"log": log, "rig": setup.rig, **opened.setup.files(), "truth": truth}
     with counting():
         done = estimate_log(opened, output, frame, files, progress, workers=_workers(opened, workers))
     _say(str(log) if output is None else f"{log} -> {output}", done)
@@ -91,7 +90,7 @@ def estimate(
     elif report is not None:
         warnings = (*([done.nothing] if done.nothing else []), *done.doubts, *done.short)
         run = run_of(done.pipeline, done.summary, done.record, output.name, warnings)
-        run = judged(run, known, mounted=mounting_known(rig))
+        run = judged(run, known, mounted=opened.setup.link.mount_covariance is not None)
         write_text(report, render(compose(run if other is None else beside(run, other[0], other[1]))))
     note(done.short, kind="warning")
     note([done.nothing] if done.nothing else [], kind="warning")
@@ -100,7 +99,7 @@ def estimate(
         raise SystemExit(INTERRUPTED if done.ended == "interrupted" else TORN if done.short else UNBELIEVABLE)
 
 
-def _next(log: Path, setup: Setup, statuses: Int[np.ndarray, " s"]) -> list[str]:
+def _next(log: Path, setup: RigOptions, statuses: Int[np.ndarray, " s"]) -> list[str]:
     """The command for a log that comes out implausible where a mesh is all that is known."""
     answered = statuses[Status.CONTACT] + statuses[Status.AMBIGUOUS]
     if setup.rig is not None or setup.mesh is None or statuses[Status.IMPLAUSIBLE] <= answered:
@@ -129,14 +128,14 @@ def _ground_truth(truth: Path | None, report: Path | None) -> Samples | Touches 
     return None if truth is None else read_ground_truth(truth)
 
 
-def _compared(path: Path | None, report: Path | None, rig: Rig) -> tuple[str, RunSummary] | None:
+def _compared(path: Path | None, report: Path | None, link: Link) -> tuple[str, RunSummary] | None:
     """Name and summary of the contacts to stand beside these."""
     if path is None:
         return None
     if report is None:
         raise InputError("is for the report, and none is asked for.", where="--compare", hint="Add --report FILE.")
     other = RunSummary()
-    for block in compared_blocks(path, rig):
+    for block in compared_blocks(path, link):
         other.add(block)
     return path.name, other
 

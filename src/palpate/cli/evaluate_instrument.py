@@ -22,8 +22,10 @@ from palpate.evaluation.instruments import (
 )
 from palpate.evaluation.matching import nearest_in_time
 from palpate.io.atomic import keep_inputs, write_text
-from palpate.io.rig import Rig, load_rig
-from palpate.io.rig.skin import RigSkin, rig_map
+from palpate.io.rig import load_rig
+from palpate.io.rig.link import Link
+from palpate.io.rig.setup import Setup
+from palpate.io.rig.skin import SkinSection
 from palpate.io.tables.table import Table, read_table
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate.surfaces.mesh import Mesh
@@ -58,22 +60,22 @@ def evaluate_instrument(
         output: page to write.
     """
     path, found = contacts
-    rig = load_rig(rig_path)
+    setup = load_rig(rig_path).resolve()
     if output is not None:
         keep_inputs(output, (path, truth, rig_path, None if wand is None else wand[0]))
         require_report()
     touches, alone = touches_of(found)
     if not len(touches):
         raise InputError("no touch lasts three samples or more.", where=str(path))
-    surface, of = _surface(rig)
-    reference = _reference(read_table(truth), (touches, alone), (surface, rig), wand, tolerance)
+    surface, of = _surface(setup)
+    reference = _reference(read_table(truth), (touches, alone), (surface, setup.link), wand, tolerance)
     if all(reference.refused):
         raise InputError(
             f"none of {len(touches)} touches can be compared; the first: {reference.refused[0]}.", where=str(truth)
         )
     judged = judge(touches, reference)
-    sheet = "skin" in rig.sensors and rig.table(RigSkin).map is not None
-    pitch = rig_map(rig).pitch if sheet else None
+    sheet = SkinSection.name in setup.sensors and setup.of(SkinSection).table.map is not None
+    pitch = setup.of(SkinSection).map.pitch if sheet else None
     title(f"{path} against {truth}, {reference.name}")
     lines(_facts(judged, touches, pitch))
     table(("", *HEADER), ((f"{name} [{unit}]", *summary.row(scale)) for name, unit, summary, scale in _named(judged)))
@@ -83,25 +85,26 @@ def evaluate_instrument(
         write_text(output, render(_page(names, judged, touches, pitch, of)))
 
 
-def _surface(rig: Rig) -> tuple[Mesh, str]:
-    """Of the body: the rig's, or else the map of its sheet."""
-    if rig.surface is None:
-        return map_mesh(rig_map(rig)), "the rig has no [surface]: the sensing layer of the map stands for the body"
-    return rig.surface.load(rig.folder).drawn(), "lines and wand are met with the rig's [surface]"
+def _surface(setup: Setup) -> tuple[Mesh, str]:
+    """Return the mesh of the body: the rig's, or else the map of its sheet."""
+    if setup.link.stated is None:
+        said = "the rig has no [surface]: the sensing layer of the map stands for the body"
+        return map_mesh(setup.of(SkinSection).map), said
+    return setup.link.surface().drawn(), "lines and wand are met with the rig's [surface]"
 
 
 def _reference(
     known: Table,
     touches: tuple[Contacts, np.ndarray],
-    body: tuple[Mesh, Rig],
+    body: tuple[Mesh, Link],
     wand: tuple[Path, str] | None,
     tolerance: float,
 ) -> Reference:
     """What the columns of the truth are."""
-    (found, alone), (surface, rig) = touches, body
+    (found, alone), (surface, link) = touches, body
     if set(WRENCH) <= set(known.names):
         values = _at(known, WRENCH, found.time, tolerance)
-        turn = None if rig.surface is None else rig.surface.pose.pose()  # T_sensor_surface
+        turn = None if link.stated is None else link.mount  # T_sensor_surface
         wrenches = values if turn is None else values @ turn.inverse().wrench_matrix().T
         return wrench_points(surface, wrenches, alone=alone)
     if wand is None:

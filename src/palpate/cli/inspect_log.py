@@ -22,6 +22,7 @@ from palpate.io.rig.force_torque import doubted_noise
 from palpate.io.rig.guess import topics_of
 from palpate.io.rig.names import orientation_columns
 from palpate.io.rig.new import guess_sensor
+from palpate.io.rig.setup import Setup
 from palpate.sensors.noise import estimate_noise
 from palpate.sensors.recording import FORCE, ORIENTATION, POSITION, TORQUE, Recording
 from palpate.viewer.report import percent
@@ -69,12 +70,13 @@ def _inspect_one(
 ) -> tuple[Recording | None, bool]:
     """The readings of one sensor."""
     remarks: tuple[str, ...] = ()
+    setup: Setup | None = None
     if rig is not None:
         from palpate.io.pipeline import open_log as open_rig_log  # here: a log alone needs nothing of it
 
         log = open_rig_log(file, rig, sensor, topic)
-        kind, blocks = log.kind, iter(log)
-        if (layout := kind.layout(log.rig)).images is not None:
+        kind, blocks, setup = log.kind, iter(log), log.setup
+        if (layout := log.setup.layout()).images is not None:
             return None, inspect_images(file, there, [layout])
     else:
         unread = {each.name for each in there.topics if each.kind in IMAGES and not role(each.kind)}
@@ -107,7 +109,7 @@ def _inspect_one(
     kept = excerpt.recording()
     _say_samples(kept, ranges, there)
     _say_ranges(kept, ranges)
-    note(doubted_noise(rig, kept) if rig is not None and kind.name == "force_torque" else (), kind="warning")
+    note(doubted_noise(setup, kept) if setup is not None and kind.name == "force_torque" else (), kind="warning")
     if rig is not None and rig.surface is not None and (asked := _asked(file, rig, sensor)):
         lines([("bounds", asked)])
     if excerpt.stride > 1:

@@ -7,6 +7,7 @@ import signal
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
@@ -21,8 +22,8 @@ from palpate.errors import InputError, PalpateError
 from palpate.io.live.receiver import orphaned
 from palpate.io.live.ring import Ring, latencies
 from palpate.io.logs.samples import Samples
-from palpate.io.rig import Rig, load_rig
-from palpate.io.rig.kinds import KINDS
+from palpate.io.rig import load_rig
+from palpate.io.rig.setup import Setup
 from palpate.sensors.recording import CELLS, Recording
 from palpate.viewer.live import SECONDS, SILENT, Figures, LivePage, recent
 from palpate.viewer.marker_ring import RingLayer
@@ -61,10 +62,10 @@ def show(ring: Path, rig: Path, host: str, port: int, token: str, parent: int) -
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which says stop
     read = Ring(ring)
     try:
-        stated = load_rig(rig)
-        layers = layers_of(stated, read.form.sensor, live=read.form.shape)
-        stream = Stream(read, feed_of(stated, read, layers))
-        with LivePage(body_of(stated), layers, rig.stem, stream.tare, host, port, token) as page:
+        setup = load_rig(rig).resolve(read.form.sensor)
+        layers = layers_of(setup, live=read.form.shape)
+        stream = Stream(read, feed_of(setup, read, layers))
+        with LivePage(body_of(setup), layers, rig.stem, stream.tare, host, port, token) as page:
             gc.collect()
             gc.freeze()  # or it looks through all that is here to stay, again and again
             taken = "" if port in (0, page.port) else f" (port {port} is taken)"
@@ -210,14 +211,13 @@ class Stream:
         return self._latency[1]
 
 
-def feed_of(rig: Rig, ring: Ring, layers: tuple[Layer, ...]) -> Feed:
-    """What takes readings to the layer of the sensor, if that shows any."""
-    sensor = rig.kind(ring.form.sensor)
+def feed_of(setup: Setup, ring: Ring, layers: tuple[Layer, ...]) -> Feed:
+    """Return what takes readings to the layer of the sensor, if that shows any."""
     for layer in layers:
         if isinstance(layer, TaxelLayer):
-            return _Cells(ring, rig, layer)
+            return _Cells(ring, setup, layer)
         if isinstance(layer, RingLayer):
-            estimator = sensor.build(rig, None).estimator
+            estimator = setup.prepared().estimator
             if isinstance(estimator, RingEstimator):
                 return _Frames(estimator, layer)
     return lambda slots, watched: None
@@ -229,14 +229,14 @@ class _Cells:
     It takes the rest from frames in which nothing touches, again after each tare.
     """
 
-    def __init__(self, ring: Ring, rig: Rig, layer: TaxelLayer) -> None:
-        kind = rig.kind(ring.form.sensor)
-        made = (KINDS["skin"] if "skin" in kind.parts else kind).build(rig, None).estimator
+    def __init__(self, ring: Ring, setup: Setup, layer: TaxelLayer) -> None:
+        skin = replace(setup, kind=setup.sensors["skin"].kind) if "skin" in setup.kind.parts else setup
+        made = skin.prepared().estimator
         if not isinstance(made, TaxelEstimator):
             raise InputError("is no skin.", where=ring.form.sensor)
         self._ring, self._layer = ring, layer
         self._estimator = TaxelEstimator(made.body, made.intensity, made.health, settings=made.settings)
-        self._samples, self._cells = Samples(kind.layout(rig), Path("the stream")), len(made.body)
+        self._samples, self._cells = Samples(setup.layout(), Path("the stream")), len(made.body)
         self._rows = self._estimator.empty(self._estimator.most)
         self._done, self._free = ring["done"], list[np.ndarray]()
         self._rested = made.health is not None

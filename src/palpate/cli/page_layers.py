@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from palpate.io.rig import Rig
-from palpate.io.rig.load_cells import RigLoadCells
-from palpate.io.rig.marker_ring import rig_ring, ring_surface
-from palpate.io.rig.skin import rig_body
+from palpate.io.rig.load_cells import LoadCellSection
+from palpate.io.rig.marker_ring import MarkerRingSection
+from palpate.io.rig.setup import Setup
+from palpate.io.rig.skin import SkinSection
 from palpate.sensors.recording import IMAGE, Recording
 from palpate.surfaces import Surface
 from palpate.viewer.load_cells import LoadCellLayer
@@ -37,31 +37,28 @@ class Kept:
         return np.concatenate(self.parts) if self.parts else None
 
 
-def body_of(rig: Rig) -> Surface | None:
-    """The rig's surface; of a marker ring that has none a cylinder as large as the ring."""
-    if rig.surface is None:
-        return ring_surface(rig) if "marker_ring" in rig.sensors else None
-    return rig.surface.load(rig.folder)
+def body_of(setup: Setup) -> Surface | None:
+    """Return the link's surface; of a marker ring that has none a cylinder as large as the ring."""
+    if setup.link.stated is None:
+        return setup.of(MarkerRingSection).surface() if MarkerRingSection.name in setup.sensors else None
+    return setup.link.surface()
 
 
-def layers_of(
-    rig: Rig, sensor: str, kept: Kept | None = None, live: tuple[int, ...] | None = None
-) -> tuple[Layer, ...]:
-    """What a sensor adds to the page, if the files that it names are there.
+def layers_of(setup: Setup, kept: Kept | None = None, live: tuple[int, ...] | None = None) -> tuple[Layer, ...]:
+    """Return what a sensor adds to the page, if the files that it names are there.
 
     Args:
-        rig: of the sensor.
-        sensor: name of its table.
+        setup: of the sensor.
         kept: of the log that is shown.
         live: shape of a reading of the stream that is shown; None: no stream is.
     """
     kept = kept or Kept()
-    if sensor not in {kind.name for kind in rig.kinds} or not rig.sensors:
-        return ()
-    there = all(path.exists() for name, path in rig.files(rig.kind(sensor)).items() if name != "mesh")
+    sensor = setup.kind.name
+    there = all(path.exists() for name, path in setup.files().items() if name != "mesh")
     if there and sensor == "load_cells":
-        return (LoadCellLayer(rig.table(RigLoadCells).cells(rig.folder)),)
+        return (LoadCellLayer(setup.of(LoadCellSection).cells),)
     if there and sensor == "marker_ring":
-        return (RingLayer(rig_ring(rig), kept.frames, kept.joined(), None if live is None else (live[0], live[1])),)
+        shape = None if live is None else (live[0], live[1])
+        return (RingLayer(setup.of(MarkerRingSection).ring, kept.frames, kept.joined(), shape),)
     felt = there and sensor in ("skin", "fusion")
-    return (TaxelLayer(rig_body(rig), kept.joined(), live is not None),) if felt else ()
+    return (TaxelLayer(setup.of(SkinSection).body, kept.joined(), live is not None),) if felt else ()

@@ -8,10 +8,11 @@ from jaxtyping import Int
 from palpate.contact.estimate import Status
 from palpate.contact.plausibility import UNLOADED
 from palpate.evaluation.evaluate import Report
-from palpate.io.rig import Rig
+from palpate.io.rig.force_torque import ForceTorqueSection
+from palpate.io.rig.setup import Setup
 from palpate.viewer.report import percent
 
-__all__ = ["coverage_advice", "mounting_known", "status_advice", "wrench_advice"]
+__all__ = ["coverage_advice", "status_advice", "wrench_advice"]
 
 _REMEDY = {  # of a status that is common: from which share on, of the loaded samples or of all, and what to do
     Status.AMBIGUOUS: (0.05, "if only a part of the body can be touched, say so as surface.region."),
@@ -25,31 +26,27 @@ ENOUGH = 50  # samples before their coverage means something
 BLURRED = 1e-3  # m: of a median ellipse that a filter is worth its lag for
 
 
-def mounting_known(rig: Rig) -> bool:
-    """Whether the rig says how well it is known where the surface sits."""
-    return rig.surface is not None and rig.surface.pose_covariance is not None
-
-
-def wrench_advice(rig: Rig, *, payload: bool, filtered: bool, radius: float) -> tuple[str, ...]:
-    """Of a force/torque sensor's models.
+def wrench_advice(setup: Setup, *, payload: bool, filtered: bool, radius: float) -> tuple[str, ...]:
+    """Return what would make the answers of a force/torque sensor better.
 
     Args:
-        rig: with the options of the command line in it.
+        setup: with the options of the command line in it.
         payload: one is taken off.
         filtered: a filter is in force.
         radius: [m] median of the 95 % ellipses; NaN where there is none.
     """
     said: list[str] = []
-    if not payload and rig.estimate.tare is None:
+    if not payload and setup.estimate.tare is None:
         said.append("Identify the payload (palpate calibrate payload): its weight and the sensor's zero are still in.")
-    if not mounting_known(rig):
+    if setup.link.mount_covariance is None:
         said.append(
             "Calibrate the mounting (palpate calibrate mounting): where the surface sits was taken as exact, and the "
             "ellipses do not hold how far off it may be."
         )
-    if rig.force_torque.noise is None:
+    table = setup.of(ForceTorqueSection).table
+    if table.noise is None:
         said.append("State the noise of the sensor in the rig: it was taken from the log.")
-    if rig.force_torque.range is None:
+    if table.range is None:
         said.append("State the range of the sensor in the rig: without it a saturated channel is not noticed.")
     if not filtered and radius > BLURRED:
         said.append(

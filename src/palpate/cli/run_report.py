@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import inf
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from palpate.cli.page_layers import body_of
-from palpate.cli.report_advice import mounting_known, wrench_advice
+from palpate.cli.report_advice import wrench_advice
 from palpate.contact.contacts import Contacts
 from palpate.contact.fused_estimator import FusedEstimator
 from palpate.contact.locate import Locator
@@ -19,7 +18,8 @@ from palpate.contact.taxel_estimator import TaxelEstimator
 from palpate.contact.wrench_estimator import WrenchEstimator
 from palpate.io.models import MODELS
 from palpate.io.pipeline import Pipeline
-from palpate.io.rig import Rig
+from palpate.io.rig.force_torque import ForceTorqueSection
+from palpate.io.rig.setup import Setup
 from palpate.io.units import measured
 from palpate.sensors.compensation import Compensation
 from palpate.sensors.force_torque import Payload
@@ -92,12 +92,12 @@ def run_of(
         warnings=warnings,
     )
     if isinstance(estimator, WrenchEstimator):
-        return _of_wrenches(run, log.rig, estimator)
+        return _of_wrenches(run, log.setup, estimator)
     if isinstance(estimator, FusedEstimator):
-        return _of_both(run, log.rig, estimator)
+        return _of_both(run, log.setup, estimator)
     if isinstance(estimator, TaxelEstimator):
-        return _of_taxels(run, log.rig, estimator)
-    surface = body_of(log.rig)  # of a marker ring: a cylinder where the rig has no surface
+        return _of_taxels(run, log.setup, estimator)
+    surface = body_of(log.setup)  # of a marker ring: a cylinder where the rig has no surface
     drawn = None if surface is None else surface.drawn()
     return run if drawn is None else replace(run, body=(drawn.vertices, drawn.faces))
 
@@ -110,21 +110,20 @@ def _setting(name: str, value: object) -> tuple[str, str]:
     return words, f"{scale * value:g} {unit}".strip() if isinstance(value, int | float) else str(value)
 
 
-def _of_wrenches(run: Run, rig: Rig, estimator: WrenchEstimator) -> Run:
+def _of_wrenches(run: Run, setup: Setup, estimator: WrenchEstimator) -> Run:
     """Located on a surface, with a section of the sensor."""
     smooth, sensor, rate = estimator.filter, estimator.sensor, estimator.rate
     filtered = "none" if smooth is None or rate is None else smooth.describe(rate)
     payload = sensor.payload if isinstance(sensor, Compensation) else None
-    held = [("the payload's", payload is not None), ("the mounting's", mounting_known(rig))]
+    held = [("the payload's", payload is not None), ("the mounting's", setup.link.mount_covariance is not None)]
     held.append(("the calibration's", isinstance(sensor, LoadCellArray)))
     compensated = f"compensated {'without' if payload is None else 'with'} a payload model"
-    drawn = estimator.locator.surface.drawn()
+    drawn, method = estimator.locator.surface.drawn(), setup.estimate.method.replace("_", " ")
     run = replace(
         run,
-        method=f"{compensated}, and located on {_surface_name(rig)} by the {rig.estimate.method.replace('_', ' ')} "
-        "method",
+        method=f"{compensated}, and located on {setup.link.name} by the {method} method",
         body=(drawn.vertices, drawn.faces),
-        settings=(*wrench_settings(rig, estimator.locator, sensor.noise, filtered), *run.settings),
+        settings=(*wrench_settings(setup, estimator.locator, sensor.noise, filtered), *run.settings),
         uncertainties=("the sensor's noise", *(f"{name} uncertainty" for name, there in held if there)),
     )
     zero = zero_section(estimator)
@@ -135,8 +134,8 @@ def _of_wrenches(run: Run, rig: Rig, estimator: WrenchEstimator) -> Run:
     if not isinstance(sensor, Compensation):
         return replace(run, sections=zero)
     radius = run.kept.median_radius
-    advice = wrench_advice(rig, payload=payload is not None, filtered=smooth is not None, radius=radius)
-    return replace(run, sections=(force_torque(rig, payload, estimator.mount), *zero), advice=advice)
+    advice = wrench_advice(setup, payload=payload is not None, filtered=smooth is not None, radius=radius)
+    return replace(run, sections=(force_torque(setup, payload, estimator.mount), *zero), advice=advice)
 
 
 def zero_section(estimator: WrenchEstimator | FusedEstimator) -> tuple[Section, ...]:
@@ -165,13 +164,13 @@ def _spread(deviation: Float[np.ndarray, "n m"]) -> str:
     return f"{float(most[:3].max()):.2g} N and {1e3 * float(most[3:].max()):.2g} N mm"
 
 
-def _of_taxels(run: Run, rig: Rig, estimator: TaxelEstimator) -> Run:
+def _of_taxels(run: Run, setup: Setup, estimator: TaxelEstimator) -> Run:
     """On a body of cells."""
     body, health = estimator.body, estimator.health
     shape = (body.rows, body.columns) if body.rows else None
     drawn = cell_mesh(body)
-    if rig.surface is not None:
-        mesh = rig.surface.load(rig.folder).drawn()
+    if setup.link.stated is not None:
+        mesh = setup.link.surface().drawn()
         drawn = (mesh.vertices, mesh.faces)
     facts = [("cells", f"{len(body)}, of which {int(body.usable.sum())} are used")]
     if health is not None:
@@ -187,9 +186,9 @@ def _of_taxels(run: Run, rig: Rig, estimator: TaxelEstimator) -> Run:
     return replace(run, body=drawn, uncertainties=uncertainties, sections=(section,))
 
 
-def _of_both(run: Run, rig: Rig, estimator: FusedEstimator) -> Run:
+def _of_both(run: Run, setup: Setup, estimator: FusedEstimator) -> Run:
     """Felt by a skin, with forces that a force/torque sensor sums up."""
-    run = _of_taxels(run, rig, estimator.taxels)
+    run = _of_taxels(run, setup, estimator.taxels)
     return replace(
         run,
         method="and places are the skin's, forces those that explain skin and wrench within friction",
@@ -198,23 +197,13 @@ def _of_both(run: Run, rig: Rig, estimator: FusedEstimator) -> Run:
     )
 
 
-def _surface_name(rig: Rig) -> str:
-    """What was touched, in a word."""
-    if rig.surface is None:
-        return "the body"
-    if rig.surface.urdf is not None:
-        return f"{rig.surface.link} of {Path(rig.surface.urdf).name}"
-    kind = rig.surface.kind.replace("_", " ")
-    return Path(str(rig.surface.mesh)).name if kind == "mesh" else f"{'an' if kind[0] in 'aeiou' else 'a'} {kind}"
-
-
 def wrench_settings(
-    rig: Rig, locator: Locator, noise: Float[np.ndarray, "6 6"] | None, filtered: str = "none"
+    setup: Setup, locator: Locator, noise: Float[np.ndarray, "6 6"] | None, filtered: str = "none"
 ) -> Facts:
     """What the answers of any sensor of wrenches depend on, defaults included.
 
     Args:
-        rig: with the options of the command line in it.
+        setup: with the options of the command line in it.
         locator: on the surface.
         noise: covariance of a reading.
         filtered: the filter in words.
@@ -222,16 +211,16 @@ def wrench_settings(
     surface = locator.surface
     facets = f", {len(surface.faces):,} facets" if isinstance(surface, Mesh) else ""
     facts = [
-        ("method", rig.estimate.method.replace("_", " ")),
-        ("friction, at most", f"{rig.estimate.friction:g} (tangent of the angle between force and normal)"),
-        ("torsion, at most", f"{1e3 * rig.estimate.torsion:g} mm (torque about the normal over normal force)"),
+        ("method", setup.estimate.method.replace("_", " ")),
+        ("friction, at most", f"{setup.estimate.friction:g} (tangent of the angle between force and normal)"),
+        ("torsion, at most", f"{1e3 * setup.estimate.torsion:g} mm (torque about the normal over normal force)"),
         ("a contact", f"begins at {locator.on:.3g} N, ends at {locator.off:.3g} N"),
         ("noise of a reading", "not known" if noise is None else _noise(np.sqrt(np.diag(noise)))),
         ("filter", filtered),
-        ("surface", f"{_surface_name(rig)}{facets}, {1e3 * surface.size:.4g} mm across"),
+        ("surface", f"{setup.link.name}{facets}, {1e3 * surface.size:.4g} mm across"),
     ]
-    if rig.estimate.tare is not None:
-        facts.append(("tare", f"over the first {rig.estimate.tare:g} s"))
+    if setup.estimate.tare is not None:
+        facts.append(("tare", f"over the first {setup.estimate.tare:g} s"))
     return tuple(facts)
 
 
@@ -239,12 +228,12 @@ def _noise(deviation: np.ndarray) -> str:
     return f"{deviation[:3].max():.3g} N and {deviation[3:].max():.3g} N m (one standard deviation, largest axis)"
 
 
-def force_torque(rig: Rig, payload: Payload | None, mount: Pose) -> Section:
+def force_torque(setup: Setup, payload: Payload | None, mount: Pose) -> Section:
     """Payload and mounting with their standard deviations, axes and orientation."""
     none = [("payload", "none: wrenches are taken as they are")]
     facts = none if payload is None else list(MODELS["payload"].summary(payload))
-    facts += _mounting(mount, None if rig.surface is None else rig.surface.pose_covariance)
-    wrench, orientation = rig.force_torque, rig.orientation
+    facts += _mounting(mount, setup.link.mount_covariance)
+    wrench, orientation = setup.of(ForceTorqueSection).table, setup.orientation
     facts.append(("wrench", f"in the {wrench.frame}'s frame, logged axes {', '.join(wrench.axes)}"))
     if orientation.topic is not None or orientation.base is not None or orientation.offset:
         gap = f"gaps of up to {orientation.max_gap:g} s are interpolated"
@@ -252,17 +241,16 @@ def force_torque(rig: Rig, payload: Payload | None, mount: Pose) -> Section:
     return Section("Payload and mounting", facts=tuple(facts))
 
 
-def _mounting(pose: Pose, covariance: Sequence[Sequence[float]] | None) -> list[tuple[str, str]]:
+def _mounting(pose: Pose, covariance: Float[np.ndarray, "6 6"] | None) -> list[tuple[str, str]]:
     place, turn = 1e3 * pose.translation, np.degrees(pose.rotation_vector())
     if covariance is None:
         stated = (("mounting", place, "mm"), ("turned by", turn, "deg"))
         return [
             (name, f"({', '.join(f'{v:z.2f}' for v in three)}) {unit}, not calibrated") for name, three, unit in stated
         ]
-    known = np.asarray(covariance)
     moves = np.concatenate([-skew(pose.translation), np.eye(3)], axis=1)  # what a small motion does to the origin
-    deviation = 1e3 * np.sqrt(np.diag(moves @ known @ moves.T).clip(min=0))
-    turned = np.degrees(np.sqrt(np.diag(known)[:3].clip(min=0)))
+    deviation = 1e3 * np.sqrt(np.diag(moves @ covariance @ moves.T).clip(min=0))
+    turned = np.degrees(np.sqrt(np.diag(covariance)[:3].clip(min=0)))
     return [("mounting", measured(place, deviation, "mm")), ("turned by", measured(turn, turned, "deg"))]
 
 

@@ -11,7 +11,7 @@ from palpate.cli.console import lines, note
 from palpate.contact.contacts import Contacts
 from palpate.errors import InputError
 from palpate.io.atomic import replacing, write_text
-from palpate.io.rig import Rig
+from palpate.io.rig.setup import Setup
 from palpate.io.rig.tables import RigFilter
 from palpate.sensors.recording import FORCE, Recording
 from palpate.sensors.spectrum import Cutoff, Spectrum, propose_cutoff, spectrum
@@ -25,10 +25,9 @@ PLACE = "place"  # (n, 3) m: channel of the point of contact, NaN where there is
 KINDS = (".html", ".svg", ".png")
 
 
-def located(recording: Recording, rig: Rig, sensor: str | None = None) -> Recording:
-    """Force and place of the strongest contact of each sample, without the rig's filter: its effect is not proposed."""
-    bare = replace(rig, filter=RigFilter())
-    found = bare.kind(sensor).build(bare, recording).estimator.run(recording)
+def located(recording: Recording, setup: Setup) -> Recording:
+    """Return force and place of the strongest contact of each sample, without the rig's filter."""
+    found = replace(setup, filter=RigFilter(), head=recording).prepared().estimator.run(recording)
     return replace(force_and_place(found[found.strongest()]), source=recording.source)
 
 

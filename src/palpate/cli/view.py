@@ -12,7 +12,7 @@ from palpate.cli.contact_files import compared_blocks, on_body, written
 from palpate.cli.evaluate_taxels import is_taxel_file
 from palpate.cli.options import Log
 from palpate.cli.page_layers import Kept, body_of, layers_of
-from palpate.cli.setup import Setup
+from palpate.cli.rig_options import RigOptions
 from palpate.cli.simulate_phantom import folder_beside
 from palpate.contact.contacts import Contacts
 from palpate.errors import InputError
@@ -20,7 +20,7 @@ from palpate.interrupts import import_mesh_reader
 from palpate.io.atomic import reserve_output
 from palpate.io.models import read_provenance
 from palpate.io.models.summary import of_taxels
-from palpate.io.pipeline import Pipeline
+from palpate.io.pipeline import OpenedLog, Pipeline
 from palpate.io.rig import Rig
 from palpate.io.taxel_files import read_taxel_places
 from palpate.opencv import opencv
@@ -36,7 +36,7 @@ __all__ = ["view"]
 def view(
     log: Log,
     /,
-    setup: Annotated[Setup, arg(name="")],
+    setup: Annotated[RigOptions, arg(name="")],
     compare: Annotated[Path | None, arg(metavar="CONTACTS", help_behavior_hint="")] = None,
     film: Annotated[Path | None, arg(metavar="OUT.mp4", help_behavior_hint="")] = None,
     port: Annotated[int, arg(metavar="N")] = 8080,
@@ -63,9 +63,11 @@ def view(
     rig = setup.load()
     import_mesh_reader()
     contacts = written(log)
-    scene, notes = _estimated(log, setup, rig) if contacts is None else _shown(contacts, log, rig, setup.sensor)
+    scene, notes = (
+        _estimated(log, setup.open(log, rig)) if contacts is None else _shown(contacts, log, rig, setup.sensor)
+    )
     if compare is not None:
-        scene = scene.compared(Contacts.joined(list(compared_blocks(compare, rig))), compare.name)
+        scene = scene.compared(Contacts.joined(list(compared_blocks(compare, rig.resolve().link))), compare.name)
     title(f"{log}: {len(scene):,} samples")
     note(notes)
     if film is not None:
@@ -100,7 +102,7 @@ def _write_film(scene: Scene, path: Path) -> None:
     announce(f"{len(times):,} pictures, {times[-1]:.1f} s -> {path}")
 
 
-def _view_taxels(path: Path, setup: Setup, host: str, port: int) -> None:
+def _view_taxels(path: Path, setup: RigOptions, host: str, port: int) -> None:
     """Where taxels sit, on the link of the rig, if there is one."""
     rig = None if setup.rig is None and setup.mesh is None else setup.load()
     import_mesh_reader()
@@ -109,7 +111,7 @@ def _view_taxels(path: Path, setup: Setup, host: str, port: int) -> None:
     title(f"{path}: places of taxels")
     lines(facts)
     note(places.notes)
-    surface = None if rig is None else body_of(rig)
+    surface = None if rig is None else body_of(rig.resolve())
     serve_taxels(
         places,
         surface,
@@ -121,9 +123,8 @@ def _view_taxels(path: Path, setup: Setup, host: str, port: int) -> None:
     )
 
 
-def _estimated(path: Path, setup: Setup, rig: Rig) -> tuple[Scene, list[str]]:
-    """A log on its way through the whole chain, and what is to be known of it."""
-    log = setup.open(path, rig)
+def _estimated(path: Path, log: OpenedLog) -> tuple[Scene, list[str]]:
+    """Return a log on its way through the whole chain, and what is to be known of it."""
     wait("preparing the surface")
     pipeline = Pipeline.of(log)
     kept, parts, done = Kept(), list[Contacts](), 0
@@ -132,8 +133,8 @@ def _estimated(path: Path, setup: Setup, rig: Rig) -> tuple[Scene, list[str]]:
             parts.append(found)
             done += len(block)
             progress(done, log.position / max(log.size, 1))
-    layers = layers_of(rig, log.kind.name, kept)
-    scene = prepare(body_of(rig), Contacts.joined(parts), path.name, layers)
+    layers = layers_of(log.setup, kept)
+    scene = prepare(body_of(log.setup), Contacts.joined(parts), path.name, layers)
     return scene, [*([log.torn] if log.torn else []), *pipeline.doubts(), *pipeline.notes()]
 
 
@@ -145,6 +146,7 @@ def _main(rig: Rig) -> str:
 
 def _shown(contacts: Contacts, path: Path, rig: Rig, sensor: str | None) -> tuple[Scene, list[str]]:
     """Contacts as they were written, in the frame that the body is drawn in."""
-    kind = sensor or str(read_provenance(path).get("sensor", _main(rig)))
-    contacts = on_body(contacts, path, rig)
-    return prepare(body_of(rig), contacts, path.name, layers_of(rig, kind)), list(contacts.notes)
+    kind, setup = sensor or str(read_provenance(path).get("sensor", _main(rig))), rig.resolve()
+    contacts = on_body(contacts, path, setup.link)
+    layers = layers_of(rig.resolve(kind)) if kind in {each.name for each in rig.kinds} else ()
+    return prepare(body_of(setup), contacts, path.name, layers), list(contacts.notes)

@@ -27,14 +27,15 @@ from palpate.io.ahead import MotionAhead, ReadAhead, Reader, reading_beside
 from palpate.io.logs import Log, LogContents, contents, join, missing
 from palpate.io.logs import open_log as open_by_layout
 from palpate.io.logs.arrays import DataFrame, held
-from palpate.io.rig.kind import Prepared, SensorKind
+from palpate.io.rig.kind import Prepared
 from palpate.io.rig.rig import Rig, load_rig, with_mesh
+from palpate.io.rig.setup import SensorKind, Setup
 from palpate.sensors.compensation import Compensation
 from palpate.sensors.recording import ORIENTATION, POSITION, Recording
 from palpate.surfaces._jit import compile_seconds
 from palpate.waiting import waiting
 
-__all__ = ["FRAMES", "HEAD", "OpenedLog", "Pipeline", "estimate", "open_log", "prepare"]
+__all__ = ["FRAMES", "HEAD", "OpenedLog", "Pipeline", "estimate", "open_log"]
 
 FRAMES = ("surface", "sensor", "base")
 HEAD = 20_000  # samples of the start of a log from which noise, rate and rest are taken
@@ -49,14 +50,14 @@ class OpenedLog:
     """A log of a rig: blocks of one of its sensors, and its start, which may be looked at before.
 
     Attributes:
+        setup: the link and its sensors, without the start of the log.
         kind: the sensor.
-        rig: that says how the log is read.
         seconds: spent on reading so far.
     """
 
-    def __init__(self, source: Path | Mapping[str, np.ndarray], rig: Rig, kind: SensorKind) -> None:
-        self.rig, self.kind = rig, kind
-        layout = kind.layout(rig)
+    def __init__(self, source: Path | Mapping[str, np.ndarray], setup: Setup) -> None:
+        self.setup, self.kind = setup, setup.kind
+        layout = setup.layout()
         self._log: Log = open_by_layout(source, layout)
         self.path = self._log.path
         self._ahead = False
@@ -86,7 +87,7 @@ class OpenedLog:
 
     def reading_beside(self) -> AbstractContextManager[Reader]:
         """A process that can read it from the start, for `read_ahead`; it starts meanwhile."""
-        return reading_beside(self.path, self.kind.layout(self.rig))
+        return reading_beside(self.path, self.setup.layout())
 
     def read_ahead(self, reader: Reader, estimator: ContactEstimator, threads: int) -> None:
         """From now on its blocks are read by a process of its own, from the start, and located in threads: sooner.
@@ -128,6 +129,10 @@ class OpenedLog:
         if self._images:
             return count < HEAD_FRAMES
         return not (count >= HEAD or values >= HEAD_VALUES) or bool(_span(self._first) <= seconds)
+
+    def prepared(self) -> Prepared:
+        """Return the estimator of the sensor, with what is to be known of it; see `Setup.prepared`."""
+        return self.setup.with_head(self.head(self.setup.estimate.tare or 1.0)).prepared()
 
     def __iter__(self) -> Iterator[Recording]:
         """Every sample once, in blocks, from the start."""
@@ -176,13 +181,13 @@ def open_log(
     if topic is not None and ((there := contents(source)).names or there.images is not None):
         what = "is a table, and has no topics." if there.names else "has no topics."
         raise InputError(what, where=str(there.path), hint="Leave --topic out.")
-    return OpenedLog(source, rig.with_topic(topic, kind.name), kind)
+    return OpenedLog(source, rig.with_topic(topic, kind.name).resolve(kind.name))
 
 
 def _told(there: LogContents, rig: Rig, topic: str | None) -> SensorKind:
     """Which of several sensors a log is of, by its channels; all together where it has those of all."""
     path = there.path
-    lacking = {kind.name: missing(there, kind.layout(rig)) for kind in rig.kinds}
+    lacking = {kind.name: missing(there, rig.resolve(kind.name).layout()) for kind in rig.kinds}
     fitting = [kind for kind in rig.kinds if not lacking[kind.name]]
     if rig.pokes is not None and len(fitting) > 1:  # then wrenches are there to find the taxels by
         fitting = [kind for kind in fitting if kind.name == "skin"] or fitting
@@ -196,13 +201,6 @@ def _told(there: LogContents, rig: Rig, topic: str | None) -> SensorKind:
         )
     why = "; ".join(f"{name}: no {', '.join(what[:3])}" for name, what in lacking.items())
     raise InputError(f"has nothing for a sensor of the rig ({why}).", where=str(path))
-
-
-def prepare(rig: Rig, log: OpenedLog | None = None, sensor: str | None = None) -> Prepared:
-    """The estimator of a rig, with what is to be known of it; see `Rig.estimator`."""
-    if log is None:
-        return rig.kind(sensor).build(rig, None)
-    return log.kind.build(rig, log.head(rig.estimate.tare or 1.0))
 
 
 class Seen:
@@ -294,7 +292,7 @@ class Pipeline:
         head = log.head()
         if frame == "base":
             _require_pose(log, head)
-        made = prepare(log.rig, log)
+        made = log.prepared()
         pipeline = cls(log, frame, made.estimator, made.said, made.doubted, made.facts)
         compiling = pipeline.seconds["compile"] = compile_seconds() - before
         pipeline.seconds["prepare"] = perf_counter() - begin - (log.seconds - read) - compiling

@@ -11,7 +11,8 @@ from numpy.typing import DTypeLike
 
 from palpate.errors import InputError, not_loaded
 from palpate.io.live.source import Batch
-from palpate.io.rig.rig import Rig
+from palpate.io.rig.setup import Setup
+from palpate.io.rig.source import RigSource
 
 __all__ = ["Camera"]
 
@@ -52,10 +53,9 @@ class Camera:
         self._first: np.ndarray | None = first
 
     @classmethod
-    def of(cls, rig: Rig) -> Camera:
-        """Of a rig whose [source] is a camera."""
-        stated = rig.stream()
-        own = rig.folder / stated.address
+    def of(cls, stated: RigSource, setup: Setup) -> Camera:
+        """Return the camera that a [source] names."""
+        own = setup.link.folder / stated.address
         return cls(str(own) if own.is_file() else stated.address, stated.rate)
 
     def open(self) -> None:

@@ -37,7 +37,7 @@ def listen(source: RigSource, folder: Path, seconds: float = SECONDS) -> Path:
     Raises:
         InputError: it cannot be opened, gives something else, or nothing.
     """
-    device = source_of(Rig(source=source, folder=Path.cwd()))
+    device = source_of(source, Rig(folder=Path.cwd()).resolve())
     if device.shape != (6,):
         raise InputError("gives no wrenches.", where="--source", hint="Give a log of it instead, from which to guess.")
     batch, times, values = Batch(device.shape), list[np.ndarray](), list[np.ndarray]()

@@ -29,6 +29,7 @@ from palpate.io.logs.samples import Samples
 from palpate.io.logs.topics import LIVE_BOTH
 from palpate.io.rig.kind import Prepared
 from palpate.io.rig.rig import Rig, load_rig
+from palpate.io.rig.setup import Setup
 from palpate.io.rig.tables import RigFilter
 from palpate.sensors.recording import ACCELERATION, ORIENTATION, POSITION, UNSTEADY, Recording, apart
 from palpate.spatial.arguments import takes_arrays
@@ -114,19 +115,21 @@ class Live:
     def __init__(self, rig: Rig | str | Path, sensor: str | None = None, source: Source | None = None) -> None:
         from palpate.io.live import _stream  # compiled: loaded when first needed
 
-        self.rig = rig if isinstance(rig, Rig) else load_rig(rig)
-        self.kind = self.rig.kind(sensor)
-        self.source = source_of(self.rig, self.kind) if source is None else source
-        self._poses = None if self.source.poses else RosPoses.of(self.rig)
+        rig = rig if isinstance(rig, Rig) else load_rig(rig)
+        self.kind = rig.kind(sensor)
+        self.setup = rig.resolve(self.kind.name)
+        self._where = f"[source] {'' if rig.source is None else rig.source.kind}"
+        self.source = source_of(rig.stream(), self.setup) if source is None else source
+        self._poses = None if self.source.poses else RosPoses.of(rig.orientation, rig.source)
         self._posed = self.source.poses or self._poses is not None
-        layout = self.kind.layout(self.rig)
+        layout = self.setup.layout()
         self._samples, self._frame = Samples(layout, Path("the stream")), layout.frame
-        self.estimator = self.kind.build(_unseen(self.rig), None).estimator  # what is slow, before samples come
+        self.estimator = _unseen(self.setup).prepared().estimator  # what is slow, before samples come
         size = max(1, min(BATCH, NUMBERS // prod(self.source.shape)))
         self._batch = Batch(self.source.shape, size, self.source.dtype)
         self._rows = self.estimator.empty(max(self.estimator.most, min(size * self.estimator.most, 4 * BATCH)))
         self._require_enough()
-        length = self.kind.start(self.rig)
+        length = self.setup.start()
         self._start = _Window(length) if length else None
         self._build: Future[Prepared] | None = None
         self._maker = ThreadPoolExecutor(1, thread_name_prefix="start")
@@ -139,7 +142,7 @@ class Live:
 
     def form(self, frame: str = "surface", rig: str = "") -> Form:
         """What passes through a ring of this stream."""
-        estimator, source, layout = self.estimator, self.source, self.kind.layout(self.rig)
+        estimator, source, layout = self.estimator, self.source, self.setup.layout()
         channels = layout.images or next(iter(layout.arrays), None)
         topic = layout.wrench_topic if channels is None else LIVE_BOTH if self.kind.parts else channels.topic
         return Form(
@@ -201,7 +204,7 @@ class Live:
     def tare(self) -> None:
         """Take a tare over the next second, or as long as the rig says; whether it was taken is `said`."""
         if self._start is None and self._tare is None:
-            self._tare = _Window(self.rig.estimate.tare or TARE)
+            self._tare = _Window(self.setup.estimate.tare or TARE)
 
     def step(self, timeout: float = 0.1) -> Answers:
         """The samples that wait, answered; none where no sample comes within so many seconds.
@@ -247,7 +250,7 @@ class Live:
                 self.estimator.run_into(np.zeros(1), nothing, self._rows, np.zeros(1, dtype=np.int64))
             except InputError as problem:
                 hint = "Say in [orientation] which topic of ROS 2 has poses, or leave the payload out."
-                raise InputError(problem.what, where=f"[source] {self.rig.stream().kind}", hint=hint) from problem
+                raise InputError(problem.what, where=self._where, hint=hint) from problem
             self.estimator.reset()
 
     def _taken(self, count: int) -> _Samples:
@@ -301,10 +304,10 @@ class Live:
     def _prepared(self, start: _Window) -> Future[Prepared]:
         """What the first seconds tell, found while more samples are received."""
         seen = start.joined()
-        rig, span = self.rig, 1e-9 * float(seen.stamp[-1] - seen.stamp[0])
-        if rig.filter.rate is None and span > 0:  # stamps on arrival come in bursts: the steps between them say little
-            rig = replace(rig, filter=replace(rig.filter, rate=(len(seen.stamp) - 1) / span))
-        return self._maker.submit(self.kind.build, rig, seen.recording(self.estimator.channels, self._frame))
+        setup, span = self.setup, 1e-9 * float(seen.stamp[-1] - seen.stamp[0])
+        if setup.filter.rate is None and span > 0:  # stamps on arrival come in bursts: the steps between say little
+            setup = replace(setup, filter=replace(setup.filter, rate=(len(seen.stamp) - 1) / span))
+        return self._maker.submit(setup.with_head(seen.recording(self.estimator.channels, self._frame)).prepared)
 
     def _built(self, start: _Window, build: Future[Prepared]) -> Answers:
         """The samples of the start."""
@@ -378,16 +381,16 @@ def open_live(rig: Rig | str | Path, sensor: str | None = None) -> Live:
     return Live(rig, sensor)
 
 
-def _unseen(rig: Rig) -> Rig:
-    """The rig without what needs samples: a filter of which the rate is not known yet.
+def _unseen(setup: Setup) -> Setup:
+    """Return the setup without what needs samples: a filter of which the rate is not known yet.
 
     Raises:
         InputError: the filter looks ahead.
     """
-    if rig.filter.kind == "zero_phase":
+    if setup.filter.kind == "zero_phase":
         hint = 'Use kind = "butterworth" or "kalman".'
         raise InputError("zero_phase looks ahead, and a stream cannot.", where="[filter] of the rig", hint=hint)
-    return rig if rig.filter.rate is not None else replace(rig, filter=RigFilter())
+    return setup if setup.filter.rate is not None else replace(setup, filter=RigFilter())
 
 
 def _offset() -> int:

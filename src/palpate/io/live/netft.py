@@ -22,10 +22,12 @@ from palpate.io.live.netft_page import read_page
 from palpate.io.live.netft_status import status_word
 from palpate.io.live.sequence import Sequence
 from palpate.io.live.source import BATCH, SILENT, Batch
+from palpate.io.rig.force_torque import ForceTorqueSection
 from palpate.io.units import FORCE_UNITS, TORQUE_UNITS, known_unit
 
 if TYPE_CHECKING:
-    from palpate.io.rig.rig import Rig
+    from palpate.io.rig.setup import Setup
+    from palpate.io.rig.source import RigSource
 
 __all__ = ["BIAS", "REQUEST", "SAMPLE", "START", "STOP", "NetFt"]
 
@@ -72,23 +74,23 @@ class NetFt:
         self._close: list[socket.socket] = []
 
     @classmethod
-    def of(cls, rig: Rig) -> NetFt:
-        """As a rig says.
+    def of(cls, stated: RigSource, setup: Setup) -> NetFt:
+        """Return the device that a [source] names.
 
         Raises:
             InputError: the rig has no force/torque sensor, or its units are not N and N m.
         """
-        source, units = rig.stream(), rig.force_torque.units
-        if "force_torque" not in {kind.name for kind in rig.kinds}:
+        if ForceTorqueSection.name not in setup.sensors:
             hint = "Add a [force_torque], or take another kind of source."
             raise InputError("a Net F/T gives wrenches, and the rig has no [force_torque].", where="rig", hint=hint)
+        units = setup.of(ForceTorqueSection).table.units
         if (known_unit(units.force, FORCE_UNITS), known_unit(units.torque, TORQUE_UNITS)) != ("N", "N m"):
             raise InputError(
                 f"must be N and N m, not {units.force} and {units.torque}: a Net F/T's samples arrive as these.",
                 where="[force_torque] units",
                 hint='Write units = { force = "N", torque = "N m" }; the device\'s own are converted.',
             )
-        return cls(source.address, source.port, source.web, source.rate)
+        return cls(stated.address, stated.port, stated.web, stated.rate)
 
     def open(self) -> None:
         """Read the device's page, ask for samples, and wait for the first.

@@ -14,8 +14,9 @@ from palpate.io.live.sources import source_of
 from palpate.io.logs.decoding import seconds
 from palpate.io.logs.samples import Samples
 from palpate.io.logs.wrench_means import WrenchMeans
-from palpate.io.rig.kind import SensorKind
-from palpate.io.rig.rig import Rig
+from palpate.io.rig.setup import Setup
+from palpate.io.rig.source import RigSource
+from palpate.io.rig.tables import RigOrientation
 
 __all__ = ["Pair"]
 
@@ -47,18 +48,18 @@ class Pair:
         self._said: list[str] = []
 
     @classmethod
-    def of(cls, rig: Rig, kind: SensorKind) -> Pair:
-        """Of a rig of a sensor that is made of a skin and a force/torque sensor.
+    def of(cls, stated: RigSource, setup: Setup) -> Pair:
+        """Return the two devices of a sensor that is made of a skin and a force/torque sensor.
 
         Raises:
-            InputError: what its [source] says cannot be.
+            InputError: what the [source] says cannot be.
         """
-        stated, layout = rig.stream(), kind.layout(rig)
-        both: list[Source] = []
-        for part, source in zip(kind.parts, (stated, stated.wrench or stated), strict=True):
-            alone = replace(rig, sensors={part: rig.sensors[part]}, source=replace(source, wrench=None))
-            alone = replace(alone, orientation=type(rig.orientation)())  # poses come beside the pair
-            both.append(source_of(alone))
+        layout, both = setup.layout(), list[Source]()
+        for part, source in zip(setup.kind.parts, (stated, stated.wrench or stated), strict=True):
+            sensor = setup.sensors[part]
+            alone = replace(setup, kind=sensor.kind, sensors={part: sensor})
+            alone = replace(alone, orientation=RigOrientation())  # poses come beside the pair
+            both.append(source_of(replace(source, wrench=None), alone))
         limits = None if layout.wrench_range is None else Samples(layout, Path()).recorded(layout.wrench_range)
         return cls(both[0], both[1], WrenchMeans(0.0, layout.max_gap, limits))
 

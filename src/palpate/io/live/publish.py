@@ -14,7 +14,8 @@ from palpate.errors import InputError
 from palpate.io.live.json_lines import JsonLines, datagram_address
 from palpate.io.live.receiver import orphaned
 from palpate.io.live.ring import Form, Ring
-from palpate.io.rig.rig import Rig, load_rig
+from palpate.io.rig.rig import load_rig
+from palpate.io.rig.source import RigSource
 
 __all__ = ["Publisher", "open_publisher", "publish", "require_address"]
 
@@ -46,10 +47,9 @@ class Publisher(Protocol):
         ...
 
 
-def _ros(to: str, form: Form, rig: Rig, rate: float) -> Publisher:
+def _ros(to: str, form: Form, source: RigSource | None, rate: float) -> Publisher:
     from palpate.io.live.publish_ros import RosPublisher  # here: it needs cyclonedds
 
-    source = rig.source
     domain = _domain(to)
     if domain is None:
         domain = 0 if source is None else source.domain
@@ -59,11 +59,15 @@ def _ros(to: str, form: Form, rig: Rig, rate: float) -> Publisher:
     return made
 
 
-def _json(to: str, form: Form, rig: Rig, rate: float) -> Publisher:
+def _json(to: str, form: Form, source: RigSource | None, rate: float) -> Publisher:
     return JsonLines(to, rate)
 
 
-_PUBLISHERS: dict[str, Callable[[str, Form, Rig, float], Publisher]] = {ROS: _ros, "udp": _json, "unix": _json}
+_PUBLISHERS: dict[str, Callable[[str, Form, RigSource | None, float], Publisher]] = {
+    ROS: _ros,
+    "udp": _json,
+    "unix": _json,
+}
 
 
 def _domain(to: str) -> int | None:
@@ -94,20 +98,20 @@ def require_address(to: str) -> None:
         datagram_address(to)
 
 
-def open_publisher(to: str, form: Form, rig: Rig, rate: float = RATE) -> Publisher:
+def open_publisher(to: str, form: Form, source: RigSource | None = None, rate: float = RATE) -> Publisher:
     """What publishes to an address.
 
     Args:
         to: as `require_address` takes it.
         form: of what passes through the ring.
-        rig: says the network of ROS 2.
+        source: of the rig; it says the network of ROS 2.
         rate: [Hz] at most; 0: every sample.
 
     Raises:
         InputError: the address is wrong, or ROS 2 cannot be reached.
     """
     require_address(to)
-    return _PUBLISHERS[to.partition(":")[0]](to, form, rig, rate)
+    return _PUBLISHERS[to.partition(":")[0]](to, form, source, rate)
 
 
 def publish(ring: Path, to: str, rig: Path, parent: int, rate: float = RATE) -> None:
@@ -118,7 +122,7 @@ def publish(ring: Path, to: str, rig: Path, parent: int, rate: float = RATE) -> 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which says stop
     read = Ring(ring)
     try:
-        publisher = open_publisher(to, read.form, load_rig(rig), rate)
+        publisher = open_publisher(to, read.form, load_rig(rig).source, rate)
     except InputError as problem:
         read.say(f"nothing is published to {to}: {problem}")
         raise SystemExit(1) from problem

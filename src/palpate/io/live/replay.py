@@ -15,7 +15,8 @@ from palpate.errors import InputError
 from palpate.io.live.source import Batch
 from palpate.io.logs import open_log
 from palpate.io.logs.layout import Layout
-from palpate.io.rig.rig import Rig
+from palpate.io.rig.setup import Setup
+from palpate.io.rig.source import RigSource
 from palpate.sensors.recording import ACCELERATION, AVERAGED, FORCE, IMAGE, ORIENTATION, POSITION, TORQUE, Recording
 
 __all__ = ["Replay", "bare", "values_of"]
@@ -76,13 +77,12 @@ class Replay:
         self._begun = self._first = 0.0
 
     @classmethod
-    def of(cls, rig: Rig) -> Replay:
-        """Of a rig whose [source] is a log."""
-        stated = rig.stream()
-        path = rig.folder / stated.address
+    def of(cls, stated: RigSource, setup: Setup) -> Replay:
+        """Return the log that a [source] names."""
+        path = setup.link.folder / stated.address
         if not path.exists():
             raise InputError("there is no such log to replay.", where=f"{path}, [source] of the rig")
-        return cls(path, bare(rig.layout()), stated.speed, stated.loop)
+        return cls(path, bare(setup.layout()), stated.speed, stated.loop)
 
     def open(self) -> None:
         """Begin with the first sample now."""

@@ -25,7 +25,8 @@ from palpate.io.logs.topics import NONE, choose, choose_images, main_channel
 from palpate.opencv import opencv
 
 if TYPE_CHECKING:
-    from palpate.io.rig.rig import Rig
+    from palpate.io.rig.setup import Setup
+    from palpate.io.rig.source import RigSource
 
 __all__ = ["RosTopics"]
 
@@ -74,16 +75,15 @@ class RosTopics:
         self._quiet = False
 
     @classmethod
-    def of(cls, rig: Rig) -> RosTopics:
-        """The topic of the rig's sensor, in the domain of its [source]; not opened yet.
+    def of(cls, stated: RigSource, setup: Setup) -> RosTopics:
+        """Return the topic of the sensor, in the domain of its [source]; not opened yet.
 
         Raises:
-            InputError: the rig has several sensors, or wants poses of joint states.
+            InputError: the rig wants poses of joint states.
         """
-        source = rig.stream()
-        node = Node(source.domain, source.interface)
-        poses = RosPoses(rig.orientation, node) if wanted(rig.orientation) else None
-        return cls(rig.layout(), node, poses)
+        node = Node(stated.domain, stated.interface)
+        poses = RosPoses(setup.orientation, node) if wanted(setup.orientation) else None
+        return cls(setup.layout(), node, poses)
 
     def open(self) -> None:
         """Join the domain, find the topic and begin to listen.

@@ -14,11 +14,12 @@ from palpate.io.live.poses import LivePoses, Posed
 from palpate.io.logs.decoding import role
 from palpate.io.logs.log import Topic
 from palpate.io.logs.topics import NONE, POSE_KINDS
+from palpate.io.rig.source import RigSource
 from palpate.io.rig.tables import RigOrientation
 from palpate.io.units import near
 
 if TYPE_CHECKING:
-    from palpate.io.rig.rig import Rig
+    pass
 
 __all__ = ["RosPoses"]
 
@@ -43,16 +44,20 @@ class RosPoses:
         self.poses = LivePoses(orientation.frames(), orientation.offset, orientation.max_gap)
 
     @classmethod
-    def of(cls, rig: Rig) -> RosPoses | None:
-        """With a node of its own, in the domain of the rig's [source]; None where the rig names nothing to hear.
+    def of(cls, orientation: RigOrientation, source: RigSource | None) -> RosPoses | None:
+        """Return poses with a node of its own; None where the rig names nothing to hear.
+
+        Args:
+            orientation: the table.
+            source: whose domain is joined.
 
         Raises:
             InputError: the rig wants poses of joint states, which are not read live.
         """
-        if not wanted(rig.orientation):
+        if not wanted(orientation):
             return None
-        node = Node(*((0, "") if rig.source is None else (rig.source.domain, rig.source.interface)))
-        made = cls(rig.orientation, node)
+        node = Node(*((0, "") if source is None else (source.domain, source.interface)))
+        made = cls(orientation, node)
         made._own = node
         return made
 

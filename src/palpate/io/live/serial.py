@@ -26,7 +26,7 @@ from palpate.io.rig.source import RigSource
 if TYPE_CHECKING:
     from serial import Serial
 
-    from palpate.io.rig.rig import Rig
+    from palpate.io.rig.setup import Setup
 
 __all__ = ["Frames", "SerialPort"]
 
@@ -98,19 +98,18 @@ class SerialPort:
         self._period = 1e9 / stated.rate if stated.rate else 0.0  # ns between samples
 
     @classmethod
-    def of(cls, rig: Rig) -> SerialPort:
-        """The port that a rig names, not opened yet.
+    def of(cls, stated: RigSource, setup: Setup) -> SerialPort:
+        """Return the port that a [source] names, not opened yet.
 
         Raises:
-            InputError: the rig has no [source] or several sensors, or one that sends images, or `columns` do not fit.
+            InputError: the sensor sends images, or `columns` do not fit.
         """
-        stated, kind = rig.stream(), rig.kind()
-        layout = kind.layout(rig)
+        layout = setup.layout()
         if layout.wrench is not None:
             return cls(stated, (6,))
         if layout.images is not None or len(layout.arrays) != 1:
             raise InputError(
-                f"{kind.called} does not come over a serial port.", where="source.kind", hint="Name another kind."
+                f"{setup.kind.called} does not come over a serial port.", where="source.kind", hint="Name another kind."
             )
         return cls(stated, layout.arrays[0].shape)
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from palpate.calls import by_name
 from palpate.io.live.source import Source
-from palpate.io.rig.kind import SensorKind
-from palpate.io.rig.rig import Rig
+from palpate.io.rig.setup import Setup
+from palpate.io.rig.source import RigSource
 
 __all__ = ["SOURCES", "source_of"]
 
@@ -16,20 +16,19 @@ SOURCES = {
     "camera": "palpate.io.live.camera.Camera",
     "replay": "palpate.io.live.replay.Replay",
 }
-"""Kind of [source] in a rig -> the class, which `of` makes of a rig. Add a row, and every command takes it."""
+"""Kind of [source] in a rig -> the class, whose `of` makes one. Add a row, and every command takes it."""
 
 
-def source_of(rig: Rig, kind: SensorKind | None = None) -> Source:
-    """Return the source that the [source] of a rig states, not opened yet.
+def source_of(stated: RigSource, setup: Setup) -> Source:
+    """Return the source that a [source] states, not opened yet.
 
     Args:
-        rig: with a [source].
-        kind: of its sensors; one that is made of two gets the samples of both.
+        stated: the table.
+        setup: of the sensor; one that is made of two gets the samples of both.
 
     Raises:
-        InputError: the rig has no [source], or what it says cannot be.
+        InputError: what the table says cannot be.
     """
-    stated = rig.stream().kind
-    if kind is not None and kind.parts and stated != "replay":
-        return by_name("palpate.io.live.pair.Pair").of(rig, kind)
-    return by_name(SOURCES[stated]).of(rig)
+    if setup.kind.parts and stated.kind != "replay":
+        return by_name("palpate.io.live.pair.Pair").of(stated, setup)
+    return by_name(SOURCES[stated.kind]).of(stated, setup)

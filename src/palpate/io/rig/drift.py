@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import inf, isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -16,10 +16,7 @@ from palpate.io.rig.tables import RigPair
 from palpate.io.schema import INFINITE
 from palpate.sensors.drift import Drift
 
-if TYPE_CHECKING:
-    from palpate.io.rig.rig import Rig
-
-__all__ = ["RigDrift", "RigRates", "RigSlopes", "check_drift", "drift_table", "rig_drift"]
+__all__ = ["RigDrift", "RigRates", "RigSlopes", "check_drift", "drift_table"]
 
 MINUTE = 60.0  # s
 _DIGITS = 4  # of what is written
@@ -121,26 +118,19 @@ class RigDrift:
 _UNITS = "In N/sqrt(s) and N m/sqrt(s); `palpate calibrate drift` writes it."
 
 
-def rig_drift(rig: Rig, channels: int) -> Drift | None:
-    """What a rig says of the zero of a sensor of so many channels; None where it says nothing.
+def check_drift(stated: RigDrift, names: Sequence[str], sensors: Mapping[str, Any], path: Path) -> None:
+    """Refuse a [drift] beside an older statement of the same, or of a sensor that has none.
 
-    Raises:
-        InputError: it states another number of channels.
-    """
-    return None if rig.drift is None else rig.drift.drift(channels)
-
-
-def check_drift(rig: Rig, path: Path) -> None:
-    """Refuses a [drift] beside an older statement of the same, or of a sensor that has none.
+    Args:
+        stated: the table.
+        names: of the rig's sensors.
+        sensors: their tables, by name.
+        path: of the rig.
 
     Raises:
         InputError: what is wrong.
     """
-    stated = rig.drift
-    if stated is None:
-        return
     wanted = "force_torque" if stated.of_wrench else "load_cells"
-    names = [kind.name for kind in rig.kinds]
     if not {"force_torque", "load_cells"} & set(names):
         raise InputError(
             f"a [drift] is of a force/torque sensor or of load cells, not of [{names[0]}].",
@@ -151,7 +141,7 @@ def check_drift(rig: Rig, path: Path) -> None:
         pair = "{ force = ..., torque = ... }"
         needs = "a number, or a list of them, in V/sqrt(s)" if "load_cells" in names else pair
         raise InputError(f"drift.walk of [{names[0]}] is {needs}.", where=str(path))
-    if getattr(rig.sensors.get(wanted), "drift", None) is not None:
+    if getattr(sensors.get(wanted), "drift", None) is not None:
         raise InputError(
             f"[{wanted}] drift and [drift] exclude each other: {_TWICE[wanted]}.",
             where=str(path),

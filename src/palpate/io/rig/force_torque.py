@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float
@@ -18,11 +19,11 @@ from palpate.io.logs.topics import NONE
 from palpate.io.models import read_model
 from palpate.io.rig import guess
 from palpate.io.rig.body import Body
-from palpate.io.rig.drift import rig_drift
 from palpate.io.rig.guess_columns import Found, columns_guess
 from palpate.io.rig.guess_pose import guess_pose
-from palpate.io.rig.kind import FIRST, Guess, Prepared, SensorKind, seen_first
+from palpate.io.rig.kind import FIRST, Guess, Prepared
 from palpate.io.rig.names import made_up
+from palpate.io.rig.setup import SensorKind, SensorSection, Setup, seen_first
 from palpate.io.rig.tables import RigForceTorque
 from palpate.io.rig.wrench import wrench_estimator
 from palpate.io.units import FORCE_UNITS, TORQUE_UNITS, to_si
@@ -33,10 +34,15 @@ from palpate.sensors.motion import Motion
 from palpate.sensors.noise import NoiseSpectrum, estimate_noise, rest_noise, wrong_noise
 from palpate.sensors.recording import ACCELERATION, FORCE, ORIENTATION, TORQUE, UNSTEADY, Recording
 
-if TYPE_CHECKING:
-    from palpate.io.rig.rig import Rig
-
-__all__ = ["FORCE_TORQUE", "doubted_noise", "free_wrenches", "rig_compensation", "rig_payload", "rig_sensor"]
+__all__ = [
+    "FORCE_TORQUE",
+    "ForceTorqueSection",
+    "accelerated",
+    "compensation",
+    "doubted_noise",
+    "free_wrenches",
+    "stated_sensor",
+]
 
 _LONG_ARM, _LONGEST_ARM = 0.5, 2.0  # m: of a force about a sensor, doubted and beyond belief
 _TURNED = 20.0  # degrees between an IMU and gravity, at the median of a log: more than a mounting by hand
@@ -56,9 +62,22 @@ frame = "{frame}"                     # "sensor", or "base", which needs an orie
 _USUAL = {"time": "", "force_unit": "N", "torque_remark": "", "frame": "sensor", "unsure": "", "acceleration": ""}
 
 
-def _layout(rig: Rig) -> Layout:
+class ForceTorqueSection(SensorSection):
+    """A six-axis force/torque sensor as a rig states it; the file of its payload is read once."""
+
+    name: ClassVar[str] = "force_torque"
+    called: ClassVar[str] = "a six-axis force/torque sensor"
+    table: RigForceTorque
+
+    @cached_property
+    def payload(self) -> Payload | None:
+        """What hangs on the sensor; None where the rig names no file."""
+        return None if self.table.payload is None else read_model(self.link.folder / self.table.payload, Payload)
+
+
+def _layout(setup: Setup) -> Layout:
     """Where a log keeps wrenches and poses."""
-    wrench = rig.force_torque
+    wrench = setup.of(ForceTorqueSection).table
     return Layout(
         wrench=wrench.columns,
         force_unit=wrench.units.force,
@@ -67,23 +86,17 @@ def _layout(rig: Rig) -> Layout:
         left_handed=wrench.left_handed,
         frame=wrench.frame,
         wrench_topic=wrench.topic,
-        **rig.common(),
+        **setup.common,
     )
 
 
-def rig_payload(rig: Rig) -> Payload | None:
-    """Read from its file, if one is named."""
-    name = rig.force_torque.payload
-    return None if name is None else read_model(rig.folder / name, Payload)
-
-
-def rig_sensor(rig: Rig, recording: Recording | None = None) -> ForceTorque:
-    """The sensor; noise that the rig does not state is that of a recording."""
-    wrench, seen = rig.force_torque, _Seen(rig, recording)
+def stated_sensor(setup: Setup, recording: Recording | None = None) -> ForceTorque:
+    """Return the sensor; noise that the rig does not state is that of a recording."""
+    wrench, seen = setup.of(ForceTorqueSection).table, _Seen(setup, recording)
     deviation, spectrum = seen.deviation, seen.spectrum
     if wrench.noise is not None:
         deviation = wrench.noise.six()
-        rate = rig.filter.rate or (None if recording is None else recording.rate())
+        rate = setup.filter.rate or (None if recording is None else recording.rate())
         if wrench.noise.corner is not None and rate is not None:
             spectrum = NoiseSpectrum.of_corner(wrench.noise.corner, rate)
     limits = None if wrench.range is None else wrench.range.six()
@@ -91,32 +104,32 @@ def rig_sensor(rig: Rig, recording: Recording | None = None) -> ForceTorque:
     return ForceTorque(deviation, limits, wrench.frame, spectrum, wrench.gain_error, drift)
 
 
-def free_wrenches(rig: Rig, recording: Recording) -> Float[np.ndarray, "n 6"]:
-    """What is left when payload and inertia are taken off, of an untouched log; NaN where a sample cannot be used.
+def free_wrenches(setup: Setup, recording: Recording) -> Float[np.ndarray, "n 6"]:
+    """Return the wrenches of an untouched log without payload and inertia; NaN where a sample cannot be used.
 
     Raises:
         InputError: the payload's weight is to be taken off, and there is no orientation.
     """
-    payload, wrench = rig_payload(rig), rig.force_torque
+    wrench, payload = setup.of(ForceTorqueSection).table, setup.of(ForceTorqueSection).payload
     limits = None if wrench.range is None else wrench.range.six()
-    sensor = Compensation(ForceTorque(limits=limits, frame=wrench.frame), payload, _motion(rig, payload, recording))
+    sensor = Compensation(ForceTorque(limits=limits, frame=wrench.frame), payload, _motion(setup, recording))
     made = [sensor.measure(block) for block in sensor.ready([recording])]
     return np.concatenate([np.where((part.status < 0)[:, None], part.wrench, np.nan) for part in made])
 
 
-def accelerated(rig: Rig, recording: Recording) -> bool:
-    """Whether poses show that the payload is accelerated, and no acceleration that the rig names says how much."""
-    motion = _motion(rig, rig_payload(rig), recording)
+def accelerated(setup: Setup, recording: Recording) -> bool:
+    """Return whether poses show that the payload is accelerated, and no acceleration that the rig names tells it."""
+    motion = _motion(setup, recording)
     if motion is None or motion.source != "none" or ORIENTATION not in recording.channels:
         return False
     return any(bool((block.channels[UNSTEADY] > 0.0).any()) for block in motion.stream(iter([recording])))
 
 
-def doubted_noise(rig: Rig, recording: Recording) -> list[str]:
-    """Where noise that the rig states is wrong by two or more against a recording."""
-    if (stated := rig.force_torque.noise) is None:
+def doubted_noise(setup: Setup, recording: Recording) -> list[str]:
+    """Return where noise that the rig states is wrong by two or more against a recording."""
+    if (stated := setup.of(ForceTorqueSection).table.noise) is None:
         return []
-    seen = _Seen(rig, recording).deviation
+    seen = _Seen(setup, recording).deviation
     doubt = "" if seen is None else wrong_noise(stated.six(), seen)
     return [doubt] if doubt else []
 
@@ -124,37 +137,36 @@ def doubted_noise(rig: Rig, recording: Recording) -> list[str]:
 class _Seen:
     """The noise of a recording: where it rests, else in its quiet parts, of an unknown spectrum."""
 
-    def __init__(self, rig: Rig, recording: Recording | None) -> None:
-        wrenches = np.zeros((0, 6)) if recording is None else _unloaded(rig, recording)
-        rest = rest_noise(wrenches, wander=rig.drift is None)
+    def __init__(self, setup: Setup, recording: Recording | None) -> None:
+        wrenches = np.zeros((0, 6)) if recording is None else _unloaded(setup, recording)
+        rest = rest_noise(wrenches, wander=setup.drift is None)
         self.deviation = estimate_noise(wrenches) if rest is None else rest.deviation
         self.spectrum = None if rest is None else rest.spectrum
 
 
-def _unloaded(rig: Rig, recording: Recording) -> Float[np.ndarray, "n 6"]:
+def _unloaded(setup: Setup, recording: Recording) -> Float[np.ndarray, "n 6"]:
     """Wrenches without what hangs on the sensor, which moves with the arm and is no noise; NaN is left out."""
-    payload = rig_payload(rig)
-    if payload is None or ORIENTATION not in recording.channels:
+    six = setup.of(ForceTorqueSection)
+    if six.payload is None or ORIENTATION not in recording.channels:
         return recording.wrenches()
-    sensor = Compensation(ForceTorque(frame=rig.force_torque.frame), payload, _motion(rig, payload, recording))
+    sensor = Compensation(ForceTorque(frame=six.table.frame), six.payload, _motion(setup, recording))
     made = [sensor.measure(block) for block in sensor.ready([recording])]
     return np.concatenate([part.wrench[part.status < 0] for part in made])
 
 
-def rig_compensation(rig: Rig, head: Recording | None = None) -> Compensation:
-    """The sensor with what hangs on it; what the rig does not state is taken from the start of a log."""
-    payload = rig_payload(rig)
-    return Compensation(rig_sensor(rig, head), payload, _motion(rig, payload, head))
+def compensation(setup: Setup, head: Recording | None) -> Compensation:
+    """Return the sensor with what hangs on it; what the rig does not state is taken from the start of a log."""
+    return Compensation(stated_sensor(setup, head), setup.of(ForceTorqueSection).payload, _motion(setup, head))
 
 
-def _build(rig: Rig, head: Recording | None) -> Prepared:
-    stated = rig.force_torque.noise is not None
-    sensor = rig_compensation(rig, head)
+def _build(setup: Setup) -> Prepared:
+    stated, head = setup.of(ForceTorqueSection).table.noise is not None, setup.head
+    sensor = compensation(setup, head)
     payload = sensor.payload
-    made = wrench_estimator(rig, sensor, head, tare=rig.estimate.tare, drift=rig_drift(rig, 6))
+    made = wrench_estimator(setup, sensor, tare=setup.estimate.tare, drift=setup.followed(6))
     made.facts["noise_source"] = "given" if stated else "unknown" if sensor.noise is None else "rest of the log"
-    made.said[:0] = [*([] if stated else _noise_said(sensor)), *_payload_said(rig, payload)]
-    made.doubted += [] if head is None else [*doubted_noise(rig, head), *_turned(payload, sensor, head)]
+    made.said[:0] = [*([] if stated else _noise_said(sensor)), *_payload_said(payload, setup.estimate.tare)]
+    made.doubted += [] if head is None else [*doubted_noise(setup, head), *_turned(payload, sensor, head)]
     return made
 
 
@@ -175,17 +187,17 @@ def _noise_said(sensor: Compensation) -> list[str]:
     return [f"noise taken from the log {where}: {force:.3g} N, {torque:.3g} N m"]
 
 
-def _payload_said(rig: Rig, payload: Payload | None) -> list[str]:
+def _payload_said(payload: Payload | None, tare: float | None) -> list[str]:
     if payload is not None:
         return []
     tared = "the tare holds only while the sensor keeps its orientation"
     untared = "wrenches are taken as they are, so they must be tared"
-    return [f"no payload model: {untared if rig.estimate.tare is None else tared}"]
+    return [f"no payload model: {untared if tare is None else tared}"]
 
 
-def _motion(rig: Rig, payload: Payload | None, head: Recording | None) -> Motion | None:
-    """How inertia is accounted for."""
-    stated = rig.acceleration
+def _motion(setup: Setup, head: Recording | None) -> Motion | None:
+    """Return how inertia is accounted for."""
+    stated, payload = setup.acceleration, setup.of(ForceTorqueSection).payload
     if payload is None or not payload.weight.any() or head is None:
         return None
     recorded = stated.kind if ACCELERATION in head.channels else "none"
@@ -197,8 +209,8 @@ def _motion(rig: Rig, payload: Payload | None, head: Recording | None) -> Motion
     return Motion(source=source, window=stated.window, gravity=payload.gravity, lever=payload.center_of_mass)
 
 
-def _check(rig: Rig, path: Path) -> None:
-    wrench = rig.force_torque
+def _check(table: RigForceTorque | None, path: Path) -> None:
+    wrench = table or RigForceTorque()
     axis_matrix(wrench.axes, left_handed=wrench.left_handed, where=f"{path}: force_torque.axes")
     to_si(wrench.units.force, FORCE_UNITS, where=f"{path}: force_torque.units.force")
     to_si(wrench.units.torque, TORQUE_UNITS, where=f"{path}: force_torque.units.torque")
@@ -285,13 +297,14 @@ def _arm(free: np.ndarray) -> float:
 
 FORCE_TORQUE = SensorKind(
     name="force_torque",
-    called="a six-axis force/torque sensor",
+    called=ForceTorqueSection.called,
     table=RigForceTorque,
+    section=ForceTorqueSection,
     channels=(FORCE, TORQUE),
     layout=_layout,
     build=_build,
     guess=_guess,
     paths=("payload",),
     check=_check,
-    start=lambda rig: seen_first(rig) or (FIRST if rig.force_torque.noise is None else 0.0),
+    start=lambda setup: seen_first(setup) or (FIRST if setup.of(ForceTorqueSection).table.noise is None else 0.0),
 )

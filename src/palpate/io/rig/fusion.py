@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,15 +14,12 @@ from palpate.errors import InputError
 from palpate.io.logs import LogContents
 from palpate.io.logs.layout import Layout
 from palpate.io.rig.body import Body
-from palpate.io.rig.drift import rig_drift
-from palpate.io.rig.force_torque import FORCE_TORQUE, rig_compensation
-from palpate.io.rig.kind import Guess, Prepared, SensorKind
-from palpate.io.rig.skin import SKIN, RigSkin, guess_beside
-from palpate.io.rig.wrench import first_seconds, rig_surface
+from palpate.io.rig.force_torque import FORCE_TORQUE, ForceTorqueSection, compensation
+from palpate.io.rig.kind import Guess, Prepared
+from palpate.io.rig.setup import SensorKind, Setup
+from palpate.io.rig.skin import SKIN, guess_beside, skin_tare
+from palpate.io.rig.wrench import first_seconds
 from palpate.sensors.recording import AVERAGED, CELLS, FORCE, TORQUE, Recording
-
-if TYPE_CHECKING:
-    from palpate.io.rig.rig import Rig
 
 __all__ = ["FUSION", "RigFusion"]
 
@@ -59,33 +55,33 @@ class RigFusion:
         return FusionSettings(friction, min(self.tangential, friction), self.gain, self.floor, self.alarm)
 
 
-def _layout(rig: Rig) -> Layout:
-    """Frames of the skin, each with the mean of the wrenches about it."""
-    skin, wrench = SKIN.layout(rig), FORCE_TORQUE.layout(rig)
-    stated = rig.force_torque.range
+def _layout(setup: Setup) -> Layout:
+    """Return how frames of the skin are read, each with the mean of the wrenches about it."""
+    skin, wrench = SKIN.layout(setup), FORCE_TORQUE.layout(setup)
+    stated = setup.of(ForceTorqueSection).table.range
     return replace(wrench, arrays=skin.arrays, rate=skin.rate, wrench_range=None if stated is None else stated.six())
 
 
-def _build(rig: Rig, head: Recording | None) -> Prepared:
-    felt = SKIN.build(rig, head)
+def _build(setup: Setup) -> Prepared:
+    felt, head, link = SKIN.build(setup), setup.head, setup.link
+    link.surface().prepared()  # once for all logs of a rig
     if not isinstance(felt.estimator, TaxelEstimator):
         raise InputError("is no skin of taxels.", where="skin")
-    sensor = rig_compensation(rig, _single(head))
-    known = rig.sensors.get("fusion") or RigFusion()
-    settings = known.settings(rig.estimate.friction)
-    uncertain = None if rig.surface is None else rig.surface.pose_covariance
+    sensor = compensation(setup, _single(head))
+    known: RigFusion = setup.sensors["fusion"].table
+    settings = known.settings(setup.estimate.friction)
     estimator = FusedEstimator(
         felt.estimator,
         sensor,
-        FusedLocator(rig_surface(rig), settings),
-        rig.mount(),
-        None if uncertain is None else np.asarray(uncertain),
-        rig_drift(rig, 6),
+        FusedLocator(link.surface(), settings),
+        link.mount,
+        link.mount_covariance,
+        setup.followed(6),
         known.covered,
         live=head is None,
     )
-    made = Prepared(estimator, felt.said, felt.doubted, {**felt.facts, **vars(settings), **_surface_facts(rig)})
-    tare = rig.estimate.tare or rig.table(RigSkin).tare
+    made = Prepared(estimator, felt.said, felt.doubted, {**felt.facts, **vars(settings), **link.settings})
+    tare = skin_tare(setup)
     if head is not None and tare is not None:
         tared = sensor.tare(first_seconds(head, tare))
         made.said.append(tared.said)
@@ -93,10 +89,6 @@ def _build(rig: Rig, head: Recording | None) -> Prepared:
     elif tare is None:
         made.said.append("wrenches are taken as they are, so they must be tared: [estimate] tare = seconds")
     return made
-
-
-def _surface_facts(rig: Rig) -> dict[str, object]:
-    return {} if rig.surface is None else {"crease": rig.surface.crease}
 
 
 def _single(head: Recording | None) -> Recording | None:

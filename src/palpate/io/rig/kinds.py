@@ -2,14 +2,52 @@
 
 from __future__ import annotations
 
-from palpate.io.rig.force_torque import FORCE_TORQUE
-from palpate.io.rig.fusion import FUSION
-from palpate.io.rig.kind import SensorKind
-from palpate.io.rig.load_cells import LOAD_CELLS
-from palpate.io.rig.marker_ring import MARKER_RING
-from palpate.io.rig.skin import SKIN
+from collections.abc import Iterator, MutableMapping
 
-__all__ = ["KINDS"]
+from palpate.calls import by_name
+from palpate.io.rig.setup import SensorKind
 
-KINDS: dict[str, SensorKind] = {kind.name: kind for kind in (FUSION, FORCE_TORQUE, LOAD_CELLS, MARKER_RING, SKIN)}
-"""Name of its table in a rig -> the sensor, in the order in which they are tried on a log."""
+__all__ = ["KINDS", "Kinds"]
+
+
+class Kinds(MutableMapping[str, SensorKind]):
+    """Name of a sensor's table in a rig -> the sensor, in the order in which they are tried on a log.
+
+    Args:
+        rows: by name the sensor, or where it is defined ("palpate.io.rig.skin.SKIN"), which is imported when it is
+            first asked for.
+    """
+
+    def __init__(self, rows: dict[str, str | SensorKind]) -> None:
+        self._rows = rows
+
+    def __getitem__(self, name: str) -> SensorKind:
+        row = self._rows[name]
+        if isinstance(row, str):
+            row = self._rows[name] = by_name(row)
+        return row
+
+    def __setitem__(self, name: str, kind: SensorKind) -> None:
+        self._rows[name] = kind
+
+    def __delitem__(self, name: str) -> None:
+        del self._rows[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._rows)
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+
+ASSUMED = "force_torque"
+"""The sensor of a rig that states none."""
+KINDS = Kinds(
+    {
+        "fusion": "palpate.io.rig.fusion.FUSION",
+        "force_torque": "palpate.io.rig.force_torque.FORCE_TORQUE",
+        "load_cells": "palpate.io.rig.load_cells.LOAD_CELLS",
+        "marker_ring": "palpate.io.rig.marker_ring.MARKER_RING",
+        "skin": "palpate.io.rig.skin.SKIN",
+    }
+)

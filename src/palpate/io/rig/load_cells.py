@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import ClassVar
 
 import numpy as np
 
@@ -18,21 +19,18 @@ from palpate.io.logs.layout import ArrayChannel, Layout
 from palpate.io.models import read_model
 from palpate.io.rig import guess
 from palpate.io.rig.body import Body
-from palpate.io.rig.drift import rig_drift
-from palpate.io.rig.kind import Guess, Prepared, SensorKind
+from palpate.io.rig.kind import Guess, Prepared
 from palpate.io.rig.names import time_column, wrench_columns
+from palpate.io.rig.setup import SensorKind, SensorSection, Setup
 from palpate.io.rig.tables import Three, require_positive
-from palpate.io.rig.wrench import rig_surface, wrench_estimator
+from palpate.io.rig.wrench import wrench_estimator
 from palpate.sensors.load_cell_array import START, LoadCellArray
 from palpate.sensors.load_cells import LoadCells, with_changes
 from palpate.sensors.recording import REFERENCE as REFERENCE_CHANNEL
-from palpate.sensors.recording import VOLTAGE, Recording
+from palpate.sensors.recording import VOLTAGE
 from palpate.surfaces import Surface
 
-if TYPE_CHECKING:
-    from palpate.io.rig.rig import Rig
-
-__all__ = ["LOAD_CELLS", "VOLT_UNITS", "RigLoadCells", "load_cells_layout"]
+__all__ = ["LOAD_CELLS", "VOLT_UNITS", "LoadCellSection", "RigLoadCells", "load_cells_layout"]
 
 _ORDER = "columns must be x, y, z of cell 1, then of cell 2, and so on, as they were calibrated"
 _CELL = re.compile(r"^(?P<head>u|v|ch|cell|volt(?:age)?s?|ai)[\W_]*\d+[\W_]*[xyz]?$", re.IGNORECASE)
@@ -166,28 +164,45 @@ class RigLoadCells:
         return nominal_cells(np.array(self.positions), self.sensitivity, self.noise, self.range or inf)
 
 
-def load_cells_layout(rig: Rig, *, bench: bool = False) -> Layout:
-    """Where a log keeps voltages and poses; of a bench, with the reference beside them."""
-    table = rig.table(RigLoadCells)
-    count = table.count(None if bench or table.model is None else table.cells(rig.folder))
+class LoadCellSection(SensorSection):
+    """Load cells as a rig states them; the file of their calibration is read once."""
+
+    name: ClassVar[str] = "load_cells"
+    called: ClassVar[str] = "3-axis load cells under a body"
+    table: RigLoadCells
+
+    @cached_property
+    def cells(self) -> LoadCells:
+        """The calibrated model, with what the rig states over it; see `RigLoadCells.cells`."""
+        return self.table.cells(self.link.folder)
+
+    def nominal(self) -> LoadCells:
+        """Return the calibrated model, or what positions, sensitivity and noise say that it will be."""
+        return self.cells if self.table.model is not None else self.table.nominal(self.link.folder)
+
+
+def load_cells_layout(setup: Setup, *, bench: bool = False) -> Layout:
+    """Return where a log keeps voltages and poses; of a bench, with the reference beside them."""
+    frame = setup.of(LoadCellSection)
+    table = frame.table
+    count = table.count(None if bench or table.model is None else frame.cells)
     names = table.names(count)
     arrays = [ArrayChannel(VOLTAGE, (len(names),), names, table.topic, table.volts(count), table="load_cells")]
     if bench:
         arrays.append(ArrayChannel(REFERENCE_CHANNEL, (6,), table.reference, table="load_cells"))
-    return Layout(wrench=None, arrays=tuple(arrays), **rig.common())
+    return Layout(wrench=None, arrays=tuple(arrays), **setup.common)
 
 
-def _build(rig: Rig, head: Recording | None) -> Prepared:
-    table = rig.table(RigLoadCells)
-    cells = table.cells(rig.folder)
-    tare = rig.estimate.tare or START
+def _build(setup: Setup) -> Prepared:
+    table, cells = setup.of(LoadCellSection).table, setup.of(LoadCellSection).cells
+    tare = setup.estimate.tare or START
     sound = ~np.isin(np.arange(cells.cells) + 1, table.without)
     array = LoadCellArray(cells, sound, names=table.names(cells.cells), seconds=tare)
     soft = {"indentation": cells.indentation, "accuracy": table.accuracy}
-    drift = rig_drift(rig, len(cells.matrix))
-    made = wrench_estimator(rig, array, head, tare=tare, mounted=False, drift=drift, **soft)
+    drift = setup.followed(len(cells.matrix))
+    made = wrench_estimator(setup, array, tare=tare, mounted=False, drift=drift, **soft)
     made.facts["without"] = table.without
-    made.said.append(_least(rig_surface(rig), cells, table))
+    made.said.append(_least(setup.link.surface(), cells, table))
     made.doubted += [f"cell {cell} is left out, as the rig says" for cell in table.without]
     return made
 
@@ -249,8 +264,9 @@ def _threes(count: int) -> bool:
 _CALIBRATED = "the calibration of the cells says what they are"
 LOAD_CELLS = SensorKind(
     name="load_cells",
-    called="3-axis load cells under a body",
+    called=LoadCellSection.called,
     table=RigLoadCells,
+    section=LoadCellSection,
     channels=(VOLTAGE,),
     layout=load_cells_layout,
     build=_build,
@@ -260,5 +276,5 @@ LOAD_CELLS = SensorKind(
         "payload": "the zero of the cells is taken at the start of the log, and nothing else hangs on them",
         "noise": f"{_CALIBRATED}; noise in V may stand in the rig's [load_cells]",
     },
-    start=lambda rig: rig.estimate.tare or START,
+    start=lambda setup: setup.estimate.tare or START,
 )

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import ClassVar
 
 import numpy as np
 
@@ -16,21 +17,19 @@ from palpate.io.logs.layout import ImageChannel, Layout
 from palpate.io.models import load_toml, read_model
 from palpate.io.rig import guess
 from palpate.io.rig.body import Body
-from palpate.io.rig.kind import Guess, Prepared, SensorKind
+from palpate.io.rig.kind import Guess, Prepared
+from palpate.io.rig.setup import SensorKind, SensorSection, Setup
 from palpate.io.rig.tables import require_path, require_positive
 from palpate.io.rig.wrench import first_seconds
 from palpate.io.schema import parse
 from palpate.sensors.fisheye import Fisheye
 from palpate.sensors.marker_ring import MarkerRing, RingBody
-from palpate.sensors.recording import IMAGE, Recording
+from palpate.sensors.recording import IMAGE
 from palpate.spatial.pose import Pose
 from palpate.surfaces import Surface
 from palpate.surfaces.quadric import Cylinder
 
-if TYPE_CHECKING:
-    from palpate.io.rig.rig import Rig
-
-__all__ = ["MARKER_RING", "RigMarkerRing", "rig_ring", "rig_ring_body", "ring_surface"]
+__all__ = ["MARKER_RING", "MarkerRingSection", "RigMarkerRing"]
 
 _TEXT = """\
 [marker_ring]
@@ -82,22 +81,49 @@ class RigMarkerRing:
             raise ValueError("thickness must be less than radius")
 
 
-def rig_ring_body(rig: Rig) -> RingBody:
-    """What a rig says of a unit that is to be calibrated.
+class MarkerRingSection(SensorSection):
+    """A ring of markers as a rig states it; its files are read once."""
 
-    Raises:
-        InputError: it says too little, or the camera's file cannot be read.
-    """
-    table = rig.table(RigMarkerRing)
-    if table.radius is None or table.thickness is None or table.markers is None:
-        lacking = [name for name in ("radius", "thickness", "markers") if getattr(table, name) is None]
-        raise InputError(
-            f"does not say {' and '.join(lacking)}.",
-            where="marker_ring",
-            hint="Measure the ring: radius of the outer surface [m], thickness of the skin [m], number of markers.",
-        )
-    camera = None if table.camera is None else _camera(rig.folder / table.camera)
-    return RingBody(table.radius, table.thickness, table.markers, camera, table.height, rings=table.rings)
+    name: ClassVar[str] = "marker_ring"
+    called: ClassVar[str] = "a ring of markers watched by a camera"
+    table: RigMarkerRing
+
+    @cached_property
+    def ring(self) -> MarkerRing:
+        """The calibrated ring.
+
+        Raises:
+            InputError: no model is named, or it cannot be read.
+        """
+        if self.table.model is None:
+            raise InputError(
+                "the rig's [marker_ring] has no model.",
+                where="marker_ring.model",
+                hint="`palpate calibrate marker-ring` makes one from presses: name what it writes, model = FILE.",
+            )
+        return read_model(self.link.folder / self.table.model, MarkerRing)
+
+    def body(self) -> RingBody:
+        """Return what the rig says of a unit that is to be calibrated.
+
+        Raises:
+            InputError: it says too little, or the camera's file cannot be read.
+        """
+        table = self.table
+        if table.radius is None or table.thickness is None or table.markers is None:
+            lacking = [name for name in ("radius", "thickness", "markers") if getattr(table, name) is None]
+            raise InputError(
+                f"does not say {' and '.join(lacking)}.",
+                where="marker_ring",
+                hint="Measure the ring: radius of the outer surface [m], thickness of the skin [m], number of markers.",
+            )
+        camera = None if table.camera is None else _camera(self.link.folder / table.camera)
+        return RingBody(table.radius, table.thickness, table.markers, camera, table.height, rings=table.rings)
+
+    def surface(self) -> Surface:
+        """Return a cylinder as large as the ring, to draw it on where the rig has no [surface]."""
+        radius, upright = self.ring.radius, np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+        return Cylinder(radius, 0.6 * radius).transformed(Pose(upright, np.zeros(3)))  # its own axis is y
 
 
 def _camera(path: Path) -> Fisheye:
@@ -106,38 +132,16 @@ def _camera(path: Path) -> Fisheye:
     return read_model(path, Fisheye) if "kind" in table else parse(table, Fisheye, file=str(path))
 
 
-def _layout(rig: Rig) -> Layout:
-    table = rig.table(RigMarkerRing)
-    return Layout(wrench=None, images=ImageChannel(table.topic, table="marker_ring"), **rig.common())
+def _layout(setup: Setup) -> Layout:
+    topic = setup.of(MarkerRingSection).table.topic
+    return Layout(wrench=None, images=ImageChannel(topic, table="marker_ring"), **setup.common)
 
 
-def rig_ring(rig: Rig) -> MarkerRing:
-    """The calibrated ring.
-
-    Raises:
-        InputError: no model is named, or it cannot be read.
-    """
-    table = rig.table(RigMarkerRing)
-    if table.model is None:
-        raise InputError(
-            "the rig's [marker_ring] has no model.",
-            where="marker_ring.model",
-            hint="`palpate calibrate marker-ring` makes one from presses: name what it writes, model = FILE.",
-        )
-    return read_model(rig.folder / table.model, MarkerRing)
-
-
-def ring_surface(rig: Rig) -> Surface:
-    """A cylinder as large as the ring, to draw it on where the rig has no [surface]."""
-    radius, upright = rig_ring(rig).radius, np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-    return Cylinder(radius, 0.6 * radius).transformed(Pose(upright, np.zeros(3)))  # its own axis is y
-
-
-def _build(rig: Rig, head: Recording | None) -> Prepared:
-    table, ring = rig.table(RigMarkerRing), rig_ring(rig)
-    estimator = RingEstimator(ring, table.contacts, mount=rig.mount())
+def _build(setup: Setup) -> Prepared:
+    table, ring, head = setup.of(MarkerRingSection).table, setup.of(MarkerRingSection).ring, setup.head
+    estimator = RingEstimator(ring, table.contacts, mount=setup.link.mount)
     made = Prepared(estimator, facts=dict(vars(table.contacts)))
-    tare = rig.estimate.tare or table.tare
+    tare = setup.estimate.tare or table.tare
     if tare is not None and head is not None:
         tared = estimator.tare(first_seconds(head, tare))
         made.said.append(tared.said)
@@ -160,8 +164,9 @@ def _guess(log: Path, contents: LogContents, body: Body | None) -> Guess | None:
 
 MARKER_RING = SensorKind(
     name="marker_ring",
-    called="a ring of markers watched by a camera",
+    called=MarkerRingSection.called,
     table=RigMarkerRing,
+    section=MarkerRingSection,
     channels=(IMAGE,),
     layout=_layout,
     build=_build,
@@ -180,5 +185,5 @@ MARKER_RING = SensorKind(
         "cutoff": "images are not filtered",
     },
     needs_surface=False,
-    start=lambda rig: rig.estimate.tare or rig.table(RigMarkerRing).tare or 0.0,
+    start=lambda setup: setup.estimate.tare or setup.of(MarkerRingSection).table.tare or 0.0,
 )

@@ -12,9 +12,10 @@ from palpate.io.logs import LogContents, contents
 from palpate.io.logs.decoding import role
 from palpate.io.models import printable
 from palpate.io.rig.body import Body
-from palpate.io.rig.kind import Guess, SensorKind
+from palpate.io.rig.kind import Guess
 from palpate.io.rig.kinds import KINDS
 from palpate.io.rig.rig import check_rig
+from palpate.io.rig.setup import SensorKind
 from palpate.io.units import near
 
 __all__ = ["Proposal", "guess_sensor", "propose_rig"]

@@ -2,30 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from math import radians
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-import numpy as np
-
-from palpate.errors import InputError
-from palpate.io.logs import Log, Stored, contents, open_log
-from palpate.io.logs.layout import ArrayChannel, Layout
-from palpate.io.logs.topics import NONE
 from palpate.io.rig.surface import RigPose
 from palpate.io.rig.tables import require_path, require_positive
 from palpate.io.schema import INFINITE
-from palpate.io.urdf import Kinematics, Urdf
-from palpate.sensors.recording import ORIENTATION, POSITION, Recording
 
-if TYPE_CHECKING:
-    from palpate.io.rig.rig import Rig
-
-__all__ = ["RigPokes", "RigPriors", "cells_layout", "open_pokes", "wrench_layout"]
-
-_JOINTS = "joints"
+__all__ = ["RigPokes", "RigPriors"]
 
 
 @dataclass(frozen=True)
@@ -112,78 +98,3 @@ class RigPokes:
         if self.layout is not None and Path(self.layout).suffix:
             named["layout"] = self.layout
         return {name: folder / path for name, path in named.items() if path is not None}
-
-
-def wrench_layout(rig: Rig) -> Layout:
-    """How wrenches are read, each with the pose of the link in the sensor's frame where a Layout has the sensor's.
-
-    Raises:
-        InputError: the wrench is not in the sensor's frame.
-    """
-    table = rig.pokes or RigPokes()
-    if rig.force_torque.frame != "sensor":
-        raise InputError(
-            "wrenches of pokes must be in the sensor's frame, which the link is known in.",
-            where="force_torque.frame",
-            hint='Log the wrench as the sensor reads it, and state frame = "sensor".',
-        )
-    return replace(
-        rig.layout("force_torque") if "force_torque" in rig.sensors else Layout(**rig.common()),
-        orientation=table.columns,
-        position=table.position,
-        orientation_topic=NONE if table.pose is not None else table.topic,
-        frames=None if table.sensor is None or table.link is None else (table.sensor, table.link),
-        urdf=None if table.urdf is None else rig.folder / table.urdf,
-        joints_topic=table.joints,
-        acceleration=None,
-        acceleration_topic=None,
-        offset=table.offset,
-        max_gap=table.max_gap,
-    )
-
-
-def open_pokes(path: Path, rig: Rig) -> tuple[Log, Log, Iterator[Recording | Stored]]:
-    """A log for its wrenches and for its frames of taxels, and both: wrenches with the link where the log says it.
-
-    Of a table with a `urdf`, the joints between sensor and link are columns of their names [rad].
-
-    Raises:
-        InputError: the log cannot be read, or a joint is missing or in degrees.
-    """
-    layout, frames = wrench_layout(rig), open_log(path, cells_layout(rig))
-    if layout.urdf is None or layout.frames is None or not contents(path).names:
-        log = open_log(path, layout)
-        return log, frames, log.beside(frames)
-    kinematics = Kinematics(Urdf(layout.urdf), *layout.frames)
-    joints = ArrayChannel(_JOINTS, (len(kinematics.joints),), kinematics.joints, table="pokes")
-    log = open_log(path, replace(layout, frames=None, urdf=None, joints_topic=None, arrays=(joints,)))
-    parts = (_posed(part, kinematics) if isinstance(part, Recording) else part for part in log.beside(frames))
-    return log, frames, parts
-
-
-def _posed(block: Recording, kinematics: Kinematics) -> Recording:
-    """With poses in place of joints."""
-    values = block.channels[_JOINTS]
-    known = np.isfinite(values).all(axis=1)
-    kinematics.require_radians(values[known], block.source)
-    quaternion, position = np.full((len(block), 4), np.nan), np.full((len(block), 3), np.nan)
-    if known.any():
-        quaternion[known], position[known] = kinematics.poses(values[known])
-    kept = {name: each for name, each in block.channels.items() if name != _JOINTS}
-    return replace(block, channels={**kept, ORIENTATION: quaternion, POSITION: position})
-
-
-def cells_layout(rig: Rig) -> Layout:
-    """How frames of taxels are read, without poses."""
-    layout = rig.layout("skin")
-    return replace(
-        layout,
-        orientation=None,
-        position=None,
-        orientation_topic=NONE,
-        frames=None,
-        urdf=None,
-        joints_topic=None,
-        acceleration=None,
-        acceleration_topic=None,
-    )

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, Protocol, runtime_checkable
 
 from palpate.calls import called_as
 from palpate.contact.estimator import ContactEstimator
@@ -15,25 +15,47 @@ from palpate.errors import InputError
 from palpate.io.logs.layout import Layout
 from palpate.io.models import load_toml
 from palpate.io.rig.drift import RigDrift, check_drift
-from palpate.io.rig.kinds import KINDS, SensorKind
+from palpate.io.rig.kinds import ASSUMED, KINDS
+from palpate.io.rig.link import Link
 from palpate.io.rig.pokes import RigPokes
+from palpate.io.rig.setup import NamedSensor, SensorKind, Setup
 from palpate.io.rig.source import RigSource
 from palpate.io.rig.surface import RigSurface
-from palpate.io.rig.tables import RigAcceleration, RigEstimate, RigFilter, RigForceTorque, RigOrientation, RigTime
+from palpate.io.rig.tables import RigAcceleration, RigEstimate, RigFilter, RigOrientation, RigTime
 from palpate.io.schema import parse
 from palpate.io.units import SAMPLES, TIME_UNITS, near, to_si
+from palpate.sensors.recording import Recording
 from palpate.spatial.pose import Pose
-
-if TYPE_CHECKING:
-    from palpate.io.pipeline import OpenedLog
 
 __all__ = ["Rig", "check_rig", "load_rig", "with_mesh"]
 
-Table = TypeVar("Table")
 _NO_RIG = {
     "a mesh": (".stl", ".obj", ".ply", ".dae"),
     "a log": (".csv", ".parquet", ".npy", ".npz", ".mcap", ".bag", ".db3"),
 }
+
+
+_TABLES = (
+    "time",
+    "orientation",
+    "acceleration",
+    "filter",
+    "estimate",
+    "contacts",
+    "drift",
+    "pokes",
+)
+
+
+@runtime_checkable
+class StartedLog(Protocol):
+    """A log whose start is known, such as `palpate.open_log` opens."""
+
+    kind: SensorKind
+
+    def head(self, seconds: float = 0.0) -> Recording:
+        """Return its start."""
+        ...
 
 
 @called_as('palpate.load_rig("rig.toml")', estimator='palpate.load_rig("rig.toml").estimator(rate=200.0)')
@@ -65,34 +87,14 @@ class Rig:
     folder: Path = field(default_factory=Path)
 
     @property
-    def force_torque(self) -> RigForceTorque:
-        """The table of that sensor, its defaults where none is written."""
-        return self.sensors.get("force_torque", RigForceTorque())
-
-    @property
     def kinds(self) -> tuple[SensorKind, ...]:
         """The sensors that are stated, and what they are together; a six-axis force/torque sensor where none is."""
         stated = tuple(kind for kind in KINDS.values() if self._has(kind))
-        return stated or (KINDS["force_torque"],)
+        return stated or (KINDS[ASSUMED],)
 
     def _has(self, kind: SensorKind) -> bool:
         """Of sensors that are there to find each other by pokes, nothing together."""
         return set(kind.parts) <= set(self.sensors) and self.pokes is None if kind.parts else kind.name in self.sensors
-
-    def table(self, model: type[Table]) -> Table:
-        """What the rig says of a sensor.
-
-        Args:
-            model: the dataclass of its table.
-
-        Raises:
-            InputError: it has none.
-        """
-        kind = next(kind for kind in KINDS.values() if kind.table is model)
-        if kind.name not in self.sensors:
-            hint = f"Add a [{kind.name}]: what is to be said of {kind.called}."
-            raise InputError(f"the rig has no [{kind.name}].", where="rig", hint=hint)
-        return self.sensors[kind.name]
 
     def with_sensor(self, name: str, table: object) -> Rig:
         """The same rig with another table of a sensor."""
@@ -130,22 +132,10 @@ class Rig:
             raise InputError(f"the rig has no [{sensor}].", where="--sensor", hint=near(sensor, named))
         return named[sensor]
 
-    def files(self, kind: SensorKind | None = None) -> dict[str, Path]:
-        """Every file that the rig names, of one sensor or of all: what it is -> where."""
-        named: dict[str, Path] = {}
-        if self.surface is not None:
-            named |= self.surface.files(self.folder)
-        if self.orientation.urdf is not None:
-            named["kinematics"] = self.folder / self.orientation.urdf
-        if self.pokes is not None and kind is None:
-            named |= self.pokes.files(self.folder)
-        wanted = self.kinds if kind is None else (kind, *(KINDS[part] for part in kind.parts))
-        for one in wanted:
-            table = self.sensors.get(one.name)
-            for key in one.paths:
-                if (path := getattr(table, key, None)) is not None:
-                    named[key] = self.folder / path
-        return named
+    def files(self) -> dict[str, Path]:
+        """Return every file that the rig names: what it is -> where."""
+        setup, pokes = self.resolve(), RigPokes() if self.pokes is None else self.pokes
+        return {**setup.files(()), **pokes.files(self.folder), **setup.files(tuple(self.sensors))}
 
     def stream(self) -> RigSource:
         """Where live samples come from.
@@ -158,36 +148,32 @@ class Rig:
             raise InputError("the rig has no [source], so there is nothing live.", where="rig", hint=hint)
         return self.source
 
+    def resolve(self, sensor: str | None = None, head: Recording | None = None) -> Setup:
+        """Return the link and the sensors on it as values, with the files that the rig names read when first needed.
+
+        Args:
+            sensor: name of the table of the sensor whose samples are answered; None: the first.
+            head: the start of the log; None: a live loop.
+
+        Raises:
+            InputError: the rig has no such sensor.
+        """
+        kind, link = self.kind(sensor) if sensor else self.kinds[0], Link(self.surface, self.folder)
+        own = {name: KINDS[name].table() for name in (kind.name, *kind.parts) if name not in self.sensors}
+        sensors = {name: NamedSensor(KINDS[name], table, link) for name, table in {**self.sensors, **own}.items()}
+        tables = {name: getattr(self, name) for name in _TABLES}
+        return Setup(kind, sensors, link, head=head, **tables)
+
     def mount(self) -> Pose:
-        """T_sensor_surface; the identity where there is no surface."""
-        return Pose.identity() if self.surface is None else self.surface.pose.pose()
+        """Return T_sensor_surface; the identity where there is no surface."""
+        return Link(self.surface, self.folder).mount
 
     def layout(self, sensor: str | None = None) -> Layout:
-        """How to read a log of one of its sensors."""
-        return self.kind(sensor).layout(self)
-
-    def common(self) -> dict[str, Any]:
-        """The part of a log's layout that every sensor has: the time, and where the sensor is and how it moves."""
-        return {
-            "time": self.time.column,
-            "time_unit": self.time.unit,
-            "rate": self.time.rate,
-            "orientation": self.orientation.columns,
-            "position": self.orientation.position,
-            "acceleration": self.acceleration.columns,
-            "acceleration_unit": self.acceleration.unit,
-            "orientation_topic": self.orientation.topic,
-            "frames": self.orientation.frames(),
-            "urdf": None if self.orientation.urdf is None else self.folder / self.orientation.urdf,
-            "joints_topic": self.orientation.joints,
-            "acceleration_topic": self.acceleration.topic,
-            "temperature": None if self.drift is None else self.drift.temperature,
-            "offset": self.orientation.offset,
-            "max_gap": self.orientation.max_gap,
-        }
+        """Return how a log of one of the sensors is read."""
+        return self.resolve(self.kind(sensor).name).layout()
 
     def estimator(
-        self, log: OpenedLog | None = None, sensor: str | None = None, rate: float | None = None
+        self, log: StartedLog | None = None, sensor: str | None = None, rate: float | None = None
     ) -> ContactEstimator:
         """What turns readings into contacts: the same that `palpate estimate` runs.
 
@@ -201,10 +187,10 @@ class Rig:
             InputError: the rig says too little, a file that it names cannot be used, or the log does not begin at rest
                 where it should.
         """
-        from palpate.io.pipeline import prepare  # here: it takes rigs
-
         rig = self if rate is None else replace(self, filter=replace(self.filter, rate=rate))
-        return prepare(rig, log, sensor).estimator
+        if log is None:
+            return rig.resolve(rig.kind(sensor).name).prepared().estimator
+        return rig.resolve(log.kind.name, log.head(rig.estimate.tare or 1.0)).prepared().estimator
 
 
 def with_mesh(rig: Rig | None, mesh: str | PathLike[str], unit: str | None) -> Rig:
@@ -258,8 +244,9 @@ def check_rig(table: Mapping[str, Any], path: Path) -> Rig:
             raise InputError(
                 "a rig needs a [surface].", where=str(path), hint="`palpate rig new` writes one to start from."
             )
-        kind.check(rig, path)
-    check_drift(rig, path)
+        kind.check(rig.sensors.get(kind.name), path)
+    if rig.drift is not None:
+        check_drift(rig.drift, [kind.name for kind in rig.kinds], rig.sensors, path)
     return rig
 
 

@@ -6,8 +6,9 @@ import math
 import re
 from collections import Counter
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, ClassVar, cast
 
 import numpy as np
 
@@ -18,23 +19,21 @@ from palpate.io.logs.layout import ArrayChannel, Layout
 from palpate.io.models import read_model
 from palpate.io.rig import guess
 from palpate.io.rig.body import Body
-from palpate.io.rig.kind import Guess, Prepared, SensorKind
+from palpate.io.rig.kind import Guess, Prepared
 from palpate.io.rig.names import orientation_columns, position_columns, time_column, wrench_columns
+from palpate.io.rig.setup import SensorKind, SensorSection, Setup
 from palpate.io.rig.tables import require_path, require_positive
-from palpate.io.rig.wrench import first_seconds, noted_filter, rig_filter
+from palpate.io.rig.wrench import first_seconds, noted_filter
 from palpate.io.skin_map import read_skin_map
 from palpate.io.taxel_files import read_taxel_places
 from palpate.sensors.intensity import Intensity
-from palpate.sensors.recording import CELLS, Recording
+from palpate.sensors.recording import CELLS
 from palpate.sensors.skin_map import SkinMap
 from palpate.sensors.taxel_health import examine
 from palpate.sensors.taxel_places import TaxelPlaces
 from palpate.sensors.taxels import TaxelBody
 
-if TYPE_CHECKING:
-    from palpate.io.rig.rig import Rig
-
-__all__ = ["SKIN", "RigSkin", "guess_beside", "rig_body", "rig_map", "rig_taxels"]
+__all__ = ["SKIN", "RigSkin", "SkinSection", "guess_beside", "skin_tare"]
 
 RATE = 100.0  # Hz
 FEWEST = 16  # cells: fewer columns of numbers can be anything
@@ -99,117 +98,132 @@ class RigSkin:
         require_positive(self, "rate", "tare")
 
 
-def rig_map(rig: Rig) -> SkinMap:
-    """Where the cells sit.
+class SkinSection(SensorSection):
+    """A skin as a rig states it; each of its files is read once."""
 
-    Raises:
-        InputError: the map cannot be read, or is of another sheet than `rows` and `columns` say.
-    """
-    table = rig.table(RigSkin)
-    if table.map is None:
-        raise InputError("the rig's [skin] is no sheet: it has no map.", where="skin.map")
-    path = rig.folder / table.map
-    found = read_skin_map(path)
-    rows, columns = table.rows or found.rows, table.columns or found.columns
-    if (rows, columns) != (found.rows, found.columns):
-        raise InputError(
-            f"maps {found.rows} x {found.columns} cells, but the rig's [skin] says {rows} x {columns}.",
-            where=str(path),
-            hint="Make the map for this sheet with palpate map skin --sheet.",
+    name: ClassVar[str] = "skin"
+    called: ClassVar[str] = "a skin of taxels"
+    table: RigSkin
+
+    @cached_property
+    def map(self) -> SkinMap:
+        """Where the cells of a sheet sit.
+
+        Raises:
+            InputError: the map cannot be read, or is of another sheet than `rows` and `columns` say.
+        """
+        if self.table.map is None:
+            raise InputError("the rig's [skin] is no sheet: it has no map.", where="skin.map")
+        path = self.link.folder / self.table.map
+        found = read_skin_map(path)
+        rows, columns = self.table.rows or found.rows, self.table.columns or found.columns
+        if (rows, columns) != (found.rows, found.columns):
+            raise InputError(
+                f"maps {found.rows} x {found.columns} cells, but the rig's [skin] says {rows} x {columns}.",
+                where=str(path),
+                hint="Make the map for this sheet with palpate map skin --sheet.",
+            )
+        return found
+
+    @cached_property
+    def _read(self) -> TaxelPlaces:
+        """Where taxels sit, as the file says."""
+        return read_taxel_places(self.link.folder / str(self.table.taxels))
+
+    @cached_property
+    def taxels(self) -> TaxelPlaces:
+        """Where taxels that are on no sheet sit, each with its normal: its own, or that of the rig's [surface].
+
+        Raises:
+            InputError: the file cannot be read, is of another number of taxels than `count`, or nothing says the
+                normals.
+        """
+        table, link = self.table, self.link
+        if table.taxels is None:
+            raise InputError(
+                "the rig's [skin] says how many taxels there are, but not where.",
+                where="skin.taxels",
+                hint="`palpate calibrate taxels` finds that from pokes: name what it writes, taxels = FILE.",
+            )
+        path, places = link.folder / table.taxels, self._read
+        if table.count not in (None, len(places)):
+            raise InputError(f"is of {len(places)} taxels, but count = {table.count} in [skin].", where=str(path))
+        lacking = places.there & ~np.isfinite(places.normals).all(axis=1)
+        if not lacking.any():
+            return places
+        if link.stated is None:
+            raise InputError(
+                f"does not say which way {np.count_nonzero(lacking)} of {np.count_nonzero(places.there)} taxels face.",
+                where=str(path),
+                hint="Name the link's mesh in [surface]: its normals are taken then.",
+            )
+        normals = places.normals.copy()
+        normals[lacking] = link.surface().project(places.positions[lacking])[1]
+        return replace(places, normals=normals)
+
+    @cached_property
+    def intensity(self) -> Intensity | None:
+        """What readings mean; None: a count is taken for a newton."""
+        name = self.table.intensity
+        return None if name is None else read_model(self.link.folder / name, Intensity)
+
+    @cached_property
+    def body(self) -> TaxelBody:
+        """The cells of the sheet, or the taxels, on the link."""
+        masked, bits = cast("Any", self.table.masked), self.table.bits or None
+        if self.table.map is not None:
+            return TaxelBody.sheet(self.map, bits=bits, masked=masked)
+        places = self.taxels
+        return TaxelBody.placed(
+            places.positions, places.normals, covariance=places.covariance, bits=bits, masked=masked
         )
-    return found
+
+    def shape(self) -> tuple[int, ...]:
+        """Return rows and columns of a frame, or how many taxels it has."""
+        table = self.table
+        if table.map is not None:
+            if table.rows and table.columns:  # as the map says too, or `map` refuses it
+                return table.rows, table.columns
+            return self.map.rows, self.map.columns
+        return (int(table.count or 0),) if table.taxels is None else (len(self._read),)
 
 
-def rig_taxels(rig: Rig) -> TaxelPlaces:
-    """Where taxels that are on no sheet sit, each with its normal: its own, or that of the rig's [surface].
-
-    Raises:
-        InputError: the file cannot be read, is of another number of taxels than `count`, or nothing says the normals.
-    """
-    table = rig.table(RigSkin)
-    if table.taxels is None:
-        raise InputError(
-            "the rig's [skin] says how many taxels there are, but not where.",
-            where="skin.taxels",
-            hint="`palpate calibrate taxels` finds that from pokes: name what it writes, taxels = FILE.",
-        )
-    path = rig.folder / table.taxels
-    places = read_taxel_places(path)
-    if table.count not in (None, len(places)):
-        raise InputError(f"is of {len(places)} taxels, but count = {table.count} in [skin].", where=str(path))
-    lacking = places.there & ~np.isfinite(places.normals).all(axis=1)
-    if not lacking.any():
-        return places
-    if rig.surface is None:
-        raise InputError(
-            f"does not say which way {np.count_nonzero(lacking)} of {np.count_nonzero(places.there)} taxels face.",
-            where=str(path),
-            hint="Name the link's mesh in [surface]: its normals are taken then.",
-        )
-    normals = places.normals.copy()
-    normals[lacking] = rig.surface.load(rig.folder).project(places.positions[lacking])[1]
-    return replace(places, normals=normals)
+def _layout(setup: Setup) -> Layout:
+    skin = setup.of(SkinSection)
+    cells = ArrayChannel(CELLS, skin.shape(), skin.table.cells, skin.table.topic, table="skin")
+    made = Layout(wrench=None, arrays=(cells,), **setup.common)
+    return made if skin.table.rate is None else replace(made, rate=skin.table.rate)
 
 
-def _intensity(rig: Rig) -> Intensity | None:
-    """What readings mean; None: a count is taken for a newton."""
-    name = rig.table(RigSkin).intensity
-    return None if name is None else read_model(rig.folder / name, Intensity)
-
-
-def _layout(rig: Rig) -> Layout:
-    table = rig.table(RigSkin)
-    cells = ArrayChannel(CELLS, _shape(rig, table), table.cells, table.topic, table="skin")
-    common = rig.common()
-    common["rate"] = table.rate if table.rate is not None else common["rate"]
-    return Layout(wrench=None, arrays=(cells,), **common)
-
-
-def _shape(rig: Rig, table: RigSkin) -> tuple[int, ...]:
-    """Of a frame."""
-    if table.map is not None:
-        if table.rows and table.columns:  # as the map says too, or `rig_map` refuses it
-            return table.rows, table.columns
-        place = rig_map(rig)
-        return place.rows, place.columns
-    if table.taxels is None:
-        return (int(table.count or 0),)
-    return (len(read_taxel_places(rig.folder / table.taxels)),)
-
-
-def rig_body(rig: Rig) -> TaxelBody:
-    """The cells of the sheet, or the taxels, on the link."""
-    table = rig.table(RigSkin)
-    masked, bits = cast("Any", table.masked), table.bits or None
-    if table.map is not None:
-        return TaxelBody.sheet(rig_map(rig), bits=bits, masked=masked)
-    places = rig_taxels(rig)
-    return TaxelBody.placed(places.positions, places.normals, covariance=places.covariance, bits=bits, masked=masked)
-
-
-def _build(rig: Rig, head: Recording | None) -> Prepared:
-    body, intensity, tare = rig_body(rig), _intensity(rig), rig.estimate.tare or rig.table(RigSkin).tare
+def _build(setup: Setup) -> Prepared:
+    skin, head = setup.of(SkinSection), setup.head
+    body, intensity, tare = skin.body, skin.intensity, skin_tare(setup)
     health = None
     if head is not None:
         first = max(HEAD, 0 if tare is None else len(first_seconds(head, tare)))
         falling = intensity is not None and intensity.curves[0].falling
         health = examine(head.picked(slice(0, first)), body, seconds=tare, falling=falling)
-    smooth, rate = rig_filter(rig, head)
+    smooth, rate = setup.smoothing()
     estimator = TaxelEstimator(
         body,
         intensity,
         health,
-        settings=rig.contacts,
+        settings=setup.contacts,
         filter=smooth.filter(),
         rate=rate,
-        mount=rig.mount(),
+        mount=setup.link.mount,
     )
-    made = Prepared(estimator, said=noted_filter(smooth, rate), facts=dict(vars(rig.contacts)))
+    made = Prepared(estimator, said=noted_filter(smooth, rate), facts=dict(vars(setup.contacts)))
     if tare is None:
         made.said.append(
             "cells at rest are found in the log itself; tare = seconds in [skin] says when nothing touches"
         )
     return made
+
+
+def skin_tare(setup: Setup) -> float | None:
+    """Return the seconds [s] at the start of a log in which nothing touches; None where the rig does not say."""
+    return setup.estimate.tare or setup.of(SkinSection).table.tare
 
 
 def _guess(log: Path, contents: LogContents, body: Body | None) -> Guess | None:
@@ -296,8 +310,9 @@ _NUMBERS = re.compile(r"\d+")
 _NO_WRENCH = "cells measure no wrench"
 SKIN = SensorKind(
     name="skin",
-    called="a skin of taxels",
+    called=SkinSection.called,
     table=RigSkin,
+    section=SkinSection,
     channels=(CELLS,),
     layout=_layout,
     build=_build,
@@ -314,5 +329,5 @@ SKIN = SensorKind(
         "mesh": "contacts are placed on the map of the sheet, not on a mesh",
     },
     needs_surface=False,
-    start=lambda rig: rig.estimate.tare or rig.table(RigSkin).tare or REST,
+    start=lambda setup: skin_tare(setup) or REST,
 )

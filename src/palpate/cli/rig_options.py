@@ -13,11 +13,11 @@ from palpate.contact.locate import OFF, ON
 from palpate.errors import InputError
 from palpate.io.pipeline import OpenedLog, open_log
 from palpate.io.rig import Rig, load_rig
-from palpate.io.rig.kind import SensorKind
 from palpate.io.rig.rig import with_mesh
-from palpate.io.rig.tables import RigFilter, RigNoise, RigThresholds
+from palpate.io.rig.setup import SensorKind
+from palpate.io.rig.tables import RigFilter, RigForceTorque, RigNoise, RigThresholds
 
-__all__ = ["Setup"]
+__all__ = ["RigOptions"]
 
 Made = TypeVar("Made")
 _CONTACT = f"force [N] at which a contact begins, and below which it ends (default: {ON:g}, {OFF:g} times the noise)."
@@ -26,7 +26,7 @@ FILTERS = Literal["none", "kalman", "butterworth", "zero_phase"]
 
 
 @dataclass(frozen=True)
-class Setup:
+class RigOptions:
     """What is touched, by which sensor, located how.
 
     Args:
@@ -76,8 +76,9 @@ class Setup:
             rig = replace(rig, surface=_over(rig.surface, crease=self.crease))
         if any(kind.name == "force_torque" for kind in rig.kinds):  # else `open` refuses these two
             payload = None if self.payload is None else str(self.payload.resolve())
-            sensor = _over(rig.force_torque, payload=payload, noise=self.noise)
-            rig = rig if sensor is rig.force_torque else rig.with_sensor("force_torque", sensor)
+            stated = rig.sensors.get("force_torque", RigForceTorque())
+            sensor = _over(stated, payload=payload, noise=self.noise)
+            rig = rig if sensor is stated else rig.with_sensor("force_torque", sensor)
         said = {name: getattr(self, name) for name in ("method", "friction", "torsion", "contact", "tare")}
         return replace(rig, filter=self._filter(rig.filter), estimate=_over(rig.estimate, **said))
 
