@@ -522,10 +522,10 @@ def test_compiling_is_no_part_of_locating(made: Path, monkeypatch: pytest.Monkey
     pipeline = Pipeline.of(opened)
     pairs = pipeline.estimator.pairs
 
-    def late(blocks: OpenedLog) -> Iterator[object]:
+    def late(blocks: OpenedLog, watch: None) -> Iterator[object]:
         with _jit._COMPILING:
             time.sleep(0.3)
-        yield from pairs(blocks)
+        yield from pairs(blocks, watch)
 
     monkeypatch.setattr(pipeline.estimator, "pairs", late)
     begin, read = time.perf_counter(), opened.seconds
