@@ -202,6 +202,12 @@ def test_estimators_stay_small(estimator: type[ContactEstimator]) -> None:
     assert len(methods) <= 15
 
 
+def test_few_functions_take_a_rig() -> None:
+    """Below the commands they take a `Setup` or plain values."""
+    taken = _offending(r"\brig: Rig\b", [file for file in _ours() if file.is_relative_to(ROOT / "src")])
+    assert len(taken) <= 15, taken
+
+
 def test_lines_of_code_are_counted_without_docstrings_comments_and_blanks() -> None:
     text = '"""Say."""\n\nX = 1  # one\n# two\n\n\ndef f():\n    """Say\n    more."""\n    return """a\nb"""\n'
     assert lines_of_code(text) == 4

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import struct
+import sys
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -336,3 +338,30 @@ def test_a_proposed_rig_loads_whatever_the_names_or_is_not_proposed(tmp_path: Pa
     write_octahedron(tmp_path / os.fsdecode(b"bad\xff.stl"))
     with pytest.raises(InputError, match=r"(?i)utf-8"):
         write_text(tmp_path / "r.toml", propose_rig(log, tmp_path / os.fsdecode(b"bad\xff.stl"), tmp_path).text)
+
+
+@pytest.fixture
+def opened() -> Iterator[list[Path]]:
+    """Each file that is opened, in order; a hook of this kind cannot be taken back, only made deaf."""
+    files, listening = list[Path](), [True]
+
+    def hear(event: str, details: tuple[object, ...]) -> None:
+        if event == "open" and listening and isinstance(details[0], str):
+            files.append(Path(details[0]))
+
+    sys.addaudithook(hear)
+    yield files
+    listening.clear()
+
+
+@pytest.mark.parametrize("sensor", ["six-axis", "load_cells", "skin", "skin_and_wrench", "marker_ring"])
+def test_a_setup_reads_each_file_of_a_rig_once(sensor: str, opened: list[Path]) -> None:
+    folder = Path(__file__).parents[1] / "v03" / sensor
+    setup = load_rig(folder / "rig.toml").resolve()
+    opened.clear()
+    for _ in range(2):
+        setup.layout()
+        setup.prepared()
+    read = [path.name for path in opened if path.parent == folder]
+    assert read
+    assert len(read) == len(set(read)), read

@@ -19,7 +19,8 @@ VARIES = (  # what no two runs have in common
     (re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d+)?)?(Z|\+00:00)?"), "DATE"),
     (re.compile(r"\b\d\d:\d\d:\d\d\b"), "CLOCK"),
     (re.compile(r"read [\d.]+ s, prepare .* once prepared and compiled"), "TOOK"),
-    (re.compile(r" *[\d,]+ Hz  .* lost"), "RATE"),  # the line of a live run, when it is printed
+    (re.compile(r"^.*[\d,]+ Hz  .* lost.*\n", re.MULTILINE), ""),  # of a live run, now and then
+    (re.compile(r"Panic\(Id\(\d+\)"), "PANIC"),  # of a task of polars
     (re.compile(r"<tr><td[^>]*>(read|prepare|compile|locate|write|all)</td>.*</tr>"), "TOOK"),
     (re.compile(r"latency [\d,]+ .s \(.*\)"), "LATENCY"),
     (re.compile(r"^palpate: (finding the contacts|preparing) .*\n", re.MULTILINE), ""),  # after 2 s of silence

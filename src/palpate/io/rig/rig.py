@@ -89,8 +89,9 @@ class Rig:
     @property
     def kinds(self) -> tuple[SensorKind, ...]:
         """The sensors that are stated, and what they are together; a six-axis force/torque sensor where none is."""
-        stated = tuple(kind for kind in KINDS.values() if self._has(kind))
-        return stated or (KINDS[ASSUMED],)
+        several = len(self.sensors) > 1  # which may be one together
+        possible = (KINDS[name] for name in KINDS if several or name in self.sensors)
+        return tuple(kind for kind in possible if self._has(kind)) or (KINDS[ASSUMED],)
 
     def _has(self, kind: SensorKind) -> bool:
         """Of sensors that are there to find each other by pokes, nothing together."""
