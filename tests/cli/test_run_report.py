@@ -9,8 +9,11 @@ import numpy as np
 import pytest
 
 from palpate.cli.report import judged
-from palpate.cli.report_advice import status_advice, wrench_advice
-from palpate.cli.run_report import force_torque, load_cells, taxels, wrench_settings
+from palpate.cli.report_advice import status_advice
+from palpate.cli.views.force_torque import force_torque, wrench_advice
+from palpate.cli.views.load_cells import load_cells
+from palpate.cli.views.taxels import taxels
+from palpate.cli.views.wrenches import wrench_settings
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.contact.ground_truth import Samples, Touches

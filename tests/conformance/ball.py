@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from palpate.cli.views.taxels import TaxelView
+from palpate.cli.views.view import Kept
 from palpate.contact.taxel_estimator import TaxelEstimator
 from palpate.io.logs.layout import ArrayChannel, Layout
 from palpate.io.rig.kind import Guess, Prepared
@@ -19,6 +21,8 @@ from palpate.io.rig.wrench import noted_filter
 from palpate.sensors.recording import CELLS
 from palpate.sensors.taxel_health import examine
 from palpate.sensors.taxels import TaxelBody
+from palpate.viewer.scene import Layer
+from palpate.viewer.taxels import TaxelLayer
 
 COUNT, RADIUS, NOISE = 200, 0.05, 0.003  # taxels, m, N
 COLUMNS = tuple(f"t{k}" for k in range(COUNT))
@@ -51,6 +55,17 @@ def build(setup: Setup) -> Prepared:
 
 
 LAYOUT = Layout(wrench=None, arrays=(ArrayChannel(CELLS, (COUNT,), COLUMNS, table="ball"),))
+
+
+class BallView(TaxelView):
+    """Show the forces of the taxels on the ball."""
+
+    def layers(self, setup: Setup, kept: Kept, live: tuple[int, ...] | None) -> tuple[Layer, ...]:
+        """Return the taxels with their forces."""
+        body = TaxelBody.anywhere(RADIUS * directions(), directions())
+        return (TaxelLayer(body, kept.joined(), live is not None),)
+
+
 BALL = replace(
     SKIN,
     name="ball",
@@ -62,6 +77,7 @@ BALL = replace(
         Guess("t0 to t199", LAYOUT, "[ball]\n") if set(COLUMNS) <= set(there.names) else None
     ),
     paths=(),
+    view=f"{__name__}.BallView",
     start=lambda setup: setup.estimate.tare or setup.sensors["ball"].table.tare or 1.0,
 )
 KINDS.update({"ball": BALL} | {name: KINDS.pop(name) for name in list(KINDS)})  # before [skin], which takes any frame

@@ -80,5 +80,6 @@ KINDS["plate"] = SensorKind(
     layout=lambda setup: LAYOUT,
     build=lambda setup: wrench_estimator(setup, Plate(), tare=setup.estimate.tare),
     guess=lambda log, there, mesh: Guess("three", LAYOUT, "[plate]\n") if set(COLUMNS) <= set(there.names) else None,
+    view="palpate.cli.views.wrenches.WrenchView",
     refused={"payload": "nothing hangs on a plate", "noise": "a plate's noise is known"},
 )

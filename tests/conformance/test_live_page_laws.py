@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import palpate
-from palpate.cli.live_page import Stream, feed_of
-from palpate.cli.page_layers import body_of, layers_of
+from palpate.cli.live_page import Stream
+from palpate.cli.views.view import layers_of, view_of
 from palpate.io.live.live import Live
 from palpate.io.live.replay import Replay, bare
 from palpate.io.live.ring import Ring
@@ -48,9 +48,9 @@ def test_the_page_draws_what_passes_through_the_ring(
         live.finish()
     ring = Ring.make(tmp_path / "ring", live.form(), 1 << 27)
     setup = rig.resolve(ring.form.sensor)
-    layers = layers_of(setup, live=ring.form.shape)
-    stream, carried, touched = Stream(ring, feed_of(setup, ring, layers)), list[tuple[float, float]](), 0
-    with LivePage(body_of(setup), layers, sensor.name, stream.tare, port=0) as page:
+    view, layers = view_of(setup.kind), layers_of(setup, live=ring.form.shape)
+    stream, carried, touched = Stream(ring, view.feed(setup, ring, layers)), list[tuple[float, float]](), 0
+    with LivePage(view.body(setup), layers, sensor.name, stream.tare, port=0) as page:
         end = min(whole["answered"], len(whole.slots))
         for begin, until in pairwise(np.linspace(0, end, PICTURES + 1).astype(int).tolist()):
             ring.slots[begin:until] = whole.slots[begin:until]

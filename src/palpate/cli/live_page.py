@@ -6,31 +6,20 @@ import gc
 import signal
 import time
 from collections import deque
-from collections.abc import Callable
-from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
 import numpy as np
 
-from palpate.cli.page_layers import body_of, layers_of
+from palpate.cli.views.view import Feed, layers_of, view_of
 from palpate.contact.contacts import Contacts
-from palpate.contact.estimate import ROW, Status
-from palpate.contact.ring_estimator import RingEstimator
-from palpate.contact.taxel_estimator import TaxelEstimator
-from palpate.errors import InputError, PalpateError
+from palpate.errors import PalpateError
 from palpate.io.live.receiver import orphaned
 from palpate.io.live.ring import Ring, latencies
-from palpate.io.logs.samples import Samples
 from palpate.io.rig import load_rig
-from palpate.io.rig.setup import Setup
-from palpate.sensors.recording import CELLS, Recording
 from palpate.viewer.live import SECONDS, SILENT, Figures, LivePage, recent
-from palpate.viewer.marker_ring import RingLayer
-from palpate.viewer.scene import Layer
-from palpate.viewer.taxels import TaxelLayer
 
-__all__ = ["Stream", "feed_of", "show"]
+__all__ = ["Stream", "show"]
 
 TICK = 1 / 30  # s between two pictures
 IDLE = 0.25  # s between two looks at the ring while nobody watches
@@ -42,10 +31,7 @@ MOST = 1 << 13  # slots that are read at once
 IMAGES = 1 << 24  # bytes of images that are read at once
 SENTENCES = 12
 RATED = 2.0  # s over which a rate is counted
-REST = 50  # frames from which the page takes the rest of cells
 _GATHERED = ["number", "stamp", "arrived", "ready", "lost", "rows", "contacts"]  # of a slot: no images
-
-Feed = Callable[[np.ndarray, bool], None]
 
 
 def show(ring: Path, rig: Path, host: str, port: int, token: str, parent: int) -> None:
@@ -63,9 +49,9 @@ def show(ring: Path, rig: Path, host: str, port: int, token: str, parent: int) -
     read = Ring(ring)
     try:
         setup = load_rig(rig).resolve(read.form.sensor)
-        layers = layers_of(setup, live=read.form.shape)
-        stream = Stream(read, feed_of(setup, read, layers))
-        with LivePage(body_of(setup), layers, rig.stem, stream.tare, host, port, token) as page:
+        view, layers = view_of(setup.kind), layers_of(setup, live=read.form.shape)
+        stream = Stream(read, view.feed(setup, read, layers))
+        with LivePage(view.body(setup), layers, rig.stem, stream.tare, host, port, token) as page:
             gc.collect()
             gc.freeze()  # or it looks through all that is here to stay, again and again
             taken = "" if port in (0, page.port) else f" (port {port} is taken)"
@@ -209,74 +195,3 @@ class Stream:
             middle, most, worst = np.percentile(waited, (50.0, 99.0, 100.0)).tolist() if len(waited) else [0.0] * 3
             self._latency = now, (middle, most, worst) if len(waited) else None
         return self._latency[1]
-
-
-def feed_of(setup: Setup, ring: Ring, layers: tuple[Layer, ...]) -> Feed:
-    """Return what takes readings to the layer of the sensor, if that shows any."""
-    for layer in layers:
-        if isinstance(layer, TaxelLayer):
-            return _Cells(ring, setup, layer)
-        if isinstance(layer, RingLayer):
-            estimator = setup.prepared().estimator
-            if isinstance(estimator, RingEstimator):
-                return _Frames(estimator, layer)
-    return lambda slots, watched: None
-
-
-class _Cells:
-    """Forces of cells, by an estimator of the page's own: the ring has contacts, and no forces of cells.
-
-    It takes the rest from frames in which nothing touches, again after each tare.
-    """
-
-    def __init__(self, ring: Ring, setup: Setup, layer: TaxelLayer) -> None:
-        skin = replace(setup, kind=setup.sensors["skin"].kind) if "skin" in setup.kind.parts else setup
-        made = skin.prepared().estimator
-        if not isinstance(made, TaxelEstimator):
-            raise InputError("is no skin.", where=ring.form.sensor)
-        self._ring, self._layer = ring, layer
-        self._estimator = TaxelEstimator(made.body, made.intensity, made.health, settings=made.settings)
-        self._samples, self._cells = Samples(setup.layout(), Path("the stream")), len(made.body)
-        self._rows = self._estimator.empty(self._estimator.most)
-        self._done, self._free = ring["done"], list[np.ndarray]()
-        self._rested = made.health is not None
-
-    def __call__(self, slots: np.ndarray, watched: bool) -> None:
-        if self._ring["done"] != self._done:
-            self._done, self._rested = self._ring["done"], False
-            self._free.clear()
-        readings = np.array(self._samples.readings(slots["values"].copy()))
-        readings = readings.reshape(len(readings), -1)[:, : self._cells]  # a wrench may stand behind them
-        if not self._rested:
-            self._rest(readings, slots)
-        elif watched:
-            self._estimator.update_into(1e-9 * float(slots["stamp"][-1]), readings[-1], self._rows)
-            self._layer.feed(self._estimator.force.reshape(-1).copy())
-
-    def _rest(self, readings: np.ndarray, slots: np.ndarray) -> None:
-        free = (slots["ready"] > 0) & (slots["contacts"][:, 0, ROW.status] == Status.NO_CONTACT)
-        self._free = [*self._free, *readings[free]][-REST:]
-        if len(self._free) < REST:
-            return
-        frames, self._free = np.stack(self._free), list[np.ndarray]()
-        try:
-            self._estimator.tare(Recording(np.arange(float(REST)), {CELLS: frames}, source="the stream"))
-        except InputError:  # not steady: the next ones are tried; the receiver says what is the matter
-            return
-        self._rested = True
-
-
-class _Frames:
-    """The last frame of a camera, and the markers in it."""
-
-    def __init__(self, estimator: RingEstimator, layer: RingLayer) -> None:
-        self._estimator, self._layer, self._at = estimator, layer, -np.inf
-
-    def __call__(self, slots: np.ndarray, watched: bool) -> None:
-        now = time.monotonic()
-        if not watched or now - self._at < TOLD:
-            return
-        self._at, frame = now, slots["values"][-1]
-        pixels = np.full((len(self._estimator.ring), 2), np.nan)
-        self._estimator.tracker.track(frame, pixels)
-        self._layer.feed(frame, pixels)

@@ -8,11 +8,9 @@ from jaxtyping import Int
 from palpate.contact.estimate import Status
 from palpate.contact.plausibility import UNLOADED
 from palpate.evaluation.evaluate import Report
-from palpate.io.rig.force_torque import ForceTorqueSection
-from palpate.io.rig.setup import Setup
 from palpate.viewer.report import percent
 
-__all__ = ["coverage_advice", "status_advice", "wrench_advice"]
+__all__ = ["coverage_advice", "status_advice"]
 
 _REMEDY = {  # of a status that is common: from which share on, of the loaded samples or of all, and what to do
     Status.AMBIGUOUS: (0.05, "if only a part of the body can be touched, say so as surface.region."),
@@ -23,37 +21,6 @@ _REMEDY = {  # of a status that is common: from which share on, of the loaded sa
     Status.NO_POSE: (0.0, "poses are missing or too far apart: see orientation.max_gap, offset, and the poses' topic."),
 }
 ENOUGH = 50  # samples before their coverage means something
-BLURRED = 1e-3  # m: of a median ellipse that a filter is worth its lag for
-
-
-def wrench_advice(setup: Setup, *, payload: bool, filtered: bool, radius: float) -> tuple[str, ...]:
-    """Return what would make the answers of a force/torque sensor better.
-
-    Args:
-        setup: with the options of the command line in it.
-        payload: one is taken off.
-        filtered: a filter is in force.
-        radius: [m] median of the 95 % ellipses; NaN where there is none.
-    """
-    said: list[str] = []
-    if not payload and setup.estimate.tare is None:
-        said.append("Identify the payload (palpate calibrate payload): its weight and the sensor's zero are still in.")
-    if setup.link.mount_covariance is None:
-        said.append(
-            "Calibrate the mounting (palpate calibrate mounting): where the surface sits was taken as exact, and the "
-            "ellipses do not hold how far off it may be."
-        )
-    table = setup.of(ForceTorqueSection).table
-    if table.noise is None:
-        said.append("State the noise of the sensor in the rig: it was taken from the log.")
-    if table.range is None:
-        said.append("State the range of the sensor in the rig: without it a saturated channel is not noticed.")
-    if not filtered and radius > BLURRED:
-        said.append(
-            f"Half of the 95 % ellipses are larger than {1e3 * radius:.2g} mm, and no filter is in force: "
-            "palpate inspect LOG --rig RIG --spectrum FILE proposes one."
-        )
-    return tuple(said)
 
 
 def status_advice(counts: Int[np.ndarray, " s"]) -> tuple[str, ...]:

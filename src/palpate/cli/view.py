@@ -11,9 +11,9 @@ from palpate.cli.console import announce, counting, lines, note, progress, title
 from palpate.cli.contact_files import compared_blocks, on_body, written
 from palpate.cli.evaluate_taxels import is_taxel_file
 from palpate.cli.options import Log
-from palpate.cli.page_layers import Kept, body_of, layers_of
 from palpate.cli.rig_options import RigOptions
 from palpate.cli.simulate_phantom import folder_beside
+from palpate.cli.views.view import Kept, layers_of, view_of
 from palpate.contact.contacts import Contacts
 from palpate.errors import InputError
 from palpate.interrupts import import_mesh_reader
@@ -22,9 +22,11 @@ from palpate.io.models import read_provenance
 from palpate.io.models.summary import of_taxels
 from palpate.io.pipeline import OpenedLog, Pipeline
 from palpate.io.rig import Rig
+from palpate.io.rig.setup import Setup
 from palpate.io.taxel_files import read_taxel_places
 from palpate.opencv import opencv
 from palpate.simulation.video import Video
+from palpate.surfaces import Surface
 from palpate.viewer.film import RATE, SIZE, ScenePicture
 from palpate.viewer.scene import Scene, prepare
 from palpate.viewer.server import require_viser, serve
@@ -111,7 +113,7 @@ def _view_taxels(path: Path, setup: RigOptions, host: str, port: int) -> None:
     title(f"{path}: places of taxels")
     lines(facts)
     note(places.notes)
-    surface = None if rig is None else body_of(rig.resolve())
+    surface = None if rig is None else _body(rig.resolve())
     serve_taxels(
         places,
         surface,
@@ -134,8 +136,12 @@ def _estimated(path: Path, log: OpenedLog) -> tuple[Scene, list[str]]:
             done += len(block)
             progress(done, log.position / max(log.size, 1))
     layers = layers_of(log.setup, kept)
-    scene = prepare(body_of(log.setup), Contacts.joined(parts), path.name, layers)
+    scene = prepare(_body(log.setup), Contacts.joined(parts), path.name, layers)
     return scene, [*([log.torn] if log.torn else []), *pipeline.doubts(), *pipeline.notes()]
+
+
+def _body(setup: Setup) -> Surface | None:
+    return view_of(setup.kind).body(setup)
 
 
 def _main(rig: Rig) -> str:
@@ -149,4 +155,4 @@ def _shown(contacts: Contacts, path: Path, rig: Rig, sensor: str | None) -> tupl
     kind, setup = sensor or str(read_provenance(path).get("sensor", _main(rig))), rig.resolve()
     contacts = on_body(contacts, path, setup.link)
     layers = layers_of(rig.resolve(kind)) if kind in {each.name for each in rig.kinds} else ()
-    return prepare(body_of(setup), contacts, path.name, layers), list(contacts.notes)
+    return prepare(_body(setup), contacts, path.name, layers), list(contacts.notes)

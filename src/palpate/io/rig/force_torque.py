@@ -306,5 +306,6 @@ FORCE_TORQUE = SensorKind(
     guess=_guess,
     paths=("payload",),
     check=_check,
+    view="palpate.cli.views.force_torque.ForceTorqueView",
     start=lambda setup: seen_first(setup) or (FIRST if setup.of(ForceTorqueSection).table.noise is None else 0.0),
 )

@@ -126,5 +126,6 @@ FUSION = SensorKind(
         "torsion": "contacts are taken as forces without a torque of their own",
         "contact": "thresholds are those of each cell: on and off in [contacts], in deviations of its noise",
     },
+    view="palpate.cli.views.fused.FusedView",
     start=SKIN.start,
 )

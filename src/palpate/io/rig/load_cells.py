@@ -276,5 +276,6 @@ LOAD_CELLS = SensorKind(
         "payload": "the zero of the cells is taken at the start of the log, and nothing else hangs on them",
         "noise": f"{_CALIBRATED}; noise in V may stand in the rig's [load_cells]",
     },
+    view="palpate.cli.views.load_cells.LoadCellView",
     start=lambda setup: setup.estimate.tare or START,
 )

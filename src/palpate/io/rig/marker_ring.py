@@ -185,5 +185,6 @@ MARKER_RING = SensorKind(
         "cutoff": "images are not filtered",
     },
     needs_surface=False,
+    view="palpate.cli.views.marker_ring.MarkerRingView",
     start=lambda setup: setup.estimate.tare or setup.of(MarkerRingSection).table.tare or 0.0,
 )

@@ -221,6 +221,7 @@ class SensorKind:
         check: what else must hold of the table; raises InputError.
         parts: names of the sensors that it is made of, whose tables it reads; a rig with all of them is of this kind.
         start: seconds of a stream that `build` wants to see before the first answer; 0: none.
+        view: module and class of what page and report show of the sensor: a `SensorView`.
     """
 
     name: str
@@ -237,3 +238,4 @@ class SensorKind:
     check: Callable[[Any, Path], None] = lambda table, path: None
     parts: tuple[str, ...] = ()
     start: Callable[[Setup], float] = seen_first
+    view: str = "palpate.cli.views.view.SensorView"

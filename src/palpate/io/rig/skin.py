@@ -329,5 +329,6 @@ SKIN = SensorKind(
         "mesh": "contacts are placed on the map of the sheet, not on a mesh",
     },
     needs_surface=False,
+    view="palpate.cli.views.taxels.TaxelView",
     start=lambda setup: skin_tare(setup) or REST,
 )

@@ -1,0 +1,66 @@
+"""What page and report show of a ring of markers that a camera watches."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from palpate.cli.views.view import TRACKED, Feed, Kept, SensorView, Words
+from palpate.contact.ring_estimator import RingEstimator
+from palpate.io.live.ring import Ring
+from palpate.io.rig.marker_ring import MarkerRingSection
+from palpate.io.rig.setup import Setup
+from palpate.surfaces import Surface
+from palpate.viewer.marker_ring import RingLayer
+from palpate.viewer.scene import Layer
+
+__all__ = ["MarkerRingView"]
+
+TOLD = 0.25  # s between two frames that are shown
+
+
+class MarkerRingView(SensorView):
+    """Show the camera's frame with the markers, on a cylinder as large as the ring where the rig has no surface."""
+
+    words: ClassVar[Mapping[str, Words]] = {
+        **TRACKED,
+        "apart": ("two contacts are at least", 1.0, "° from each other"),
+        "dropped": ("markers left out of a frame", 1.0, "at most"),
+        "shift": ("a neighbour shifts a contact by", 1.0, "°"),
+        "wide": ("widths differ by", 1.0, "deviations of the calibration's"),
+    }
+
+    def body(self, setup: Setup) -> Surface | None:
+        """Return the link's surface, or a cylinder as large as the ring."""
+        return super().body(setup) or setup.of(MarkerRingSection).surface()
+
+    def layers(self, setup: Setup, kept: Kept, live: tuple[int, ...] | None) -> tuple[Layer, ...]:
+        """Return the ring with its frames and markers."""
+        shape = None if live is None else (live[0], live[1])
+        return (RingLayer(setup.of(MarkerRingSection).ring, kept.frames, kept.joined(), shape),)
+
+    def feed(self, setup: Setup, ring: Ring, layers: tuple[Layer, ...]) -> Feed:
+        """Return what takes the frames of a stream to the ring."""
+        made, layer = setup.prepared().estimator, layers[0] if layers else None
+        if not isinstance(made, RingEstimator) or not isinstance(layer, RingLayer):
+            return super().feed(setup, ring, layers)
+        return _Frames(made, layer)
+
+
+class _Frames:
+    """The last frame of a camera, and the markers in it."""
+
+    def __init__(self, estimator: RingEstimator, layer: RingLayer) -> None:
+        self._estimator, self._layer, self._at = estimator, layer, -np.inf
+
+    def __call__(self, slots: np.ndarray, watched: bool) -> None:
+        now = time.monotonic()
+        if not watched or now - self._at < TOLD:
+            return
+        self._at, frame = now, slots["values"][-1]
+        pixels = np.full((len(self._estimator.ring), 2), np.nan)
+        self._estimator.tracker.track(frame, pixels)
+        self._layer.feed(frame, pixels)
