@@ -6,6 +6,7 @@ import gc
 import os
 import re
 import signal
+import sys
 from pathlib import Path
 
 import numpy.typing
@@ -16,6 +17,7 @@ from jaxtyping import install_import_hook
 from tests.support.checked import cache_apart, check_first_calls, start_counting
 
 ROOT = Path(__file__).resolve().parents[1]
+sys.path.append(str(ROOT / "tests/conformance/outside"))  # a package with sensors that are not Palpate's
 NO_SHARED_DATA = "no shared data: set PALPATE_SHARED, or put it in ../shared beside the project"
 
 

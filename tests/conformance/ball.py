@@ -14,7 +14,6 @@ from palpate.cli.views.view import Kept
 from palpate.contact.taxel_estimator import TaxelEstimator
 from palpate.io.logs.layout import ArrayChannel, Layout
 from palpate.io.rig.kind import Guess, Prepared
-from palpate.io.rig.kinds import KINDS
 from palpate.io.rig.setup import Setup
 from palpate.io.rig.skin import SKIN
 from palpate.io.rig.wrench import noted_filter
@@ -80,4 +79,3 @@ BALL = replace(
     view=f"{__name__}.BallView",
     start=lambda setup: setup.estimate.tare or setup.sensors["ball"].table.tare or 1.0,
 )
-KINDS.update({"ball": BALL} | {name: KINDS.pop(name) for name in list(KINDS)})  # before [skin], which takes any frame

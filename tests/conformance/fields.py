@@ -6,7 +6,6 @@ Each takes a `Case`, and fails with what is wrong; a refusal is a sentence, whic
 from __future__ import annotations
 
 import contextlib
-import importlib
 import io
 import re
 from collections.abc import Callable
@@ -68,10 +67,8 @@ class Case:
 
     @classmethod
     def of(cls, sensor: Sensor, folder: Path) -> Case:
-        """Files made and the sensor added to the table, where it is none of Palpate's."""
+        """Make the files."""
         folder.mkdir(parents=True, exist_ok=True)
-        if sensor.added is not None:
-            importlib.import_module(sensor.added)
         return cls(sensor, sensor.files(folder, run))
 
     def estimate(self, suffix: str = ".csv", *options: str) -> Path:

@@ -15,7 +15,6 @@ import numpy as np
 from palpate.errors import InputError
 from palpate.io.logs.layout import ArrayChannel, Layout
 from palpate.io.rig.kind import Guess
-from palpate.io.rig.kinds import KINDS
 from palpate.io.rig.setup import SensorKind
 from palpate.io.rig.wrench import wrench_estimator
 from palpate.sensors.recording import LARGEST, Recording
@@ -72,7 +71,7 @@ class Plate:
 
 
 LAYOUT = Layout(wrench=None, arrays=(ArrayChannel("plate", (3,), COLUMNS, table="plate"),))
-KINDS["plate"] = SensorKind(
+PLATE = SensorKind(
     name="plate",
     called="three cells under a plate",
     table=make_dataclass("RigPlate", ()),  # it has nothing to say

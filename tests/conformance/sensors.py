@@ -80,7 +80,7 @@ class Sensor:
         place: [m] by which the median of a touch may be off, and `force` the share by which its mean force may.
         refused: field of the matrix -> what a refusal must say (a pattern): the reason, which is physics.
         ignores: options of `estimate` that mean nothing to it, and must be refused.
-        added: module that puts it into Palpate's table of sensors, for one that is not Palpate's.
+        added: module of a sensor that is not Palpate's; its entry point is in `outside`.
     """
 
     name: str

@@ -12,9 +12,10 @@ from palpate.contact.contacts import Contacts
 from palpate.errors import InputError
 from palpate.sensors import ForceTorque, Payload, Recording
 from palpate.sensors.compensation import Compensation
-from palpate.sensors.recording import FORCE, ORIENTATION, TORQUE
+from palpate.sensors.recording import AVERAGED, FORCE, ORIENTATION, TORQUE
 from palpate.simulation.contacts import touch_wrenches
 from palpate.spatial.pose import Pose, rotation_from_quaternion
+from palpate.surfaces import Sphere
 from tests.support.bodies import BODIES, R, on_mesh
 
 NOISE = np.array([0.02] * 3 + [5e-4] * 3)
@@ -203,3 +204,15 @@ def test_what_a_tare_is_unsure_of_is_in_every_covariance() -> None:
 
 def _parts(wrenches: np.ndarray) -> dict[str, np.ndarray]:
     return {FORCE: wrenches[:, :3].copy(), TORQUE: wrenches[:, 3:].copy()}
+
+
+def test_a_channel_that_is_not_the_sensors_changes_nothing() -> None:
+    """Of how many readings a wrench is the mean is for a skin's frames; rows to write into hold no contact."""
+    rng = np.random.default_rng(3)
+    channels = {"force": rng.normal(0, 1, (50, 3)), "torque": rng.normal(0, 0.01, (50, 3))}
+    estimator = WrenchEstimator(Locator(Sphere(0.01)), ForceTorque([0.02] * 3 + [1e-3] * 3))
+    plain = estimator.run(Recording(np.arange(50.0), channels))
+    estimator.reset()
+    more = estimator.run(Recording(np.arange(50.0), {**channels, AVERAGED: np.full((50, 1), 9.0)}))
+    assert np.array_equal(plain.rows(), more.rows(), equal_nan=True)
+    assert np.isnan(estimator.empty(2)).all()

@@ -466,3 +466,20 @@ def test_what_does_not_fit_together_is_refused() -> None:
     for out in (np.zeros((2, 5)), skin.empty(4).astype(np.float32), skin.empty(4)[:, ::-1], skin.empty(0)):
         with pytest.raises(InputError, match="out must be rows of 33"):
             skin.update_into(0.0, np.zeros((6, 22)), out)
+
+
+def test_a_filter_that_looks_ahead_finds_the_rest_in_the_log_itself() -> None:
+    """Without health; and a recording that is refused leaves nothing behind."""
+    body, smooth = TaxelBody.sheet(FLAT.layout(), bits=None), Butterworth(5.0, zero_phase=True)
+    time = np.arange(200) / 50.0
+    cells = 0.01 * np.random.default_rng(5).standard_normal((len(time), *body.shape))
+    cells[100:150, 2, 3] += 1.0
+    log = _recording(time, cells)
+    first = TaxelEstimator(body, LINEAR, filter=smooth, rate=50.0)
+    wanted = Contacts.joined(list(first.stream([log])))
+    assert wanted.answered.any()
+    again = TaxelEstimator(body, LINEAR, filter=smooth, rate=50.0)
+    with pytest.raises(InputError, match="looks ahead"):
+        again.run(_recording(time, cells + 5.0))
+    assert again.health is None
+    assert np.array_equal(Contacts.joined(list(again.stream([log]))).rows(), wanted.rows(), equal_nan=True)

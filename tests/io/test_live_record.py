@@ -133,7 +133,7 @@ def test_the_readings_are_under_the_name_that_the_rig_says(output: Path, topic: 
 def test_arrays(output: Path, shape: tuple[int, ...]) -> None:
     from palpate.io.logs import ArrayChannel
 
-    ring = _ring(output, replace(FORM, sensor="skin", shape=shape))
+    ring = _ring(output, replace(FORM, sensor="skin", shape=shape, wrenches=False))
     _recorded(ring, output, [50]).finish()
     layout = Layout(wrench=None, arrays=(ArrayChannel("cells", shape, table="skin"),))
     found = read_recording(output, layout)
@@ -145,7 +145,7 @@ def test_images(output: Path) -> None:
     pytest.importorskip("cv2", reason="OpenCV reads images (pip install 'palpate[camera]')")
     from palpate.io.logs import ImageChannel
 
-    form = replace(FORM, sensor="marker_ring", shape=(5, 7, 3), images=True)
+    form = replace(FORM, sensor="marker_ring", shape=(5, 7, 3), images=True, wrenches=False)
     made = Batch(form.shape, 20, np.uint8)
     made.values[:] = np.random.default_rng(1).integers(0, 256, made.values.shape, dtype=np.uint8)
     made.stamp[:] = batch(0, 20).stamp
@@ -193,7 +193,7 @@ def test_messages_are_what_their_definitions_say(output: Path) -> None:
     made = batch(0, 3, (2, 5))
     made.lost[1] = 4
     made.orientation[:], made.position[:], made.acceleration[:] = (0.0, 0.0, 0.6, 0.8), (1.0, 2.0, 3.0), (4.0, 5.0, 6.0)
-    ring = _ring(output, replace(FORM, sensor="skin", shape=(2, 5)))
+    ring = _ring(output, replace(FORM, sensor="skin", shape=(2, 5), wrenches=False))
     ring.say("über all")
     _feed(ring, 3, made=made)
     Recorder(ring, output, FOREVER).finish()
@@ -216,7 +216,7 @@ def test_images_are_what_their_definition_says(output: Path) -> None:
     pytest.importorskip("rosbags", reason="rosbags reads the messages (pip install 'palpate[ros]')")
     made = Batch((3, 7, 3), 2, np.uint8)
     made.values[:] = np.arange(126, dtype=np.uint8).reshape(2, 3, 7, 3)
-    ring = _ring(output, replace(FORM, sensor="marker_ring", shape=(3, 7, 3), images=True))
+    ring = _ring(output, replace(FORM, sensor="marker_ring", shape=(3, 7, 3), images=True, wrenches=False))
     _feed(ring, 2, made=made)
     Recorder(ring, output, FOREVER).finish()
     image = _decoded(output)["/palpate/live/image"][1]

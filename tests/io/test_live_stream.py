@@ -13,8 +13,8 @@ from palpate.io.live.source import Batch
 from palpate.io.logs.decoding import seconds
 
 FORMS = {
-    "wrench": Form("force_torque", (6,), False, (), 22, 1),
-    "poses": Form("force_torque", (6,), False, (), 22, 1, poses=True),
+    "wrench": Form("force_torque", (6,), False, (), 22, 1, wrenches=True),
+    "poses": Form("force_torque", (6,), False, (), 22, 1, poses=True, wrenches=True),
     "array": Form("taxels", (4, 3), False, ("sum",), 24, 5, poses=True),
     "image": Form("marker_ring", (3, 5, 3), True, ("sum",), 23, 1),
 }

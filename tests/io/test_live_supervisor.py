@@ -22,7 +22,7 @@ class _Dying(Worker):
 
 @pytest.fixture
 def ring(tmp_path: Path) -> Ring:
-    return Ring.make(tmp_path / "ring", Form("force_torque", (6,), False, (), 22, 1), 1 << 18)
+    return Ring.make(tmp_path / "ring", Form("force_torque", (6,), False, (), 22, 1, wrenches=True), 1 << 18)
 
 
 class _Living(_Dying):

@@ -29,7 +29,7 @@ __all__ = ["BEGIN", "FORM", "RATE", "answers", "batch", "kill_again_and_again", 
 
 RATE = 7000  # Hz
 BEGIN = 1_700_000_000_123_456_789  # ns
-FORM = Form("force_torque", (6,), images=False, features=(), width=ROW.length, most=1, poses=True)
+FORM = Form("force_torque", (6,), images=False, features=(), width=ROW.length, most=1, poses=True, wrenches=True)
 WRITER, RECORDER, BOTH, ALL = range(4)  # who is killed; ALL: and what is left is put together
 _LIST = struct.Struct("<6d")
 

@@ -38,7 +38,7 @@ def sphere_rig(folder: Path) -> Path:
 
 def sphere_ring(path: Path, features: tuple[str, ...] = ()) -> Ring:
     """An empty one."""
-    form = Form("force_torque", (6,), False, features, ROW.length + len(features), 1)
+    form = Form("force_torque", (6,), False, features, ROW.length + len(features), 1, wrenches=True)
     return Ring.make(path, form, 1 << 22)
 
 

@@ -116,9 +116,9 @@ def batch(
     """
     count = require_backend(backend, workers, WORKERS)
     require_report()
-    rig, found = setup.load(), logs_of(logs, output)
+    files, found = setup.load().files(), logs_of(logs, output)
     _require_folder(output)
-    made = _digest(setup, rig.files(), frame)
+    made = _digest(setup, files, frame)
     done = dict[str, _Kept]()
     kept = {each.log: each for each in _read(output / KEPT)}
     known = {Path(each.log): each.output.removesuffix(f".{form}") for each in kept.values()}
@@ -128,7 +128,7 @@ def batch(
         _Job(anywhere, made, _printable(log), log.absolute(), folder / f"{name}.{form}", frame, parent)
         for log, name in names_of(found, known).items()
     ]
-    _require_apart(jobs, setup, rig.files())
+    _require_apart(jobs, setup, files)
     for job in jobs:
         overwrite(f"looking for what is done: {job.called}")
         if (there := kept.get(job.key)) is not None and _holds(there, job):
@@ -145,7 +145,7 @@ def batch(
     except KeyboardInterrupt:
         announce(f"{len(done)} of {len(jobs)} logs are in {output}: the same command goes on")
         raise
-    _end([done[job.key].result for job in jobs], output, setup, rig.files())
+    _end([done[job.key].result for job in jobs], output, setup, files)
 
 
 def _one(job: _Job) -> _Kept:

@@ -18,7 +18,6 @@ from palpate.io.logs.decoding import role
 from palpate.io.logs.image_messages import IMAGES
 from palpate.io.models import read_provenance
 from palpate.io.rig import Rig
-from palpate.io.rig.force_torque import doubted_noise
 from palpate.io.rig.guess import topics_of
 from palpate.io.rig.names import orientation_columns
 from palpate.io.rig.new import guess_sensor
@@ -109,7 +108,7 @@ def _inspect_one(
     kept = excerpt.recording()
     _say_samples(kept, ranges, there)
     _say_ranges(kept, ranges)
-    note(doubted_noise(setup, kept) if setup is not None and kind.name == "force_torque" else (), kind="warning")
+    note(() if setup is None else kind.doubts(setup, kept), kind="warning")
     if rig is not None and rig.surface is not None and (asked := _asked(file, rig, sensor)):
         lines([("bounds", asked)])
     if excerpt.stride > 1:

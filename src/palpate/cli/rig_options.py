@@ -15,7 +15,7 @@ from palpate.io.pipeline import OpenedLog, open_log
 from palpate.io.rig import Rig, load_rig
 from palpate.io.rig.rig import with_mesh
 from palpate.io.rig.setup import SensorKind
-from palpate.io.rig.tables import RigFilter, RigForceTorque, RigNoise, RigThresholds
+from palpate.io.rig.tables import RigFilter, RigNoise, RigThresholds
 
 __all__ = ["RigOptions"]
 
@@ -74,11 +74,11 @@ class RigOptions:
             if rig.surface.kind != "mesh":
                 raise InputError(f"is of a mesh, and the surface is a {rig.surface.kind}.", where="--crease")
             rig = replace(rig, surface=_over(rig.surface, crease=self.crease))
-        if any(kind.name == "force_torque" for kind in rig.kinds):  # else `open` refuses these two
-            payload = None if self.payload is None else str(self.payload.resolve())
-            stated = rig.sensors.get("force_torque", RigForceTorque())
-            sensor = _over(stated, payload=payload, noise=self.noise)
-            rig = rig if sensor is stated else rig.with_sensor("force_torque", sensor)
+        for kind in rig.kinds:  # an option that no sensor has is refused by `open`
+            told = {name: value for name in kind.options if (value := getattr(self, name)) is not None}
+            told = {name: str(value.resolve()) if isinstance(value, Path) else value for name, value in told.items()}
+            if told:
+                rig = rig.with_sensor(kind.name, _over(rig.sensors.get(kind.name) or kind.table(), **told))
         said = {name: getattr(self, name) for name in ("method", "friction", "torsion", "contact", "tare")}
         return replace(rig, filter=self._filter(rig.filter), estimate=_over(rig.estimate, **said))
 

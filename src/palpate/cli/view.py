@@ -154,5 +154,5 @@ def _shown(contacts: Contacts, path: Path, rig: Rig, sensor: str | None) -> tupl
     """Contacts as they were written, in the frame that the body is drawn in."""
     kind, setup = sensor or str(read_provenance(path).get("sensor", _main(rig))), rig.resolve()
     contacts = on_body(contacts, path, setup.link)
-    layers = layers_of(rig.resolve(kind)) if kind in {each.name for each in rig.kinds} else ()
+    layers = next((layers_of(setup.answering(each)) for each in rig.kinds if each.name == kind), ())
     return prepare(_body(setup), contacts, path.name, layers), list(contacts.notes)

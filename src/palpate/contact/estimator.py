@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW
+from palpate.contact.plausibility import Plausibility
 from palpate.errors import InputError
 from palpate.sensors.filters import Filter
 from palpate.sensors.recording import Recording, apart
@@ -36,7 +37,7 @@ class Answered(NamedTuple):
         rows: (r, width) of all of them, in order.
         counts: (n,) how many rows each sample has.
         seen: what the sensor shows beside contacts: the force [N] of each taxel, (n, k); the places [px] of the
-            markers, (n, m, 2); None: nothing, or it was not asked for.
+            markers, (n, m, 2); None: nothing, or it was not wanted.
     """
 
     block: Recording
@@ -58,6 +59,9 @@ class ContactEstimator(ABC):
         mount: T_sensor_surface, for results in other frames; None: the identity.
         filter: of the readings; one of zero phase works in `pairs` and `stream` only.
         dtype: of a reading.
+
+    Attributes:
+        plausibility: judges whether the wrenches of a log fit the body; None: there are none.
     """
 
     def __init__(
@@ -72,11 +76,12 @@ class ContactEstimator(ABC):
         self.channels, self.features, self.most, self.filter = channels, features, most, filter
         self.mount = Pose.identity() if mount is None else mount
         self._width, self._dtype = ROW.length + len(features) + (most > 1), dtype
+        self.plausibility: Plausibility | None = None
         self._samples = 0  # that `update`, `update_into` and `run_into` have answered
 
     @abstractmethod
     def answer(self, block: Recording, watched: bool = False) -> Answered:
-        """Answer the samples of a block by those before them.
+        """Answer the samples of a block by those before them, for which no filter may look ahead.
 
         Args:
             block: the samples.
@@ -277,9 +282,11 @@ def rows_of(out: Any, width: int) -> Float[np.ndarray, "rows width"]:
     if type(out) is np.ndarray and out.dtype == FLOAT and out.flags.carray:
         if out.shape == (width,):
             return out[None]
-        if out.ndim == 2 and out.shape[1] == width and len(out):
-            return out
+        if out.shape[-1:] == (width,) and out.size:
+            return out.reshape(-1, width)
     seen = [str(getattr(out, each)) for each in ("dtype", "shape") if hasattr(out, each)] or [type(out).__name__]
+    if type(out) is np.ndarray and not out.flags.carray:
+        seen.append("that cannot be written to" if not out.flags.writeable else "that is not contiguous")
     raise InputError(f"out must be rows of {width} as `empty` makes them, not {' '.join(seen)}.")
 
 

@@ -21,6 +21,7 @@ from palpate.contact.zero_gate import ContactShape
 from palpate.errors import InputError
 from palpate.sensors.drift import Drift
 from palpate.sensors.recording import AVERAGED, CELLS, FORCE, TORQUE, Recording
+from palpate.sensors.smoothing import require_forward
 from palpate.sensors.wrench_sensor import Placement, Tare, WrenchSensor
 from palpate.sensors.zero_filter import ZeroHistory
 from palpate.spatial._arrays import shaped
@@ -145,6 +146,7 @@ class FusedEstimator(ContactEstimator):
 
     def run(self, recording: Recording) -> Contacts:
         """Return the contacts of a block; its first frames say what is not known of the skin's rest and bad cells."""
+        require_forward(self.filter)
         self.taxels.look(recording)
         return super().run(recording)
 
@@ -212,12 +214,13 @@ class FusedEstimator(ContactEstimator):
                 samples, part = block.picked(cut), rows[ends[cut.start] : ends[cut.stop]]
                 last = cut is cuts[-1]
                 answered = Answered(samples, part, counts[cut], seen if last else None)
-                yield Piece(samples, block if last else None, self._touches(part), answered)
+                averaged = samples.channels[AVERAGED][:, 0]
+                yield Piece(samples, block if last else None, self._touches(part), averaged, answered)
 
     def _rejoined(self, pieces: Iterable[tuple[Piece, Wrenches]]) -> Iterator[Answered]:
         """Yield blocks of fused contacts."""
         made = list[tuple[np.ndarray, np.ndarray]]()
-        for (samples, ends, _, skin), wrenches in pieces:
+        for (samples, ends, _, _, skin), wrenches in pieces:
             if skin is not None:
                 made.append(self._fused(samples.time, skin.rows, skin.counts, wrenches))
             if ends is not None:

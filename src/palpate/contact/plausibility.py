@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import Status
+from palpate.sensors.recording import Recording
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Asked", "LinesOfAction", "lines_of_action", "never_at_rest", "unbelievable", "unexplained"]
+__all__ = ["Asked", "LinesOfAction", "Plausibility", "lines_of_action", "never_at_rest", "unbelievable", "unexplained"]
 
 UNLOADED = (Status.NO_CONTACT, Status.TOO_LIGHT, Status.INVALID, Status.NO_POSE)
 LOADED = 0.3  # of the 95th percentile of the force: below it noise moves the line as much as contact does
@@ -164,6 +166,24 @@ class Asked:
             f", which a patch can make, if it reaches {1e3 * reach:.3g} mm or more from its middle at friction "
             f"{self.bounds[0]:.2g}"
         )
+
+
+@runtime_checkable
+class Plausibility(Protocol):
+    """What judges whether the samples of a log fit a body."""
+
+    @property
+    def size(self) -> float:
+        """[m] of the body."""
+        ...
+
+    def asked(self, contacts: Contacts) -> Asked:
+        """Return which bounds of friction and torsion the contacts would need."""
+        ...
+
+    def doubts(self, recording: Recording) -> list[str]:
+        """Return what may be wrong, one sentence each."""
+        ...
 
 
 @takes_arrays

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from math import nan
 
@@ -182,6 +183,22 @@ class RingEstimator(ContactEstimator):
         image = reading if type(reading) is np.ndarray else shaped(reading, (..., 3), "reading", UINT8)
         pixels = np.empty((len(self.ring), 2))
         return self._write(time, pixels, self._track(image, pixels), out)
+
+    def _arrays(
+        self,
+        time: Float[np.ndarray, " n"],
+        readings: np.ndarray,
+        beside: Mapping[str, np.ndarray],
+        out: Float[np.ndarray, "rows width"],
+        counts: Int[np.ndarray, " n"],
+    ) -> int:
+        used = 0
+        for n, (when, image) in enumerate(zip(time.tolist(), readings, strict=True)):
+            if used + self.most > len(out):
+                return n
+            counts[n] = self._single(when, image, out[used:], None, None)
+            used += int(counts[n])
+        return len(time)
 
     def notes(self) -> tuple[str, ...]:
         """Return what was met so far, one sentence each."""

@@ -15,7 +15,7 @@ from palpate.contact.zero_gate import ContactShape
 from palpate.errors import InputError
 from palpate.sensors.drift import Drift
 from palpate.sensors.filters import Filter
-from palpate.sensors.recording import AVERAGED, Recording
+from palpate.sensors.recording import Recording
 from palpate.sensors.smoothing import BothWays, Forward, known_rate
 from palpate.sensors.wrench_sensor import Measured, Placement, WrenchSensor
 from palpate.sensors.zero_filter import FollowedSensor, ZeroHistory, ZeroState
@@ -33,12 +33,14 @@ class Piece(NamedTuple):
         samples: the samples.
         ends: the block that ends with them; None where it goes on.
         touched: whether a skin feels something; None where it cannot tell.
+        averaged: (n,) of how many readings each wrench is the mean; None: each is one.
         skin: what the skin answers, where there is one.
     """
 
     samples: Recording
     ends: Recording | None
     touched: bool | None = None
+    averaged: Float[np.ndarray, " n"] | None = None
     skin: Answered | None = None
 
 
@@ -134,10 +136,10 @@ class SurfaceWrenches:
             measured = self.sensor.measure(samples)
             if follower is not None:
                 follower.add(samples.time, follower.sensor.kept(samples), piece.touched)
-            yield piece, self._placed(measured, *self._filtered(measured), _averaged(samples))
+            yield piece, self._placed(measured, *self._filtered(measured), piece.averaged)
 
     def of_log(self, pieces: Iterable[Piece]) -> Iterator[tuple[Piece, Wrenches]]:
-        """Yield the wrenches of each piece of a log, by what comes after it too where that is asked for."""
+        """Yield the wrenches of each piece of a log, smoothed by what comes after where that is wanted."""
         smoother = self._follows(smooth=True) if self._logs or self._ahead else None
         if smoother is None and not self._ahead:
             yield from self.forward(pieces)
@@ -146,12 +148,12 @@ class SurfaceWrenches:
         measured = ((piece, zero, self._measured(piece, zero)) for piece, zero in zeros)
         if not self._ahead or self._recursion is None:
             for piece, _, made in measured:
-                yield piece, self._placed(made, *self._filtered(made), _averaged(piece.samples))
+                yield piece, self._placed(made, *self._filtered(made), piece.averaged)
             return
         given = ((each, each[2].time, each[2].status, each[2].wrench) for each in measured)
         for (piece, zero, made), wrenches, share in BothWays(self._recursion, self._rate).through(given):
             self._follow(zero)
-            yield piece, self._placed(made, wrenches, share, _averaged(piece.samples))
+            yield piece, self._placed(made, wrenches, share, piece.averaged)
 
     def single(
         self,
@@ -161,7 +163,7 @@ class SurfaceWrenches:
         acceleration: ArrayLike | None,
         *,
         kelvin: float = np.nan,
-        averaged: np.ndarray = ALL,
+        averaged: np.ndarray | None = None,
         touched: bool | None = None,
     ) -> Wrenches:
         """Return the wrench of one live sample, the mean of `averaged` readings."""
@@ -185,7 +187,7 @@ class SurfaceWrenches:
         return self._placed(measured, measured.wrench, ALL)
 
     def history(self) -> ZeroHistory | None:
-        """Return how the zero went, in live samples or in the log that was read last; None where it is not followed."""
+        """Return how the zero went since the last reset, in live samples or a log; None where it is not followed."""
         return None if self._told is None else self._told.history()
 
     def notes(self) -> tuple[str, ...]:
@@ -235,13 +237,8 @@ class SurfaceWrenches:
         measured: Measured,
         wrenches: Float[np.ndarray, "n 6"],
         share: Float[np.ndarray, " k"],
-        averaged: Float[np.ndarray, " _"] = ALL,
+        averaged: Float[np.ndarray, " _"] | None = None,
     ) -> Wrenches:
-        if averaged is not ALL:
+        if averaged is not None:
             share = share * (1.0 / np.maximum(np.nan_to_num(averaged, nan=1.0), 1.0))
         return Wrenches(*self.sensor.place(measured, wrenches, share, self.placement), measured.status)
-
-
-def _averaged(samples: Recording) -> Float[np.ndarray, " n"]:
-    """Return of how many readings each wrench is the mean."""
-    return samples.channels[AVERAGED][:, 0] if AVERAGED in samples.channels else ALL

@@ -19,7 +19,7 @@ from palpate.errors import InputError
 from palpate.sensors.filters import Filter
 from palpate.sensors.intensity import Intensity
 from palpate.sensors.recording import CELLS, LARGEST, Recording
-from palpate.sensors.smoothing import BothWays, Forward, known_rate
+from palpate.sensors.smoothing import BothWays, Forward, known_rate, require_forward
 from palpate.sensors.taxel_health import FEWEST, Health, examine, tared
 from palpate.sensors.taxels import TaxelBody
 from palpate.sensors.wrench_sensor import Tare
@@ -170,6 +170,7 @@ class TaxelEstimator(ContactEstimator):
 
     def run(self, recording: Recording) -> Contacts:
         """Return the contacts of a block; its first frames say what is not known of rest and bad cells."""
+        require_forward(self.filter)
         self.look(recording)
         return super().run(recording)
 
@@ -199,8 +200,7 @@ class TaxelEstimator(ContactEstimator):
 
     def doubts(self) -> tuple[str, ...]:
         """Return what may be wrong, one sentence each: cells that are dead or stuck, a tare that looks like a touch."""
-        found = () if self.health is None else self.health.doubts
-        return (*found, self._tared.doubt) if self._tared.doubt else found
+        return (*(() if self.health is None else self.health.doubts), *filter(None, [self._tared.doubt]))
 
     def _single(
         self,

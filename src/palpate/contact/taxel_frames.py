@@ -76,11 +76,10 @@ class TaxelFrames:
         return _taxels
 
     def know(self, health: Health) -> None:
-        """Take rest, noise and bad cells, of which one is good at least; then `reset`."""
+        """Take rest, noise and bad cells, of which one is good at least; `reset` puts them in force."""
         self._health = health
         self._whole[self._kernels.GOOD], self._numbers[self._kernels.NOISE] = self._usable & health.good, health.noise
         self._same = self._fixed()
-        self.reset()
 
     def reset(self) -> None:
         """Forget what frames left: the drift of the rest, readings that wrapped around, the filter, identities."""
@@ -152,7 +151,7 @@ class TaxelFrames:
     def prepare(self, raw: Float[np.ndarray, "n k"]) -> tuple[Float[np.ndarray, "n k"], np.ndarray]:
         """Return readings for a filter of zero phase, put right where they wrapped around, and a status each."""
         values, status = np.empty(raw.shape), np.empty(len(raw), dtype=np.int8)
-        rest = np.zeros(0) if self._health is None else self._health.baseline
+        rest = np.zeros(raw.shape[1]) if self._health is None else self._health.baseline
         known = (self._table[0], self._turn, self._numbers, self._whole)
         self._kernels.prepare(_constant(raw), _constant(rest), *known, values, status)
         return values, status

@@ -15,6 +15,7 @@ from palpate.contact.locate import Locator
 from palpate.contact.locating_threads import located_in_threads
 from palpate.contact.surface_wrenches import Piece, SurfaceWrenches, Wrenches
 from palpate.contact.whole_touches import Located, rejoined, whole_touches
+from palpate.contact.wrench_plausibility import WrenchPlausibility
 from palpate.contact.zero_follower import ZeroFollower
 from palpate.contact.zero_gate import ContactShape
 from palpate.errors import InputError
@@ -73,7 +74,7 @@ class WrenchEstimator(ContactEstimator):
     Attributes:
         kelvin: temperature of the sensor [K or degrees C] for `update` and `update_into`, which take no channels: to be
             set as it changes, where `drift` has a `thermal`. Blocks bring theirs (`TEMPERATURE`).
-        threads: in which `pairs` and `stream` locate, two blocks behind what they take: sooner where there are cores to
+        threads: in which `pairs` and `stream` locate while later blocks are read: sooner where there are cores to
             spare, the same bits. 0: in none but the caller's, as where the zero is followed.
 
     Raises:
@@ -110,6 +111,7 @@ class WrenchEstimator(ContactEstimator):
         self.rate, self.drift, self.threads, self.kelvin = rate, drift, 0, np.nan
         shape = None if drift is None else ContactShape(self.locator, placed, self.placement)
         self._wrenches = SurfaceWrenches(self.sensor, placed, filter, rate, drift, shape, logs=not live)
+        self.plausibility = WrenchPlausibility(self.locator, self._wrenches, self.mount)
         self._live: LiveLoop | None = None
         if filter is None and isinstance(self.sensor, CompiledSensor):
             self._live = LiveLoop(self.sensor, self.locator, placed)
@@ -117,6 +119,10 @@ class WrenchEstimator(ContactEstimator):
                 self._live.run(self.empty(1))
         self._widened(self.empty(1))  # compiles
         self.reset()
+
+    def empty(self, *batch: int) -> Float[np.ndarray, "*batch 22"]:
+        """Return rows to write into, of NaN; `ContactEstimate.from_rows` names what is in them, `ROW` where."""
+        return self.locator.empty(*batch)
 
     def reset(self) -> None:
         """Forget what samples left: filter, last contact, hysteresis; not the tare."""
@@ -153,7 +159,7 @@ class WrenchEstimator(ContactEstimator):
         return self._wrenches.unfiltered(recording)
 
     def zero_history(self) -> ZeroHistory | None:
-        """Return how the zero went, in live samples or in the log that was read last; None where it is not followed."""
+        """Return how the zero went since the last reset, in live samples or a log; None where it is not followed."""
         return self._wrenches.history()
 
     def notes(self) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from itertools import chain
+from math import inf
 from os import PathLike
 from pathlib import Path
 from time import perf_counter
@@ -20,7 +21,7 @@ from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import CHI2_95, Status
 from palpate.contact.estimator import ContactEstimator
 from palpate.contact.frames import placed
-from palpate.contact.plausibility import Asked, lines_of_action, never_at_rest, unbelievable, unexplained
+from palpate.contact.plausibility import Asked, unbelievable, unexplained
 from palpate.contact.wrench_estimator import WrenchEstimator
 from palpate.errors import InputError
 from palpate.io.ahead import MotionAhead, ReadAhead, Reader, reading_beside
@@ -29,9 +30,9 @@ from palpate.io.logs import open_log as open_by_layout
 from palpate.io.logs.arrays import DataFrame, held
 from palpate.io.rig.kind import Prepared
 from palpate.io.rig.rig import Rig, load_rig, with_mesh
-from palpate.io.rig.setup import SensorKind, Setup
+from palpate.io.rig.setup import Setup
 from palpate.sensors.compensation import Compensation
-from palpate.sensors.recording import ORIENTATION, POSITION, Recording
+from palpate.sensors.recording import CELLS, ORIENTATION, POSITION, Recording
 from palpate.surfaces._jit import compile_seconds
 from palpate.waiting import waiting
 
@@ -177,23 +178,25 @@ def open_log(
     """
     source = Path(log) if isinstance(log, str | PathLike) else held(log)
     rig = rig if isinstance(rig, Rig) else load_rig(rig)
-    kind = rig.kind(sensor) if sensor or len(rig.kinds) == 1 else _told(contents(source), rig, topic)
+    known = sensor or len(rig.kinds) == 1
+    setup = rig.resolve(rig.kind(sensor).name) if known else _fitting(contents(source), rig, topic)
     if topic is not None and ((there := contents(source)).names or there.images is not None):
         what = "is a table, and has no topics." if there.names else "has no topics."
         raise InputError(what, where=str(there.path), hint="Leave --topic out.")
-    return OpenedLog(source, rig.with_topic(topic, kind.name).resolve(kind.name))
+    name = setup.kind.name
+    return OpenedLog(source, setup if topic is None else rig.with_topic(topic, name).resolve(name))
 
 
-def _told(there: LogContents, rig: Rig, topic: str | None) -> SensorKind:
-    """Which of several sensors a log is of, by its channels; all together where it has those of all."""
-    path = there.path
-    lacking = {kind.name: missing(there, rig.resolve(kind.name).layout()) for kind in rig.kinds}
+def _fitting(there: LogContents, rig: Rig, topic: str | None) -> Setup:
+    """Return the setup of the sensor that a log is of, by its channels; of all together where it has those of all."""
+    path, setup = there.path, rig.resolve()
+    lacking = {kind.name: missing(there, setup.answering(kind).layout()) for kind in rig.kinds}
     fitting = [kind for kind in rig.kinds if not lacking[kind.name]]
     if rig.pokes is not None and len(fitting) > 1:  # then wrenches are there to find the taxels by
-        fitting = [kind for kind in fitting if kind.name == "skin"] or fitting
+        fitting = [kind for kind in fitting if kind.channels == (CELLS,)] or fitting
     together = [kind for kind in fitting if kind.parts and topic is None]
     if together or len(fitting) == 1:
-        return (together or fitting)[0]
+        return setup.answering((together or fitting)[0])
     if fitting:
         names = ", ".join(kind.name for kind in fitting)
         raise InputError(
@@ -232,11 +235,9 @@ class Seen:
             self._stride *= 2
 
     def asked(self, estimator: ContactEstimator) -> Asked | None:
-        """Which bounds of friction and torsion the samples ask for; None where the sensor has none."""
-        if not self._count or not isinstance(estimator, WrenchEstimator):
-            return None
-        locator = estimator.locator
-        return Asked.of(Contacts.joined(self._found), (locator.friction, locator.torsion), locator.surface.size)
+        """Return which bounds of friction and torsion the samples ask for; None where the sensor has none."""
+        judge = estimator.plausibility
+        return judge.asked(Contacts.joined(self._found)) if judge is not None and self._count else None
 
     def unbelievable(self) -> str:
         """The sentence to end with when not one sample can be believed, else empty."""
@@ -245,16 +246,8 @@ class Seen:
     def doubts(self, estimator: ContactEstimator) -> list[str]:
         """Units, bias, mounting: what a wrench says of them, and how many samples no contact explains."""
         said = unexplained(self._statuses, self.asked(estimator))
-        if not self._count or not isinstance(estimator, WrenchEstimator):
-            return said
-        surface, mount = estimator.locator.surface, estimator.mount
-        wrenches, _, _ = estimator.contact_wrenches(join(self._kept))
-        sensed = wrenches @ mount.wrench_matrix().T  # saturated ones too: a wrong unit saturates a sensor
-        judged = (
-            lines_of_action(sensed, mount.apply(surface.centre), surface.size).doubt,
-            never_at_rest(sensed, estimator.locator.on),
-        )
-        return [*(doubt for doubt in judged if doubt), *said]
+        judge = estimator.plausibility
+        return said if judge is None or not self._count else [*judge.doubts(join(self._kept)), *said]
 
 
 @dataclass
@@ -306,7 +299,7 @@ class Pipeline:
         Args:
             watch: is given each block with what the sensor shows beside contacts; see `ContactEstimator.pairs`.
         """
-        located = self.estimator.pairs(self.log, watch)
+        located, judge = self.estimator.pairs(self.log, watch), self.estimator.plausibility
         while True:
             begin, read, before = perf_counter(), self.log.seconds, compile_seconds()
             pair = next(located, None)
@@ -316,13 +309,8 @@ class Pipeline:
             if pair is None:
                 return
             block, found = pair
-            self._seen.add(block, found, self._size, keep=isinstance(self.estimator, WrenchEstimator))
+            self._seen.add(block, found, inf if judge is None else judge.size, keep=judge is not None)
             yield block, found, placed(found, block, self.frame, self.estimator.mount)
-
-    @property
-    def _size(self) -> float:
-        """Of the body [m]; infinite where the sensor's model has no surface apart from its cells."""
-        return self.estimator.locator.surface.size if isinstance(self.estimator, WrenchEstimator) else np.inf
 
     def asked(self) -> str:
         """Which bounds of friction and torsion would hold 95 % of the samples so far, or ""."""

@@ -33,7 +33,7 @@ class FusedView(TaxelView):
 
     def skin(self, setup: Setup) -> Setup:
         """Return the setup of the skin alone."""
-        return replace(setup, kind=setup.sensors[SkinSection.name].kind)
+        return setup.answering(setup.sensors[SkinSection.name].kind)
 
     def report(self, run: Run, setup: Setup, estimator: ContactEstimator) -> Run:
         """Return the run with the skin's part, and how the zero of the wrenches went."""

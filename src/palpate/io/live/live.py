@@ -31,7 +31,7 @@ from palpate.io.rig.kind import Prepared
 from palpate.io.rig.rig import Rig, load_rig
 from palpate.io.rig.setup import Setup
 from palpate.io.rig.tables import RigFilter
-from palpate.sensors.recording import ACCELERATION, ORIENTATION, POSITION, UNSTEADY, Recording, apart
+from palpate.sensors.recording import ACCELERATION, FORCE, ORIENTATION, POSITION, TORQUE, UNSTEADY, Recording, apart
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Answers", "Live", "open_live"]
@@ -118,7 +118,7 @@ class Live:
         rig = rig if isinstance(rig, Rig) else load_rig(rig)
         self.kind = rig.kind(sensor)
         self.setup = rig.resolve(self.kind.name)
-        self._where = f"[source] {'' if rig.source is None else rig.source.kind}"
+        self._where = "[source]" if rig.source is None else f"[source] {rig.source.kind}"
         self.source = source_of(rig.stream(), self.setup) if source is None else source
         self._poses = None if self.source.poses else RosPoses.of(rig.orientation, rig.source)
         self._posed = self.source.poses or self._poses is not None
@@ -156,6 +156,7 @@ class Live:
             rig=rig,
             poses=self._posed,
             topic=topic or "",
+            wrenches=self.kind.channels == (FORCE, TORQUE),
         )
 
     def into(self, ring: Ring) -> None:

@@ -57,8 +57,9 @@ class Pair:
         layout, both = setup.layout(), list[Source]()
         for part, source in zip(setup.kind.parts, (stated, stated.wrench or stated), strict=True):
             sensor = setup.sensors[part]
-            alone = replace(setup, kind=sensor.kind, sensors={part: sensor})
-            alone = replace(alone, orientation=RigOrientation())  # poses come beside the pair
+            alone = replace(
+                setup, kind=sensor.kind, sensors={part: sensor}, orientation=RigOrientation()
+            )  # poses come beside the pair
             both.append(source_of(replace(source, wrench=None), alone))
         limits = None if layout.wrench_range is None else Samples(layout, Path()).recorded(layout.wrench_range)
         return cls(both[0], both[1], WrenchMeans(0.0, layout.max_gap, limits))

@@ -63,14 +63,13 @@ uint32 step
 uint8[] data
 {STAMPED}"""
 _VECTOR_STAMPED = f"std_msgs/Header header\ngeometry_msgs/Vector3 vector\n{STAMPED}{VECTOR}"
-_WRENCHES = "force_torque"
 
 
 def record_topics(form: Form) -> tuple[Topic, ...]:
     """What a record declares: the contacts, the readings, events, poses and accelerations."""
     if form.images:
         readings = Topic(form.topic or f"{LIVE}image", "sensor_msgs/msg/Image", _IMAGE)
-    elif form.sensor == _WRENCHES:
+    elif form.wrenches:
         readings = Topic(form.topic or f"{LIVE}wrench", "geometry_msgs/msg/WrenchStamped", WRENCH_STAMPED)
     else:
         readings = Topic(form.topic or f"{LIVE}readings", "std_msgs/msg/Float64MultiArray", _ARRAY)
@@ -113,7 +112,7 @@ class RecordMessages:
         stamps = [times[which] for which in (slice(None), posed, moved)]
         raw, (readings, pose, acceleration) = made([self._readings, self._pose, self._acceleration], stamps)
         readings["sequence"] = (first + np.arange(len(slots))) % 2**32
-        if self._form.sensor == _WRENCHES:
+        if self._form.wrenches:
             readings["force"], readings["torque"] = slots["values"][:, :3], slots["values"][:, 3:]
         else:
             readings["data"] = slots["values"].reshape(len(slots), -1)
@@ -170,7 +169,7 @@ def _said(name: str, text: bytes) -> Mapping[str, object]:
 
 def _fields(form: Form) -> tuple[Fields, Mapping[str, object]]:
     """Of a message of the readings, and what all of them hold."""
-    if form.sensor == _WRENCHES and not form.images:
+    if form.wrenches:
         return stamped(_SENSOR, WRENCH_FIELDS)
     size = int(np.prod(form.shape))
     if not form.images:

@@ -70,6 +70,7 @@ class Form:
         rig: file that all this was made from.
         poses: whether a pose comes with each sample.
         topic: that the rig reads a log of these readings from; "": whichever there is.
+        wrenches: whether readings are wrenches, and nothing else.
     """
 
     sensor: str
@@ -82,6 +83,7 @@ class Form:
     rig: str = ""
     poses: bool = False
     topic: str = ""
+    wrenches: bool = False
 
     def slot(self) -> np.dtype[np.void]:
         """Of one sample."""

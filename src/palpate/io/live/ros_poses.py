@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Int
@@ -17,9 +16,6 @@ from palpate.io.logs.topics import NONE, POSE_KINDS
 from palpate.io.rig.source import RigSource
 from palpate.io.rig.tables import RigOrientation
 from palpate.io.units import near
-
-if TYPE_CHECKING:
-    pass
 
 __all__ = ["RosPoses"]
 

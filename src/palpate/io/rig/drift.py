@@ -20,7 +20,6 @@ __all__ = ["RigDrift", "RigRates", "RigSlopes", "check_drift", "drift_table"]
 
 MINUTE = 60.0  # s
 _DIGITS = 4  # of what is written
-_WHERE = "drift"
 _TWICE = {
     "force_torque": "it is the walk of [drift] that is not followed",
     "load_cells": "[drift] says how the zero wanders since it was taken",

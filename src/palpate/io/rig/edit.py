@@ -116,7 +116,7 @@ def _write(
 ) -> None:
     """By the first edit of the text that reads as what is wanted."""
     if source.resolve().parent != target.resolve().parent:
-        for name, key in _paths():
+        for name, key in _paths(wanted):
             _rebase(wanted.get(name, {}), key, source, target)
     before = source.read_text(encoding="utf-8-sig")
     for edit in edits:
@@ -228,16 +228,16 @@ def _reads_as(text: str, wanted: Mapping[str, Any]) -> bool:
         return False
 
 
-def _paths() -> Iterator[tuple[str, str]]:
-    """Table and key of everything in a rig that names a file."""
+def _paths(document: Any) -> Iterator[tuple[str, str]]:
+    """Yield table and key of everything in a rig that names a file."""
     yield "surface", "mesh"
-    for kind in KINDS.values():
+    for kind in KINDS.among(document):
         for key in kind.paths:
             yield kind.name, key
 
 
 def _move_paths(document: Any, wanted: Mapping[str, Any]) -> None:
-    for name, key in _paths():
+    for name, key in _paths(document):
         table: Any = document.get(name, {})
         if key in table and table[key] != wanted[name][key]:
             _replace(table, key, tomlkit.string(wanted[name][key]), "")

@@ -306,6 +306,8 @@ FORCE_TORQUE = SensorKind(
     guess=_guess,
     paths=("payload",),
     check=_check,
+    options=("payload", "noise"),
+    doubts=doubted_noise,
     view="palpate.cli.views.force_torque.ForceTorqueView",
     start=lambda setup: seen_first(setup) or (FIRST if setup.of(ForceTorqueSection).table.noise is None else 0.0),
 )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -61,12 +61,16 @@ class Link:
         return Path(str(self.stated.mesh)).name if kind == "mesh" else f"{'an' if kind[0] in 'aeiou' else 'a'} {kind}"
 
     def surface(self) -> Surface:
-        """Return what is touched, read once as long as its files stay as they are.
+        """Return what is touched, read once for all links of the same files.
 
         Raises:
             InputError: the rig has no [surface], or a file of it cannot be read.
             GeometryError: there is nothing usable in it.
         """
+        return self._surface
+
+    @cached_property
+    def _surface(self) -> Surface:
         if self.stated is None:
             raise InputError("the rig has no [surface].", where="rig")
         files = [path for path in self.stated.files(self.folder).values() if path.is_file()]

@@ -147,14 +147,12 @@ class RigLoadCells:
             changes["noise"] = np.full(len(model.matrix), self.noise)
         return with_changes(model, **changes) if changes else model
 
-    def nominal(self, folder: Path) -> LoadCells:
-        """The calibrated model, or what positions, sensitivity and noise say that it will be.
+    def nominal(self) -> LoadCells:
+        """Return what positions, sensitivity and noise say that the calibrated model will be.
 
         Raises:
-            InputError: neither can be had.
+            InputError: one of them is not stated.
         """
-        if self.model is not None:
-            return self.cells(folder)
         if self.positions is None or self.sensitivity is None or self.noise is None:
             raise InputError(
                 "positions, sensitivity and noise must be stated where there is no model.",
@@ -178,7 +176,7 @@ class LoadCellSection(SensorSection):
 
     def nominal(self) -> LoadCells:
         """Return the calibrated model, or what positions, sensitivity and noise say that it will be."""
-        return self.cells if self.table.model is not None else self.table.nominal(self.link.folder)
+        return self.cells if self.table.model is not None else self.table.nominal()
 
 
 def load_cells_layout(setup: Setup, *, bench: bool = False) -> Layout:

@@ -35,18 +35,6 @@ _NO_RIG = {
 }
 
 
-_TABLES = (
-    "time",
-    "orientation",
-    "acceleration",
-    "filter",
-    "estimate",
-    "contacts",
-    "drift",
-    "pokes",
-)
-
-
 @runtime_checkable
 class StartedLog(Protocol):
     """A log whose start is known, such as `palpate.open_log` opens."""
@@ -90,7 +78,7 @@ class Rig:
     def kinds(self) -> tuple[SensorKind, ...]:
         """The sensors that are stated, and what they are together; a six-axis force/torque sensor where none is."""
         several = len(self.sensors) > 1  # which may be one together
-        possible = (KINDS[name] for name in KINDS if several or name in self.sensors)
+        possible = KINDS.values() if several else KINDS.among(self.sensors)
         return tuple(kind for kind in possible if self._has(kind)) or (KINDS[ASSUMED],)
 
     def _has(self, kind: SensorKind) -> bool:
@@ -136,7 +124,7 @@ class Rig:
     def files(self) -> dict[str, Path]:
         """Return every file that the rig names: what it is -> where."""
         setup, pokes = self.resolve(), RigPokes() if self.pokes is None else self.pokes
-        return {**setup.files(()), **pokes.files(self.folder), **setup.files(tuple(self.sensors))}
+        return {**setup.files(), **pokes.files(self.folder), **setup.sensor_files(self.sensors)}
 
     def stream(self) -> RigSource:
         """Where live samples come from.
@@ -162,8 +150,8 @@ class Rig:
         kind, link = self.kind(sensor) if sensor else self.kinds[0], Link(self.surface, self.folder)
         own = {name: KINDS[name].table() for name in (kind.name, *kind.parts) if name not in self.sensors}
         sensors = {name: NamedSensor(KINDS[name], table, link) for name, table in {**self.sensors, **own}.items()}
-        tables = {name: getattr(self, name) for name in _TABLES}
-        return Setup(kind, sensors, link, head=head, **tables)
+        shared = {each.name for each in fields(Setup)} & {each.name for each in fields(self)} - {"sensors"}
+        return Setup(kind, sensors, link, head=head, **{name: getattr(self, name) for name in shared})
 
     def mount(self) -> Pose:
         """Return T_sensor_surface; the identity where there is no surface."""
@@ -237,7 +225,7 @@ def check_rig(table: Mapping[str, Any], path: Path) -> Rig:
         if name not in common and name not in KINDS:
             raise InputError(f"unknown key {name!r}.", where=str(path), hint=near(name, [*common, *KINDS]))
     shared = {name: value for name, value in table.items() if name in common}
-    sensors = dict(_sensors(table, path))
+    sensors = dict(_sensors({name: each for name, each in table.items() if name not in common}, path))
     rig = replace(parse(shared, Rig, file=str(path)), sensors=sensors, folder=path.parent)
     to_si(rig.time.unit, {**TIME_UNITS, SAMPLES: 1.0}, where=f"{path}: time.unit")
     for kind in rig.kinds:
@@ -252,8 +240,7 @@ def check_rig(table: Mapping[str, Any], path: Path) -> Rig:
 
 
 def _sensors(table: Mapping[str, Any], path: Path) -> Iterator[tuple[str, Any]]:
-    for name, kind in KINDS.items():
-        if name in table:
-            if not isinstance(table[name], dict):
-                raise InputError(f"[{name}] must be a table.", where=str(path))
-            yield name, parse(table[name], kind.table, file=str(path), key=name)
+    for kind in KINDS.among(table):
+        if not isinstance(table[kind.name], dict):
+            raise InputError(f"[{kind.name}] must be a table.", where=str(path))
+        yield kind.name, parse(table[kind.name], kind.table, file=str(path), key=kind.name)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -27,7 +27,7 @@ __all__ = ["NamedSensor", "SensorKind", "SensorSection", "Setup", "seen_first"]
 
 
 class SensorSection:
-    """A sensor as a value, made of its table in a rig; subclasses read each file that the table names once.
+    """A sensor as a value, made of its table in a rig; a subclass reads each file that the table names once.
 
     Args:
         table: what the rig says of it.
@@ -35,7 +35,7 @@ class SensorSection:
     """
 
     name: ClassVar[str]
-    """Of the table."""
+    """Name of the table."""
     called: ClassVar[str]
     """What the sensor is, in a sentence."""
 
@@ -143,21 +143,22 @@ class Setup:
         """
         return self.kind.build(self)
 
-    def files(self, names: tuple[str, ...] | None = None) -> dict[str, Path]:
-        """Return the files that the rig names for sensors: what each is -> where.
-
-        Args:
-            names: of the sensors; None: those that answer.
-        """
-        folder = self.link.folder
-        named = {} if self.link.stated is None else self.link.stated.files(folder)
+    def files(self) -> dict[str, Path]:
+        """Return the files that the rig names for the sensor that answers: what each is -> where."""
+        named = {} if self.link.stated is None else self.link.stated.files(self.link.folder)
         if self.orientation.urdf is not None:
-            named["kinematics"] = folder / self.orientation.urdf
-        for name in (self.kind.name, *self.kind.parts) if names is None else names:
-            sensor = self.sensors[name]
-            stated = {key: getattr(sensor.table, key) for key in sensor.kind.paths}
-            named |= {key: folder / path for key, path in stated.items() if path is not None}
-        return named
+            named["kinematics"] = self.link.folder / self.orientation.urdf
+        return named | self.sensor_files((self.kind.name, *self.kind.parts))
+
+    def sensor_files(self, names: Iterable[str]) -> dict[str, Path]:
+        """Return the files that the tables of some sensors name."""
+        sensors = [self.sensors[name] for name in names]
+        stated = {key: getattr(sensor.table, key) for sensor in sensors for key in sensor.kind.paths}
+        return {key: self.link.folder / path for key, path in stated.items() if path is not None}
+
+    def answering(self, kind: SensorKind) -> Setup:
+        """Return the same, with the samples of another of its sensors answered."""
+        return replace(self, kind=kind)
 
     def start(self) -> float:
         """Return the seconds of a stream that are wanted before the first answer; 0: none."""
@@ -222,6 +223,8 @@ class SensorKind:
         parts: names of the sensors that it is made of, whose tables it reads; a rig with all of them is of this kind.
         start: seconds of a stream that `build` wants to see before the first answer; 0: none.
         view: module and class of what page and report show of the sensor: a `SensorView`.
+        options: of the command line that are written over keys of its table of the same names.
+        doubts: what is wrong with a recording against the table, one sentence each.
     """
 
     name: str
@@ -239,3 +242,5 @@ class SensorKind:
     parts: tuple[str, ...] = ()
     start: Callable[[Setup], float] = seen_first
     view: str = "palpate.cli.views.view.SensorView"
+    options: tuple[str, ...] = ()
+    doubts: Callable[[Setup, Recording], list[str]] = lambda setup, recording: []

@@ -1,0 +1,45 @@
+"""Do the wrenches of a log fit the body on which they are located?"""
+
+from __future__ import annotations
+
+from palpate.contact.contacts import Contacts
+from palpate.contact.locate import Locator
+from palpate.contact.plausibility import Asked, lines_of_action, never_at_rest
+from palpate.contact.surface_wrenches import SurfaceWrenches
+from palpate.sensors.recording import Recording
+from palpate.spatial.pose import Pose
+
+__all__ = ["WrenchPlausibility"]
+
+
+class WrenchPlausibility:
+    """Judge an estimator of wrenches by some samples of a log.
+
+    Args:
+        locator: on the surface.
+        wrenches: of the sensor.
+        mount: T_sensor_surface.
+    """
+
+    def __init__(self, locator: Locator, wrenches: SurfaceWrenches, mount: Pose) -> None:
+        self._locator, self._wrenches, self._mount = locator, wrenches, mount
+
+    @property
+    def size(self) -> float:
+        """[m] of the body."""
+        return self._locator.surface.size
+
+    def asked(self, contacts: Contacts) -> Asked:
+        """Return which bounds of friction and torsion the contacts would need."""
+        return Asked.of(contacts, (self._locator.friction, self._locator.torsion), self.size)
+
+    def doubts(self, recording: Recording) -> list[str]:
+        """Return what units, bias or mounting may be wrong, one sentence each."""
+        surface = self._locator.surface
+        wrenches = self._wrenches.unfiltered(recording).wrench
+        sensed = wrenches @ self._mount.wrench_matrix().T  # saturated ones too: a wrong unit saturates a sensor
+        judged = (
+            lines_of_action(sensed, self._mount.apply(surface.centre), surface.size).doubt,
+            never_at_rest(sensed, self._locator.on),
+        )
+        return [doubt for doubt in judged if doubt]
