@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import InputError
-from palpate.io.models.forms import FORMS
+from palpate.io.models.camera import CAMERA
 from palpate.io.schema import parse
 from palpate.sensors.fisheye import Fisheye, RingView
 from palpate.spatial.pose import Pose
@@ -123,8 +123,8 @@ def test_a_view_is_frozen_and_says_what_is_wrong() -> None:
 
 def test_a_camera_is_read_from_a_file() -> None:
     said = {name: getattr(LENS, name) for name in ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4", "width", "height")}
-    assert parse(said, Fisheye, file="camera.toml", forms=FORMS) == LENS
+    assert parse(said, Fisheye, file="camera.toml", forms=CAMERA.forms) == LENS
     with pytest.raises(InputError, match="fx"):
-        parse(said | {"fx": -1.0}, Fisheye, file="camera.toml", forms=FORMS)
+        parse(said | {"fx": -1.0}, Fisheye, file="camera.toml", forms=CAMERA.forms)
     with pytest.raises(InputError, match="focal"):
-        parse(said | {"focal": 3.0}, Fisheye, file="camera.toml", forms=FORMS)
+        parse(said | {"focal": 3.0}, Fisheye, file="camera.toml", forms=CAMERA.forms)

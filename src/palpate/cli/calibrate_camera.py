@@ -16,7 +16,7 @@ from palpate.io.atomic import keep_inputs
 from palpate.io.logs import open_log
 from palpate.io.logs.layout import ImageChannel, Layout
 from palpate.io.models import write_model
-from palpate.io.models.summary import of_camera
+from palpate.io.models.camera import of_camera
 from palpate.sensors.recording import IMAGE
 
 __all__ = ["calibrate_camera"]

@@ -14,7 +14,7 @@ from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
 from palpate.io.logs import open_log
 from palpate.io.models import provenance, read_model, write_model
-from palpate.io.models.summary import of_marker_ring
+from palpate.io.models.marker_ring import of_marker_ring
 from palpate.io.rig import load_rig
 from palpate.io.rig.marker_ring import MarkerRingSection
 from palpate.io.tables.table import read_table

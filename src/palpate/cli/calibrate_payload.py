@@ -17,7 +17,7 @@ from palpate.io.atomic import keep_inputs
 from palpate.io.logs import read_recording
 from palpate.io.logs.layout import Layout
 from palpate.io.models import provenance, write_model
-from palpate.io.models.summary import of_payload
+from palpate.io.models.payload import of_payload
 from palpate.io.rig import load_rig
 from palpate.sensors.force_torque import STANDARD_GRAVITY, Payload
 from palpate.sensors.recording import ORIENTATION

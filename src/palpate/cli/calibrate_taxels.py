@@ -22,7 +22,7 @@ from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
 from palpate.io.logs import contents
 from palpate.io.models import provenance
-from palpate.io.models.summary import of_taxels
+from palpate.io.models.taxels import of_taxels
 from palpate.io.poke_files import holds_pokes, read_pokes
 from palpate.io.rig import load_rig
 from palpate.io.rig.force_torque import ForceTorqueSection

@@ -25,7 +25,7 @@ from palpate.io.live.recover import cut_short
 from palpate.io.logs import LogContents, contents
 from palpate.io.logs.topics import LIVE
 from palpate.io.models import MODELS, load_toml, read_model
-from palpate.io.models.summary import of_taxels
+from palpate.io.models.taxels import of_taxels
 from palpate.io.rig import Rig, load_rig
 from palpate.io.rig.kinds import KINDS as SENSORS
 from palpate.io.taxel_files import holds_taxels, read_taxel_places

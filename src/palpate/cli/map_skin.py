@@ -16,7 +16,7 @@ from palpate.cli.options import MeshFile, Output
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
 from palpate.io.models import provenance
-from palpate.io.models.summary import of_skin_map
+from palpate.io.models.skin_map import of_skin_map
 from palpate.io.skin_map import SUFFIXES, write_skin_map
 from palpate.surfaces import UNITS, Mesh
 

@@ -19,7 +19,7 @@ from palpate.errors import InputError
 from palpate.interrupts import import_mesh_reader
 from palpate.io.atomic import reserve_output
 from palpate.io.models import read_provenance
-from palpate.io.models.summary import of_taxels
+from palpate.io.models.taxels import of_taxels
 from palpate.io.pipeline import OpenedLog, Pipeline
 from palpate.io.rig import Rig
 from palpate.io.rig.setup import Setup

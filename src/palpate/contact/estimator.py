@@ -22,9 +22,15 @@ from palpate.sensors.wrench_sensor import Tare
 from palpate.spatial._arrays import FLOAT, require_out, shaped
 from palpate.spatial.pose import Pose
 
-__all__ = ["NOTHING_BESIDE", "Answered", "ContactEstimator"]
+__all__ = ["NOTHING_BESIDE", "Answered", "Channels", "ContactEstimator", "Counts", "Known", "Rows", "Times"]
 
 NOTHING_BESIDE: Mapping[str, np.ndarray] = MappingProxyType({})
+
+Rows = Float[np.ndarray, "rows width"]
+Times = Float[np.ndarray, " n"]
+Counts = Int[np.ndarray, " n"]
+Known = ArrayLike | None
+Channels = Mapping[str, np.ndarray]
 
 _COUNT = np.dtype(np.int64)
 
@@ -116,14 +122,7 @@ class ContactEstimator(ABC):
         """Return what may be wrong, one sentence each."""
 
     @abstractmethod
-    def _single(
-        self,
-        time: float,
-        reading: ArrayLike,
-        out: Float[np.ndarray, "rows width"],
-        rotation: ArrayLike | None,
-        acceleration: ArrayLike | None,
-    ) -> int:
+    def _single(self, time: float, reading: ArrayLike, out: Rows, rotation: Known, acceleration: Known) -> int:
         """Write the contacts of one sample, as many as fit, and return how many."""
 
     def answers(self, blocks: Iterable[Recording], watched: bool = False) -> Iterator[Answered]:
@@ -239,14 +238,7 @@ class ContactEstimator(ABC):
         self._samples += done
         return done
 
-    def _arrays(
-        self,
-        time: Float[np.ndarray, " n"],
-        readings: np.ndarray,
-        beside: Mapping[str, np.ndarray],
-        out: Float[np.ndarray, "rows width"],
-        counts: Int[np.ndarray, " n"],
-    ) -> int:
+    def _arrays(self, time: Times, readings: np.ndarray, beside: Channels, out: Rows, counts: Counts) -> int:
         """Answer arrays, as many samples as surely fit at a time; return how many."""
         done = used = 0
         while fits := min(len(time) - done, (len(out) - used) // self.most):

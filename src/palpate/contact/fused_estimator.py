@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, Status
-from palpate.contact.estimator import Answered, ContactEstimator
+from palpate.contact.estimator import Answered, Channels, ContactEstimator, Counts, Known, Rows, Times
 from palpate.contact.fused import FusedFrames, FusedLocator
 from palpate.contact.fused_agreement import Agreement
 from palpate.contact.lasting_unseen import LastingUnseen
@@ -167,14 +167,7 @@ class FusedEstimator(ContactEstimator):
         """Return what may be wrong, one sentence each: a skin and a wrench that do not belong together."""
         return (*self.taxels.doubts(), *self._wrenches.doubts(), *self._agreement.doubts())
 
-    def _single(
-        self,
-        time: float,
-        reading: ArrayLike,
-        out: Float[np.ndarray, "rows width"],
-        rotation: ArrayLike | None,
-        acceleration: ArrayLike | None,
-    ) -> int:
+    def _single(self, time: float, reading: ArrayLike, out: Rows, rotation: Known, acceleration: Known) -> int:
         values = shaped(reading, (len(self.taxels.body) + 7,), "reading")
         cells, wrench, averaged = values[:-7], values[-7:-1], values[-1:]
         count = self.taxels.update_into(time, cells, self._rows)
@@ -188,14 +181,7 @@ class FusedEstimator(ContactEstimator):
         out[:count] = rows[:count]
         return count
 
-    def _arrays(
-        self,
-        time: Float[np.ndarray, " n"],
-        readings: np.ndarray,
-        beside: Mapping[str, np.ndarray],
-        out: Float[np.ndarray, "rows width"],
-        counts: Int[np.ndarray, " n"],
-    ) -> int:
+    def _arrays(self, time: Times, readings: np.ndarray, beside: Channels, out: Rows, counts: Counts) -> int:
         self.taxels.require_rest()
         return super()._arrays(time, readings, beside, out, counts)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from math import nan
 
@@ -12,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from palpate.calls import called_as
 from palpate.contact.estimate import ROW, Status
-from palpate.contact.estimator import Answered, ContactEstimator, instant, rows_of
+from palpate.contact.estimator import Answered, Channels, ContactEstimator, Counts, Known, Rows, Times, instant, rows_of
 from palpate.contact.ring_locator import RingFound, RingLocator, RingSettings
 from palpate.errors import InputError
 from palpate.sensors.marker_ring import MarkerRing
@@ -172,26 +171,12 @@ class RingEstimator(ContactEstimator):
         rows[:fits] = self._scratch[:fits]
         return fits
 
-    def _single(
-        self,
-        time: float,
-        reading: ArrayLike,
-        out: Float[np.ndarray, "rows width"],
-        rotation: ArrayLike | None,
-        acceleration: ArrayLike | None,
-    ) -> int:
+    def _single(self, time: float, reading: ArrayLike, out: Rows, rotation: Known, acceleration: Known) -> int:
         image = reading if type(reading) is np.ndarray else shaped(reading, (..., 3), "reading", UINT8)
         pixels = np.empty((len(self.ring), 2))
         return self._write(time, pixels, self._track(image, pixels), out)
 
-    def _arrays(
-        self,
-        time: Float[np.ndarray, " n"],
-        readings: np.ndarray,
-        beside: Mapping[str, np.ndarray],
-        out: Float[np.ndarray, "rows width"],
-        counts: Int[np.ndarray, " n"],
-    ) -> int:
+    def _arrays(self, time: Times, readings: np.ndarray, beside: Channels, out: Rows, counts: Counts) -> int:
         used = 0
         for n, (when, image) in enumerate(zip(time.tolist(), readings, strict=True)):
             if used + self.most > len(out):

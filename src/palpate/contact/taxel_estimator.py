@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import chain
 
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from palpate.calls import called_as
 from palpate.contact.contacts import Contacts
-from palpate.contact.estimator import Answered, ContactEstimator
+from palpate.contact.estimator import Answered, Channels, ContactEstimator, Counts, Known, Rows, Times
 from palpate.contact.taxel_frames import TaxelFrames
 from palpate.contact.taxel_settings import TaxelSettings
 from palpate.errors import InputError
@@ -202,14 +202,7 @@ class TaxelEstimator(ContactEstimator):
         """Return what may be wrong, one sentence each: cells that are dead or stuck, a tare that looks like a touch."""
         return (*(() if self.health is None else self.health.doubts), *filter(None, [self._tared.doubt]))
 
-    def _single(
-        self,
-        time: float,
-        reading: ArrayLike,
-        out: Float[np.ndarray, "rows width"],
-        rotation: ArrayLike | None,
-        acceleration: ArrayLike | None,
-    ) -> int:
+    def _single(self, time: float, reading: ArrayLike, out: Rows, rotation: Known, acceleration: Known) -> int:
         self.require_rest()
         frame = self.body.picked(shaped(reading, (...,), "reading"))
         fits = frame.shape == self.body.shape or frame.shape == (len(self.body),)
@@ -219,14 +212,7 @@ class TaxelEstimator(ContactEstimator):
         raw[np.abs(raw) > LARGEST] = np.nan  # a fault of the sensor
         return self._frames.run(when, raw, out, counts, self._frames.no_forces)[1]
 
-    def _arrays(
-        self,
-        time: Float[np.ndarray, " n"],
-        readings: np.ndarray,
-        beside: Mapping[str, np.ndarray],
-        out: Float[np.ndarray, "rows width"],
-        counts: Int[np.ndarray, " n"],
-    ) -> int:
+    def _arrays(self, time: Times, readings: np.ndarray, beside: Channels, out: Rows, counts: Counts) -> int:
         self.require_rest()
         if not len(out):
             return 0

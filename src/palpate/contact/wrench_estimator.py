@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from palpate.calls import called_as
-from palpate.contact.estimator import Answered, ContactEstimator
+from palpate.contact.estimator import Answered, Channels, ContactEstimator, Counts, Known, Rows, Times
 from palpate.contact.live_loop import CompiledSensor, LiveLoop
 from palpate.contact.locate import Locator
 from palpate.contact.locating_threads import located_in_threads
@@ -170,14 +170,7 @@ class WrenchEstimator(ContactEstimator):
         """Return what may be wrong with the sensor, and with its zero where it is followed."""
         return self._wrenches.doubts()
 
-    def _single(
-        self,
-        time: float,
-        reading: ArrayLike,
-        out: Float[np.ndarray, "rows width"],
-        rotation: ArrayLike | None,
-        acceleration: ArrayLike | None,
-    ) -> int:
+    def _single(self, time: float, reading: ArrayLike, out: Rows, rotation: Known, acceleration: Known) -> int:
         rows = out if len(out) == 1 else out[:1]
         if self._live is None:
             given = self._wrenches.single(time, reading, rotation, acceleration, kelvin=self.kelvin)
@@ -190,14 +183,7 @@ class WrenchEstimator(ContactEstimator):
         self._widened(rows)
         return 1
 
-    def _arrays(
-        self,
-        time: Float[np.ndarray, " n"],
-        readings: np.ndarray,
-        beside: Mapping[str, np.ndarray],
-        out: Float[np.ndarray, "rows width"],
-        counts: Int[np.ndarray, " n"],
-    ) -> int:
+    def _arrays(self, time: Times, readings: np.ndarray, beside: Channels, out: Rows, counts: Counts) -> int:
         if self._live is None:
             return super()._arrays(time, readings, beside, out, counts)
         count = min(len(time), len(out))

@@ -1,6 +1,7 @@
 """Models in files: one reader and one writer for all of them, and where results come from."""
 
-from palpate.io.models.kinds import MODELS, Model, read_model, write_model
+from palpate.io.models.kinds import MODELS, read_model, write_model
+from palpate.io.models.model import Model
 from palpate.io.models.provenance import printable, provenance, read_provenance, write_provenance
 from palpate.io.models.toml import load_toml, toml_array
 

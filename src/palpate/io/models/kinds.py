@@ -2,100 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
 from math import isnan
 from pathlib import Path
 from typing import Any, TypeVar, cast, overload
 
 from palpate.errors import InputError
 from palpate.io.atomic import write_text
-from palpate.io.models import forms, summary
+from palpate.io.models.model import Model
 from palpate.io.models.toml import load_toml, toml_lines
-from palpate.io.schema import Key, parse
-from palpate.sensors.fisheye import Fisheye
-from palpate.sensors.force_torque import Payload
-from palpate.sensors.intensity import Intensity
-from palpate.sensors.load_cells import LoadCells
-from palpate.sensors.marker_ring import MarkerRing
-from palpate.sensors.skin_map import SkinMap
-from palpate.sensors.taxel_places import TaxelPlaces
+from palpate.io.schema import Form, Key, parse
+from palpate.registry import Registry
 
 __all__ = ["MODELS", "Model", "read_model", "write_model"]
 
 Value = TypeVar("Value")
 
 
-@dataclass(frozen=True)
-class Model:
-    """A kind of model.
-
-    Args:
-        holds: the class of its values.
-        called: in a sentence.
-        said: first line of its files.
-        command: what writes one.
-        summary: a value's main figures, each with its name.
-    """
-
-    holds: type[Any]
-    called: str
-    said: str
-    command: str
-    summary: Callable[[Any], list[tuple[str, str]]]
-
-
-MODELS: Mapping[str, Model] = {
-    "payload": Model(
-        Payload,
-        "a payload model",
-        "What hangs on the sensor, and the sensor's zero.",
-        "palpate calibrate payload",
-        summary.of_payload,
-    ),
-    "load_cells": Model(
-        LoadCells,
-        "a model of load cells",
-        "Cells under a rigid frame: u = C (I + E) w + b.",
-        "palpate calibrate load-cells",
-        summary.of_load_cells,
-    ),
-    "intensity": Model(
-        Intensity,
-        "an intensity model",
-        "From readings of taxels to forces.",
-        "palpate calibrate intensity",
-        summary.of_intensity,
-    ),
-    "skin map": Model(
-        SkinMap,
-        "a skin map",
-        "Where the cells of a sheet sit, in the mesh's frame.",
-        "palpate map skin",
-        summary.of_skin_map,
-    ),
-    "taxels": Model(
-        TaxelPlaces,
-        "places of taxels",
-        "Where each taxel of a skin sits, in the link's frame.",
-        "palpate calibrate taxels",
-        summary.of_taxels,
-    ),
-    "marker ring": Model(
-        MarkerRing,
-        "a model of a marker ring",
-        "A soft ring of markers: the camera, the markers at rest, how they move.",
-        "palpate calibrate marker-ring",
-        summary.of_marker_ring,
-    ),
-    "camera": Model(
-        Fisheye,
-        "a camera's lens",
-        "A fisheye lens, in OpenCV's model.",
-        "palpate calibrate camera",
-        summary.of_camera,
-    ),
-}
+MODELS = Registry[Model](
+    {
+        "payload": "palpate.io.models.payload.PAYLOAD",
+        "load_cells": "palpate.io.models.load_cells.LOAD_CELLS",
+        "intensity": "palpate.io.models.intensity.INTENSITY",
+        "skin map": "palpate.io.models.skin_map.SKIN_MAP",
+        "taxels": "palpate.io.models.taxels.TAXELS",
+        "marker ring": "palpate.io.models.marker_ring.MARKER_RING",
+        "camera": "palpate.io.models.camera.CAMERA",
+    },
+    "palpate.models",
+)
+"""Kind of a model, as its file states it -> what it is; other packages join by an entry point `palpate.models`."""
 
 
 @overload
@@ -130,7 +67,8 @@ def read_model(path: str | Path, holds: type[Any] | None = None) -> Any:
         if kind != wanted:
             hint = f"`{model.command}` writes one (kind = {wanted!r})."
             raise InputError(f"is not {model.called}.", where=str(path), hint=hint)
-    return parse(table, MODELS[kind].holds, file=str(path), forms=forms.FORMS)
+    model = MODELS[kind]
+    return parse(table, model.holds, file=str(path), forms=model.forms)
 
 
 def write_model(path: str | Path, value: Any) -> None:
@@ -141,7 +79,7 @@ def write_model(path: str | Path, value: Any) -> None:
     """
     kind, model = _model(cast("type[Any]", type(value)))
     head = [f"# {model.said} Written by `{model.command}`.", *toml_lines("kind", kind), ""]
-    write_text(Path(path), "\n".join([*head, *_table(value, ""), ""]))
+    write_text(Path(path), "\n".join([*head, *_table(value, model.forms, ""), ""]))
 
 
 def _model(holds: type[Any]) -> tuple[str, Model]:
@@ -152,9 +90,9 @@ def _model(holds: type[Any]) -> tuple[str, Model]:
     raise TypeError(f"{holds.__name__} is no model")
 
 
-def _table(value: Any, place: str, *, commented: bool = True) -> list[str]:
+def _table(value: Any, forms: Mapping[type, Form], place: str, *, commented: bool = True) -> list[str]:
     """The keys of a value, then its tables, whose names begin with `place`."""
-    form = forms.FORMS[type(value)]
+    form = forms[type(value)]
     spelled = form.spell(value) if form.spell else {each.name: getattr(value, each.name) for each in fields(value)}
     keys = [*form.keys, *(name for name in spelled if name not in form.keys)]
     lines, tables = list[str](), list[str]()
@@ -163,13 +101,13 @@ def _table(value: Any, place: str, *, commented: bool = True) -> list[str]:
         if stated is None or _unknown(stated):
             continue
         if is_dataclass(stated):
-            tables += ["", f"[{place}{name}]", *_table(stated, f"{place}{name}.")]
+            tables += ["", f"[{place}{name}]", *_table(stated, forms, f"{place}{name}.")]
         elif isinstance(stated, Mapping):
             pairs = cast("Mapping[str, object]", stated).items()
             tables += ["", f"[{place}{name}]", *(line for pair in pairs for line in toml_lines(*pair))]
         elif isinstance(stated, tuple) and any(map(is_dataclass, cast("tuple[Any, ...]", stated))):
             for k, each in enumerate(cast("tuple[Any, ...]", stated)):
-                tables += ["", f"[[{place}{name}]]", *_table(each, f"{place}{name}.", commented=k == 0)]
+                tables += ["", f"[[{place}{name}]]", *_table(each, forms, f"{place}{name}.", commented=k == 0)]
         else:
             lines += toml_lines(name, stated, form.keys.get(name, Key()).comment if commented else "")
     return lines + tables

@@ -83,9 +83,7 @@ def _build(setup: Setup) -> Prepared:
     made = Prepared(estimator, felt.said, felt.doubted, {**felt.facts, **vars(settings), **link.settings})
     tare = skin_tare(setup)
     if head is not None and tare is not None:
-        tared = sensor.tare(first_seconds(head, tare))
-        made.said.append(tared.said)
-        made.doubted += [tared.doubt] if tared.doubt else []
+        made.tared(sensor.tare(first_seconds(head, tare)))
     elif tare is None:
         made.said.append("wrenches are taken as they are, so they must be tared: [estimate] tare = seconds")
     return made

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from palpate.contact.estimator import ContactEstimator
 from palpate.io.logs.layout import Layout
+from palpate.sensors.wrench_sensor import Tare
 
 __all__ = ["FIRST", "Guess", "Prepared"]
 
@@ -27,6 +28,11 @@ class Prepared:
     said: list[str] = field(default_factory=list[str])
     doubted: list[str] = field(default_factory=list[str])
     facts: dict[str, object] = field(default_factory=dict[str, object])
+
+    def tared(self, tare: Tare) -> None:
+        """Keep what a tare took, and what may be wrong about it."""
+        self.said.append(tare.said)
+        self.doubted += [tare.doubt] if tare.doubt else []
 
 
 @dataclass(frozen=True)

@@ -143,9 +143,7 @@ def _build(setup: Setup) -> Prepared:
     made = Prepared(estimator, facts=dict(vars(table.contacts)))
     tare = setup.estimate.tare or table.tare
     if tare is not None and head is not None:
-        tared = estimator.tare(first_seconds(head, tare))
-        made.said.append(tared.said)
-        made.doubted += [tared.doubt] if tared.doubt else []
+        made.tared(estimator.tare(first_seconds(head, tare)))
     return made
 
 

@@ -69,9 +69,7 @@ def wrench_estimator(
     if isinstance(surface, Mesh) and surface.coverage and surface.touchable is None:
         made.said.append(f"{surface.coverage} cannot be reached from outside: no contacts there (inspect MESH)")
     if head is not None and tare is not None:
-        tared = estimator.tare(first_seconds(head, tare))
-        made.said.append(tared.said)
-        made.doubted += [tared.doubt] if tared.doubt else []
+        made.tared(estimator.tare(first_seconds(head, tare)))
     if contact is None:
         made.said.append(
             f"a contact begins at {locator.on:.3g} N and ends at {locator.off:.3g} N, or more where payload, motion, "
