@@ -1,0 +1,63 @@
+"""Tables of names: imported when asked for, in order, with what other packages bring."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from palpate.registry import Registry
+
+ROOT = Path(__file__).parents[1]
+OUTSIDE = ROOT / "tests" / "conformance" / "outside"
+
+
+@pytest.fixture
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """A package that brings two things under a group of its own."""
+    info = tmp_path / "brought-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: brought\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[palpate.tests]\nten = brought:TEN\ntwo = brought:TWO\n")
+    (tmp_path / "brought.py").write_text("TEN, TWO = 10, 'not this one'\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    return "palpate.tests"
+
+
+def test_what_a_package_brings_comes_first_and_takes_no_name(package: str) -> None:
+    numbers = Registry[float]({"one": 1.0, "two": 2.0, "infinity": "math.inf"}, package)
+    assert list(numbers) == ["ten", "one", "two", "infinity"]
+    assert (numbers["ten"], numbers["two"], numbers["infinity"]) == (10, 2.0, float("inf"))
+    assert list(numbers.among({"infinity", "one", "nobody"})) == [1.0, float("inf")]
+    assert "nobody" not in numbers
+    with pytest.raises(KeyError):
+        numbers["nobody"]
+
+
+def test_a_name_of_its_own_imports_nothing_else() -> None:
+    script = (
+        "import sys; from palpate.io.rig import load_rig; from palpate.io.models import read_model\n"
+        "rig = load_rig('rig.toml'); rig.resolve().prepared(); read_model('payload.toml')\n"
+        "print(*sorted(name for name in sys.modules if name.startswith('palpate.') or 'metadata' in name))"
+    )
+    loaded = subprocess.run(
+        [sys.executable, "-c", script], cwd=ROOT / "tests/v03/six-axis", capture_output=True, text=True, check=True
+    ).stdout.split()
+    assert "palpate.io.rig.force_torque" in loaded
+    others = ("load_cells", "marker_ring", "skin", "fusion")
+    assert not {f"palpate.io.rig.{name}" for name in others} & set(loaded)
+    assert not {f"palpate.io.models.{name}" for name in ("load_cells", "marker_ring", "skin_map", "taxels")} & set(
+        loaded
+    )
+
+
+def test_a_sensor_of_another_package_is_there_in_a_process_of_its_own(tmp_path: Path) -> None:
+    rig = tmp_path / "rig.toml"
+    rig.write_text('[surface]\nkind = "plane"\n\n[plate]\n')
+    surroundings = os.environ | {"PYTHONPATH": f"{OUTSIDE}{os.pathsep}{ROOT}"}
+    command = [sys.executable, "-c", "from palpate.cli import main; main()", "inspect", str(rig)]
+    said = subprocess.run(command, env=surroundings, capture_output=True, text=True, check=True).stdout
+    assert "three cells under a plate [plate]" in said
