@@ -208,6 +208,30 @@ def test_few_functions_take_a_rig() -> None:
     assert len(taken) <= 15, taken
 
 
+NAMED = re.compile(
+    r"[\"'](force_torque|load_cells|marker_ring|fusion|skin)[\"']"
+    r"|isinstance\([^)]*\b(Compensation|LoadCellArray|(Taxel|Ring|Fused)Estimator|(Taxel|Ring|LoadCell)Layer)\b"
+)
+OF_ONE_SENSOR = re.compile(  # or of the laboratory: files that are not general code
+    r"(simulation|evaluation|calibration|control|contact|sensors|surfaces|spatial|io/models|cli/views)/"
+    r"|cli/(calibrate_|map_|design_|plan_|simulate|benchmark|arena|evaluate_)|io/(skin_map|taxel_files|benchmark)"
+    r"|io/rig/(force_torque|load_cells|skin|marker_ring|fusion|poke_log)"
+)
+STILL_NAMED = {
+    "io/rig/kinds.py",
+    "io/rig/drift.py",
+    "io/logs/naming.py",
+    "io/logs/topics.py",
+}  # a shorter list is better
+
+
+def test_general_code_names_no_sensor() -> None:
+    source = ROOT / "src" / "palpate"
+    files = {str(file.relative_to(source)): file for file in source.rglob("*.py")}
+    named = {name for name, file in files.items() if NAMED.search(file.read_text()) and not OF_ONE_SENSOR.match(name)}
+    assert named == STILL_NAMED
+
+
 def test_lines_of_code_are_counted_without_docstrings_comments_and_blanks() -> None:
     text = '"""Say."""\n\nX = 1  # one\n# two\n\n\ndef f():\n    """Say\n    more."""\n    return """a\nb"""\n'
     assert lines_of_code(text) == 4

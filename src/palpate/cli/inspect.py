@@ -30,6 +30,7 @@ from palpate.io.rig import Rig, load_rig
 from palpate.io.rig.kinds import KINDS as SENSORS
 from palpate.io.taxel_files import holds_taxels, read_taxel_places
 from palpate.io.urdf import Urdf
+from palpate.sensors.recording import CELLS
 from palpate.surfaces.mesh import UNITS, Mesh
 
 __all__ = ["inspect"]
@@ -192,8 +193,12 @@ def _settings(values: Any, prefix: str) -> list[tuple[str, object]]:
     hidden = ("folder", "pose_covariance", *_IDLE.get(getattr(values, "kind", ""), ()))
     for field in fields(values):
         value: object = getattr(values, field.name)
-        if field.name == "contacts" and "skin" not in getattr(values, "sensors", ("skin",)):  # a rig's are of taxels
-            continue
+        if (
+            field.name == "contacts"
+            and isinstance(values, Rig)
+            and not any(CELLS in each.channels for each in values.kinds)
+        ):
+            continue  # a rig's are of taxels
         if field.name == "sensors":
             for name, table in values.sensors.items():
                 found += _settings(table, f"{name}.")

@@ -11,7 +11,7 @@ from os import PathLike
 from pathlib import Path
 from time import perf_counter
 from types import TracebackType
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from jaxtyping import Float
@@ -31,7 +31,6 @@ from palpate.io.logs.arrays import DataFrame, held
 from palpate.io.rig.kind import Prepared
 from palpate.io.rig.rig import Rig, load_rig, with_mesh
 from palpate.io.rig.setup import Setup
-from palpate.sensors.compensation import Compensation
 from palpate.sensors.recording import CELLS, ORIENTATION, POSITION, Recording
 from palpate.surfaces._jit import compile_seconds
 from palpate.waiting import waiting
@@ -98,12 +97,11 @@ class OpenedLog:
             estimator: of the log; accelerations that its sensor takes from poses are told there too.
             threads: that locate at a time.
         """
-        sensor, motion, told = None, None, None
+        motion, told = None, None
         if isinstance(estimator, WrenchEstimator):
-            sensor, estimator.threads = estimator.sensor, threads
-        if isinstance(sensor, Compensation) and sensor.motion is not None:
-            motion, told = sensor.motion, MotionAhead()
-            sensor.motion = told
+            estimator.threads, sensor = threads, cast("Any", estimator.sensor)
+            if (motion := getattr(sensor, "motion", None)) is not None:
+                told = sensor.motion = MotionAhead()
         self._log, self._ahead = ReadAhead(self._log, reader, motion, told), True
 
     def head(self, seconds: float = 0.0) -> Recording:
