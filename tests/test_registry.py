@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import subprocess
 import sys
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from palpate.errors import InputError
 from palpate.registry import Registry
 
 ROOT = Path(__file__).parents[1]
@@ -21,27 +23,39 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     info = tmp_path / "brought-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: brought\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[palpate.tests]\nten = brought:TEN\ntwo = brought:TWO\n")
-    (tmp_path / "brought.py").write_text("TEN, TWO = 10, 'not this one'\n")
+    (info / "entry_points.txt").write_text(
+        "[palpate.tests]\nten = brought:TEN\ntwo = brought:TWO\nbroken = nowhere:THING\ntext = brought:TWO\n"
+    )
+    (tmp_path / "brought.py").write_text("ONE, TEN, TWO = 1.0, 10.0, 'not this one'\n")
     monkeypatch.syspath_prepend(tmp_path)
     return "palpate.tests"
 
 
 def test_what_a_package_brings_comes_first_and_takes_no_name(package: str) -> None:
-    numbers = Registry[float]({"one": 1.0, "two": 2.0, "infinity": "math.inf"}, package)
-    assert list(numbers) == ["ten", "one", "two", "infinity"]
-    assert (numbers["ten"], numbers["two"], numbers["infinity"]) == (10, 2.0, float("inf"))
-    assert list(numbers.among({"infinity", "one", "nobody"})) == [1.0, float("inf")]
+    rows = {"one": "brought.ONE", "two": "math.tau", "infinity": "math.inf"}
+    numbers = Registry(rows, float, package, first=True)
+    assert list(numbers) == ["ten", "broken", "text", *rows]
+    assert list(Registry(rows, float, package)) == [*rows, "ten", "broken", "text"]
+    assert (numbers["ten"], numbers["two"], numbers["infinity"]) == (10.0, math.tau, math.inf)
+    assert list(numbers.among({"infinity", "one", "nobody"})) == [1.0, math.inf]
     assert "nobody" not in numbers
     with pytest.raises(KeyError):
         numbers["nobody"]
+
+
+@pytest.mark.parametrize(("name", "said"), [("broken", "cannot be imported"), ("text", "is str, not float")])
+def test_what_a_package_brings_wrongly_names_the_package(package: str, name: str, said: str) -> None:
+    with pytest.raises(InputError, match=f"{said}.*|package brought") as caught:
+        Registry({}, float, package)[name]
+    assert "of the package brought" in caught.value.where
+    assert said in caught.value.what
 
 
 def test_a_name_of_its_own_imports_nothing_else() -> None:
     script = (
         "import sys; from palpate.io.rig import load_rig; from palpate.io.models import read_model\n"
         "rig = load_rig('rig.toml'); rig.resolve().prepared(); read_model('payload.toml')\n"
-        "print(*sorted(name for name in sys.modules if name.startswith('palpate.') or 'metadata' in name))"
+        "print(*sorted(name for name in sys.modules if name.startswith('palpate.')))"
     )
     loaded = subprocess.run(
         [sys.executable, "-c", script], cwd=ROOT / "tests/v03/six-axis", capture_output=True, text=True, check=True

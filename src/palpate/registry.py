@@ -2,32 +2,33 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Collection, Iterator, MutableMapping
-from pathlib import Path
-from typing import Generic, TypeVar, cast
+from collections.abc import Collection, Iterator, Mapping
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any, TypeVar, cast
 
 from palpate.calls import by_name
+from palpate.errors import InputError
 
 __all__ = ["Registry"]
 
 Row = TypeVar("Row")
 
 
-class Registry(MutableMapping[str, Row], Generic[Row]):
+class Registry(Mapping[str, Row]):
     """Name -> what bears it, in a fixed order.
 
-    Rows of other packages come first. They are looked for when a name is asked for that is not in the rows, or when all
-    are.
+    Rows of other packages are looked for when a name is asked for that is not in the rows, or when all are.
 
     Args:
-        rows: by name the thing, or where it is defined ("palpate.io.rig.skin.SKIN"), which is imported when it is first
-            asked for.
+        rows: by name, where the thing is defined ("palpate.io.rig.skin.SKIN"); it is imported when first asked for.
+        kind: what the things are.
         group: of entry points of other packages: `name = "module:THING"`.
+        first: whether theirs come before the others.
     """
 
-    def __init__(self, rows: dict[str, str | Row], group: str) -> None:
-        self._rows, self._group, self._complete = rows, group, False
+    def __init__(self, rows: Mapping[str, str], kind: type[Row], group: str, *, first: bool = False) -> None:
+        self._rows: dict[str, str | EntryPoint | Row] = dict(rows)
+        self._kind, self._group, self._first, self._complete = kind, group, first, False
 
     def among(self, names: Collection[str]) -> Iterator[Row]:
         """Yield the rows of these names, in order; other names are left out."""
@@ -36,15 +37,11 @@ class Registry(MutableMapping[str, Row], Generic[Row]):
 
     def __getitem__(self, name: str) -> Row:
         row = self._rows[name] if name in self._rows else self._all()[name]
-        if isinstance(row, str):
+        if isinstance(row, EntryPoint):
+            row = self._rows[name] = self._loaded(row)
+        elif isinstance(row, str):
             row = self._rows[name] = cast("Row", by_name(row))
         return row
-
-    def __setitem__(self, name: str, row: Row) -> None:
-        self._rows[name] = row
-
-    def __delitem__(self, name: str) -> None:
-        del self._rows[name]
 
     def __contains__(self, name: object) -> bool:
         return name in self._rows or name in self._all()
@@ -55,17 +52,28 @@ class Registry(MutableMapping[str, Row], Generic[Row]):
     def __len__(self) -> int:
         return len(self._all())
 
-    def _all(self) -> dict[str, str | Row]:
+    def _all(self) -> dict[str, str | EntryPoint | Row]:
         if not self._complete:
-            self._rows = {name: row for name, row in self._outside().items() if name not in self._rows} | self._rows
+            found = {each.name: each for each in entry_points(group=self._group) if each.name not in self._rows}
+            self._rows = {**found, **self._rows} if self._first else {**self._rows, **found}
             self._complete = True
         return self._rows
 
-    def _outside(self) -> dict[str, str]:
-        """Return what other packages bring."""
-        files = (file for folder in sys.path for file in Path(folder).glob("*.dist-info/entry_points.txt"))
-        if not any(self._group in file.read_text(encoding="utf-8", errors="replace") for file in files):
-            return {}  # importlib.metadata takes ten times as long to import as these files to read
-        from importlib.metadata import entry_points
+    def _loaded(self, entry: EntryPoint) -> Row:
+        """Return what an entry point names.
 
-        return {each.name: each.value.replace(":", ".") for each in entry_points(group=self._group)}
+        Raises:
+            InputError: it cannot be imported, or is something else.
+        """
+        package = "of an unknown package" if entry.dist is None else f"of the package {entry.dist.name}"
+        try:
+            row: Any = entry.load()
+            problem = "" if isinstance(row, self._kind) else f"is {type(row).__name__}, not {self._kind.__name__}"
+            if not problem and getattr(row, "name", entry.name) != entry.name:
+                problem = f"has the name {row.name!r}"
+        except Exception as failed:  # whatever another package raises
+            row, problem = None, f"cannot be imported: {failed}"
+        if problem:
+            where = f"entry point {entry.name!r} of {self._group}, {package}"
+            raise InputError(f"{entry.value} {problem}.", where=where, hint="Mend that package, or remove it.")
+        return cast("Row", row)

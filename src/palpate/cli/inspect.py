@@ -95,7 +95,7 @@ def _data(file: Path, rig: Rig | None, sensor: str | None, topic: str | None, ou
     else:
         recording, torn = inspect_log(file, rig, sensor, topic)
         if output is not None and recording is not None and rig is not None:
-            recording = located(recording, rig.resolve(rig.kind(sensor).name))
+            recording = located(recording, rig.resolve(rig.kind(sensor)))
     if output is not None:
         if recording is None or not len(recording):
             raise InputError("has no spectrum: there are no wrenches over time in it.", where=str(file))

@@ -19,7 +19,7 @@ from palpate.io.logs.image_messages import IMAGES
 from palpate.io.models import read_provenance
 from palpate.io.rig import Rig
 from palpate.io.rig.guess import topics_of
-from palpate.io.rig.kinds import ASSUMED
+from palpate.io.rig.kinds import KINDS
 from palpate.io.rig.names import orientation_columns
 from palpate.io.rig.new import guess_sensor
 from palpate.io.rig.setup import Setup
@@ -53,7 +53,8 @@ def inspect_log(
     if there.images is not None and topic is not None:
         raise InputError("has no topics.", where=str(file), hint="Leave --topic out.")
     say_contents(there)
-    wrenches = topics_of(there, "wrench") if rig is None and topic is None and sensor in (None, ASSUMED) else []
+    of_wrenches = sensor is None or (sensor in KINDS and KINDS[sensor].channels == (FORCE, TORQUE))
+    wrenches = topics_of(there, "wrench") if rig is None and topic is None and of_wrenches else []
     beside = image_topics(there) if wrenches else []
     note([f"there are images on {', '.join(beside)}: --topic NAME says what is in them"] if beside else [])
     if len(wrenches) < 2:

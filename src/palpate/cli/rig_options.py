@@ -74,7 +74,7 @@ class RigOptions:
             if rig.surface.kind != "mesh":
                 raise InputError(f"is of a mesh, and the surface is a {rig.surface.kind}.", where="--crease")
             rig = replace(rig, surface=_over(rig.surface, crease=self.crease))
-        for kind in rig.kinds:  # an option that no sensor has is refused by `open`
+        for kind in rig.kinds:  # `open` refuses them for sensors to which they mean nothing
             told = {name: value for name in kind.options if (value := getattr(self, name)) is not None}
             told = {name: str(value.resolve()) if isinstance(value, Path) else value for name, value in told.items()}
             if told:

@@ -126,7 +126,7 @@ def _view_taxels(path: Path, setup: RigOptions, host: str, port: int) -> None:
 
 
 def _estimated(path: Path, log: OpenedLog) -> tuple[Scene, list[str]]:
-    """Return a log on its way through the whole chain, and what is to be known of it."""
+    """Return a log on its way through the whole chain, and notes about it."""
     wait("preparing the surface")
     pipeline = Pipeline.of(log)
     kept, parts, done = Kept(), list[Contacts](), 0
@@ -152,7 +152,9 @@ def _main(rig: Rig) -> str:
 
 def _shown(contacts: Contacts, path: Path, rig: Rig, sensor: str | None) -> tuple[Scene, list[str]]:
     """Contacts as they were written, in the frame that the body is drawn in."""
-    kind, setup = sensor or str(read_provenance(path).get("sensor", _main(rig))), rig.resolve()
+    name = sensor or str(read_provenance(path).get("sensor", _main(rig)))
+    kind = next((each for each in rig.kinds if each.name == name), None)
+    setup = rig.resolve(kind)
     contacts = on_body(contacts, path, setup.link)
-    layers = next((layers_of(setup.answering(each)) for each in rig.kinds if each.name == kind), ())
+    layers = () if kind is None else layers_of(setup)
     return prepare(_body(setup), contacts, path.name, layers), list(contacts.notes)

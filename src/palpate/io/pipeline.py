@@ -130,7 +130,7 @@ class OpenedLog:
         return not (count >= HEAD or values >= HEAD_VALUES) or bool(_span(self._first) <= seconds)
 
     def prepared(self) -> Prepared:
-        """Return the estimator of the sensor, with what is to be known of it; see `Setup.prepared`."""
+        """Return the estimator of the sensor, with notes and warnings about it; see `Setup.prepared`."""
         return self.setup.with_head(self.head(self.setup.estimate.tare or 1.0)).prepared()
 
     def __iter__(self) -> Iterator[Recording]:
@@ -177,7 +177,7 @@ def open_log(
     source = Path(log) if isinstance(log, str | PathLike) else held(log)
     rig = rig if isinstance(rig, Rig) else load_rig(rig)
     known = sensor or len(rig.kinds) == 1
-    setup = rig.resolve(rig.kind(sensor).name) if known else _fitting(contents(source), rig, topic)
+    setup = rig.resolve(rig.kind(sensor)) if known else _fitting(contents(source), rig, topic)
     if topic is not None and ((there := contents(source)).names or there.images is not None):
         what = "is a table, and has no topics." if there.names else "has no topics."
         raise InputError(what, where=str(there.path), hint="Leave --topic out.")

@@ -19,7 +19,7 @@ from palpate.viewer.scene import Layer
 
 __all__ = ["MarkerRingView"]
 
-TOLD = 0.25  # s between two frames that are shown
+SHOWN = 0.25  # s between two frames that are shown
 
 
 class MarkerRingView(SensorView):
@@ -44,10 +44,11 @@ class MarkerRingView(SensorView):
 
     def feed(self, setup: Setup, ring: Ring, layers: tuple[Layer, ...]) -> Feed:
         """Return what takes the frames of a stream to the ring."""
-        made, layer = setup.prepared().estimator, layers[0] if layers else None
-        if not isinstance(made, RingEstimator) or not isinstance(layer, RingLayer):
-            return super().feed(setup, ring, layers)
-        return _Frames(made, layer)
+        if layers and isinstance(layers[0], RingLayer):
+            made = setup.prepared().estimator
+            if isinstance(made, RingEstimator):
+                return _Frames(made, layers[0])
+        return super().feed(setup, ring, layers)
 
 
 class _Frames:
@@ -58,7 +59,7 @@ class _Frames:
 
     def __call__(self, slots: np.ndarray, watched: bool) -> None:
         now = time.monotonic()
-        if not watched or now - self._at < TOLD:
+        if not watched or now - self._at < SHOWN:
             return
         self._at, frame = now, slots["values"][-1]
         pixels = np.full((len(self._estimator.ring), 2), np.nan)

@@ -54,10 +54,11 @@ class TaxelView(SensorView):
 
     def feed(self, setup: Setup, ring: Ring, layers: tuple[Layer, ...]) -> Feed:
         """Return what takes the readings of a stream to the taxels."""
-        made, layer = self.skin(setup).prepared().estimator, layers[0] if layers else None
-        if not isinstance(made, TaxelEstimator) or not isinstance(layer, TaxelLayer):
-            return super().feed(setup, ring, layers)
-        return _Cells(ring, setup, made, layer)
+        if layers and isinstance(layers[0], TaxelLayer):
+            made = self.skin(setup).prepared().estimator
+            if isinstance(made, TaxelEstimator):
+                return _Cells(ring, setup, made, layers[0])
+        return super().feed(setup, ring, layers)
 
     def report(self, run: Run, setup: Setup, estimator: ContactEstimator) -> Run:
         """Return the run with the body of cells and how they are."""

@@ -117,7 +117,7 @@ class Live:
 
         rig = rig if isinstance(rig, Rig) else load_rig(rig)
         self.kind = rig.kind(sensor)
-        self.setup = rig.resolve(self.kind.name)
+        self.setup = rig.resolve(self.kind)
         self._where = "[source]" if rig.source is None else f"[source] {rig.source.kind}"
         self.source = source_of(rig.stream(), self.setup) if source is None else source
         self._poses = None if self.source.poses else RosPoses.of(rig.orientation, rig.source)

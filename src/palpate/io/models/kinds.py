@@ -20,7 +20,7 @@ __all__ = ["MODELS", "Model", "read_model", "write_model"]
 Value = TypeVar("Value")
 
 
-MODELS = Registry[Model](
+MODELS = Registry(
     {
         "payload": "palpate.io.models.payload.PAYLOAD",
         "load_cells": "palpate.io.models.load_cells.LOAD_CELLS",
@@ -30,6 +30,7 @@ MODELS = Registry[Model](
         "marker ring": "palpate.io.models.marker_ring.MARKER_RING",
         "camera": "palpate.io.models.camera.CAMERA",
     },
+    Model,
     "palpate.models",
 )
 """Kind of a model, as its file states it -> what it is; other packages join by an entry point `palpate.models`."""

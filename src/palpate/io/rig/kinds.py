@@ -9,7 +9,7 @@ __all__ = ["ASSUMED", "KINDS"]
 
 ASSUMED = "force_torque"
 """The sensor of a rig that states none."""
-KINDS = Registry[SensorKind](
+KINDS = Registry(
     {
         "fusion": "palpate.io.rig.fusion.FUSION",
         "force_torque": "palpate.io.rig.force_torque.FORCE_TORQUE",
@@ -17,6 +17,8 @@ KINDS = Registry[SensorKind](
         "marker_ring": "palpate.io.rig.marker_ring.MARKER_RING",
         "skin": "palpate.io.rig.skin.SKIN",
     },
+    SensorKind,
     "palpate.sensors",
+    first=True,
 )
 """Name of a sensor's table in a rig -> the sensor, in the order in which they are tried on a log."""

@@ -124,7 +124,8 @@ class Rig:
     def files(self) -> dict[str, Path]:
         """Return every file that the rig names: what it is -> where."""
         setup, pokes = self.resolve(), RigPokes() if self.pokes is None else self.pokes
-        return {**setup.files(), **pokes.files(self.folder), **setup.sensor_files(self.sensors)}
+        sensors = setup.sensor_files(kind.name for kind in self.kinds)
+        return {**setup.link_files(), **pokes.files(self.folder), **sensors}
 
     def stream(self) -> RigSource:
         """Where live samples come from.
@@ -137,19 +138,20 @@ class Rig:
             raise InputError("the rig has no [source], so there is nothing live.", where="rig", hint=hint)
         return self.source
 
-    def resolve(self, sensor: str | None = None, head: Recording | None = None) -> Setup:
+    def resolve(self, sensor: SensorKind | str | None = None, head: Recording | None = None) -> Setup:
         """Return the link and the sensors on it as values, with the files that the rig names read when first needed.
 
         Args:
-            sensor: name of the table of the sensor whose samples are answered; None: the first.
+            sensor: whose samples are answered, or the name of its table; None: the first.
             head: the start of the log; None: a live loop.
 
         Raises:
             InputError: the rig has no such sensor.
         """
-        kind, link = self.kind(sensor) if sensor else self.kinds[0], Link(self.surface, self.folder)
-        own = {name: KINDS[name].table() for name in (kind.name, *kind.parts) if name not in self.sensors}
-        sensors = {name: NamedSensor(KINDS[name], table, link) for name, table in {**self.sensors, **own}.items()}
+        kinds, link = self.kinds, Link(self.surface, self.folder)
+        kind = self.kind(sensor) if isinstance(sensor, str) else sensor or kinds[0]
+        stated = {each.name: self.sensors.get(each.name) or each.table() for each in (*kinds, kind)}
+        sensors = {name: NamedSensor(KINDS[name], table, link) for name, table in {**stated, **self.sensors}.items()}
         shared = {each.name for each in fields(Setup)} & {each.name for each in fields(self)} - {"sensors"}
         return Setup(kind, sensors, link, head=head, **{name: getattr(self, name) for name in shared})
 
@@ -159,7 +161,7 @@ class Rig:
 
     def layout(self, sensor: str | None = None) -> Layout:
         """Return how a log of one of the sensors is read."""
-        return self.resolve(self.kind(sensor).name).layout()
+        return self.resolve(self.kind(sensor)).layout()
 
     def estimator(
         self, log: StartedLog | None = None, sensor: str | None = None, rate: float | None = None
@@ -178,8 +180,8 @@ class Rig:
         """
         rig = self if rate is None else replace(self, filter=replace(self.filter, rate=rate))
         if log is None:
-            return rig.resolve(rig.kind(sensor).name).prepared().estimator
-        return rig.resolve(log.kind.name, log.head(rig.estimate.tare or 1.0)).prepared().estimator
+            return rig.resolve(rig.kind(sensor)).prepared().estimator
+        return rig.resolve(log.kind, log.head(rig.estimate.tare or 1.0)).prepared().estimator
 
 
 def with_mesh(rig: Rig | None, mesh: str | PathLike[str], unit: str | None) -> Rig:

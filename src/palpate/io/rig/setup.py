@@ -135,7 +135,7 @@ class Setup:
         return self.kind.layout(self)
 
     def prepared(self) -> Prepared:
-        """Return the estimator of the sensor, with what is to be known of it.
+        """Return the estimator of the sensor, with notes and warnings about it.
 
         Raises:
             InputError: the rig says too little, a file that it names cannot be used, or the log does not begin at rest
@@ -145,10 +145,13 @@ class Setup:
 
     def files(self) -> dict[str, Path]:
         """Return the files that the rig names for the sensor that answers: what each is -> where."""
+        return self.link_files() | self.sensor_files((self.kind.name, *self.kind.parts))
+
+    def link_files(self) -> dict[str, Path]:
+        """Return the files of the surface and of the arm."""
         named = {} if self.link.stated is None else self.link.stated.files(self.link.folder)
-        if self.orientation.urdf is not None:
-            named["kinematics"] = self.link.folder / self.orientation.urdf
-        return named | self.sensor_files((self.kind.name, *self.kind.parts))
+        arm = self.orientation.urdf
+        return named if arm is None else {**named, "kinematics": self.link.folder / arm}
 
     def sensor_files(self, names: Iterable[str]) -> dict[str, Path]:
         """Return the files that the tables of some sensors name."""
