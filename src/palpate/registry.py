@@ -68,9 +68,9 @@ class Registry(Mapping[str, Row]):
         package = "of an unknown package" if entry.dist is None else f"of the package {entry.dist.name}"
         try:
             row: Any = entry.load()
+            name: Any = getattr(row, "name", entry.name)
             problem = "" if isinstance(row, self._kind) else f"is {type(row).__name__}, not {self._kind.__name__}"
-            if not problem and getattr(row, "name", entry.name) != entry.name:
-                problem = f"has the name {row.name!r}"
+            problem = problem or ("" if name == entry.name else f"has the name {name!r}")
         except Exception as failed:  # whatever another package raises
             row, problem = None, f"cannot be imported: {failed}"
         if problem:
