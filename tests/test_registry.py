@@ -45,10 +45,9 @@ def test_what_a_package_brings_comes_first_and_takes_no_name(package: str) -> No
 
 @pytest.mark.parametrize(("name", "said"), [("broken", "cannot be imported"), ("text", "is str, not float")])
 def test_what_a_package_brings_wrongly_names_the_package(package: str, name: str, said: str) -> None:
-    with pytest.raises(InputError, match=f"{said}.*|package brought") as caught:
+    with pytest.raises(InputError, match=said) as caught:
         Registry({}, float, package)[name]
     assert "of the package brought" in caught.value.where
-    assert said in caught.value.what
 
 
 def test_a_name_of_its_own_imports_nothing_else() -> None:

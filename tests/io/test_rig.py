@@ -14,6 +14,7 @@ import pytest
 
 from palpate.errors import InputError
 from palpate.io.atomic import write_text
+from palpate.io.pipeline import open_log
 from palpate.io.rig import check_rig, load_rig
 from palpate.io.rig.edit import update_pose
 from palpate.io.rig.names import orientation_columns, position_columns, time_column, wrench_columns
@@ -365,3 +366,12 @@ def test_a_setup_reads_each_file_of_a_rig_once(sensor: str, opened: list[Path]) 
     read = [path.name for path in opened if path.parent == folder]
     assert read
     assert len(read) == len(set(read)), read
+
+
+def test_an_estimator_for_a_log_of_another_rigs_sensor_is_refused() -> None:
+    folder = Path(__file__).parents[1] / "v03"
+    with (
+        open_log(folder / "skin" / "log.csv", folder / "skin" / "rig.toml") as log,
+        pytest.raises(InputError, match=r"the rig has no \[skin\]"),
+    ):
+        load_rig(folder / "six-axis" / "rig.toml").estimator(log)

@@ -81,7 +81,7 @@ def calibrate_drift(
 
 
 def _read(log: Path, opened: OpenedLog) -> tuple[Setup, Recording, tuple[str, ...]]:
-    """Return the sensor that the log is of, all of the log, and what is to be said of it."""
+    """Return the setup of the log's sensor, the recording, and notes about the log."""
     kind = opened.kind.name
     if kind not in ("force_torque", "load_cells"):
         raise InputError(
@@ -96,7 +96,7 @@ def _read(log: Path, opened: OpenedLog) -> tuple[Setup, Recording, tuple[str, ..
 
 
 def _require_one(setup: Setup, rig: Path) -> None:
-    """Refuse to write a second statement of the drift beside an older one."""
+    """Raise an InputError where the sensor's table states a drift already."""
     kind = setup.kind.name
     if getattr(setup.sensors[kind].table, "drift", None) is not None:
         raise InputError(

@@ -23,7 +23,7 @@ from palpate.sensors.zero_filter import FollowedSensor, ZeroHistory, ZeroState
 __all__ = ["Piece", "SurfaceWrenches", "Wrenches"]
 
 PIECE = 4096  # samples at a time: what lies between two steps stays in the cache
-ALL = np.ones(1)  # of the noise is left
+ALL = np.ones(1)  # share of the noise's variance where there is no filter
 
 
 class Piece(NamedTuple):

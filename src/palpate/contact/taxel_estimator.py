@@ -200,7 +200,8 @@ class TaxelEstimator(ContactEstimator):
 
     def doubts(self) -> tuple[str, ...]:
         """Return what may be wrong, one sentence each: cells that are dead or stuck, a tare that looks like a touch."""
-        return (*(() if self.health is None else self.health.doubts), *filter(None, [self._tared.doubt]))
+        found = () if self.health is None else self.health.doubts
+        return (*found, self._tared.doubt) if self._tared.doubt else found
 
     def _single(self, time: float, reading: ArrayLike, out: Rows, rotation: Known, acceleration: Known) -> int:
         self.require_rest()

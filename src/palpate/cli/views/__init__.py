@@ -1,1 +1,1 @@
-"""What page and report show of each sensor beside its contacts: one file a sensor."""
+"""Show each sensor on the page and in the report: one file a sensor."""

@@ -1,4 +1,4 @@
-"""What the report shows of a six-axis force/torque sensor: payload, mounting, and what would make it better."""
+"""Show a six-axis force/torque sensor in the report: payload, mounting, and what would make its answers better."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def wrench_advice(setup: Setup, *, payload: bool, filtered: bool, radius: float)
 
 
 def force_torque(setup: Setup, payload: Payload | None, mount: Pose) -> Section:
-    """Payload and mounting with their standard deviations, axes and orientation."""
+    """Return the section of payload and mounting, with standard deviations, axes and orientation."""
     none = [("payload", "none: wrenches are taken as they are")]
     facts = none if payload is None else list(MODELS["payload"].summary(payload))
     facts += _mounting(mount, setup.link.mount_covariance)

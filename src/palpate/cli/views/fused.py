@@ -1,4 +1,4 @@
-"""What page and report show of a skin and a force/torque sensor on one link."""
+"""Show a skin and a force/torque sensor on one link on the page and in the report."""
 
 from __future__ import annotations
 

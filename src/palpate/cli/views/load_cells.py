@@ -1,4 +1,4 @@
-"""What page and report show of load cells under a body."""
+"""Show load cells under a body on the page and in the report."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class LoadCellView(WrenchView):
 
 
 def load_cells(cells: LoadCells, *, left_out: Sequence[int], said: Sequence[str], faults: Sequence[str]) -> Section:
-    """Cells that are not used, the zero, what is wrong, and from which force on a contact is located.
+    """Return the section of the cells: which are not used, the zero, faults, and the smallest force that is located.
 
     Args:
         cells: the model.

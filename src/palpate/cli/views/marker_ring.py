@@ -1,4 +1,4 @@
-"""What page and report show of a ring of markers that a camera watches."""
+"""Show a ring of markers that a camera watches on the page and in the report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What page and report show of a skin of taxels."""
+"""Show a skin of taxels on the page and in the report."""
 
 from __future__ import annotations
 

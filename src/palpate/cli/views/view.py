@@ -1,4 +1,4 @@
-"""What page and report show of a sensor beside its contacts, for sensors that bring nothing of their own."""
+"""Show a sensor that has no view of its own on the page and in the report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the report shows of any sensor of wrenches."""
+"""Show any sensor of wrenches in the report."""
 
 from __future__ import annotations
 

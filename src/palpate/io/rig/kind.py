@@ -15,7 +15,7 @@ FIRST = 1.0  # s of a stream from which is taken what the rig does not state, wh
 
 @dataclass
 class Prepared:
-    """An estimator, and what is to be known of how it was made.
+    """An estimator, with notes and warnings about how it was made.
 
     Attributes:
         estimator: ready for the first sample.

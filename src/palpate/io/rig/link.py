@@ -74,11 +74,11 @@ class Link:
         if self.stated is None:
             raise InputError("the rig has no [surface].", where="rig")
         files = [path for path in self.stated.files(self.folder).values() if path.is_file()]
-        return _surface(
-            self.stated, self.folder, tuple((path.stat().st_mtime_ns, path.stat().st_size) for path in files)
-        )
+        stamps = tuple((path.stat().st_mtime_ns, path.stat().st_size) for path in files)
+        return _read(self.stated, self.folder, stamps)
 
 
 @lru_cache(maxsize=1)
-def _surface(stated: RigSurface, folder: Path, files: tuple[tuple[int, int], ...]) -> Surface:
+def _read(stated: RigSurface, folder: Path, stamps: tuple[tuple[int, int], ...]) -> Surface:
+    """Read a surface; `stamps` of its files tell whether they are still the same."""
     return stated.load(folder)

@@ -149,8 +149,8 @@ class Rig:
             InputError: the rig has no such sensor.
         """
         kinds, link = self.kinds, Link(self.surface, self.folder)
-        kind = self.kind(sensor) if isinstance(sensor, str) else sensor or kinds[0]
-        stated = {each.name: self.sensors.get(each.name) or each.table() for each in (*kinds, kind)}
+        kind = kinds[0] if sensor is None else self.kind(sensor if isinstance(sensor, str) else sensor.name)
+        stated = {each.name: self.sensors.get(each.name) or each.table() for each in kinds}
         sensors = {name: NamedSensor(KINDS[name], table, link) for name, table in {**stated, **self.sensors}.items()}
         shared = {each.name for each in fields(Setup)} & {each.name for each in fields(self)} - {"sensors"}
         return Setup(kind, sensors, link, head=head, **{name: getattr(self, name) for name in shared})
