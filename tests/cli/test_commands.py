@@ -312,7 +312,7 @@ def test_ctrl_c_before_a_row_leaves_nothing(made: Path, tmp_path: Path, monkeypa
     ("step", "call"),
     [
         ("calibrate_payload.identify_payload", "payload free_motion.csv --rig rig.toml -o out.toml"),
-        ("calibrate_payload.write_model", "payload free_motion.csv --rig rig.toml -o out.toml"),
+        ("calibration.write_model", "payload free_motion.csv --rig rig.toml -o out.toml"),
         ("calibrate_mounting.identify_mounting", "mounting touches.csv --rig rig.toml -o rig.toml"),
     ],
 )

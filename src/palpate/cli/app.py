@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from importlib import import_module
 from shutil import get_terminal_size
 from textwrap import wrap
+from typing import Any
 
 from palpate.cli.spelling import command_of, unknown_command, unknown_option
 from palpate.interrupts import importing
@@ -21,16 +22,16 @@ USAGE = 2  # the exit code of a call that the parser refuses
 
 @dataclass(frozen=True)
 class _Command:
-    """A function of a module of `palpate.cli`, and the first paragraph of its docstring."""
+    """A function of a module of `palpate.cli`, or a calibration, and the first paragraph of its docstring."""
 
     module: str
     function: str
     about: str
 
-    def load(self) -> Callable[..., None]:
-        """The command itself."""
+    def load(self) -> Callable[..., Any]:
+        """Return the command itself."""
         with importing():
-            return getattr(import_module(f"palpate.cli.{self.module}"), self.function)
+            return getattr(import_module(self.module, "palpate.cli"), self.function)
 
 
 @dataclass(frozen=True)
@@ -52,157 +53,157 @@ _GROUPS = {
 }
 _EACH = {
     "estimate": _Command(
-        "estimate",
+        ".estimate",
         "estimate",
         "Find contacts in the log of any sensor, with a rig, or in a log of wrenches with a mesh alone.",
     ),
     "batch": _Command(
-        "batch",
+        ".batch",
         "batch",
         "Find contacts in many logs, each exactly as `palpate estimate` would, and write one page about all of them.",
     ),
     "benchmark make": _Command(
-        "benchmark_make",
+        ".benchmark_make",
         "benchmark_make",
         "Make tasks that any estimator of contacts can be scored by: wrenches, logs, frames of a skin, images.",
     ),
     "benchmark score": _Command(
-        "benchmark_score",
+        ".benchmark_score",
         "benchmark_score",
         "Score estimators on a folder of `palpate benchmark make`: yours, Palpate, and the usual ways as peers.",
     ),
     "calibrate camera": _Command(
-        "calibrate_camera",
-        "calibrate_camera",
+        ".calibrate_camera",
+        "CalibrateCamera",
         "Calibrate a fisheye lens from pictures of a chessboard, held at all angles and to the edges of the picture.",
     ),
     "calibrate clock": _Command(
-        "calibrate_clock",
-        "calibrate_clock",
+        ".calibrate_clock",
+        "CalibrateClock",
         "Find how late or early the poses are stamped, from how the payload's weight turns, and write it into the rig.",
     ),
     "calibrate drift": _Command(
-        "calibrate_drift",
-        "calibrate_drift",
+        ".calibrate_drift",
+        "CalibrateDrift",
         "Find how the zero of a force/torque sensor or of load cells wanders, and write it into the rig.",
     ),
     "calibrate intensity": _Command(
-        "calibrate_intensity",
-        "calibrate_intensity",
+        ".calibrate_intensity",
+        "CalibrateIntensity",
         "Fit the curve from intensity to force, and each cell's gain where the log says which cell was pressed.",
     ),
     "calibrate load-cells": _Command(
-        "calibrate_load_cells",
-        "calibrate_load_cells",
+        ".calibrate_load_cells",
+        "CalibrateLoadCells",
         "Calibrate three-axis force cells under a rigid frame, from a bench log with a reference.",
     ),
     "calibrate marker-ring": _Command(
-        "calibrate_marker_ring",
-        "calibrate_marker_ring_command",
+        ".calibrate_marker_ring",
+        "CalibrateMarkerRing",
         "Calibrate a soft ring of markers from presses of known angle, depth and force.",
     ),
     "calibrate payload": _Command(
-        "calibrate_payload",
-        "calibrate_payload",
+        ".calibrate_payload",
+        "CalibratePayload",
         "Identify weight, centre of mass and biases from a log in which nothing is touched.",
     ),
     "calibrate mounting": _Command(
-        "calibrate_mounting",
-        "calibrate_mounting",
+        ".calibrate_mounting",
+        "CalibrateMounting",
         "Find the pose of the surface in the sensor's frame, starting from the rig's, and write it into the rig.",
     ),
     "calibrate taxels": _Command(
-        "calibrate_taxels",
-        "calibrate_taxels_command",
+        ".calibrate_taxels",
+        "CalibrateTaxels",
         "Find where each taxel of a skin sits, from the wrenches of pokes in several arm configurations.",
     ),
     "demo": _Command(
-        "demo",
+        ".demo",
         "demo",
         "Make up a robot's session, run the whole chain of commands on it, and compare what is found with the truth.",
     ),
     "design load-cells": _Command(
-        "design_load_cells",
+        ".design_load_cells",
         "design_load_cells",
         "Draw how well place, force and torque can be known over the surface, and the smallest force that will do.",
     ),
     "evaluate": _Command(
-        "evaluate",
+        ".evaluate",
         "evaluate",
         "Errors of location, direction and force, coverage of the ellipses, share of each status.",
     ),
     "events": _Command(
-        "events",
+        ".events",
         "events",
         "Touches: start, end, peak force, place; of several contacts at a time each by itself.",
     ),
     "inspect": _Command(
-        "inspect",
+        ".inspect",
         "inspect",
         "Say what is in a log, a mesh, a rig, a model, a result or a truth; draw the spectrum of a log or a result.",
     ),
     "live": _Command(
-        "live",
+        ".live",
         "live",
         "Find contacts in the samples of a device as they come; Ctrl-C ends it, and the end of a log that is replayed.",
     ),
     "map skin": _Command(
-        "map_skin",
+        ".map_skin",
         "map_skin",
         "Fit a smooth surface to a link's mesh, lay the sheet on it without stretching, and write where its cells are.",
     ),
     "plan pokes": _Command(
-        "plan_pokes",
+        ".plan_pokes",
         "plan_pokes_command",
         "Say which pokes shrink the largest deviation of a taxel most, one after the other, until it is small enough.",
     ),
     "recover": _Command(
-        "recover",
+        ".recover",
         "recover",
         "Put together what `palpate live --record OUTPUT` left when it was killed: OUTPUT.part and OUTPUT.ring.",
     ),
     "replay": _Command(
-        "replay",
+        ".replay",
         "replay",
         "Play a log as a device, on this machine alone, until Ctrl-C; it says the [source] of a rig that reaches it.",
     ),
     "view": _Command(
-        "view",
+        ".view",
         "view",
         "Show contacts on the body, with a timeline to scrub and play, in a browser; Ctrl-C ends it.",
     ),
     "rig new": _Command(
-        "rig_new",
+        ".rig_new",
         "rig_new",
         "Guess a rig from the log of any sensor, and a mesh: which sensor, columns, units, noise.",
     ),
     "simulate arena": _Command(
-        "simulate_arena",
+        ".simulate_arena",
         "simulate_arena",
         "Send robots with a soft skin through an arena that they cannot see; record one run, or judge many seeds.",
     ),
     "simulate forearm": _Command(
-        "simulate_forearm",
+        ".simulate_forearm",
         "simulate_forearm_command",
         "Record a simulated forearm with a skin and a force/torque sensor at its base, touched at several places.",
     ),
     "simulate load-cells": _Command(
-        "simulate_load_cells",
+        ".simulate_load_cells",
         "simulate_load_cells",
         "Record a simulated fingertip on four force cells: a run of the bench to calibrate by, and one to estimate.",
     ),
     "simulate marker-ring": _Command(
-        "simulate",
+        ".simulate",
         "simulate_marker_ring",
         "Record a simulated barrel: its calibration run, or touches to judge by; with the truth from its mechanics.",
     ),
     "simulate phantom": _Command(
-        "simulate_phantom",
+        ".simulate_phantom",
         "simulate_phantom",
         "Hold a probe on a soft phantom that moves, in a physics engine; record it with its truth.",
     ),
     "simulate pokes": _Command(
-        "simulate_pokes",
+        ".simulate_pokes",
         "simulate_pokes",
         "Record a simulated forearm whose taxels are poked in seven poses of the elbow, and touches of it afterwards.",
     ),
@@ -230,6 +231,8 @@ def run(argv: Sequence[str]) -> None:
     What is misspelt is said in one sentence, as the exit code; everything else that is wrong is said by the parser.
     """
     words = list(argv)
+    if words[:1] == ["calibrate"] and " ".join(words[:2]) not in _EACH:
+        _join_calibrations()
     if sentence := unknown_command(words, _NAMES):
         raise SystemExit(sentence)
     asked = bool({"-h", "--help"} & set(words))
@@ -243,6 +246,18 @@ def run(argv: Sequence[str]) -> None:
     else:
         missing = f"a command is missing; `{' '.join(['palpate', *called, '--help'])}` lists them."
         raise SystemExit(unknown_option(words, called, _options(called)) or missing)
+
+
+def _join_calibrations() -> None:
+    """Add the calibrations of other packages, by their entry points."""
+    from palpate.registry import Registry
+
+    group = COMMANDS["calibrate"]
+    for name, found in Registry[type]({}, type, "palpate.calibrations").items():
+        command = _Command(found.__module__, found.__qualname__, " ".join(str(found.__doc__).split("\n\n")[0].split()))
+        if isinstance(group, _Group):
+            _EACH[f"calibrate {name}"] = group.commands[name] = command
+    _NAMES["calibrate"] = tuple(group.commands) if isinstance(group, _Group) else ()
 
 
 def _call(called: tuple[str, ...], words: list[str], asked: bool) -> None:
@@ -260,7 +275,9 @@ def _parse(called: tuple[str, ...], words: list[str], *, speaks: bool) -> None:
     with importing():
         import tyro  # here: lists of commands do without it
     prog = " ".join(["palpate", *called])
-    tyro.cli(_EACH[" ".join(called)].load(), prog=prog, args=words[len(called) :], console_outputs=speaks)
+    made = tyro.cli(_EACH[" ".join(called)].load(), prog=prog, args=words[len(called) :], console_outputs=speaks)
+    if made is not None:  # a calibration: the call has set its fields
+        made.run()
 
 
 def _complete(words: list[str]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -9,47 +10,48 @@ import numpy as np
 from tyro.conf import arg
 
 from palpate.calibration.ring_camera import calibrate_board
-from palpate.cli.console import lines, note, title
-from palpate.cli.options import Log, Output
+from palpate.cli.calibration import Calibration, Found
+from palpate.cli.options import Log, Output, require_positive
 from palpate.errors import InputError
-from palpate.io.atomic import keep_inputs
 from palpate.io.logs import open_log
 from palpate.io.logs.layout import ImageChannel, Layout
-from palpate.io.models import write_model
 from palpate.io.models.camera import of_camera
 from palpate.sensors.recording import IMAGE
 
-__all__ = ["calibrate_camera"]
+__all__ = ["CalibrateCamera"]
 
 _MOST = 40  # pictures, evenly spread: more tell nothing new
 
 
-def calibrate_camera(
-    pictures: Log,
-    /,
-    output: Output,
-    board: Annotated[str, arg(metavar="CxR")] = "9x6",
-    square: Annotated[float, arg(metavar="METRES")] = 0.01,
-) -> None:
+@dataclass(frozen=True)
+class CalibrateCamera(Calibration):
     """Calibrate a fisheye lens from pictures of a chessboard, held at all angles and to the edges of the picture.
 
     Args:
-        pictures: folder of pictures, or a video.
+        log: folder of pictures, or a video.
         output: camera.toml to write.
         board: inner corners of the board, columns and rows.
         square: side of one of its squares [m].
     """
-    keep_inputs(output, (pictures,))
-    columns, _, rows = board.lower().partition("x")
-    if not (columns.isdigit() and rows.isdigit() and int(columns) > 2 and int(rows) > 2):
-        raise InputError(f"{board!r} is no size of a board.", where="--board", hint="Write its inner corners as 9x6.")
-    if not 0 < square < np.inf:
-        raise InputError("must be positive.", where="--square")
-    fit = calibrate_board(_pictures(pictures), (int(columns), int(rows)), square)
-    write_model(output, fit.camera)
-    title(f"{pictures} -> {output}")
-    lines([*of_camera(fit.camera), ("corners", f"{fit.residual:.2g} px rms, in {fit.pictures} pictures")])
-    note([f'name it in the rig: camera = "{output.name}" under [marker_ring]'])
+
+    log: Log
+    output: Output
+    board: Annotated[str, arg(metavar="CxR")] = "9x6"
+    square: Annotated[float, arg(metavar="METRES")] = 0.01
+
+    def identify(self) -> Found:
+        """Find the board in the pictures, and fit the lens to its corners."""
+        columns, _, rows = self.board.lower().partition("x")
+        if not (columns.isdigit() and rows.isdigit() and int(columns) > 2 and int(rows) > 2):
+            hint = "Write its inner corners as 9x6."
+            raise InputError(f"{self.board!r} is no size of a board.", where="--board", hint=hint)
+        require_positive(self.square if np.isfinite(self.square) else np.nan, "--square")
+        fit = calibrate_board(_pictures(self.log), (int(columns), int(rows)), self.square)
+        return Found(
+            [*of_camera(fit.camera), ("corners", f"{fit.residual:.2g} px rms, in {fit.pictures} pictures")],
+            fit.camera,
+            next=[f'name it in the rig: camera = "{self.output.name}" under [marker_ring]'],
+        )
 
 
 def _pictures(path: Path) -> list[np.ndarray]:

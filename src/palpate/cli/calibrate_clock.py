@@ -2,31 +2,28 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
 from tyro.conf import arg
 
 from palpate.calibration.clock import ClockOffset, identify_offset
-from palpate.cli.console import lines, note, title
+from palpate.cli.calibration import Calibration, Found, origin
 from palpate.cli.options import Log, Output, RigFile
 from palpate.errors import InputError
-from palpate.io.atomic import keep_inputs
 from palpate.io.logs import contents, read_poses, read_recording
-from palpate.io.models import provenance
-from palpate.io.rig import load_rig
 from palpate.io.rig.edit import update_offset
 from palpate.io.rig.force_torque import ForceTorqueSection
 from palpate.io.units import measured
 
-__all__ = ["calibrate_clock"]
+__all__ = ["CalibrateClock"]
 
 SURE = 3.0  # standard deviations from which on two clocks differ
 
 
-def calibrate_clock(
-    log: Log, /, rig: RigFile, output: Output, search: Annotated[float, arg(metavar="X")] = 0.5
-) -> None:
+@dataclass(frozen=True)
+class CalibrateClock(Calibration):
     """Find how late or early the poses are stamped, from how the payload's weight turns, and write it into the rig.
 
     Turn the loaded sensor to and fro by 30 degrees or more, with nothing touching it. Where the rig names a payload,
@@ -38,45 +35,56 @@ def calibrate_clock(
         output: rig to write; it may be the same file.
         search: seconds to either side of the rig's offset that are looked at.
     """
-    stated = load_rig(rig)
-    keep_inputs(output, (log, *stated.files().values()))  # not the rig: it may be updated
-    setup = stated.resolve("force_torque")
-    sensor = setup.of(ForceTorqueSection)
-    if sensor.table.frame == "base":
-        raise InputError(
-            "wrenches written in the base frame were turned with poses whose clock is in question.",
-            where=str(rig),
-            hint="Record them in the sensor's frame.",
+
+    replaces = "rig"
+    log: Log
+    rig: RigFile
+    output: Output
+    search: Annotated[float, arg(metavar="X")] = 0.5
+
+    def identify(self) -> Found:
+        """Find the offset under which the forces read as a weight that turns with the poses."""
+        setup = self.stated.resolve("force_torque")
+        sensor = setup.of(ForceTorqueSection)
+        if sensor.table.frame == "base":
+            raise InputError(
+                "wrenches written in the base frame were turned with poses whose clock is in question.",
+                where=str(self.rig),
+                hint="Record them in the sensor's frame.",
+            )
+        path = setup.files().get("payload")
+        there = path is not None and path.exists()  # a rig may name it before it is made, which the clock may precede
+        layout, payload = setup.layout(), sensor.payload if there else None
+        before = setup.orientation.offset
+        recording = read_recording(self.log, layout)
+        pose_time, quaternions, _ = read_poses(self.log, layout)
+        wrench = sensor.table.noise
+        found = identify_offset(
+            recording.time,
+            recording.wrenches(),
+            pose_time,
+            quaternions,
+            payload=payload if payload is not None and payload.weight.any() else None,
+            search=(before - self.search, before + self.search),
+            max_gap=setup.orientation.max_gap,
+            noise=None if wrench is None else wrench.six(),
         )
-    path = setup.files().get("payload")
-    there = path is not None and path.exists()  # a rig may name it before it is made, which the clock may come before
-    layout, payload = setup.layout(), sensor.payload if there else None
-    before = setup.orientation.offset
-    recording = read_recording(log, layout)
-    pose_time, quaternions, _ = read_poses(log, layout)
-    wrench = sensor.table.noise
-    found = identify_offset(
-        recording.time,
-        recording.wrenches(),
-        pose_time,
-        quaternions,
-        payload=payload if payload is not None and payload.weight.any() else None,
-        search=(before - search, before + search),
-        max_gap=setup.orientation.max_gap,
-        noise=None if wrench is None else wrench.six(),
-    )
-    origin = provenance({"log": log}, {})["log"].partition(" ")
-    update_offset(rig, output, round(found.offset, 7), comment=f"s, from {origin[0]} ({origin[2][:19]})")
-    title(f"{log} -> {output}")
-    lines(
-        [
-            ("samples", f"{len(recording):,} wrenches, {len(pose_time):,} poses; used: {found.samples:,}"),
-            ("offset", f"{measured([1e3 * found.offset], [1e3 * found.deviation], 'ms')} added to the poses' stamps"),
-            ("before", f"{1e3 * before:.3f} ms"),
-            ("residual", f"{found.residual:.3g} N, of averages over 10 ms"),
-        ]
-    )
-    note([*recording.notes, *found.notes, *_findings(found, columns=not contents(log).topics)])
+        known = measured([1e3 * found.offset], [1e3 * found.deviation], "ms")
+        return Found(
+            [
+                ("samples", f"{len(recording):,} wrenches, {len(pose_time):,} poses; used: {found.samples:,}"),
+                ("offset", f"{known} added to the poses' stamps"),
+                ("before", f"{1e3 * before:.3f} ms"),
+                ("residual", f"{found.residual:.3g} N, of averages over 10 ms"),
+            ],
+            found,
+            notes=[*recording.notes, *found.notes, *_findings(found, columns=not contents(self.log).topics)],
+        )
+
+    def write(self, found: Found) -> None:
+        """Write the offset into the rig."""
+        comment = f"s, from {origin(self.record(), 'log')}"
+        update_offset(self.rig, self.output, round(found.model.offset, 7), comment=comment)
 
 
 def _findings(found: ClockOffset, *, columns: bool) -> list[str]:

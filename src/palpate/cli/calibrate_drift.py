@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -12,14 +12,12 @@ from jaxtyping import Float
 from tyro.conf import arg
 
 from palpate.calibration.drift import DriftFit, identify_drift
-from palpate.cli.console import Figure, lines, note, title
+from palpate.cli.calibration import Calibration, Found, origin
+from palpate.cli.console import Figure
 from palpate.cli.options import Log, Output, RigFile, require_positive
 from palpate.errors import InputError
-from palpate.io.atomic import keep_inputs
 from palpate.io.logs import join
-from palpate.io.models import provenance
 from palpate.io.pipeline import OpenedLog, open_log
-from palpate.io.rig import load_rig
 from palpate.io.rig.drift import MINUTE, drift_table
 from palpate.io.rig.edit import update_drift
 from palpate.io.rig.force_torque import ForceTorqueSection, accelerated, free_wrenches
@@ -29,7 +27,7 @@ from palpate.sensors.force_torque import Payload
 from palpate.sensors.recording import ORIENTATION, POSITION, TEMPERATURE, VOLTAGE, Recording
 from palpate.spatial.pose import rotation_from_quaternion
 
-__all__ = ["calibrate_drift"]
+__all__ = ["CalibrateDrift"]
 
 CHI_95 = 2.795  # of three components: the length that 95 % stay below, in deviations of one
 LONGEST_CONTACT = 60.0  # s, of which it is said how unsure the force becomes
@@ -37,9 +35,8 @@ TURNED = 2.0  # degrees that a sensor without a payload may turn: 0.35 N of 1 kg
 AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 
 
-def calibrate_drift(
-    log: Log, /, rig: RigFile, output: Output, window: Annotated[float, arg(metavar="X")] = 0.1
-) -> None:
+@dataclass(frozen=True)
+class CalibrateDrift(Calibration):
     """Find how the zero of a force/torque sensor or of load cells wanders, and write it into the rig.
 
     Leave the sensor untouched for five minutes, best from when it is switched on. With a payload in the rig the arm
@@ -52,32 +49,40 @@ def calibrate_drift(
         output: rig to write; it may be the same file.
         window: seconds over which readings are averaged at first.
     """
-    require_positive(window, "--window")
-    stated_rig = load_rig(rig)
-    keep_inputs(output, (log, *stated_rig.files().values()))  # not the rig: it may be updated
-    with open_log(log, stated_rig) as opened:
-        setup, recording, notes = _read(log, opened)
-    kind = setup.kind.name
-    _require_one(setup, rig)
-    temperature = recording.channels[TEMPERATURE][:, 0] if TEMPERATURE in recording.channels else None
-    if kind == "force_torque":
-        setup, moves = _moving(setup, recording)
-        notes = (*notes, *moves)
-        found, said = _of_wrenches(setup, recording, temperature, window), _Wrench()
-        payload = setup.of(ForceTorqueSection).payload
-    else:
-        found, said, payload = *_of_cells(setup, recording, temperature, window), None
-    stated = setup.drift
-    weight = stated.weight if stated is not None and stated.weight else _unsure_weight(payload)
-    table = drift_table(found.drift, weight, None if stated is None else stated.temperature)
-    origin = provenance({"log": log}, {})["log"].partition(" ")
-    comments = {**said.comments, "walk": f"{said.comments['walk']}, from {origin[0]} ({origin[2][:19]})"}
-    update_drift(rig, output, table, comments)
-    title(f"{log} -> {output}")
-    lines(_figures(found, said, weight))
-    note([*notes, *found.notes])
-    if kind == "force_torque" and payload is None:
-        note(["no payload is named: what is found holds if the sensor did not turn"])
+
+    replaces = "rig"
+    log: Log
+    rig: RigFile
+    output: Output
+    window: Annotated[float, arg(metavar="X")] = 0.1
+
+    def identify(self) -> Found:
+        """Fit walk, warm-up and temperature to the readings of the free sensor."""
+        require_positive(self.window, "--window")
+        with open_log(self.log, self.stated) as opened:
+            setup, recording, notes = _read(self.log, opened)
+        kind = setup.kind.name
+        _require_one(setup, self.rig)
+        temperature = recording.channels[TEMPERATURE][:, 0] if TEMPERATURE in recording.channels else None
+        if kind == "force_torque":
+            setup, moves = _moving(setup, recording)
+            notes = (*notes, *moves)
+            found, said = _of_wrenches(setup, recording, temperature, self.window), _Wrench()
+            payload = setup.of(ForceTorqueSection).payload
+            if payload is None:
+                notes = (*notes, "no payload is named: what is found holds if the sensor did not turn")
+        else:
+            found, said, payload = *_of_cells(setup, recording, temperature, self.window), None
+        stated = setup.drift
+        weight = stated.weight if stated is not None and stated.weight else _unsure_weight(payload)
+        table = drift_table(found.drift, weight, None if stated is None else stated.temperature)
+        return Found(_figures(found, said, weight), (table, said.comments), notes=[*notes, *found.notes])
+
+    def write(self, found: Found) -> None:
+        """Write the drift into the rig."""
+        table, comments = found.model
+        walk = f"{comments['walk']}, from {origin(self.record(), 'log')}"
+        update_drift(self.rig, self.output, table, {**comments, "walk": walk})
 
 
 def _read(log: Path, opened: OpenedLog) -> tuple[Setup, Recording, tuple[str, ...]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -9,33 +10,21 @@ import numpy as np
 from tyro.conf import arg
 
 from palpate.calibration.intensity import identify_intensity, identify_resistive, tells
-from palpate.cli.console import lines, note, title
+from palpate.cli.calibration import Calibration, Found
 from palpate.cli.options import Log, Output, Scalar
 from palpate.errors import InputError
-from palpate.io.atomic import keep_inputs
-from palpate.io.models import provenance, write_model
 from palpate.io.tables.table import read_table
 from palpate.io.units import FORCE_UNITS, to_si
 from palpate.sensors.intensity import Curve, Intensity
 
-__all__ = ["calibrate_intensity"]
+__all__ = ["CalibrateIntensity"]
 
 _PLATEAU = 5  # readings alike at the lower end: that is where they stop
 _KIND = Literal["auto", "polynomial", "two_range", "monotone", "resistive"]
 
 
-def calibrate_intensity(
-    log: Log,
-    /,
-    output: Output,
-    kind: Annotated[_KIND, arg(metavar="NAME")] = "auto",
-    degree: Annotated[int | None, arg(metavar="N", help_behavior_hint="")] = None,
-    bits: Annotated[int | None, arg(metavar="N", help_behavior_hint="")] = None,
-    unit: Annotated[str, arg(metavar="UNIT")] = "N",
-    sheet: Annotated[str | None, arg(metavar="RxC", help_behavior_hint="")] = None,
-    scale: Scalar = None,
-    reference: Scalar = None,
-) -> None:
+@dataclass(frozen=True)
+class CalibrateIntensity(Calibration):
     """Fit the curve from intensity to force, and each cell's gain where the log says which cell was pressed.
 
     Args:
@@ -51,28 +40,46 @@ def calibrate_intensity(
         scale: reading without load, of a resistive taxel.
         reference: resistor of its divider, in the unit in which its resistances come out.
     """
-    keep_inputs(output, (log,))
-    force, intensity, cell = _presses(log, to_si(unit, FORCE_UNITS, where="--unit"))
-    top = None if bits is None else 2.0**bits - 1.0
-    record = provenance({"log": log}, {"kind": kind, "degree": degree, "bits": bits, "unit": unit})
-    if kind == "resistive":
-        found = _divider(force, intensity, scale, reference, record)
-    else:
-        found = identify_intensity(
-            force, intensity, cell, shape=_shape(sheet), kind=kind, degree=degree, top=top, provenance=record
+
+    log: Log
+    output: Output
+    kind: Annotated[_KIND, arg(metavar="NAME")] = "auto"
+    degree: Annotated[int | None, arg(metavar="N", help_behavior_hint="")] = None
+    bits: Annotated[int | None, arg(metavar="N", help_behavior_hint="")] = None
+    unit: Annotated[str, arg(metavar="UNIT")] = "N"
+    sheet: Annotated[str | None, arg(metavar="RxC", help_behavior_hint="")] = None
+    scale: Scalar = None
+    reference: Scalar = None
+
+    def identify(self) -> Found:
+        """Fit the curve, and the gains, to the presses."""
+        force, intensity, cell = _presses(self.log, to_si(self.unit, FORCE_UNITS, where="--unit"))
+        record = self.record(kind=self.kind, degree=self.degree, bits=self.bits, unit=self.unit)
+        if self.kind == "resistive":
+            found = _divider(force, intensity, self.scale, self.reference, record)
+        else:
+            found = identify_intensity(
+                force,
+                intensity,
+                cell,
+                shape=_shape(self.sheet),
+                kind=self.kind,
+                degree=self.degree,
+                top=None if self.bits is None else 2.0**self.bits - 1.0,
+                provenance=record,
+            )
+        curve = found.curves[0]
+        pressed = "" if cell is None else f", {len(np.unique(cell, axis=0))} cells"
+        return Found(
+            [
+                ("presses", f"{len(force):,} rows{pressed}"),
+                ("curve", f"{curve.name}, {len(curve.parameters)} parameters, up to {curve.largest:.4g} N"),
+                ("residual", f"{curve.residual:.3g} counts rms"),
+                ("deviation", _deviation(curve)),
+            ],
+            found,
+            notes=found.notes,
         )
-    write_model(output, found)
-    curve = found.curves[0]
-    title(f"{log} -> {output}")
-    lines(
-        [
-            ("presses", f"{len(force):,} rows{'' if cell is None else f', {len(np.unique(cell, axis=0))} cells'}"),
-            ("curve", f"{curve.name}, {len(curve.parameters)} parameters, up to {curve.largest:.4g} N"),
-            ("residual", f"{curve.residual:.3g} counts rms"),
-            ("deviation", _deviation(curve)),
-        ]
-    )
-    note(found.notes)
 
 
 def _deviation(curve: Curve) -> str:

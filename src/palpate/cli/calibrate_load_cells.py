@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from palpate.calibration.load_cells import CalibrationOptions, LoadCellCalibration, identify_load_cells
-from palpate.cli.console import lines, note, title
+from palpate.cli.calibration import Calibration, Found
 from palpate.cli.options import Log, Output, RigFile
-from palpate.io.atomic import keep_inputs
 from palpate.io.logs import read_recording
-from palpate.io.models import provenance, write_model
-from palpate.io.rig import load_rig
 from palpate.io.rig.load_cells import LoadCellSection, load_cells_layout
 from palpate.sensors.recording import REFERENCE, VOLTAGE
 
-__all__ = ["calibrate_load_cells"]
+__all__ = ["CalibrateLoadCells"]
 
 
-def calibrate_load_cells(log: Log, /, rig: RigFile, output: Output) -> None:
+@dataclass(frozen=True)
+class CalibrateLoadCells(Calibration):
     """Calibrate three-axis force cells under a rigid frame, from a bench log with a reference.
 
     Let a ball slide over the whole surface, in directions that cross, starting unloaded. The model holds the
@@ -29,34 +29,42 @@ def calibrate_load_cells(log: Log, /, rig: RigFile, output: Output) -> None:
         rig: TOML with [surface] and [load_cells].
         output: model to write, such as fingertip.toml.
     """
-    setup = load_rig(rig).resolve()
-    table = setup.of(LoadCellSection).table
-    keep_inputs(output, (log, rig, setup.files().get("mesh")))
-    recording = read_recording(log, load_cells_layout(setup, bench=True))
-    reference, voltages = recording.channels[REFERENCE], recording.channels[VOLTAGE]
-    cells = table.count()
-    found = identify_load_cells(
-        recording.time,
-        voltages,
-        reference[:, :3],
-        reference[:, 3:],
-        setup.link.surface(),
-        indentation=table.indentation,
-        options=CalibrationOptions(
-            ball=table.ball / 2.0,
-            positions=table.places(),
-            limits=table.limits(cells),
-            noise=None if table.noise is None else np.full(3 * cells, table.noise),
-            names=table.names(cells),
-            provenance=provenance({"log": log, "rig": rig}, {"indentation": table.indentation}),
-        ),
-    )
-    write_model(output, found.cells)
-    title(f"{log} -> {output}")
-    lines(_figures(found))
-    note([*recording.notes])
-    note(found.notes, kind="warning")
-    note([f'name it in the rig: model = "{output.name}" under [load_cells]'])
+
+    replaces = "model"
+    log: Log
+    rig: RigFile
+    output: Output
+
+    def identify(self) -> Found:
+        """Fit the cells to the reference's wrenches."""
+        setup = self.stated.resolve()
+        table = setup.of(LoadCellSection).table
+        recording = read_recording(self.log, load_cells_layout(setup, bench=True))
+        reference, voltages = recording.channels[REFERENCE], recording.channels[VOLTAGE]
+        cells = table.count()
+        found = identify_load_cells(
+            recording.time,
+            voltages,
+            reference[:, :3],
+            reference[:, 3:],
+            setup.link.surface(),
+            indentation=table.indentation,
+            options=CalibrationOptions(
+                ball=table.ball / 2.0,
+                positions=table.places(),
+                limits=table.limits(cells),
+                noise=None if table.noise is None else np.full(3 * cells, table.noise),
+                names=table.names(cells),
+                provenance=self.record(indentation=table.indentation),
+            ),
+        )
+        return Found(
+            _figures(found),
+            found.cells,
+            notes=recording.notes,
+            warnings=found.notes,
+            next=[f'name it in the rig: model = "{self.output.name}" under [load_cells]'],
+        )
 
 
 def _figures(found: LoadCellCalibration) -> list[tuple[str, str]]:

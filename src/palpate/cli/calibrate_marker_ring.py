@@ -3,33 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from palpate.calibration.marker_ring.calibrate import RingTruth, calibrate_marker_ring
-from palpate.cli.console import counting, lines, note, progress, title
+from palpate.cli.calibration import Calibration, Found
+from palpate.cli.console import progress
 from palpate.cli.options import FileOption, Log, Output, RigFile
 from palpate.errors import InputError
-from palpate.io.atomic import keep_inputs
 from palpate.io.logs import open_log
-from palpate.io.models import provenance, read_model, write_model
+from palpate.io.models import read_model
 from palpate.io.models.marker_ring import of_marker_ring
-from palpate.io.rig import load_rig
 from palpate.io.rig.marker_ring import MarkerRingSection
 from palpate.io.tables.table import read_table
 from palpate.sensors.marker_ring import MarkerRing
 from palpate.sensors.recording import Recording
 
-__all__ = ["calibrate_marker_ring_command"]
+__all__ = ["CalibrateMarkerRing"]
 
 _VIDEOS = (".avi", ".mkv", ".mov", ".mp4", ".webm")
 _LOGS = (*_VIDEOS, ".mcap", ".bag")
 
 
-def calibrate_marker_ring_command(
-    run: Log, /, rig: RigFile, output: Output, truth: FileOption = None, like: FileOption = None
-) -> None:
+@dataclass(frozen=True)
+class CalibrateMarkerRing(Calibration):
     """Calibrate a soft ring of markers from presses of known angle, depth and force.
 
     Begin with a second in which nothing touches. Press all round the ring, at several depths, with two indenters of
@@ -37,19 +37,43 @@ def calibrate_marker_ring_command(
     told apart.
 
     Args:
-        run: folder with a video or frames and truth.csv, or the video, folder of frames, MCAP file or bag itself.
+        log: folder with a video or frames and truth.csv, or the video, folder of frames, MCAP file or bag itself.
         rig: TOML with [marker_ring]: radius, thickness, markers, camera.
         output: model to write, such as ring.toml.
         truth: CSV with a row a frame: angle_deg (anticlockwise as the camera sees the ring), depth_mm, force_n and, if
             it is known, shear_n along rising angles; empty where nothing touches (default: truth.csv beside them).
         like: model of another unit: tens of presses then do.
     """
-    setup = load_rig(rig).resolve("marker_ring")
-    frames, table = _files(run, truth)
-    keep_inputs(output, (frames, rig, table, like))
-    before = None if like is None else read_model(like, MarkerRing).response
-    log = open_log(frames, setup.layout())
-    with counting():
+
+    replaces = "model"
+    log: Log
+    rig: RigFile
+    output: Output
+    truth: FileOption = None
+    like: FileOption = None
+
+    @cached_property
+    def reads(self) -> dict[str, Path]:
+        """The images and the table of truth, found in the folder or beside the file that is named; rig and model."""
+        frames, folder = self.log, self.log if self.log.is_dir() else self.log.parent
+        if self.log.is_dir():
+            inside = sorted(path for path in self.log.iterdir() if path.suffix.lower() in _LOGS)
+            if len(inside) == 1:
+                frames = inside[0]
+            elif (self.log / "frames").is_dir():
+                frames = self.log / "frames"
+        truth = self.truth or folder / "truth.csv"
+        if not truth.is_file():
+            hint = "Give --truth CSV with angle_deg, depth_mm and force_n, a row a frame."
+            raise InputError("nothing says where and how hard the ring was pressed.", where=str(truth), hint=hint)
+        named = {"log": frames, "truth": truth, "rig": self.rig}
+        return named if self.like is None else {**named, "like": self.like}
+
+    def identify(self) -> Found:
+        """Follow the markers through all frames, and fit their response to the presses."""
+        setup = self.stated.resolve("marker_ring")
+        before = None if self.like is None else read_model(self.like, MarkerRing).response
+        log = open_log(self.reads["log"], setup.layout())
 
         def watched() -> Iterator[Recording]:
             done = 0
@@ -58,30 +82,14 @@ def calibrate_marker_ring_command(
                 done += len(block)
                 progress(done, log.position / max(log.size, 1))
 
-        record = provenance({"log": frames, "truth": table, "rig": rig}, {} if like is None else {"like": str(like)})
-        ring = calibrate_marker_ring(watched(), _truth(table), setup.of(MarkerRingSection).body(), before, record)
-    write_model(output, ring)
-    title(f"{run} -> {output}")
-    lines(of_marker_ring(ring))
-    note([*([log.torn] if log.torn else []), *log.notes(), *ring.notes])
-    note([f'name it in the rig: model = "{output.name}" under [marker_ring]'])
-
-
-def _files(run: Path, truth: Path | None) -> tuple[Path, Path]:
-    """The log of images and the table of truth."""
-    frames = run
-    if run.is_dir():
-        inside = sorted(path for path in run.iterdir() if path.suffix.lower() in _LOGS)
-        if len(inside) == 1:
-            frames = inside[0]
-        elif (run / "frames").is_dir():
-            frames = run / "frames"
-    beside = (run / "truth.csv") if run.is_dir() else run.parent / "truth.csv"
-    table = truth or beside
-    if not table.is_file():
-        hint = "Give --truth CSV with angle_deg, depth_mm and force_n, a row a frame."
-        raise InputError("nothing says where and how hard the ring was pressed.", where=str(table), hint=hint)
-    return frames, table
+        truth, body = _truth(self.reads["truth"]), setup.of(MarkerRingSection).body()
+        ring = calibrate_marker_ring(watched(), truth, body, before, self.record())
+        return Found(
+            of_marker_ring(ring),
+            ring,
+            notes=[*([log.torn] if log.torn else []), *log.notes(), *ring.notes],
+            next=[f'name it in the rig: model = "{self.output.name}" under [marker_ring]'],
+        )
 
 
 def _truth(path: Path) -> RingTruth:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -14,17 +15,15 @@ from tyro.conf import arg
 from palpate.calibration.mounting import Mounting, Spreads, identify_mounting, mean_touches
 from palpate.calibration.presses import find_presses
 from palpate.calibration.touch_error import TouchError, touch_error
-from palpate.cli.console import lines, note, title, wait
+from palpate.cli.calibration import Calibration, Found, origin
+from palpate.cli.console import wait
 from palpate.cli.options import FileOption, Log, Output, RigFile
 from palpate.contact.ground_truth import Touches
 from palpate.contact.locate import Locator
 from palpate.contact.wrench_estimator import WrenchEstimator
 from palpate.errors import InputError
-from palpate.io.atomic import keep_inputs
 from palpate.io.ground_truth import read_touches
 from palpate.io.logs import read_recording
-from palpate.io.models import provenance
-from palpate.io.rig import load_rig
 from palpate.io.rig.edit import update_pose
 from palpate.io.rig.force_torque import ForceTorqueSection, stated_sensor
 from palpate.io.rig.setup import Setup
@@ -34,20 +33,14 @@ from palpate.sensors.recording import Recording
 from palpate.spatial.pose import Pose
 from palpate.surfaces.mesh import Mesh
 
-__all__ = ["calibrate_mounting"]
+__all__ = ["CalibrateMounting"]
 
 Rows = Int[np.ndarray, " k"]
 POOR = 3.0  # times the expected residual: beyond it the model, not the noise, is what is left
 
 
-def calibrate_mounting(
-    log: Log,
-    /,
-    rig: RigFile,
-    output: Output,
-    marks: FileOption = None,
-    placement: Annotated[float, arg(metavar="X")] = 0.5e-3,
-) -> None:
+@dataclass(frozen=True)
+class CalibrateMounting(Calibration):
     """Find the pose of the surface in the sensor's frame, starting from the rig's, and write it into the rig.
 
     With marks, each touch was at a known point. Without, each press in the log is a touch somewhere on the surface,
@@ -60,48 +53,62 @@ def calibrate_mounting(
         marks: start,end,px,py,pz[,label] of each touch, in the surface's frame.
         placement: standard deviation [m] of how well marks are hit, along each axis.
     """
-    stated = load_rig(rig)
-    keep_inputs(output, (log, marks, *stated.files().values()))  # not the rig: it may be updated
-    setup = stated.resolve("force_torque")
-    recording = read_recording(log, setup.layout())
-    if setup.link.stated is None:
-        raise InputError("a rig needs a [surface].", where=str(rig))
-    surface = setup.link.surface().drawn()  # an equation as its fine mesh: evidence counts facets
-    wait("preparing the surface")
-    wrenches, covariances, estimator = _in_sensor(recording, setup, surface)
-    touches = _presses(recording, wrenches, estimator) if marks is None else read_touches(marks)
-    _require_overlap(recording, touches, marks or log)
-    means, spreads = mean_touches(
-        recording.time, wrenches, touches.start, touches.end, estimator.sensor.noise, covariances
-    )
-    initial = setup.link.mount
 
-    def identify(rows: Rows, placed: float) -> Mounting:
-        return identify_mounting(
-            means[rows],
-            surface,
-            initial=initial,
-            points=None if marks is None else touches.point[rows],
-            noise=spreads[rows],
-            spreads=Spreads(placement=placed),
-            labels=np.array(touches.label)[rows].tolist(),
+    replaces = "rig"
+    log: Log
+    rig: RigFile
+    output: Output
+    marks: FileOption = None
+    placement: Annotated[float, arg(metavar="X")] = 0.5e-3
+
+    def identify(self) -> Found:
+        """Find the pose under which the touches act where they were."""
+        setup, marks = self.stated.resolve("force_torque"), self.marks
+        recording = read_recording(self.log, setup.layout())
+        if setup.link.stated is None:
+            raise InputError("a rig needs a [surface].", where=str(self.rig))
+        surface = setup.link.surface().drawn()  # an equation as its fine mesh: evidence counts facets
+        wait("preparing the surface")
+        wrenches, covariances, estimator = _in_sensor(recording, setup, surface)
+        touches = _presses(recording, wrenches, estimator) if marks is None else read_touches(marks)
+        _require_overlap(recording, touches, marks or self.log)
+        means, spreads = mean_touches(
+            recording.time, wrenches, touches.start, touches.end, estimator.sensor.noise, covariances
+        )
+        initial = setup.link.mount
+
+        def identify(rows: Rows, placed: float) -> Mounting:
+            return identify_mounting(
+                means[rows],
+                surface,
+                initial=initial,
+                points=None if marks is None else touches.point[rows],
+                noise=spreads[rows],
+                spreads=Spreads(placement=placed),
+                labels=np.array(touches.label)[rows].tolist(),
+            )
+
+        judge = partial(_error, recording, wrenches, touches, surface, estimator.sensor.noise)
+        mounting, residual, error = _placed(identify, judge, self.placement, marks, len(touches))
+        kind = "presses somewhere on the surface" if marks is None else f"touches at the points of {marks}"
+        payload = setup.of(ForceTorqueSection).table.payload is not None
+        return Found(
+            [
+                ("touches", f"{len(mounting.touches)} used of {len(touches)} {kind}"),
+                *_figures(mounting, initial, residual),
+                *([] if error is None else [("touches err by", _err_by(error, self.placement))]),
+            ],
+            (mounting, None if error is None else error.placement(self.placement)),
+            notes=[*surface.notes, *recording.notes, *mounting.notes],
+            warnings=_doubts(mounting, initial, residual, payload=payload, anywhere=marks is None),
         )
 
-    judge = partial(_error, recording, wrenches, touches, surface, estimator.sensor.noise)
-    mounting, residual, error = _placed(identify, judge, placement, marks, len(touches))
-    added = None if error is None else error.placement(placement)
-    record = provenance({"touches": log, "marks": marks, "rig": rig}, {})
-    comment = _origin(mounting, record)
-    update_pose(rig, output, mounting.pose, mounting.covariance, placement=added, comment=comment)
-    title(f"{log} -> {output}")
-    kind = "presses somewhere on the surface" if marks is None else f"touches at the points of {marks}"
-    lines(
-        [("touches", f"{len(mounting.touches)} used of {len(touches)} {kind}"), *_figures(mounting, initial, residual)]
-    )
-    lines([] if error is None else [("touches err by", _err_by(error, placement))])
-    note([*surface.notes, *recording.notes, *mounting.notes])
-    payload = setup.of(ForceTorqueSection).table.payload is not None
-    note(_doubts(mounting, initial, residual, payload=payload, anywhere=marks is None), kind="warning")
+    def write(self, found: Found) -> None:
+        """Write the pose, its covariance and what touches err by into the rig."""
+        mounting, added = found.model
+        record = self.record()
+        comment = f"from {len(mounting.touches)} touches of {origin(record, 'log')}, palpate {record['palpate']}"
+        update_pose(self.rig, self.output, mounting.pose, mounting.covariance, placement=added, comment=comment)
 
 
 def _doubts(mounting: Mounting, initial: Pose, residual: float, *, payload: bool, anywhere: bool) -> list[str]:
@@ -218,11 +225,6 @@ def _require_overlap(recording: Recording, touches: Touches, source: Path) -> No
             where=str(source),
             hint="Both must be on one clock, in seconds.",
         )
-
-
-def _origin(mounting: Mounting, record: dict[str, str]) -> str:
-    name, _, digest = record["touches"].partition(" ")
-    return f"from {len(mounting.touches)} touches of {name} ({digest[:19]}), palpate {record['palpate']}"
 
 
 def _figures(mounting: Mounting, initial: Pose, residual: float) -> list[tuple[str, str]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -10,20 +11,17 @@ from tyro.conf import FlagCreatePairsOff, arg
 
 from palpate.calibration.payload import identify_payload
 from palpate.calibration.poses import average_poses
-from palpate.cli.console import lines, note, title
+from palpate.cli.calibration import Calibration, Found
 from palpate.cli.options import FileOption, Log, Output
 from palpate.errors import InputError
-from palpate.io.atomic import keep_inputs
 from palpate.io.logs import read_recording
 from palpate.io.logs.layout import Layout
-from palpate.io.models import provenance, write_model
 from palpate.io.models.payload import of_payload
-from palpate.io.rig import load_rig
 from palpate.sensors.force_torque import STANDARD_GRAVITY, Payload
 from palpate.sensors.recording import ORIENTATION
 from palpate.spatial.pose import rotation_from_quaternion
 
-__all__ = ["calibrate_payload"]
+__all__ = ["CalibratePayload"]
 
 _HINTS = {
     "base frame": 'frame = "base" under [force_torque] in the rig, or --base-frame here',
@@ -33,15 +31,8 @@ _HINTS = {
 }
 
 
-def calibrate_payload(
-    log: Log,
-    /,
-    output: Output,
-    rig: FileOption = None,
-    gravity: Annotated[str, arg(metavar="X,Y,Z")] = "free",
-    magnitude: Annotated[float, arg(metavar="X")] = STANDARD_GRAVITY,
-    base_frame: Annotated[bool, FlagCreatePairsOff] = False,
-) -> None:
+@dataclass(frozen=True)
+class CalibratePayload(Calibration):
     """Identify weight, centre of mass and biases from a log in which nothing is touched.
 
     Hold some seven poses that differ about more than one axis. Stretches at rest are averaged; where there are none,
@@ -56,36 +47,45 @@ def calibrate_payload(
         magnitude: of gravity [m/s^2].
         base_frame: the wrenches are written in the base frame (a rig says it as frame = "base").
     """
-    setup = None if rig is None else load_rig(rig)
-    keep_inputs(output, (log, rig, None if setup is None else setup.files().get("mesh")))
-    layout = Layout() if setup is None else setup.layout("force_torque")
-    recording = read_recording(log, layout)
-    if ORIENTATION not in recording.channels:
-        raise InputError(
-            "the log has no orientation, without which the weight cannot be told from the bias.",
-            where=str(log),
-            hint="A table needs columns qx, qy, qz, qw (sensor in base), messages a topic of poses or /tf; the rig's "
-            "[orientation] names them (columns, topic, base and sensor).",
+
+    replaces = "payload"
+    log: Log
+    output: Output
+    rig: FileOption = None
+    gravity: Annotated[str, arg(metavar="X,Y,Z")] = "free"
+    magnitude: Annotated[float, arg(metavar="X")] = STANDARD_GRAVITY
+    base_frame: Annotated[bool, FlagCreatePairsOff] = False
+
+    def identify(self) -> Found:
+        """Average the poses at rest, and fit the payload to them."""
+        layout = Layout() if self.rig is None else self.stated.layout("force_torque")
+        recording = read_recording(self.log, layout)
+        if ORIENTATION not in recording.channels:
+            raise InputError(
+                "the log has no orientation, without which the weight cannot be told from the bias.",
+                where=str(self.log),
+                hint="A table needs columns qx, qy, qz, qw (sensor in base), messages a topic of poses or /tf; the "
+                "rig's [orientation] names them (columns, topic, base and sensor).",
+            )
+        rotations = rotation_from_quaternion(recording.channels[ORIENTATION])
+        wrenches, poses, counts = average_poses(recording.wrenches(), rotations)
+        averaged = bool(counts.max() > 1)
+        payload = identify_payload(
+            wrenches,
+            poses,
+            gravity=_direction(self.gravity),
+            magnitude=self.magnitude,
+            hypothesis="base frame" if self.base_frame or layout.frame == "base" else "as is",
+            of="poses" if averaged else "samples",
+            provenance=self.record(gravity=self.gravity),
         )
-    rotations = rotation_from_quaternion(recording.channels[ORIENTATION])
-    wrenches, poses, counts = average_poses(recording.wrenches(), rotations)
-    averaged = bool(counts.max() > 1)
-    record = provenance({"log": log, "rig": rig}, {"gravity": gravity})
-    payload = identify_payload(
-        wrenches,
-        poses,
-        gravity=_direction(gravity),
-        magnitude=magnitude,
-        hypothesis="base frame" if base_frame or layout.frame == "base" else "as is",
-        of="poses" if averaged else "samples",
-        provenance=record,
-    )
-    write_model(output, payload)
-    title(f"{log} -> {output}")
-    used = f"{len(counts)} poses at rest of {int(counts.sum()):,} samples" if averaged else "each on its own"
-    lines([("samples", f"{len(recording):,}; used: {used}"), *of_payload(payload)])
-    note([*recording.notes, *payload.notes])
-    note(_hints(payload), kind="hint")
+        used = f"{len(counts)} poses at rest of {int(counts.sum()):,} samples" if averaged else "each on its own"
+        return Found(
+            [("samples", f"{len(recording):,}; used: {used}"), *of_payload(payload)],
+            payload,
+            notes=[*recording.notes, *payload.notes],
+            hints=_hints(payload),
+        )
 
 
 def _hints(payload: Payload) -> list[str]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -15,16 +16,14 @@ from palpate.calibration.taxels.answers import Block
 from palpate.calibration.taxels.believe import believed
 from palpate.calibration.taxels.find import PokeSearch, find_pokes
 from palpate.calibration.taxels.place import place_modules
-from palpate.cli.console import Figure, counting, lines, note, progress, title, wait
+from palpate.cli.calibration import Calibration, Found
+from palpate.cli.console import Figure, progress, wait
 from palpate.cli.evaluate_taxels import is_taxel_file
 from palpate.cli.options import FileOption, Log, Output, RigFile, Scalar
 from palpate.errors import InputError
-from palpate.io.atomic import keep_inputs
 from palpate.io.logs import contents
-from palpate.io.models import provenance
 from palpate.io.models.taxels import of_taxels
 from palpate.io.poke_files import holds_pokes, read_pokes
-from palpate.io.rig import load_rig
 from palpate.io.rig.force_torque import ForceTorqueSection
 from palpate.io.rig.poke_log import open_pokes
 from palpate.io.rig.pokes import RigPokes
@@ -38,21 +37,13 @@ from palpate.sensors.taxel_modules import LAYOUTS, ModuleLayout
 from palpate.sensors.taxel_places import TaxelPlaces
 from palpate.surfaces import Surface
 
-__all__ = ["calibrate_taxels_command"]
+__all__ = ["CalibrateTaxels"]
 
 METHOD = Literal["modules", "taxels", "surface", "weighted", "free"]
 
 
-def calibrate_taxels_command(
-    log: Log,
-    /,
-    rig: RigFile,
-    output: Output,
-    method: Annotated[METHOD, arg(metavar="NAME")] = "modules",
-    start: FileOption = None,
-    layout: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None,
-    threshold: Scalar = None,
-) -> None:
+@dataclass(frozen=True)
+class CalibrateTaxels(Calibration):
     """Find where each taxel of a skin sits, from the wrenches of pokes in several arm configurations.
 
     Begin with a second in which nothing touches; poke with a small tip, a second each, over the whole skin, with pauses
@@ -70,54 +61,68 @@ def calibrate_taxels_command(
         layout: of modules, in place of the rig's: ring12, triangle10, triangle10+2, or a file of taxels.
         threshold: above its rest, at which a taxel answers; found where it is not given.
     """
-    stated = load_rig(rig)
-    if output.suffix.lower() not in SUFFIXES:
-        hint = f"Use {', '.join(SUFFIXES)}."
-        raise InputError(f"cannot write places of taxels as {output.suffix!r}.", where=str(output), hint=hint)
-    table = _over(stated.pokes or RigPokes(), threshold)
-    begun = start or (None if table.start is None else stated.folder / table.start)
-    keep_inputs(output, (log, rig, begun, *stated.files().values()))
-    setup = replace(stated.resolve(), pokes=table)
-    surface = None if setup.link.stated is None else setup.link.surface()
-    if is_taxel_file(log):
-        _place(log, setup, method, layout, (output, rig, surface))
-        return
-    places = None if begun is None else read_taxel_places(begun)
-    pokes = _pokes(log, setup, places)
-    modules, said = _layout(layout, setup, places, pokes) if method == "modules" else (None, [])
-    wait("loading the compiled loops (the first time they are compiled, which takes a while) ...")
-    found = calibrate_taxels(
-        pokes,
-        method=method,
-        surface=surface if method not in ("free", "weighted") else None,
-        start=places,
-        layout=modules,
-        priors=Priors(**table.priors.stated()),
-    )
-    record = provenance({"pokes": log, "rig": rig, "start": begun}, {"method": method, "layout": layout})
-    notes = (*found.places.notes, *pokes.notes, *found.notes)
-    write_taxel_places(output, replace(found.places, provenance=record, notes=notes))
-    title(f"{log} -> {output}")
-    lines(_figures(pokes, found))
-    note([*pokes.notes, *said, *found.notes])
-    note([*found.doubts, *_one_configuration(pokes, found)], kind="warning")
-    note(_next(setup, output, surface))
 
+    log: Log
+    rig: RigFile
+    output: Output
+    method: Annotated[METHOD, arg(metavar="NAME")] = "modules"
+    start: FileOption = None
+    layout: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None
+    threshold: Scalar = None
 
-def _place(path: Path, setup: Setup, method: str, layout: str | None, rest: tuple[Path, Path, Surface | None]) -> None:
-    """Places in place of pokes: modules are laid where their taxels come nearest to them."""
-    output, rig_file, surface = rest
-    if method != "modules":
-        raise InputError("places of taxels can only be made better as those of modules.", where="--method")
-    places = read_taxel_places(path)
-    modules, said = _layout(layout, setup, places, None)
-    found = place_modules(places, modules, surface)
-    record = provenance({"places": path, "rig": rig_file}, {"method": method, "layout": layout})
-    write_taxel_places(output, replace(found.places, provenance=record, notes=(*found.places.notes, *found.notes)))
-    title(f"{path} -> {output}")
-    lines(of_taxels(found.places))
-    note([*said, *found.notes])
-    note(found.doubts, kind="warning")
+    @cached_property
+    def reads(self) -> dict[str, Path]:
+        """The log, the rig, and where taxels are thought to be, by option or rig."""
+        stated = self.stated.pokes
+        start = self.start or (None if stated is None or stated.start is None else self.stated.folder / stated.start)
+        named = {"pokes": self.log, "rig": self.rig}
+        return named if start is None else {**named, "start": start}
+
+    def identify(self) -> Found:
+        """Find the taxels by pokes, or lay modules on places that were found elsewhere."""
+        if self.output.suffix.lower() not in SUFFIXES:
+            hint, kind = f"Use {', '.join(SUFFIXES)}.", self.output.suffix
+            raise InputError(f"cannot write places of taxels as {kind!r}.", where=str(self.output), hint=hint)
+        setup = replace(self.stated.resolve(), pokes=_over(self.stated.pokes or RigPokes(), self.threshold))
+        surface = None if setup.link.stated is None else setup.link.surface()
+        return self._placed(setup, surface) if is_taxel_file(self.log) else self._poked(setup, surface)
+
+    def write(self, found: Found) -> None:
+        """Write where the taxels sit, with where that comes from and what was noted."""
+        record = self.record(method=self.method, layout=self.layout)
+        notes = (*found.model.notes, *found.notes)
+        write_taxel_places(self.output, replace(found.model, provenance=record, notes=notes))
+
+    def _poked(self, setup: Setup, surface: Surface | None) -> Found:
+        start = self.reads.get("start")
+        places = None if start is None else read_taxel_places(start)
+        pokes, table = _pokes(self.log, setup, places), setup.pokes or RigPokes()
+        modules, said = _layout(self.layout, setup, places, pokes) if self.method == "modules" else (None, [])
+        wait("loading the compiled loops (the first time they are compiled, which takes a while) ...")
+        found = calibrate_taxels(
+            pokes,
+            method=self.method,
+            surface=surface if self.method not in ("free", "weighted") else None,
+            start=places,
+            layout=modules,
+            priors=Priors(**table.priors.stated()),
+        )
+        return Found(
+            _figures(pokes, found),
+            found.places,
+            notes=[*pokes.notes, *said, *found.notes],
+            warnings=[*found.doubts, *_one_configuration(pokes, found)],
+            next=_next(setup, self.output, surface),
+        )
+
+    def _placed(self, setup: Setup, surface: Surface | None) -> Found:
+        """Lay modules where their taxels come nearest to places."""
+        if self.method != "modules":
+            raise InputError("places of taxels can only be made better as those of modules.", where="--method")
+        places = read_taxel_places(self.log)
+        modules, said = _layout(self.layout, setup, places, None)
+        found = place_modules(places, modules, surface)
+        return Found(of_taxels(found.places), found.places, notes=[*said, *found.notes], warnings=found.doubts)
 
 
 def _over(table: RigPokes, threshold: float | None) -> RigPokes:
@@ -158,8 +163,7 @@ def _pokes(log: Path, setup: Setup, start: TaxelPlaces | None) -> Pokes:
                 progress(done, wrenches.position / max(wrenches.size, 1))
             yield part
 
-    with counting():
-        found = find_pokes(counted(), search)
+    found = find_pokes(counted(), search)
     torn = [said for said in (wrenches.torn, frames.torn) if said]
     said = dict.fromkeys((*torn, *wrenches.notes(), *frames.notes(), *found.notes))
     return replace(found, notes=tuple(said))
