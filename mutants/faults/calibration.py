@@ -20,7 +20,6 @@ FAULTS: list[Fault] = [
             "two_stage",
         ),
         ("residuals of a fit for noise", "np.sqrt(count / free)", "np.sqrt(free / free)"),
-        ("covariance not widened by the fit", "inverse @ middle @ inverse.T", "inverse"),
         ("samples are set aside too early", "CUTOFF * _spread(residuals, floor)", "2.0 * _spread(residuals, floor)"),
         ("touches are not set aside", "CUTOFF * _spread(residuals, floor)", "1e6 * _spread(residuals, floor)"),
         ("the torque says something of the weight", "instruments[:, 3:, :-6] = 0.0", "pass"),

@@ -6,15 +6,30 @@ a subspace by a basis where something is given.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from palpate.spatial.pose import skew
 
-__all__ = ["covariance", "force_columns", "kept_samples", "model", "residual_covariance", "torque_columns", "two_stage"]
+__all__ = [
+    "Errors",
+    "force_columns",
+    "gain_of",
+    "kept_samples",
+    "model",
+    "residual_covariance",
+    "torque_columns",
+    "two_stage",
+]
 
 CUTOFF = 5.0  # robust standard deviations beyond which a sample is set aside: 3 in a million good ones
 HUBER = 1.5
+BLOCKS = 200  # into which a long log is parted for the drift of its bias
+FEWEST = 12  # blocks without which a drift is not looked for
+ROUNDING = 1e-9  # N, N m: residuals below it are no errors
+DRIFTS = 3.5  # standard deviations of the ratio that tells a drift: 1 in 700 of six axes without one
 
 Vector = Float[np.ndarray, "12"]
 
@@ -82,29 +97,94 @@ def residual_covariance(residuals: Float[np.ndarray, "n 6"], force_unknowns: int
     return (residuals.T @ residuals / len(residuals)) * np.outer(scale, scale)
 
 
-def covariance(
-    jacobian: Float[np.ndarray, "n 6 p"], noise: Float[np.ndarray, "6 6"], *, joint: bool
-) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, "p n 6"]]:
-    """Covariance of an estimate that solves sum Z_i^T r_i = 0, and the gain that takes residuals to its change.
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """What the wrenches of a log err by: each by itself, and with a bias that drifts from one to the next.
 
-    With G = sum Z_i^T J_i it is G^-1 (sum Z_i^T S Z_i) G^-T. Jointly whitened, Z = S^-1 J and this is
-    (J^T S^-1 J)^-1; in two stages, Z is J without the torque's say on the force's parameters. Either way c carries the
-    weight's error.
+    Attributes:
+        white: (6, 6) covariance of what each errs by alone.
+        walk: (6,) by how much the bias drifts from block to block, along each axis; 0 where it is not seen to.
+        block: (n,) of each wrench; there are at most `BLOCKS`.
+    """
+
+    white: Float[np.ndarray, "6 6"]
+    walk: Float[np.ndarray, "6"]
+    block: Int[np.ndarray, " n"]
+
+    @staticmethod
+    def of(residuals: Float[np.ndarray, "n 6"], white: Float[np.ndarray, "6 6"]) -> Errors:
+        """Return the errors of residuals in the order of time, whose covariance is `white`, drift included."""
+        from palpate.calibration.walk import fit_walk, steps_of  # scipy.optimize: loaded when first needed
+
+        count = len(residuals)
+        blocks = min(count, BLOCKS)
+        block: Int[np.ndarray, " n"] = np.arange(count, dtype=np.int64) * blocks // count
+        size, walk, alone = np.bincount(block), np.zeros(6), np.ones(6)
+        means = np.stack([np.bincount(block, column) / size for column in residuals.T], axis=1)
+        if _drifts(means):
+            fit = fit_walk(steps_of(np.arange(blocks, dtype=np.float64), means, 0.0), [[k] for k in range(6)])
+            walk = np.where(fit.seen, fit.walk, 0.0)
+            if blocks == count:
+                alone = np.where(fit.seen, np.minimum(1.0, fit.noise / np.sqrt(np.diag(white))), 1.0)
+        white = white * np.outer(alone, alone)
+        return Errors(white, walk, block)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """A sentence where the bias drifts."""
+        if not self.walk.any():
+            return ()
+        force, torque = (float(self.walk[part].max()) * len(set(self.block)) ** 0.5 for part in (slice(3), slice(3, 6)))
+        return (
+            f"The bias drifts while the log is recorded, by about {force:.2g} N and {1e3 * torque:.2g} N mm in all, "
+            "which is in the covariance. Record the poses faster, or let the sensor warm up first.",
+        )
+
+    def spread(self, gain: Float[np.ndarray, "p n 6"]) -> Float[np.ndarray, "p p"]:
+        """Return the covariance of what a linear map makes of the errors.
+
+        The bias at block i of B has the covariance walk^2 (B - |i - j|) / 2 with that at block j, which is that of a
+        random walk but for a constant: that of the bias when the sensor is used later, at some time like those here.
+        """
+        found = np.einsum("pni,ij,qnj->pq", gain, self.white, gain, optimize=True)
+        if self.walk.any():
+            last = int(self.block[-1]) + 1
+            summed = np.add.reduceat(gain, np.searchsorted(self.block, np.arange(last)), axis=1)
+            apart = np.abs(np.subtract.outer(np.arange(last), np.arange(last)))
+            moved = np.einsum("ab,qbi->qai", (last - apart) / 2.0, summed * self.walk**2)
+            found = found + np.einsum("pai,qai->pq", summed, moved)
+        return found
+
+
+def _drifts(means: Float[np.ndarray, "b 6"]) -> bool:
+    """Tell whether some axis changes too slowly for errors that are independent, by the ratio of von Neumann [1941]."""
+    count, square = len(means), np.sum(means**2, axis=0)
+    if count < FEWEST:
+        return False
+    felt = square > count * ROUNDING**2
+    ratio = np.sum(np.diff(means, axis=0) ** 2, axis=0)[felt] / square[felt]
+    return bool(np.any((1.0 - ratio / 2.0) * np.sqrt((count**2 - 1.0) / (count - 2.0)) > DRIFTS))
+
+
+def gain_of(
+    jacobian: Float[np.ndarray, "n 6 p"], noise: Float[np.ndarray, "6 6"] | None
+) -> tuple[Float[np.ndarray, "p n 6"], Float[np.ndarray, "n 6 p"]]:
+    """Return the gain of an estimate that solves sum Z_i^T r_i = 0, G^-1 Z_i^T with G = sum Z_i^T J_i, and Z.
+
+    Jointly whitened, Z = S^-1 J; in two stages, Z is J without the torque's say on the force's parameters. Either way
+    the centre carries the weight's error.
 
     Args:
         jacobian: of every sample, in the parameters that are free; the last six only the torque determines.
-        noise: S, of one sample.
-        joint: whitened jointly, or in two stages.
+        noise: S, of one sample, for a joint fit; None: in two stages.
     """
-    if joint:
+    if noise is not None:
         instruments = np.linalg.solve(noise, jacobian)
     else:
         instruments = jacobian.copy()
         instruments[:, 3:, :-6] = 0.0
     rows, columns = (array.reshape(-1, jacobian.shape[-1]) for array in (instruments, jacobian))
-    inverse = np.linalg.inv(rows.T @ columns)
-    middle = rows.T @ (noise @ instruments).reshape(rows.shape)
-    return inverse @ middle @ inverse.T, np.moveaxis(instruments @ inverse.T, -1, 0)
+    return np.moveaxis(instruments @ np.linalg.inv(rows.T @ columns).T, -1, 0), instruments
 
 
 def kept_samples(

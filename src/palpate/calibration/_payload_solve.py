@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from palpate.calibration._payload_fit import covariance, kept_samples, model, residual_covariance, two_stage
+from palpate.calibration._payload_fit import Errors, gain_of, kept_samples, model, residual_covariance, two_stage
 from palpate.calibration._payload_rank import check_poses
+from palpate.calibration.left_out import LeftOut, leave_out
 from palpate.errors import NotIdentifiable
 from palpate.sensors.force_torque import Payload
 
-__all__ = ["Settings", "Solution", "rms", "solve"]
+__all__ = ["Settings", "Solution", "judged", "rms", "solve"]
 
 BELIEVED = 2.0  # chi-square per degree of freedom up to which the stated noise is taken to explain the residuals
 
@@ -47,12 +48,17 @@ class Settings:
 
 @dataclass(frozen=True)
 class Solution:
-    """A payload, the standard deviation of a force [N], what is left of every sample, and which were used."""
+    """A payload, the standard deviation of a force [N], what is left of every sample, and which were used.
+
+    `white` is the covariance of a sample's error, and `joint` whether the fit was whitened by it.
+    """
 
     payload: Payload
     noise: float
     residuals: Float[np.ndarray, "n 6"]
     kept: Bool[np.ndarray, " n"]
+    white: Float[np.ndarray, "6 6"]
+    joint: bool
 
 
 def solve(wrenches: Float[np.ndarray, "n 6"], rotations: Float[np.ndarray, "n 3 3"], settings: Settings) -> Solution:
@@ -70,18 +76,50 @@ def solve(wrenches: Float[np.ndarray, "n 6"], rotations: Float[np.ndarray, "n 3 
         theta = two_stage(wrenches[kept], rotations[kept], direction)
         _check(rotations, kept, theta, settings)
     spread = residual_covariance((wrenches - model(theta, rotations)[0])[kept], basis.shape[1] - 6)
-    theta, cov, notes = _refined(theta, wrenches[kept], rotations[kept], spread, settings)
-    residuals = wrenches - model(theta, rotations)[0]
+    theta, white, notes, joint = _refined(theta, wrenches[kept], rotations[kept], spread, settings)
+    predicted, jacobian = model(theta, rotations)
+    residuals = wrenches - predicted
+    gain = gain_of(jacobian[kept] @ basis, white if joint else None)[0]
     payload = Payload(
         *theta.reshape(4, 3),
-        covariance=basis @ cov @ basis.T,
+        covariance=basis @ Errors(white, np.zeros(6), np.zeros(0, dtype=np.int64)).spread(gain) @ basis.T,
         magnitude=settings.magnitude,
         residual=rms(residuals[kept]),
         samples=int(kept.sum()),
         notes=notes,
     )
     stated = 0.0 if settings.noise is None else float(np.trace(settings.noise[:3, :3]))
-    return Solution(payload, float(np.sqrt(max(np.trace(spread[:3, :3]), stated) / 3)), residuals, kept)
+    deviation = float(np.sqrt(max(np.trace(spread[:3, :3]), stated) / 3))
+    return Solution(payload, deviation, residuals, kept, white, joint)
+
+
+def judged(
+    solution: Solution, wrenches: Float[np.ndarray, "n 6"], rotations: Float[np.ndarray, "n 3 3"], settings: Settings
+) -> tuple[Payload, LeftOut]:
+    """Return a payload whose covariance has the drift of the bias during the log, and holds for poses left out.
+
+    A part that is left out is compared by its normal equations, Z^T r: what it says of the parameters.
+    """
+    kept, basis, payload = solution.kept, settings.basis(), solution.payload
+    wrenches, rotations = wrenches[kept], rotations[kept]
+    errors, noise = Errors.of(solution.residuals[kept], solution.white), solution.white if solution.joint else None
+    theta = np.concatenate([payload.weight, payload.force_bias, payload.center_of_mass, payload.torque_bias])
+    gain = gain_of(model(theta, rotations)[1] @ basis, noise)[0]
+
+    def predict(left: Bool[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
+        part = solve(wrenches[~left], rotations[~left], replace(settings, robust=False)).payload
+        theta = np.concatenate([part.weight, part.force_bias, part.center_of_mass, part.torque_bias])
+        predicted, jacobian = model(theta, rotations)
+        jacobian = jacobian @ basis
+        own, instruments = np.zeros((basis.shape[1], len(left), 6)), gain_of(jacobian, noise)[1][left]
+        own[:, left] = np.moveaxis(instruments, -1, 0)
+        slope = np.einsum("nip,niq->pq", instruments, jacobian[left])
+        own[:, ~left] = -np.einsum("pq,qni->pni", slope, gain_of(jacobian[~left], noise)[0])
+        return np.einsum("nip,ni->p", instruments, (wrenches - predicted)[left]), errors.spread(own)
+
+    left = leave_out(len(wrenches), predict)
+    covariance = left.widening * (basis @ errors.spread(gain) @ basis.T)
+    return replace(payload, covariance=covariance, notes=(*payload.notes, *errors.notes, *left.notes)), left
 
 
 def rms(residuals: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "2"]:
@@ -99,13 +137,15 @@ def _check(rotations: np.ndarray, kept: np.ndarray, theta: np.ndarray, settings:
 
 def _refined(
     theta: np.ndarray, wrenches: np.ndarray, rotations: np.ndarray, spread: np.ndarray, settings: Settings
-) -> tuple[Float[np.ndarray, "12"], Float[np.ndarray, "p p"], tuple[str, ...]]:
-    """Jointly whitened by the stated noise where that explains the residuals, else as it is; and the covariance."""
+) -> tuple[Float[np.ndarray, "12"], Float[np.ndarray, "6 6"], tuple[str, ...], bool]:
+    """Return parameters, a sample's covariance, notes, and whether the fit was whitened by the stated noise.
+
+    It is where that explains the residuals; else the parameters stay as they are.
+    """
     basis, noise = settings.basis(), settings.noise
     predicted, jacobian = model(theta, rotations)
-    stages = covariance(jacobian @ basis, spread, joint=False)[0]
     if noise is None or np.linalg.cond(noise / np.sqrt(np.outer(np.diag(noise), np.diag(noise)))) > 1e12:
-        return theta, stages, ()
+        return theta, spread, (), False
     freedom = wrenches.size - basis.shape[1]
     excess = _chi_square(wrenches - predicted, noise) / freedom
     if excess > BELIEVED:
@@ -113,15 +153,15 @@ def _refined(
             f"The residuals are {np.sqrt(excess):.1f} times the stated noise: the model, not the noise, limits this "
             "fit. Force and torque were fitted one after the other, and the covariance is from the residuals."
         )
-        return theta, stages, (note,)
+        return theta, spread, (note,), False
     for _ in range(8):  # bilinear in c and w, and it starts a few standard errors away
-        gain = covariance(jacobian @ basis, noise, joint=True)[1]
+        gain = gain_of(jacobian @ basis, noise)[0]
         theta = theta + basis @ np.einsum("pni,ni->p", gain, wrenches - predicted)
         predicted, jacobian = model(theta, rotations)
     excess = _chi_square(wrenches - predicted, noise) / freedom
     if excess > 1.0 + 3.0 * np.sqrt(2.0 / freedom):  # more than chance makes: widen
         noise = noise * excess
-    return theta, covariance(jacobian @ basis, noise, joint=True)[0], ()
+    return theta, noise, (), True
 
 
 def _chi_square(residuals: np.ndarray, noise: np.ndarray) -> float:

@@ -10,7 +10,7 @@ from jaxtyping import Bool
 from numpy.typing import ArrayLike
 
 from palpate.calibration._payload_hypotheses import AS_IS, Hypothesis, corrected, diagnose, doubts
-from palpate.calibration._payload_solve import Settings, solve
+from palpate.calibration._payload_solve import Settings, judged, solve
 from palpate.calls import called_as
 from palpate.errors import InputError
 from palpate.sensors.force_torque import STANDARD_GRAVITY, Payload
@@ -45,11 +45,11 @@ def identify_payload(
     Two linear least squares: force on (weight, bias), then torque on (centre, bias) with the modelled weight. With
     `noise` given, and the residuals explained by it, all are then fitted jointly, whitened: the torque sharpens the
     weight's direction. Without, they are not: the residuals of real rigs are errors of the model (gains, cross-talk,
-    flexing), and whitening by them moves the mass of the 100 real poses from 1.240 to 1.165 kg. The covariance covers
-    all twelve, the centre carrying the weight's error, from the residuals' covariance (or the stated noise, where
-    believed). It takes samples as independent: of a long log with many samples a pose, average each pose first, or the
-    covariance is too small by that number. With few poses state the noise: from residuals alone it is too small, by
-    1.1 at 40 poses, by 2 at 12.
+    flexing). The covariance covers all twelve, the centre carrying the weight's error, from the residuals' covariance
+    (or the stated noise, where believed), with the drift of the bias where the residuals show one. Parts of the log are
+    left out in turn, and the covariance is widened where they lie further from the rest's prediction than it says. Rows
+    must be in the order of time. Of a log with many samples a pose, average each pose first: they err alike. With few
+    poses state the noise: from residuals alone it is too small, by 1.1 at 40 poses, by 2 at 12.
 
     Args:
         wrenches: (n, 6) [N, N m], or a `Wrench` of n, in the sensor frame. Rows with NaN or infinity (above 1e9) are
@@ -70,15 +70,18 @@ def identify_payload(
     """
     settings = replace(settings_of(gravity, magnitude, noise, robust=robust), of=of)
     wrenches, rotations, finite = usable(wrenches, rotations)
-    solution = solve(*corrected(wrenches, rotations, hypothesis), settings)
+    undone = corrected(wrenches, rotations, hypothesis)
+    solution = solve(*undone, settings)
+    payload, left = judged(solution, *undone, settings)
     doubtful = doubts(solution, hypothesis, wrenches, rotations, settings)
-    notes = (*left_out(finite, solution.kept, of), *solution.payload.notes, *doubtful, *_far_centre(solution.payload))
+    notes = (*left_out(finite, solution.kept, of), *payload.notes, *doubtful, *_far_centre(payload))
     options = {
         "gravity": "free" if gravity is None else "given",
         "robust": str(robust).lower(),
         "hypothesis": hypothesis,
     }
-    return replace(solution.payload, notes=notes, provenance={**options, **(provenance or {})})
+    options["left_out"] = str(left)
+    return replace(payload, notes=notes, provenance={**options, **(provenance or {})})
 
 
 @takes_arrays

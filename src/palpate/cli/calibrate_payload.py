@@ -81,7 +81,11 @@ class CalibratePayload(Calibration):
         )
         used = f"{len(counts)} poses at rest of {int(counts.sum()):,} samples" if averaged else "each on its own"
         return Found(
-            [("samples", f"{len(recording):,}; used: {used}"), *of_payload(payload)],
+            [
+                ("samples", f"{len(recording):,}; used: {used}"),
+                *of_payload(payload),
+                ("left out", payload.provenance["left_out"]),
+            ],
             payload,
             notes=[*recording.notes, *payload.notes],
             hints=_hints(payload),

@@ -1,0 +1,83 @@
+"""How a calibration judges itself: by data that its fit left out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from palpate.errors import NotIdentifiable
+from palpate.spatial.arguments import takes_arrays
+
+__all__ = ["LeftOut", "leave_out"]
+
+PARTS = 4
+OFF = 1.5  # times the stated deviations: beyond it a person is told
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """How far data that a fit left out lie from what the fit predicts.
+
+    Attributes:
+        ratio: mean squared distance over what the covariances expect: 1 where they hold; NaN: nothing could be left
+            out.
+        parts: how many parts were left out, one after the other.
+    """
+
+    ratio: float = np.nan
+    parts: int = 0
+
+    @property
+    def widening(self) -> float:
+        """What covariances are multiplied by: the ratio, at least 1."""
+        return max(1.0, self.ratio) if self.parts else 1.0
+
+    def __str__(self) -> str:
+        if not self.parts:
+            return "too few data to leave any out: the covariance is not checked"
+        times = self.ratio**0.5
+        widened = ", by which the deviations are widened" if times > 1.0 else ""
+        return (
+            f"{self.parts} parts in turn lie {times:.2f} times as far from what the rest predicts as expected{widened}"
+        )
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """A sentence where the data disagree more than chance makes them."""
+        if not self.parts or self.ratio <= OFF**2:
+            return ()
+        return (
+            f"Parts of the log that were left out in turn lie {self.ratio**0.5:.1f} times as far from what the rest "
+            "predicts as expected: something that is not modelled changes in the log. The covariance is widened by it.",
+        )
+
+
+@takes_arrays
+def leave_out(
+    count: int,
+    predict: Callable[[Bool[np.ndarray, " n"]], tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"]]],
+    parts: int = PARTS,
+) -> LeftOut:
+    """Leave out consecutive parts of the data, one after the other, and compare each with what the rest predicts.
+
+    Consecutive rows share what drifts, so that a part tells more than rows picked here and there. A part is passed over
+    where the rest does not determine the model.
+
+    Args:
+        count: of rows.
+        predict: from which rows are left out, (n,), to how far off they are predicted, and to the covariance of that by
+            the covariances of the fit and of the data.
+        parts: how many.
+    """
+    part, squares = np.arange(count) * parts // max(count, 1), list[float]()
+    for k in range(parts):
+        try:
+            error, covariance = predict(part == k)
+        except NotIdentifiable:
+            continue
+        if len(error):
+            squares.append(float(error @ np.linalg.pinv(covariance, hermitian=True) @ error) / len(error))
+    return LeftOut(float(np.mean(squares)), len(squares)) if squares else LeftOut()
