@@ -10,12 +10,14 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.calibration.curve_kinds import FEWEST, chosen
+from palpate.calibration.left_out import LeftOut, leave_out
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.intensity import Curve, Intensity
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["identify_curve", "identify_intensity", "identify_resistive", "tells"]
 
+BLOCKS = 20  # of rows, dealt out to the parts that are left out in turn
 _FLAT = 0.1  # of the slope below it: a curve that rises less to its end saturates
 
 
@@ -49,8 +51,8 @@ def identify_curve(
 
 def _identified(
     force: Float[np.ndarray, " n"], intensity: Float[np.ndarray, " n"], kind: str, degree: int | None, top: float | None
-) -> tuple[Curve, str]:
-    """The curve of `identify_curve`, and why it is a straight line, if several kinds or degrees could be."""
+) -> tuple[Curve, str, LeftOut]:
+    """Return the curve of `identify_curve`, why it is a straight line where it could be another, and how it holds."""
     force, intensity, dropped = _sound(force, intensity)
     _require_spread(force, dropped)
     if not np.ptp(intensity) > 0:
@@ -65,7 +67,28 @@ def _identified(
     curve, why = chosen(kind, degree, force[below], signed[below])
     saturation = float("nan") if np.isinf(limit) else (-limit if falling else limit)
     hysteresis = _hysteresis(curve, force[below], signed[below])
-    return replace(curve, saturation=saturation, falling=falling, hysteresis=hysteresis), why
+    left = _left_out(curve, force[below], signed[below])
+    covariance = left.widening * curve.covariance
+    found = replace(curve, covariance=covariance, saturation=saturation, falling=falling, hysteresis=hysteresis)
+    return found, why, left
+
+
+def _left_out(curve: Curve, force: Float[np.ndarray, " n"], signed: Float[np.ndarray, " n"]) -> LeftOut:
+    """Compare presses that were left out with a curve of the same kind that the others give.
+
+    By their normal equations, J^T r: readings of one press err alike, which the covariance of a fit does not know.
+    """
+    degree = len(curve.parameters) if curve.kind == "polynomial" else None
+
+    def predict(left: Bool[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
+        rest = chosen(curve.kind, degree, force[~left], signed[~left])[0]
+        zero = float(np.median(signed[~left] - rest.intensity(force[~left])))
+        slopes = rest.jacobian(force[left])
+        square = slopes.T @ slopes
+        error = slopes.T @ (signed[left] - zero - rest.intensity(force[left]))
+        return error, curve.residual**2 * square + square @ rest.covariance @ square
+
+    return leave_out(len(force), predict, blocks=BLOCKS)
 
 
 @takes_arrays
@@ -128,9 +151,10 @@ def identify_intensity(
         top: raw reading at the end of the range.
         provenance: where the log came from.
     """
-    common, why = _identified(force, intensity, kind, degree, top)
+    common, why, left = _identified(force, intensity, kind, degree, top)
+    record = {"left_out": str(left), **(provenance or {})}
     if cell is None:
-        return Intensity((common,), provenance=provenance or {}, notes=tuple(_remarks(common, why)))
+        return Intensity((common,), provenance=record, notes=(*_remarks(common, why), *left.notes))
     rows, columns = shape or tuple(int(last) + 1 for last in cell.max(axis=0))
     pressed, number = np.unique(cell, axis=0, return_inverse=True)
     if (pressed < 0).any() or (pressed >= [rows, columns]).any():
@@ -156,7 +180,7 @@ def identify_intensity(
     if len(curves) - 1 < which.size:
         notes.append(f"{which.size - len(curves) + 1} of {which.size} cells have no gain of their own: too few presses")
     notes.append(f"gains of cells differ by {100 * float(np.std(gain[gain > 0])):.1f} %")
-    return Intensity(tuple(curves), which, provenance=provenance or {}, notes=tuple(notes))
+    return Intensity(tuple(curves), which, provenance=record, notes=(*notes, *left.notes))
 
 
 def _below(common: Curve, intensity: np.ndarray) -> Bool[np.ndarray, " n"]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from palpate.errors import NotIdentifiable
+from palpate.errors import PalpateError
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["LeftOut", "leave_out"]
@@ -60,24 +60,29 @@ def leave_out(
     count: int,
     predict: Callable[[Bool[np.ndarray, " n"]], tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"]]],
     parts: int = PARTS,
+    blocks: int | None = None,
 ) -> LeftOut:
-    """Leave out consecutive parts of the data, one after the other, and compare each with what the rest predicts.
+    """Leave out parts of the data, one after the other, and compare each with what the rest predicts.
 
-    Consecutive rows share what drifts, so that a part tells more than rows picked here and there. A part is passed over
-    where the rest does not determine the model.
+    A part is made of consecutive rows, which share what drifts, so that it tells more than rows picked here and there.
+    It is passed over where the rest does not determine the model.
 
     Args:
         count: of rows.
         predict: from which rows are left out, (n,), to how far off they are predicted, and to the covariance of that by
             the covariances of the fit and of the data.
         parts: how many.
+        blocks: of consecutive rows that are dealt out to the parts in turn, for logs in which a part would have a range
+            of its own; None: one a part.
     """
-    part, squares = np.arange(count) * parts // max(count, 1), list[float]()
+    part, squares = np.arange(count) * (blocks or parts) // max(count, 1) % parts, list[float]()
     for k in range(parts):
         try:
             error, covariance = predict(part == k)
-        except NotIdentifiable:
+        except PalpateError:
             continue
-        if len(error):
-            squares.append(float(error @ np.linalg.pinv(covariance, hermitian=True) @ error) / len(error))
+        size = np.sqrt(np.diag(covariance))
+        if len(size) and size.all():
+            scaled = np.linalg.pinv(covariance / np.outer(size, size), rcond=1e-9, hermitian=True)
+            squares.append(float((error / size) @ scaled @ (error / size)) / np.linalg.matrix_rank(scaled))
     return LeftOut(float(np.mean(squares)), len(squares)) if squares else LeftOut()

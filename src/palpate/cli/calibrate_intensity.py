@@ -76,6 +76,7 @@ class CalibrateIntensity(Calibration):
                 ("curve", f"{curve.name}, {len(curve.parameters)} parameters, up to {curve.largest:.4g} N"),
                 ("residual", f"{curve.residual:.3g} counts rms"),
                 ("deviation", _deviation(curve)),
+                *([("left out", found.provenance["left_out"])] if "left_out" in found.provenance else []),
             ],
             found,
             notes=found.notes,

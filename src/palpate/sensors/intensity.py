@@ -86,7 +86,10 @@ R = `reference`, s = `scale`; 2 p1/F is the sensor's two contacts, p2 what stand
         return f"polynomial of degree {len(self.parameters)}" if self.kind == "polynomial" else self.kind
 
     def intensity(self, force: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
-        """Counts away from the unloaded reading, positive under load; the first slope goes on below 0."""
+        """Return the counts away from the unloaded reading, positive under load.
+
+        Below 0 the first slope goes on, and beyond the largest force that was measured the last one.
+        """
         pushed = np.maximum(force, 0.0)
         return self._rising(pushed) + np.minimum(force, 0.0) * self._first_slope()
 
@@ -110,14 +113,18 @@ R = `reference`, s = `scale`; 2 p1/F is the sensor's two contacts, p2 what stand
 
         Var F = (J C J^T + noise^2) / f'(F)^2, J the derivative of f by its parameters.
         """
+        jacobian = self.jacobian(force)
+        variance = np.einsum("...i,ij,...j->...", jacobian, self.covariance, jacobian) + noise**2
+        return np.sqrt(np.maximum(variance, 0.0)) / self.slope(force)
+
+    def jacobian(self, force: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch p"]:
+        """Return the derivatives of the intensity by the parameters."""
         steps = np.maximum(np.abs(self.parameters), 1e-9) * 1e-6
         columns = [
             (self._moved(k, step).intensity(force) - self._moved(k, -step).intensity(force)) / (2 * step)
             for k, step in enumerate(steps)
         ]
-        jacobian = np.stack(columns, axis=-1)
-        variance = np.einsum("...i,ij,...j->...", jacobian, self.covariance, jacobian) + noise**2
-        return np.sqrt(np.maximum(variance, 0.0)) / self.slope(force)
+        return np.stack(columns, axis=-1)
 
     def slope(self, force: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
         """Counts per newton."""
@@ -147,17 +154,21 @@ class _Loose:
 
 
 def rising(curve: Curve, parameters: Float[np.ndarray, " p"], force: np.ndarray) -> np.ndarray:
-    """f(F) for F >= 0 with other parameters than the curve's own."""
+    """Return f(F) for F >= 0 with other parameters than the curve's own, straight on beyond the largest force."""
+    largest, step = curve.largest, 1e-6 * curve.largest
+    last, before = _measured(curve, parameters, np.array([largest, largest - step])).tolist()
+    beyond = np.maximum(force - largest, 0.0) * (last - before) / step
+    return _measured(curve, parameters, np.minimum(force, largest)) + beyond
+
+
+def _measured(curve: Curve, parameters: Float[np.ndarray, " p"], force: np.ndarray) -> np.ndarray:
     if curve.kind == "polynomial":
         return force * np.polynomial.polynomial.polyval(force, parameters)
     if curve.kind == "two_range":
         low = np.minimum(force, curve.joint)
         return parameters[0] * low + parameters[1] * low**2 + parameters[2] * (force - low)
     if curve.kind == "monotone":
-        knots = np.concatenate([[0.0], curve.knots])
-        values = np.concatenate([[0.0], parameters])
-        last = (values[-1] - values[-2]) / (knots[-1] - knots[-2])
-        return np.interp(force, knots, values) + np.maximum(force - knots[-1], 0.0) * last
+        return np.interp(force, np.append(0.0, curve.knots), np.append(0.0, parameters))
     return curve.scale * curve.reference * force / (2.0 * parameters[0] + parameters[1] * force)
 
 

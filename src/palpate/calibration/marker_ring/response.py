@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,6 +23,8 @@ _BLOCK = 256  # presses at once
 _LEAST = 8  # presses that a fit needs
 _PLAIN = 0.02  # of the force, taken for what a gauge beside a ring tells shear to: a judgement, not measured
 _TURNS = 200  # of expectation and maximisation
+_STEEPEST = 2.0  # shear / force: of silicone on anything it is below
+_ASTRAY, _WRONG = 0.35, 0.5  # rad, share: presses left out that are found so far off were not understood
 _SHEAR = 0.15  # usual shear / force where none was calibrated
 _NEW_SKIN = 1.0, 4.0, 0.03  # numbers of `_deviations` that the search for the likeliest begins with: of a new kind,
 _NEW_UNIT = 0.1, 4.0, 0.3  # and of another unit of a known kind, once its stiffness is taken off
@@ -82,11 +85,21 @@ def fit_response(presses: RingPresses, before: RingResponse | None = None) -> Ri
         before: of another unit.
 
     Raises:
-        InputError: too few presses, or only on a part of the ring.
+        InputError: too few presses, or only on a part of the ring; shear that no friction makes; or presses that are
+            left out are not found by what the others tell.
     """
     _require_presses(presses, before)
     whole = _fitted(presses, before)
-    return replace(whole, **_left_out(presses, before, whole))
+    judged = replace(whole, **_left_out(presses, before, whole))
+    angle, force = judged.left_out[:, 0].tolist()
+    if angle > _ASTRAY or force > _WRONG:
+        raise InputError(
+            f"presses that were left out are found {np.degrees(angle):.0f} degrees and {force:.0%} of their force off: "
+            "the markers do not move as angle, depth and force say.",
+            where="truth",
+            hint="Does every row stand beside its frame? Is angle_deg in degrees, depth_mm in mm, force_n in N?",
+        )
+    return judged
 
 
 def _require_presses(presses: RingPresses, before: RingResponse | None) -> None:
@@ -94,6 +107,14 @@ def _require_presses(presses: RingPresses, before: RingResponse | None) -> None:
         raise InputError(f"{len(presses)} presses are too few: the fit needs {_LEAST} at least.", where="truth")
     if before is not None and before.rings != presses.rings:
         raise InputError(f"the other unit has {before.rings} rings of markers, this one {presses.rings}.")
+    share = np.abs(presses.shear / presses.force)[presses.force >= np.median(presses.force)]
+    steep = float(np.nanquantile(share, 0.95)) if np.isfinite(share).any() else 0.0
+    if steep > _STEEPEST:
+        raise InputError(
+            f"the shear is up to {steep:.1f} times the force, and no friction makes more than {_STEEPEST:g} of it.",
+            where="truth",
+            hint="shear_n is in N, along rising angles; leave the column out where it was not measured.",
+        )
     angles = np.sort(np.mod(presses.angle, 2.0 * np.pi))
     gap = np.degrees(np.diff(angles, append=angles[0] + 2.0 * np.pi).max())
     if gap > 60.0 + 60.0 * (before is not None):
@@ -287,7 +308,7 @@ def _left_out(presses: RingPresses, before: RingResponse | None, whole: RingResp
     """Misfit and spread, from two fits to halves of the angles, each judged on the other."""
     _, which = np.unique(np.round(np.mod(presses.angle, 2.0 * np.pi), 2), return_inverse=True)
     folds = which % 2 if min(np.bincount(which % 2, minlength=2)) >= _LEAST else np.arange(len(presses)) % 2
-    errors = list[np.ndarray]()
+    judged = list[np.ndarray]()
     fits = [_fitted(presses.picked(folds != fold), before) for fold in (0, 1)]
     parts = [presses.picked(folds == fold) for fold in (0, 1)]
     square, number = np.zeros((2, 2 * presses.rings, PARTS))
@@ -295,8 +316,18 @@ def _left_out(presses: RingPresses, before: RingResponse | None, whole: RingResp
         _add_misfit(fit, part, square, number)
     misfit = np.sqrt(np.maximum(square, 0.0) / np.maximum(number, 1e-30))
     for fit, part in zip(fits, parts, strict=True):
-        errors.append(_errors(replace(fit, misfit=misfit), part))
-    return {"misfit": misfit, "spread": _beside(np.concatenate(errors))}
+        judged.append(_errors(replace(fit, misfit=misfit), part))
+    every = np.concatenate(judged)
+    spread, shares = _beside(every), np.stack([np.ones(len(every)), every[:, 4]])
+    found: Float[np.ndarray, "2 2"] = np.full((2, 2), np.nan)
+    for e in range(2 if len(every) else 0):
+        off, stated = (every[:, [e, 2 + e]] / shares[e][:, None]).T.tolist()
+        found[e] = _rms(off), np.hypot(_rms(stated), spread[e])
+    return {"misfit": misfit, "spread": spread, "left_out": found}
+
+
+def _rms(values: Sequence[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def _add_misfit(fit: RingResponse, part: RingPresses, square: np.ndarray, number: np.ndarray) -> None:

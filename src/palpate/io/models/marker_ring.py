@@ -63,12 +63,18 @@ def of_marker_ring(ring: MarkerRing) -> Lines:
     depth, force = response.largest.tolist()
     rings = f" in {response.rings} rings" if response.rings > 1 else ""
     angle, share = np.degrees(response.spread[0]), 100.0 * response.spread[1]
+    (off, expected), (wrong, unsure) = response.left_out.tolist()
+    judged = (
+        f"{np.degrees(off):.2g} deg and {100 * wrong:.2g} % of the force off (rms), where {np.degrees(expected):.2g} "
+        f"deg and {100 * unsure:.2g} % are expected"
+    )
     return [
         ("ring", f"{len(ring)} {ring.colour.score} markers{rings}, radius {1e3 * ring.radius:.1f} mm outside"),
         ("camera", f"{1e3 * view.pose.translation[2]:.1f} mm above the markers, tilted by {tilt:.1f} deg"),
         ("noise", f"{ring.jitter:.2g} px: {outward:.0f} um outwards, {along:.0f} um along"),
         ("calibrated", f"to {1e3 * depth:.3g} mm, {force:.3g} N{'; shear, too' if response.shears else ''}"),
         ("deviation", f"{angle:.2g} deg and {share:.2g} % of the force beside the noise, on presses left out"),
+        *([("left out", judged)] if np.isfinite(off) else []),
     ]
 
 
@@ -115,6 +121,10 @@ MARKER_RING = Model(
                 "grip": Key("shear / force up to which it was calibrated", least=0.0),
                 "dragged": Key(
                     "share of dragged presses, deviations of shear / force of plain and of dragged; 0: one kind"
+                ),
+                "left_out": Key(
+                    "rad, share of the force: rms errors on presses that were left out, and the expected ones",
+                    unknown=True,
                 ),
                 "shape": Key(
                     "of the coefficients: v0 v1 v2 (s), terms of the angle from the contact, of the contact's"
