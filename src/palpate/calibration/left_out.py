@@ -11,9 +11,10 @@ from jaxtyping import Bool, Float
 from palpate.errors import PalpateError
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["LeftOut", "leave_out"]
+__all__ = ["LeftOut", "leave_out", "pseudo_inverse"]
 
 PARTS = 4
+RELATIVE = 1e-9  # of the largest: smaller eigenvalues are rounding
 OFF = 1.5  # times the stated deviations: beyond it a person is told
 
 
@@ -81,8 +82,16 @@ def leave_out(
             error, covariance = predict(part == k)
         except PalpateError:
             continue
-        size = np.sqrt(np.diag(covariance))
-        if len(size) and size.all():
-            scaled = np.linalg.pinv(covariance / np.outer(size, size), rcond=1e-9, hermitian=True)
-            squares.append(float((error / size) @ scaled @ (error / size)) / np.linalg.matrix_rank(scaled))
+        inverse = pseudo_inverse(covariance)
+        if rank := round(float(np.sum(inverse * covariance))):  # the trace of their product
+            squares.append(float(error @ inverse @ error) / rank)
     return LeftOut(float(np.mean(squares)), len(squares)) if squares else LeftOut()
+
+
+@takes_arrays
+def pseudo_inverse(matrix: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
+    """Return the pseudo-inverse of a covariance or an information whose unknowns have different units."""
+    size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    size[size == 0] = np.inf
+    scaled = np.linalg.pinv(matrix / np.outer(size, size), rcond=RELATIVE, hermitian=True)
+    return np.asarray(scaled / np.outer(size, size), dtype=np.float64)

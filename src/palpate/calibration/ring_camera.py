@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 
+from palpate.calibration.left_out import LeftOut, leave_out, pseudo_inverse
 from palpate.errors import InputError, NotIdentifiable
 from palpate.opencv import opencv
 from palpate.sensors.fisheye import Fisheye, RingView
@@ -21,15 +22,29 @@ __all__ = ["BoardFit", "RingFit", "calibrate_board", "fit_lens", "fit_ring_view"
 HEIGHT = 0.04  # m, of the camera above the ring, where nothing better is known
 _FACING = np.diag([1.0, -1.0, -1.0])  # x_c = x, y_c = -y, z_c = -z
 _FEWEST_BOARDS = 3
+_FAR, _FAR_PIXELS = 4.0, 1.0  # times the usual rms of a picture, and px: one that is farther off is left out
+_UNSURE = 0.02  # of the focal length: a lens that is not known better is none
 
 
 @dataclass(frozen=True)
 class BoardFit:
-    """A lens, the rms of its residual [px], and how many pictures showed the whole board."""
+    """A lens and the pictures that it comes from.
+
+    Attributes:
+        camera: the lens.
+        residual: rms [px] of what it leaves of the corners.
+        used: numbers of the pictures that were used.
+        far: of those that show the board, but contradict the others.
+        deviation: of the focal length [px/rad].
+        left_out: how corners of pictures lie that the fit had not seen.
+    """
 
     camera: Fisheye
     residual: float
-    pictures: int
+    used: tuple[int, ...]
+    far: tuple[int, ...]
+    deviation: float
+    left_out: LeftOut
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -79,45 +94,117 @@ def calibrate_board(
         InputError: fewer than three pictures show the board; OpenCV is missing.
     """
     cv2 = opencv()
-    corners, size = list[np.ndarray](), (0, 0)
-    for image in images:
+    corners, shown, size = list[np.ndarray](), list[int](), (0, 0)
+    for number, image in enumerate(images):
         grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image
         size = grey.shape[::-1]
         found, pixels = cv2.findChessboardCornersSB(grey, board)
         if found:
             corners.append(pixels.reshape(-1, 2).astype(np.float64))
+            shown.append(number)
     if len(corners) < _FEWEST_BOARDS:
         hint = f"At least {_FEWEST_BOARDS} pictures must show all {board[0]} x {board[1]} inner corners."
         raise InputError(f"{len(corners)} of {len(images)} pictures show the board.", hint=hint)
-    return fit_lens(corners, board, square, size)
+    fit = fit_lens(corners, board, square, size)
+    return replace(fit, used=tuple(shown[k] for k in fit.used), far=tuple(shown[k] for k in fit.far))
 
 
 @takes_arrays
 def fit_lens(
     corners: Sequence[Float[np.ndarray, "c 2"]], board: tuple[int, int], square: float, size: tuple[int, int]
 ) -> BoardFit:
-    """The lens from a chessboard's corners [px], picture by picture, row by row; `size` is the image's width, height.
+    """Fit a lens to a chessboard's corners [px], picture by picture, row by row; `size` is the image's width, height.
+
+    Pictures whose corners lie far from the fit, such as those of a board more than a right angle aside, are left out.
 
     Raises:
         InputError: the corners do not determine a lens; OpenCV is missing.
     """
-    cv2 = opencv()
     columns, rows = np.meshgrid(np.arange(board[0]), np.arange(board[1]))
     grid = square * np.stack([columns, rows, 0 * rows], axis=-1).reshape(1, -1, 3).astype(np.float64)
-    start = Fisheye.equidistant(*size)
-    matrix = np.array([[start.fx, 0.0, start.cx], [0.0, start.fy, start.cy], [0.0, 0.0, 1.0]])
-    names = cv2 if hasattr(cv2, "CALIB_RECOMPUTE_EXTRINSIC") else cv2.fisheye  # OpenCV 5, 4
-    flags = names.CALIB_RECOMPUTE_EXTRINSIC | names.CALIB_FIX_SKEW | names.CALIB_USE_INTRINSIC_GUESS
     seen = [np.asarray(each, dtype=np.float64).reshape(1, -1, 2) for each in corners]
-    try:
-        grids = [grid] * len(seen)
-        rms, matrix, bent, _, _ = cv2.fisheye.calibrate(grids, seen, size, matrix, np.zeros(4), flags=flags)
-    except cv2.error as problem:
-        hint = "Tilt the board, and bring it to the edges of the picture."
-        raise InputError("the pictures of the board do not determine a lens.", hint=hint) from problem
-    fx, fy, cx, cy = (float(matrix[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2)))
-    k1, k2, k3, k4 = (float(bent.ravel()[k]) for k in range(4))
-    return BoardFit(Fisheye(fx, fy, cx, cy, k1, k2, k3, k4, *size), float(rms), len(seen))
+    used, lens = list(range(len(seen))), _Lens.fitted(grid, seen, size)
+    while len(used) > _FEWEST_BOARDS:
+        off = np.array([np.sqrt(np.mean(lens.residual(k) ** 2)) for k in range(len(used))])
+        sound = off <= max(_FAR * float(np.median(off)), _FAR_PIXELS)
+        if sound.all() or np.count_nonzero(sound) < _FEWEST_BOARDS:
+            break
+        used = [number for number, kept in zip(used, sound, strict=True) if kept]
+        lens = _Lens.fitted(grid, [seen[number] for number in used], size)
+    every = np.concatenate([lens.residual(k) for k in range(len(used))])
+    variance = float(np.sum(every**2)) / max(2 * len(every) - 8 - 6 * len(used), 1)
+    normals = [lens.normal(k) for k in range(len(used))]
+    squares, rights = np.stack([each[0] for each in normals]), np.stack([each[1] for each in normals])
+    unit = np.sqrt(np.diag(squares.sum(axis=0)))
+    focal, deviation = lens.camera[:2], np.inf
+    if unit.all():
+        inverse = pseudo_inverse(squares.sum(axis=0) / np.outer(unit, unit))
+        deviation = float(np.sqrt(variance * inverse[0, 0])) / float(unit[0])
+    if not (focal.min() > 0 and deviation < _UNSURE * focal.min()):
+        raise _undetermined(f": the focal length is {focal[0]:.4g} +- {deviation:.2g} px/rad")
+
+    def predict(left: Bool[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
+        rest = _Lens.fitted(grid, [seen[number] for number, out in zip(used, left, strict=True) if not out], size)
+        own, others = squares[left].sum(axis=0), squares[~left].sum(axis=0)
+        error = rights[left].sum(axis=0) - own @ (rest.camera - lens.camera)
+        return error, variance * (own + own @ pseudo_inverse(others) @ own)
+
+    left = leave_out(len(used), predict)
+    far = tuple(number for number in range(len(seen)) if number not in used)
+    fx, fy, cx, cy, k1, k2, k3, k4 = lens.camera.tolist()
+    camera = Fisheye(fx, fy, cx, cy, k1, k2, k3, k4, *size)
+    return BoardFit(camera, float(np.sqrt(2.0 * np.mean(every**2))), tuple(used), far, deviation, left)
+
+
+@dataclass(frozen=True)
+class _Lens:
+    """A lens, fx, fy, cx, cy, k1 to k4, with the pose of the board in each picture."""
+
+    camera: Float[np.ndarray, "8"]
+    grid: Float[np.ndarray, "1 c 3"]
+    seen: Sequence[Float[np.ndarray, "1 c 2"]]
+    poses: Sequence[tuple[np.ndarray, np.ndarray]]
+
+    @staticmethod
+    def fitted(grid: np.ndarray, seen: Sequence[np.ndarray], size: tuple[int, int]) -> _Lens:
+        """Fit the lens and the boards' poses by OpenCV."""
+        cv2, start = opencv(), Fisheye.equidistant(*size)
+        matrix = np.array([[start.fx, 0.0, start.cx], [0.0, start.fy, start.cy], [0.0, 0.0, 1.0]])
+        names = cv2 if hasattr(cv2, "CALIB_RECOMPUTE_EXTRINSIC") else cv2.fisheye  # OpenCV 5, 4
+        flags = names.CALIB_RECOMPUTE_EXTRINSIC | names.CALIB_FIX_SKEW | names.CALIB_USE_INTRINSIC_GUESS
+        try:
+            grids = [grid] * len(seen)
+            _, matrix, bent, turns, places = cv2.fisheye.calibrate(grids, seen, size, matrix, np.zeros(4), flags=flags)
+        except cv2.error as problem:
+            raise _undetermined() from problem
+        camera = np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *bent.ravel()[:4]])
+        if not np.isfinite(camera).all():
+            raise _undetermined()
+        return _Lens(camera, grid, seen, list(zip(turns, places, strict=True)))
+
+    def _projected(self, k: int) -> tuple[np.ndarray, np.ndarray]:
+        """Corners of picture k [px], and their derivatives by the lens (8) and by the pose (6)."""
+        fx, fy, cx, cy, *bent = self.camera.tolist()
+        matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+        turn, place = (np.asarray(each, dtype=np.float64).reshape(3, 1) for each in self.poses[k])
+        pixels, slopes = opencv().fisheye.projectPoints(self.grid, turn, place, matrix, np.array(bent))[:2]
+        return pixels.reshape(-1, 2), slopes
+
+    def residual(self, k: int) -> Float[np.ndarray, "c 2"]:
+        """Return what is left of the corners of picture k [px]."""
+        return self.seen[k].reshape(-1, 2) - self._projected(k)[0]
+
+    def normal(self, k: int) -> tuple[Float[np.ndarray, "8 8"], Float[np.ndarray, "8"]]:
+        """Return J^T J and J^T r of picture k for the lens, whatever the board's pose."""
+        slopes = self._projected(k)[1]
+        of_lens, of_pose = slopes[:, :8], slopes[:, 8:14]
+        across = of_lens - of_pose @ np.linalg.lstsq(of_pose, of_lens, rcond=None)[0]
+        return across.T @ across, across.T @ self.residual(k).ravel()
+
+
+def _undetermined(found: str = "") -> InputError:
+    hint = "Tilt the board to all sides, and bring it to the edges of the picture."
+    return InputError(f"the pictures of the board do not determine a lens{found}.", hint=hint)
 
 
 @takes_arrays

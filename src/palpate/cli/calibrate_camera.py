@@ -46,10 +46,22 @@ class CalibrateCamera(Calibration):
             hint = "Write its inner corners as 9x6."
             raise InputError(f"{self.board!r} is no size of a board.", where="--board", hint=hint)
         require_positive(self.square if np.isfinite(self.square) else np.nan, "--square")
-        fit = calibrate_board(_pictures(self.log), (int(columns), int(rows)), self.square)
+        pictures = _pictures(self.log)
+        fit = calibrate_board(pictures, (int(columns), int(rows)), self.square)
+        hidden = sorted(set(range(len(pictures))) - {*fit.used, *fit.far})
         return Found(
-            [*of_camera(fit.camera), ("corners", f"{fit.residual:.2g} px rms, in {fit.pictures} pictures")],
+            [
+                *of_camera(fit.camera),
+                ("deviation", f"{fit.deviation * fit.left_out.widening**0.5:.2g} px/rad of the focal length"),
+                ("corners", f"{fit.residual:.2g} px rms, in {len(fit.used)} pictures"),
+                ("left out", str(fit.left_out)),
+            ],
             fit.camera,
+            notes=[
+                *([f"{len(hidden)} of {len(pictures)} pictures do not show the whole board"] if hidden else []),
+                *fit.left_out.notes,
+            ],
+            warnings=[f"picture {number + 1} contradicts the others and is not used" for number in fit.far],
             next=[f'name it in the rig: camera = "{self.output.name}" under [marker_ring]'],
         )
 
