@@ -38,12 +38,10 @@ class LeftOut:
 
     def __str__(self) -> str:
         if not self.parts:
-            return "too few data to leave any out: the covariance is not checked"
+            return "too few data to leave any out: the deviations are not checked"
         times = self.ratio**0.5
-        widened = ", by which the deviations are widened" if times > 1.0 else ""
-        return (
-            f"{self.parts} parts in turn lie {times:.2f} times as far from what the rest predicts as expected{widened}"
-        )
+        widened = "; the deviations are widened by it" if times > 1.0 else ""
+        return f"{self.parts} parts, each predicted from the rest: {times:.2f} times as far off as expected{widened}"
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -51,8 +49,8 @@ class LeftOut:
         if not self.parts or self.ratio <= OFF**2:
             return ()
         return (
-            f"Parts of the log that were left out in turn lie {self.ratio**0.5:.1f} times as far from what the rest "
-            "predicts as expected: something that is not modelled changes in the log. The covariance is widened by it.",
+            f"Parts of the log, each predicted from the rest, are {self.ratio**0.5:.1f} times as far off as expected: "
+            "something that is not modelled changes in the log. The covariance is widened by it.",
         )
 
 

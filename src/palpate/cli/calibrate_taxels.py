@@ -222,6 +222,7 @@ def _figures(pokes: Pokes, found: TaxelCalibration) -> list[tuple[str, object]]:
         ("answers", f"{answers:.1f} taxels a poke, above {pokes.threshold:.3g}"),
         ("noise", f"{said}; residuals are {found.noise:.2f} times what is explained"),
         *of_taxels(found.places),
+        *([("left out", str(found.left_out))] if found.left_out.parts else []),
     ]
     return [*facts, *_nuisances(found)]
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
 
+from palpate.calibration.left_out import LeftOut
 from palpate.calibration.taxels import paper
 from palpate.calibration.taxels.priors import Priors
-from palpate.calibration.taxels.solve import Solution, solve
+from palpate.calibration.taxels.solve import Solution, left_out, solve
 from palpate.calibration.taxels.units import Units, fitted, single
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.pokes import Pokes
@@ -25,6 +26,7 @@ METHODS = ("free", "weighted", "surface", "taxels", "modules")
 FEWEST = 3  # pokes of a module that nothing else is known of
 ENOUGH = 10  # pokes in all
 NAMED = 12  # taxels in a sentence
+MIRRORED = 0.5  # of the squared distance from the layout as stated: 0.04 to 0.42 the other way round, if it is right
 
 
 @takes_arrays
@@ -39,6 +41,7 @@ class TaxelCalibration:
         noise: how many times larger the residuals are than their covariance explains.
         nuisances: name -> what was estimated with the taxels: frames and bias (configurations, 6), common (6,),
             cross_talk (6, 6); none by the paper's methods.
+        left_out: how pokes lie that a fit had not seen; nothing by the paper's methods.
         notes: what was found; doubts: what may be wrong, a sentence each.
     """
 
@@ -47,6 +50,7 @@ class TaxelCalibration:
     used: int
     noise: float
     nuisances: dict[str, np.ndarray] = field(default_factory=lambda: {})
+    left_out: LeftOut = field(default_factory=LeftOut)
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
 
@@ -139,6 +143,7 @@ def _together(
             raise InputError(
                 "modules need a layout.", where="method", hint="Give one, or a start with modules, or use 'taxels'."
             )
+        _require_unmirrored(pokes, layout, surface)
         begun = None if start is None else fitted(layout, start.positions, surface)
         units = begun or _found(pokes, layout, surface)
     else:
@@ -148,12 +153,16 @@ def _together(
     priors = priors if modules else priors.of_single_taxels()
     deviations = None if begun is None else units.each(priors.start, priors.start_angle)
     solution = solve(pokes, units, priors, start=begun, deviations=deviations)
+    left = left_out(pokes, solution, priors, start=begun, deviations=deviations)
+    solution = replace(solution, covariance=left.widening * solution.covariance)
     places = _placed(pokes, solution)
     nuisances = {name: getattr(solution.nuisances, name) for name in ("frames", "common", "bias", "cross_talk")}
     used = solution.weight > 0
     residual = np.where(used[:, None], solution.residual, np.nan)
     notes, doubts = _untouched(places), _doubts(pokes, solution)
-    return TaxelCalibration(places, residual, int(used.sum()), solution.noise, nuisances, notes=notes, doubts=doubts)
+    return TaxelCalibration(
+        places, residual, int(used.sum()), solution.noise, nuisances, left, notes, (*doubts, *left.notes)
+    )
 
 
 def _guessed(
@@ -187,6 +196,24 @@ def _found(pokes: Pokes, layout: ModuleLayout, surface: Surface | None) -> Units
             missing=tuple(f"module {number}" for number in lacking),
         )
     return fitted(layout, points, surface, weight)
+
+
+def _require_unmirrored(pokes: Pokes, layout: ModuleLayout, surface: Surface | None) -> None:
+    """Raise an InputError where taxels lie, by the paper's way, as on the layout seen from the other side."""
+    points, _, weight = _guessed(pokes, surface)
+    known = np.isfinite(points).all(axis=1) & np.isfinite(layout.places).all(axis=1) & (layout.module >= 0)
+    if np.bincount(layout.module[known], minlength=layout.modules).min() < FEWEST:
+        return
+    ways = layout, ModuleLayout(layout.places * [1.0, -1.0], layout.module)
+    away = [np.nan_to_num(fitted(way, points, surface, weight).places()[0] - points) for way in ways]
+    stated, mirrored = (float(np.average(np.sum(each**2, axis=1), weights=weight * known)) for each in away)
+    if mirrored < MIRRORED * stated:
+        raise InputError(
+            f"the layout of the modules is mirrored: taxels lie {1e3 * stated**0.5:.1f} mm from it (rms), and "
+            f"{1e3 * mirrored**0.5:.1f} mm from the same seen from the other side.",
+            where="layout",
+            hint="Layouts are seen from outside: change the sign of one of their coordinates.",
+        )
 
 
 def _placed(pokes: Pokes, solution: Solution) -> TaxelPlaces:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from palpate.calibration.left_out import LeftOut
 from palpate.calibration.taxels.nuisances import Nuisances, predicted
 from palpate.calibration.taxels.priors import Priors
 from palpate.calibration.taxels.response import Response, Seen, centred, charted, learned, seen_among, tangents
@@ -20,7 +21,7 @@ from palpate.sensors.pokes import Pokes
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import skew
 
-__all__ = ["Solution", "solve"]
+__all__ = ["Solution", "left_out", "solve"]
 
 TAIL = 5.0  # degrees of freedom of the residuals: pokes that fit badly count less
 _STEPS = 40
@@ -29,6 +30,7 @@ _STILL = 1e-5  # m: the steps that end it
 _LONGEST = 1e-2, 0.4  # m, rad: of one step of a unit
 DENSER = 2.0  # deviation of the log of how dense pokes are, from one taxel to the next: nobody pokes evenly
 LEAST = 1.0  # 1/m^2, 1/rad^2: nothing is known of a unit, but that it is within a metre
+HALVES = 20  # blocks of pokes that follow each other, dealt out to both halves, so that each has all configurations
 _WELL = 2.366  # median of chi-square with three degrees of freedom
 
 
@@ -107,6 +109,48 @@ def solve(
     if chart is not None:
         covariance = covariance + _shared(linear, told, pokes, units, seen, covariance, DENSER / chart.spacing)
     return Solution(units, nuisances, response, covariance, linear.residual, weight, noise)
+
+
+@takes_arrays
+def left_out(
+    pokes: Pokes,
+    solution: Solution,
+    priors: Priors,
+    *,
+    start: Units | None = None,
+    deviations: Float[np.ndarray, " f"] | None = None,
+) -> LeftOut:
+    """Compare the torques of pokes that were left out with what the other half of them predicts.
+
+    By the median of their squared distances, as some pokes fit badly and hardly count.
+
+    Args:
+        pokes: of all configurations.
+        solution: of all pokes; the halves begin there.
+        priors: of the nuisances.
+        start: where units are believed to be; None: nothing is known.
+        deviations: as of `solve`.
+    """
+    half, squares = np.arange(len(pokes)) * HALVES // max(len(pokes), 1) % 2 == 0, list[float]()
+    size, freedom = len(solution.units), solution.units.freedom
+    for left in (half, ~half):
+        rest = replace(pokes, weight=np.where(left, 0.0, pokes.weight))
+        found = solve(rest, solution.units, priors, start=start, deviations=deviations)
+        seen = centred(pokes, found.units)
+        if found.response is not None:
+            seen = seen_among(charted(pokes, found.units), found.response)
+        linear = _linear(pokes, found.units, found.units.jacobian(), seen, found.nuisances)
+        used = np.asarray(left & (pokes.weight > 0) & seen.found & np.isfinite(linear.residual).all(axis=1), dtype=bool)
+        rows, root = _roots(linear, used / found.noise**2)
+        if not len(rows):
+            continue
+        lines, columns, _ = _lines(linear, rows, root, size, freedom, pokes)
+        lines = np.where(columns[:, None] >= 0, lines, 0.0)
+        known = found.covariance[columns[:, :, None], columns[:, None]]
+        spread = np.eye(3) + lines @ known @ np.swapaxes(lines, 1, 2)
+        distances = _square(np.einsum("nij,nj->ni", root, linear.residual[rows]), spread)
+        squares.append(float(np.median(distances)) / _WELL)
+    return LeftOut(float(np.mean(squares)), len(squares)) if squares else LeftOut()
 
 
 def _weights(pokes: Pokes, seen: Seen, linear: _Linear) -> tuple[Float[np.ndarray, " n"], float]:
