@@ -18,9 +18,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from palpate.calibration._load_cell_log import Blocks
+from palpate.calibration.left_out import LeftOut, leave_out
 from palpate.errors import NotIdentifiable
 from palpate.sensors.correlation import correlation_time
 from palpate.sensors.load_cells import Indentation
@@ -58,6 +59,10 @@ class Touches:
     normal: Float[np.ndarray, "n 3"]
     tangents: Float[np.ndarray, "n 2 3"]
     torque: Float[np.ndarray, " n"]
+
+    def picked(self, rows: Bool[np.ndarray, " n"]) -> Touches:
+        """Return some of them."""
+        return Touches(**{name: values[rows] for name, values in vars(self).items()})
 
 
 @dataclass(frozen=True, eq=False)
@@ -290,22 +295,13 @@ def _huber(white: Float[np.ndarray, "n 6"], *, robust: bool) -> tuple[Float[np.n
 def _covariance(
     data: Touches, found: np.ndarray, whitener: Float[np.ndarray, "6 6"], zeros: Float[np.ndarray, "9"]
 ) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, "6"]]:
-    """Of the unknowns: H^-1 (sum tau_c s_c^2 J_c' J_c + what the zeros of each run add) H^-1.
+    """Return H^-1 (sum tau_c s_c^2 J_c' J_c + what the zeros of each run add) H^-1, of the unknowns, and tau.
 
     Each whitened component counts as the independent samples that its correlation leaves.
     """
-    left, slopes, law_slopes = _whitened(data, found, whitener)
+    left = residuals(data, found)[0] @ whitener.T
     times = correlation_time(left)
-    scale = np.sqrt(times * np.mean(left**2, axis=0))[:, None]
-    whole = _normal(slopes, data.signal, law_slopes)
-    meat = _normal(slopes * scale, data.signal, law_slopes * scale)
-    for run in np.unique(data.run):
-        rows = np.flatnonzero(data.run == run)
-        pushed = np.concatenate([slopes[rows] @ _matrix(found), whitener[:, :3][None].repeat(len(rows), 0)], 2)
-        joint = np.empty((len(found), 9))
-        joint[:36] = np.einsum("nra,nrz,nc->acz", slopes[rows], pushed, data.signal[rows], optimize=True).reshape(36, 9)
-        joint[36:] = np.einsum("nrl,nrz->lz", law_slopes[rows], pushed)
-        meat += (joint * zeros) @ joint.T
+    whole, _, meat = _equations(data, found, whitener, times * np.mean(left**2, axis=0), zeros)
     size = np.sqrt(np.diag(whole))
     if not size.all():
         raise NotIdentifiable(
@@ -316,6 +312,50 @@ def _covariance(
         )
     bread = np.linalg.inv(whole / np.outer(size, size)) / np.outer(size, size)
     return bread @ meat @ bread, times
+
+
+def _equations(
+    data: Touches,
+    found: np.ndarray,
+    whitener: Float[np.ndarray, "6 6"],
+    variance: Float[np.ndarray, "6"],
+    zeros: Float[np.ndarray, "9"],
+) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"], Float[np.ndarray, "p p"]]:
+    """Return J' J, J' r, and the covariance of J' r by residuals of a variance and by the zeros of each run."""
+    left, slopes, law_slopes = _whitened(data, found, whitener)
+    scale = np.sqrt(variance)[:, None]
+    meat = _normal(slopes * scale, data.signal, law_slopes * scale)
+    for run in np.unique(data.run):
+        rows = np.flatnonzero(data.run == run)
+        pushed = np.concatenate([slopes[rows] @ _matrix(found), whitener[:, :3][None].repeat(len(rows), 0)], 2)
+        joint = np.empty((len(found), 9))
+        joint[:36] = np.einsum("nra,nrz,nc->acz", slopes[rows], pushed, data.signal[rows], optimize=True).reshape(36, 9)
+        joint[36:] = np.einsum("nrl,nrz->lz", law_slopes[rows], pushed)
+        meat += (joint * zeros) @ joint.T
+    right = np.concatenate([_gradient(slopes, data.signal, left), np.einsum("nrl,nr->l", law_slopes, left)])
+    return _normal(slopes, data.signal, law_slopes), right, meat
+
+
+def left_out(data: Touches, found: Fit, zeros: Float[np.ndarray, "9"], *, robust: bool) -> LeftOut:
+    """Compare touches that were left out with what the others predict, by their normal equations, J' r.
+
+    Args:
+        data: all blocks, in the order of time.
+        found: the fit to all of them, from which the others' begins.
+        zeros: as of `fit`.
+        robust: as of `fit`.
+    """
+    whitener = _whitener(found.residuals)
+    variance = found.correlation * np.mean((found.residuals @ whitener.T) ** 2, axis=0)
+
+    def predict(left: Bool[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
+        rest, part = data.picked(~left), data.picked(left)
+        unknowns, _ = _solve(rest, found.unknowns, whitener, robust=robust)
+        known = _covariance(rest, unknowns, whitener, zeros)[0]
+        own, error, spread = _equations(part, unknowns, whitener, variance, zeros)
+        return error, spread + own @ known @ own
+
+    return leave_out(len(data.time), predict)
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> Float[np.ndarray, " n"]:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from palpate.calibration.left_out import LeftOut, leave_out
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.force_torque import Payload
 from palpate.sensors.noise import estimate_noise
@@ -35,6 +36,7 @@ class ClockOffset:
         offset: [s]; its standard deviation is `deviation` [s].
         residual: [N] robust standard deviation of what the fit leaves, along each axis, of averages over 10 ms.
         samples: readings that were used.
+        left_out: how the offsets of parts of the log agree with those of the rest.
         notes: what a user should know, one sentence each.
     """
 
@@ -42,6 +44,7 @@ class ClockOffset:
     deviation: float
     residual: float
     samples: int
+    left_out: LeftOut = field(default_factory=LeftOut)
     notes: tuple[str, ...] = ()
 
 
@@ -98,7 +101,7 @@ def identify_offset(
             f"the best offset, {grid[best]:.3g} s, lies at the edge of the search from {low:g} to {high:g} s.",
             hint="Search further, or check that both clocks count from the same moment.",
         )
-    return _refined(whole.usable(grid[best - 1 : best + 2], FINE), float(grid[best]))
+    return _judged(whole.usable(grid[best - 1 : best + 2], FINE), float(grid[best]))
 
 
 @dataclass(frozen=True)
@@ -207,7 +210,23 @@ def _refined(problem: _Problem, offset: float) -> ClockOffset:
     far = np.count_nonzero(np.linalg.norm(residual, axis=1) > 5.0 * spread) / len(residual)
     cause = "something touched, or the arm accelerated, whose inertia is not modelled"
     said = (f"{far:.0%} of the samples lie far from the fit ({cause}) and hardly count.",) if far > 0.02 else ()
-    return ClockOffset(offset, deviation, spread, len(residual) * problem.each, said)
+    return ClockOffset(offset, deviation, spread, len(residual) * problem.each, notes=said)
+
+
+def _judged(problem: _Problem, offset: float) -> ClockOffset:
+    """Return the offset, its deviation widened where parts of the log and the rest have different ones."""
+    found = _refined(problem, offset)
+
+    def predict(left: Bool[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
+        part, rest = (
+            _refined(replace(problem, time=problem.time[rows], force=problem.force[rows]), found.offset)
+            for rows in (left, ~left)
+        )
+        return np.array([part.offset - rest.offset]), np.array([[part.deviation**2 + rest.deviation**2]])
+
+    left = leave_out(len(problem.time), predict)
+    widened = found.deviation * left.widening**0.5
+    return replace(found, deviation=widened, left_out=left, notes=(*found.notes, *left.notes))
 
 
 def _deviation(time: np.ndarray, across: np.ndarray, residual: np.ndarray, spread: float) -> float:

@@ -14,7 +14,7 @@ from palpate.spatial.arguments import takes_arrays
 __all__ = ["LeftOut", "leave_out", "pseudo_inverse"]
 
 PARTS = 4
-RELATIVE = 1e-9  # of the largest: smaller eigenvalues are rounding
+TELLING = 1e-4  # of the largest: of directions with smaller eigenvalues a part tells nothing but its noise
 OFF = 1.5  # times the stated deviations: beyond it a person is told
 
 
@@ -80,16 +80,21 @@ def leave_out(
             error, covariance = predict(part == k)
         except PalpateError:
             continue
-        inverse = pseudo_inverse(covariance)
+        inverse = pseudo_inverse(covariance, TELLING)
         if rank := round(float(np.sum(inverse * covariance))):  # the trace of their product
             squares.append(float(error @ inverse @ error) / rank)
     return LeftOut(float(np.mean(squares)), len(squares)) if squares else LeftOut()
 
 
 @takes_arrays
-def pseudo_inverse(matrix: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
-    """Return the pseudo-inverse of a covariance or an information whose unknowns have different units."""
+def pseudo_inverse(matrix: Float[np.ndarray, "p p"], least: float = 1e-12) -> Float[np.ndarray, "p p"]:
+    """Return the pseudo-inverse of a covariance or an information whose unknowns have different units.
+
+    Args:
+        matrix: of unknowns that are scaled alike first.
+        least: of the largest eigenvalue: smaller ones are taken for 0.
+    """
     size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     size[size == 0] = np.inf
-    scaled = np.linalg.pinv(matrix / np.outer(size, size), rcond=RELATIVE, hermitian=True)
+    scaled = np.linalg.pinv(matrix / np.outer(size, size), rcond=least, hermitian=True)
     return np.asarray(scaled / np.outer(size, size), dtype=np.float64)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool
@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike
 
 from palpate.calibration._load_cell_checks import check_channels, check_directions, check_response
 from palpate.calibration._load_cell_coverage import Coverage, coverage
-from palpate.calibration._load_cell_fit import Fit, Touches, fit, linear_start, touches
+from palpate.calibration._load_cell_fit import Fit, Touches, fit, left_out, linear_start, touches
 from palpate.calibration._load_cell_log import BenchLog, Blocks, blocks_of, rest_noise, rests
+from palpate.calibration.left_out import LeftOut
 from palpate.calls import called_as
 from palpate.errors import InputError
 from palpate.sensors.load_cells import LENGTH, LoadCells, require_layout, with_changes
@@ -70,6 +71,7 @@ class LoadCellCalibration:
         fit: what the model leaves of them.
         reference_noise: [N] of one reading of the reference, unloaded.
         coverage: what the log did not visit.
+        left_out: how touches lie that a fit had not seen.
     """
 
     cells: LoadCells
@@ -77,6 +79,7 @@ class LoadCellCalibration:
     fit: Fit
     reference_noise: float
     coverage: Coverage
+    left_out: LeftOut
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -146,6 +149,8 @@ def identify_load_cells(
     resting = float(np.mean([rest.rows.stop - rest.rows.start for rest in found])) / correlation
     zeros = np.array([1.0] * 6 + [reference**2] * 3) / resting
     answer = fit(data, [*given, linear_start(data)], zeros, indented=indentation, robust=options.robust)
+    left = left_out(data, answer, zeros, robust=options.robust)
+    answer = replace(answer, covariance=left.widening * answer.covariance)
     drift, misfit = _unexplained(white, basis, blocks, correlation)
     cells = LoadCells(
         lower @ basis @ answer.inverse,
@@ -161,8 +166,8 @@ def identify_load_cells(
     cells = with_changes(cells, **errors)
     covered = coverage(data, cells)
     lost = ("The start that was given leads to a worse fit than the linear one, and was not followed.",)
-    notes = (*doubts, *(lost if given and answer.followed == 1 else ()), *covered.notes)
-    return LoadCellCalibration(with_changes(cells, notes=notes), data, answer, reference, covered)
+    notes = (*doubts, *(lost if given and answer.followed == 1 else ()), *covered.notes, *left.notes)
+    return LoadCellCalibration(with_changes(cells, notes=notes), data, answer, reference, covered, left)
 
 
 def _complete(

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from palpate.calibration._pose_fit import apply, fit, offset
 from palpate.calibration._screws import name_motions
 from palpate.calibration._touch_evidence import Evidence, KnownPoints, SomewhereOnSurface, Spreads
+from palpate.calibration.left_out import LeftOut, leave_out
 from palpate.calibration.touch_error import spread_in_time
 from palpate.calls import called_as
 from palpate.errors import InputError, NotIdentifiable
@@ -26,6 +27,8 @@ from palpate.surfaces import Mesh
 __all__ = ["Mounting", "Spreads", "identify_mounting", "mean_touches"]
 
 SAID = 3  # notes in a refusal
+ENOUGH = 8  # touches of which some can be left out
+CONTRADICTED = 20.0  # times the expected residual: no pose explains such touches
 WRONG = 5.0  # of a touch: beyond it the touch is left out and named: another mark, or a slip
 _USUAL = Spreads()
 
@@ -44,6 +47,7 @@ class Mounting:
         observable: small motions that the touches determine better than the prior does, in the surface's axes.
         unobservable: those that they do not: there the initial pose and the prior stand.
         touches: numbers of the touches that were used.
+        left_out: how touches lie that a fit had not seen.
         notes: what a user should know, one sentence each.
         provenance: where it came from.
     """
@@ -54,6 +58,7 @@ class Mounting:
     observable: tuple[str, ...]
     unobservable: tuple[str, ...]
     touches: Int[np.ndarray, " k"]
+    left_out: LeftOut = field(default_factory=LeftOut)
     notes: tuple[str, ...] = ()
     provenance: Mapping[str, str] = field(default_factory=lambda: {})
 
@@ -111,7 +116,7 @@ def identify_mounting(
 
     Raises:
         NotIdentifiable: no direction of the pose is seen better than the prior knows it.
-        InputError: a mark lies further from the surface than the surface is large.
+        InputError: a mark lies further from the surface than the surface is large, or no pose explains the touches.
     """
     names = [f"touch {k + 1}" for k in range(len(wrenches))] if labels is None else list(labels)
     known = np.zeros((len(wrenches), 3)) if points is None else points
@@ -137,7 +142,7 @@ def identify_mounting(
         notes.append(f"{names[used[worst]]} is left out: it is {distances[worst] / scale:.0f} standard deviations off")
         used = np.delete(used, worst)
         pose, distances, scale = fit(evidence(used), initial)
-    return _judged(evidence(used), pose, initial, used, notes)
+    return _judged(evidence, pose, initial, used, notes)
 
 
 @takes_arrays
@@ -176,19 +181,38 @@ def _noise(noise: ArrayLike | None, count: int) -> Float[np.ndarray, "n 6 6"]:
     return np.broadcast_to(noise_covariance(array), (count, 6, 6))
 
 
-def _judged(evidence: Evidence, pose: Pose, initial: Pose, used: Int[np.ndarray, " k"], notes: list[str]) -> Mounting:
-    """Which directions the touches see better than the prior does, and the covariance of all."""
+def _judged(
+    evidence_of: Callable[[Int[np.ndarray, " k"]], Evidence],
+    pose: Pose,
+    initial: Pose,
+    used: Int[np.ndarray, " k"],
+    notes: list[str],
+) -> Mounting:
+    """Return which directions the touches see better than the prior does, and the covariance of all."""
+    evidence = evidence_of(used)
     prior, sizes = evidence.spreads.prior, evidence.spreads.sizes
-    whitener = evidence.whitener(pose)
-    residual = apply(whitener, evidence.residual(pose))
-    slope = (whitener @ evidence.jacobian(pose)).reshape(-1, 6)
-    information = slope.T @ slope
+    residual, slope = _whitened(evidence, pose)
     turned = np.kron(np.eye(2), pose.rotation) * sizes  # from the surface's axes, in units of the prior
-    seen = turned.T @ information @ turned
+    seen = (slope @ turned).T @ (slope @ turned)
     freedom = max(1.0, 3 * len(used) - float(np.sum(np.linalg.eigvalsh(seen) > 1.0)))
     ratio = float(np.sum(residual**2)) / freedom
-    alike = 1.0 if isinstance(evidence, SomewhereOnSurface) else spread_in_time(residual)
+    if ratio > CONTRADICTED**2:
+        raise InputError(
+            f"the touches lie {ratio**0.5:.0f} times further from any pose of the surface than they should.",
+            hint="Are the marks in the surface's frame, in metres, in the order of the touches? See payload and axes.",
+        )
+    alike = 1.0 if isinstance(evidence, SomewhereOnSurface) else spread_in_time(residual.reshape(len(used), -1))
     widened = max(1.0, ratio) * alike
+
+    def predict(left: Bool[np.ndarray, " k"]) -> tuple[np.ndarray, np.ndarray]:
+        rest, others = fit(evidence_of(used[~left]), initial)[0], evidence_of(used[left])
+        known = _known(_whitened(evidence_of(used[~left]), rest)[1], widened, sizes)
+        away, slopes = _whitened(others, rest)
+        own = slopes.T @ slopes / widened
+        return slopes.T @ away / widened, own + own @ known @ own
+
+    left = leave_out(len(used), predict) if len(used) >= ENOUGH else LeftOut()
+    widened *= left.widening
     values, vectors = np.linalg.eigh(seen / widened)
     blind = vectors[:, values <= 1.0]
     if blind.shape[1] == 6:
@@ -202,7 +226,7 @@ def _judged(evidence: Evidence, pose: Pose, initial: Pose, used: Int[np.ndarray,
     far = np.abs(offset(initial, pose) / sizes).max()
     if far > 3.0:
         notes.append(f"the pose is {far:.1f} prior standard deviations from the initial one: check its frame and unit")
-    decoupled = np.linalg.inv(information / widened + np.diag(1 / sizes**2))
+    decoupled = _known(slope, widened, sizes)
     shift = np.eye(6)
     shift[3:, :3] = skew(pose.translation)  # exp(xi) T moves the origin by rho + omega x t
     return Mounting(
@@ -212,8 +236,21 @@ def _judged(evidence: Evidence, pose: Pose, initial: Pose, used: Int[np.ndarray,
         name_motions(vectors[:, values > 1.0], *prior),
         name_motions(blind, *prior),
         used,
-        tuple(notes),
+        left,
+        (*notes, *left.notes),
     )
+
+
+def _whitened(evidence: Evidence, pose: Pose) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m 6"]]:
+    """Return the residuals of all touches, in standard deviations, and their slopes."""
+    whitener = evidence.whitener(pose)
+    slopes: Float[np.ndarray, "m 6"] = (whitener @ evidence.jacobian(pose)).reshape(-1, 6)
+    return apply(whitener, evidence.residual(pose)).ravel(), slopes
+
+
+def _known(slopes: Float[np.ndarray, "m 6"], widened: float, sizes: Float[np.ndarray, "6"]) -> np.ndarray:
+    """Return the covariance of a pose by touches and its prior."""
+    return np.asarray(np.linalg.inv(slopes.T @ slopes / widened + np.diag(1 / sizes**2)))
 
 
 def _refusal(free: bool, blind: Float[np.ndarray, "6 k"], spreads: Spreads, notes: Sequence[str]) -> NotIdentifiable:

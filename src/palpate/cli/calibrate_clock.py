@@ -76,6 +76,7 @@ class CalibrateClock(Calibration):
                 ("offset", f"{known} added to the poses' stamps"),
                 ("before", f"{1e3 * before:.3f} ms"),
                 ("residual", f"{found.residual:.3g} N, of averages over 10 ms"),
+                ("left out", str(found.left_out)),
             ],
             found,
             notes=[*recording.notes, *found.notes, *_findings(found, columns=not contents(self.log).topics)],

@@ -78,6 +78,7 @@ def _figures(found: LoadCellCalibration) -> list[tuple[str, str]]:
         ("samples", f"{cells.samples:,}; {len(found.touches.time):,} blocks of 10 ms loaded"),
         ("reference", f"noise {1e3 * found.reference_noise:.2g} mN"),
         ("residual", f"{1e3 * force:.3g} mN, {1e6 * position:.3g} um, {1e3 * moment:.2g} N mm along the force (rms)"),
+        ("left out", str(found.left_out)),
         ("predicted error", f"{1e6 * found.coverage.error.max():.2g} um at most from the calibration alone, at 1 N"),
         ("visited", f"{visited} of {len(found.coverage.visits)} parts of the surface"),
         ("zero", f"drifts by {cells.drift:.2g} times the noise of a reading at most"),

@@ -96,6 +96,7 @@ class CalibrateMounting(Calibration):
             [
                 ("touches", f"{len(mounting.touches)} used of {len(touches)} {kind}"),
                 *_figures(mounting, initial, residual),
+                ("left out", str(mounting.left_out)),
                 *([] if error is None else [("touches err by", _err_by(error, self.placement))]),
             ],
             (mounting, None if error is None else error.placement(self.placement)),
