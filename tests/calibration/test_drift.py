@@ -101,7 +101,7 @@ def test_the_walk_is_found_with_an_honest_deviation() -> None:
         assert not fit.warm
         assert fit.seen.all()
         scores.append(float((fit.drift.walk[0] - WALK) / fit.walk_deviation[0]))
-        assert fit.walk_deviation[0] < 0.15 * WALK
+        assert fit.walk_deviation[0] < 0.25 * WALK  # 0.1; twice that where the halves differ by chance
         assert fit.noise == pytest.approx(NOISE / np.sqrt(RATE * fit.window), rel=0.25)  # 300 windows: 4 sd
     assert np.sqrt(np.mean(np.square(scores))) < 1.9
 
@@ -202,7 +202,7 @@ def test_touches_are_left_out_and_said(free: tuple[np.ndarray, np.ndarray], slow
     time, values = free
     fit = identify(time, touched(time, values, 30.0, 3.0, slow))
     assert any("left out as touched" in note and "29." in note for note in fit.notes)
-    assert 0.05 < fit.left_out < 0.15
+    assert 0.05 < fit.touched < 0.15
     assert fit.drift.walk[0] == pytest.approx(WALK, rel=0.35)
 
 
@@ -316,3 +316,16 @@ def test_a_temperature_that_rises_and_settles_is_told_from_a_steady_rate() -> No
     celsius = 25.0 + 4.0 * np.minimum(time / 40.0, 1.0)
     fit = identify(time, values + 0.05 * celsius[:, None] + 1e-3 * time[:, None], temperature=celsius)
     assert np.all(np.abs(fit.drift.thermal - 0.05) < 4.0 * fit.drift.thermal_deviation)
+
+
+def test_a_zero_that_walks_more_in_one_half_has_the_larger_walk() -> None:
+    time, values = a_log(3)
+    rng, late = np.random.default_rng(4), len(time) // 2
+    restless = values.copy()
+    restless[late:] += np.cumsum(
+        4.0 * WALK * np.sqrt(1.0 / RATE) * rng.normal(size=(len(time) - late, values.shape[1])), 0
+    )
+    calm, fit = identify(time, values), identify(time, restless)
+    assert calm.left_out.parts == 2
+    assert any("walks more in one half" in note for note in fit.notes)
+    assert fit.drift.walk[0] == pytest.approx(17.0**0.5 * WALK, rel=0.3)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from palpate.calibration.drift_windows import GAP, windows_of
+from palpate.calibration.drift_windows import GAP, SHORTEST, windows_of
+from palpate.calibration.left_out import LeftOut
 from palpate.errors import InputError
 from palpate.sensors.drift import Drift
 from palpate.sensors.noise import resolution_of
@@ -21,9 +22,9 @@ if TYPE_CHECKING:
 
 __all__ = ["DriftFit", "identify_drift"]
 
-SHORTEST = 60.0  # s of a log
 USUAL = 240.0  # s: a shorter log is used, and it is said how little it tells
 LEAST_TILT = 0.02  # rad, rms: a weight off by 0.1 N is 2 mN off then
+UNLIKE = 9.0  # of the squared distance of the halves' walks over what is expected: they are not alike
 LEAST_KELVIN = 0.1  # K: less change of temperature tells nothing
 
 
@@ -40,7 +41,8 @@ class DriftFit(Value):
         warm: whether there is a warm-up beyond doubt. Where not, `drift.warm_up` is what the log does not exclude.
         seen: (m,) whether the walk can be told from none. Where not, `drift.walk` is the most that it may be (95 %).
         noise: (m,) deviation of the mean over a window; window: [s].
-        samples: that were used; seconds: from the first to the last; left_out: share of it.
+        samples: that were used; seconds: from the first to the last; touched: share of it that was left out.
+        left_out: how the walks of both halves of the log agree.
         notes: a sentence each.
     """
 
@@ -54,7 +56,8 @@ class DriftFit(Value):
     window: float
     samples: int
     seconds: float
-    left_out: float
+    touched: float
+    left_out: LeftOut = field(default_factory=LeftOut)
     notes: tuple[str, ...] = ()
 
     def unsure(self, seconds: float) -> Float[np.ndarray, " m"]:
@@ -146,7 +149,13 @@ def identify_drift(
         )
         found = Search(windows_of(when, what, others, window), [list(group) for group in alike], least).run()
     notes += found.notes(noise, float(np.median(np.diff(when))), names)
-    return _made(found, alike, len(what), notes, kelvin=kelvin is not None)
+    left, larger = found.left_out()
+    made = _made(found, alike, len(what), kelvin=kelvin is not None)
+    if left.widening > UNLIKE:
+        notes.append("the zero walks more in one half of the log than in the other: the larger walk is written")
+        made = replace(made, drift=replace(made.drift, walk=np.maximum(made.drift.walk, larger)))
+    deviation = made.walk_deviation * left.widening**0.5
+    return replace(made, walk_deviation=deviation, left_out=left, notes=tuple(notes))
 
 
 def _usable(
@@ -221,9 +230,7 @@ def _tilts(down: Float[np.ndarray, "n 3"] | None, used: Bool[np.ndarray, " n"]) 
     return turned @ axes[:, spread > LEAST_TILT**2]
 
 
-def _made(
-    found: Search, groups: Sequence[Sequence[int]], samples: int, notes: Sequence[str], *, kelvin: bool
-) -> DriftFit:
+def _made(found: Search, groups: Sequence[Sequence[int]], samples: int, *, kelvin: bool) -> DriftFit:
     """As it is handed on."""
     best = found.found
     warm_up = np.sqrt(found.rate**2 + found.rate_deviation**2)
@@ -249,5 +256,4 @@ def _made(
         samples,
         found.span,
         found.share,
-        tuple(notes),
     )

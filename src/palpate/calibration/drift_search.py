@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.optimize import minimize_scalar
 from scipy.special import gammaincinv
 
 from palpate.calibration.drift_windows import (
     GAP,
+    SHORTEST,
     Windows,
     described,
     first_guess,
@@ -18,6 +19,7 @@ from palpate.calibration.drift_windows import (
     stretches,
     untouched,
 )
+from palpate.calibration.left_out import LeftOut, leave_out
 from palpate.calibration.walk import Steps, WalkFit, covariance_of, fit_walk, innovations, likelihood_of, steps_of
 from palpate.errors import InputError
 from palpate.spatial.arguments import takes_arrays
@@ -79,6 +81,22 @@ class Search:
                 hint="Record the sensor at rest and untouched; if the arm moves, name the payload in the rig.",
             )
         return self
+
+    def left_out(self) -> tuple[LeftOut, Float[np.ndarray, " m"]]:
+        """Compare the walks of both halves of the log; return how they agree, and of each channel the larger one."""
+        steps, count = self._with(self.settling), len(self._steps.apart)
+        if self.span < 2.0 * SHORTEST:
+            return LeftOut(), self.found.walk
+        halves = [steps.part(rows) for rows in (slice(count // 2), slice(count // 2, count))]
+        fits = [fit_walk(half, self._groups, start=self.found) for half in halves]
+        firsts = [group[0] for group in self._groups if all(fit.seen[group].all() for fit in fits)]
+
+        def predict(left: Bool[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
+            part, rest = fits if left[0] else fits[::-1]
+            relative = sum(((fit.deviation / fit.walk)[firsts] ** 2 for fit in fits), np.zeros(len(firsts)))
+            return np.log(part.walk / rest.walk)[firsts], np.diag(relative)
+
+        return leave_out(count, predict, parts=2), np.maximum(fits[0].walk, fits[1].walk)
 
     def _leave_touches_out(self) -> None:
         """Guess, leave out, fit, and again with what was found, until the same is left out."""

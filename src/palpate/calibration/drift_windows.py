@@ -12,8 +12,19 @@ from palpate.errors import InputError
 from palpate.spatial._arrays import Value, shaped
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["GAP", "Windows", "described", "first_guess", "require_free", "stretches", "untouched", "windows_of"]
+__all__ = [
+    "GAP",
+    "SHORTEST",
+    "Windows",
+    "described",
+    "first_guess",
+    "require_free",
+    "stretches",
+    "untouched",
+    "windows_of",
+]
 
+SHORTEST = 60.0  # s of a log
 GAP = 10.0  # s without a sample, after which the zero may be anywhere
 LEAST = 4  # samples of a window
 FULL = 0.5  # of the usual number of samples, or a window is left out

@@ -26,27 +26,29 @@ class LeftOut:
         ratio: mean squared distance over what the covariances expect: 1 where they hold; NaN: nothing could be left
             out.
         parts: how many parts were left out, one after the other.
+        freedom: how many numbers were compared.
     """
 
     ratio: float = np.nan
     parts: int = 0
+    freedom: int = 0
 
     @property
     def widening(self) -> float:
-        """What covariances are multiplied by: the ratio, at least 1."""
-        return max(1.0, self.ratio) if self.parts else 1.0
+        """What covariances are multiplied by: the ratio, 1 where it may be chance (two deviations of a chi-square)."""
+        return self.ratio if self.parts and self.ratio > 1.0 + 2.0 * (2.0 / self.freedom) ** 0.5 else 1.0
 
     def __str__(self) -> str:
         if not self.parts:
             return "too few data to leave any out: the deviations are not checked"
         times = self.ratio**0.5
-        widened = "; the deviations are widened by it" if times > 1.0 else ""
+        widened = "; the deviations are widened by it" if self.widening > 1.0 else ""
         return f"{self.parts} parts, each predicted from the rest: {times:.2f} times as far off as expected{widened}"
 
     @property
     def notes(self) -> tuple[str, ...]:
         """A sentence where the data disagree more than chance makes them."""
-        if not self.parts or self.ratio <= OFF**2:
+        if self.widening <= OFF**2:
             return ()
         return (
             f"Parts of the log, each predicted from the rest, are {self.ratio**0.5:.1f} times as far off as expected: "
@@ -74,7 +76,8 @@ def leave_out(
         blocks: of consecutive rows that are dealt out to the parts in turn, for logs in which a part would have a range
             of its own; None: one a part.
     """
-    part, squares = np.arange(count) * (blocks or parts) // max(count, 1) % parts, list[float]()
+    part = np.arange(count) * (blocks or parts) // max(count, 1) % parts
+    squares, ranks = list[float](), list[int]()
     for k in range(parts):
         try:
             error, covariance = predict(part == k)
@@ -82,8 +85,9 @@ def leave_out(
             continue
         inverse = pseudo_inverse(covariance, TELLING)
         if rank := round(float(np.sum(inverse * covariance))):  # the trace of their product
-            squares.append(float(error @ inverse @ error) / rank)
-    return LeftOut(float(np.mean(squares)), len(squares)) if squares else LeftOut()
+            squares.append(float(error @ inverse @ error))
+            ranks.append(rank)
+    return LeftOut(sum(squares) / sum(ranks), len(ranks), sum(ranks)) if ranks else LeftOut()
 
 
 @takes_arrays

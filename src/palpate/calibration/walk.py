@@ -50,6 +50,11 @@ class Steps(Value):
         shape = np.column_stack(courses) if courses else np.zeros((len(self.change), 0))
         return Steps(self.change, self.apart, self.joined, shape, self.window)
 
+    def part(self, rows: slice) -> Steps:
+        """Return steps that follow each other."""
+        first, last, _ = rows.indices(len(self.apart))
+        return Steps(self.change[rows], self.apart[rows], self.joined[first : last - 1], self.shape[rows], self.window)
+
 
 @takes_arrays
 @dataclass(frozen=True, eq=False)

@@ -247,7 +247,7 @@ def _figures(found: DriftFit, said: _Wrench | _Cells, weight: float) -> list[tup
         noises.append(f"{name} {small * _rms(found.noise[part]):.3g} {tiny}")
     settles = "at a steady rate" if np.isinf(drift.settling) else f"falling to a third in {drift.settling:.0f} s"
     warm = f"{', '.join(rates)} at the start, {settles}" if found.warm else f"none seen: at most {', '.join(rates)}"
-    left = f"; {found.left_out:.1%} left out" if found.left_out else ""
+    left = f"; {found.touched:.1%} left out" if found.touched else ""
     unsure = said.unsure(found.unsure(LONGEST_CONTACT))
     return [
         ("samples", f"{found.samples:,} over {found.seconds:.0f} s{left}"),
@@ -256,6 +256,7 @@ def _figures(found: DriftFit, said: _Wrench | _Cells, weight: float) -> list[tup
         *([("temperature", ", ".join(kelvin))] if drift.thermal.any() else []),
         *([("weight", f"of the payload: +- {weight:.2g} N, by its calibration or the rig")] if weight else []),
         ("noise", f"{', '.join(noises)} of a mean over {found.window:.2g} s"),
+        ("left out", str(found.left_out)),
         ("in contact", f"after {LONGEST_CONTACT:.0f} s unsure (95 %): {unsure}"),
     ]
 

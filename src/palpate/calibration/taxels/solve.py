@@ -131,7 +131,8 @@ def left_out(
         start: where units are believed to be; None: nothing is known.
         deviations: as of `solve`.
     """
-    half, squares = np.arange(len(pokes)) * HALVES // max(len(pokes), 1) % 2 == 0, list[float]()
+    half = np.arange(len(pokes)) * HALVES // max(len(pokes), 1) % 2 == 0
+    squares, count = list[float](), 0
     size, freedom = len(solution.units), solution.units.freedom
     for left in (half, ~half):
         rest = replace(pokes, weight=np.where(left, 0.0, pokes.weight))
@@ -150,7 +151,8 @@ def left_out(
         spread = np.eye(3) + lines @ known @ np.swapaxes(lines, 1, 2)
         distances = _square(np.einsum("nij,nj->ni", root, linear.residual[rows]), spread)
         squares.append(float(np.median(distances)) / _WELL)
-    return LeftOut(float(np.mean(squares)), len(squares)) if squares else LeftOut()
+        count += len(rows)
+    return LeftOut(float(np.mean(squares)), len(squares), count) if squares else LeftOut()
 
 
 def _weights(pokes: Pokes, seen: Seen, linear: _Linear) -> tuple[Float[np.ndarray, " n"], float]:
