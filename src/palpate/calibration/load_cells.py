@@ -26,6 +26,8 @@ BALL = 2e-3  # m: radius of the paper's ball, of 4 mm diameter
 LEAST = 0.3  # N: lighter touches are left out
 BEYOND = 5.0  # times the reference's noise that they must also be
 NOWHERE = 5.0  # times its radius: a log that cannot be meant
+PULLING = 0.3  # of the loaded blocks: a ball presses
+UNEXPLAINED = 0.05, 50.0  # share of a reading, and noise of one, that no wrench explains: other cells than these
 FARTHEST = 0.2  # of the ball's radius: how far off the surface its centre may say that it touches, before it is said
 
 
@@ -138,6 +140,7 @@ def identify_load_cells(
     blocks = blocks_of(log, found, max(options.least, BEYOND * reference))
     contact, normal, _ = surface.project(blocks.centres)
     doubts = _off_surface(blocks, contact, normal, options.ball)
+    _require_pressing(blocks, normal)
     wrenches = np.concatenate([blocks.forces, np.cross(contact, blocks.forces) / LENGTH], axis=1)
     check_directions(wrenches, reference)
     lower = np.linalg.cholesky(stated)
@@ -152,6 +155,13 @@ def identify_load_cells(
     left = left_out(data, answer, zeros, robust=options.robust)
     answer = replace(answer, covariance=left.widening * answer.covariance)
     drift, misfit = _unexplained(white, basis, blocks, correlation)
+    if misfit > UNEXPLAINED[0] or drift > UNEXPLAINED[1]:
+        raise InputError(
+            f"{misfit:.1%} of a reading and a zero that is off by {drift:.0f} times the noise are explained by no "
+            "wrench: the cells do not read one body's load.",
+            where="voltages",
+            hint="Does each column stay the same cell and axis all along? Is each cell wired, and nothing loose?",
+        )
     cells = LoadCells(
         lower @ basis @ answer.inverse,
         stated,
@@ -204,6 +214,17 @@ def _unexplained(white: np.ndarray, basis: np.ndarray, blocks: Blocks, correlati
     return float(np.sqrt(max(0.0, worst))), float(np.sqrt(found[1]))
 
 
+def _require_pressing(blocks: Blocks, normal: np.ndarray) -> None:
+    """Raise an InputError where the reference's force points out of the surface."""
+    pulling = float(np.mean(np.einsum("nk,nk->n", blocks.forces, normal) > 0))
+    if pulling > PULLING:
+        raise InputError(
+            f"the reference's force points out of the surface in {pulling:.0%} of the loaded log.",
+            where="ref_fx, ref_fy, ref_fz",
+            hint="It is what the ball does to the fingertip, in the surface's frame: reverse its sign, or its axes.",
+        )
+
+
 def _off_surface(blocks: Blocks, contact: np.ndarray, normal: np.ndarray, ball: float) -> tuple[str, ...]:
     """A doubt where the ball's centre is not its radius, less some indentation, off the surface."""
     height = np.einsum("nk,nk->n", blocks.centres - contact, normal)
@@ -214,6 +235,6 @@ def _off_surface(blocks: Blocks, contact: np.ndarray, normal: np.ndarray, ball: 
         f"the ball's centre lies {1e3 * middle:.2f} mm off the surface on average, and its radius is {1e3 * ball:.2g} "
         "mm: ref_x, ref_y, ref_z are the ball's centre, in metres, in the surface's frame."
     )
-    if abs(middle) > NOWHERE * ball:
+    if middle > NOWHERE * ball or middle < -ball:  # no ball sinks in by its radius
         raise InputError(said, where="ref_x, ref_y, ref_z")
     return (said,)

@@ -26,6 +26,7 @@ METHODS = ("free", "weighted", "surface", "taxels", "modules")
 FEWEST = 3  # pokes of a module that nothing else is known of
 ENOUGH = 10  # pokes in all
 NAMED = 12  # taxels in a sentence
+NOISIER, ASTRAY = 1.3, 20.0  # times what noise explains: of which a person is told, and which no places explain
 MIRRORED = 0.5  # of the squared distance from the layout as stated: 0.04 to 0.42 the other way round, if it is right
 
 
@@ -153,6 +154,12 @@ def _together(
     priors = priors if modules else priors.of_single_taxels()
     deviations = None if begun is None else units.each(priors.start, priors.start_angle)
     solution = solve(pokes, units, priors, start=begun, deviations=deviations)
+    if solution.noise > ASTRAY:
+        raise InputError(
+            f"torques are {solution.noise:.0f} times farther off than noise explains, wherever the taxels are.",
+            where="pokes",
+            hint="Look at axes, signs and units of the wrench, and at the link's frame in the sensor's.",
+        )
     left = left_out(pokes, solution, priors, start=begun, deviations=deviations)
     solution = replace(solution, covariance=left.widening * solution.covariance)
     places = _placed(pokes, solution)
@@ -286,9 +293,9 @@ def _doubts(pokes: Pokes, solution: Solution) -> tuple[str, ...]:
             "there is one arm configuration only: the sensor's bias and the error of the link's frame cannot be told "
             "from a shift of all taxels; places to each other are as good as before"
         )
-    if solution.noise > 2.0:
+    if solution.noise > NOISIER:
         said.append(
-            f"torques are {solution.noise:.1f} times farther off than noise explains: check the link's frame, the "
-            "surface and the layout of the modules"
+            f"torques are {solution.noise:.1f} times farther off than noise explains: check that one tip touched at a "
+            "time, the link's frame, the surface and the layout of the modules"
         )
     return tuple(said)

@@ -1,0 +1,457 @@
+"""Spoiled calibrations: each sensor's assumptions broken one by one.
+
+Of every fault some logs are made, forwards. A calibration is right to refuse a log, or to state a covariance that
+holds: `distance` is the rms distance of the truth in stated deviations, over all that were not refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+import palpate
+from evidence.clock import LOAD, PAYLOAD
+from evidence.moving import Swing, moving_wrenches
+from evidence.row import Row
+from evidence.taxel_limit import priors_of
+from palpate.calibration.clock import identify_offset
+from palpate.calibration.drift import identify_drift
+from palpate.calibration.intensity import identify_curve
+from palpate.calibration.load_cells import identify_load_cells
+from palpate.calibration.marker_ring.response import RingPresses, fit_response
+from palpate.calibration.mounting import identify_mounting
+from palpate.calibration.ring_camera import fit_lens
+from palpate.calibration.taxels import calibrate_taxels
+from palpate.contact.ring_locator import RingLocator
+from palpate.errors import PalpateError
+from palpate.sensors.fisheye import Fisheye
+from palpate.sensors.pokes import Pokes
+from palpate.sensors.taxel_modules import ModuleLayout
+from palpate.simulation.barrel import Barrel, Indenter
+from palpate.simulation.barrel_elasticity import COARSE_ROWS, BarrelSettings
+from palpate.simulation.contacts import touch_wrenches
+from palpate.simulation.forearm import Forearm
+from palpate.simulation.load_cell_bench import BENCHES
+from palpate.simulation.poke_bench import HAND, MIX, PokeBench
+from palpate.simulation.shapes import Ellipsoid
+from palpate.spatial.pose import Pose
+from palpate.surfaces import EllipticCylinder, Mesh
+
+__all__ = ["rows"]
+
+COMMAND = "python -m evidence --only spoiled"
+NAME = "spoiled calibrations"
+TARGET = "refused, or the truth 1/3 to 2 stated deviations away"
+NOISE = np.array([0.02] * 3 + [0.001] * 3)  # N, N m
+Trial = Callable[[np.random.Generator], float]
+"""From dice to the mean squared distance of the truth, in stated deviations."""
+
+
+@dataclass(frozen=True)
+class Spoiled:
+    """A fault: where, what, and a log with it."""
+
+    what: str
+    trial: Trial
+    good: bool = False
+
+
+def rows(small: bool) -> Iterator[Row]:
+    """Each fault on a few logs, and each calibration on logs without one."""
+    for spoiled in (
+        *_payload(),
+        *_mounting(),
+        *_clock(),
+        *_drift(),
+        *_cells(),
+        *_ring(),
+        *_curve(),
+        *_taxels(),
+        *_lens(),
+    ):
+        yield _row(spoiled, 1 if small else 8)
+
+
+def _row(spoiled: Spoiled, count: int) -> Row:
+    squares, sentences = list[float](), list[str]()
+    for seed in range(count):
+        try:
+            squares.append(spoiled.trial(np.random.default_rng(seed)))
+        except PalpateError as refused:
+            sentences.append(str(refused))
+    distance = float(np.sqrt(np.mean(squares))) if squares else np.nan
+    got = [f"refused {len(sentences)} of {count}: {sentences[0]}"] if sentences else []
+    got += [f"{distance:.2f} deviations away in {len(squares)} of {count}"] if squares else []
+    held = not squares or 1.0 / 3.0 <= distance <= 2.0
+    met = held and not sentences if spoiled.good else held
+    target = "0 refused, the truth 1/3 to 2 stated deviations away" if spoiled.good else TARGET
+    return Row(NAME, spoiled.what, target, "; ".join(got), met if count > 1 else None, COMMAND)
+
+
+def _squared(error: np.ndarray, covariance: np.ndarray) -> float:
+    return float(error @ np.linalg.solve(covariance, error)) / len(error)
+
+
+# --- payload
+
+WEIGHT, CENTRE, BIAS = (
+    np.array([0.0, 0.0, -12.0]),
+    np.array([0.004, -0.01, 0.05]),
+    np.array([-3.0, 4.0, -9.0, 0.1, -0.2, 0.3]),
+)
+
+
+def _payload() -> Iterator[Spoiled]:
+    """Thirty poses."""
+
+    def trial(spoil: Callable[[np.ndarray, np.ndarray, np.random.Generator], tuple[np.ndarray, np.ndarray]]) -> Trial:
+        def made(rng: np.random.Generator) -> float:
+            turns = Rotation.random(30, random_state=int(rng.integers(2**31))).as_matrix()
+            hung = np.einsum("nji,j->ni", turns, WEIGHT)
+            log = np.concatenate([hung, np.cross(CENTRE, hung)], axis=1) + BIAS + NOISE * rng.normal(size=(30, 6))
+            found = palpate.identify_payload(*spoil(log, turns, rng))
+            error = np.concatenate([found.weight - WEIGHT, found.center_of_mass - CENTRE])
+            rows = [0, 1, 2, 6, 7, 8]
+            return _squared(error, found.covariance[np.ix_(rows, rows)])
+
+        return made
+
+    def touched(log: np.ndarray, turns: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        return log + (rng.random((30, 1)) < 0.3) * rng.normal(0.0, 3.0, (30, 6)), turns
+
+    def drifting(log: np.ndarray, turns: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        return log + np.cumsum(10.0 * NOISE * rng.normal(size=log.shape), axis=0), turns
+
+    def turned(log: np.ndarray, turns: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        loose = Rotation.from_rotvec(rng.normal(0.0, 0.03, 3)).as_matrix()
+        return log, np.concatenate([turns[:15], turns[15:] @ loose])
+
+    def tilted(log: np.ndarray, turns: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        return log, turns @ Rotation.from_rotvec(rng.normal(0.0, 0.03, (30, 3))).as_matrix()
+
+    def late(log: np.ndarray, turns: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        return log, np.roll(turns, 1, axis=0)
+
+    yield Spoiled("payload, nothing wrong", trial(lambda log, turns, rng: (log, turns)), good=True)
+    yield Spoiled("payload, a third of the poses touched", trial(touched))
+    yield Spoiled("payload, the bias drifts by 0.2 N from pose to pose", trial(drifting))
+    yield Spoiled("payload, the sensor turns on its flange by some 3 degrees half-way", trial(turned))
+    yield Spoiled("payload, orientations that err by 1.7 degrees", trial(tilted))
+    yield Spoiled("payload, each pose beside the wrench of the one before", trial(late))
+
+
+# --- mounting
+
+BODY = Ellipsoid((0.03, 0.0125, 0.02))
+NOMINAL = Pose(np.eye(3), np.array([0.0, 0.0, 0.085]))
+TRUE = Pose.from_rotation_vector(np.array([0.02, -0.01, 0.03]), np.array([0.001, -0.0005, 0.0862]))
+
+
+@cache
+def _mesh() -> Mesh:
+    return Mesh.from_arrays(*BODY.mesh(2000))
+
+
+def _mounting() -> Iterator[Spoiled]:
+    """Sixteen touches at marks."""
+
+    def trial(spoil: Callable[[np.ndarray, np.ndarray, np.random.Generator], tuple[np.ndarray, np.ndarray]]) -> Trial:
+        def made(rng: np.random.Generator) -> float:
+            points = BODY.sample(16, rng)
+            touches = touch_wrenches(points, BODY.normals(points), rng, force=(2.0, 8.0), tan_theta=0.4, pitch=1e-3)
+            wrenches = touches @ TRUE.wrench_matrix().T + 0.1 * NOISE * rng.normal(size=(16, 6))
+            wrenches, marks = spoil(wrenches, points + rng.normal(0.0, 0.5e-3, points.shape), rng)
+            found = identify_mounting(wrenches, _mesh(), initial=NOMINAL, points=marks, noise=0.1 * NOISE)
+            turn = TRUE.rotation @ found.pose.rotation.T
+            error = np.concatenate(
+                [Rotation.from_matrix(turn).as_rotvec(), TRUE.translation - turn @ found.pose.translation]
+            )
+            return _squared(error, found.covariance)
+
+        return made
+
+    yield Spoiled("mounting, nothing wrong", trial(lambda wrenches, marks, rng: (wrenches, marks)), good=True)
+    yield Spoiled("mounting, marks mirrored", trial(lambda wrenches, marks, rng: (wrenches, marks * [1.0, -1.0, 1.0])))
+    yield Spoiled(
+        "mounting, marks in the order of another run", trial(lambda w, marks, rng: (w, rng.permutation(marks)))
+    )
+    yield Spoiled("mounting, the sign of the torque reversed", trial(lambda w, m, rng: (w * [1, 1, 1, -1, -1, -1], m)))
+    yield Spoiled(
+        "mounting, a surface that gives by a millimetre in the second half",
+        trial(lambda w, m, rng: (w, m + np.repeat([0.0, 1e-3], 8)[:, None] * [1.0, 0.0, 0.0])),
+    )
+
+
+# --- clock
+
+
+def _clock() -> Iterator[Spoiled]:
+    """Twenty seconds of turning."""
+
+    def trial(
+        offset: Callable[[np.ndarray], np.ndarray], payload: palpate.Payload | None, touched: float = 0.0
+    ) -> Trial:
+        def made(rng: np.random.Generator) -> float:
+            swing = Swing(swing=tuple(rng.uniform(0.3, 0.6, 3)), swing_rate=tuple(rng.uniform(0.1, 0.25, 3)))
+            time = np.arange(4000) / 200.0
+            wrenches = moving_wrenches(LOAD, swing.at(time)) + NOISE * rng.normal(size=(4000, 6))
+            wrenches[:, :3] += touched * np.sin(2.0 * np.pi * time[:, None] / 7.0)
+            posed = np.arange(-1.0, 21.0, 0.05)
+            found = identify_offset(time, wrenches, posed - offset(posed), swing.at(posed).quaternion, payload=payload)
+            return float(np.mean((found.offset - offset(time)) ** 2)) / found.deviation**2
+
+        return made
+
+    heavy = replace(PAYLOAD, weight=1.5 * PAYLOAD.weight)
+    yield Spoiled("clock, nothing wrong", trial(lambda at: 0.04 + 0.0 * at, None), good=True)
+    yield Spoiled("clock, an offset that grows from 0 to 80 ms", trial(lambda at: 0.004 * at, None))
+    yield Spoiled("clock, another tool's payload", trial(lambda at: 0.04 + 0.0 * at, heavy))
+    yield Spoiled("clock, a hand that leans on the sensor by 2 N", trial(lambda at: 0.04 + 0.0 * at, None, touched=2.0))
+
+
+# --- drift
+
+
+def _drift() -> Iterator[Spoiled]:
+    """Three minutes at 50 Hz."""
+
+    def trial(spoil: Callable[[np.ndarray, np.random.Generator], np.ndarray]) -> Trial:
+        def made(rng: np.random.Generator) -> float:
+            time, walk = np.arange(9000) / 50.0, 0.02
+            zero = np.cumsum(walk / 50.0**0.5 * rng.normal(size=(9000, 3)), axis=0)
+            found = identify_drift(time, spoil(zero + 0.02 * rng.normal(size=(9000, 3)), rng), names="xyz")
+            return float((found.drift.walk[0] - walk) / found.walk_deviation[0]) ** 2
+
+        return made
+
+    swing = np.sin(2.0 * np.pi * np.arange(9000)[:, None] / 400.0)
+    yield Spoiled("drift, nothing wrong", trial(lambda values, rng: values), good=True)
+    yield Spoiled("drift, an arm that swings", trial(lambda values, rng: values + swing))
+    yield Spoiled(
+        "drift, touched for a third of the log",
+        trial(lambda values, rng: values + 3.0 * (np.arange(9000)[:, None] > 6000)),
+    )
+
+
+# --- load cells
+
+TIP = EllipticCylinder(a=14e-3, b=5e-3, half_length=16e-3, upper=True)
+
+
+def _cells() -> Iterator[Spoiled]:
+    """Runs of the paper's bench."""
+
+    def trial(spoil: Callable[[dict[str, np.ndarray]], None]) -> Trial:
+        def made(rng: np.random.Generator) -> float:
+            bench = replace(BENCHES["rigid"], seed=int(rng.integers(2**31)))
+            run = bench.run(0, thin=20)
+            log = {name: getattr(run, name).copy() for name in ("time", "voltages", "force", "position")}
+            spoil(log)
+            found = identify_load_cells(*log.values(), TIP).cells
+            error = np.linalg.lstsq(found.matrix, bench.cells().forward())[0] - np.eye(6)
+            return _squared(error.ravel(), found.covariance)
+
+        return made
+
+    def swapped(log: dict[str, np.ndarray]) -> None:
+        half = len(log["time"]) // 2
+        log["voltages"][half:, :6] = log["voltages"][half:, [3, 4, 5, 0, 1, 2]]
+
+    def late(log: dict[str, np.ndarray]) -> None:
+        log["force"][:], log["position"][:] = np.roll(log["force"], 5, axis=0), np.roll(log["position"], 5, axis=0)
+
+    def reversed_force(log: dict[str, np.ndarray]) -> None:
+        log["force"] *= -1.0
+
+    def mirrored(log: dict[str, np.ndarray]) -> None:
+        log["position"] *= [1.0, 1.0, -1.0]
+        log["force"] *= [1.0, 1.0, -1.0]
+
+    yield Spoiled("load cells, nothing wrong", trial(lambda log: None), good=True)
+    yield Spoiled("load cells, two of them swapped half-way", trial(swapped))
+    yield Spoiled("load cells, the reference late by 0.1 s", trial(late))
+    yield Spoiled("load cells, the reference's force is what the tip does to the ball", trial(reversed_force))
+    yield Spoiled("load cells, the reference's z mirrored", trial(mirrored))
+
+
+# --- marker ring
+
+MARKERS = 2.0 * np.pi * np.arange(24) / 24
+SHAKE = np.tile([0.1e-3, 0.05e-3], (24, 1))  # m: of 0.2 px
+
+
+@cache
+def _presses() -> tuple[RingPresses, RingPresses]:
+    """A calibration with a plate and a dragged tip, and tips to judge by, without noise."""
+    barrel = Barrel.built(BarrelSettings(around=48, rows=COARSE_ROWS, seed=1))
+    rng = np.random.default_rng(1)
+    known = list[Indenter]()
+    for k in range(24):
+        at, slide = 2.0 * np.pi * (k + rng.random()) / 24, (0.0, 0.002, -0.002)[k % 3]
+        known += [Indenter("plate", at, depth) for depth in (0.002, 0.005, 0.009)]
+        known += [Indenter("tip", at, depth, radius=0.01, slide=slide) for depth in (0.002, 0.005, 0.009)]
+    judged = [Indenter("tip", 2.0 * np.pi * rng.random(), rng.uniform(0.003, 0.008), radius=0.01) for _ in range(40)]
+    made = list[RingPresses]()
+    for bodies in (known, judged):
+        done = [barrel.press([body]) for body in bodies]
+        names = ("angle", "depth", "force", "shear")
+        angle, depth, force, shear = (np.array([getattr(each, name)[0] for each in done]) for name in names)
+        way = np.stack([each.markers for each in done]) - barrel.rest[:, 0]
+        c, s = np.cos(MARKERS), np.sin(MARKERS)
+        seen = np.stack([way[..., 0] * c + way[..., 1] * s, way[..., 1] * c - way[..., 0] * s], axis=2)
+        made.append(RingPresses(np.mod(angle, 2.0 * np.pi), depth, force, shear, seen, MARKERS, SHAKE))
+    return made[0], made[1]
+
+
+def _ring() -> Iterator[Spoiled]:
+    """Presses of the coarse barrel; forces of forty others are judged."""
+
+    def trial(spoil: Callable[[RingPresses, np.random.Generator], RingPresses]) -> Trial:
+        def made(rng: np.random.Generator) -> float:
+            known, judged = (
+                replace(each, displacements=each.displacements + SHAKE * rng.normal(size=each.displacements.shape))
+                for each in _presses()
+            )
+            response, squares = fit_response(spoil(known, rng)), list[float]()
+            locator = RingLocator(response, MARKERS, SHAKE)
+            for k in range(len(judged)):
+                locator.reset()
+                found = locator.run(judged.displacements[k : k + 1])
+                force, deviation = found.states[0, 0, [1, 5]] if found.counts[0] == 1 else (0.0, np.nan)
+                spread = np.hypot(deviation, response.spread[1] * force)
+                squares.append(((force - judged.force[k]) / spread) ** 2)
+            return float(np.mean(squares)) if np.isfinite(squares).all() else np.inf
+
+        return made
+
+    def late(known: RingPresses, rng: np.random.Generator) -> RingPresses:
+        return replace(known, displacements=np.roll(known.displacements, 1, axis=0))
+
+    def unknown(known: RingPresses, rng: np.random.Generator) -> RingPresses:
+        return replace(known, force=known.force * rng.uniform(0.7, 1.3, len(known)))
+
+    yield Spoiled("marker ring, nothing wrong", trial(lambda known, rng: known), good=True)
+    yield Spoiled(
+        "marker ring, shear ten times too large", trial(lambda known, rng: replace(known, shear=10.0 * known.shear))
+    )
+    yield Spoiled("marker ring, truth of the next frame", trial(late))
+    yield Spoiled("marker ring, forces that err by 17 %", trial(unknown))
+    yield Spoiled(
+        "marker ring, angles clockwise", trial(lambda known, rng: replace(known, angle=np.mod(-known.angle, 2 * np.pi)))
+    )
+
+
+# --- intensity
+
+
+def _curve() -> Iterator[Spoiled]:
+    """Ten presses and releases, of a taxel whose curve bends."""
+
+    def reading(force: np.ndarray) -> np.ndarray:
+        return 7.0 + 60.0 * force / (1.0 + 0.1 * force)
+
+    def trial(spoil: Callable[[np.ndarray, np.ndarray, np.random.Generator], tuple[np.ndarray, np.ndarray]]) -> Trial:
+        def made(rng: np.random.Generator) -> float:
+            force = 6.0 * (1.0 - np.cos(2.0 * np.pi * np.arange(800) / 80.0))
+            force, counts = spoil(force, reading(force) + rng.normal(size=800), rng)
+            curve, at = identify_curve(force, counts, kind="polynomial", degree=3), np.linspace(2.0, 11.0, 10)
+            error = curve.intensity(at) - (reading(at) - reading(np.zeros(1)))
+            return float(np.mean((error / (curve.deviation(at) * curve.slope(at))) ** 2))
+
+        return made
+
+    def beyond(rng: np.random.Generator) -> float:
+        force = np.linspace(0.0, 8.0, 400)
+        curve = identify_curve(force, reading(force) + rng.normal(size=400), kind="polynomial", degree=3)
+        far = np.linspace(8.0, 30.0, 50)
+        return 1.0 if np.all(np.diff(curve.intensity(far)) > 0) and curve.intensity(far)[-1] > 100.0 else np.inf
+
+    yield Spoiled("intensity, a bent curve by its kind", lambda rng: _bent(rng, reading), good=True)
+    yield Spoiled("intensity, a cubic asked beyond its data: it goes on rising", beyond)
+    yield Spoiled(
+        "intensity, the load cell late by a twentieth of a press", trial(lambda f, counts, rng: (np.roll(f, 4), counts))
+    )
+    yield Spoiled("intensity, the load cell not tared, 2 N off", trial(lambda f, counts, rng: (f - 2.0, counts)))
+
+
+def _bent(rng: np.random.Generator, reading: Callable[[np.ndarray], np.ndarray]) -> float:
+    """A straight line, which the polynomial is."""
+    force = 6.0 * (1.0 - np.cos(2.0 * np.pi * np.arange(800) / 80.0))
+    curve, at = identify_curve(force, 7.0 + 40.0 * force - force**2 + rng.normal(size=800), degree=2), np.array([6.0])
+    error = curve.intensity(at) - 40.0 * at + at**2
+    return float(np.mean((error / (curve.deviation(at) * curve.slope(at))) ** 2))
+
+
+# --- taxels
+
+
+def _taxels() -> Iterator[Spoiled]:
+    """Three hundred pokes of the simulated forearm, started from CAD."""
+    skin = Forearm.of()
+    link = Mesh.from_arrays(*skin.cone.mesh())
+
+    def trial(spoil: Callable[[Pokes], Pokes], layout: ModuleLayout) -> Trial:
+        def made(rng: np.random.Generator) -> float:
+            session = PokeBench.drawn(rng, skin=skin, errors=MIX, tip=HAND).session(rng, 300)
+            start, priors = skin.cad(rng), priors_of(MIX)
+            found = calibrate_taxels(
+                spoil(session.pokes), surface=link, start=start, layout=layout, priors=priors
+            ).places
+            error, own = found.positions - skin.places.positions, link.project(found.positions)[1]
+            along = error - np.einsum("ki,ki->k", error, own)[:, None] * own
+            known = np.linalg.pinv(found.covariance, rcond=1e-6, hermitian=True)
+            return float(np.mean(np.einsum("ki,kij,kj->k", along, known, along))) / 2.0
+
+        return made
+
+    mirrored = ModuleLayout(skin.layout.places * [1.0, -1.0], skin.layout.module)
+    yield Spoiled("taxels, nothing wrong", trial(lambda pokes: pokes, skin.layout), good=True)
+    yield Spoiled("taxels, a mirrored layout", trial(lambda pokes: pokes, mirrored))
+    yield Spoiled("taxels, two pokers at once", trial(_two_pokers, skin.layout))
+    yield Spoiled(
+        "taxels, the torque's sign reversed",
+        trial(lambda pokes: replace(pokes, wrench=pokes.wrench * [1, 1, 1, -1, -1, -1]), skin.layout),
+    )
+
+
+def _two_pokers(pokes: Pokes) -> Pokes:
+    """Every other wrench has half of the wrench of the poke before, whose taxels do not answer."""
+    wrench = pokes.wrench.copy()
+    wrench[1::2] += 0.5 * wrench[:-1:2][: len(wrench[1::2])]
+    return replace(pokes, wrench=wrench)
+
+
+# --- camera
+
+LENS = Fisheye(204.0, 204.0, 320.0, 240.0, 0.01, -0.003, 0.001, 0.0, 640, 480)
+
+
+def _lens() -> Iterator[Spoiled]:
+    """Twelve boards of 9 x 6 corners with 0.1 px of noise."""
+    x, y = np.meshgrid(np.arange(9), np.arange(6))
+    grid = 0.01 * np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3) - [0.04, 0.025, 0.0]
+
+    def trial(tilt: float, spoil: Callable[[list[np.ndarray], np.random.Generator], None]) -> Trial:
+        def made(rng: np.random.Generator) -> float:
+            seen = list[np.ndarray]()
+            for _ in range(12):
+                place = np.array([*(rng.uniform(-0.08, 0.08, 2) * (tilt > 0)), rng.uniform(0.06, 0.12)])
+                pose = Pose.from_rotation_vector(rng.uniform(-tilt, tilt, 3), place)
+                seen.append(LENS.project(pose.apply(grid)) + rng.normal(0.0, 0.1, (54, 2)))
+            spoil(seen, rng)
+            fit = fit_lens(seen, (9, 6), 0.01, (640, 480))
+            return ((fit.camera.fx - LENS.fx) / (fit.deviation * fit.left_out.widening**0.5)) ** 2
+
+        return made
+
+    def strange(seen: list[np.ndarray], rng: np.random.Generator) -> None:
+        for k in (2, 7):
+            seen[k] = seen[k] + rng.normal(0.0, 6.0, (54, 2))
+
+    yield Spoiled("camera, nothing wrong", trial(0.6, lambda seen, rng: None), good=True)
+    yield Spoiled("camera, a board held flat", trial(0.0, lambda seen, rng: None))
+    yield Spoiled("camera, two pictures with wrong corners", trial(0.6, strange))
