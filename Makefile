@@ -53,7 +53,7 @@ evidence: native ## every claim with its figure, into docs/evidence.md
 experiments: native ## the papers' experiments beside ours, into experiments/*/README.md
 	for paper in experiments/*/__main__.py; do $(BIN)/python -m experiments.$$(basename $$(dirname $$paper)) || exit 1; done
 
-mutants: $(READY) ## stated faults, turned on one by one: do the tests of their room notice?
+mutants: $(READY) ## faults by chance, turned on one by one: do the tests of their room notice?
 	$(BIN)/python -m mutants
 
 pictures: native ## the pictures of README and pages, into docs/pictures, from what `make demo` left

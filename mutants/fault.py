@@ -1,103 +1,156 @@
-"""A stated fault, and how a file is written with all of its faults in it, each behind the switch."""
+"""A fault, made from what stands in a file, and how a file is written with faults in it, each behind the switch."""
 
 from __future__ import annotations
 
 import ast
+import copy
+import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-__all__ = ["PACKAGE", "Fault", "of", "written"]
+__all__ = ["PACKAGE", "Fault", "chosen", "faults_in", "written"]
 
 PACKAGE = Path(__file__).resolve().parents[1] / "src" / "palpate"
 SWITCH = "_fault"  # as the switch is called in a file with faults
+_OTHER: dict[type, type] = {
+    ast.Lt: ast.GtE,
+    ast.GtE: ast.Lt,
+    ast.Gt: ast.LtE,
+    ast.LtE: ast.Gt,
+    ast.Eq: ast.NotEq,
+    ast.NotEq: ast.Eq,
+    ast.Add: ast.Sub,
+    ast.Sub: ast.Add,
+    ast.Mult: ast.Add,
+    ast.Div: ast.Mult,
+    ast.And: ast.Or,
+    ast.Or: ast.And,
+}
+_KINDS = ast.Compare, ast.BinOp, ast.BoolOp, ast.Constant, ast.Call
+_NAMES = {"min": "max", "max": "min", "minimum": "maximum", "maximum": "minimum", "sin": "cos", "cos": "sin"}
 
 
 @dataclass(frozen=True)
 class Fault:
-    """An expression or a statement inside a function, and what stands in its place when the fault is on.
+    """An expression inside a function, and what stands in its place when the fault is on; of the same type.
 
     Attributes:
         file: below src/palpate.
-        tests: files or folders of the room's own tests.
-        what: is wrong then.
-        original: as in the file, however it is spaced; found once in the file, or once in `within`.
-        faulty: takes its place; in kernels of the same type.
-        within: the function to look in, where the original stands in several.
+        at: which node of the file it is, in the order of `ast.walk`.
+        line: of it.
+        original: as in the file.
+        faulty: takes its place.
     """
 
     file: str
-    tests: tuple[str, ...]
-    what: str
+    at: int
+    line: int
     original: str
     faulty: str
-    within: str | None = None
 
-    def place(self, tree: ast.Module) -> ast.AST:
-        """The one node of a file that it replaces.
+    @property
+    def tests(self) -> str:
+        """The folder of the room's own tests."""
+        return f"tests/{self.file.split('/')[0]}"
 
-        Raises:
-            ValueError: there is none, or there are several.
-        """
-        wanted = ast.dump(_parsed(self.original)[0])
-        found = {id(node): node for node in self._nodes(tree) if ast.dump(node) == wanted}
-        if len(found) != 1:
-            where = f"{self.file}, {self.within or 'any function'}"
-            raise ValueError(f"{where}: {self.original!r} stands there {len(found)} times, not once")
-        return next(iter(found.values()))
-
-    def _nodes(self, tree: ast.Module) -> Iterator[ast.AST]:
-        """All that runs when a function is called; not what runs when the file is imported."""
-        for node in ast.walk(tree):
-            if isinstance(node, ast.FunctionDef) and self.within in (None, node.name):
-                for statement in node.body:
-                    yield from ast.walk(statement)
+    @property
+    def what(self) -> str:
+        """Where it is, and what it does."""
+        return f"{self.file}:{self.line}: {self.original}  ->  {self.faulty}"
 
 
-def of(file: str, tests: str, *faults: tuple[str, str, str] | tuple[str, str, str, str]) -> list[Fault]:
-    """Faults of one file: what is wrong, the original, the faulty, and the function where that is needed."""
-    return [Fault(file, tuple(tests.split()), *fault) for fault in faults]
+def faults_in(file: str, source: str, most: int | None = None) -> list[Fault]:
+    """Return faults that a file can have: operators, comparisons, numbers and names turned into others.
+
+    Args:
+        file: below src/palpate.
+        source: of it.
+        most: how many, by chance, the same ones as long as the file stays as it is; None: all.
+    """
+    tree = ast.parse(source)
+    inside = {id(node) for node in _inside_functions(tree)}
+    nodes = [(at, node) for at, node in enumerate(ast.walk(tree)) if isinstance(node, _KINDS) and id(node) in inside]
+    if most is not None:
+        nodes.sort(key=lambda pair: hashlib.sha256(f"{file} {pair[0]}".encode()).digest())
+    found = list[Fault]()
+    for at, node in nodes:
+        if len(found) != most and (other := _other(node)) is not None:
+            found.append(Fault(file, at, node.lineno, ast.unparse(node), ast.unparse(other)))
+    return found
+
+
+def chosen(count: int) -> list[Fault]:
+    """Return so many faults of the package by chance, of files by chance."""
+    names = [file.relative_to(PACKAGE).as_posix() for file in PACKAGE.rglob("*/*.py")]
+    tested = [name for name in names if (PACKAGE.parents[1] / "tests" / name.split("/")[0]).is_dir()]
+    each, found = max(1, -(-count // len(tested))), list[Fault]()
+    for name in sorted(tested, key=lambda name: hashlib.sha256(name.encode()).digest()):
+        found += faults_in(name, (PACKAGE / name).read_text(encoding="utf-8"), each)
+        if len(found) >= count:
+            break
+    return found[:count]
+
+
+def _inside_functions(tree: ast.Module) -> Iterator[ast.AST]:
+    """Yield all that runs when a function is called; not what runs when the file is imported."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef):
+            for statement in node.body:
+                yield from ast.walk(statement)
+
+
+def _other(node: ast.expr) -> ast.expr | None:
+    """Return what takes an expression's place; None: it is not of a kind that has faults."""
+    made = copy.deepcopy(node)
+    if isinstance(made, ast.Compare) and len(made.ops) == 1 and type(made.ops[0]) in _OTHER:
+        made.ops = [_OTHER[type(made.ops[0])]()]
+    elif isinstance(made, ast.BinOp | ast.BoolOp) and type(made.op) in _OTHER:
+        if any(isinstance(each, ast.JoinedStr) or _is_text(each) for each in ast.walk(made)):
+            return None
+        made.op = _OTHER[type(made.op)]()
+    elif isinstance(made, ast.Constant) and type(made.value) is float and made.value:
+        made.value *= 2.0
+    elif isinstance(made, ast.Call) and isinstance(made.func, ast.Attribute) and made.func.attr in _NAMES:
+        made.func.attr = _NAMES[made.func.attr]
+    elif isinstance(made, ast.Call) and isinstance(made.func, ast.Name) and made.func.id in _NAMES:
+        made.func.id = _NAMES[made.func.id]
+    else:
+        return None
+    return made
+
+
+def _is_text(node: ast.AST) -> bool:
+    return isinstance(node, ast.Constant) and isinstance(node.value, str)
 
 
 def written(source: str, faults: Sequence[tuple[int, Fault]]) -> str:
-    """The source of a file with its faults, each under its number."""
+    """Return the source of a file with its faults, each under its number."""
     tree = ast.parse(source)
-    places: dict[int, list[tuple[int, Fault]]] = {}
-    for number, fault in faults:
-        places.setdefault(id(fault.place(tree)), []).append((number, fault))
-    tree = ast.fix_missing_locations(_Inserted(places).visit(tree))
+    nodes = list(ast.walk(tree))
+    tree = ast.fix_missing_locations(_Inserted({id(nodes[fault.at]): (k, fault) for k, fault in faults}).visit(tree))
     first = 1 + next(k for k, node in enumerate(tree.body) if not _comes_first(node, k))
     tree.body[first - 1 : first - 1] = ast.parse(f"from mutants.switch import switch as {SWITCH}").body
     return ast.unparse(tree)
 
 
 class _Inserted(ast.NodeTransformer):
-    """Puts the switch before each place: an expression becomes a choice of two, a statement a branch."""
+    """Put the switch before each place: an expression becomes a choice of two."""
 
-    def __init__(self, places: dict[int, list[tuple[int, Fault]]]) -> None:
+    def __init__(self, places: dict[int, tuple[int, Fault]]) -> None:
         self.places = places
 
     def visit(self, node: ast.AST) -> ast.AST:
         """Inner places first."""
-        faults = self.places.get(id(node), [])
-        made = self.generic_visit(node)
-        for number, fault in faults:
-            on = ast.parse(f"{SWITCH}() == {number}", mode="eval").body
-            faulty = _parsed(fault.faulty)
-            made = ast.IfExp(on, faulty[0], made) if isinstance(made, ast.expr) else ast.If(on, faulty, [made])
-        return made
-
-
-def _parsed(code: str) -> list[ast.AST]:
-    """One expression, or statements; what may stand in a function only, too."""
-    try:
-        return [ast.parse(code.strip(), mode="eval").body]
-    except SyntaxError:
-        return list(ast.parse(code).body)
+        here, made = self.places.get(id(node)), self.generic_visit(node)
+        if here is None or not isinstance(made, ast.expr):
+            return made
+        on = ast.parse(f"{SWITCH}() == {here[0]}", mode="eval").body
+        return ast.IfExp(on, ast.parse(here[1].faulty, mode="eval").body, made)
 
 
 def _comes_first(node: ast.stmt, at: int) -> bool:
-    """The docstring, and what is imported from the future."""
+    """Tell the docstring, and what is imported from the future."""
     if isinstance(node, ast.ImportFrom):
         return node.module == "__future__"
     return at == 0 and isinstance(node, ast.Expr)

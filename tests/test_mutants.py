@@ -1,4 +1,4 @@
-"""The stated faults stand where they say, and the switch turns them on in Python and in compiled code alike."""
+"""Faults are made from what stands in a file, and the switch turns them on in Python and in compiled code alike."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ import pytest
 from numba import njit
 
 from mutants.build import ROOT, sources
-from mutants.fault import Fault, written
-from mutants.faults import FAULTS
+from mutants.fault import chosen, faults_in, written
 from mutants.switch import turn_on
 
 SOURCE = '''"""Words."""
@@ -25,23 +24,21 @@ def judged(x, out):
 def other(x):
     return x > 2
 '''
-STATED = [
-    Fault("", (), "compared", "x > 2", "x > 20", "judged"),
-    Fault("", (), "left out", "out[0] = x", "pass"),
-    Fault("", (), "a sum", "x + 2*x", "x - 2 * x"),
-    Fault("", (), "a product within the sum", "2 * x", "3 * x"),
-]
+MADE = faults_in("f.py", SOURCE)
+TWICE = next(k for k, fault in enumerate(MADE, start=1) if fault.original == "2 * x")
+COMPARED = next(k for k, fault in enumerate(MADE, start=1) if fault.original == "x > 2")
+SUM = next(k for k, fault in enumerate(MADE, start=1) if fault.original == "x + 2 * x")
 
 
 @pytest.fixture(params=[lambda function: function, njit], ids=["Python", "compiled"])
 def judged(request: pytest.FixtureRequest) -> Iterator[Callable]:
     names: dict = {}
-    exec(compile(written(SOURCE, list(enumerate(STATED, start=1))), "made", "exec"), names)
+    exec(compile(written(SOURCE, list(enumerate(MADE, start=1))), "made", "exec"), names)
     yield request.param(names["judged"])
     turn_on(0)
 
 
-@pytest.mark.parametrize(("number", "expected"), [(0, (5, 15)), (1, (0, 15)), (2, (0, 15)), (3, (5, -5)), (4, (5, 20))])
+@pytest.mark.parametrize(("number", "expected"), [(0, (5, 15)), (COMPARED, (0, 15)), (SUM, (5, -5)), (TWICE, (5, 12))])
 def test_the_switch_turns_one_fault_on(judged: Callable, number: int, expected: tuple[int, int]) -> None:
     out = np.zeros(1, dtype=np.int64)
     turn_on(number)
@@ -49,16 +46,10 @@ def test_the_switch_turns_one_fault_on(judged: Callable, number: int, expected: 
     assert (out[0], found) == expected
 
 
-@pytest.mark.parametrize("fault", [Fault("f.py", (), "", "x > 2", "x"), Fault("f.py", (), "", "x > 3", "x")])
-def test_a_fault_that_has_no_one_place_is_refused(fault: Fault) -> None:
-    with pytest.raises(ValueError, match="not once"):
-        written(SOURCE, [(1, fault)])
-
-
-def test_every_stated_fault_stands_where_it_says_and_has_tests() -> None:
-    made = sources(FAULTS)
-    assert len(made) > 10
-    assert len(FAULTS) >= 100
-    for path, text in made.items():
+def test_faults_by_chance_stand_in_the_package_and_have_tests() -> None:
+    faults = chosen(60)
+    assert faults == chosen(60)
+    assert len({fault.file for fault in faults}) > 20
+    for path, text in sources(faults).items():
         compile(text, path, "exec")
-    assert [test for fault in FAULTS for test in fault.tests if not (ROOT / test).exists()] == []
+    assert [fault.tests for fault in faults if not (ROOT / fault.tests).is_dir()] == []

@@ -216,7 +216,7 @@ def _unexplained(white: np.ndarray, basis: np.ndarray, blocks: Blocks, correlati
 
 def _require_pressing(blocks: Blocks, normal: np.ndarray) -> None:
     """Raise an InputError where the reference's force points out of the surface."""
-    pulling = float(np.mean(np.einsum("nk,nk->n", blocks.forces, normal) > 0))
+    pulling = np.count_nonzero(np.sum(blocks.forces * normal, axis=1) > 0) / len(normal)
     if pulling > PULLING:
         raise InputError(
             f"the reference's force points out of the surface in {pulling:.0%} of the loaded log.",
