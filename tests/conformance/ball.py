@@ -1,22 +1,33 @@
 """A sensor that Palpate does not know, in one file: 200 taxels anywhere on a sphere, a TaxelBody.
 
-Each taxel feels the force along its normal, in newtons. There are no rows and columns, and no seam.
+Each taxel reads the force along its normal, by a gain that is the same for all: `palpate calibrate ball` finds it, and
+its model names it in the rig. There are no rows and columns, and no seam.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from palpate.calibration.left_out import leave_out
+from palpate.cli.calibration import Calibration, Found
+from palpate.cli.options import Log, Output
 from palpate.cli.views.taxels import TaxelView
 from palpate.cli.views.view import Kept
 from palpate.contact.taxel_estimator import TaxelEstimator
 from palpate.io.logs.layout import ArrayChannel, Layout
+from palpate.io.models import read_model
+from palpate.io.models.model import Model
 from palpate.io.rig.kind import Guess, Prepared
 from palpate.io.rig.setup import Setup
 from palpate.io.rig.skin import SKIN
 from palpate.io.rig.wrench import noted_filter
+from palpate.io.schema import Form, Key
+from palpate.io.tables.table import read_table
+from palpate.io.units import measured
+from palpate.sensors.intensity import Curve, Intensity
 from palpate.sensors.recording import CELLS
 from palpate.sensors.taxel_health import examine
 from palpate.sensors.taxels import TaxelBody
@@ -36,9 +47,60 @@ def directions() -> np.ndarray:
 
 @dataclass(frozen=True)
 class RigBall:
-    """[ball] of a rig: `tare` [s] at the start in which nothing touches."""
+    """[ball] of a rig: `tare` [s] at the start in which nothing touches; `model`, a file of the gain."""
 
     tare: float | None = None
+    model: str | None = None
+
+
+@dataclass(frozen=True)
+class BallGain:
+    """Readings of a newton, with their deviation."""
+
+    gain: float
+    deviation: float
+    provenance: Mapping[str, str] = field(default_factory=lambda: {})
+
+
+GAIN = Model(
+    BallGain,
+    "the gain of a ball",
+    "Readings of a newton on a ball of taxels.",
+    "palpate calibrate ball",
+    lambda found: [("gain", measured([found.gain], [found.deviation], "readings/N"))],
+    {BallGain: Form({"gain": Key("readings/N", least=0.0), "deviation": Key("of it"), "provenance": Key()})},
+)
+
+
+@dataclass(frozen=True)
+class CalibrateBall(Calibration):
+    """Find the gain of a ball of taxels from presses that a scale measured.
+
+    Args:
+        log: CSV with t0 to t199, and force [N] of the scale.
+        output: gain.toml to write.
+    """
+
+    log: Log
+    output: Output
+
+    def identify(self) -> Found:
+        """Fit the sum of the readings to the force of the scale."""
+        values, _ = read_table(self.log).numbers([*COLUMNS, "force"])
+        total, force = values[:, :-1].sum(axis=1), values[:, -1]
+
+        def fitted(rows: np.ndarray) -> tuple[float, float]:
+            square = float(force[rows] @ force[rows])
+            gain = float(force[rows] @ total[rows]) / square
+            return gain, float(np.var(total[rows] - gain * force[rows])) / square
+
+        def predict(left: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            (part, own), (rest, others) = fitted(left), fitted(~left)
+            return np.array([part - rest]), np.array([[own + others]])
+
+        (gain, variance), left = fitted(np.ones(len(force), dtype=bool)), leave_out(len(force), predict, blocks=20)
+        model = BallGain(gain, (variance * left.widening) ** 0.5, self.record())
+        return Found([*GAIN.summary(model), ("left out", str(left))], model, next=["name it: model = FILE in [ball]"])
 
 
 def build(setup: Setup) -> Prepared:
@@ -47,8 +109,12 @@ def build(setup: Setup) -> Prepared:
     tare = setup.estimate.tare or setup.sensors["ball"].table.tare
     health = None if head is None else examine(head, body, seconds=tare)
     smooth, rate = setup.smoothing()
+    intensity, model = None, setup.sensors["ball"].table.model
+    if model is not None:
+        gain = read_model(setup.link.folder / model, BallGain)
+        intensity = Intensity((Curve("polynomial", [gain.gain], [[gain.deviation**2]], largest=20.0),))
     estimator = TaxelEstimator(
-        body, None, health, settings=setup.contacts, filter=smooth.filter(), rate=rate, mount=setup.link.mount
+        body, intensity, health, settings=setup.contacts, filter=smooth.filter(), rate=rate, mount=setup.link.mount
     )
     return Prepared(estimator, said=noted_filter(smooth, rate), facts={"tare": tare})
 
@@ -75,7 +141,7 @@ BALL = replace(
     guess=lambda log, there, mesh: (
         Guess("t0 to t199", LAYOUT, "[ball]\n") if set(COLUMNS) <= set(there.names) else None
     ),
-    paths=(),
+    paths=("model",),
     view=f"{__name__}.BallView",
     start=lambda setup: setup.estimate.tare or setup.sensors["ball"].table.tare or 1.0,
 )

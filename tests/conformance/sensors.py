@@ -372,12 +372,23 @@ def _ball(folder: Path, run: Callable[..., str]) -> Files:
     loads = pushed + ball.NOISE * rng.standard_normal(pushed.shape)
     write_table(folder / "log.csv", {"time": time} | dict(zip(ball.COLUMNS, loads.T, strict=True)) | base_poses(time))
     (folder / "rig.toml").write_text(
-        f'[surface]\nkind = "sphere"\nradius = {ball.RADIUS}\n{POSE}\n[ball]\ntare = 0.8\n'
+        f'[surface]\nkind = "sphere"\nradius = {ball.RADIUS}\n{POSE}\n[ball]\ntare = 0.8\nmodel = "gain.toml"\n'
     )
+    known = {"force": pushed.sum(axis=1)}
+    write_table(folder / "presses.csv", dict(zip(ball.COLUMNS, loads.T, strict=True)) | known)
+    calibrate = ("ball", f"{folder}/presses.csv", "-o", f"{folder}/gain.toml")
+    run("calibrate", *calibrate)
     felt = -size[:, None] * (share @ normals)  # of the taxels, each along its own normal
     centre = ball.RADIUS * (share @ normals) / np.linalg.norm(share @ normals, axis=1, keepdims=True)
-    truth = replace(truth, point=centre, force=felt)
-    return Files(log=folder / "log.csv", rig=folder / "rig.toml", truth=truth, rest=0.8, mount=MOUNT)
+    return Files(
+        log=folder / "log.csv",
+        rig=folder / "rig.toml",
+        truth=replace(truth, point=centre, force=felt),
+        rest=0.8,
+        mount=MOUNT,
+        models=(folder / "gain.toml",),
+        calibrations=(calibrate,),
+    )
 
 
 def _nearest(forces: np.ndarray, directions: np.ndarray) -> np.ndarray:
@@ -402,5 +413,5 @@ SENSORS = (
     Sensor("poked taxels", "skin", _poked, 1.0e-3, 0.03, ignores=TAXELS),
     Sensor("marker ring", "marker_ring", _marker_ring, 1.0e-3, 0.2, UNFILTERED, RING),
     Sensor("plate", "plate", _plate, 0.2e-3, 0.02, NEWTONS, CELLS, "tests.conformance.plate"),
-    Sensor("ball", "ball", _ball, 1.5e-3, 0.05, NEWTONS, TAXELS, "tests.conformance.ball"),
+    Sensor("ball", "ball", _ball, 1.5e-3, 0.05, {}, TAXELS, "tests.conformance.ball"),
 )
