@@ -56,8 +56,8 @@ class RingResponse(Value):
         grip: t up to which it was calibrated; 0: none is known.
         dragged: (3,) of the presses that it was calibrated with, the share that was dragged, and deviations of t of
             those that were not, and of those that were; share 0: all are of one kind, that of `usual`.
-        left_out: (2, 2) rms errors of angle [rad] and of force, as a share, of presses that a fit to the others had
-            not seen, and the deviations that were expected of them; NaN: not known.
+        left_out: (4,) of presses that a fit to the others had not seen, the rms error of the angle and the expected one
+            [rad], and the same of the force, as shares of it; NaN: not known.
     """
 
     coefficients: Float[np.ndarray, "b e k m"]
@@ -68,7 +68,7 @@ class RingResponse(Value):
     usual: Float[np.ndarray, "3"] = field(default_factory=lambda: np.array([0.0, 2.0, 0.15]))
     grip: float = 0.0
     dragged: Float[np.ndarray, "3"] = field(default_factory=lambda: np.zeros(3))
-    left_out: Float[np.ndarray, "2 2"] = field(default_factory=lambda: np.full((2, 2), np.nan))
+    left_out: Float[np.ndarray, "4"] = field(default_factory=lambda: np.full(4, np.nan))
 
     def __post_init__(self) -> None:
         shape = self.coefficients.shape
@@ -83,7 +83,7 @@ class RingResponse(Value):
         if not 0 <= self.dragged[0] < 1 or (self.dragged[0] and not 0 < self.dragged[1] <= self.dragged[2] < np.inf):
             raise InputError("dragged must be a share below 1 and two deviations, positive and rising.")
         tails = {"coefficients": shape[1:], "width": (2,), "misfit": (), "spread": (2,), "largest": (2,), "usual": (3,)}
-        for name, tail in (tails | {"dragged": (3,), "left_out": (2, 2)}).items():
+        for name, tail in (tails | {"dragged": (3,), "left_out": (4,)}).items():
             object.__setattr__(self, name, frozen(getattr(self, name), tail=tail, name=name))
 
     @property

@@ -91,7 +91,7 @@ def fit_response(presses: RingPresses, before: RingResponse | None = None) -> Ri
     _require_presses(presses, before)
     whole = _fitted(presses, before)
     judged = replace(whole, **_left_out(presses, before, whole))
-    angle, force = judged.left_out[:, 0].tolist()
+    angle, _, force, _ = judged.left_out.tolist()
     if angle > _ASTRAY or force > _WRONG:
         raise InputError(
             f"presses that were left out are found {np.degrees(angle):.0f} degrees and {force:.0%} of their force off: "
@@ -319,10 +319,10 @@ def _left_out(presses: RingPresses, before: RingResponse | None, whole: RingResp
         judged.append(_errors(replace(fit, misfit=misfit), part))
     every = np.concatenate(judged)
     spread, shares = _beside(every), np.stack([np.ones(len(every)), every[:, 4]])
-    found: Float[np.ndarray, "2 2"] = np.full((2, 2), np.nan)
+    found: Float[np.ndarray, "4"] = np.full(4, np.nan)
     for e in range(2 if len(every) else 0):
         off, stated = (every[:, [e, 2 + e]] / shares[e][:, None]).T.tolist()
-        found[e] = _rms(off), np.hypot(_rms(stated), spread[e])
+        found[2 * e : 2 * e + 2] = _rms(off), np.hypot(_rms(stated), spread[e])
     return {"misfit": misfit, "spread": spread, "left_out": found}
 
 

@@ -63,7 +63,7 @@ def of_marker_ring(ring: MarkerRing) -> Lines:
     depth, force = response.largest.tolist()
     rings = f" in {response.rings} rings" if response.rings > 1 else ""
     angle, share = np.degrees(response.spread[0]), 100.0 * response.spread[1]
-    (off, expected), (wrong, unsure) = response.left_out.tolist()
+    off, expected, wrong, unsure = response.left_out.tolist()
     judged = (
         f"{np.degrees(off):.2g} deg and {100 * wrong:.2g} % of the force off (rms), where {np.degrees(expected):.2g} "
         f"deg and {100 * unsure:.2g} % are expected"
@@ -123,7 +123,7 @@ MARKER_RING = Model(
                     "share of dragged presses, deviations of shear / force of plain and of dragged; 0: one kind"
                 ),
                 "left_out": Key(
-                    "rad, share of the force: rms errors on presses that were left out, and the expected ones",
+                    "rad, then shares of the force: rms error on presses that were left out, and the expected one",
                     unknown=True,
                 ),
                 "shape": Key(
