@@ -10,7 +10,6 @@ _HANDED = "rooms hand it to each other with arrays of their own; its kernels che
 UNCALLED = {  # and why; a class stands for its methods
     "contact.fused_agreement.Agreement": _HANDED,
     "contact.lasting_unseen.LastingUnseen": _HANDED,
-    "contact.surface_wrenches.Piece": _HANDED,
     "contact.taxel_estimator.TaxelEstimator.answer": _HANDED,
     "io.live.ring.Ring": _HANDED,
     "io.live.ring.latencies": _HANDED,

@@ -20,7 +20,7 @@ from palpate.sensors.smoothing import BothWays, Forward, known_rate
 from palpate.sensors.wrench_sensor import Measured, Placement, WrenchSensor
 from palpate.sensors.zero_filter import FollowedSensor, ZeroHistory, ZeroState
 
-__all__ = ["Piece", "SurfaceWrenches", "Wrenches"]
+__all__: list[str] = []  # for this package alone
 
 PIECE = 4096  # samples at a time: what lies between two steps stays in the cache
 ALL = np.ones(1)  # share of the noise's variance where there is no filter
