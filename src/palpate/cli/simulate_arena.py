@@ -14,9 +14,8 @@ from tyro.conf import FlagCreatePairsOff, arg
 from palpate.cli.arena_setup import Asked, worn
 from palpate.cli.console import Figure, announce, counting, lines, note, progress, title, wait
 from palpate.cli.options import FileOption, require_port
-from palpate.cli.simulate_phantom import folder_beside
 from palpate.errors import InputError
-from palpate.io.atomic import reserve_output
+from palpate.io.atomic import folder_beside, reserve_output
 
 if TYPE_CHECKING:
     from palpate.cli.arena_run import ArenaResult, ArenaRun, Moment

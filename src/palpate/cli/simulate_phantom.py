@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import shutil
-import tempfile
-from collections.abc import Callable, Generator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from time import monotonic, sleep
 from typing import TYPE_CHECKING, Annotated
@@ -15,7 +14,7 @@ from tyro.conf import FlagCreatePairsOff, arg
 
 from palpate.cli.console import Figure, announce, counting, lines, note, progress, title, wait
 from palpate.errors import InputError
-from palpate.io.atomic import PART, reserve_output
+from palpate.io.atomic import folder_beside, reserve_output
 
 if TYPE_CHECKING:
     from palpate.cli.phantom_run import Moment
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
 
     Show = tuple[int, Callable[[Truth, str], None]]  # every so many periods of the sensor, what to do with a moment
 
-__all__ = ["folder_beside", "simulate_phantom"]
+__all__ = ["simulate_phantom"]
 
 Flag = Annotated[bool, FlagCreatePairsOff]
 Out = Annotated[Path, arg(aliases=["-o"], metavar="RUN.mcap")]
@@ -114,16 +113,6 @@ def _require_new(output: Path, film: Path | None) -> None:
     for file in [*files_of(output).values(), *([film] if film is not None else [])]:
         if file.exists() or file.is_symlink():
             raise InputError("is already there.", where=str(file), hint="Name another output.")
-
-
-@contextmanager
-def folder_beside(output: Path) -> Generator[Path]:
-    """A folder beside the output that is gone afterwards, after Ctrl-C too: what is finished has been moved out."""
-    folder = Path(tempfile.mkdtemp(prefix=f".{output.stem}.", suffix=PART, dir=output.absolute().parent))
-    try:
-        yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _lab(name: str, period: float | None, probe: str, seed: int) -> PhantomLab:

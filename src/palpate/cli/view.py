@@ -12,12 +12,11 @@ from palpate.cli.contact_files import compared_blocks, on_body, written
 from palpate.cli.evaluate_taxels import is_taxel_file
 from palpate.cli.options import Log
 from palpate.cli.rig_options import RigOptions
-from palpate.cli.simulate_phantom import folder_beside
 from palpate.cli.views.view import Kept, layers_of, view_of
 from palpate.contact.contacts import Contacts
 from palpate.errors import InputError
 from palpate.interrupts import import_mesh_reader
-from palpate.io.atomic import reserve_output
+from palpate.io.atomic import folder_beside, reserve_output
 from palpate.io.models import read_provenance
 from palpate.io.models.taxels import of_taxels
 from palpate.io.pipeline import OpenedLog, Pipeline

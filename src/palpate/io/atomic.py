@@ -17,6 +17,7 @@ from palpate.io.output_lock import only_writer, reserve
 __all__ = [
     "PART",
     "WHOLE",
+    "folder_beside",
     "growing",
     "irregular",
     "keep_inputs",
@@ -218,3 +219,13 @@ def _umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
     return mask
+
+
+@contextmanager
+def folder_beside(output: Path) -> Generator[Path]:
+    """A folder beside the output that is gone afterwards, after Ctrl-C too: what is finished has been moved out."""
+    folder = Path(tempfile.mkdtemp(prefix=f".{output.stem}.", suffix=PART, dir=output.absolute().parent))
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)

@@ -15,7 +15,7 @@ from palpate.errors import not_loaded
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["AXES", "INK", "MUTED", "RULE", "STATUS", "figure", "inline", "save", "styled"]
+__all__ = ["AXES", "DARK", "INK", "MUTED", "RULE", "STATUS", "figure", "inline", "mixed", "save", "styled"]
 
 INK, MUTED, RULE = "#1b2530", "#5d6975", "#d5dbe1"  # text, what comes second, lines of the grid
 AXES = ("#d55e00", "#009e73", "#0072b2")  # x, y, z: Okabe and Ito's colours, told apart by the colour-blind
@@ -23,6 +23,16 @@ STATUS = ("#009e73", "#56b4e9", "#d5dbe1", "#9aa5b0", "#d55e00", "#e69f00", "#cc
 _THEME = {INK: "currentColor", MUTED: "var(--muted)", RULE: "var(--rule)"}  # a page in the dark has others
 _WIDTH = 4.6  # inches of 72 units: on a phone of 360 px a unit is a pixel, and letters keep their size
 _IDS = re.compile(r' id="(?:figure|axes|patch|line2d|matplotlib|text|legend|\w*Collection|xtick|ytick)\.?\w*_\d+"')
+
+
+def mixed(code: str | tuple[int, int, int], white: float) -> tuple[int, int, int]:
+    """Red, green, blue of a colour ("#rrggbb") with a share of white in it."""
+    one = tuple(int(code[at : at + 2], 16) for at in (1, 3, 5)) if isinstance(code, str) else code
+    red, green, blue = (round(part + white * (255 - part)) for part in one)
+    return red, green, blue
+
+
+DARK = mixed(INK, 0.0)
 
 
 def figure(height: float = 2.6) -> Figure:

@@ -9,9 +9,9 @@ from jaxtyping import Bool, Float, UInt8
 
 from palpate.errors import InputError
 from palpate.spatial.arguments import takes_arrays
-from palpate.viewer._style import AXES, INK, STATUS
+from palpate.viewer._style import AXES, STATUS, mixed
 
-__all__ = ["DARK", "FORCE", "Arena", "Scene", "Trails", "colour", "mixed", "newtons"]
+__all__ = ["FORCE", "Arena", "Scene", "Trails", "colour", "newtons"]
 
 STEP = 0.01  # m between two points of a trail
 _COLOURS = (AXES[2], AXES[1], STATUS[6], STATUS[1], STATUS[7], STATUS[5])  # vermilion is kept for forces
@@ -118,13 +118,6 @@ def colour(robot: int) -> tuple[int, int, int]:
     return mixed(_COLOURS[robot % len(_COLOURS)], 0.0)
 
 
-def mixed(code: str | tuple[int, int, int], white: float) -> tuple[int, int, int]:
-    """Red, green, blue of a colour ("#rrggbb") with a share of white in it."""
-    one = tuple(int(code[at : at + 2], 16) for at in (1, 3, 5)) if isinstance(code, str) else code
-    red, green, blue = (round(part + white * (255 - part)) for part in one)
-    return red, green, blue
-
-
 @takes_arrays
 def newtons(touches: Float[np.ndarray, "_ 2"] | None) -> str:
     """What a skin feels, in a few words."""
@@ -148,5 +141,4 @@ def _cut(corners: Float[np.ndarray, "k 2"], axis: int, sign: float, least: float
 
 
 _SQUARE = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
-DARK = mixed(INK, 0.0)
 FORCE = mixed(AXES[0], 0.0)

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from palpate.opencv import opencv
-from palpate.viewer._style import MUTED, RULE, STATUS
-from palpate.viewer.arena import DARK, FORCE, Arena, Scene, Trails, colour, mixed, newtons
+from palpate.viewer._style import DARK, MUTED, RULE, STATUS, mixed
+from palpate.viewer.arena import FORCE, Arena, Scene, Trails, colour, newtons
 from palpate.viewer.ink import Ink
 
 __all__ = ["SIZE", "ArenaPicture", "senses"]

@@ -9,8 +9,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from palpate.opencv import opencv
-from palpate.viewer._style import MUTED, RULE
-from palpate.viewer.arena import DARK, mixed
+from palpate.viewer._style import DARK, MUTED, RULE, mixed
 from palpate.viewer.camera import VIEW
 from palpate.viewer.heat import PALETTE, colours
 from palpate.viewer.ink import Ink

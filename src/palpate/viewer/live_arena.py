@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.opencv import opencv
-from palpate.viewer._style import MUTED, RULE, STATUS
-from palpate.viewer.arena import Arena, Scene, Trails, colour, mixed, newtons
+from palpate.viewer._style import MUTED, RULE, STATUS, mixed
+from palpate.viewer.arena import Arena, Scene, Trails, colour, newtons
 from palpate.viewer.arena_picture import senses
 from palpate.viewer.camera import fit
 from palpate.viewer.legend import dot, item, strip
