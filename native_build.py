@@ -28,7 +28,8 @@ from types import ModuleType
 from typing import Any
 
 ROOT = Path(__file__).parent
-PACKAGE = ROOT / "src" / "palpate"
+SOURCE = ROOT / "src"
+PACKAGE = SOURCE / "palpate"
 LEVELS = ("x86-64-v3", "x86-64")  # of x86-64 processors
 FIRST = ("mesh", "basics")  # parts that a six-axis log on a mesh needs
 LOCATING = ("contact__kernel_", "contact__live_")  # by a mesh in the first way of calling them
@@ -204,13 +205,14 @@ def _type(argument: Any) -> Any:
 def _kernels() -> Any:
     """Import every kernel without the packages that it is in, which need what a build has not; return `_jit`."""
     if "palpate" not in sys.modules:
-        for folder in (PACKAGE, *(file.parent for file in PACKAGE.rglob("__init__.py"))):
-            name = ".".join(("palpate", *folder.relative_to(PACKAGE).parts))
+        folders = (file.parent for name in ("palpate", "palpate_lab") for file in (SOURCE / name).rglob("__init__.py"))
+        for folder in sorted(folders):
+            name = ".".join(folder.relative_to(SOURCE).parts)
             package = sys.modules[name] = ModuleType(name)
             package.__path__ = [str(folder)]
     jit = import_module("palpate.surfaces._jit")
     for file in jit.kernel_files():
-        import_module(".".join(("palpate", *file.relative_to(PACKAGE).with_suffix("").parts)))
+        import_module(".".join(file.relative_to(SOURCE).with_suffix("").parts))
     return jit
 
 

@@ -35,7 +35,7 @@ CALLS = {
 SIDE = """
 import sys, time
 import numpy as np, palpate
-from palpate.simulation.shapes import Ellipsoid
+from palpate_lab.simulation.shapes import Ellipsoid
 from tests.same.play import samples
 
 def made(name):

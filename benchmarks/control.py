@@ -16,7 +16,7 @@ from palpate.control.arm import Arm
 from palpate.control.servo import Servo, ServoModel
 from palpate.control.supervisor import State
 from palpate.sensors.compensation import Compensation
-from palpate.simulation.shapes import Superquadric
+from palpate_lab.simulation.shapes import Superquadric
 
 __all__ = ["Press", "bent", "elbow_arm", "press", "rows"]
 

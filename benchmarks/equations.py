@@ -11,9 +11,9 @@ import palpate
 from evidence.bodies import R
 from evidence.row import Row
 from palpate.contact.iterative import locate_iteratively
-from palpate.simulation import touch_wrenches
-from palpate.simulation.shapes import Ellipsoid as Truth
 from palpate.surfaces import Ellipsoid, _equation, _kernels
+from palpate_lab.simulation import touch_wrenches
+from palpate_lab.simulation.shapes import Ellipsoid as Truth
 
 __all__ = ["rows"]
 

@@ -29,7 +29,7 @@ from palpate.io.live.netft_device import NetFtDevice
 from palpate.io.live.record import ring_of
 from palpate.io.live.ring import Ring
 from palpate.io.live.source import Batch
-from palpate.simulation import BumpySphere, touch_wrenches
+from palpate_lab.simulation import BumpySphere, touch_wrenches
 
 __all__ = ["HOST", "RIG", "Memory", "R", "rows", "wrenches"]
 

@@ -28,7 +28,7 @@ from evidence.row import Row
 from palpate.cli.live_page import show
 from palpate.io.live.live import Live
 from palpate.io.live.ring import Ring
-from palpate.simulation import BumpySphere
+from palpate_lab.simulation import BumpySphere
 
 __all__ = ["rows"]
 

@@ -13,7 +13,7 @@ from evidence.row import Row
 from palpate.calibration.load_cells import LoadCellCalibration, identify_load_cells
 from palpate.sensors.load_cell_array import LoadCellArray
 from palpate.sensors.load_cells import VOLTAGE
-from palpate.simulation.load_cell_bench import BENCHES, BenchRun
+from palpate_lab.simulation.load_cell_bench import BENCHES, BenchRun
 
 __all__ = ["rows"]
 

@@ -16,7 +16,7 @@ from benchmarks.many_logs import Time, timed
 from benchmarks.processes import prepare
 from evidence.long_logs import write_log
 from evidence.row import Row
-from palpate.simulation import simulate_session
+from palpate_lab.simulation import simulate_session
 
 __all__ = ["rows"]
 

@@ -22,7 +22,7 @@ from pathlib import Path
 from benchmarks.processes import prepare
 from evidence.long_logs import write_log
 from evidence.row import Row
-from palpate.simulation import simulate_session
+from palpate_lab.simulation import simulate_session
 
 __all__ = ["Time", "rows", "timed"]
 

@@ -14,7 +14,7 @@ from palpate.opencv import opencv
 from palpate.sensors.fisheye import Fisheye
 from palpate.sensors.marker_ring import MarkerRing, RingBody
 from palpate.sensors.recording import IMAGE, Recording
-from palpate.simulation.ring_session import Protocol, RingSession, RingUnit, Touching, calibration_run, touching_run
+from palpate_lab.simulation.ring_session import Protocol, RingSession, RingUnit, Touching, calibration_run, touching_run
 
 __all__ = ["by_opencv", "calibrated", "rows"]
 

@@ -14,11 +14,11 @@ from numba import njit
 import palpate
 from benchmarks import rivals
 from palpate.contact.neighbours import in_space
-from palpate.simulation import BumpySphere, touch_wrenches
 from palpate.surfaces import _bvh
 from palpate.surfaces._patches import FLAT as FACET
 from palpate.surfaces._patches import patch_rows
 from palpate.surfaces._tree import Tree, build_tree
+from palpate_lab.simulation import BumpySphere, touch_wrenches
 
 __all__ = ["BEGINNER", "FLAT", "FULL", "Batch", "Meshes", "R", "Single", "batches", "singles"]
 

@@ -15,10 +15,10 @@ from scipy.optimize import least_squares
 
 import palpate
 from palpate.contact.iterative import locate_iteratively
-from palpate.evaluation.peers.wrench_peers import Answer, nearest_vertex
-from palpate.simulation import Ellipsoid, touch_wrenches
 from palpate.surfaces import Ellipsoid as EllipsoidEquation
 from palpate.surfaces import plane
+from palpate_lab.peers.wrench_peers import Answer, nearest_vertex
+from palpate_lab.simulation import Ellipsoid, touch_wrenches
 
 __all__ = [
     "HEIGHT",

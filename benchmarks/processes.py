@@ -15,8 +15,8 @@ from pathlib import Path
 
 from evidence.long_logs import write_log
 from evidence.row import Row
-from palpate.simulation import simulate_session, write_session
-from palpate.simulation.session import Session
+from palpate_lab.simulation import simulate_session, write_session
+from palpate_lab.simulation.session import Session
 
 __all__ = ["prepare", "rows", "watched"]
 

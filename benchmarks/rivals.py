@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 import palpate
-from palpate.evaluation.peers.facet_planes import INSIDE, facet_planes, paper_systems, system_filler
+from palpate_lab.peers.facet_planes import INSIDE, facet_planes, paper_systems, system_filler
 
 __all__ = ["batched_solve", "closed_form", "embree_scene", "loop_of_solves", "reciprocal_products"]
 

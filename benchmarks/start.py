@@ -13,7 +13,7 @@ from statistics import median
 from tempfile import TemporaryDirectory
 
 from evidence.row import Row
-from palpate.simulation import simulate_session, write_session
+from palpate_lab.simulation import simulate_session, write_session
 
 __all__ = ["rows"]
 
@@ -34,7 +34,7 @@ CPU = [  # what, target [s], arguments of Python
 LARGE = """
 import resource, time
 import palpate
-from palpate.simulation.shapes import BumpySphere
+from palpate_lab.simulation.shapes import BumpySphere
 palpate.Mesh.from_arrays(*BumpySphere(0.01).mesh(200)).prepared()
 arrays = BumpySphere(0.01).mesh(FACETS)
 begin = time.process_time()
@@ -44,7 +44,7 @@ print(time.process_time() - begin, resource.getrusage(resource.RUSAGE_SELF).ru_m
 FIRST = """
 import json, time
 import numpy as np, palpate
-from palpate.simulation import Ellipsoid
+from palpate_lab.simulation import Ellipsoid
 
 mesh = palpate.Mesh.from_arrays(*Ellipsoid((0.010, 0.007, 0.005)).mesh(20_000))
 begin = time.perf_counter()

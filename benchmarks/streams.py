@@ -17,9 +17,9 @@ from palpate.io.logs import open_log
 from palpate.io.logs.layout import Layout
 from palpate.sensors.compensation import Compensation
 from palpate.sensors.recording import FORCE, ORIENTATION, TORQUE
-from palpate.simulation import simulate_session
-from palpate.simulation.session import NOISE, Session
 from palpate.spatial.pose import rotation_from_quaternion
+from palpate_lab.simulation import simulate_session
+from palpate_lab.simulation.session import NOISE, Session
 
 __all__ = ["report"]
 

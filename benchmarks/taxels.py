@@ -14,10 +14,10 @@ from evidence.row import Row
 from palpate.calibration.taxels._accumulate import accumulate
 from palpate.io.taxel_files import read_taxel_places
 from palpate.sensors.taxel_places import TaxelPlaces
-from palpate.simulation.forearm import Forearm
-from palpate.simulation.poke_bench import HAND, MIX, PokeBench
-from palpate.simulation.poke_log import Timing, simulate_poke_log
-from palpate.simulation.poke_session_files import (
+from palpate_lab.simulation.forearm import Forearm
+from palpate_lab.simulation.poke_bench import HAND, MIX, PokeBench
+from palpate_lab.simulation.poke_log import Timing, simulate_poke_log
+from palpate_lab.simulation.poke_session_files import (
     TAXEL_TOPIC,
     WRENCH_TOPIC,
     write_arm,

@@ -9,7 +9,7 @@ import numpy as np
 import palpate
 from evidence.bodies import BODIES, BUMPIER, CONVEX, SIZES, R, curvature, mesh_of, path
 from evidence.row import Row
-from palpate.simulation import Body, touch_wrenches
+from palpate_lab.simulation import Body, touch_wrenches
 
 __all__ = ["rows"]
 

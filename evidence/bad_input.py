@@ -19,7 +19,7 @@ import trimesh
 from evidence import mutated
 from evidence.row import Row
 from palpate.cli import main
-from palpate.simulation import simulate_session, write_session
+from palpate_lab.simulation import simulate_session, write_session
 
 __all__ = ["rows"]
 

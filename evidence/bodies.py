@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import palpate
-from palpate.simulation import Body, BumpySphere, Ellipsoid, Superquadric, contact_wrenches
+from palpate_lab.simulation import Body, BumpySphere, Ellipsoid, Superquadric, contact_wrenches
 
 __all__ = ["BODIES", "BUMPIER", "CONVEX", "SIZES", "R", "curvature", "mesh_of", "path", "prism"]
 

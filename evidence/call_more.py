@@ -139,7 +139,7 @@ def _live() -> None:
 
 
 def _drawn() -> None:
-    from palpate.viewer.arena import Trails
+    from palpate_lab.viewer.arena import Trails
 
     Trails(2).add(np.zeros((2, 3)))
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate.simulation.load_cell_bench import BenchRun
+from palpate_lab.simulation.load_cell_bench import BenchRun
 
 __all__ = ["dead", "drifting", "saturated", "swapped"]
 

@@ -18,9 +18,9 @@ from palpate import Payload, Recording
 from palpate.calibration.clock import identify_offset
 from palpate.sensors.motion import Motion
 from palpate.sensors.recording import ACCELERATION, FORCE, ORIENTATION, POSITION, TORQUE, UNSTEADY
-from palpate.simulation.session import GRAVITY, Load
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate.spatial.pose_track import PoseTrack
+from palpate_lab.simulation.session import GRAVITY, Load
 
 __all__ = ["rows"]
 

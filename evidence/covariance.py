@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 import palpate
 from evidence.bodies import BODIES, CONVEX, R, mesh_of
 from evidence.row import Row
-from palpate.simulation import Body, touch_wrenches
+from palpate_lab.simulation import Body, touch_wrenches
 
 __all__ = ["CHI2_95", "NOISE", "rows", "squared_distance"]
 

@@ -17,7 +17,7 @@ import trimesh
 import palpate
 from evidence.probes import OFF, PROBES, Outside
 from evidence.row import Row, shared, skipped
-from palpate.simulation import BumpySphere, touch_wrenches
+from palpate_lab.simulation import BumpySphere, touch_wrenches
 
 __all__ = ["made", "rows"]
 

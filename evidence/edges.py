@@ -18,8 +18,8 @@ import palpate
 from evidence.bodies import R, prism
 from evidence.covariance import CHI2_95, NOISE, squared_distance
 from evidence.row import Row
-from palpate.simulation import contact_wrenches
-from palpate.simulation.contacts import directed_forces
+from palpate_lab.simulation import contact_wrenches
+from palpate_lab.simulation.contacts import directed_forces
 
 __all__ = ["PRISMS", "brute_force", "edges", "rows", "touches"]
 

@@ -23,10 +23,10 @@ from evidence.bodies import mesh_of
 from evidence.covariance import CHI2_95, NOISE, squared_distance
 from evidence.row import Row
 from palpate.contact.plausibility import Asked
-from palpate.simulation import Ellipsoid
 from palpate.surfaces.quadric import Cylinder
 from palpate.surfaces.quadric import Ellipsoid as EllipsoidSurface
 from palpate.surfaces.surface import Surface
+from palpate_lab.simulation import Ellipsoid
 
 __all__ = ["BALL", "BOX", "LEVER", "PLATE", "TOOLS", "Pressed", "Tool", "press", "rows", "scene"]
 

@@ -9,8 +9,6 @@ import numpy as np
 import palpate
 from evidence.bodies import R
 from evidence.row import Row
-from palpate.simulation import touch_wrenches
-from palpate.simulation.shapes import Ellipsoid as Truth
 from palpate.spatial.pose import Pose
 from palpate.surfaces import (
     Cylinder,
@@ -21,6 +19,8 @@ from palpate.surfaces import (
     superquadric,
 )
 from palpate.surfaces.analytic import Analytic
+from palpate_lab.simulation import touch_wrenches
+from palpate_lab.simulation.shapes import Ellipsoid as Truth
 
 __all__ = ["orders", "rows"]
 

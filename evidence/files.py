@@ -17,8 +17,8 @@ from evidence.robot import WRENCH, apart, apart_from_library, readme, write_robo
 from evidence.row import Row, shared, skipped
 from palpate.cli import main
 from palpate.io.logs import Layout, read_recording
-from palpate.simulation.session import Session, simulate_session
-from palpate.simulation.session_files import write_session
+from palpate_lab.simulation.session import Session, simulate_session
+from palpate_lab.simulation.session_files import write_session
 
 __all__ = ["REAL", "Real", "rows"]
 

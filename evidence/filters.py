@@ -21,8 +21,8 @@ from palpate.contact import ContactEstimate, WrenchEstimator
 from palpate.sensors import Butterworth, Kalman
 from palpate.sensors.filters import Filter
 from palpate.sensors.recording import FORCE, TORQUE
-from palpate.simulation import touch_wrenches
 from palpate.surfaces import plane
+from palpate_lab.simulation import touch_wrenches
 
 __all__ = ["rows"]
 

@@ -16,8 +16,8 @@ import trimesh
 
 from evidence.mcap_records import CHANNEL, MESSAGE, SCHEMA, Record, chunk, chunk_records, pack, unpack
 from palpate.cli import main
-from palpate.simulation import Session, simulate_session, write_session
-from palpate.simulation.session_mcap import write_session_mcap
+from palpate_lab.simulation import Session, simulate_session, write_session
+from palpate_lab.simulation.session_mcap import write_session_mcap
 
 __all__ = ["write_good"]
 
@@ -141,7 +141,7 @@ def _bags(folder: Path, messages: list[Record], declared: list[Record]) -> None:
     from rosbags.rosbag2 import Writer as Writer2
     from rosbags.typesys import Stores, get_typestore
 
-    from palpate.simulation.session_files import POSE_TOPIC, WRENCH_TOPIC
+    from palpate_lab.simulation.session_files import POSE_TOPIC, WRENCH_TOPIC
 
     kinds = {WRENCH_TOPIC: "geometry_msgs/msg/WrenchStamped", POSE_TOPIC: "geometry_msgs/msg/PoseStamped"}
     keys: dict[int, str] = {}

@@ -34,16 +34,16 @@ from palpate.contact.estimate import ROW, Status
 from palpate.io.live.ring import Form, Ring
 from palpate.io.live.source import Batch
 from palpate.sensors.taxel_places import TaxelPlaces
-from palpate.simulation.shapes import Ellipsoid
 from palpate.surfaces import Sphere
-from palpate.viewer.arena import Arena
 from palpate.viewer.guard import LARGEST
-from palpate.viewer.live_arena import LiveArena
-from palpate.viewer.live_probe import LiveProbe
 from palpate.viewer.scene import nothing, prepare
 from palpate.viewer.server import Page, Served
 from palpate.viewer.taxel_page import TaxelPage
 from palpate.viewer.viser_door import CLIENTS
+from palpate_lab.simulation.shapes import Ellipsoid
+from palpate_lab.viewer.arena import Arena
+from palpate_lab.viewer.live_arena import LiveArena
+from palpate_lab.viewer.live_probe import LiveProbe
 
 __all__ = ["rows"]
 

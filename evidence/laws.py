@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 import palpate
 from evidence.bodies import BODIES, BUMPIER, R, mesh_of, path
 from evidence.row import Row
-from palpate.simulation import Body, contact_wrenches, touch_wrenches
+from palpate_lab.simulation import Body, contact_wrenches, touch_wrenches
 
 __all__ = ["Ridges", "Unchanged", "largest_steps", "moved", "ridges", "rows", "shuffled", "unchanged"]
 

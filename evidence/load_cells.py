@@ -1,7 +1,7 @@
 """Load cells: a fingertip calibrated on a simulated bench, verified on an independent run of it.
 
-The bench (`palpate.simulation.load_cell_bench`) makes voltages by the statics of a frame on springs and, for the soft
-layer, by an elastic foundation; no estimator has a part in it. Positions are 3-D errors of samples loaded by 1 N or
+The bench (`palpate_lab.simulation.load_cell_bench`) makes voltages by the statics of a frame on springs and, for the
+soft layer, by an elastic foundation; no estimator has a part in it. Positions are 3-D errors of samples loaded by 1 N or
 more, forces those against the equally filtered truth. The zero is taken in the unloaded start of each trajectory.
 """
 
@@ -22,13 +22,13 @@ from palpate.sensors.load_cell_array import LoadCellArray
 from palpate.sensors.load_cell_faults import Fault
 from palpate.sensors.load_cell_zero import Zero, take_zero
 from palpate.sensors.load_cells import VOLTAGE, LoadCells
-from palpate.simulation.ball_on_ellipse import pressed_wrench
-from palpate.simulation.cell_array import in_line
-from palpate.simulation.contacts import contact_wrenches
-from palpate.simulation.load_cell_bench import BENCHES, REST, Bench, BenchRun
 from palpate.spatial.pose import Pose
 from palpate.surfaces import EllipticCylinder, Surface
 from palpate.surfaces.implicit import superquadric
+from palpate_lab.simulation.ball_on_ellipse import pressed_wrench
+from palpate_lab.simulation.cell_array import in_line
+from palpate_lab.simulation.contacts import contact_wrenches
+from palpate_lab.simulation.load_cell_bench import BENCHES, REST, Bench, BenchRun
 
 __all__ = ["rows"]
 

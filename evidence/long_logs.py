@@ -12,7 +12,7 @@ import polars as pl
 from palpate.io.contacts.mcap import topics as declared
 from palpate.io.contacts.mcap_write import MESSAGE, McapWriter, Topic
 from palpate.sensors.recording import ORIENTATION, Recording
-from palpate.simulation.session import Session
+from palpate_lab.simulation.session import Session
 
 __all__ = ["COLUMNS", "RATE", "pieces", "write_log"]
 

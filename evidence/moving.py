@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from palpate.simulation.session import GRAVITY, Load
 from palpate.spatial.pose import rotation_from_quaternion
+from palpate_lab.simulation.session import GRAVITY, Load
 
 __all__ = ["Course", "Swing", "moving_wrenches"]
 

@@ -20,9 +20,9 @@ from evidence.row import ROOT, Row
 from palpate.cli import main
 from palpate.contact import Locator
 from palpate.io.contacts import read_contacts
-from palpate.simulation import simulate_session, write_session
-from palpate.simulation.shapes import Ellipsoid
 from palpate.surfaces import Mesh, _jit
+from palpate_lab.simulation import simulate_session, write_session
+from palpate_lab.simulation.shapes import Ellipsoid
 
 __all__ = ["rows"]
 

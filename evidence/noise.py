@@ -21,7 +21,7 @@ from palpate.sensors import Butterworth, Kalman
 from palpate.sensors.filters import Filter
 from palpate.sensors.noise import Noise, estimate_noise, rest_noise, wrong_noise
 from palpate.sensors.recording import FORCE, TORQUE
-from palpate.simulation import touch_wrenches
+from palpate_lab.simulation import touch_wrenches
 
 __all__ = ["coloured", "rows"]
 

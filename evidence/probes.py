@@ -21,8 +21,8 @@ import trimesh
 
 import palpate
 from evidence.row import Row, shared, skipped
-from palpate.simulation import touch_wrenches
 from palpate.surfaces._normals import half_edge_twins
+from palpate_lab.simulation import touch_wrenches
 
 __all__ = ["rows"]
 

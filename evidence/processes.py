@@ -21,8 +21,8 @@ import polars as pl
 
 from evidence.row import Row
 from palpate.cli import main
-from palpate.simulation import simulate_session, write_session
-from palpate.simulation.session_mcap import write_session_mcap
+from palpate_lab.simulation import simulate_session, write_session
+from palpate_lab.simulation.session_mcap import write_session_mcap
 
 __all__ = ["rows"]
 

@@ -21,8 +21,8 @@ from scipy.spatial.transform import Rotation
 
 from palpate.cli import main
 from palpate.sensors.recording import ORIENTATION, POSITION, Recording
-from palpate.simulation.session import Session
 from palpate.spatial.pose import rotation_from_quaternion
+from palpate_lab.simulation.session import Session
 
 ROS2 = get_typestore(Stores.ROS2_HUMBLE)
 TYPES: Any = ROS2.types

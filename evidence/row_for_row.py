@@ -11,7 +11,7 @@ import polars as pl
 
 from evidence.good_files import SAMPLES
 from evidence.mcap_records import MAGIC, counted
-from palpate.simulation.session_files import WRENCH_TOPIC
+from palpate_lab.simulation.session_files import WRENCH_TOPIC
 
 __all__ = ["unanswered"]
 

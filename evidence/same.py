@@ -31,9 +31,9 @@ from palpate.sensors.compensation import Compensation
 from palpate.sensors.filters import Filter
 from palpate.sensors.motion import Motion
 from palpate.sensors.recording import ORIENTATION
-from palpate.simulation import simulate_session, write_session
-from palpate.simulation.session_files import POSE_TOPIC, WRENCH_TOPIC
 from palpate.spatial.pose import rotation_from_quaternion
+from palpate_lab.simulation import simulate_session, write_session
+from palpate_lab.simulation.session_files import POSE_TOPIC, WRENCH_TOPIC
 
 __all__ = ["FORMATS", "chain_of", "differing", "estimated", "rows", "run", "streamed", "unlike", "written"]
 

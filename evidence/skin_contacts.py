@@ -1,6 +1,6 @@
 """Contacts of a taxel sheet: are they where, how hard and who they are, on a bench, on real signals, in time?
 
-The bench (`palpate.simulation.skin_bench`) presses a sheet of 6 x 22 cells of 10 mm round a cylinder of 71 mm with
+The bench (`palpate_lab.simulation.skin_bench`) presses a sheet of 6 x 22 cells of 10 mm round a cylinder of 71 mm with
 patches of pressure, Hertz's and flat, and reads it as the paper's sheet is described: 8 bits, 10 counts a kPa up to
 2.8 kPa and 200 kPa at the end of the range, with noise of one count before rounding and gains that differ by 2 %. Each
 cell was calibrated with 60 simulated presses of a load cell. The noise and the gains are ours: the paper gives
@@ -29,12 +29,12 @@ from palpate.sensors.intensity import Curve, Intensity
 from palpate.sensors.recording import CELLS, Recording
 from palpate.sensors.taxel_health import Health, examine
 from palpate.sensors.taxels import TaxelBody
-from palpate.simulation.shapes import icosphere
-from palpate.simulation.skin_bench import PaperSheet, Patch, Rolled, Wand, paper_sheet, press, read_out
-from palpate.simulation.skin_session import SkinSession, load_cell_presses, simulate_protocol
 from palpate.spatial._arrays import frozen
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate.surfaces.mesh import Mesh
+from palpate_lab.simulation.shapes import icosphere
+from palpate_lab.simulation.skin_bench import PaperSheet, Patch, Rolled, Wand, paper_sheet, press, read_out
+from palpate_lab.simulation.skin_session import SkinSession, load_cell_presses, simulate_protocol
 
 __all__ = ["Judged", "protocol", "rows"]
 

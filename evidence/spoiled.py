@@ -31,15 +31,15 @@ from palpate.errors import PalpateError
 from palpate.sensors.fisheye import Fisheye
 from palpate.sensors.pokes import Pokes
 from palpate.sensors.taxel_modules import ModuleLayout
-from palpate.simulation.barrel import Barrel, Indenter
-from palpate.simulation.barrel_elasticity import COARSE_ROWS, BarrelSettings
-from palpate.simulation.contacts import touch_wrenches
-from palpate.simulation.forearm import Forearm
-from palpate.simulation.load_cell_bench import BENCHES
-from palpate.simulation.poke_bench import HAND, MIX, PokeBench
-from palpate.simulation.shapes import Ellipsoid
 from palpate.spatial.pose import Pose
 from palpate.surfaces import EllipticCylinder, Mesh
+from palpate_lab.simulation.barrel import Barrel, Indenter
+from palpate_lab.simulation.barrel_elasticity import COARSE_ROWS, BarrelSettings
+from palpate_lab.simulation.contacts import touch_wrenches
+from palpate_lab.simulation.forearm import Forearm
+from palpate_lab.simulation.load_cell_bench import BENCHES
+from palpate_lab.simulation.poke_bench import HAND, MIX, PokeBench
+from palpate_lab.simulation.shapes import Ellipsoid
 
 __all__ = ["rows"]
 

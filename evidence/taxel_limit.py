@@ -13,9 +13,9 @@ from palpate.calibration.taxels import Priors, calibrate_taxels
 from palpate.calibration.taxels.plan import candidates, known_after, plan_pokes
 from palpate.calibration.taxels.units import Units, fitted, single
 from palpate.evaluation.taxels import compare_places
-from palpate.simulation.forearm import Forearm
-from palpate.simulation.poke_bench import HAND, MIX, Arm, PokeBench, PokeErrors
 from palpate.surfaces.mesh import Mesh
+from palpate_lab.simulation.forearm import Forearm
+from palpate_lab.simulation.poke_bench import HAND, MIX, Arm, PokeBench, PokeErrors
 
 __all__ = ["HELD", "priors_of", "rows"]
 

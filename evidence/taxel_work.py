@@ -19,11 +19,11 @@ from palpate.io.taxel_files import read_taxel_places
 from palpate.sensors.recording import CELLS, Recording
 from palpate.sensors.taxel_places import TaxelPlaces
 from palpate.sensors.taxels import TaxelBody
-from palpate.simulation.forearm import Forearm
-from palpate.simulation.poke_bench import HAND, MIX, PokeBench
-from palpate.simulation.skin_touches import SkinTouches, simulate_touches
 from palpate.spatial.pose import Pose
 from palpate.surfaces.mesh import Mesh
+from palpate_lab.simulation.forearm import Forearm
+from palpate_lab.simulation.poke_bench import HAND, MIX, PokeBench
+from palpate_lab.simulation.skin_touches import SkinTouches, simulate_touches
 
 __all__ = ["registered", "rows", "variation"]
 

@@ -28,7 +28,7 @@ from palpate.contact import Contacts
 from palpate.contact.table import to_frame
 from palpate.io.contacts import read_contacts
 from palpate.io.logs import open_log
-from palpate.simulation import simulate_session
+from palpate_lab.simulation import simulate_session
 
 __all__ = ["PACKED", "Cuts", "cut", "read", "rows"]
 

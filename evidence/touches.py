@@ -21,6 +21,7 @@ from evidence.row import Row
 from palpate.contact import WrenchEstimator
 from palpate.sensors import Recording
 from palpate.sensors.compensation import Compensation
+from palpate_lab.simulation import contact_wrenches
 
 __all__ = ["rows"]
 
@@ -144,7 +145,7 @@ def _touch(point: np.ndarray, normal: np.ndarray, torsion: float, rng: np.random
     force = push[:, None] * (lean @ across - normal)
     twist = np.clip(_walk(0.3, 0.0, rng), -0.8, 0.8) * torsion * push
     at, up = np.broadcast_to(point, force.shape), np.broadcast_to(normal, force.shape)
-    clean = palpate.simulation.contact_wrenches(at, up, force, twist)
+    clean = contact_wrenches(at, up, force, twist)
     return clean + NOISE * rng.standard_normal(clean.shape)
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import palpate
 from palpate.calibration.marker_ring.calibrate import RingTruth, calibrate_marker_ring
 from palpate.sensors.marker_ring import RingBody
-from palpate.simulation.ring_session import Protocol, RingUnit, calibration_run
+from palpate_lab.simulation.ring_session import Protocol, RingUnit, calibration_run
 
 # A barrel of silicone by finite elements, seen by a fisheye camera: a second of rest, then presses all round.
 unit = RingUnit.drawn(3, coarse=True)

@@ -5,8 +5,8 @@ import numpy as np
 import palpate
 from palpate.calibration.poses import average_poses
 from palpate.contact.estimate import ROW
-from palpate.simulation.session import simulate_session
 from palpate.spatial.pose import rotation_from_quaternion
+from palpate_lab.simulation.session import simulate_session
 
 # A probe on an arm, and the two logs of it: free motion, then touches.
 session = simulate_session(touches=4, facets=4000)

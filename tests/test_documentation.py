@@ -10,10 +10,12 @@ from pathlib import Path
 import pytest
 
 import palpate
-from palpate.cli.app import COMMANDS, _options
+from palpate.cli.app import COMMANDS, _options, join_others
 from palpate.cli.spelling import command_of, unknown_command, unknown_option
 from tests.support import blocks
 from tests.support.blocks import ROOT
+
+join_others()
 
 DOCS, PICTURES = ROOT / "docs", ROOT / "docs/pictures"
 PAGES = (*blocks.PAGES, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md")

@@ -13,8 +13,8 @@ from PIL import Image
 import palpate
 from palpate.sensors.drift import Drift
 from palpate.sensors.markers import find_blobs, find_colour
-from palpate.simulation.drift import simulate_drift
 from palpate.viewer.marker_ring import annotated
+from palpate_lab.simulation.drift import simulate_drift
 
 CELLS = [[-0.0065, -0.0105, -0.0035], [0.0065, -0.0105, -0.0035], [-0.0065, 0.0105, -0.0035], [0.0065, 0.0105, -0.0035]]
 MARKERS = 24  # of the ring that is simulated

@@ -14,7 +14,7 @@ import numpy as np
 
 from palpate.calibration.drift import DriftFit, identify_drift
 from palpate.sensors.drift import Drift
-from palpate.simulation.drift import simulate_drift
+from palpate_lab.simulation.drift import simulate_drift
 
 RATE, NOISE, SECONDS, CHANNELS, WINDOW = 200, 0.04, 300, 3, 0.1
 WALKS, WARM_UPS = (1e-3, 3e-3, 6e-3), ((0.0, np.inf), (1.0 / 60.0, 200.0))  # N/sqrt(s); N/s and s

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.evaluation.peers.skin_peers import minimum_norm
+from palpate_lab.peers.skin_peers import minimum_norm
 
 __all__ = ["IDynTree", "minimum_norm"]
 

@@ -19,7 +19,7 @@ from experiments.load_cells import figures
 from experiments.load_cells.page import UNITS, page
 from experiments.load_cells.study import PAPER, Answer, Study
 from experiments.load_cells.table import HEADER, Errors, errors, rows
-from palpate.simulation.load_cell_bench import BENCHES
+from palpate_lab.simulation.load_cell_bench import BENCHES
 
 __all__ = ["checks", "figures_of", "main", "studies"]
 

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import least_squares
 
-from palpate.simulation.ball_on_ellipse import FINGERTIP, Ellipse
+from palpate_lab.simulation.ball_on_ellipse import FINGERTIP, Ellipse
 
 __all__ = ["Literal"]
 

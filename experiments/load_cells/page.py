@@ -37,8 +37,8 @@ _PAGE = """# A fingertip on force cells: table I and figure 7 of `load cells`
 
 Written by `python -m experiments.load_cells`; what it asks for stands in [expected.toml](expected.toml).
 
-The paper has a real bench. This one is simulated (`palpate.simulation.load_cell_bench`), from the same apparatus: an
-ellipse of 14 x 5 mm, |y| <= 16 mm, on four triaxial cells; a ball of 4 mm diameter that slides over it along eight
+The paper has a real bench. This one is simulated (`palpate_lab.simulation.load_cell_bench`), from the same apparatus:
+an ellipse of 14 x 5 mm, |y| <= 16 mm, on four triaxial cells; a ball of 4 mm diameter that slides over it along eight
 paths at 2.5 mm/s, pressed from 1 N on; 1 kHz, all signals behind a second-order low-pass at 100 Hz; 17 mN of noise in
 the reference. One run calibrates; another one, with other noise, bias and friction, verifies. Positions are compared
 with where the ball's centre stands over the undeformed surface, forces with the reference, as the paper does, and with

@@ -16,9 +16,9 @@ from palpate.contact.wrench_estimator import WrenchEstimator
 from palpate.sensors.load_cell_array import LoadCellArray
 from palpate.sensors.load_cells import VOLTAGE
 from palpate.sensors.recording import Recording
-from palpate.simulation.cell_array import LAYOUTS
-from palpate.simulation.load_cell_bench import REST, Bench, BenchRun
 from palpate.surfaces import EllipticCylinder
+from palpate_lab.simulation.cell_array import LAYOUTS
+from palpate_lab.simulation.load_cell_bench import REST, Bench, BenchRun
 
 __all__ = ["Answer", "Study"]
 

@@ -32,9 +32,9 @@ from experiments.marker_ring.page import (
     page,
 )
 from experiments.marker_ring.study import DEEP_FROM, FLICKER, NOISE, NOISES, THIRD, Moving, Numbers, Sizes, Trouble
-from palpate.simulation.barrel import Indenter
-from palpate.simulation.ring_camera import Look
-from palpate.simulation.ring_session import Protocol, RingUnit
+from palpate_lab.simulation.barrel import Indenter
+from palpate_lab.simulation.ring_camera import Look
+from palpate_lab.simulation.ring_session import Protocol, RingUnit
 
 __all__ = ["FULL", "SMALL", "Measured", "checks", "figures_of", "main", "measured"]
 

@@ -19,9 +19,9 @@ from palpate.sensors.fisheye import Fisheye
 from palpate.sensors.marker_ring import MarkerRing, RingBody
 from palpate.sensors.recording import IMAGE, Recording
 from palpate.sensors.ring_response import RingResponse
-from palpate.simulation.barrel import Barrel, Indenter, Pressed
-from palpate.simulation.ring_camera import Look, Photographer
-from palpate.simulation.ring_session import Protocol, RingSession, RingUnit, calibration_run
+from palpate_lab.simulation.barrel import Barrel, Indenter, Pressed
+from palpate_lab.simulation.ring_camera import Look, Photographer
+from palpate_lab.simulation.ring_session import Protocol, RingSession, RingUnit, calibration_run
 
 __all__ = ["MARKERS", "RATE", "Answer", "Bench", "Calibrated", "Error", "answered", "calibrated", "errors", "second"]
 

@@ -20,9 +20,9 @@ from experiments.marker_ring.bench import (
     errors,
     second,
 )
-from palpate.simulation.barrel import Indenter, Pressed
-from palpate.simulation.ring_camera import Look
-from palpate.simulation.ring_session import Protocol, RingSession, RingUnit
+from palpate_lab.simulation.barrel import Indenter, Pressed
+from palpate_lab.simulation.ring_camera import Look
+from palpate_lab.simulation.ring_session import Protocol, RingSession, RingUnit
 
 __all__ = [
     "DEEP_FROM",

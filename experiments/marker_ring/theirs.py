@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from palpate.contact.ring_locator import turned
-from palpate.contact.ring_paper import PaperForce, paper_contacts
 from palpate.opencv import opencv
+from palpate_lab.papers.ring import PaperForce, paper_contacts
 
 __all__ = ["Theirs", "sorted_markers", "spots"]
 

@@ -7,8 +7,8 @@ from typing import Any
 
 from experiments.moving_phantom.study import Condition
 from palpate.control.supervisor import Limits
-from palpate.simulation.phantom.lab import LabSettings
-from palpate.simulation.phantom.motion import Sine, motion, unplanned
+from palpate_lab.simulation.phantom.lab import LabSettings
+from palpate_lab.simulation.phantom.motion import Sine, motion, unplanned
 
 __all__ = [
     "BIAS",

@@ -18,10 +18,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from experiments.moving_phantom.controllers import VARIANTS
-from palpate.cli.phantom_run import FORCE, controller_for
 from palpate.control.align import AlignController
 from palpate.control.supervisor import Limits
-from palpate.simulation.phantom.lab import LabSettings, PhantomLab, Reading
+from palpate_lab.cli.phantom_run import FORCE, controller_for
+from palpate_lab.simulation.phantom.lab import LabSettings, PhantomLab, Reading
 
 __all__ = ["SKIPPED", "Condition", "Found", "Trace", "run", "traces"]
 

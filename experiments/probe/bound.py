@@ -10,7 +10,7 @@ import numpy as np
 
 from experiments.probe.assumed import NOISE
 from experiments.probe.shapes import Probe
-from palpate.simulation import contact_wrenches
+from palpate_lab.simulation import contact_wrenches
 
 __all__ = ["bound"]
 

@@ -18,7 +18,7 @@ from experiments.probe.methods import METHODS
 from experiments.probe.run import FORCES, MARK_3, Results
 from experiments.probe.shapes import PROBES
 from experiments.probe.study import ANGLES, Meshes
-from palpate.simulation import contact_wrenches
+from palpate_lab.simulation import contact_wrenches
 
 __all__ = ["draw", "sliding"]
 

@@ -117,7 +117,7 @@ def _bench(count: int) -> Iterator[str]:
     small, wide = protocol(count, 0.3), protocol(count, 3.0)
     yield from [
         f"The bench: 19 touches, {count} times, of an exactly known sheet round a cylinder, with a sensor below and a",
-        "wand that cameras lose now and then (`palpate.simulation.skin_session`). Its noise, gains and forces are",
+        "wand that cameras lose now and then (`palpate_lab.simulation.skin_session`). Its noise, gains and forces are",
         "ours; the paper's errors hold a real map's, a real sensor's and the alignment of its frames by hand besides.",
         "",
         "| | theirs | touches of 0.3 cells | patches of 3 cells |",

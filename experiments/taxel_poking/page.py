@@ -35,7 +35,7 @@ Written by `python -m experiments.taxel_poking`; what it asks for stands in [exp
 
 {machine}
 
-The paper has a real arm; its recordings are not public. This one is simulated (`palpate.simulation.poke_bench`): 84
+The paper has a real arm; its recordings are not public. This one is simulated (`palpate_lab.simulation.poke_bench`): 84
 taxels on seven modules of an iCub-like forearm, the paper's seven datasets at its joint angles, {pokes} pokes by a flat
 tip of 4 x 4 mm, shared among the datasets by their minutes. Truth is where the taxels were put.
 

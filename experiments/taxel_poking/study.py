@@ -12,9 +12,9 @@ from palpate.calibration.taxels import calibrate_taxels, paper
 from palpate.evaluation.taxels import compare_places
 from palpate.sensors.pokes import Pokes
 from palpate.sensors.taxel_places import TaxelPlaces
-from palpate.simulation.forearm import Forearm
-from palpate.simulation.poke_bench import HAND, MIX, PokeBench, PokeErrors
 from palpate.surfaces.mesh import Mesh
+from palpate_lab.simulation.forearm import Forearm
+from palpate_lab.simulation.poke_bench import HAND, MIX, PokeBench, PokeErrors
 
 __all__ = ["ALONE", "FIRST", "SKIN", "SURFACE", "Found", "Session", "alone", "mean_of"]
 

@@ -21,8 +21,8 @@ from experiments.touch_navigation.figures import arrivals, ways
 from experiments.touch_navigation.page import differing, page, parts
 from experiments.touch_navigation.study import Found, Outcome, frames_a_second
 from experiments.touch_navigation.study import found as find
-from palpate.cli.arena_run import RATE
 from palpate.errors import PalpateError
+from palpate_lab.cli.arena_run import RATE
 
 __all__ = ["checks", "figures_of", "main", "write"]
 

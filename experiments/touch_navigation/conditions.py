@@ -6,10 +6,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from palpate.cli.arena_run import ArenaSettings, Fault
-from palpate.simulation.arena.fixed_layouts import paper_layout, trap_layout
-from palpate.simulation.arena.layout import Layout
-from palpate.simulation.arena.random_layouts import random_layout
+from palpate_lab.cli.arena_run import ArenaSettings, Fault
+from palpate_lab.simulation.arena.fixed_layouts import paper_layout, trap_layout
+from palpate_lab.simulation.arena.layout import Layout
+from palpate_lab.simulation.arena.random_layouts import random_layout
 
 __all__ = [
     "ABLATIONS",

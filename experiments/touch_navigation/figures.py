@@ -11,8 +11,8 @@ from jaxtyping import Float
 
 from experiments.touch_navigation.conditions import LIMIT, arena_settings
 from experiments.touch_navigation.study import Found, Outcome
-from palpate.simulation.arena.layout import Block, Layout
 from palpate.viewer._style import AXES, INK, MUTED, RULE, figure, save, styled
+from palpate_lab.simulation.arena.layout import Block, Layout
 
 __all__ = ["arrivals", "ways"]
 

@@ -185,8 +185,8 @@ Written by `python -m experiments.touch_navigation`; what it asks for stands in 
 {machine}
 
 The paper has four robots of 110 mm with the soft ring on Zumo tracks, a field with fixed and movable boxes, and an
-optical tracker. Here they stand in a physics engine (`palpate.simulation.arena`): tracks with limited grip, a skin of
-500 N/m with friction, boxes that slide; the engine's contacts deform the simulated skin, whose markers are seen with
+optical tracker. Here they stand in a physics engine (`palpate_lab.simulation.arena`): tracks with limited grip, a skin
+of 500 N/m with friction, boxes that slide; the engine's contacts deform the simulated skin, whose markers are seen with
 the detector's noise (fast mode) or through its camera's frames and the real detector (images). Position is a
 tracker's, for the direction of the goal and the speed. Every random arena can be crossed by a disc of the robot's
 size (a planner that sees the map says so). A run ends when all have arrived, or after {limit:.0f} s.

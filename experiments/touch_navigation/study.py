@@ -23,11 +23,11 @@ from jaxtyping import Float
 
 import palpate
 from experiments.touch_navigation.conditions import JUDGED, Condition, arena_settings
-from palpate.cli.arena_ring import RingWear
-from palpate.cli.arena_run import FELT, ArenaRun, Moment
 from palpate.contact.ring_estimator import RingEstimator
 from palpate.errors import InputError
-from palpate.simulation.arena.camera import SwiftCamera
+from palpate_lab.cli.arena_ring import RingWear
+from palpate_lab.cli.arena_run import FELT, ArenaRun, Moment
+from palpate_lab.simulation.arena.camera import SwiftCamera
 
 __all__ = ["BIN", "Found", "Outcome", "found", "frames_a_second", "run", "stamp"]
 

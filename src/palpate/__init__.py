@@ -59,7 +59,6 @@ if _CHECKING:
     from palpate.contact.taxel_estimator import TaxelEstimator
     from palpate.control.align import AlignController
     from palpate.control.drive import DifferentialDrive
-    from palpate.control.paper_navigator import PaperNavigator
     from palpate.control.touch_navigator import TouchNavigator
     from palpate.errors import GeometryError, InputError, NotIdentifiable, PalpateError
     from palpate.io.live.live import open_live
@@ -96,7 +95,6 @@ __all__ = [
     "Mounting",
     "NotIdentifiable",
     "PalpateError",
-    "PaperNavigator",
     "Payload",
     "Pose",
     "Recording",
@@ -139,7 +137,6 @@ _HOME = {
     "TaxelEstimator": "palpate.contact.taxel_estimator",
     "AlignController": "palpate.control.align",
     "DifferentialDrive": "palpate.control.drive",
-    "PaperNavigator": "palpate.control.paper_navigator",
     "TouchNavigator": "palpate.control.touch_navigator",
     "GeometryError": "palpate.errors",
     "InputError": "palpate.errors",

@@ -10,9 +10,9 @@ from evidence.moving import Swing, moving_wrenches
 from palpate.calibration.clock import ClockOffset, _deviation, identify_offset
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors import Payload
-from palpate.simulation.session import GRAVITY, Load
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate.spatial.pose_track import PoseTrack
+from palpate_lab.simulation.session import GRAVITY, Load
 
 LOAD = Load(0.5, np.array([0.002, -0.001, 0.045]), np.array([1.0, -2.0, 3.0]), np.array([0.1, 0.2, -0.3]))
 LIGHT = Load(0.5, np.zeros(3), LOAD.force_bias, LOAD.torque_bias)  # its centre does not swing: weight and nothing else

@@ -12,7 +12,7 @@ from palpate.calibration.drift import DriftFit, identify_drift
 from palpate.calibration.walk import Steps, WalkFit, innovations, likelihood_of, steps_of
 from palpate.errors import InputError
 from palpate.sensors.drift import Drift
-from palpate.simulation.drift import simulate_drift
+from palpate_lab.simulation.drift import simulate_drift
 
 identify = partial(identify_drift, window=0.4)  # s: longer than usual, and quicker
 RATE, NOISE, WALK = 100.0, 0.03, 3e-3  # Hz, N, N/sqrt(s)

@@ -16,10 +16,10 @@ from palpate.errors import InputError
 from palpate.sensors.pokes import Pokes
 from palpate.sensors.recording import FORCE, ORIENTATION, POSITION, TORQUE, Recording
 from palpate.sensors.taxel_places import TaxelPlaces
-from palpate.simulation.forearm import Forearm
-from palpate.simulation.poke_bench import Arm, PokeBench, PokeSession
-from palpate.simulation.poke_log import EVERY, PokeLog, Timing, simulate_poke_log
 from palpate.spatial.pose import Pose, quaternion_from_rotation
+from palpate_lab.simulation.forearm import Forearm
+from palpate_lab.simulation.poke_bench import Arm, PokeBench, PokeSession
+from palpate_lab.simulation.poke_log import EVERY, PokeLog, Timing, simulate_poke_log
 
 TABLE = ((94.0, 0.0, 1.0), (15.0, -90.0, 1.0), (94.0, 0.0, 1.0))  # the first pose comes back
 

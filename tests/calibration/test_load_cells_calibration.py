@@ -11,9 +11,9 @@ import pytest
 from palpate.calibration._load_cell_fit import Touches, residuals
 from palpate.calibration.load_cells import CalibrationOptions, LoadCellCalibration, identify_load_cells
 from palpate.errors import InputError, NotIdentifiable
-from palpate.simulation.cell_array import in_line
-from palpate.simulation.load_cell_bench import BENCHES, Bench, BenchRun
 from palpate.surfaces import EllipticCylinder
+from palpate_lab.simulation.cell_array import in_line
+from palpate_lab.simulation.load_cell_bench import BENCHES, Bench, BenchRun
 
 SURFACE = EllipticCylinder(a=14e-3, b=5e-3, half_length=16e-3, upper=True)
 RIGID, SOFT = BENCHES["rigid"], BENCHES["soft layer"]

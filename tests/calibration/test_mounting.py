@@ -10,10 +10,10 @@ from palpate.calibration.mounting import Mounting, Spreads, identify_mounting, m
 from palpate.calibration.touch_error import spread_in_time, touch_error
 from palpate.contact.ground_truth import Touches
 from palpate.errors import NotIdentifiable
-from palpate.simulation.contacts import contact_wrenches, directed_forces, touch_wrenches
-from palpate.simulation.shapes import Body, Ellipsoid
 from palpate.spatial.pose import Pose
 from palpate.surfaces import Mesh
+from palpate_lab.simulation.contacts import contact_wrenches, directed_forces, touch_wrenches
+from palpate_lab.simulation.shapes import Body, Ellipsoid
 
 BODY = Ellipsoid((0.03, 0.0125, 0.02))
 NOMINAL = Pose(np.eye(3), np.array([0.0, 0.0, 0.085]))

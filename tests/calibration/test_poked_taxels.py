@@ -22,10 +22,10 @@ from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.pokes import Pokes
 from palpate.sensors.taxel_modules import LAYOUTS, ModuleLayout
 from palpate.sensors.taxel_places import TaxelPlaces
-from palpate.simulation.forearm import Forearm
-from palpate.simulation.poke_bench import HAND, MIX, PokeBench, PokeErrors, PokeSession
 from palpate.spatial.pose import Pose
 from palpate.surfaces import Cylinder, Mesh
+from palpate_lab.simulation.forearm import Forearm
+from palpate_lab.simulation.poke_bench import HAND, MIX, PokeBench, PokeErrors, PokeSession
 
 RNG = np.random.default_rng
 QUIET = PokeErrors(0.02, 0.002, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

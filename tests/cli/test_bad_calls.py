@@ -21,8 +21,8 @@ from palpate.cli import main
 from palpate.interrupts import uninterrupted
 from palpate.io.models import read_model
 from palpate.sensors.force_torque import Payload
-from palpate.simulation.session import simulate_session
-from palpate.simulation.session_files import write_session
+from palpate_lab.simulation.session import simulate_session
+from palpate_lab.simulation.session_files import write_session
 
 WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
 

@@ -20,8 +20,8 @@ from palpate.cli import batch as command
 from palpate.cli import main, parallel
 from palpate.cli.batch_logs import logs_of, names_of
 from palpate.errors import InputError
-from palpate.simulation.session import simulate_session
-from palpate.simulation.session_files import write_session
+from palpate_lab.simulation.session import simulate_session
+from palpate_lab.simulation.session_files import write_session
 from tests.support.logs_torn import torn_pages
 
 pytest.importorskip("matplotlib")

@@ -11,13 +11,13 @@ import polars as pl
 import pytest
 
 from palpate.cli import main
-from palpate.cli.benchmark_entrants import users
-from palpate.cli.benchmark_palpate import palpate_entrants
-from palpate.cli.benchmark_peers import peers
 from palpate.errors import InputError
-from palpate.evaluation.benchmark import score
-from palpate.io.benchmark import read_answers, read_benchmark, read_truth
-from palpate.simulation.benchmark import TASKS, make_benchmark
+from palpate_lab.benchmark import TASKS, make_benchmark
+from palpate_lab.benchmark.files import read_answers, read_benchmark, read_truth
+from palpate_lab.benchmark.scoring import score
+from palpate_lab.cli.benchmark_entrants import users
+from palpate_lab.cli.benchmark_palpate import palpate_entrants
+from palpate_lab.cli.benchmark_peers import peers
 
 MADE = ("ellipsoid", "torus", "box", "payload-log", "fingertip")
 

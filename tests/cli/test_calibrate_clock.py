@@ -10,9 +10,9 @@ import pytest
 from palpate.cli import main
 from palpate.io.rig import load_rig
 from palpate.sensors.recording import ORIENTATION
-from palpate.simulation.session import Session, simulate_session
-from palpate.simulation.session_files import POSE_TOPIC, WRENCH_TOPIC
-from palpate.simulation.session_mcap import CLOCK_OFFSET, write_session_mcap
+from palpate_lab.simulation.session import Session, simulate_session
+from palpate_lab.simulation.session_files import POSE_TOPIC, WRENCH_TOPIC
+from palpate_lab.simulation.session_mcap import CLOCK_OFFSET, write_session_mcap
 
 RIG = f"""# my rig
 [surface]

@@ -18,8 +18,8 @@ from palpate.io.models import write_model
 from palpate.io.rig import load_rig
 from palpate.sensors import Payload
 from palpate.sensors.drift import Drift
-from palpate.simulation.bags import Stamped, header, nanoseconds, wrenches, write_bag
-from palpate.simulation.drift import simulate_drift
+from palpate_lab.simulation.bags import Stamped, header, nanoseconds, wrenches, write_bag
+from palpate_lab.simulation.drift import simulate_drift
 
 RATE, SECONDS = 50.0, 100.0  # Hz, s
 WALK = np.array([4e-3] * 3 + [2e-4] * 3)

@@ -20,8 +20,8 @@ from palpate.io.contacts import read_contacts
 from palpate.io.models import load_toml, read_model
 from palpate.io.rig import load_rig
 from palpate.sensors.force_torque import Payload
-from palpate.simulation.session import Session, simulate_session
-from palpate.simulation.session_files import write_session
+from palpate_lab.simulation.session import Session, simulate_session
+from palpate_lab.simulation.session_files import write_session
 
 Edit = Callable[[pl.DataFrame], pl.DataFrame]
 

@@ -15,7 +15,7 @@ from palpate.cli import main
 def test_what_is_missing_is_named_with_the_extra_that_has_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("palpate.cli.demo.find_spec", lambda name: None)
+    monkeypatch.setattr("palpate_lab.cli.demo.find_spec", lambda name: None)
     assert main(["demo", "--no-view", "-o", str(tmp_path / "made")]) == 1
     said = capsys.readouterr().err
     assert "rosbags" in said

@@ -12,8 +12,8 @@ from palpate.cli import main
 from palpate.cli.design_report import Design, compose, tiles, warnings
 from palpate.contact.resolution import nominal_cells
 from palpate.sensors.load_cells import LoadCells
-from palpate.simulation.cell_array import LAYOUTS
 from palpate.surfaces import EllipticCylinder, Sphere
+from palpate_lab.simulation.cell_array import LAYOUTS
 
 TIP = EllipticCylinder(a=14e-3, b=5e-3, half_length=16e-3, upper=True)
 SURFACE = """[surface]

@@ -9,8 +9,8 @@ import polars as pl
 
 from palpate.cli import main
 from palpate.io.contacts import read_contacts
-from palpate.simulation.contacts import contact_wrenches
 from palpate.spatial.pose import Pose
+from palpate_lab.simulation.contacts import contact_wrenches
 
 RIG = """
 [surface]

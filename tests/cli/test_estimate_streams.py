@@ -28,10 +28,10 @@ from palpate.io.models import load_toml
 from palpate.io.pipeline import OpenedLog, Pipeline
 from palpate.io.rig.edit import update_offset
 from palpate.sensors.recording import ORIENTATION
-from palpate.simulation.session import NOISE, Session, simulate_session
-from palpate.simulation.session_files import POSE_TOPIC, WRENCH_TOPIC, write_session
-from palpate.simulation.session_mcap import CLOCK_OFFSET, POSITION, write_session_mcap
 from palpate.surfaces import _jit
+from palpate_lab.simulation.session import NOISE, Session, simulate_session
+from palpate_lab.simulation.session_files import POSE_TOPIC, WRENCH_TOPIC, write_session
+from palpate_lab.simulation.session_mcap import CLOCK_OFFSET, POSITION, write_session_mcap
 from tests.support.logs_torn import torn_pages
 
 RATE = 200

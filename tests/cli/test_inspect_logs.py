@@ -16,8 +16,8 @@ from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.io.contacts import open_contacts
 from palpate.sensors.recording import FORCE, TORQUE, Recording
-from palpate.simulation.session import Session, simulate_session
-from palpate.simulation.session_mcap import write_session_mcap
+from palpate_lab.simulation.session import Session, simulate_session
+from palpate_lab.simulation.session_mcap import write_session_mcap
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.cli import kept as keeping
-from palpate.cli.kept import kept
+from palpate_lab.cli import kept as keeping
+from palpate_lab.cli.kept import kept
 
 
 class Making:

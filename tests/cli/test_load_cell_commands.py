@@ -10,8 +10,8 @@ import pytest
 
 from palpate.cli import main
 from palpate.io.contacts import read_contacts
-from palpate.simulation.load_cell_bench import BENCHES
-from palpate.simulation.load_cell_files import voltage_columns, write_bench_log, write_voltage_log
+from palpate_lab.simulation.load_cell_bench import BENCHES
+from palpate_lab.simulation.load_cell_files import voltage_columns, write_bench_log, write_voltage_log
 
 RIG = """
 [surface]

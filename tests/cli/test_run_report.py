@@ -22,12 +22,12 @@ from palpate.contact.resolution import nominal_cells
 from palpate.io.rig import Rig
 from palpate.io.rig.surface import RigSurface
 from palpate.io.rig.tables import RigEstimate, RigForceTorque, RigNoise, RigPair, RigThresholds
-from palpate.simulation.cell_array import LAYOUTS
 from palpate.spatial.pose import Pose
 from palpate.viewer.captions import MEANING
 from palpate.viewer.report import Section, render
 from palpate.viewer.run_report import Run, compose
 from palpate.viewer.run_summary import RunSummary
+from palpate_lab.simulation.cell_array import LAYOUTS
 
 RIG = Rig(
     RigSurface(kind="plane", half_width=0.1),

@@ -41,7 +41,7 @@ def test_ctrl_c_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     def stop(done: int, share: float) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("palpate.cli.simulate.progress", stop)
+    monkeypatch.setattr("palpate_lab.cli.simulate.progress", stop)
     assert _simulate("-o", tmp_path / "run") == 130
     assert not list(tmp_path.iterdir())
 

@@ -11,13 +11,14 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from palpate.cli import arena_batch, main, parallel
-from palpate.cli.arena_batch import read_results
-from palpate.cli.arena_file import read_arena
-from palpate.cli.arena_run import ArenaResult
-from palpate.cli.arena_setup import Asked, command
-from palpate.simulation.arena import Block, Layout, random_layout
-from palpate.simulation.arena.run_files import write_arena
+from palpate.cli import main, parallel
+from palpate_lab.cli import arena_batch
+from palpate_lab.cli.arena_batch import read_results
+from palpate_lab.cli.arena_file import read_arena
+from palpate_lab.cli.arena_run import ArenaResult
+from palpate_lab.cli.arena_setup import Asked, command
+from palpate_lab.simulation.arena import Block, Layout, random_layout
+from palpate_lab.simulation.arena.run_files import write_arena
 
 pytest.importorskip("mujoco")
 pytest.importorskip("skfem")
@@ -75,7 +76,7 @@ def test_ctrl_c_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     def stop(done: int, share: float) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("palpate.cli.simulate_arena.progress", stop)
+    monkeypatch.setattr("palpate_lab.cli.simulate_arena.progress", stop)
     assert _simulate("-o", tmp_path / "run.mcap") == 130
     assert not list(tmp_path.iterdir())
 

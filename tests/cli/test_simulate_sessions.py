@@ -13,8 +13,8 @@ import pytest
 
 from palpate.cli import main
 from palpate.io.rig import load_rig
-from palpate.simulation.load_cell_bench import BENCHES
-from palpate.simulation.load_cell_files import load_cell_rig, write_load_cell_session
+from palpate_lab.simulation.load_cell_bench import BENCHES
+from palpate_lab.simulation.load_cell_files import load_cell_rig, write_load_cell_session
 
 
 @pytest.mark.parametrize(

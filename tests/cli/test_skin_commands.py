@@ -11,7 +11,7 @@ from palpate.cli import main
 from palpate.io.contacts import read_contacts
 from palpate.io.models import read_model
 from palpate.sensors.intensity import Intensity
-from palpate.simulation.skin_session import SkinSession, simulate_protocol
+from palpate_lab.simulation.skin_session import SkinSession, simulate_protocol
 from tests.support.skin_session_files import write_skin_session
 
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import pytest
 
 from palpate.cli import main
-from palpate.cli.app import _EACH
+from palpate.cli.app import _EACH, join_others
 from palpate.cli.spelling import command_of, unknown_command, unknown_option
+
+join_others()
 
 GROUPS = {"estimate": (), "events": (), "calibrate": ("clock", "load-cells"), "rig": ("new",)}
 

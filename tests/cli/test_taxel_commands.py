@@ -22,11 +22,11 @@ from palpate.io.rig.skin import SkinSection
 from palpate.io.taxel_files import read_taxel_places
 from palpate.sensors.recording import Recording
 from palpate.sensors.taxel_places import TaxelPlaces
-from palpate.simulation.forearm import Forearm
-from palpate.simulation.poke_bench import Arm, PokeBench
-from palpate.simulation.poke_log import Timing
-from palpate.simulation.poke_session_files import write_poke_session
 from palpate.viewer.taxel_page import TaxelPage
+from palpate_lab.simulation.forearm import Forearm
+from palpate_lab.simulation.poke_bench import Arm, PokeBench
+from palpate_lab.simulation.poke_log import Timing
+from palpate_lab.simulation.poke_session_files import write_poke_session
 
 TABLE = ((94.0, 0.0, 1.0), (15.0, -90.0, 1.0), (45.0, 0.0, 1.0))
 RIG = """[surface]

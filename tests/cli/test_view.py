@@ -15,10 +15,10 @@ import pytest
 
 from palpate.cli import main
 from palpate.io.contacts import read_contacts
-from palpate.simulation.session import simulate_session
-from palpate.simulation.session_files import write_session
 from palpate.viewer import server
 from palpate.viewer.scene import Scene
+from palpate_lab.simulation.session import simulate_session
+from palpate_lab.simulation.session_files import write_session
 from tests.support.program import program
 
 view_command = importlib.import_module("palpate.cli.view")

@@ -15,17 +15,17 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from palpate.simulation.ball_on_ellipse import FINGERTIP
-from palpate.simulation.contacts import contact_wrenches
-from palpate.simulation.forearm import Forearm
-from palpate.simulation.load_cell_bench import BENCHES
-from palpate.simulation.load_cell_files import voltage_columns, write_bench_log
-from palpate.simulation.poke_bench import PokeBench, PokeErrors
-from palpate.simulation.poke_session_files import write_poke_session
-from palpate.simulation.session import Session, simulate_session
-from palpate.simulation.session_files import write_session
-from palpate.simulation.skin_session import SkinSession, simulate_protocol
 from palpate.spatial.pose import Pose
+from palpate_lab.simulation.ball_on_ellipse import FINGERTIP
+from palpate_lab.simulation.contacts import contact_wrenches
+from palpate_lab.simulation.forearm import Forearm
+from palpate_lab.simulation.load_cell_bench import BENCHES
+from palpate_lab.simulation.load_cell_files import voltage_columns, write_bench_log
+from palpate_lab.simulation.poke_bench import PokeBench, PokeErrors
+from palpate_lab.simulation.poke_session_files import write_poke_session
+from palpate_lab.simulation.session import Session, simulate_session
+from palpate_lab.simulation.session_files import write_session
+from palpate_lab.simulation.skin_session import SkinSession, simulate_protocol
 from tests.support.simulated import Truth, base_poses, pressed, write_table
 from tests.support.skin_session_files import write_skin_session
 
@@ -290,9 +290,9 @@ def _poked(folder: Path, run: Callable[..., str]) -> Files:
 
 def _marker_ring(folder: Path, run: Callable[..., str]) -> Files:
     """A video of the coarse simulated barrel, which tips press in turn, and its calibration from another video."""
-    from palpate.simulation.barrel import Barrel, Indenter
-    from palpate.simulation.ring_session import Protocol, RingUnit, calibration_run
-    from palpate.simulation.ring_session_files import write_calibration_run
+    from palpate_lab.simulation.barrel import Barrel, Indenter
+    from palpate_lab.simulation.ring_session import Protocol, RingUnit, calibration_run
+    from palpate_lab.simulation.ring_session_files import write_calibration_run
 
     unit = RingUnit.drawn(3, coarse=True)
     session = calibration_run(unit, Protocol(12, (0.003, 0.006, 0.009), hold=1, pause=1))
@@ -331,7 +331,7 @@ def _marker_ring(folder: Path, run: Callable[..., str]) -> Files:
 def _film(path: Path, unit: Any, frames: list[tuple[float, np.ndarray]]) -> None:
     import cv2
 
-    from palpate.simulation.ring_camera import Photographer
+    from palpate_lab.simulation.ring_camera import Photographer
 
     camera = Photographer(unit.camera, unit.look, np.random.default_rng(17))
     film = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 30.0, (640, 480))

@@ -14,9 +14,9 @@ import polars as pl
 import pytest
 
 import palpate
-from palpate.simulation.session import simulate_session
-from palpate.simulation.session_files import write_session
-from palpate.simulation.session_mcap import write_session_mcap
+from palpate_lab.simulation.session import simulate_session
+from palpate_lab.simulation.session_files import write_session
+from palpate_lab.simulation.session_mcap import write_session_mcap
 from tests.conformance.fields import Case, run
 from tests.conformance.sensors import SENSORS, Sensor
 from tests.support.blocks import PAGES, ROOT, Follower, blocks, refusal

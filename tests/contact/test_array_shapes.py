@@ -20,10 +20,10 @@ from palpate.calibration import identify_payload
 from palpate.contact import ContactEstimate, Locator
 from palpate.contact.locate import locate
 from palpate.errors import InputError
-from palpate.simulation.shapes import Ellipsoid
 from palpate.spatial.wrench import Wrench
 from palpate.surfaces import Cylinder, Mesh, plane, superquadric
 from palpate.surfaces.bspline import BSplineSurface, open_knots
+from palpate_lab.simulation.shapes import Ellipsoid
 from tests.support.bodies import BODIES, R
 from tests.support.kernels import compilations
 

@@ -11,10 +11,10 @@ from evidence.bodies import prism
 from evidence.covariance import CHI2_95, NOISE, squared_distance
 from evidence.edges import PRISMS, brute_force, edges, touches
 from palpate.contact import Locator, Status
-from palpate.simulation import contact_wrenches
 from palpate.surfaces import Mesh
 from palpate.surfaces._edges import SHARP, sharp_edges
 from palpate.surfaces._patches import KIND, Split
+from palpate_lab.simulation import contact_wrenches
 from tests.support.bodies import BODIES
 
 FRICTION, TORSION = 1.0, 5e-3

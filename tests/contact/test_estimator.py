@@ -13,9 +13,9 @@ from palpate.errors import InputError
 from palpate.sensors import ForceTorque, Payload, Recording
 from palpate.sensors.compensation import Compensation
 from palpate.sensors.recording import AVERAGED, FORCE, ORIENTATION, TORQUE
-from palpate.simulation.contacts import touch_wrenches
 from palpate.spatial.pose import Pose, rotation_from_quaternion
 from palpate.surfaces import Sphere
+from palpate_lab.simulation.contacts import touch_wrenches
 from tests.support.bodies import BODIES, R, on_mesh
 
 NOISE = np.array([0.02] * 3 + [5e-4] * 3)

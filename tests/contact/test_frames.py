@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.contact import Locator
-from palpate.simulation.contacts import touch_wrenches
 from palpate.spatial.pose import Pose
+from palpate_lab.simulation.contacts import touch_wrenches
 from tests.support.bodies import BODIES, R, on_mesh
 
 

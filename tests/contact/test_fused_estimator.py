@@ -20,11 +20,11 @@ from palpate.io.rig import load_rig
 from palpate.sensors.drift import Drift
 from palpate.sensors.recording import AVERAGED, CELLS, FORCE, TORQUE, Recording
 from palpate.sensors.zero_filter import ZeroStatus
-from palpate.simulation.skin_bench import Rolled
-from palpate.simulation.touched.files import write_forearm
-from palpate.simulation.touched.run import ForearmRun, simulate_forearm
-from palpate.simulation.touched.settings import ForearmSettings
 from palpate.spatial.pose import Pose
+from palpate_lab.simulation.skin_bench import Rolled
+from palpate_lab.simulation.touched.files import write_forearm
+from palpate_lab.simulation.touched.run import ForearmRun, simulate_forearm
+from palpate_lab.simulation.touched.settings import ForearmSettings
 
 pytest.importorskip("mujoco")
 pytest.importorskip("rosbags")

@@ -7,7 +7,7 @@ import pytest
 
 import palpate
 from palpate.contact.iterative import fit_paraboloid, locate_iteratively
-from palpate.simulation import Ellipsoid, contact_wrenches, touch_wrenches
+from palpate_lab.simulation import Ellipsoid, contact_wrenches, touch_wrenches
 
 R = 0.010
 AXES = (R, 0.7 * R, 0.5 * R)

@@ -17,11 +17,11 @@ from palpate.errors import InputError
 from palpate.sensors.filters import Butterworth
 from palpate.sensors.load_cell_zero import Zero
 from palpate.sensors.load_cells import VOLTAGE, Indentation, LoadCells, with_changes
-from palpate.simulation.cell_array import LAYOUTS, random_cells
-from palpate.simulation.contacts import contact_wrenches
-from palpate.simulation.load_cell_bench import PATHS, REST, Bench
 from palpate.surfaces import EllipticCylinder
 from palpate.surfaces.implicit import superquadric
+from palpate_lab.simulation.cell_array import LAYOUTS, random_cells
+from palpate_lab.simulation.contacts import contact_wrenches
+from palpate_lab.simulation.load_cell_bench import PATHS, REST, Bench
 
 A, B, HALF = 14e-3, 5e-3, 16e-3
 SURFACE = EllipticCylinder(a=A, b=B, half_length=HALF, upper=True)

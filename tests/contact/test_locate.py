@@ -17,10 +17,10 @@ from palpate.contact import ROW, ContactEstimate, Locator, Status
 from palpate.contact.locate import locate
 from palpate.contact.neighbours import in_space
 from palpate.errors import InputError
-from palpate.simulation.contacts import touch_wrenches
 from palpate.spatial.pose import Pose
 from palpate.spatial.wrench import Wrench
 from palpate.surfaces import Mesh
+from palpate_lab.simulation.contacts import touch_wrenches
 from tests.support.bodies import BODIES, PLACE, R, box, on_mesh, pressing
 
 NOISE = np.array([0.02] * 3 + [5e-4] * 3)

@@ -7,9 +7,9 @@ import pytest
 from scipy.optimize import minimize
 
 from palpate.contact import Locator, Status
-from palpate.simulation.contacts import touch_wrenches
-from palpate.simulation.shapes import Ellipsoid
 from palpate.surfaces import Mesh, plane
+from palpate_lab.simulation.contacts import touch_wrenches
+from palpate_lab.simulation.shapes import Ellipsoid
 from tests.support.bodies import BODIES, PLACE, R
 
 BODY = Ellipsoid((R, 0.7 * R, 0.5 * R))

@@ -6,9 +6,9 @@ import pytest
 from palpate.contact.resolution import nominal_cells, position_slope, resolution
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.load_cells import LoadCells
-from palpate.simulation.ball_on_ellipse import Ellipse
-from palpate.simulation.cell_array import LAYOUTS, in_line, random_cells
-from palpate.simulation.contacts import directed_forces
+from palpate_lab.simulation.ball_on_ellipse import Ellipse
+from palpate_lab.simulation.cell_array import LAYOUTS, in_line, random_cells
+from palpate_lab.simulation.contacts import directed_forces
 
 TIP = Ellipse()
 NOISE, GAIN = 1e-4, 10.0  # V, N/V

@@ -8,8 +8,8 @@ import pytest
 from palpate import Locator, Surface
 from palpate.errors import InputError
 from palpate.sensors.load_cells import Indentation
-from palpate.simulation.contacts import contact_wrenches
 from palpate.surfaces import EllipticCylinder, Sphere
+from palpate_lab.simulation.contacts import contact_wrenches
 from tests.support.bodies import BODIES
 
 R = 0.02

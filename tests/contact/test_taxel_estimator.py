@@ -22,8 +22,8 @@ from palpate.sensors.recording import CELLS, Recording
 from palpate.sensors.skin_map import SkinMap
 from palpate.sensors.taxel_health import Health
 from palpate.sensors.taxels import TaxelBody
-from palpate.simulation.drift import simulate_drift
-from palpate.simulation.skin_bench import Patch, Rolled, press
+from palpate_lab.simulation.drift import simulate_drift
+from palpate_lab.simulation.skin_bench import Patch, Rolled, press
 
 LINEAR = Intensity((Curve("polynomial", np.array([10.0]), np.zeros((1, 1)), largest=20.0),))  # counts per newton
 RING, FLAT = Rolled(), Rolled(radius=np.inf)

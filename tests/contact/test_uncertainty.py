@@ -9,10 +9,10 @@ import pytest
 
 from evidence.covariance import CHI2_95, squared_distance
 from palpate.contact import Locator
-from palpate.simulation.contacts import touch_wrenches
-from palpate.simulation.shapes import Ellipsoid
 from palpate.spatial.pose import Pose
 from palpate.surfaces import Mesh
+from palpate_lab.simulation.contacts import touch_wrenches
+from palpate_lab.simulation.shapes import Ellipsoid
 from tests.support.bodies import PLACE, R, box, pressing
 
 BODY = Ellipsoid((R, 0.7 * R, 0.5 * R))

@@ -12,10 +12,10 @@ from palpate.sensors import Recording
 from palpate.sensors.compensation import Compensation
 from palpate.sensors.force_torque import ForceTorque, Payload
 from palpate.sensors.recording import FORCE, TORQUE
-from palpate.simulation import BumpySphere, contact_wrenches
 from palpate.spatial.pose import Pose
 from palpate.surfaces.mesh import Mesh
 from palpate.surfaces.plane import plane
+from palpate_lab.simulation import BumpySphere, contact_wrenches
 
 NOISE = np.array([0.02] * 3 + [1e-4] * 3)
 UPPER, LOWER = 0.0, -0.01  # m, heights of two plates

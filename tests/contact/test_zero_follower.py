@@ -31,10 +31,10 @@ from palpate.sensors.load_cells import VOLTAGE, LoadCells
 from palpate.sensors.recording import FORCE, ORIENTATION, TEMPERATURE, TORQUE
 from palpate.sensors.wrench_sensor import Placement
 from palpate.sensors.zero_filter import ZeroStatus
-from palpate.simulation.cell_array import LAYOUTS, random_cells
-from palpate.simulation.drift import simulate_drift
 from palpate.spatial.pose import Pose, rotation_from_quaternion
 from palpate.surfaces import EllipticCylinder, Mesh
+from palpate_lab.simulation.cell_array import LAYOUTS, random_cells
+from palpate_lab.simulation.drift import simulate_drift
 
 HZ = 80.0
 DRIFT = drift_of(5e-3, 1.0 / 60.0)

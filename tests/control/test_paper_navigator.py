@@ -11,8 +11,8 @@ import pytest
 
 from palpate.control.drive import DifferentialDrive
 from palpate.control.navigation import Navigator, heading_error
-from palpate.control.paper_navigator import Condition, PaperNavigator, PaperSettings, PaperState, table_1
 from palpate.errors import InputError
+from palpate_lab.papers.navigator import Condition, PaperNavigator, PaperSettings, PaperState, table_1
 
 FRAME = 1.0 / 30.0
 GOAL = (2.0, 0.0)

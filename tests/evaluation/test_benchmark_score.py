@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from palpate.contact.ground_truth import Samples
-from palpate.evaluation.benchmark import score
-from palpate.evaluation.peers import skin_peers
-from palpate.evaluation.peers.image_peers import nearest_image, shrunk
-from palpate.evaluation.peers.to_wrenches import contact_wrenches, linear_map, payload_and_bias
-from palpate.evaluation.peers.wrench_peers import WRENCH_PEERS
-from palpate.io.benchmark import as_contacts
-from palpate.simulation import Ellipsoid, touch_wrenches
 from palpate.surfaces import Mesh
+from palpate_lab.benchmark.files import as_contacts
+from palpate_lab.benchmark.scoring import score
+from palpate_lab.peers import skin_peers
+from palpate_lab.peers.image_peers import nearest_image, shrunk
+from palpate_lab.peers.to_wrenches import contact_wrenches, linear_map, payload_and_bias
+from palpate_lab.peers.wrench_peers import WRENCH_PEERS
+from palpate_lab.simulation import Ellipsoid, touch_wrenches
 
 TRUTH = Samples(np.arange(4.0), np.zeros((4, 3)), force=np.tile([0.0, 0.0, -5.0], (4, 1)))
 QUIET = np.array([10, 11])

@@ -16,8 +16,8 @@ from palpate.evaluation.instruments import (
     wand_points,
     wrench_points,
 )
-from palpate.simulation.shapes import icosphere
-from palpate.simulation.skin_bench import Rolled
+from palpate_lab.simulation.shapes import icosphere
+from palpate_lab.simulation.skin_bench import Rolled
 
 SHEET = Rolled()
 MESH = map_mesh(SHEET.layout())

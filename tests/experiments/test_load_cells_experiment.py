@@ -11,9 +11,9 @@ from experiments.load_cells.literal import Literal
 from experiments.load_cells.page import page
 from experiments.load_cells.study import Answer, Study
 from experiments.load_cells.table import PAPER, Errors, errors, rows
-from palpate.simulation.ball_on_ellipse import FINGERTIP
-from palpate.simulation.cell_array import LAYOUTS, random_cells
-from palpate.simulation.contacts import contact_wrenches, directed_forces
+from palpate_lab.simulation.ball_on_ellipse import FINGERTIP
+from palpate_lab.simulation.cell_array import LAYOUTS, random_cells
+from palpate_lab.simulation.contacts import contact_wrenches, directed_forces
 
 
 def _touches(count: int = 300) -> tuple[np.ndarray, np.ndarray, np.ndarray, Literal]:

@@ -18,8 +18,8 @@ from experiments.moving_phantom.study import COLUMNS, Condition, Found, Trace, t
 from palpate.contact import Locator, WrenchEstimator
 from palpate.contact.estimate import ROW
 from palpate.sensors.force_torque import ForceTorque
-from palpate.simulation.phantom.probes import probe
 from palpate.surfaces.mesh import Mesh
+from palpate_lab.simulation.phantom.probes import probe
 
 
 def made_up(condition: Condition, error: float = 0.5, force: float = 7.2) -> Trace:

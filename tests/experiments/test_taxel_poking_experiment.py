@@ -11,8 +11,8 @@ from experiments.taxel_poking.__main__ import AVERAGED, CAD, FOLDER, NOTHING, SM
 from experiments.taxel_poking.page import page
 from experiments.taxel_poking.study import ALONE, SKIN, Found, Session, alone
 from palpate.calibration.taxels import paper
-from palpate.simulation.poke_bench import MIX
 from palpate.spatial.pose import Pose
+from palpate_lab.simulation.poke_bench import MIX
 
 
 @pytest.fixture(scope="module")

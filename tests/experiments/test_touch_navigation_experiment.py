@@ -17,8 +17,8 @@ from experiments.touch_navigation.__main__ import checks, figures_of, write
 from experiments.touch_navigation.conditions import BUILT, FULL, JUDGED, Condition, Sizes, conditions
 from experiments.touch_navigation.page import differing, parts
 from experiments.touch_navigation.study import BIN, BINS, Found, Outcome, found, run, stamp
-from palpate.cli import arena_run
-from palpate.cli.arena_ring import RingSense, RingWear
+from palpate_lab.cli import arena_run
+from palpate_lab.cli.arena_ring import RingSense, RingWear
 
 LATE = float("nan")
 

@@ -12,7 +12,7 @@ from palpate.io.models import read_model, write_model
 from palpate.io.rig import check_rig
 from palpate.io.rig.load_cells import LoadCellSection
 from palpate.sensors.load_cells import Indentation, LoadCells
-from palpate.simulation.cell_array import LAYOUTS, random_cells
+from palpate_lab.simulation.cell_array import LAYOUTS, random_cells
 
 SURFACE = {"kind": "elliptic_cylinder", "a": 0.014, "b": 0.005, "half_length": 0.016}
 

@@ -26,9 +26,9 @@ from palpate.sensors.markers import MarkerColour
 from palpate.sensors.ring_response import RingResponse
 from palpate.sensors.skin_map import SkinMap
 from palpate.sensors.taxel_places import TaxelPlaces
-from palpate.simulation.cell_array import LAYOUTS, random_cells
 from palpate.spatial.pose import Pose
 from palpate.surfaces.bspline import BSplineSurface, open_knots
+from palpate_lab.simulation.cell_array import LAYOUTS, random_cells
 
 
 def _payload(seed: int) -> Payload:

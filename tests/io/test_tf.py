@@ -25,9 +25,9 @@ from palpate.io.logs.transforms import transforms
 from palpate.io.rig import load_rig
 from palpate.io.rig.new import propose_rig
 from palpate.sensors.recording import ORIENTATION, POSITION, Recording
-from palpate.simulation.session import Session, simulate_session
-from palpate.simulation.session_files import write_session
 from palpate.spatial.pose import rotation_from_quaternion
+from palpate_lab.simulation.session import Session, simulate_session
+from palpate_lab.simulation.session_files import write_session
 
 ROS1, OLD = get_typestore(Stores.ROS1_NOETIC), "tf/msg/tfMessage"
 ROS1.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", OLD))

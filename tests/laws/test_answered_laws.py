@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from evidence.laws import largest_steps, ridges
 from palpate.contact import Locator
-from palpate.simulation import Ellipsoid
 from palpate.surfaces import Mesh
+from palpate_lab.simulation import Ellipsoid
 from tests.support.bodies import BODIES, CLOSED, R, box, on_mesh, pressing
 
 SIZES = (0.0, 1e-9, 1e-3, 0.05, 0.3, 1.0, 3.0, 100.0)  # of the pitch, over R

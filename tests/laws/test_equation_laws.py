@@ -9,9 +9,9 @@ from scipy.optimize import minimize
 
 from evidence.equations import orders
 from palpate.contact import ROW, Locator, Status
-from palpate.simulation.contacts import contact_wrenches, touch_wrenches
 from palpate.spatial.pose import Pose
 from palpate.surfaces import Ellipsoid, EllipticCylinder, Surface, _equation
+from palpate_lab.simulation.contacts import contact_wrenches, touch_wrenches
 from tests.support.equations import EQUATIONS, POSE, Equation, R
 
 NOISE = np.array([0.02] * 3 + [5e-4] * 3)

@@ -9,8 +9,8 @@ import pytest
 
 from evidence.laws import moved, shuffled, unchanged
 from palpate.contact import Locator
-from palpate.simulation.contacts import touch_wrenches
 from palpate.surfaces import Mesh
+from palpate_lab.simulation.contacts import touch_wrenches
 from tests.support.bodies import BODIES, R, Surfaced, on_mesh
 
 NOISE = np.array([0.02] * 3 + [5e-4] * 3)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.simulation.shapes import Body
 from palpate.surfaces import Mesh, Surface
+from palpate_lab.simulation.shapes import Body
 from tests.support.bodies import BODIES, PLACE, Surfaced, on_mesh
 
 

@@ -14,9 +14,9 @@ from palpate.sensors.load_cell_explanations import explanations
 from palpate.sensors.load_cell_faults import find_faults
 from palpate.sensors.load_cell_zero import Zero
 from palpate.sensors.load_cells import VOLTAGE, LoadCells, with_changes
-from palpate.simulation.cell_array import LAYOUTS, random_cells
-from palpate.simulation.load_cell_bench import REST, Bench, BenchRun
 from palpate.surfaces import EllipticCylinder
+from palpate_lab.simulation.cell_array import LAYOUTS, random_cells
+from palpate_lab.simulation.load_cell_bench import REST, Bench, BenchRun
 
 SURFACE = EllipticCylinder(a=14e-3, b=5e-3, half_length=16e-3, upper=True)
 ARRAY = random_cells(LAYOUTS[4], np.random.default_rng(1))

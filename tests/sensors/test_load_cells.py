@@ -10,7 +10,7 @@ from palpate.sensors.correlation import correlation_time
 from palpate.sensors.load_cell_faults import find_faults
 from palpate.sensors.load_cell_zero import take_zero
 from palpate.sensors.load_cells import Indentation, LoadCells, require_layout, with_changes
-from palpate.simulation.cell_array import LAYOUTS, CellArray, in_line, random_cells
+from palpate_lab.simulation.cell_array import LAYOUTS, CellArray, in_line, random_cells
 
 NOISE = 1e-4  # V
 

@@ -21,9 +21,9 @@ from palpate.sensors import Payload, motion
 from palpate.sensors._curvature import Settings, part_of, pose_period
 from palpate.sensors.motion import Motion
 from palpate.sensors.recording import ACCELERATION, FORCE, ORIENTATION, POSITION, TORQUE, UNSTEADY, Recording
-from palpate.simulation.session import GRAVITY, Load
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate.spatial.pose_track import PoseTrack
+from palpate_lab.simulation.session import GRAVITY, Load
 
 LOAD = Load(0.5, np.array([0.002, -0.001, 0.045]), np.array([1.0, -2.0, 3.0]), np.array([0.1, 0.2, -0.3]))
 PAYLOAD = Payload(LOAD.mass * GRAVITY, LOAD.force_bias, LOAD.center_of_mass, LOAD.torque_bias)

@@ -9,7 +9,7 @@ from palpate.errors import InputError
 from palpate.sensors.recording import CELLS, Recording
 from palpate.sensors.taxel_health import Health, examine
 from palpate.sensors.taxels import TaxelBody
-from palpate.simulation.skin_bench import Rolled
+from palpate_lab.simulation.skin_bench import Rolled
 
 LAYOUT = Rolled(6, 8, radius=np.inf).layout()
 SHEET = TaxelBody.sheet(LAYOUT)

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from jaxtyping import Float, UInt8
 
-from palpate.simulation.arena.camera import BACKGROUNDS, SwiftCamera
-from palpate.simulation.arena.skin import disc_points
-from palpate.simulation.barrel import Barrel, Indenter, Pressed
-from palpate.simulation.ring_camera import READ, SHOT, Look, Photographer, RingCamera
-from palpate.simulation.ring_session import RingUnit
+from palpate_lab.simulation.arena.camera import BACKGROUNDS, SwiftCamera
+from palpate_lab.simulation.arena.skin import disc_points
+from palpate_lab.simulation.barrel import Barrel, Indenter, Pressed
+from palpate_lab.simulation.ring_camera import READ, SHOT, Look, Photographer, RingCamera
+from palpate_lab.simulation.ring_session import RingUnit
 
 UNIT = RingUnit.drawn(3, coarse=True)
 QUIET = replace(Look(), noise=0.0, quality=None)

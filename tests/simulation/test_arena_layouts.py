@@ -10,7 +10,7 @@ import pytest
 from scipy import ndimage
 
 from palpate.errors import InputError
-from palpate.simulation.arena import (
+from palpate_lab.simulation.arena import (
     Block,
     Layout,
     paper_layout,

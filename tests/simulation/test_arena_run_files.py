@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.simulation.arena.layout import Block, Layout
-from palpate.simulation.arena.run_files import RunRecorder, files_of, write_arena, write_rig
+from palpate_lab.simulation.arena.layout import Block, Layout
+from palpate_lab.simulation.arena.run_files import RunRecorder, files_of, write_arena, write_rig
 
 pytest.importorskip("rosbags")
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 
-from palpate.simulation.arena.skin import KINDS, RingSkin, disc_points
-from palpate.simulation.barrel import Barrel, Indenter, Pressed
-from palpate.simulation.ring_session import RingUnit
+from palpate_lab.simulation.arena.skin import KINDS, RingSkin, disc_points
+from palpate_lab.simulation.barrel import Barrel, Indenter, Pressed
+from palpate_lab.simulation.ring_session import RingUnit
 
 UNIT = RingUnit.drawn(3, coarse=True)
 STEP = 2.0 * np.pi / (2 * UNIT.barrel.around)  # rad between columns of nodes

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from palpate.errors import InputError
-from palpate.simulation import engine as engines
-from palpate.simulation.arena import FRAME, ArenaWorld, Block, Layout, RobotSettings, random_layout
+from palpate_lab.simulation import engine as engines
+from palpate_lab.simulation.arena import FRAME, ArenaWorld, Block, Layout, RobotSettings, random_layout
 
 pytest.importorskip("mujoco")
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from palpate.simulation.ball_on_ellipse import Ellipse, pressed_wrench
+from palpate_lab.simulation.ball_on_ellipse import Ellipse, pressed_wrench
 
 TIP, BALL, LAYER = Ellipse(), 2e-3, 3e8
 ALONG = np.array([[0.0, 1.0, 0.0]])

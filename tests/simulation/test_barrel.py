@@ -12,8 +12,8 @@ from palpate.errors import InputError
 
 pytest.importorskip("skfem")
 
-from palpate.simulation.barrel import Barrel, Indenter
-from palpate.simulation.barrel_elasticity import COARSE_ROWS, BarrelSettings, compliance, solid
+from palpate_lab.simulation.barrel import Barrel, Indenter
+from palpate_lab.simulation.barrel_elasticity import COARSE_ROWS, BarrelSettings, compliance, solid
 
 COARSE = BarrelSettings(around=48, rows=COARSE_ROWS)
 EVEN = replace(COARSE, uneven=(0.0, 0.0))
@@ -84,7 +84,7 @@ def test_a_long_even_cylinder_under_pressure_is_lame_s() -> None:
 
 def test_forces_on_the_skin_add_up(barrel: Barrel) -> None:
     """The nodes bear what the body presses: nothing is lost between points of contact and nodes."""
-    from palpate.simulation.barrel_contact import settle
+    from palpate_lab.simulation.barrel_contact import settle
 
     body = Indenter("tip", 0.7, 0.004, slide=0.001)
     found = settle(barrel.band, [body])[-1]

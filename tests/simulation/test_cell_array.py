@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import GeometryError
-from palpate.simulation.cell_array import LAYOUTS, CellArray, in_line, random_cells
+from palpate_lab.simulation.cell_array import LAYOUTS, CellArray, in_line, random_cells
 
 
 def _wrenches(count: int = 50) -> np.ndarray:

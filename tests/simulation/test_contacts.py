@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from palpate.simulation.contacts import touch_wrenches
-from palpate.simulation.shapes import Ellipsoid
+from palpate_lab.simulation.contacts import touch_wrenches
+from palpate_lab.simulation.shapes import Ellipsoid
 
 BODY = Ellipsoid((0.01, 0.007, 0.005))
 

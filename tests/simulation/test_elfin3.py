@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.simulation.phantom.elfin3 import JOINTS, LINKS, SENSOR, mjcf, urdf
-from palpate.simulation.phantom.probes import probe
+from palpate_lab.simulation.phantom.elfin3 import JOINTS, LINKS, SENSOR, mjcf, urdf
+from palpate_lab.simulation.phantom.probes import probe
 
 pin = pytest.importorskip("pinocchio")
 mujoco = pytest.importorskip("mujoco")

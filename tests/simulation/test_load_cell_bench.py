@@ -8,9 +8,9 @@ import polars
 import pytest
 
 from evidence.cell_faults import dead, drifting, saturated, swapped
-from palpate.simulation.cell_array import LAYOUTS, in_line
-from palpate.simulation.load_cell_bench import BENCHES, CUTOFF, RATE, REST, Bench, BenchRun
-from palpate.simulation.load_cell_files import write_bench_log, write_voltage_log
+from palpate_lab.simulation.cell_array import LAYOUTS, in_line
+from palpate_lab.simulation.load_cell_bench import BENCHES, CUTOFF, RATE, REST, Bench, BenchRun
+from palpate_lab.simulation.load_cell_files import write_bench_log, write_voltage_log
 
 SHORT = (((-9.0, -2.0), (-9.0, 2.0)), ((6.0, 3.0), (1.0, -3.0)))
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from evidence.moving import Swing, moving_wrenches
-from palpate.simulation.session import GRAVITY, Load
+from palpate_lab.simulation.session import GRAVITY, Load
 
 MOTION = Swing(swing_rate=(0.5, 0.7, 0.9), sway=(0.2, 0.1, 0.15))
 LOAD = Load(0.5, np.array([0.01, -0.02, 0.05]), np.array([1.0, -2.0, 3.0]), np.array([0.1, 0.2, -0.3]))

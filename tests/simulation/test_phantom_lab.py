@@ -10,9 +10,9 @@ import pytest
 from scipy.signal import lsim
 
 from palpate.errors import InputError
-from palpate.simulation.phantom.lab import LabSettings, PhantomLab, Reading
-from palpate.simulation.phantom.motion import motion
-from palpate.simulation.phantom.probes import probe
+from palpate_lab.simulation.phantom.lab import LabSettings, PhantomLab, Reading
+from palpate_lab.simulation.phantom.motion import motion
+from palpate_lab.simulation.phantom.probes import probe
 
 pytest.importorskip("mujoco")
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import InputError
-from palpate.simulation.phantom.motion import MOTIONS, Breathing, Motion, Sine, Step, motion, unplanned
+from palpate_lab.simulation.phantom.motion import MOTIONS, Breathing, Motion, Sine, Step, motion, unplanned
 
 ALL = [motion(name, seed=3) for name in MOTIONS] + [
     Motion(Breathing(0.01), Sine(0.1, 3.0), Sine(-0.15, 2.0)),

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from palpate.errors import InputError
-from palpate.simulation.phantom.probes import PROBES, probe
+from palpate_lab.simulation.phantom.probes import PROBES, probe
 
 
 @pytest.mark.parametrize("name", PROBES)

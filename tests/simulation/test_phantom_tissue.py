@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import dblquad
 from scipy.spatial.transform import Rotation
 
-from palpate.simulation.phantom._tissue import press
-from palpate.simulation.phantom.probes import PROBES, probe
+from palpate_lab.simulation.phantom._tissue import press
+from palpate_lab.simulation.phantom.probes import PROBES, probe
 
 K = 2e6
 LAW = np.array([K, 0.005, 0.3, 2 / 3 * K, 0.005])

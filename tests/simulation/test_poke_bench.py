@@ -9,10 +9,10 @@ import pytest
 
 from palpate.errors import InputError
 from palpate.sensors.taxel_modules import LAYOUTS
-from palpate.simulation.forearm import Cone, Forearm, SurfaceSkin, places_near
-from palpate.simulation.poke_bench import MIX, Arm, PokeBench, PokeErrors, PokeSession, boussinesq
 from palpate.spatial.pose import Pose
 from palpate.surfaces.mesh import Mesh
+from palpate_lab.simulation.forearm import Cone, Forearm, SurfaceSkin, places_near
+from palpate_lab.simulation.poke_bench import MIX, Arm, PokeBench, PokeErrors, PokeSession, boussinesq
 
 NONE = PokeErrors(1e-9, 1e-9, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # a covariance must not be singular
 

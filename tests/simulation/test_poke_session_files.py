@@ -15,18 +15,18 @@ from rosbags.typesys import Stores, get_typestore
 from palpate.io.ground_truth import read_ground_truth
 from palpate.io.urdf import Kinematics, Urdf
 from palpate.sensors.taxel_places import TaxelPlaces
-from palpate.simulation.forearm import Forearm
-from palpate.simulation.poke_bench import PokeBench, PokeSession
-from palpate.simulation.poke_log import EVERY, RATE, PokeLog, simulate_poke_log
-from palpate.simulation.poke_session_files import (
+from palpate.spatial.pose import Pose
+from palpate.surfaces.mesh import Mesh
+from palpate_lab.simulation.forearm import Forearm
+from palpate_lab.simulation.poke_bench import PokeBench, PokeSession
+from palpate_lab.simulation.poke_log import EVERY, RATE, PokeLog, simulate_poke_log
+from palpate_lab.simulation.poke_session_files import (
     JOINT_TOPIC,
     JOINTS,
     TAXEL_TOPIC,
     WRENCH_TOPIC,
     write_poke_session,
 )
-from palpate.spatial.pose import Pose
-from palpate.surfaces.mesh import Mesh
 
 Written = tuple[PokeSession, TaxelPlaces, PokeLog, Path]
 

@@ -10,7 +10,7 @@ import pytest
 from jaxtyping import Float, UInt8
 
 from palpate.errors import InputError
-from palpate.simulation.ring_camera import Look, Photographer, RingCamera
+from palpate_lab.simulation.ring_camera import Look, Photographer, RingCamera
 
 cv2 = pytest.importorskip("cv2")
 

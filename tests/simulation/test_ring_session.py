@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from palpate.io.ground_truth import read_ground_truth
-from palpate.simulation.barrel import Barrel, Indenter
-from palpate.simulation.ring_session import (
+from palpate_lab.simulation.barrel import Barrel, Indenter
+from palpate_lab.simulation.ring_session import (
     Faults,
     Protocol,
     RingSession,
@@ -18,7 +18,7 @@ from palpate.simulation.ring_session import (
     calibration_run,
     touching_run,
 )
-from palpate.simulation.ring_session_files import write_calibration_run, write_touching_run
+from palpate_lab.simulation.ring_session_files import write_calibration_run, write_touching_run
 
 cv2 = pytest.importorskip("cv2")
 pytest.importorskip("skfem")

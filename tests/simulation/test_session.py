@@ -12,10 +12,10 @@ from mcap.reader import make_reader
 
 from evidence.logs_written import ROS2
 from palpate.sensors.recording import ORIENTATION
-from palpate.simulation.session import ASSEMBLY, NOISE, Session, simulate_session
-from palpate.simulation.session_files import POSE_TOPIC, WRENCH_TOPIC, write_session
-from palpate.simulation.session_mcap import CLOCK_OFFSET, POSITION, write_session_mcap
 from palpate.spatial.pose import rotation_from_quaternion
+from palpate_lab.simulation.session import ASSEMBLY, NOISE, Session, simulate_session
+from palpate_lab.simulation.session_files import POSE_TOPIC, WRENCH_TOPIC, write_session
+from palpate_lab.simulation.session_mcap import CLOCK_OFFSET, POSITION, write_session_mcap
 
 
 @pytest.fixture(scope="module")

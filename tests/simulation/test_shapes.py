@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from palpate.simulation.shapes import Body, BumpySphere, Ellipsoid, Superquadric, icosphere
+from palpate_lab.simulation.shapes import Body, BumpySphere, Ellipsoid, Superquadric, icosphere
 
 R = 0.01
 BODIES = {

@@ -5,7 +5,7 @@ import pytest
 
 from palpate.errors import InputError
 from palpate.sensors.drift import Drift
-from palpate.simulation.drift import simulate_drift
+from palpate_lab.simulation.drift import simulate_drift
 
 TIME = np.array([5.0, 5.0, 5.5, 9.0, 30.0, 65.0])  # uneven, one repeated
 MANY = 4000  # channels: deviations of a variance 1/sqrt(2000) = 2.2 %, four of them 9 %

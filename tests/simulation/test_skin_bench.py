@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from palpate.sensors.recording import CELLS
-from palpate.simulation.skin_bench import Patch, Rolled, Wand, paper_sheet, press, read_out, wand_poses
 from palpate.spatial.pose import rotation_from_quaternion
+from palpate_lab.simulation.skin_bench import Patch, Rolled, Wand, paper_sheet, press, read_out, wand_poses
 
 SHEET = Rolled()
 

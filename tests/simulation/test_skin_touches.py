@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from palpate.errors import InputError
-from palpate.simulation.poke_bench import PokeBench
-from palpate.simulation.skin_touches import SkinTouches, simulate_touches
+from palpate_lab.simulation.poke_bench import PokeBench
+from palpate_lab.simulation.skin_touches import SkinTouches, simulate_touches
 
 
 @pytest.fixture(scope="module")

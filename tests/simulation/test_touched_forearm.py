@@ -18,13 +18,19 @@ from palpate.sensors.drift import Drift
 from palpate.sensors.force_torque import Payload
 from palpate.sensors.intensity import Intensity
 from palpate.sensors.recording import CELLS, ORIENTATION
-from palpate.simulation import engine as engines
-from palpate.simulation.skin_bench import PaperSheet, Patch, Rolled, press
-from palpate.simulation.touched import ForearmRun, ForearmSettings, simulate_forearm, simulate_free, simulate_presses
-from palpate.simulation.touched.body import simulate_physics
-from palpate.simulation.touched.files import link_mesh, write_forearm
-from palpate.simulation.touched.sensors import motion
-from palpate.simulation.touched.settings import GRAVITY
+from palpate_lab.simulation import engine as engines
+from palpate_lab.simulation.skin_bench import PaperSheet, Patch, Rolled, press
+from palpate_lab.simulation.touched import (
+    ForearmRun,
+    ForearmSettings,
+    simulate_forearm,
+    simulate_free,
+    simulate_presses,
+)
+from palpate_lab.simulation.touched.body import simulate_physics
+from palpate_lab.simulation.touched.files import link_mesh, write_forearm
+from palpate_lab.simulation.touched.sensors import motion
+from palpate_lab.simulation.touched.settings import GRAVITY
 
 pytest.importorskip("mujoco")
 

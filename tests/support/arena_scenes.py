@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.viewer.arena import Arena, Scene
+from palpate_lab.viewer.arena import Arena, Scene
 
 __all__ = ["arena", "scene"]
 

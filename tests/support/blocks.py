@@ -25,7 +25,9 @@ from unittest import mock
 import tyro
 
 from palpate.cli import main
-from palpate.cli.app import COMMANDS
+from palpate.cli.app import COMMANDS, join_others
+
+join_others()
 
 __all__ = ["PAGES", "ROOT", "Block", "Follower", "blocks", "refusal", "unseen", "unserved"]
 

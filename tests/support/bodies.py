@@ -13,8 +13,8 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from evidence.bodies import prism
-from palpate.simulation.shapes import Body, BumpySphere, Ellipsoid, Superquadric
 from palpate.surfaces import Mesh, plane
+from palpate_lab.simulation.shapes import Body, BumpySphere, Ellipsoid, Superquadric
 
 __all__ = ["BODIES", "CLOSED", "R", "Surfaced", "box", "cylinder", "on_mesh", "pressing"]
 

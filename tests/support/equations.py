@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.simulation.shapes import Superquadric
 from palpate.spatial.pose import Pose
 from palpate.surfaces import Cylinder, Ellipsoid, EllipticCylinder, ImplicitSurface, Paraboloid, Sphere, superquadric
 from palpate.surfaces.analytic import Analytic
+from palpate_lab.simulation.shapes import Superquadric
 
 __all__ = ["EQUATIONS", "POSE", "Equation", "R", "torus"]
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from palpate.calibration.marker_ring.response import RingPresses, fit_response
 from palpate.sensors.ring_response import RingResponse
-from palpate.simulation.barrel import Barrel, Indenter, Pressed
-from palpate.simulation.barrel_elasticity import COARSE_ROWS, BarrelSettings
+from palpate_lab.simulation.barrel import Barrel, Indenter, Pressed
+from palpate_lab.simulation.barrel_elasticity import COARSE_ROWS, BarrelSettings
 
 __all__ = ["MARKERS", "NOISE", "barrel", "calibrated", "moved", "plate", "presses", "tip"]
 

@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 
 from evidence.moving import Swing
-from palpate.simulation.contacts import contact_wrenches, directed_forces
+from palpate_lab.simulation.contacts import contact_wrenches, directed_forces
 
 __all__ = ["POSE", "Truth", "base_poses", "pressed", "write_table"]
 

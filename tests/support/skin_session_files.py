@@ -8,9 +8,9 @@ import numpy as np
 import polars as pl
 
 from palpate.sensors.recording import CELLS
-from palpate.simulation.shapes import icosphere
-from palpate.simulation.skin_bench import Wand
-from palpate.simulation.skin_session import SkinSession, load_cell_presses
+from palpate_lab.simulation.shapes import icosphere
+from palpate_lab.simulation.skin_bench import Wand
+from palpate_lab.simulation.skin_session import SkinSession, load_cell_presses
 
 __all__ = ["write_skin_session"]
 

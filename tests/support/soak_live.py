@@ -21,7 +21,7 @@ from mcap.reader import make_reader
 
 from palpate.io.live.record import ring_of
 from palpate.io.live.ring import Ring
-from palpate.simulation import BumpySphere, touch_wrenches
+from palpate_lab.simulation import BumpySphere, touch_wrenches
 from tests.support.kill_live import children
 
 DAY, SECONDS, RATE = 86_400_000, 1000, 1000  # samples; of the log; Hz

@@ -9,8 +9,8 @@ import pytest
 from numba import njit
 
 from palpate.contact import Locator
-from palpate.simulation.shapes import BumpySphere, Ellipsoid
 from palpate.surfaces import Mesh, _bvh, _patch
+from palpate_lab.simulation.shapes import BumpySphere, Ellipsoid
 from tests.support.bodies import R, box, cylinder
 
 MESHES = {

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from palpate.errors import GeometryError, PalpateError
-from palpate.simulation.phantom.probes import probe
-from palpate.simulation.shapes import Ellipsoid
 from palpate.surfaces import Mesh, plane
+from palpate_lab.simulation.phantom.probes import probe
+from palpate_lab.simulation.shapes import Ellipsoid
 from tests.support.bodies import BODIES, R, box, cylinder
 
 

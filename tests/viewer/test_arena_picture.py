@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.viewer.arena import FORCE, Scene, Trails, colour, mixed, newtons
-from palpate.viewer.arena_picture import HEAD, SIZE, ArenaPicture, senses
+from palpate_lab.viewer.arena import FORCE, Scene, Trails, colour, mixed, newtons
+from palpate_lab.viewer.arena_picture import HEAD, SIZE, ArenaPicture, senses
 from tests.support.arena_scenes import BLOCKS, arena, scene
 
 pytest.importorskip("cv2")

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.simulation.shapes import Ellipsoid
 from palpate.viewer.film import SIZE, ScenePicture
 from palpate.viewer.rendered import Camera, rendered
 from palpate.viewer.scene import prepare
+from palpate_lab.simulation.shapes import Ellipsoid
 from tests.support.pages import ellipsoid, session
 
 CAMERA = Camera(np.array([0.0, -4.0, 0.0]), np.zeros(3), np.radians(45.0), (240, 180))

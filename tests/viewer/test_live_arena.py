@@ -7,8 +7,8 @@ import threading
 import numpy as np
 import pytest
 
-from palpate.viewer import live_arena
-from palpate.viewer.live_arena import ARROW, LiveArena
+from palpate_lab.viewer import live_arena
+from palpate_lab.viewer.live_arena import ARROW, LiveArena
 from tests.support.arena_scenes import arena, scene
 
 pytest.importorskip("viser")

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from palpate.spatial.pose import Pose
-from palpate.viewer.live_probe import ARROW, SCALE, SHOWN, LiveProbe
+from palpate_lab.viewer.live_probe import ARROW, SCALE, SHOWN, LiveProbe
 from tests.support.browser import PATIENCE, chromium, until
 from tests.support.pages import ellipsoid
 from tests.support.program import program

@@ -7,14 +7,14 @@ from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate
 from palpate.contact.resolution import nominal_cells
 from palpate.sensors.load_cells import with_changes
-from palpate.simulation.ball_on_ellipse import FINGERTIP
-from palpate.simulation.cell_array import LAYOUTS
 from palpate.surfaces import EllipticCylinder
 from palpate.viewer.load_cells import LoadCellLayer, loads
 from palpate.viewer.marker import arc, barbs
 from palpate.viewer.scene import prepare
 from palpate.viewer.scene3d import Settings
 from palpate.viewer.server import Page
+from palpate_lab.simulation.ball_on_ellipse import FINGERTIP
+from palpate_lab.simulation.cell_array import LAYOUTS
 
 CELLS = nominal_cells(LAYOUTS[4], 10.0, 1e-4)
 TIP = EllipticCylinder(a=14e-3, b=5e-3, half_length=16e-3, upper=True)

@@ -15,11 +15,11 @@ from palpate.contact.estimate import Status
 from palpate.errors import InputError
 from palpate.surfaces.plane import plane
 from palpate.viewer.captions import beside
-from palpate.viewer.live_arena import LiveArena
 from palpate.viewer.marker import Marker, fade
 from palpate.viewer.scene import LARGE, SMALL, Scene, prepare, rim
 from palpate.viewer.server import Page
 from palpate.viewer.timeline import Timeline
+from palpate_lab.viewer.live_arena import LiveArena
 from tests.support.arena_scenes import arena
 from tests.support.arena_scenes import scene as arena_scene
 from tests.support.browser import PATIENCE, chromium, until

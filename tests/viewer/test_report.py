@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from palpate.contact.estimate import Status
-from palpate.simulation.shapes import Superquadric
 from palpate.viewer import plots
 from palpate.viewer._style import inline
 from palpate.viewer.drawing import Drawing, Mark
 from palpate.viewer.report import Report, Section, Table, Tile, picture, render
 from palpate.viewer.zero_plot import zeros
+from palpate_lab.simulation.shapes import Superquadric
 
 RNG = np.random.default_rng(0)
 N = 30_000

@@ -10,10 +10,10 @@ import pytest
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate
 from palpate.sensors.taxels import TaxelBody
-from palpate.simulation.skin_bench import Rolled
 from palpate.viewer.scene import prepare
 from palpate.viewer.server import Page
 from palpate.viewer.taxels import PIXELS, TaxelLayer, cell_mesh, unrolled
+from palpate_lab.simulation.skin_bench import Rolled
 from tests.support.pages import BODY, ellipsoid, two_contacts
 
 SHEET = Rolled()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import redirect_stdout, suppress
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -43,13 +43,11 @@ class _Group:
 
 
 _GROUPS = {
-    "benchmark": "Score any estimator of contacts on simulated tasks",
     "calibrate": "Make a model from a log",
     "design": "What a sensor can resolve before it is built",
     "map": "Find where the cells of a sensor sit on a robot",
     "plan": "What to measure next",
     "rig": "Write a rig to start from",
-    "simulate": "Record what is simulated, with its truth",
 }
 _EACH = {
     "estimate": _Command(
@@ -61,16 +59,6 @@ _EACH = {
         ".batch",
         "batch",
         "Find contacts in many logs, each exactly as `palpate estimate` would, and write one page about all of them.",
-    ),
-    "benchmark make": _Command(
-        ".benchmark_make",
-        "benchmark_make",
-        "Make tasks that any estimator of contacts can be scored by: wrenches, logs, frames of a skin, images.",
-    ),
-    "benchmark score": _Command(
-        ".benchmark_score",
-        "benchmark_score",
-        "Score estimators on a folder of `palpate benchmark make`: yours, Palpate, and the usual ways as peers.",
     ),
     "calibrate camera": _Command(
         ".calibrate_camera",
@@ -116,11 +104,6 @@ _EACH = {
         ".calibrate_taxels",
         "CalibrateTaxels",
         "Find where each taxel of a skin sits, from the wrenches of pokes in several arm configurations.",
-    ),
-    "demo": _Command(
-        ".demo",
-        "demo",
-        "Make up a robot's session, run the whole chain of commands on it, and compare what is found with the truth.",
     ),
     "design load-cells": _Command(
         ".design_load_cells",
@@ -177,36 +160,6 @@ _EACH = {
         "rig_new",
         "Guess a rig from the log of any sensor, and a mesh: which sensor, columns, units, noise.",
     ),
-    "simulate arena": _Command(
-        ".simulate_arena",
-        "simulate_arena",
-        "Send robots with a soft skin through an arena that they cannot see; record one run, or judge many seeds.",
-    ),
-    "simulate forearm": _Command(
-        ".simulate_forearm",
-        "simulate_forearm_command",
-        "Record a simulated forearm with a skin and a force/torque sensor at its base, touched at several places.",
-    ),
-    "simulate load-cells": _Command(
-        ".simulate_load_cells",
-        "simulate_load_cells",
-        "Record a simulated fingertip on four force cells: a run of the bench to calibrate by, and one to estimate.",
-    ),
-    "simulate marker-ring": _Command(
-        ".simulate",
-        "simulate_marker_ring",
-        "Record a simulated barrel: its calibration run, or touches to judge by; with the truth from its mechanics.",
-    ),
-    "simulate phantom": _Command(
-        ".simulate_phantom",
-        "simulate_phantom",
-        "Hold a probe on a soft phantom that moves, in a physics engine; record it with its truth.",
-    ),
-    "simulate pokes": _Command(
-        ".simulate_pokes",
-        "simulate_pokes",
-        "Record a simulated forearm whose taxels are poked in seven poses of the elbow, and touches of it afterwards.",
-    ),
 }
 
 
@@ -222,7 +175,22 @@ def _tree() -> dict[str, _Command | _Group]:
 
 
 COMMANDS = _tree()
-_NAMES = {name: tuple(each.commands) if isinstance(each, _Group) else () for name, each in COMMANDS.items()}
+
+
+def join_others() -> None:
+    """Add what other packages bring: entry points `palpate.commands` and `palpate.calibrations`."""
+    from palpate.registry import Registry
+
+    for table in Registry[Mapping[str, Any]]({}, Mapping, "palpate.commands").values():
+        for name, row in table.items():
+            if isinstance(row, str):
+                _GROUPS[name] = row
+            else:
+                _EACH[name] = _Command(*row)
+    for name, found in Registry[type]({}, type, "palpate.calibrations").items():
+        about = " ".join(str(found.__doc__).split("\n\n")[0].split())
+        _EACH[f"calibrate {name}"] = _Command(found.__module__, found.__qualname__, about)
+    COMMANDS.update(_tree())
 
 
 def run(argv: Sequence[str]) -> None:
@@ -231,12 +199,13 @@ def run(argv: Sequence[str]) -> None:
     What is misspelt is said in one sentence, as the exit code; everything else that is wrong is said by the parser.
     """
     words = list(argv)
-    if words[:1] == ["calibrate"] and " ".join(words[:2]) not in _EACH:
-        _join_calibrations()
-    if sentence := unknown_command(words, _NAMES):
+    if not {" ".join(words[:1]), " ".join(words[:2])} & set(_EACH):
+        join_others()
+    names = {name: tuple(each.commands) if isinstance(each, _Group) else () for name, each in COMMANDS.items()}
+    if sentence := unknown_command(words, names):
         raise SystemExit(sentence)
     asked = bool({"-h", "--help"} & set(words))
-    called = command_of(words, _NAMES)
+    called = command_of(words, names)
     if any(word.startswith("--tyro-") for word in words):
         _complete(words)
     elif " ".join(called) in _EACH:
@@ -246,18 +215,6 @@ def run(argv: Sequence[str]) -> None:
     else:
         missing = f"a command is missing; `{' '.join(['palpate', *called, '--help'])}` lists them."
         raise SystemExit(unknown_option(words, called, _options(called)) or missing)
-
-
-def _join_calibrations() -> None:
-    """Add the calibrations of other packages, by their entry points."""
-    from palpate.registry import Registry
-
-    group = COMMANDS["calibrate"]
-    for name, found in Registry[type]({}, type, "palpate.calibrations").items():
-        command = _Command(found.__module__, found.__qualname__, " ".join(str(found.__doc__).split("\n\n")[0].split()))
-        if isinstance(group, _Group):
-            _EACH[f"calibrate {name}"] = group.commands[name] = command
-    _NAMES["calibrate"] = tuple(group.commands) if isinstance(group, _Group) else ()
 
 
 def _call(called: tuple[str, ...], words: list[str], asked: bool) -> None:

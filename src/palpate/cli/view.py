@@ -24,12 +24,12 @@ from palpate.io.rig import Rig
 from palpate.io.rig.setup import Setup
 from palpate.io.taxel_files import read_taxel_places
 from palpate.opencv import opencv
-from palpate.simulation.video import Video
 from palpate.surfaces import Surface
 from palpate.viewer.film import RATE, SIZE, ScenePicture
 from palpate.viewer.scene import Scene, prepare
 from palpate.viewer.server import require_viser, serve
 from palpate.viewer.taxel_page import serve_taxels
+from palpate.viewer.video import Video
 
 __all__ = ["view"]
 

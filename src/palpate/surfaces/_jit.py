@@ -50,6 +50,7 @@ __all__ = [
 ]
 
 PACKAGE = Path(__file__).parents[1]
+LABORATORY = PACKAGE.with_name("palpate_lab")  # the other package of the wheel
 CONSTANTS = ("_arguments.py", "_edges.py", "_patches.py", "_settings.py")  # of signatures, and of numbers in kernels
 CPUINFO = Path("/proc/cpuinfo")
 V3 = frozenset(["avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe"])  # flags of x86-64-v3 in /proc/cpuinfo
@@ -57,7 +58,8 @@ V3 = frozenset(["avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe"])  # flags
 
 def kernel_files() -> list[Path]:
     """Return the files that compiled code is made of, in order."""
-    private = sorted(file for file in PACKAGE.rglob("_[a-z]*.py") if file.name != "_jit.py")
+    every = (file for folder in (PACKAGE, LABORATORY) for file in sorted(folder.rglob("_[a-z]*.py")))
+    private = [file for file in every if file.name != "_jit.py"]
     return [file for file in private if file.name in CONSTANTS or b"surfaces._jit import" in file.read_bytes()]
 
 

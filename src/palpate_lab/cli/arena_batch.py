@@ -1,0 +1,140 @@
+"""Many runs in the arena: in parallel over processes, kept line by line so that they can go on, judged as a page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from contextlib import closing
+from dataclasses import asdict
+from functools import partial
+from math import isfinite
+from pathlib import Path
+
+from palpate.cli.console import Figure, announce, lines, note, overwrite, title
+from palpate.cli.parallel import begin_results, from_row, read_rows, require_backend, run_kept
+from palpate.errors import InputError
+from palpate.io.atomic import keep_inputs, write_text
+from palpate.viewer.report import render, require_report
+from palpate_lab.cli.arena_run import ArenaResult
+from palpate_lab.cli.arena_setup import Asked, command
+from palpate_lab.viewer.arena_summary import Judged, compose, figures
+
+__all__ = ["read_results", "run_batch"]
+
+MOST = 100_000  # runs
+JOBS, RESULTS = "--jobs", "results of runs in the arena"
+
+
+def run_batch(asked: Asked, seeds: Sequence[int], output: Path, jobs: int | None, backend: str) -> None:
+    """Run the seeds that are not done yet, and write the page of all of them.
+
+    Args:
+        asked: of every run.
+        seeds: which.
+        output: the page; results are beside it, its name ending in .jsonl.
+        jobs: how many processes; None: one a core.
+        backend: one of `palpate.cli.parallel.BACKENDS`.
+
+    Raises:
+        InputError: a wrong option, results of other settings, joblib or what its backend needs is not installed.
+    """
+    workers = _require(output, len(seeds), jobs, backend)
+    asked.check()
+    require_report()
+    kept = output.with_suffix(".jsonl")
+    keep_inputs(output, [None if asked.rig is None else Path(asked.rig)], beside=[kept])
+    done = _begin(kept, asked.key())
+    if known := [seed for seed in seeds if seed in done]:
+        announce(f"{len(known)} of {len(seeds)} seeds are in {kept} already; the others follow")
+    wanted = [seed for seed in seeds if seed not in done]
+    try:
+        with closing(run_kept(partial(_one, asked), wanted, kept, (workers, backend, JOBS), asdict)) as results:
+            for result in results:
+                done[result.seed] = result
+                overwrite(_so_far([done[seed] for seed in seeds if seed in done], len(seeds)))
+    except KeyboardInterrupt:
+        announce(f"{sum(seed in done for seed in seeds)} of {len(seeds)} seeds are in {kept}: the same command goes on")
+        raise
+    _report(asked, [done[seed] for seed in seeds], output)
+
+
+def _require(output: Path, seeds: int, jobs: int | None, backend: str) -> int:
+    """How many processes there will be."""
+    if not 1 <= seeds <= MOST:
+        raise InputError(f"must be from 1 to {MOST:,}, not {seeds}.", where="--seeds")
+    if output.suffix != ".html":
+        hint = "With --seeds it is a page: name it SUMMARY.html."
+        raise InputError("is not the name of a page.", where=str(output), hint=hint)
+    return require_backend(backend, jobs, JOBS)
+
+
+def read_results(path: Path) -> tuple[dict[str, object], dict[int, ArenaResult]]:
+    """What a file of results holds: the settings, and the result of each seed.
+
+    A last line that is cut, as a killed process leaves it, is no result.
+
+    Raises:
+        InputError: it is no such file.
+    """
+    settings, rows = read_rows(path, RESULTS)
+    try:
+        found = [from_row(ArenaResult, row) for row in rows]
+    except (KeyError, TypeError) as problem:
+        raise InputError(f"does not hold {RESULTS}.", where=str(path), hint="Name another output.") from problem
+    return settings, {result.seed: result for result in found}
+
+
+def _begin(path: Path, key: dict[str, object]) -> dict[int, ArenaResult]:
+    """What is done already; the file is made, or cleared of what is cut, so that lines can be added.
+
+    Raises:
+        InputError: it is of other settings.
+    """
+    done = dict[int, ArenaResult]()
+    if path.exists():
+        there, done = read_results(path)
+        other = [name for name in key if there.get(name) != key[name]]
+        if other:
+            said = ", ".join(f"{name} {there.get(name)!r} instead of {key[name]!r}" for name in other)
+            hint = "Name another output, or remove it."
+            raise InputError(f"holds runs of other settings: {said}.", where=str(path), hint=hint)
+    begin_results(path, key, map(asdict, done.values()))
+    return done
+
+
+def _one(asked: Asked, seed: int) -> ArenaResult:
+    """One run, in whatever process."""
+    return asked.run(seed).play()
+
+
+def _judged(asked: Asked, results: Iterable[ArenaResult]) -> list[Judged]:
+    return [
+        Judged(
+            seed=each.seed,
+            arrived=each.arrived,
+            path=each.path,
+            force=each.force,
+            greatest=max(each.greatest, default=0.0),
+            pushes=sum(each.pushes),
+            deadlocks=sum(each.deadlocks),
+            states=each.state,
+            command=command(asked, each.seed),
+        )
+        for each in results
+    ]
+
+
+def _so_far(results: list[ArenaResult], total: int) -> str:
+    times = [time for each in results for time in each.arrived]
+    share = sum(map(isfinite, times)) / max(len(times), 1)
+    return f"{len(results)} of {total} seeds, {share:.1%} of the robots arrive"
+
+
+def _report(asked: Asked, results: list[ArenaResult], output: Path) -> None:
+    judged = _judged(asked, results)
+    settings = tuple((name, str(value)) for name, value in asked.key().items() if value not in (None, ""))
+    write_text(output, render(compose(judged, settings)))
+    title(f"{len(judged)} runs of seeds {judged[0].seed} to {judged[-1].seed} -> {output}")
+    lines((name, Figure(text, value)) for name, text, value in figures(judged))
+    lost = [each for each in judged if not each.whole]
+    note(f"not all arrive: {each.command}" for each in lost[:5])
+    note([f"and {len(lost) - 5} more, see {output}"] if len(lost) > 5 else [])

@@ -1,0 +1,174 @@
+"""What a person asks of `palpate simulate arena`: checked, and made into the runs of one seed or another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from palpate.errors import InputError
+
+if TYPE_CHECKING:
+    from palpate.sensors.marker_ring import MarkerRing
+    from palpate_lab.cli.arena_ring import RingWear
+    from palpate_lab.cli.arena_run import ArenaRun
+    from palpate_lab.simulation.arena.layout import Layout
+
+__all__ = ["LAYOUTS", "ROBOTS", "Asked", "command", "worn"]
+
+LAYOUTS = ("random", "paper", "u", "corridor")
+ROBOTS = 4
+MOST = 200  # robots
+USUAL = "paper"  # density
+UNIT = 0  # of the simulated ring that is worn
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A run, all but its seed; small and plain, so that it can be sent to another process and compared with a file's.
+
+    Attributes:
+        robots: how many; None: as many as the layout has.
+        density: of random arenas; None: the usual one.
+        layout: one of `LAYOUTS`, or a file (.toml) of an arena.
+        method: of the closed loop.
+        images: whether the loop closes through images.
+        seconds: after which a run ends.
+        fault: of the first robot; None: none.
+        rig: that names the model of a ring; None: the usual ring.
+    """
+
+    robots: int | None = None
+    density: str | None = None
+    layout: str = "random"
+    method: str = "ours"
+    images: bool = False
+    seconds: float = 600.0
+    fault: str | None = None
+    rig: str | None = None
+
+    def check(self) -> None:
+        """Before any work.
+
+        Raises:
+            InputError: a name that is not known, a number that cannot be, options that exclude each other.
+        """
+        from palpate_lab.cli.arena_run import FAULTS, METHODS
+        from palpate_lab.simulation.arena import DENSITIES, RobotSettings, require_solvable
+
+        if self.own:
+            require_solvable(self.arena(0), RobotSettings().radius)  # before a ring is calibrated
+        else:
+            _require_known(self.layout, (*LAYOUTS, "FILE.toml"), "layout")
+        _require_known(self.method, METHODS, "method")
+        if self.fault is not None:
+            _require_known(self.fault, FAULTS, "fault")
+        if self.density is not None:
+            _require_known(self.density, tuple(DENSITIES), "density")
+        if not 0.0 < self.seconds <= 3600.0:
+            raise InputError(f"must be more than 0 and at most 3600, not {self.seconds:g}.", where="--seconds")
+        if self.robots is not None and not 1 <= self.robots <= MOST:
+            raise InputError(f"must be from 1 to {MOST}, not {self.robots}.", where="--robots")
+        if self.layout != "random":
+            self._check_fixed()
+        if self.rig is not None:
+            _ring(self.rig)
+
+    @property
+    def own(self) -> bool:
+        """The arena is a file's."""
+        return self.layout.endswith(".toml")
+
+    def _check_fixed(self) -> None:
+        """An arena that is not drawn has its own robots and blocks."""
+        if self.density is not None:
+            raise InputError(f"the layout {self.layout!r} is not drawn.", where="--density", hint="Leave it out.")
+        there = len(self.arena(0).starts)
+        if self.robots not in (None, there):
+            raise InputError(f"the layout {self.layout!r} has {there} of them.", where="--robots", hint="Leave it out.")
+
+    def arena(self, seed: int) -> Layout:
+        """The arena of a seed."""
+        from palpate_lab.cli.arena_file import read_arena
+        from palpate_lab.simulation.arena import paper_layout, random_layout, trap_layout
+
+        if self.own:
+            return read_arena(self.layout)
+        if self.layout == "random":
+            return random_layout(seed, self.robots or ROBOTS, self.density or USUAL)
+        return paper_layout() if self.layout == "paper" else trap_layout(self.layout)
+
+    def run(self, seed: int) -> ArenaRun:
+        """The run of a seed, from its start.
+
+        Raises:
+            InputError: an arena that cannot be solved, or a rig without a ring.
+        """
+        from palpate_lab.cli.arena_run import ArenaRun, ArenaSettings, Fault
+
+        faults = () if self.fault is None else (Fault(self.fault),)
+        settings = ArenaSettings(
+            self.arena(seed),
+            seed=seed,
+            method=self.method,
+            sensing="images" if self.images else "skin",
+            seconds=self.seconds,
+            faults=faults,
+        )
+        return ArenaRun(settings, worn(self.rig))
+
+    def key(self) -> dict[str, object]:
+        """All that a result depends on beside its seed: of two runs with the same key a seed's result is the same."""
+        from palpate import __version__
+
+        ring = "" if self.rig is None else sha256(Path(self.rig).read_bytes()).hexdigest()
+        key: dict[str, object] = {"palpate": __version__, **vars(self), "rig": ring}
+        if self.own:
+            key["layout"] = sha256(Path(self.layout).read_bytes()).hexdigest()
+        if self.layout == "random":
+            key |= {"robots": self.robots or ROBOTS, "density": self.density or USUAL}
+        return key
+
+
+def command(asked: Asked, seed: int) -> str:
+    """What to type to see one run."""
+    words = ["palpate simulate arena -o run.mcap"]
+    for name, value in vars(asked).items():
+        if value != getattr(Asked(), name):
+            words.append(f"--{name}" if value is True else f"--{name} {value}")
+    return " ".join([*words, f"--seed {seed}", "--view"])
+
+
+def _require_known(value: str, known: tuple[str, ...], what: str) -> None:
+    if value not in known:
+        raise InputError(f"there is no {what} {value!r}.", where=f"--{what}", hint=f"Known: {', '.join(known)}.")
+
+
+def _ring(rig: str | Path) -> MarkerRing:
+    """The ring that a rig names.
+
+    Raises:
+        InputError: it is a rig of another sensor, or names no model.
+    """
+    from palpate.io.rig import load_rig
+    from palpate.io.rig.marker_ring import MarkerRingSection
+
+    loaded = load_rig(Path(rig))
+    if MarkerRingSection.name not in loaded.sensors:
+        called = " and ".join(kind.called for kind in loaded.kinds)
+        raise InputError(
+            f"is a rig of {called}, and robots of the arena wear rings of markers.",
+            where=str(rig),
+            hint="Name a rig with [marker_ring] and its model.",
+        )
+    return loaded.resolve().of(MarkerRingSection).ring
+
+
+@lru_cache(maxsize=1)
+def worn(rig: str | None) -> RingWear:
+    """What every robot wears: the simulated ring, calibrated here or by the rig's model; made once a process."""
+    from palpate_lab.cli.arena_ring import RingWear
+
+    return RingWear.made(UNIT, None if rig is None else _ring(rig))

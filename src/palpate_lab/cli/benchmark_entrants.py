@@ -1,0 +1,142 @@
+"""Who takes part in the benchmark: functions that are asked reading by reading, and those of a user by name."""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from time import perf_counter_ns
+from typing import Any, cast
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.contact.contacts import Contacts
+from palpate.errors import InputError
+from palpate_lab.benchmark.files import WIDTHS, Task, as_contacts
+
+__all__ = ["Answered", "Entrant", "Prepare", "asked_one_by_one", "users"]
+
+Prepare = Callable[
+    [Task], Callable[[np.ndarray], Any] | None
+]  # of a task: what answers its readings; None: not entered
+
+
+@dataclass(frozen=True, eq=False)
+class Answered:
+    """What an entrant found in one task, and the time of one sample [s]; NaN where nobody measured it."""
+
+    contacts: Contacts
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Entrant:
+    """A name, and what it makes of a task: None where it does not take part."""
+
+    name: str
+    enter: Callable[[Task], Answered | None]
+
+
+def asked_one_by_one(prepare: Prepare, name: str) -> Entrant:
+    """An entrant that is called with each reading in turn; the time is the median of its calls.
+
+    Raises, when it enters:
+        InputError: it answers with something that is no contact, or with more than there can be.
+    """
+
+    def enter(task: Task) -> Answered | None:
+        answer = prepare(task)
+        if answer is None:
+            return None
+        samples: list[int] = []
+        rows: list[np.ndarray] = []
+        times: list[int] = []
+        for sample, reading in enumerate(task.readings()):
+            begin = perf_counter_ns()
+            said = answer(reading)
+            times.append(perf_counter_ns() - begin)
+            found = _rows(said, task, sample, name)
+            samples += [sample] * len(found)
+            rows += list(found)
+        full = np.stack(rows) if rows else np.empty((0, WIDTHS[-1]))
+        contacts = as_contacts(np.array(samples, dtype=np.int64), full)
+        return Answered(contacts, 1e-9 * float(np.median(times[min(1, len(times) - 1) :])))  # the first may compile
+
+    return Entrant(name, enter)
+
+
+def _rows(said: object, task: Task, sample: int, name: str) -> Float[np.ndarray, "k 12"]:
+    """Contacts of one answer: None, or an array of one or several, 3, 6 or 12 numbers each; NaN places are none."""
+    full = np.empty((0, WIDTHS[-1]))
+    if said is None:
+        return full
+    where = f"{name}, task {task.name}, sample {sample}"
+    try:
+        given = np.atleast_2d(np.asarray(said, dtype=np.float64))
+    except (TypeError, ValueError) as problem:
+        raise InputError(
+            f"answered with {type(said).__name__}, which is no array of numbers.", where=where
+        ) from problem
+    if given.ndim != 2 or (given.size and given.shape[1] not in WIDTHS):
+        shape = "x".join(map(str, np.shape(cast("Any", said))))
+        raise InputError(f"answered with shape {shape}; a contact has 3, 6 or 12 numbers.", where=where)
+    given = given[np.isfinite(given[:, :3]).all(axis=1)] if given.size else full
+    if len(given) > task.most:
+        raise InputError(f"answered with {len(given)} contacts; there are {task.most} at most.", where=where)
+    full = np.full((len(given), WIDTHS[-1]), np.nan)
+    full[:, : given.shape[1]] = given
+    return full
+
+
+def users(name: str) -> Entrant:
+    """A user's function, `module:function`, the module being looked for in the current folder first.
+
+    Raises:
+        InputError: no such module or function, or it cannot be imported; when it enters: it raises.
+    """
+    module, _, function = name.partition(":")
+    where = f"--estimator {name}"
+    if not module or not function or not all(part.isidentifier() for part in (*module.split("."), function)):
+        raise InputError("is not of the form module:function.", where=where, hint="Such as --estimator mine:locate.")
+    sys.path.insert(0, str(Path.cwd()))
+    try:
+        found = getattr(import_module(module), function, None)
+    except ModuleNotFoundError as problem:
+        if problem.name != module:
+            raise InputError(f"cannot be imported: {problem}.", where=where) from problem
+        raise InputError(f"there is no module {module!r} here or installed.", where=where) from problem
+    except Exception as problem:
+        raise InputError(f"cannot be imported: {_said(problem)}.", where=where) from problem
+    finally:
+        sys.path.pop(0)
+    if not callable(found):
+        raise InputError(f"the module has no function {function!r}.", where=where)
+    return asked_one_by_one(_guarded(cast("Prepare", found), name), name)
+
+
+def _guarded(prepare: Prepare, name: str) -> Prepare:
+    """What it raises is said in one sentence, with its place in the user's file."""
+
+    def guarded(task: Task) -> Callable[[np.ndarray], Any] | None:
+        def called(function: Callable[[Any], Any], given: Any) -> Any:
+            try:
+                return function(given)
+            except Exception as problem:
+                raise InputError(f"raised {_said(problem)}.", where=f"{name}, task {task.name}") from problem
+
+        answer = called(prepare, task)
+        if answer is not None and not callable(answer):
+            what = "must return a function that answers readings, or None"
+            raise InputError(f"{what}, not {type(answer).__name__}.", where=f"{name}, task {task.name}")
+        return None if answer is None else lambda reading: called(answer, reading)
+
+    return guarded
+
+
+def _said(problem: Exception) -> str:
+    last = traceback.extract_tb(problem.__traceback__)[-1]
+    return f"{type(problem).__name__} ({problem}) in {Path(last.filename).name}, line {last.lineno}"

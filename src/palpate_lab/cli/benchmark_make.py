@@ -1,0 +1,49 @@
+"""`palpate benchmark make`: tasks of contact sensing with their truth, from a stated seed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import FlagCreatePairsOff, arg
+
+from palpate.cli.console import Figure, lines, note, title, wait
+from palpate.errors import InputError
+from palpate_lab.benchmark.files import read_benchmark
+from palpate_lab.cli.simulate import require_new, whole
+
+__all__ = ["benchmark_make"]
+
+
+def benchmark_make(
+    *,
+    output: Annotated[Path, arg(aliases=["-o"], metavar="FOLDER")],
+    seed: Annotated[int, arg(metavar="N")] = 1,
+    small: Annotated[bool, FlagCreatePairsOff] = False,
+    only: Annotated[str, arg(metavar="NAME,NAME", help_behavior_hint="")] = "",
+) -> None:
+    """Make tasks that any estimator of contacts can be scored by: wrenches, logs, frames of a skin, images.
+
+    Everything is simulated forwards, by closed forms, finite elements and a physics engine (MuJoCo): no estimator has a
+    hand in the truth. README.txt in the folder says how to answer.
+
+    Args:
+        output: folder to make: one in it for each task, with task.toml, its readings and truth.csv.
+        seed: of everything drawn; figures that are compared are of seed 1.
+        small: a few samples of each, to try things on.
+        only: names of tasks with commas between them; a task is the same whichever others are made.
+    """
+    from palpate_lab.benchmark import make_benchmark  # here: with it comes scipy
+
+    require_new(output)
+    if seed < 0:
+        raise InputError("must not be negative.", where="--seed")
+    names = tuple(name for name in only.split(",") if name)
+    with whole(output) as part:
+        make_benchmark(part, seed, small=small, only=names, watch=lambda name: wait(f"making {name}"))
+    tasks = read_benchmark(output)
+    size = sum(path.stat().st_size for path in output.rglob("*") if path.is_file())
+    title(f"benchmark of {len(tasks)} tasks, seed {seed}{', small' if small else ''} -> {output}")
+    lines((name, Figure(f"{task.samples:,} samples of {task.kind}", task.samples)) for name, task in tasks.items())
+    lines([("size", Figure(f"{size / 1e6:.1f} MB", size))])
+    note([f"how to answer: {output / 'README.txt'}; to score: palpate benchmark score {output}"])

@@ -1,0 +1,89 @@
+"""Palpate as an entrant of its benchmark: the commands that a user would type, and a `Locator` for single wrenches."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from palpate.cli import main
+from palpate.contact.contacts import Contacts
+from palpate.contact.estimate import ROW, Status
+from palpate.contact.locate import Locator
+from palpate.errors import InputError
+from palpate.io.pipeline import estimate
+from palpate_lab.benchmark.files import Task, as_contacts
+from palpate_lab.cli.benchmark_entrants import Answered, Entrant, asked_one_by_one
+
+__all__ = ["palpate_entrants"]
+
+SLACK = 1.1  # of the stated bounds: the mesh's normals are not quite the surface's
+_SIX = (0, 1, 2, 4, 5, 8)  # of the nine of a covariance
+CALIBRATE = {  # in the folder of the task
+    "log": "calibrate payload free_motion.csv --rig rig.toml -o payload.toml",
+    "load_cells": "calibrate load-cells bench.csv --rig plain.toml -o tip.toml",
+    "marker_ring": "calibrate marker-ring calibration --rig calibration/rig.toml -o ring.toml",
+}
+
+
+def palpate_entrants() -> tuple[Entrant, ...]:
+    """Of single wrenches one by one, of logs `palpate estimate`, which may look at the whole log."""
+    single = asked_one_by_one(_single, "Palpate")
+
+    def enter(task: Task) -> Answered | None:
+        return single.enter(task) if task.kind == "wrench" else _estimated(task)
+
+    return (Entrant("Palpate", enter),)
+
+
+def _single(task: Task) -> Callable[[np.ndarray], Any]:
+    noise = task.facts["noise"]
+    six = np.repeat([noise["force"], noise["torque"]], 3)
+    locator = Locator(
+        task.mesh(),
+        friction=SLACK * task.facts["friction"],
+        torsion=SLACK * task.facts["torsion"],
+        noise=six if six.all() else None,
+    )
+    out = locator.empty()
+    locator(np.ones(6), out)  # compiles
+
+    def answer(wrench: np.ndarray) -> np.ndarray | None:
+        locator.reset()
+        locator(wrench, out)
+        if out[ROW.status] > Status.AMBIGUOUS:
+            return None
+        return np.concatenate([out[ROW.point], out[ROW.force], out[ROW.covariance][list(_SIX)]])
+
+    return answer
+
+
+def _estimated(task: Task) -> Answered:
+    """On a copy of the folder without its truth, as there is something to calibrate in it."""
+    with TemporaryDirectory() as scratch:
+        folder = Path(scratch) / task.name
+        shutil.copytree(task.folder, folder, ignore=lambda at, names: _truth(Path(at) == task.folder, names))
+        if command := CALIBRATE.get(task.kind):
+            words = [str(folder / word) if (folder / word.split("/")[0]).exists() else word for word in command.split()]
+            words[-1] = str(folder / words[-1])
+            if main([*words, "--quiet"]):
+                raise InputError(f"`palpate {command}` failed.", where=task.name)
+        log = folder / ("frames" if task.kind == "marker_ring" else "readings.csv")
+        begin = perf_counter()
+        found = estimate(log, folder / "rig.toml")
+        return Answered(_as_answers(found), (perf_counter() - begin) / max(task.samples, 1))
+
+
+def _truth(top: bool, names: list[str]) -> set[str]:
+    return {"truth.csv"} & set(names) if top else set()
+
+
+def _as_answers(found: Contacts) -> Contacts:
+    kept = found[found.answered]
+    covariance = kept.covariance.reshape(-1, 9)[:, list(_SIX)]
+    return as_contacts(kept.sample, np.hstack([kept.point, kept.force, covariance]))

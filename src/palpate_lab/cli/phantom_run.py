@@ -1,0 +1,93 @@
+"""A probe held on the simulated phantom: the lab, the controller of one method, and what happened."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.calibration.payload import identify_payload
+from palpate.contact import Locator, WrenchEstimator
+from palpate.control.admittance import Admittance
+from palpate.control.align import AlignController
+from palpate.control.arm import Arm
+from palpate.control.plain import Plain
+from palpate.control.probe_face import ProbeFace
+from palpate.control.servo import Servo
+from palpate.control.supervisor import Limits
+from palpate.io.arm import load_arm
+from palpate.sensors.compensation import Compensation
+from palpate.sensors.filters import Kalman
+from palpate.sensors.force_torque import ForceTorque, Payload
+from palpate.surfaces.mesh import Mesh
+from palpate_lab.simulation.phantom.elfin3 import urdf
+from palpate_lab.simulation.phantom.lab import PhantomLab, Reading, Truth
+from palpate_lab.simulation.phantom.probes import Probe
+
+__all__ = ["METHODS", "Moment", "controller_for", "moments", "phantom_arm", "phantom_payload"]
+
+FORCE = 7.0  # N, of the paper
+METHODS = ("ours", "paper")
+PAPER_PUSH = (10.0, 282.0)  # kg, N s/m of (7): not in the paper; fitted to its T = 10 s (experiments/moving_phantom)
+PAPER_TURN = 2.6  # rad/s of (8): likewise, to the mean in-plane angle
+STIFFEST = 2500.0  # N/m of the phantom
+SAMPLES = 200  # averaged in each free pose
+ACCURATE = (0.04, 0.04, 0.04, 1.5e-3, 1.5e-3, 1.5e-3)  # N, N m: what the sensor's maker states
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """One period of the sensor: what was read, what was commanded, and what was so."""
+
+    reading: Reading
+    command: Float[np.ndarray, " n"]
+    truth: Truth
+
+
+def phantom_arm(probe: Probe) -> Arm:
+    """The arm as its URDF describes it."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "robot.urdf"
+        file.write_text(urdf(probe), encoding="utf-8")
+        return load_arm(file, "base", "ft_sensor")
+
+
+def phantom_payload(lab: PhantomLab) -> Payload:
+    """Of the probe, identified in free poses as one would."""
+    wrenches, rotations = lab.free_wrenches(samples=SAMPLES)
+    return identify_payload(wrenches, rotations, noise=np.array(ACCURATE) / SAMPLES**0.5)
+
+
+def controller_for(lab: PhantomLab, method: str = "ours", limits: Limits | None = None) -> AlignController:
+    """The product's controller for a lab that is set up: its own calibration, and nothing of the truth.
+
+    Args:
+        lab: that was just started.
+        method: of `METHODS`: ours, or the paper's with its filters.
+        limits: see there.
+    """
+    mesh = Mesh.from_arrays(lab.probe.vertices, lab.probe.faces)
+    sensor, face = Compensation(ForceTorque(ACCURATE), phantom_payload(lab)), ProbeFace.of(mesh)
+    servo, rate = Servo(lag=lab.settings.lag), float(lab.settings.sensor_rate)
+    law, filter = None, None
+    if method == "paper":
+        filter = Kalman()
+        pushing, lag = Admittance(*PAPER_PUSH), float(filter.delay(0.0, rate))
+        law = Plain(face, FORCE, pushing, PAPER_TURN, stiffest=STIFFEST, servo=servo, rate=rate, smoothing=lag)
+    estimator = WrenchEstimator(Locator(mesh), sensor, filter=filter, rate=rate)
+    arm = phantom_arm(lab.probe)
+    return AlignController(arm, estimator, FORCE, face=face, servo=servo, limits=limits, law=law)
+
+
+def moments(lab: PhantomLab, controller: AlignController, seconds: float) -> Iterator[Moment]:
+    """The loop, one period of the sensor after the other."""
+    reading = lab.reading
+    while reading.time < seconds:
+        command = controller.update(reading.time, reading.wrench, reading.joints)
+        lab.command(command)
+        yield Moment(reading, command.copy(), lab.truth())
+        reading = lab.step()

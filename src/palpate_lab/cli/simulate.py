@@ -1,0 +1,106 @@
+"""`palpate simulate marker-ring`: a barrel to try calibration and estimation on."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import FlagCreatePairsOff, arg
+
+from palpate.cli.console import counting, lines, note, progress, title, wait
+from palpate.errors import InputError
+from palpate.io.atomic import PART, reserve_output
+
+__all__ = ["require_new", "simulate_marker_ring", "whole"]
+
+Flag = Annotated[bool, FlagCreatePairsOff]
+Folder = Annotated[Path, arg(aliases=["-o"], metavar="FOLDER")]
+
+
+def simulate_marker_ring(
+    *,
+    output: Folder,
+    seed: Annotated[int, arg(metavar="N")] = 0,
+    touches: Flag = False,
+    small: Flag = False,
+    count: Annotated[int | None, arg(metavar="N", help_behavior_hint="")] = None,
+    rings: Annotated[int, arg(metavar="N")] = 1,
+    images: Flag = False,
+) -> None:
+    """Record a simulated barrel: its calibration run, or touches to judge by; with the truth from its mechanics.
+
+    Args:
+        output: folder to make: frames.avi, truth.csv, rig.toml, camera.toml.
+        seed: which unit; wall, silicone, lens and mounting differ from one to the next.
+        touches: record touches, several at once and moving, instead of a calibration run.
+        small: fewer of them, on a coarser barrel: seconds instead of minutes.
+        count: angles around the ring, or touches; otherwise 36 and 24 angles, 12 and 4 touches.
+        rings: of 24 markers each, 10 mm apart: 1 to 3.
+        images: write a folder of images instead of a video.
+    """
+    require_new(output)
+    if seed < 0 or (count is not None and count < 1):
+        raise InputError("seed must not be negative, and count positive.", where="--seed, --count")
+    if rings not in (1, 2, 3):
+        raise InputError(f"1 to 3 rings can be simulated, not {rings}.", where="--rings")
+    with whole(output) as part, counting():
+        figures = _record(part, seed, rings, touches, small, count, images)
+    title(f"marker ring, unit {seed} -> {output}")
+    lines(figures)
+    note(["truth.csv is of the centre of pressure, by linear elasticity; estimates never see it"])
+
+
+def require_new(folder: Path) -> None:
+    """Require a folder that can be made, and let no other process make it until the command ends.
+
+    Raises:
+        InputError: it is a file, holds something, would be in a folder that is not there, or another process makes it.
+    """
+    reserve_output(folder)
+    if folder.exists() and not folder.is_dir():
+        raise InputError("is a file, not a folder.", where=str(folder), hint="Name another folder.")
+    if folder.is_dir() and any(folder.iterdir()):
+        raise InputError("is not empty.", where=str(folder), hint="Name a new folder.")
+
+
+@contextmanager
+def whole(output: Path) -> Generator[Path]:
+    """A folder beside the output that becomes it at the end; after Ctrl-C or an error nothing half made is left."""
+    part = Path(tempfile.mkdtemp(prefix=f".{output.name}.", suffix=PART, dir=output.absolute().parent))
+    try:
+        yield part
+        part.chmod(0o755)
+        if output.exists():
+            output.rmdir()
+        part.rename(output)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def _record(
+    folder: Path, seed: int, rings: int, touches: bool, small: bool, count: int | None, images: bool
+) -> list[tuple[str, object]]:
+    """Simulate and write; what was."""
+    from palpate_lab.simulation import ring_session as ring  # here: with them comes scipy
+    from palpate_lab.simulation import ring_session_files as files
+
+    wait("building the barrel")
+    unit = ring.RingUnit.drawn(seed, coarse=small, rings=rings)
+    form = "folder" if images else "video"
+    if touches:
+        wanted = ring.Touching(touches=count or (4 if small else 12), seed=seed)
+        session = ring.touching_run(unit, wanted, progress)
+        files.write_touching_run(session, folder, images=form, watch=progress)
+    else:
+        session = ring.calibration_run(unit, ring.Protocol.sized(small=small, angles=count), progress)
+        files.write_calibration_run(session, folder, images=form, watch=progress)
+    seconds, contacts = len(session.time) / ring.RATE, session.contacts
+    return [
+        ("frames", f"{len(session.time)} of {unit.camera.width} x {unit.camera.height}, {seconds:.1f} s"),
+        ("touched", f"in {(contacts > 0).mean():.0%} of the frames, by {contacts.max()} at once at most"),
+        ("force", f"up to {session.strongest:.1f} N"),
+    ]

@@ -1,0 +1,251 @@
+"""`palpate simulate arena`: robots that find their way by touch, one run as a recording or many as a page."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+from tyro.conf import FlagCreatePairsOff, arg
+
+from palpate.cli.console import Figure, announce, counting, lines, note, progress, title, wait
+from palpate.cli.options import FileOption, require_port
+from palpate.errors import InputError
+from palpate.io.atomic import folder_beside, reserve_output
+from palpate_lab.cli.arena_setup import Asked, worn
+
+if TYPE_CHECKING:
+    from palpate_lab.cli.arena_run import ArenaResult, ArenaRun, Moment
+    from palpate_lab.simulation.arena.layout import Layout
+    from palpate_lab.viewer.arena import Arena, Scene
+
+    Show = Callable[[Moment], None]
+
+__all__ = ["simulate_arena"]
+
+Flag = Annotated[bool, FlagCreatePairsOff]
+Out = Annotated[Path, arg(aliases=["-o"], metavar="FILE")]
+Film = Annotated[Path | None, arg(metavar="RUN.mp4", help_behavior_hint="")]
+Name = Annotated[str, arg(metavar="NAME")]
+Maybe = Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")]
+Count = Annotated[int, arg(metavar="N")]
+Some = Annotated[int | None, arg(metavar="N", help_behavior_hint="")]
+
+FRAMED = 6  # moments between two pictures of the film
+PICTURES = 25  # of the film a second, which makes it five times as fast as what happened
+
+
+def simulate_arena(
+    *,
+    output: Out,
+    robots: Some = None,
+    seed: Count = 0,
+    density: Maybe = None,
+    layout: Name = "random",
+    method: Name = "ours",
+    images: Flag = False,
+    seconds: Annotated[float, arg(metavar="S")] = 600.0,
+    rig: FileOption = None,
+    fault: Maybe = None,
+    film: Film = None,
+    view: Flag = False,
+    port: Count = 8080,
+    seeds: Some = None,
+    jobs: Some = None,
+    backend: Name = "processes",
+) -> None:
+    """Send robots with a soft skin through an arena that they cannot see; record one run, or judge many seeds.
+
+    Args:
+        output: recording (MCAP) of one run; beside it, with the same stem, _arena.toml, _truth.csv and _felt.csv, with
+            --images _rig.toml and _ring.toml too. With --seeds: a page (.html), and .jsonl with a line a run.
+        robots: how many; otherwise 4, or as many as the layout has.
+        seed: of the arena, of every noise and of what is drawn on the way; with --seeds the first of them.
+        density: of a random arena's blocks: sparse, paper or dense; otherwise paper.
+        layout: random, paper (as in its figure 11), u (a trap between start and goal), corridor (one and a half
+            robots wide), or a file of your own (.toml), as _arena.toml beside a recording.
+        method: ours, no-push, no-memory, or paper, paper-turned, paper-random: the paper's states, which retreat
+            towards the goal, to the side or at random.
+        images: close the loop through images of the skin's camera; otherwise through the places of its markers.
+        seconds: after which a run ends at the latest.
+        rig: TOML that names the model of a ring for all robots to wear; otherwise one that is calibrated already.
+        fault: of the first robot, from 10 s on: blind, torn, stuck-wheel, wrong-goal.
+        film: write a video too, five times as fast, drawn without a screen.
+        view: serve a page meanwhile to watch it live; its speed is set there.
+        port: the first to try for the page.
+        seeds: run so many arenas, in parallel; what is done stays, and the same command goes on with the rest.
+        jobs: processes for them; otherwise one a core.
+        backend: what runs them: processes on this machine, or a dask or ray cluster.
+    """
+    asked = Asked(robots, density, layout, method, images, seconds, fault, None if rig is None else str(rig))
+    if seed < 0:
+        raise InputError("must not be negative.", where="--seed")
+    require_port(port, "--port")
+    if seeds is not None:
+        _require_alone(view=view, film=film is not None)
+        from palpate_lab.cli.arena_batch import run_batch
+
+        run_batch(asked, range(seed, seed + seeds), output, jobs, backend)
+        return
+    _require_single(jobs, backend)
+    asked.check()
+    _require_new(output, film, asked, len(asked.arena(seed).starts))
+    wait("loading compiled loops")
+    run = asked.run(seed)
+    with folder_beside(output) as part, counting():
+        video = None if film is None else part / f"{output.stem}.mp4"
+        result = _recorded(run, asked, part / output.name, video, port if view else None)
+        if film is not None and video is not None:
+            shutil.move(video, film)
+        for file in sorted(part.iterdir()):
+            file.replace(output.parent / file.name)
+    title(f"{len(result.arrived)} robots, {run.settings.layout.name}, method {method} -> {output}")
+    lines(_figures(result))
+    note(_next(output, asked))
+
+
+def _require_alone(*, view: bool, film: bool) -> None:
+    """Many runs are not watched."""
+    for option, given in (("--view", view), ("--film", film)):
+        if given:
+            raise InputError("is of one run.", where=option, hint="Leave it or --seeds out.")
+
+
+def _require_single(jobs: int | None, backend: str) -> None:
+    if jobs is not None or backend != "processes":
+        raise InputError("is of many runs.", where="--jobs" if jobs is not None else "--backend", hint="Add --seeds N.")
+
+
+def _require_new(output: Path, film: Path | None, asked: Asked, robots: int) -> None:
+    from palpate_lab.simulation.arena.run_files import files_of
+
+    if output.suffix != ".mcap":
+        hint = "Name it RUN.mcap; a page of many runs needs --seeds."
+        raise InputError("is not the name of an MCAP file.", where=str(output), hint=hint)
+    if film is not None and film.suffix != ".mp4":
+        raise InputError("is not the name of a video.", where=str(film), hint="Name it RUN.mp4.")
+    for file in [output, *([film] if film is not None else [])]:
+        reserve_output(file)
+    for file in [*files_of(output, robots, asked.images).values(), *([film] if film is not None else [])]:
+        if file.exists() or file.is_symlink():
+            raise InputError("is already there.", where=str(file), hint="Name another output.")
+
+
+def _recorded(run: ArenaRun, asked: Asked, recording: Path, film: Path | None, port: int | None) -> ArenaResult:
+    """The whole run, drawn and shown meanwhile if wanted; its files."""
+    from palpate_lab.simulation.arena.run_files import RunRecorder, files_of, write_arena
+
+    layout, settings = run.settings.layout, run.settings
+    robots = len(layout.starts)
+    with ExitStack() as stack:
+        recorder = stack.enter_context(RunRecorder(recording, robots, images=asked.images, radius=run.robot.radius))
+        shows: list[Show] = [recorder.add, *_filmed(run, film, stack), *_live(run, port, stack)]
+        for count, moment in enumerate(run):
+            for show in shows:
+                show(moment)
+            if count % 30 == 0:
+                progress(count, min(1.0, moment.time / settings.seconds))
+    said = {"seed": settings.seed, "method": settings.method, "sensing": settings.sensing, "seconds": settings.seconds}
+    if asked.fault is not None:
+        said["fault"] = asked.fault
+    write_arena(files_of(recording, robots, asked.images)["arena"], layout, said)
+    if asked.images:
+        _write_ring(asked, recording)
+    return run.result()
+
+
+def _write_ring(asked: Asked, recording: Path) -> None:
+    """What `palpate estimate` needs to read a robot's camera."""
+    from palpate.io.models.kinds import write_model
+    from palpate_lab.simulation.arena.run_files import files_of, write_rig
+
+    write_rig(recording)
+    write_model(files_of(recording, 1, True)["ring"], worn(asked.rig).ring)
+
+
+def _filmed(run: ArenaRun, path: Path | None, stack: ExitStack) -> list[Show]:
+    """How a moment gets into the film."""
+    if path is None:
+        return []
+    from palpate.viewer.video import Video
+    from palpate_lab.viewer.arena_picture import SIZE, ArenaPicture
+
+    layout = run.settings.layout
+    picture, video = ArenaPicture(_drawn(run)), stack.enter_context(Video(path, SIZE, PICTURES))
+    last = -1
+
+    def show(moment: Moment) -> None:
+        nonlocal last
+        last += 1
+        if last % FRAMED == 0 or moment.arrived.all():
+            video.add(picture.draw(_scene(moment, layout)))
+
+    return [show]
+
+
+def _live(run: ArenaRun, port: int | None, stack: ExitStack) -> list[Show]:
+    """How a moment gets onto the page; it waits where the simulation is ahead of the clock, or somebody pauses."""
+    if port is None:
+        return []
+    from palpate_lab.viewer.live_arena import LiveArena
+
+    layout = run.settings.layout
+    page = stack.enter_context(LiveArena(_drawn(run), port=port))
+    announce(f"open {page.address} in a browser; Ctrl-C ends the run and leaves no file")
+
+    def show(moment: Moment) -> None:
+        page.show(_scene(moment, layout), now=bool(moment.arrived.all()))
+        page.wait(moment.time)
+
+    return [show]
+
+
+def _drawn(run: ArenaRun) -> Arena:
+    """The arena, as it is drawn."""
+    from palpate_lab.viewer.arena import Arena
+
+    layout: Layout = run.settings.layout
+    half = np.array([block.half for block in layout.blocks]).reshape(-1, 2)
+    movable = np.array([block.mass is not None for block in layout.blocks], dtype=bool)
+    return Arena(layout.size, half, movable, layout.goals, run.robot.radius, layout.name)
+
+
+def _scene(moment: Moment, layout: Layout) -> Scene:
+    """A moment, as it is drawn."""
+    from palpate_lab.viewer.arena import Scene
+
+    blocks = np.array([(block.x, block.y, block.turn) for block in layout.blocks]).reshape(-1, 3)
+    blocks[[block.mass is not None for block in layout.blocks]] = moment.blocks  # those that can move, in this order
+    frames = None if moment.frames is None else tuple(moment.frames)
+    return Scene(
+        moment.time, moment.poses, blocks, tuple(moment.touches), moment.states, moment.whys, moment.arrived, frames
+    )
+
+
+def _figures(result: ArenaResult) -> list[tuple[str, object]]:
+    times = np.array(result.arrived)
+    there = np.isfinite(times)
+    after = ", ".join(f"{time:.1f}" if np.isfinite(time) else "never" for time in times)
+    figures: list[tuple[str, object]] = [
+        ("arrived", Figure(f"{there.sum()} of {len(times)}", int(there.sum()))),
+        ("after", Figure(f"{after} s", list(result.arrived))),
+        ("way", Figure(f"{', '.join(f'{way:.2f}' for way in result.path)} m", list(result.path))),
+        ("force", Figure(f"{result.force:.2f} N at 99 % of the contact time", result.force)),
+        ("greatest", Figure(f"{max(result.greatest):.2f} N", max(result.greatest))),
+        ("pushes", sum(result.pushes)),
+        ("deadlocks", sum(result.deadlocks)),
+    ]
+    lost = [f"robot {k + 1}" for k in np.flatnonzero(~there).tolist()]
+    return figures + [(name, result.state[int(name.split()[1]) - 1]) for name in lost]
+
+
+def _next(output: Path, asked: Asked) -> list[str]:
+    found = ["what really touched is in _truth.csv and on /robot_*/truth and /truth; no robot sees it"]
+    if asked.images:
+        rig = output.with_name(f"{output.stem}_rig.toml")
+        found.append(f"palpate estimate {output} --rig {rig} -o contacts.csv")
+        found.append(f"palpate evaluate contacts.csv {output.with_name(f'{output.stem}_robot_1_truth.csv')}")
+    return found

@@ -1,0 +1,51 @@
+"""`palpate simulate load-cells`: a fingertip on force cells, as a bench records it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from tyro.conf import FlagCreatePairsOff, arg
+
+from palpate.cli.console import Figure, lines, note, title, wait
+from palpate.errors import InputError
+from palpate_lab.cli.simulate import require_new, whole
+
+__all__ = ["simulate_load_cells"]
+
+
+def simulate_load_cells(
+    *,
+    output: Annotated[Path, arg(aliases=["-o"], metavar="FOLDER")],
+    seed: Annotated[int, arg(metavar="N")] = 0,
+    soft: Annotated[bool, FlagCreatePairsOff] = False,
+) -> None:
+    """Record a simulated fingertip on four force cells: a run of the bench to calibrate by, and one to estimate.
+
+    Args:
+        output: folder to make: bench_log.csv, log.csv, truth.csv, rig.toml.
+        seed: which fingertip; gains, cross-talk and stiffness of the cells differ from one to the next.
+        soft: the surface is a soft layer, into which the ball sinks.
+    """
+    require_new(output)
+    if seed < 0:
+        raise InputError("must not be negative.", where="--seed")
+    from palpate_lab.simulation.load_cell_bench import BENCHES  # here: not to be waited for by other commands
+    from palpate_lab.simulation.load_cell_files import write_load_cell_session
+
+    wait("sliding the ball")
+    with whole(output) as part:
+        bench = replace(BENCHES["soft layer" if soft else "rigid"], seed=seed)
+        known, used = write_load_cell_session(bench, part)
+    strongest = float(np.linalg.norm(used.wrench[:, :3], axis=1).max())
+    title(f"fingertip on {bench.cells().count} force cells, seed {seed} -> {output}")
+    lines(
+        [
+            ("bench_log.csv", f"{len(known):,} samples: voltages, and force and place of a ball of 4 mm"),
+            ("log.csv", f"{len(used):,} samples: voltages alone"),
+            ("force", Figure(f"up to {strongest:.1f} N", strongest)),
+        ]
+    )
+    note(["truth.csv is of log.csv, as simulated; estimates never see it"])

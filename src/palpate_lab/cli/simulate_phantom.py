@@ -1,0 +1,211 @@
+"""`palpate simulate phantom`: a probe that is held on moving tissue by force sensing alone."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from time import monotonic, sleep
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+from tyro.conf import FlagCreatePairsOff, arg
+
+from palpate.cli.console import Figure, announce, counting, lines, note, progress, title, wait
+from palpate.errors import InputError
+from palpate.io.atomic import folder_beside, reserve_output
+
+if TYPE_CHECKING:
+    from palpate.control.align import AlignController
+    from palpate_lab.cli.phantom_run import Moment
+    from palpate_lab.simulation.phantom.lab import PhantomLab, Truth
+    from palpate_lab.simulation.phantom.run_files import PhantomRun
+
+    Show = tuple[int, Callable[[Truth, str], None]]  # every so many periods of the sensor, what to do with a moment
+
+__all__ = ["simulate_phantom"]
+
+Flag = Annotated[bool, FlagCreatePairsOff]
+Out = Annotated[Path, arg(aliases=["-o"], metavar="RUN.mcap")]
+Film = Annotated[Path | None, arg(metavar="RUN.mp4", help_behavior_hint="")]
+Seconds = Annotated[float | None, arg(metavar="S", help_behavior_hint="")]
+Count = Annotated[int, arg(metavar="N")]
+
+BEGIN = 5.0  # s: until then the probe has approached, pressed and come to rest
+SHOWN = 20  # periods of the sensor between two pictures of the live page
+FRAMED = 8  # and of the film
+PLATE = (0.20, 0.14, 0.06)  # m: the drawn phantom
+
+
+def simulate_phantom(
+    *,
+    output: Out,
+    motion: Annotated[str, arg(metavar="NAME")] = "in-plane",
+    period: Seconds = None,
+    probe: Annotated[str, arg(metavar="NAME")] = "convex",
+    seconds: Annotated[float, arg(metavar="S")] = 30.0,
+    seed: Count = 0,
+    method: Annotated[str, arg(metavar="NAME")] = "ours",
+    film: Film = None,
+    view: Flag = False,
+    port: Count = 8080,
+) -> None:
+    """Hold a probe on a soft phantom that moves, in a physics engine; record it with its truth.
+
+    Args:
+        output: recording (MCAP) to write; beside it, with the same stem, _rig.toml, _robot.urdf, _probe.stl,
+            _payload.toml and _truth.csv.
+        motion: of the phantom, from 5 s on: still, vertical (10 mm), in-plane or out-of-plane (10 deg), breathing
+            (10 mm), unplanned (three sines nobody knows, and a step of 10 deg).
+        period: of the sine or of breathing; otherwise 10 and 4 s.
+        probe: convex, linear or t-shaped.
+        seconds: to simulate.
+        seed: of noise and of unplanned motion.
+        method: ours, or paper: its plain admittance with its Kalman filter.
+        film: write a video too, drawn without a screen.
+        view: serve a page meanwhile to watch it live, in real time.
+        port: the first to try for the page.
+    """
+    if not 0.0 < seconds <= 3600.0:
+        raise InputError(f"must be more than 0 and at most 3600, not {seconds:g}.", where="--seconds")
+    if seed < 0:
+        raise InputError("must not be negative.", where="--seed")
+    _require_method(method)
+    _require_new(output, film)
+    if film is not None:
+        from palpate_lab.simulation.phantom.film import choose_renderer
+
+        choose_renderer()
+    lab = _lab(motion, period, probe, seed)
+    wait("loading compiled loops")
+    from palpate_lab.cli.phantom_run import controller_for
+
+    with folder_beside(output) as part, counting():
+        video = None if film is None else part / f"{output.stem}.mp4"
+        run = _recorded(lab, controller_for(lab, method), seconds, video, port if view else None)
+        _write(run, lab, part / output.name)
+        if film is not None and video is not None:
+            shutil.move(video, film)
+        for file in sorted(part.iterdir()):
+            file.replace(output.parent / file.name)
+    title(f"{probe} probe on a phantom, {motion}, method {method} -> {output}")
+    lines(_figures(run, lab))
+    note(["truth is on /truth/* and in _truth.csv; neither the controller nor an estimate sees it"])
+
+
+def _require_method(method: str) -> None:
+    from palpate_lab.cli.phantom_run import METHODS
+
+    if method not in METHODS:
+        raise InputError(f"there is no method {method!r}.", where="--method", hint=f"Known: {', '.join(METHODS)}.")
+
+
+def _require_new(output: Path, film: Path | None) -> None:
+    from palpate_lab.simulation.phantom.run_files import files_of
+
+    if output.suffix != ".mcap":
+        raise InputError("is not the name of an MCAP file.", where=str(output), hint="Name it RUN.mcap.")
+    if film is not None and film.suffix != ".mp4":
+        raise InputError("is not the name of a video.", where=str(film), hint="Name it RUN.mp4.")
+    for file in [output, *([film] if film is not None else [])]:
+        reserve_output(file)
+    for file in [*files_of(output).values(), *([film] if film is not None else [])]:
+        if file.exists() or file.is_symlink():
+            raise InputError("is already there.", where=str(file), hint="Name another output.")
+
+
+def _lab(name: str, period: float | None, probe: str, seed: int) -> PhantomLab:
+    from palpate_lab.simulation.phantom.lab import LabSettings, PhantomLab
+    from palpate_lab.simulation.phantom.motion import motion
+
+    moving = motion(name, period=period, seed=seed, begin=BEGIN)
+    return PhantomLab(LabSettings(probe=probe, motion=moving, seed=seed))
+
+
+def _recorded(
+    lab: PhantomLab, controller: AlignController, seconds: float, film: Path | None, port: int | None
+) -> PhantomRun:
+    """The whole run, drawn and shown meanwhile if wanted."""
+    from palpate_lab.cli.phantom_run import moments
+    from palpate_lab.simulation.phantom.run_files import PhantomRun
+
+    seen: list[Moment] = []
+    states: list[str] = []
+    with ExitStack() as stack:
+        shows = [show for show in (_filmed(lab, film, stack), _live(lab, port, stack)) if show is not None]
+        for moment in moments(lab, controller, seconds):
+            seen.append(moment)
+            states.append(f"{controller.state.name.lower()}: {controller.why}")
+            for every, show in shows:
+                if (len(seen) - 1) % every == 0:
+                    show(moment.truth, states[-1])
+            if len(seen) % 100 == 0:
+                progress(len(seen), moment.reading.time / seconds)
+    commands = np.array([moment.command for moment in seen])
+    return PhantomRun([each.reading for each in seen], commands, states, [each.truth for each in seen])
+
+
+def _filmed(lab: PhantomLab, path: Path | None, stack: ExitStack) -> Show | None:
+    """How a moment gets into the film, and how often."""
+    if path is None:
+        return None
+    from palpate_lab.simulation.phantom.film import Film
+
+    film = stack.enter_context(Film(lab, path))
+
+    def show(truth: Truth, state: str) -> None:
+        film.add(_words(truth, state.partition(":")[0]))
+
+    return FRAMED, show
+
+
+def _live(lab: PhantomLab, port: int | None, stack: ExitStack) -> Show | None:
+    """How a moment gets onto the page, and how often; it waits where the simulation is ahead of the clock."""
+    if port is None:
+        return None
+    from palpate_lab.cli.phantom_run import FORCE
+    from palpate_lab.viewer.live_probe import LiveProbe
+
+    page = stack.enter_context(LiveProbe(lab.probe.vertices, lab.probe.faces, PLATE, FORCE, port=port))
+    announce(f"open {page.address} in a browser; Ctrl-C ends the run and leaves no file")
+    start = monotonic()
+
+    def show(truth: Truth, state: str) -> None:
+        place = truth.sensor.apply(np.nan_to_num(truth.centre))
+        angles = truth.in_plane, truth.out_of_plane
+        push = np.stack([place, truth.force])
+        page.show(truth.time, truth.sensor, truth.phantom, push, angles, state, lab.links())
+        sleep(max(0.0, start + truth.time - monotonic()))
+
+    return SHOWN, show
+
+
+def _words(truth: Truth, state: str) -> str:
+    turned = np.degrees([truth.in_plane, truth.out_of_plane])
+    return f"{truth.time:5.1f} s  {state}  {truth.press:4.1f} N  {turned[0]:+5.2f} {turned[1]:+5.2f} deg"
+
+
+def _write(run: PhantomRun, lab: PhantomLab, recording: Path) -> None:
+    from palpate.io.models.kinds import write_model
+    from palpate_lab.cli.phantom_run import phantom_payload
+    from palpate_lab.simulation.phantom.run_files import files_of, write_run
+
+    wait("writing")
+    write_run(run, lab, recording, recording.stem)
+    write_model(files_of(recording)["payload"], phantom_payload(lab))
+
+
+def _figures(run: PhantomRun, lab: PhantomLab) -> list[tuple[str, object]]:
+    """Force and angles from when the phantom began to move."""
+    moved = [truth for truth in run.truths if truth.time >= lab.settings.motion.begin] or run.truths
+    press = np.array([truth.press for truth in moved])
+    angle = np.degrees([truth.angle for truth in moved])
+    lost = float((press <= 0.0).mean())
+    return [
+        ("seconds", Figure(f"{run.truths[-1].time:.1f}", run.truths[-1].time)),
+        ("at the end", run.states[-1]),
+        ("force", Figure(f"{press.min():.2f} to {press.max():.2f} N", [float(press.min()), float(press.max())])),
+        ("angle", Figure(f"{angle.mean():.2f} +- {angle.std():.2f} deg, worst {angle.max():.2f}", float(angle.mean()))),
+        ("without contact", Figure(f"{lost:.1%} of the time", lost)),
+    ]

@@ -1,0 +1,271 @@
+"""A run in the arena as files: what robots would have recorded, and beside it what really happened."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Protocol, cast, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from palpate.errors import InputError
+from palpate.opencv import opencv
+from palpate_lab.simulation.arena.layout import Layout
+from palpate_lab.simulation.bags import header, open_bag
+
+__all__ = ["Frame", "RunRecorder", "files_of", "write_arena", "write_rig"]
+
+QUALITY = 85  # of JPEG
+BLOCKS = "/truth/blocks"
+STILL = 5e-4, 3e-3  # m, rad: a block that has moved less is not said again
+KINDS = ("flat", "edge", "robot")  # of what touches
+TRUTH = ("time", "robot", "angle_deg", "depth_mm", "force_n", "shear_n", "kind")
+FELT = ("time", "robot", "angle_deg", "force_n")
+TOUCHES = ("time", "px", "py", "pz", "nx", "ny", "nz", "fx", "fy", "fz", "angle_deg", "depth_mm", "force_n", "shear_n")
+_GEOMETRY, _IMAGE = "geometry_msgs/msg", "sensor_msgs/msg/CompressedImage"
+_ROBOT = {  # topics of each robot
+    "pose": f"{_GEOMETRY}/PoseStamped",
+    "truth/pose": f"{_GEOMETRY}/PoseStamped",
+    "wheels": "sensor_msgs/msg/JointState",
+    "contacts": f"{_GEOMETRY}/WrenchStamped",
+    "state": "std_msgs/msg/String",
+}
+_CAMERA = "camera/compressed"
+RIG = """# The ring of one robot in {name}.mcap. What really touched it is in {name}_robot_1_truth.csv.
+# All robots wear the same ring: for another one change the number in the topic.
+[marker_ring]
+model = "{name}_ring.toml"
+topic = "/robot_1/camera/compressed"
+"""
+
+
+@runtime_checkable
+class Frame(Protocol):
+    """One moment of a run, as a recorder takes it."""
+
+    @property
+    def time(self) -> float:
+        """[s]."""
+        ...
+
+    @property
+    def poses(self) -> Float[np.ndarray, "n 3"]:
+        """True x, y, heading [m], [rad]."""
+        ...
+
+    @property
+    def tracked(self) -> Float[np.ndarray, "n 3"]:
+        """What the robots were told of them."""
+        ...
+
+    @property
+    def blocks(self) -> Float[np.ndarray, "m 3"]:
+        """True x, y, turn of those that can move [m], [rad]."""
+        ...
+
+    @property
+    def touches(self) -> Sequence[Float[np.ndarray, "_ 2"] | None]:
+        """Of each robot the angle [rad] and force [N] of what it feels; None: its skin says nothing."""
+        ...
+
+    @property
+    def truths(self) -> Sequence[Float[np.ndarray, "_ 5"]]:
+        """Of each robot angle, force, shear, depth and kind of what really presses on it."""
+        ...
+
+    @property
+    def wheels(self) -> Float[np.ndarray, "n 2"]:
+        """Speeds of the tracks that were asked for [m/s]."""
+        ...
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """In a word or two."""
+        ...
+
+    @property
+    def whys(self) -> tuple[str, ...]:
+        """In a sentence."""
+        ...
+
+    @property
+    def frames(self) -> Sequence[UInt8[np.ndarray, "h w 3"]] | None:
+        """What the cameras see, blue, green, red; None: there are no images."""
+        ...
+
+
+def files_of(recording: Path, robots: int, images: bool) -> dict[str, Path]:
+    """Names of all files of a run, by what they are, beside its recording."""
+    ends = {"arena": "arena.toml", "truth": "truth.csv", "felt": "felt.csv"}
+    if images:
+        ends |= {"rig": "rig.toml", "ring": "ring.toml"}
+        ends |= {f"truth {k}": f"robot_{k}_truth.csv" for k in range(1, robots + 1)}
+    return {"recording": recording} | {
+        what: recording.with_name(f"{recording.stem}_{end}") for what, end in ends.items()
+    }
+
+
+def write_rig(recording: Path) -> None:
+    """The rig of the first robot's camera; the ring's model is the caller's to write, to `files_of`'s "ring"."""
+    file = files_of(recording, 1, True)["rig"]
+    file.write_text(RIG.format(name=recording.stem), encoding="utf-8")
+
+
+def write_arena(file: Path, layout: Layout, settings: Mapping[str, object]) -> None:
+    """The arena and how it was run, as TOML.
+
+    Args:
+        file: to write.
+        layout: the arena.
+        settings: numbers and words that are said first.
+    """
+    lines = ["# Lengths in metres, angles in radians; a block without a mass is fixed."]
+    lines += [f"{name} = {_toml(value)}" for name, value in settings.items()]
+    lines += [f"name = {_toml(layout.name)}", f"size = {_toml(list(layout.size))}"]
+    lines += [f"starts = {_toml(layout.starts.tolist())}", f"goals = {_toml(layout.goals.tolist())}"]
+    for block in layout.blocks:
+        stated = {name: getattr(block, name) for name in ("x", "y", "turn", "half", "mass", "friction")}
+        known = {name: value for name, value in stated.items() if value is not None}
+        lines += ["", "[[block]]", *(f"{name} = {_toml(value)}" for name, value in known.items())]
+    file.write_text("\n".join([*lines, ""]), encoding="utf-8")
+
+
+def _toml(value: object) -> str:
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(_toml(each) for each in cast('Sequence[object]', value))}]"
+    if isinstance(value, bool):
+        return str(value).lower()
+    return repr(value) if isinstance(value, int | float) else '"{}"'.format(str(value).replace('"', "'"))
+
+
+class RunRecorder:
+    """Writes a run moment by moment; a context manager, whose files are whole when it ends well.
+
+    Args:
+        recording: the MCAP file; the others are named as `files_of` says.
+        robots: how many.
+        images: whether cameras are recorded.
+        radius: of the skin [m].
+
+    Raises:
+        InputError: rosbags is not installed, or OpenCV where cameras are recorded.
+    """
+
+    def __init__(self, recording: Path, robots: int, *, images: bool = False, radius: float = 0.055) -> None:
+        self._robots, self._images, self._stack = robots, images, ExitStack()
+        self._radius = radius
+        self._cv2: Any = opencv() if images else None
+        files = files_of(recording, robots, images)
+        kinds = {f"/robot_{k + 1}/{name}": kind for k in range(robots) for name, kind in _ROBOT.items()}
+        if images:
+            kinds |= {f"/robot_{k + 1}/{_CAMERA}": _IMAGE for k in range(robots)}
+        self._bag = self._stack.enter_context(open_bag(recording, kinds | {BLOCKS: f"{_GEOMETRY}/PoseArray"}))
+        self._truth, self._felt = self._table(files["truth"], TRUTH), self._table(files["felt"], FELT)
+        self._single = [self._table(files[f"truth {k + 1}"], TOUCHES) for k in range(robots)] if images else []
+        self._states, self._blocks = [""] * robots, np.zeros((0, 3))
+
+    def add(self, frame: Frame) -> None:
+        """The next moment."""
+        stamp = round(1e9 * frame.time)
+        for robot in range(self._robots):
+            name = f"/robot_{robot + 1}"
+            self._pose(stamp, f"{name}/pose", frame.tracked[robot])
+            self._pose(stamp, f"{name}/truth/pose", frame.poses[robot])
+            self._wheels(stamp, f"{name}/wheels", frame.wheels[robot])
+            self._net(stamp, robot, frame.touches[robot])
+            self._state(stamp, robot, f"{frame.states[robot]}: {frame.whys[robot]}")
+            if self._images and frame.frames is not None:
+                self._camera(stamp, robot, frame.frames[robot])
+        self._moved(stamp, frame.blocks)
+        self._rows(frame)
+
+    def _table(self, path: Path, names: tuple[str, ...]) -> Any:
+        file = self._stack.enter_context(path.open("w", newline="", encoding="utf-8"))
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(names)
+        return writer
+
+    def _type(self, name: str) -> Any:
+        return self._bag.types[name if "/" in name else f"{_GEOMETRY}/{name}"]
+
+    def _posed(self, pose: Float[np.ndarray, "3"]) -> Any:
+        """geometry_msgs/Pose of x, y and a turn about the vertical."""
+        x, y, turn = pose.tolist()
+        way = self._type("Quaternion")(0.0, 0.0, float(np.sin(turn / 2)), float(np.cos(turn / 2)))
+        return self._type("Pose")(self._type("Point")(x, y, 0.0), way)
+
+    def _pose(self, stamp: int, topic: str, pose: Float[np.ndarray, "3"]) -> None:
+        head = header(self._bag.types, stamp, "arena")
+        self._bag.write(stamp, topic, self._type("PoseStamped")(head, self._posed(pose)))
+
+    def _wheels(self, stamp: int, topic: str, wheels: Float[np.ndarray, "2"]) -> None:
+        """Speeds of the tracks over the floor [m/s], as those of joints that slide."""
+        head, none = header(self._bag.types, stamp, ""), np.zeros(0)
+        kind = self._type("sensor_msgs/msg/JointState")
+        self._bag.write(stamp, topic, kind(head, ["left", "right"], none, np.array(wheels), none))
+
+    def _net(self, stamp: int, robot: int, felt: Float[np.ndarray, "k 2"] | None) -> None:
+        """Everything that is felt as one wrench on the robot, in its frame; NaN where the skin says nothing."""
+        x = y = float("nan")
+        if felt is not None:
+            x = 0.0 - float(felt[:, 1] @ np.cos(felt[:, 0]))
+            y = 0.0 - float(felt[:, 1] @ np.sin(felt[:, 0]))
+        vector, name = self._type("Vector3"), f"robot_{robot + 1}"
+        wrench = self._type("Wrench")(vector(x, y, 0.0), vector(0.0, 0.0, 0.0))
+        stamped = self._type("WrenchStamped")(header(self._bag.types, stamp, name), wrench)
+        self._bag.write(stamp, f"/{name}/contacts", stamped)
+
+    def _state(self, stamp: int, robot: int, words: str) -> None:
+        """One message where it changes."""
+        if words != self._states[robot]:
+            self._states[robot] = words
+            self._bag.write(stamp, f"/robot_{robot + 1}/state", self._type("std_msgs/msg/String")(words))
+
+    def _camera(self, stamp: int, robot: int, image: UInt8[np.ndarray, "h w 3"]) -> None:
+        made, data = self._cv2.imencode(".jpg", image, [self._cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+        if not made:
+            raise InputError("OpenCV cannot write JPEG here.", where="camera")
+        head = header(self._bag.types, stamp, f"robot_{robot + 1}/camera")
+        self._bag.write(stamp, f"/robot_{robot + 1}/{_CAMERA}", self._type(_IMAGE)(head, "jpeg", data.ravel()))
+
+    def _moved(self, stamp: int, blocks: Float[np.ndarray, "m 3"]) -> None:
+        """All blocks that can move, when one has."""
+        if len(self._blocks) == len(blocks):
+            change = np.abs(blocks - self._blocks)
+            if not len(blocks) or (change[:, :2].max() < STILL[0] and change[:, 2].max() < STILL[1]):
+                return
+        self._blocks = blocks.copy()
+        head = header(self._bag.types, stamp, "arena")
+        self._bag.write(stamp, BLOCKS, self._type("PoseArray")(head, [self._posed(each) for each in blocks]))
+
+    def _rows(self, frame: Frame) -> None:
+        time = f"{frame.time:.6f}"
+        for robot, felt in enumerate(frame.touches):
+            rows: list[list[float]] = [] if felt is None else felt.tolist()
+            self._felt.writerows((time, robot + 1, f"{np.degrees(a):.3f}", f"{f:.4f}") for a, f in rows)
+        for robot, truth in enumerate(frame.truths):
+            for row in truth:
+                angle, force, shear, depth, kind = row.tolist()
+                said = [f"{value:.5f}" for value in (np.degrees(angle), 1e3 * depth, force, shear)]
+                self._truth.writerow((time, robot + 1, *said, KINDS[int(kind)]))
+                if self._single:
+                    self._single[robot].writerow((time, *_at(self._radius, angle, force, shear), *said))
+
+    def __enter__(self) -> RunRecorder:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.__exit__(kind, value, trace)
+
+
+def _at(radius: float, angle: float, force: float, shear: float) -> list[str]:
+    """Place, normal and force on the skin of a contact, in the ring's frame."""
+    c, s = float(np.cos(angle)), float(np.sin(angle))
+    values = (radius * c, radius * s, 0.0, c, s, 0.0, -shear * s - force * c, shear * c - force * s, 0.0)
+    return [f"{value:.6f}" for value in values]

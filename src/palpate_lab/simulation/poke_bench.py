@@ -1,0 +1,446 @@
+"""A bench for pokes: a flat tip on a compliant skin, the taxels below, and a force/torque sensor above the elbow.
+
+Truth is the integral over the cells of the tip, never an estimate.
+
+Contact, an elastic foundation (Johnson, Contact Mechanics, 4.3): the tip is a grid of cells; a cell that is d deep
+below the free surface bears the pressure p = k max(0, d). With x along the curvature c of the surface and a tip tilted
+by (u, v), d = e - c x^2 / 2 - u x - v y, and e is such that the normal force is the one wanted. The truth is the centre
+of pressure. Friction (Coulomb) on each cell is -p (g + w r / r_max) with g the same everywhere, so that the force lies
+in a cone about the normal, and w turning about the centre of pressure, so that it adds a moment about the normal and no
+force; |g| + |w| is below the coefficient of friction.
+
+Response, vertical stress under point loads on a half space (Boussinesq 1885; Johnson, 3.2):
+sigma = sum over cells of 3 P h^3 / (2 pi (h^2 + r^2)^(5/2)), h the depth of the taxels and r the flat distance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import cos, pi, radians, tan
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from palpate.sensors.pokes import Pokes
+from palpate.spatial._arrays import Value, frozen
+from palpate.spatial.pose import Pose
+from palpate_lab.simulation.forearm import Forearm, Skin, nearby, places_near
+
+__all__ = [
+    "HAND",
+    "MIX",
+    "NOISE2",
+    "PERSET",
+    "Arm",
+    "Layer",
+    "PokeBench",
+    "PokeErrors",
+    "PokeSession",
+    "Tip",
+    "Touches",
+    "boussinesq",
+]
+
+FAR = 9e-3  # m from all that presses: 15 N there are less than a quarter of a count
+
+
+@dataclass(frozen=True)
+class Tip:
+    """The tool, and how it is held.
+
+    Args:
+        side: [m] of the square; cells: along it.
+        tilt: [rad] standard deviation about each side.
+        cone: [rad] half angle about the normal within which the force lies, evenly over the solid angle.
+        friction: coefficient; must exceed tan(cone).
+        spin: largest share of the friction that is left which turns about the normal.
+        light, heavy: [N] normal forces, evenly between.
+    """
+
+    side: float = 4e-3
+    cells: int = 8
+    tilt: float = radians(3.0)
+    cone: float = radians(17.0)
+    friction: float = 0.5
+    spin: float = 1.0
+    light: float = 4.0
+    heavy: float = 15.0
+
+    def __post_init__(self) -> None:
+        if not (0 < self.light <= self.heavy and tan(self.cone) <= self.friction):
+            raise ValueError("forces must be positive, and the cone within friction")
+
+
+HAND = Tip(cone=radians(30.0), friction=0.6)  # by hand: with a narrow cone the free method finds the axis of the link
+
+
+@dataclass(frozen=True)
+class Layer:
+    """The compliant skin above the taxels.
+
+    Args:
+        depth: [m] of the taxels below its surface.
+        stiffness: [Pa/m] of the foundation.
+        unequal: standard deviation of a taxel's gain, drawn once.
+        counts: above rest at 15 N on a taxel's centre; 255 is the range.
+        noise: [counts] before rounding.
+        threshold: [counts] above which a taxel answers: about three of them to a poke.
+    """
+
+    depth: float = 2.5e-3
+    stiffness: float = 4e8
+    unequal: float = 0.1
+    counts: float = 200.0
+    noise: float = 0.3
+    threshold: float = 1.5
+
+
+@dataclass(frozen=True)
+class Arm:
+    """Elbow between sensor and link: pitch j3 about the sensor's y, then roll j4 about the link's z.
+
+    T_sensor_link = Trans_z(upper) Rot_y(j3) Rot_z(j4); at zero the forearm continues the upper arm.
+
+    Args:
+        upper: [m] from the sensor to the elbow.
+        table: (j3, j4) [deg] and minutes of each dataset [taxel poking, table I].
+    """
+
+    upper: float = 0.085
+    table: tuple[tuple[float, float, float], ...] = (
+        (94.0, 0.0, 13.0),
+        (15.0, -90.0, 5.0),
+        (35.0, -40.0, 4.0),
+        (94.0, 0.0, 7.0),
+        (94.0, 0.0, 7.0),
+        (45.0, 0.0, 7.0),
+        (94.0, -90.0, 7.0),
+    )
+
+    def pose(self, j3: Float[np.ndarray, "*batch"], j4: Float[np.ndarray, "*batch"]) -> Pose:
+        """T_sensor_link at joint angles [rad]."""
+        c3, s3, c4, s4, zero = np.cos(j3), np.sin(j3), np.cos(j4), np.sin(j4), np.zeros_like(j3)
+        rows = [[c3 * c4, -c3 * s4, s3], [s4, c4, zero], [-s3 * c4, s3 * s4, c3]]
+        return Pose(np.moveaxis(np.array(rows), (0, 1), (-2, -1)), np.stack([zero, zero, zero + self.upper], axis=-1))
+
+    @cached_property
+    def joints(self) -> Float[np.ndarray, "d 2"]:
+        """(d, 2) [rad] of the datasets."""
+        return np.array([(radians(row[0]), radians(row[1])) for row in self.table])
+
+    def shared(self, pokes: int) -> Int[np.ndarray, " n"]:
+        """(n,) the dataset of each poke, in turn, as many in each as its minutes allow."""
+        until = np.cumsum([row[2] for row in self.table])
+        return np.asarray(np.searchsorted(until, until[-1] * (np.arange(pokes) + 0.5) / pokes), dtype=np.int64)
+
+
+@dataclass(frozen=True)
+class PokeErrors:
+    """Standard deviations, along each axis, of what is wrong with sensor and robot.
+
+    Args:
+        noise_force, noise_torque: [N], [N m] of each poke.
+        bias_force, bias_torque: [N], [N m] of each configuration.
+        frame, frame_angle: [m], [rad] of the link in each configuration; common, common_angle: the same in all.
+        cross_talk: share, entry by entry; lever: [m] between forces and torques.
+    """
+
+    noise_force: float
+    noise_torque: float
+    bias_force: float
+    bias_torque: float
+    frame: float
+    frame_angle: float
+    common: float
+    common_angle: float
+    cross_talk: float
+    lever: float = 0.1
+
+    @property
+    def noise(self) -> Float[np.ndarray, "6 6"]:
+        """Covariance of the noise of a poke's wrench."""
+        return np.diag(np.repeat([self.noise_force, self.noise_torque], 3) ** 2)
+
+
+_DEGREE = radians(1.0)
+MIX = PokeErrors(0.15, 0.015, 0.3, 0.03, 3e-3, _DEGREE, 3e-3, _DEGREE, 0.02)
+PERSET = PokeErrors(0.15, 0.015, 0.4, 0.045, 4.5e-3, 2 * _DEGREE, 0.0, 0.0, 0.01)
+NOISE2 = PokeErrors(0.4, 0.035, 0.25, 0.03, 3e-3, 1.2 * _DEGREE, 0.8e-3, 0.0, 0.006)
+
+
+@dataclass(frozen=True, eq=False)
+class Touches:
+    """What the tip does to the link, in the frame of the link.
+
+    Attributes:
+        contact: (n, 3) [m] centre of pressure; force: (n, 3) [N] on the body; torque: (n, 3) [N m] about the origin.
+        spin: (n,) [N m] moment about the normal that is left at the contact.
+        response: (m,) counts above rest before noise and rounding, of taxel (m,) to poke (m,).
+    """
+
+    contact: Float[np.ndarray, "n 3"]
+    force: Float[np.ndarray, "n 3"]
+    torque: Float[np.ndarray, "n 3"]
+    spin: Float[np.ndarray, " n"]
+    poke: Int[np.ndarray, " m"]
+    taxel: Int[np.ndarray, " m"]
+    response: Float[np.ndarray, " m"]
+
+
+@dataclass(frozen=True, eq=False)
+class PokeSession:
+    """Pokes as they are measured, and what is true.
+
+    Attributes:
+        pokes: measured.
+        contacts: (n, 3) [m] true centres of pressure, in the frame of the link.
+        directions: (n, 3) unit, of the force on the body, in the frame of the link; force: (n,) [N] its size.
+        bench: with the skin and what was drawn.
+        touches: what tip and taxels did, exactly.
+    """
+
+    pokes: Pokes
+    contacts: Float[np.ndarray, "n 3"]
+    directions: Float[np.ndarray, "n 3"]
+    force: Float[np.ndarray, " n"]
+    bench: PokeBench
+    touches: Touches
+
+
+@dataclass(frozen=True, eq=False)
+class PokeBench(Value):
+    """A skin on an arm, with the errors that one session has.
+
+    The true pose of the link is the reported one composed with Exp of the error on the link's side:
+    c_sensor = R (Exp(phi) c_link + rho) + o. A wrench is measured as (1 + C) w + b + noise, w of the tool on the body
+    about the origin of the sensor.
+
+    Attributes:
+        skin: truth; errors: what was drawn from; arm, tip, layer: settings.
+        gains: (k,) of each taxel, about 1.
+        bias: (d, 6) [N, N m] b of each configuration; frames: (d, 6) rho [m] and phi [rad], the common part included.
+        cross_talk: (6, 6) C; torque from force in m, force from torque in 1/m.
+    """
+
+    skin: Skin
+    errors: PokeErrors
+    arm: Arm
+    tip: Tip
+    layer: Layer
+    gains: Float[np.ndarray, " k"]
+    bias: Float[np.ndarray, "d 6"]
+    frames: Float[np.ndarray, "d 6"]
+    cross_talk: Float[np.ndarray, "6 6"]
+
+    def __post_init__(self) -> None:
+        for name in ("gains", "bias", "frames", "cross_talk"):
+            object.__setattr__(self, name, frozen(getattr(self, name), name=name))
+
+    @classmethod
+    def drawn(
+        cls,
+        rng: np.random.Generator,
+        *,
+        skin: Skin | None = None,
+        errors: PokeErrors = MIX,
+        arm: Arm | None = None,
+        tip: Tip | None = None,
+        layer: Layer | None = None,
+    ) -> PokeBench:
+        """One session's errors and gains.
+
+        Args:
+            rng: of everything drawn.
+            skin: None: seven modules of twelve on a forearm.
+            errors: from which errors are drawn.
+            arm: None: the usual.
+            tip: the same.
+            layer: the same.
+        """
+        skin, arm, tip, layer = skin or Forearm.of(), arm or Arm(), tip or Tip(), layer or Layer()
+        e, count = errors, len(arm.table)
+        bias = rng.standard_normal((count, 6)) * np.repeat([e.bias_force, e.bias_torque], 3)
+        common = rng.standard_normal(6) * np.repeat([e.common, e.common_angle], 3)
+        frames = common + rng.standard_normal((count, 6)) * np.repeat([e.frame, e.frame_angle], 3)
+        share = np.kron(np.array([[1.0, 1.0 / e.lever], [e.lever, 1.0]]), np.ones((3, 3)))
+        cross_talk = e.cross_talk * share * rng.standard_normal((6, 6))
+        gains = np.maximum(1.0 + layer.unequal * rng.standard_normal(len(skin.places)), 0.1)
+        return cls(skin, errors, arm, tip, layer, gains, bias, frames, cross_talk)
+
+    def session(
+        self, rng: np.random.Generator, pokes: int = 1000, *, among: Int[np.ndarray, " j"] | None = None
+    ) -> PokeSession:
+        """Pokes all over the skin, shared among the datasets as in the paper.
+
+        Args:
+            rng: of places, forces and noise.
+            pokes: how many.
+            among: taxels to stay with; others do not answer. None: all.
+
+        Raises:
+            InputError: no place is near these taxels alone.
+        """
+        points = places_near(self.skin, rng, pokes, among=among)
+        return self.poke_at(points, self.directions(points, rng), self.arm.shared(pokes), rng)
+
+    def directions(self, points: Float[np.ndarray, "n 3"], rng: np.random.Generator) -> Float[np.ndarray, "n 3"]:
+        """Unit directions of force on the body, evenly over the cone about the inward normal."""
+        axes, _ = self.skin.frame(points)
+        along = rng.uniform(cos(self.tip.cone), 1.0, len(points))
+        around, side = rng.uniform(0.0, 2 * pi, len(points)), np.sqrt(1 - along**2)
+        local = np.stack([side * np.cos(around), side * np.sin(around), -along], axis=-1)
+        return np.einsum("ni,nij->nj", local, axes)
+
+    def poke_at(
+        self,
+        points: Float[np.ndarray, "n 3"],
+        directions: Float[np.ndarray, "n 3"],
+        configuration: Int[np.ndarray, " n"] | int,
+        rng: np.random.Generator,
+    ) -> PokeSession:
+        """Pokes with the middle of the tip at given points.
+
+        Args:
+            points: (n, 3) [m] on the surface of the link.
+            directions: (n, 3) of the force on the body, within friction.
+            configuration: of each poke.
+            rng: of forces, tilts and noise.
+
+        Raises:
+            ValueError: a direction beyond friction.
+        """
+        configuration = np.broadcast_to(np.asarray(configuration, dtype=np.int64), (len(points),))
+        normal = rng.uniform(self.tip.light, self.tip.heavy, len(points))
+        touches = self.touch(points, directions, normal, rng)
+        reported = self.arm.pose(*self.arm.joints.T)
+        true = reported @ Pose.from_rotation_vector(self.frames[:, 3:].copy(), self.frames[:, :3])
+        turn, origin = true.rotation[configuration], true.translation[configuration]
+        force = np.einsum("nij,nj->ni", turn, touches.force)
+        torque = np.einsum("nij,nj->ni", turn, touches.torque) + np.cross(origin, force)
+        wrench = np.concatenate([force, torque], axis=1)
+        noise = rng.standard_normal(wrench.shape) * np.sqrt(np.diag(self.errors.noise))
+        wrench = wrench + wrench @ self.cross_talk.T + self.bias[configuration] + noise
+        counts = self.read_out(touches.response, rng)
+        rows = counts > self.layer.threshold
+        answers = np.bincount(touches.poke[rows], minlength=len(points))
+        pokes = Pokes(
+            wrench,
+            reported.rotation[configuration],
+            reported.translation[configuration],
+            configuration,
+            np.concatenate([[0], np.cumsum(answers)]),
+            touches.taxel[rows],
+            counts[rows],
+            len(self.skin.places),
+            noise=self.errors.noise,
+            weight=np.ones(len(points)),
+            time=3.0 * np.arange(len(points)),
+            threshold=self.layer.threshold,
+        )
+        size = np.linalg.norm(touches.force, axis=1)
+        return PokeSession(pokes, touches.contact, touches.force / size[:, None], size, self, touches)
+
+    def read_out(self, exact: Float[np.ndarray, " m"], rng: np.random.Generator) -> Float[np.ndarray, " m"]:
+        """Whole counts above rest, of 8 bits."""
+        return np.clip(np.rint(exact + self.layer.noise * rng.standard_normal(exact.shape)), 0.0, 255.0)
+
+    def touch(
+        self,
+        points: Float[np.ndarray, "n 3"],
+        directions: Float[np.ndarray, "n 3"],
+        normal: Float[np.ndarray, " n"],
+        rng: np.random.Generator,
+    ) -> Touches:
+        """The tip at points, pressed with normal forces [N]: what link and taxels get."""
+        axes, curvature = self.skin.frame(points)
+        local = np.einsum("nij,nj->ni", axes, directions)
+        lean = local[:, :2] / -local[:, 2:]
+        slip = np.linalg.norm(lean, axis=1)
+        if np.any(local[:, 2] >= 0) or np.any(slip > self.tip.friction + 1e-12):
+            raise ValueError("a force's direction must press, and lie within friction")
+        x, y, load = self.pressed(normal, curvature, rng)
+        cx, cy = (load * x).sum(axis=1) / normal, (load * y).sum(axis=1) / normal
+        z = -0.5 * curvature[:, None] * x**2
+        ax, ay = x - cx[:, None], y - cy[:, None]
+        turning = self.tip.spin * rng.uniform(-1.0, 1.0, len(points)) * (self.tip.friction - slip)
+        turning = turning / np.hypot(ax, ay).max(axis=1)
+        pull = np.stack(
+            [
+                load * (lean[:, :1] - turning[:, None] * ay),
+                load * (lean[:, 1:] + turning[:, None] * ax),
+                -load,
+            ],
+            axis=-1,
+        )
+        place = np.stack([x, y, z], axis=-1)
+        force, moment = pull.sum(axis=1), np.cross(place, pull).sum(axis=1)
+        contact = np.stack([cx, cy, (load * z).sum(axis=1) / normal], axis=-1)
+        out = [np.einsum("ni,nij->nj", each, axes) for each in (contact, force, moment)]
+        spin = (load * turning[:, None] * (ax**2 + ay**2)).sum(axis=1)
+        torque = out[2] + np.cross(points, out[1])
+        return Touches(points + out[0], out[1], torque, spin, *self.answers(points, x, y, load))
+
+    def pressed(
+        self, normal: Float[np.ndarray, " n"], curvature: Float[np.ndarray, " n"], rng: np.random.Generator
+    ) -> tuple[Float[np.ndarray, "n c"], Float[np.ndarray, "n c"], Float[np.ndarray, "n c"]]:
+        """Cells of tips turned and tilted at random (x round the link, y along it), and the force [N] on each."""
+        tip, count = self.tip, len(normal)
+        step = tip.side * ((np.arange(tip.cells) + 0.5) / tip.cells - 0.5)
+        u, v = (each.ravel() for each in np.meshgrid(step, step))
+        angle = rng.uniform(0.0, 2 * pi, (count, 1))
+        x, y = np.cos(angle) * u - np.sin(angle) * v, np.sin(angle) * u + np.cos(angle) * v
+        tilt = tip.tilt * rng.standard_normal((count, 2))
+        gap = 0.5 * curvature[:, None] * x**2 + tilt[:, :1] * x + tilt[:, 1:] * y
+        spring = self.layer.stiffness * (tip.side / tip.cells) ** 2
+        order = np.sort(gap, axis=1)
+        bearing = np.arange(1.0, gap.shape[1] + 1.0)
+        deep = (normal[:, None] / spring + np.cumsum(order, axis=1)) / bearing
+        last = np.count_nonzero(deep > order, axis=1) - 1  # the depth at which as many cells bear as are above it
+        return x, y, spring * np.maximum(deep[np.arange(count), last][:, None] - gap, 0.0)
+
+    def answers(
+        self,
+        points: Float[np.ndarray, "n 3"],
+        x: Float[np.ndarray, "n c"],
+        y: Float[np.ndarray, "n c"],
+        load: Float[np.ndarray, "n c"],
+    ) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"], Float[np.ndarray, " m"]]:
+        """What taxels say of forces near points.
+
+        Args:
+            points: (n, 3) [m] on the surface.
+            x: (n, c) [m] along the first tangent from each point.
+            y: the same along the second.
+            load: [N] there.
+
+        Returns:
+            Pairs of point and taxel that are near each other, and the exact counts.
+        """
+        there = np.flatnonzero(self.skin.places.there)
+        poke, entry = nearby(self._tree, points, FAR + float(np.hypot(x, y).max(initial=0.0)))
+        taxel = there[entry]
+        away = self.skin.offsets(points, poke, taxel)
+        square = (x[poke] - away[:, :1]) ** 2 + (y[poke] - away[:, 1:]) ** 2
+        response = self.gains[taxel] * self._scale * (load[poke] * boussinesq(square, self.layer.depth)).sum(axis=1)
+        return poke, taxel, response
+
+    @cached_property
+    def _tree(self) -> Any:
+        from scipy.spatial import cKDTree
+
+        return cKDTree(self.skin.places.positions[self.skin.places.there])
+
+    @cached_property
+    def _scale(self) -> float:
+        """Counts a pascal: such that 15 N, evenly on a tip over a taxel, give the counts wanted."""
+        step = self.tip.side * ((np.arange(self.tip.cells) + 0.5) / self.tip.cells - 0.5)
+        square = (step[:, None] ** 2 + step**2).ravel()
+        return self.layer.counts / (15.0 * float(boussinesq(square, self.layer.depth).mean()))
+
+
+def boussinesq(square: Float[np.ndarray, "*batch"], depth: float) -> Float[np.ndarray, "*batch"]:
+    """Vertical stress [Pa] at a depth [m] of 1 N at the surface, at the squared distance [m^2] along it."""
+    near = square + depth**2
+    return (3 * depth**3 / (2 * pi)) / (near * near * np.sqrt(near))

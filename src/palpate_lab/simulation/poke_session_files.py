@@ -1,0 +1,168 @@
+"""A session of pokes as a laboratory would have it on disk: logs, the arm's description, CAD, and the truth apart."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.sensors.taxel_places import TaxelPlaces
+from palpate.spatial.pose import quaternion_from_rotation
+from palpate_lab.simulation.bags import Stamped, header, nanoseconds, readings, wrenches, write_bag
+from palpate_lab.simulation.forearm import Cone
+from palpate_lab.simulation.poke_bench import PokeSession
+from palpate_lab.simulation.poke_log import EVERY, PokeLog, Timing, simulate_poke_log
+from palpate_lab.simulation.skin_touches import SkinTouches, simulate_touches
+
+__all__ = [
+    "JOINTS",
+    "JOINT_TOPIC",
+    "TAXEL_TOPIC",
+    "WRENCH_TOPIC",
+    "write_arm",
+    "write_places",
+    "write_poke_log",
+    "write_poke_session",
+    "write_touches",
+]
+
+WRENCH_TOPIC, TAXEL_TOPIC, JOINT_TOPIC = "/ft_sensor/wrench", "/skin/taxels", "/joint_states"
+JOINTS = ("elbow_pitch", "elbow_roll")
+_WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
+_URDF = """<robot name="arm">
+  <link name="ft_sensor"/>
+  <link name="elbow"/>
+  <link name="forearm">
+    <visual><geometry><mesh filename="forearm.stl"/></geometry></visual>
+  </link>
+  <joint name="elbow_pitch" type="revolute">
+    <parent link="ft_sensor"/><child link="elbow"/>
+    <origin xyz="0 0 {upper}"/><axis xyz="0 1 0"/>
+    <limit lower="0.26" upper="1.85" effort="20" velocity="2"/>
+  </joint>
+  <joint name="elbow_roll" type="revolute">
+    <parent link="elbow"/><child link="forearm"/>
+    <origin xyz="0 0 0"/><axis xyz="0 0 1"/>
+    <limit lower="-1.58" upper="1.58" effort="20" velocity="2"/>
+  </joint>
+</robot>
+"""
+
+
+def write_poke_session(
+    session: PokeSession,
+    cone: Cone,
+    cad: TaxelPlaces,
+    folder: Path,
+    rng: np.random.Generator,
+    *,
+    timing: Timing | None = None,
+    touches: int = 60,
+) -> PokeLog:
+    """Write the session, and touches of the same skin afterwards.
+
+    pokes.mcap; pokes_log.csv, the same at 50 Hz; pokes.csv, one row a poke; arm.urdf and forearm.stl; cad.txt;
+    truth.csv; touches.mcap, touches.csv and touches_truth.csv (single touches); pairs alike (two at once, 12 mm apart).
+
+    Args:
+        session: pokes.
+        cone: the link.
+        cad: places as they are believed.
+        folder: made where it is missing.
+        rng: of noise and touches.
+        timing: of pokes.
+        touches: how many.
+
+    Raises:
+        InputError: rosbags is not installed.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    log = simulate_poke_log(session, rng, timing)
+    write_poke_log(log, folder / "pokes.mcap")
+    _write_rows(folder / "pokes_log.csv", *log.table())
+    _write_pokes(session, folder / "pokes.csv")
+    write_arm(session.bench.arm.upper, cone, folder)
+    write_places(cad, folder / "cad.txt")
+    places = session.bench.skin.places
+    rows = np.column_stack([places.positions, places.normals, places.module])
+    _write_rows(folder / "truth.csv", ("x", "y", "z", "nx", "ny", "nz", "module"), rows)
+    write_touches(simulate_touches(session.bench, rng, touches), folder, "touches")
+    write_touches(simulate_touches(session.bench, rng, touches, apart=12e-3), folder, "pairs")
+    return log
+
+
+def write_poke_log(log: PokeLog, path: Path) -> None:
+    """As MCAP: WrenchStamped at 200 Hz, JointState at 100 Hz, taxels as UInt8MultiArray at 50 Hz.
+
+    Raises:
+        InputError: rosbags is not installed.
+    """
+
+    def made(types: Any) -> Iterable[Iterable[Stamped]]:
+        return (
+            wrenches(types, WRENCH_TOPIC, log.time, log.wrench),
+            _joints(types, log.time[::2], log.joints[::2]),
+            readings(types, TAXEL_TOPIC, log.time[::EVERY], log.taxels, ("taxel",)),
+        )
+
+    kinds = {WRENCH_TOPIC: "geometry_msgs/msg/WrenchStamped", JOINT_TOPIC: "sensor_msgs/msg/JointState"}
+    write_bag(path, kinds | {TAXEL_TOPIC: "std_msgs/msg/UInt8MultiArray"}, made)
+
+
+def write_touches(touches: SkinTouches, folder: Path, name: str) -> None:
+    """NAME.mcap and NAME.csv (time, t0 and so on) of frames, and NAME_truth.csv, instants for `palpate evaluate`.
+
+    Raises:
+        InputError: rosbags is not installed.
+    """
+    counts = np.clip(np.rint(touches.frames), 0, 255).astype(np.uint8)
+    write_bag(
+        folder / f"{name}.mcap",
+        {TAXEL_TOPIC: "std_msgs/msg/UInt8MultiArray"},
+        lambda types: (readings(types, TAXEL_TOPIC, touches.time, counts, ("taxel",)),),
+    )
+    taxels = tuple(f"t{k}" for k in range(touches.frames.shape[1]))
+    _write_rows(folder / f"{name}.csv", ("time", *taxels), np.column_stack([touches.time, touches.frames]))
+    point = ("px", "py", "pz", "nx", "ny", "nz", "fx", "fy", "fz")
+    _write_rows(folder / f"{name}_truth.csv", ("time", *point), touches.truth())
+
+
+def write_arm(upper: float, cone: Cone, folder: Path) -> None:
+    """arm.urdf, links ft_sensor, elbow and forearm, and the forearm's mesh in metres beside it."""
+    import trimesh
+
+    (folder / "arm.urdf").write_text(_URDF.format(upper=upper), encoding="utf-8")
+    trimesh.Trimesh(*cone.mesh(), process=False).export(folder / "forearm.stl")
+
+
+def write_places(places: TaxelPlaces, path: Path) -> None:
+    """In iCub's plain form: x y z nx ny nz, a row a taxel, zeros where there is none."""
+    rows = np.where(places.there[:, None], np.column_stack([places.positions, places.normals]), 0.0)
+    np.savetxt(path, rows, fmt="%9.6f")
+
+
+def _write_pokes(session: PokeSession, path: Path) -> None:
+    pokes = session.pokes
+    answers = np.zeros((len(pokes), pokes.taxels))
+    answers[pokes.poke, pokes.taxel] = pokes.response
+    rows = [pokes.time, pokes.configuration, pokes.wrench, quaternion_from_rotation(pokes.rotation), pokes.origin]
+    pose = ("qx", "qy", "qz", "qw", "x", "y", "z")
+    names = ("time", "configuration", *_WRENCH, *pose, *(f"t{k}" for k in range(pokes.taxels)))
+    _write_rows(path, names, np.column_stack([*rows, answers]))
+
+
+def _joints(types: Any, time: Float[np.ndarray, " n"], joints: Float[np.ndarray, "n 2"]) -> Iterator[Stamped]:
+    kind, none = types["sensor_msgs/msg/JointState"], np.zeros(0)
+    for stamp, row in zip(nanoseconds(time), joints, strict=True):
+        yield stamp, JOINT_TOPIC, kind(header(types, stamp, ""), list(JOINTS), row, none, none)
+
+
+def _write_rows(path: Path, names: tuple[str, ...], rows: Float[np.ndarray, "n k"]) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(names)
+        writer.writerows([f"{value:.7g}" for value in row] for row in rows.tolist())

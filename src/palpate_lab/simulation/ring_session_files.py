@@ -1,0 +1,131 @@
+"""A session of the marker ring as a laboratory would have it on disk: a video, the truth apart, a rig, the lens."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from palpate.errors import InputError
+from palpate.opencv import opencv
+from palpate_lab.simulation.ring_camera import RingCamera
+from palpate_lab.simulation.ring_session import RATE, RingSession, RingUnit
+
+__all__ = ["write_calibration_run", "write_touching_run"]
+
+Images = Literal["video", "folder"]
+RIG = """# A ring of markers inside a barrel of silicone, seen by a fisheye camera. Lengths in metres.
+[marker_ring]
+radius = {radius}          # of the barrel outside, where the ring is
+thickness = {thickness}        # of its wall
+markers = {markers}{rings}
+camera = "camera.toml"     # of the lens alone; how it stands in the barrel is found in calibration
+"""
+CAMERA = """# Kannala and Brandt's model as OpenCV's fisheye has it, in pixels; as a calibration by a board gives it.
+kind = "camera"
+width = {width}
+height = {height}
+fx = {focal[0]!r}
+fy = {focal[1]!r}
+cx = {middle[0]!r}
+cy = {middle[1]!r}
+k1 = {distortion[0]!r}
+k2 = {distortion[1]!r}
+k3 = {distortion[2]!r}
+k4 = {distortion[3]!r}
+"""
+CALIBRATION = ("time", "angle_deg", "depth_mm", "force_n", "shear_n")
+TOUCHES = ("time", "px", "py", "pz", "nx", "ny", "nz", "fx", "fy", "fz", *CALIBRATION[1:])
+
+
+def _nothing(_: int, __: float) -> None:
+    """Nobody watches."""
+
+
+def write_calibration_run(
+    session: RingSession, folder: Path, *, images: Images = "video", watch: Callable[[int, float], None] = _nothing
+) -> None:
+    """Write the frames, truth.csv with a row a frame (NaN where nothing touches), rig.toml and camera.toml.
+
+    Args:
+        session: of one contact at a time.
+        folder: is made where it is not there.
+        images: frames.avi (Motion JPEG), or frames/000000.jpg and so on.
+        watch: is told how many frames are written, and which share that is.
+    """
+    _write_unit(session.unit, folder)
+    numbers = np.column_stack([session.time, _units(session)[:, 0]])
+    _write_rows(folder / "truth.csv", CALIBRATION, numbers)
+    _write_frames(session, folder, images, watch)
+
+
+def write_touching_run(
+    session: RingSession, folder: Path, *, images: Images = "video", watch: Callable[[int, float], None] = _nothing
+) -> None:
+    """As `write_calibration_run`; truth.csv has a row a contact and frame, with place, normal and force on the skin."""
+    _write_unit(session.unit, folder)
+    rows, contacts = np.nonzero(np.isfinite(session.angle))
+    angle, zero = session.angle[rows, contacts], np.zeros(len(rows))
+    out = np.stack([np.cos(angle), np.sin(angle), zero], axis=-1)
+    along = np.stack([-np.sin(angle), np.cos(angle), zero], axis=-1)
+    inward, shear = session.force[rows, contacts][:, None], session.shear[rows, contacts][:, None]
+    place, force = session.unit.barrel.radius * out, shear * along - inward * out
+    numbers = np.column_stack([session.time[rows], place, out, force, _units(session)[rows, contacts]])
+    _write_rows(folder / "truth.csv", TOUCHES, numbers)
+    _write_frames(session, folder, images, watch)
+
+
+def _units(session: RingSession) -> np.ndarray:
+    """Angle [deg], depth [mm], force and shear [N] of every contact: (n, k, 4)."""
+    return np.stack([np.degrees(session.angle), 1e3 * session.depth, session.force, session.shear], axis=-1)
+
+
+def _write_unit(unit: RingUnit, folder: Path) -> None:
+    """The rig by the drawing, and the lens; nothing of what only a simulation knows."""
+    folder.mkdir(parents=True, exist_ok=True)
+    barrel = unit.barrel
+    rings = f"               # in each ring\nrings = {list(barrel.rings)}   # their heights, towards the camera"
+    more = rings if len(barrel.rings) > 1 else ""
+    rig = RIG.format(radius=barrel.radius, thickness=type(barrel).thickness, markers=barrel.markers, rings=more)
+    (folder / "rig.toml").write_text(rig, encoding="utf-8")
+    camera: RingCamera = unit.camera
+    (folder / "camera.toml").write_text(CAMERA.format(**vars(camera)), encoding="utf-8")
+
+
+def _write_frames(session: RingSession, folder: Path, images: Images, watch: Callable[[int, float], None]) -> None:
+    """Compressed once only, by what writes the file."""
+    cv2, look = opencv(), session.unit.look
+    quality = 95 if look.quality is None else look.quality
+    frames = session.frames(replace(look, quality=None))
+    if images == "folder":
+        (folder / "frames").mkdir()
+        for at, frame in enumerate(frames):
+            path = folder / "frames" / f"{at:06d}.jpg"
+            if not cv2.imwrite(str(path), frame, [cv2.IMWRITE_JPEG_QUALITY, quality]):
+                raise InputError("could not be written.", where=str(path))
+            watch(at + 1, (at + 1) / len(session.time))
+        return
+    path, camera = folder / "frames.avi", session.unit.camera
+    code = cv2.VideoWriter_fourcc(*"MJPG")
+    writer = cv2.VideoWriter(str(path), cv2.CAP_OPENCV_MJPEG, code, RATE, (camera.width, camera.height))
+    if not writer.isOpened():
+        raise InputError("could not be written as Motion JPEG.", where=str(path))
+    try:
+        writer.set(cv2.VIDEOWRITER_PROP_QUALITY, quality)
+        for at, frame in enumerate(frames):
+            writer.write(frame)
+            watch(at + 1, (at + 1) / len(session.time))
+    finally:
+        writer.release()
+
+
+def _write_rows(path: Path, header: Sequence[str], numbers: np.ndarray) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(header)
+        rows: Iterable[list[str]] = ([f"{value:.6f}" for value in row] for row in numbers.tolist())
+        writer.writerows(rows)

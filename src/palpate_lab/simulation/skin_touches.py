@@ -1,0 +1,163 @@
+"""The skin at work: a round fingertip on it, one at a time or two at once, as frames of readings with their truth.
+
+Pressure is Hertz's, p sqrt(1 - r^2/a^2), on a disc that grows with the force, a = a1 F^(1/3) (Johnson, Contact
+Mechanics, 4.2), and goes through the same layer as the tip of pokes. Truth is the middle of the disc.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from palpate.errors import InputError
+from palpate.spatial._arrays import Value, frozen
+from palpate_lab.simulation.forearm import Skin, places_near
+from palpate_lab.simulation.poke_bench import PokeBench
+
+__all__ = ["Finger", "SkinTouches", "simulate_touches"]
+
+RATE = 50.0  # Hz, of frames
+_RINGS = 8  # of points in a disc, sixteen in each
+_TRIES = 400
+
+
+@dataclass(frozen=True)
+class Finger:
+    """How fingers touch.
+
+    Args:
+        radius: a1 [m], of the disc at 1 N: 4 to 6 mm from 2 to 8 N.
+        light, heavy: [N] forces, evenly between, along the inward normal.
+        reach: [m] of a taxel within which a finger lands.
+        hold, pause: frames of each touch, and of rest before it.
+        ramp: frames at each end of a touch during which the force rises or falls.
+    """
+
+    radius: float = 3e-3
+    light: float = 2.0
+    heavy: float = 8.0
+    reach: float = 4e-3
+    hold: int = 12
+    pause: int = 8
+    ramp: int = 3
+
+
+@dataclass(frozen=True, eq=False)
+class SkinTouches(Value):
+    """Frames, and what is true of them; m contacts in all, those of one touch one after the other.
+
+    Attributes:
+        time: (n,) [s]; frames: (n, k) counts, rest included.
+        rest: (k,) counts without touch.
+        touch: (m,) number of the touch that a contact belongs to, from 0.
+        start, end: (m,) first and last frame in which the force is whole.
+        point, normal: (m, 3) [m], outward; force: (m, 3) [N] on the body. All in the frame of the link.
+    """
+
+    time: Float[np.ndarray, " n"]
+    frames: Float[np.ndarray, "n k"]
+    rest: Float[np.ndarray, " k"]
+    touch: Int[np.ndarray, " m"]
+    start: Int[np.ndarray, " m"]
+    end: Int[np.ndarray, " m"]
+    point: Float[np.ndarray, "m 3"]
+    normal: Float[np.ndarray, "m 3"]
+    force: Float[np.ndarray, "m 3"]
+
+    def __post_init__(self) -> None:
+        for name in ("time", "frames", "rest", "point", "normal", "force"):
+            object.__setattr__(self, name, frozen(getattr(self, name), name=name))
+
+    def truth(self) -> Float[np.ndarray, "r 10"]:
+        """Rows time, point, normal, force of each contact in each frame in which its force is whole."""
+        sizes = self.end - self.start + 1
+        which = np.repeat(np.arange(len(sizes)), sizes)
+        frame = self.start[which] + np.arange(len(which)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+        rows = np.column_stack([self.time[frame], self.point[which], self.normal[which], self.force[which]])
+        return rows[np.argsort(frame, kind="stable")]
+
+
+def simulate_touches(
+    bench: PokeBench,
+    rng: np.random.Generator,
+    touches: int = 100,
+    *,
+    apart: float | None = None,
+    finger: Finger | None = None,
+    whole: bool = True,
+) -> SkinTouches:
+    """Touches at places drawn all over the skin.
+
+    Args:
+        bench: whose skin, layer and gains.
+        rng: of places, forces, rest and noise.
+        touches: how many.
+        apart: [m] between two at once, along the skin; None: one at a time.
+        finger: None: the usual.
+        whole: readings are whole counts of 8 bits; False: floats with noise, without end.
+
+    Raises:
+        InputError: two places so far apart are not both on the skin.
+    """
+    finger = finger or Finger()
+    points = _pairs(bench.skin, rng, touches, apart, finger.reach) if apart else None
+    points = points if points is not None else places_near(bench.skin, rng, touches, reach=finger.reach)
+    touch = np.repeat(np.arange(touches), 2 if apart else 1)
+    newtons = rng.uniform(finger.light, finger.heavy, len(points))
+    x, y, load = _discs(finger.radius * np.cbrt(newtons), newtons)
+    which, taxel, exact = bench.answers(points, x, y, load)
+    peaks = np.zeros((touches, len(bench.skin.places)))
+    np.add.at(peaks, (touch[which], taxel), exact)
+    period = finger.hold + finger.pause
+    phase = np.arange(period) - finger.pause
+    share = np.clip(np.minimum(phase + 1, finger.hold - phase) / (finger.ramp + 1), 0.0, 1.0)
+    frames = np.concatenate([(peaks[:, None] * share[:, None]).reshape(touches * period, -1), 0 * peaks[:1]])
+    rest = rng.integers(3, 9, peaks.shape[1]).astype(np.float64)
+    frames = rest + frames + bench.layer.noise * rng.standard_normal(frames.shape)
+    start = touch * period + finger.pause + finger.ramp
+    normal = bench.skin.frame(points)[0][:, 2]
+    return SkinTouches(
+        np.arange(len(frames)) / RATE,
+        np.clip(np.rint(frames), 0.0, 255.0) if whole else frames,
+        rest,
+        touch,
+        start,
+        start + finger.hold - 2 * finger.ramp - 1,
+        points,
+        normal,
+        -newtons[:, None] * normal,
+    )
+
+
+def _discs(
+    radius: Float[np.ndarray, " n"], newtons: Float[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, "n c"], Float[np.ndarray, "n c"], Float[np.ndarray, "n c"]]:
+    """Points that bear equal areas of discs, and the force on each."""
+    ring = np.repeat(np.sqrt((np.arange(_RINGS) + 0.5) / _RINGS), 2 * _RINGS)
+    angle = pi * np.arange(ring.size) / _RINGS + 2.4 * np.repeat(np.arange(_RINGS), 2 * _RINGS)
+    weight = np.sqrt(1.0 - ring**2)
+    flat = np.stack([ring * np.cos(angle), ring * np.sin(angle)])
+    x, y = flat[:, None] * radius[:, None]
+    return x, y, newtons[:, None] * weight / weight.sum()
+
+
+def _pairs(skin: Skin, rng: np.random.Generator, count: int, apart: float, reach: float) -> Float[np.ndarray, "m 3"]:
+    """Two places each, both near a taxel: the one beside a taxel, the other so far away along the skin."""
+    from scipy.spatial import cKDTree
+
+    there = np.flatnonzero(skin.places.there)
+    tree = cKDTree(skin.places.positions[there])
+    kept: list[np.ndarray] = []
+    for _ in range(_TRIES):
+        taxel = there[rng.integers(len(there), size=4 * count)]
+        angle, turn = rng.uniform(0.0, 2 * pi, (2, len(taxel)))
+        near = (reach * np.sqrt(rng.random(len(taxel))))[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        away = near + apart * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+        pair = np.stack([skin.beside(taxel, near), skin.beside(taxel, away)], axis=1)
+        kept.append(pair[np.asarray(tree.query(pair)[0]).max(axis=1) < reach])
+        if sum(map(len, kept)) >= count:
+            return np.concatenate(kept)[:count].reshape(-1, 3)
+    raise InputError(f"no two places of the skin are {1e3 * apart:.0f} mm apart.", where="touches")

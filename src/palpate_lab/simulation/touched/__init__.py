@@ -1,0 +1,20 @@
+"""A forearm with a taxel skin and a force/torque sensor at its base, touched at several places, in a physics engine."""
+
+from __future__ import annotations
+
+from palpate_lab.simulation.touched.plan import Touch, plan_presses, plan_touches
+from palpate_lab.simulation.touched.run import ForearmRun, Truth, simulate_forearm, simulate_free, simulate_presses
+from palpate_lab.simulation.touched.settings import MILD_DRIFT, ForearmSettings
+
+__all__ = [
+    "MILD_DRIFT",
+    "ForearmRun",
+    "ForearmSettings",
+    "Touch",
+    "Truth",
+    "plan_presses",
+    "plan_touches",
+    "simulate_forearm",
+    "simulate_free",
+    "simulate_presses",
+]
