@@ -1,8 +1,8 @@
 """Load cells: a fingertip calibrated on a simulated bench, verified on an independent run of it.
 
 The bench (`palpate_lab.simulation.load_cell_bench`) makes voltages by the statics of a frame on springs and, for the
-soft layer, by an elastic foundation; no estimator has a part in it. Positions are 3-D errors of samples loaded by 1 N or
-more, forces those against the equally filtered truth. The zero is taken in the unloaded start of each trajectory.
+soft layer, by an elastic foundation; no estimator has a part in it. Positions are 3-D errors of samples loaded by 1 N
+or more, forces those against the equally filtered truth. The zero is taken in the unloaded start of each trajectory.
 """
 
 from __future__ import annotations

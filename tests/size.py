@@ -1,4 +1,4 @@
-"""`python -m tests.size [COMMIT]`: lines of code by room of `palpate`, without blanks, comments and docstrings.
+"""`python -m tests.size [COMMIT]`: lines of code by room of `palpate` and its laboratory, without blanks, comments and docstrings.
 
 With a commit, its lines stand beside those of this checkout.
 """
@@ -15,7 +15,7 @@ from collections import Counter
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PACKAGE = "src/palpate"
+PACKAGES = "src/palpate", "src/palpate_lab"
 NO_CODE = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER}
 
 
@@ -35,17 +35,20 @@ def rooms(commit: str | None = None) -> Counter[str]:
     """Count the lines of code by room of this checkout, or of a commit."""
     counts = Counter[str]()
     for path, text in _files(commit):
-        parts = Path(path).relative_to(PACKAGE).parts
-        counts[parts[0] if len(parts) > 1 else "(top)"] += lines_of_code(text)
+        _, package, *parts = Path(path).parts
+        room = parts[0] if len(parts) > 1 else "(top)"
+        counts[room if package == "palpate" else f"lab {room}"] += lines_of_code(text)
     return counts
 
 
 def _files(commit: str | None) -> list[tuple[str, str]]:
     if commit is None:
         return [
-            (str(path.relative_to(ROOT)), path.read_text(encoding="utf-8")) for path in (ROOT / PACKAGE).rglob("*.py")
+            (str(path.relative_to(ROOT)), path.read_text(encoding="utf-8"))
+            for package in PACKAGES
+            for path in (ROOT / package).rglob("*.py")
         ]
-    packed = subprocess.run(["git", "archive", commit, PACKAGE], cwd=ROOT, capture_output=True, check=True).stdout
+    packed = subprocess.run(["git", "archive", commit, "src"], cwd=ROOT, capture_output=True, check=True).stdout
     with tarfile.open(fileobj=io.BytesIO(packed)) as files:
         found = [(each.name, files.extractfile(each)) for each in files if each.name.endswith(".py")]
         return [(name, file.read().decode()) for name, file in found if file is not None]
@@ -57,7 +60,15 @@ def main() -> None:
     here, there = rooms(), rooms(commit) if commit else None
     for room in sorted(here | (there or {})):
         print(_row(room, here[room], None if there is None else there[room]))
-    print(_row("in all", here.total(), None if there is None else there.total()))
+    for name, inside in (("palpate", _ours), ("palpate_lab", lambda room: not _ours(room))):
+        both = [
+            None if counts is None else sum(counts[room] for room in counts if inside(room)) for counts in (here, there)
+        ]
+        print(_row(name, both[0] or 0, both[1]))
+
+
+def _ours(room: str) -> bool:
+    return not room.startswith("lab ")
 
 
 def _row(room: str, here: int, there: int | None) -> str:

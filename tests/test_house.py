@@ -61,7 +61,7 @@ def test_the_front_door_is_small() -> None:
     assert 10 <= len(palpate.__all__) <= 42  # what a user types, and no more
 
 
-@pytest.mark.parametrize("package", sorted(file.parent for file in (ROOT / "src/palpate").rglob("__init__.py")))
+@pytest.mark.parametrize("package", sorted(file.parent for file in (ROOT / "src").rglob("__init__.py")))
 def test_every_room_exports_what_it_says(package: Path) -> None:
     module = importlib.import_module(".".join(package.relative_to(ROOT / "src").parts))
     assert [name for name in getattr(module, "__all__", []) if not hasattr(module, name)] == []
@@ -172,13 +172,13 @@ def test_what_stands_beside_the_package_imports_in_one_direction() -> None:
 
 
 def test_no_files_import_each_other_in_a_circle() -> None:
-    source = ROOT / "src" / "palpate"
+    source = ROOT / "src"
     files = {".".join(file.relative_to(source).with_suffix("").parts): file for file in source.rglob("*.py")}
     graph = {name.removesuffix(".__init__"): set[str]() for name in files}
     for name, file in files.items():
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("palpate."):
-                module = (node.module or "").removeprefix("palpate.")
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("palpate"):
+                module = node.module or ""
                 ends = {
                     f"{module}.{alias.name}" if f"{module}.{alias.name}" in graph else module for alias in node.names
                 }
@@ -212,9 +212,9 @@ NAMED = re.compile(
     r"[\"'](force_torque|load_cells|marker_ring|fusion|skin)[\"']"
     r"|isinstance\([^)]*\b(Compensation|LoadCellArray|(Taxel|Ring|Fused)Estimator|(Taxel|Ring|LoadCell)Layer)\b"
 )
-OF_ONE_SENSOR = re.compile(  # or of the laboratory: files that are not general code
-    r"(simulation|evaluation|calibration|control|contact|sensors|surfaces|spatial|io/models|cli/views)/"
-    r"|cli/(calibrate_|map_|design_|plan_|simulate|benchmark|arena|evaluate_)|io/(skin_map|taxel_files|benchmark)"
+OF_ONE_SENSOR = re.compile(  # files that are not general code
+    r"(evaluation|calibration|control|contact|sensors|surfaces|spatial|io/models|cli/views)/"
+    r"|cli/(calibrate_|map_|design_|plan_|evaluate_)|io/(skin_map|taxel_files)"
     r"|io/rig/(force_torque|load_cells|skin|marker_ring|fusion|poke_log)"
 )
 STILL_NAMED = {

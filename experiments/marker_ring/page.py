@@ -136,9 +136,9 @@ Written by `python -m experiments.marker_ring`; what it asks for stands in [expe
 {machine}
 
 The paper has a real barrel; its images are not public. This one is simulated (`palpate_lab.simulation.barrel`): an
-elastic body of uneven thickness in 3D finite elements, unilateral contact with friction, and a fisheye camera whose frames have
-blur, noise, shadows and JPEG. Everything goes through those frames: both ways see the same pixels, and nothing else.
-Truth is the centre of pressure, and the force of the contact, of the mechanics.
+elastic body of uneven thickness in 3D finite elements, unilateral contact with friction, and a fisheye camera whose
+frames have blur, noise, shadows and JPEG. Everything goes through those frames: both ways see the same pixels, and
+nothing else. Truth is the centre of pressure, and the force of the contact, of the mechanics.
 
 **Theirs** is the paper's way (`palpate_lab.papers.ring`, `theirs.py`): a filter of hue, saturation and value,
 centres of the white areas, numbers by sorting about their mean, windows of three, two lines, and a cubic of

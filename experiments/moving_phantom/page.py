@@ -240,7 +240,8 @@ Written by `python -m experiments.moving_phantom`; what it asks for stands in [e
 The paper has a robot, a soft phantom and a six-axis platform. Here an arm with the Elfin3's kinematics and masses, a
 force/torque sensor (200 Hz, 0.04 N, 1.5 mN m) that feels the probe's weight and inertia, the robot's loop (50 Hz, one
 cycle of delay, 30 ms of lag) and the phantom are simulated (`palpate_lab.simulation.phantom`). The payload is
-identified in free poses, as one would; nothing of the truth enters the loop. The probe is convex, 60 mm by 18 mm, unless said.
+identified in free poses, as one would; nothing of the truth enters the loop. The probe is convex, 60 mm by 18 mm,
+unless said.
 
 **The paper's law** is (7) to (10) with its Kalman filter and low-pass, soft finger (`palpate.control.plain`). The paper
 states no gains: damping (282 N s/m) and mass (10 kg) are fitted to the range of its force in vertical motion, one

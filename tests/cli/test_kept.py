@@ -41,7 +41,7 @@ def skin(inputs: int, make: Making) -> np.ndarray:
 def folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, Path]:
     both = tmp_path / "package", tmp_path / "user"
     monkeypatch.setattr(keeping, "_folders", lambda: both)
-    monkeypatch.setattr(keeping, "PACKAGE", tmp_path / "code")
+    monkeypatch.setattr(keeping, "PACKAGES", [tmp_path / "code"])
     (tmp_path / "code").mkdir()
     return both
 
