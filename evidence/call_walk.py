@@ -29,7 +29,11 @@ from palpate.errors import PalpateError
 
 __all__ = ["ROOMS", "Call", "Known", "answer", "containers", "public", "same", "watch", "wrong"]
 
-ROOMS = ("spatial", "surfaces", "sensors", "contact", "control", "calibration", "evaluation", "io", "viewer")
+ROOMS = (
+    *(f"palpate.{room}" for room in ("spatial", "surfaces", "sensors", "contact", "control", "calibration")),
+    *(f"palpate.{room}" for room in ("evaluation", "io", "viewer")),
+    *(f"palpate_lab.{room}" for room in ("papers", "peers", "viewer")),
+)
 ARRAYS = re.compile(r"\b(ArrayLike|ndarray|Vector|Image)\b")
 WRITTEN = {
     "out",
@@ -95,11 +99,8 @@ def public(rooms: Iterable[str] = ROOMS) -> Iterator[Known]:
     """Every public function, class and method of some rooms, once."""
     seen = set[int]()
     for room in rooms:
-        package = importlib.import_module(f"palpate.{room}")
-        names = [
-            f"palpate.{room}",
-            *(each.name for each in pkgutil.walk_packages(package.__path__, f"palpate.{room}.")),
-        ]
+        package = importlib.import_module(room)
+        names = [room, *(each.name for each in pkgutil.walk_packages(package.__path__, f"{room}."))]
         for module in (importlib.import_module(name) for name in names if "._" not in name):
             for name in getattr(module, "__all__", ()):
                 made = getattr(module, name)

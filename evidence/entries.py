@@ -31,7 +31,7 @@ def rows(small: bool) -> Iterator[Row]:
 def refused(count: int, seed: int = 0) -> tuple[int, int, list[str]]:
     """Return how many entries there are, how many calls ended in a sentence, and what happened to the others."""
     for file in _jit.kernel_files():
-        import_module(".".join(("palpate", *file.relative_to(_jit.PACKAGE).with_suffix("").parts)))
+        import_module(".".join(file.relative_to(_jit.PACKAGE.parent).with_suffix("").parts))
     random, sentences, others = np.random.default_rng(seed), 0, list[str]()
     for entry in _jit.ENTRIES.values():
         for _ in range(count):

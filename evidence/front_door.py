@@ -19,6 +19,7 @@ import palpate
 from evidence.row import ROOT, Row
 from palpate.io.rig import Rig
 from palpate.io.rig.surface import RigSurface
+from palpate_lab.papers.navigator import PaperNavigator
 
 __all__ = ["rows", "wrong_calls"]
 
@@ -188,7 +189,7 @@ def _calls(probe: Path) -> list[tuple[str, Callable[..., Any], dict[str, Any], d
         ("AlignController", palpate.AlignController, {"arm": None, "estimator": None}, {"estimator": value}),
         ("DifferentialDrive", palpate.DifferentialDrive, {"track": 0.085}, {"track": "number"}),
         ("TouchNavigator", palpate.TouchNavigator, {"goal": (1.2, 0.0)}, {"goal": numbers}),
-        ("PaperNavigator", palpate.PaperNavigator, {"goal": (1.2, 0.0)}, {"goal": numbers}),
+        ("PaperNavigator", PaperNavigator, {"goal": (1.2, 0.0)}, {"goal": numbers}),
     ]
 
 

@@ -1,4 +1,4 @@
-"""`python -m tests.size [COMMIT]`: lines of code by room of `palpate` and `palpate_lab`, without comments and docstrings.
+"""`python -m tests.size [COMMIT]`: lines of code by room of `palpate` and `palpate_lab`, without comments, docstrings.
 
 With a commit, its lines stand beside those of this checkout.
 """

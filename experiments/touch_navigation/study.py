@@ -34,7 +34,12 @@ __all__ = ["BIN", "Found", "Outcome", "found", "frames_a_second", "run", "stamp"
 BIN = 0.05  # N of the histogram of forces
 BINS = 400
 KEPT = 15  # frames from one kept pose of a traced run to the next
-CODE = ("control", "simulation/arena", "cli/arena_run.py", "cli/arena_ring.py")  # what a run depends on most
+CODE = (  # what a run depends on most
+    "palpate/control",
+    "palpate_lab/simulation/arena",
+    "palpate_lab/cli/arena_run.py",
+    "palpate_lab/cli/arena_ring.py",
+)
 
 
 @dataclass(frozen=True)
@@ -172,7 +177,7 @@ def frames_a_second(count: int = 200) -> float:
 @cache
 def stamp() -> str:
     """Of the code that a run depends on most, without comments and docstrings: two runs of one stamp can be mixed."""
-    root, seen = Path(palpate.__file__).parent, hashlib.sha256()
+    root, seen = Path(palpate.__file__).parents[1], hashlib.sha256()
     for part in CODE:
         for file in sorted((root / part).glob("*.py")) if (root / part).is_dir() else [root / part]:
             seen.update(_bare(file.read_text(encoding="utf-8")).encode())

@@ -67,7 +67,10 @@ GAIN = Model(
     "the gain of a ball",
     "Readings of a newton on a ball of taxels.",
     "palpate calibrate ball",
-    lambda found: [("gain", measured([found.gain], [found.deviation], "readings/N"))],
+    lambda found: [
+        ("gain", measured([found.gain], [found.deviation], "readings/N")),
+        ("share", f"{found.deviation / found.gain:.2%} of it is not known"),
+    ],
     {BallGain: Form({"gain": Key("readings/N", least=0.0), "deviation": Key("of it"), "provenance": Key()})},
 )
 

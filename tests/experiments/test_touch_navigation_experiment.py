@@ -113,7 +113,7 @@ def test_who_is_stopped_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 def test_words_do_not_change_the_stamp(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(study, "CODE", ("one.py",))
-    monkeypatch.setattr(study.palpate, "__file__", str(tmp_path / "__init__.py"))
+    monkeypatch.setattr(study.palpate, "__file__", str(tmp_path / "palpate" / "__init__.py"))
     stamps = list[str]()
     for text in ('"""Words."""\nx = 1\n', '"""Others."""\n\n# why\nx = 1  # one\n', "x = 2\n"):
         (tmp_path / "one.py").write_text(text)

@@ -29,6 +29,7 @@ from palpate.sensors.taxel_places import TaxelPlaces
 from palpate.spatial.pose import Pose
 from palpate.surfaces.bspline import BSplineSurface, open_knots
 from palpate_lab.simulation.cell_array import LAYOUTS, random_cells
+from tests.conformance.ball import BallGain
 
 
 def _payload(seed: int) -> Payload:
@@ -147,6 +148,7 @@ MADE = {
     "intensity": _intensity,
     "skin map": _skin_map,
     "taxels": _taxels,
+    "ball gain": lambda seed: BallGain(1.5 + seed, 0.01, {"palpate": "0.1.0"}),
 }
 
 
