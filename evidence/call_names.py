@@ -22,6 +22,8 @@ UNCALLED = {  # and why; a class stands for its methods
     "viewer.server.Served.look": "its argument is a function",
     "palpate_lab.viewer.live_probe.LiveProbe": "opens a server",
     "viewer.video.Video.add": "writes a video",
+    "palpate_lab.benchmark.task.Truth.of": _HANDED,
+    "palpate_lab.benchmark.task.write_body": "writes a file of a body that it is given",
     "io.poke_files.read_pokes": "reads a table of another robot's pokes; of its arguments only the noise is an array",
     "io.live.netft_device.NetFtDevice.send": "sends by a socket",
     "io.live.ros_device.RosDevice.send": "sends by a node of ROS 2",

@@ -32,7 +32,7 @@ __all__ = ["ROOMS", "Call", "Known", "answer", "containers", "public", "same", "
 ROOMS = (
     *(f"palpate.{room}" for room in ("spatial", "surfaces", "sensors", "contact", "control", "calibration")),
     *(f"palpate.{room}" for room in ("evaluation", "io", "viewer")),
-    *(f"palpate_lab.{room}" for room in ("papers", "peers", "viewer")),
+    *(f"palpate_lab.{room}" for room in ("benchmark", "papers", "peers", "viewer")),
 )
 ARRAYS = re.compile(r"\b(ArrayLike|ndarray|Vector|Image)\b")
 WRITTEN = {
