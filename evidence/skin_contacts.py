@@ -36,7 +36,7 @@ from palpate_lab.simulation.shapes import icosphere
 from palpate_lab.simulation.skin_bench import PaperSheet, Patch, Rolled, Wand, paper_sheet, press, read_out
 from palpate_lab.simulation.skin_session import SkinSession, load_cell_presses, simulate_protocol
 
-__all__ = ["Judged", "protocol", "rows"]
+__all__ = ["Judged", "protocol", "rows", "taxel_force_runs"]
 
 COMMAND = "python -m evidence --only skin_contacts"
 NAME = "skin contacts"
@@ -292,7 +292,7 @@ def _taxel_force() -> Iterator[Row]:
     if folder is None:
         yield from skipped(NAME, what, "no worse than the published parameters", COMMAND)
         return
-    force, reading, reference, layer, block = _runs(folder)
+    force, reading, reference, layer, block = taxel_force_runs(folder)
     published = _resistive(force, reference, 16.963, np.array([0.502, 1.620])[layer])
     for even in (0, 1):
         train, test = block % 2 == even, block % 2 != even
@@ -307,7 +307,7 @@ def _taxel_force() -> Iterator[Row]:
         yield Row(NAME, f"{what} ({half} blocks)", "<= the published", got, rms[0] <= rms[1], COMMAND)
 
 
-def _runs(folder: Path) -> tuple[np.ndarray, ...]:
+def taxel_force_runs(folder: Path) -> tuple[np.ndarray, ...]:
     """Force [N], mean of five readings, reference [kOhm], layer and block of each row of the three runs."""
     parts: list[np.ndarray] = []
     for name, reference, layer, zero, loaded, kilograms in (

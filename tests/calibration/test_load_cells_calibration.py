@@ -167,3 +167,24 @@ def test_too_little_friction_to_show_the_torque_is_said() -> None:
     said = calibrated(replace(RIGID, friction=(0.02, 0.08))).coverage.notes
     assert any("Friction was small" in note and "torque about the normal" in note for note in said)
     assert not any("Friction" in note for note in calibrated().coverage.notes)
+
+
+def test_a_reference_that_pulls_or_stands_inside_is_refused() -> None:
+    run = log()
+    with pytest.raises(InputError, match="points out of the surface"):
+        identify_load_cells(run.time, run.voltages, -run.force, run.position, SURFACE)
+    with pytest.raises(InputError, match="off the surface on average"):
+        identify_load_cells(run.time, run.voltages, run.force, run.position - [0.0, 0.0, 0.004], SURFACE)
+
+
+def test_cells_that_change_places_are_refused() -> None:
+    run = log()
+    voltages, half = run.voltages.copy(), len(run.time) // 2
+    voltages[half:, :6] = voltages[half:, [3, 4, 5, 0, 1, 2]]
+    with pytest.raises(InputError, match="explained by no wrench"):
+        identify_load_cells(run.time, voltages, run.force, run.position, SURFACE)
+
+
+def test_touches_left_out_lie_where_the_others_predict() -> None:
+    """144 numbers: the ratio to 12 % by chance."""
+    assert 0.4 < calibrated().left_out.ratio < 1.6

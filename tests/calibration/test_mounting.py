@@ -9,7 +9,7 @@ from palpate.calibration._touch_evidence import KnownPoints, moved
 from palpate.calibration.mounting import Mounting, Spreads, identify_mounting, mean_touches
 from palpate.calibration.touch_error import spread_in_time, touch_error
 from palpate.contact.ground_truth import Touches
-from palpate.errors import NotIdentifiable
+from palpate.errors import InputError, NotIdentifiable
 from palpate.spatial.pose import Pose
 from palpate.surfaces import Mesh
 from palpate_lab.simulation.contacts import contact_wrenches, directed_forces, touch_wrenches
@@ -275,3 +275,20 @@ def test_errors_of_neighbours_count_once() -> None:
     alone = np.random.default_rng(13).normal(size=(200, 2))
     assert spread_in_time(alone) == 1.0
     assert spread_in_time(np.repeat(alone, 8, axis=0)) == pytest.approx(8.0, rel=0.4)  # of 200: to 20 %, the larger
+
+
+def test_touches_that_no_pose_explains_are_refused(mesh: Mesh) -> None:
+    rng = np.random.default_rng(3)
+    points = BODY.sample(12, rng)
+    wrenches = sensed(pressed(points, rng), rng) * [1, 1, 1, -1, -1, -1]
+    with pytest.raises(InputError, match="further from any pose"):
+        identify_mounting(wrenches, mesh, initial=NOMINAL, points=points, noise=NOISE)
+
+
+def test_touches_left_out_lie_where_the_others_predict(mesh: Mesh) -> None:
+    rng = np.random.default_rng(4)
+    points = BODY.sample(24, rng)
+    marks = points + rng.normal(0.0, 0.5e-3, points.shape)
+    found = identify_mounting(sensed(pressed(points, rng), rng), mesh, initial=NOMINAL, points=marks, noise=NOISE)
+    assert found.left_out.parts == 4
+    assert 0.2 < found.left_out.ratio < 2.0
