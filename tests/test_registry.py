@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from palpate.cli import main
 from palpate.errors import InputError
 from palpate.registry import Registry
 
@@ -74,3 +75,16 @@ def test_a_sensor_of_another_package_is_there_in_a_process_of_its_own(tmp_path: 
     command = [sys.executable, "-c", "from palpate.cli import main; main()", "inspect", str(rig)]
     said = subprocess.run(command, env=surroundings, capture_output=True, text=True, check=True).stdout
     assert "three cells under a plate [plate]" in said
+
+
+def test_a_package_with_broken_commands_leaves_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    info = tmp_path / "bad-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: bad\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[palpate.calibrations]\nbroken = nowhere:THING\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert main(["simulate", "--help"]) == 0
+    assert main(["calibrate", "broken"]) == 2
+    assert "of the package bad: nowhere:THING cannot be imported" in capsys.readouterr().err

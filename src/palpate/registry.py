@@ -68,7 +68,7 @@ class Registry(Mapping[str, Row]):
         package = "of an unknown package" if entry.dist is None else f"of the package {entry.dist.name}"
         try:
             row: Any = entry.load()
-            name: Any = getattr(row, "name", entry.name)
+            name: Any = entry.name if isinstance(row, type) else getattr(row, "name", entry.name)
             problem = "" if isinstance(row, self._kind) else f"is {type(row).__name__}, not {self._kind.__name__}"
             problem = problem or ("" if name == entry.name else f"has the name {name!r}")
         except Exception as failed:  # whatever another package raises

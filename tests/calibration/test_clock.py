@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from evidence.moving import Swing, moving_wrenches
-from palpate.calibration.clock import ClockOffset, _deviation, identify_offset
+from palpate.calibration.clock import ClockOffset, _sums, identify_offset
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors import Payload
 from palpate.spatial.pose import rotation_from_quaternion
@@ -157,9 +157,17 @@ def test_a_residual_that_is_said_five_times_tells_no_more_than_once() -> None:
     """All within one stretch, as where poses are interpolated: the deviation stays, it does not shrink by sqrt 5."""
     rng, time = np.random.default_rng(1), np.arange(60.0)
     across, residual = rng.normal(size=(2, 60, 3))
-    once = _deviation(time, across, residual, 1.0)
-    often = _deviation(*(np.repeat(each, 5, axis=0) for each in (time, across, residual)), 1.0)
-    assert often == pytest.approx(once, rel=1e-12)
+    _, information, variance = _sums(time, across, residual, 1.0)
+    _, more, larger = _sums(*(np.repeat(each, 5, axis=0) for each in (time, across, residual)), 1.0)
+    assert larger**0.5 / more == pytest.approx(variance**0.5 / information, rel=1e-12)
+
+
+def test_an_arm_that_rests_for_half_of_the_log_is_no_contradiction() -> None:
+    """The parts at rest say nothing of the offset, and are not asked for one of their own."""
+    for seed in range(4):
+        found = identify_offset(*a_log(0.04, seed, swing=Swing(start=5.0), load=LIGHT))
+        assert found.left_out.ratio < 6.0  # four numbers: one of 7,000 by chance
+        assert abs(z(found, 0.04)) < 4.0
 
 
 def test_an_offset_beyond_the_search_is_said() -> None:

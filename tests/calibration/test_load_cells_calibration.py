@@ -174,7 +174,7 @@ def test_a_reference_that_pulls_or_stands_inside_is_refused() -> None:
     with pytest.raises(InputError, match="points out of the surface"):
         identify_load_cells(run.time, run.voltages, -run.force, run.position, SURFACE)
     with pytest.raises(InputError, match="off the surface on average"):
-        identify_load_cells(run.time, run.voltages, run.force, run.position - [0.0, 0.0, 0.004], SURFACE)
+        identify_load_cells(run.time, run.voltages, run.force, run.position - [0.0, 0.0, 0.006], SURFACE)
 
 
 def test_cells_that_change_places_are_refused() -> None:

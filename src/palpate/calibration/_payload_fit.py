@@ -122,10 +122,12 @@ class Errors:
         size, walk, alone = np.bincount(block), np.zeros(6), np.ones(6)
         means = np.stack([np.bincount(block, column) / size for column in residuals.T], axis=1)
         if _drifts(means):
-            fit = fit_walk(steps_of(np.arange(blocks, dtype=np.float64), means, 0.0), [[k] for k in range(6)])
-            walk = np.where(fit.seen, fit.walk, 0.0)
+            felt = np.flatnonzero(_felt(means))
+            steps = steps_of(np.arange(blocks, dtype=np.float64), means[:, felt], 0.0)
+            fit = fit_walk(steps, [[k] for k in range(len(felt))])
+            walk[felt] = np.where(fit.seen, fit.walk, 0.0)
             if blocks == count:
-                alone = np.where(fit.seen, np.minimum(1.0, fit.noise / np.sqrt(np.diag(white))), 1.0)
+                alone[felt] = np.where(fit.seen, np.minimum(1.0, fit.noise / np.sqrt(np.diag(white)[felt])), 1.0)
         white = white * np.outer(alone, alone)
         return Errors(white, walk, block)
 
@@ -134,10 +136,13 @@ class Errors:
         """A sentence where the bias drifts."""
         if not self.walk.any():
             return ()
-        force, torque = (float(self.walk[part].max()) * len(set(self.block)) ** 0.5 for part in (slice(3), slice(3, 6)))
+        blocks = len(set(self.block.tolist()))
+        kinds = ((slice(3), 1.0, "N"), (slice(3, 6), 1e3, "N mm"))
+        sizes = ((scale * float(self.walk[part].max()) * blocks**0.5, unit) for part, scale, unit in kinds)
+        said = " and ".join(f"{size:.2g} {unit}" for size, unit in sizes if size > 0)
         return (
-            f"The bias drifts while the log is recorded, by about {force:.2g} N and {1e3 * torque:.2g} N mm in all, "
-            "which is in the covariance. Record the poses faster, or let the sensor warm up first.",
+            f"The bias drifts while the log is recorded, by about {said} in all, which is in the covariance. Record "
+            "the poses faster, or let the sensor warm up first.",
         )
 
     def spread(self, gain: Float[np.ndarray, "p n 6"]) -> Float[np.ndarray, "p p"]:
@@ -161,9 +166,14 @@ def _drifts(means: Float[np.ndarray, "b 6"]) -> bool:
     count, square = len(means), np.sum(means**2, axis=0)
     if count < FEWEST:
         return False
-    felt = square > count * ROUNDING**2
+    felt = _felt(means)
     ratio = np.sum(np.diff(means, axis=0) ** 2, axis=0)[felt] / square[felt]
     return bool(np.any((1.0 - ratio / 2.0) * np.sqrt((count**2 - 1.0) / (count - 2.0)) > DRIFTS))
+
+
+def _felt(means: Float[np.ndarray, "b 6"]) -> Bool[np.ndarray, "6"]:
+    """Tell which axes have errors that are more than rounding."""
+    return np.asarray(np.mean(means**2, axis=0) > ROUNDING**2, dtype=bool)
 
 
 def gain_of(

@@ -102,7 +102,9 @@ def judged(
     """
     kept, basis, payload = solution.kept, settings.basis(), solution.payload
     wrenches, rotations = wrenches[kept], rotations[kept]
-    errors, noise = Errors.of(solution.residuals[kept], solution.white), solution.white if solution.joint else None
+    rounding = np.diag(replace(settings, noise=None).floor(wrenches) ** 2)
+    errors = Errors.of(solution.residuals[kept], solution.white + rounding)
+    noise = solution.white if solution.joint else None
     theta = np.concatenate([payload.weight, payload.force_bias, payload.center_of_mass, payload.torque_bias])
     gain = gain_of(model(theta, rotations)[1] @ basis, noise)[0]
 

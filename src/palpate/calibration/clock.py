@@ -189,7 +189,8 @@ def _averaged(
     return _Problem(track, times[whole].mean(axis=1), forces[whole].mean(axis=1), known, each, floor)
 
 
-def _refined(problem: _Problem, offset: float) -> ClockOffset:
+def _refined(problem: _Problem, offset: float) -> tuple[ClockOffset, Float[np.ndarray, "6"]]:
+    """Return the offset that fits best, from one nearby, with weight and bias."""
     free = problem.known is None
     solution, _ = problem.fit(problem.columns(offset))
     columns, slope, spread = problem.linearised(offset, solution)
@@ -203,47 +204,55 @@ def _refined(problem: _Problem, offset: float) -> ClockOffset:
         if abs(step[0]) < 1e-7:
             break
     residual = problem.force - columns @ solution
-    across = slope - columns @ _solve(columns, slope, _weights(residual, spread)) if free else slope
-    deviation = _deviation(problem.time, across, residual, spread)
+    _, information, variance = _told(problem, offset, solution, spread)
+    deviation = variance**0.5 / information if information > 0 else np.inf
     if not deviation < FLAT:  # NaN too
         raise _hardly_turns(deviation)
     far = np.count_nonzero(np.linalg.norm(residual, axis=1) > 5.0 * spread) / len(residual)
     cause = "something touched, or the arm accelerated, whose inertia is not modelled"
     said = (f"{far:.0%} of the samples lie far from the fit ({cause}) and hardly count.",) if far > 0.02 else ()
-    return ClockOffset(offset, deviation, spread, len(residual) * problem.each, notes=said)
+    return ClockOffset(offset, deviation, spread, len(residual) * problem.each, notes=said), solution
 
 
 def _judged(problem: _Problem, offset: float) -> ClockOffset:
     """Return the offset, its deviation widened where parts of the log and the rest have different ones."""
-    found = _refined(problem, offset)
+    found, _ = _refined(problem, offset)
 
     def predict(left: Bool[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
-        part, rest = (
-            _refined(replace(problem, time=problem.time[rows], force=problem.force[rows]), found.offset)
-            for rows in (left, ~left)
-        )
-        return np.array([part.offset - rest.offset]), np.array([[part.deviation**2 + rest.deviation**2]])
+        part, others = (replace(problem, time=problem.time[rows], force=problem.force[rows]) for rows in (left, ~left))
+        rest, solution = _refined(others, found.offset)
+        gradient, information, variance = _told(part, rest.offset, solution, found.residual)
+        return np.array([gradient]), np.array([[variance + (information * rest.deviation) ** 2]])
 
     left = leave_out(len(problem.time), predict)
     widened = found.deviation * left.widening**0.5
     return replace(found, deviation=widened, left_out=left, notes=(*found.notes, *left.notes))
 
 
-def _deviation(time: np.ndarray, across: np.ndarray, residual: np.ndarray, spread: float) -> float:
-    """Of the offset, one equation sum psi = 0: the spread of psi summed over stretches, over the sum of its slope.
+def _told(
+    problem: _Problem, offset: float, solution: Float[np.ndarray, "6"], spread: float
+) -> tuple[float, float, float]:
+    """Return what the data say of the offset: see `_sums`."""
+    columns, slope, _ = problem.linearised(offset, solution)
+    residual = problem.force - columns @ solution
+    across = slope - columns @ _solve(columns, slope, _weights(residual, spread)) if problem.known is None else slope
+    return _sums(problem.time, across, residual, spread)
 
-    With few stretches that is sometimes too small by chance, and then what independent residuals would give is taken.
+
+def _sums(time: np.ndarray, across: np.ndarray, residual: np.ndarray, spread: float) -> tuple[float, float, float]:
+    """Return the sum of psi, one equation for the offset, with its slope and its variance.
+
+    The variance is that of sums over stretches, in which residuals may be alike. With few stretches that is sometimes
+    too small by chance, and then what independent residuals would give is taken.
     """
     weights = _weights(residual, spread)
     along = np.sum(across * residual, axis=1)
     lost = 2.0 * (weights * along / (CAUCHY * spread)) ** 2  # a far residual pulls less the further it is
     information = float(np.sum(weights * np.sum(across**2, axis=1) - lost))
-    if not information > 0:
-        return np.inf
     stretch = np.unique(np.floor((time - time[0]) / CLUSTER), return_inverse=True)[1]
     sums = np.bincount(stretch.reshape(-1), weights * along)
     alike = float(np.sum(sums**2)) * len(sums) / max(len(sums) - 1, 1)
-    return float(np.sqrt(max(alike, float(np.sum((weights * along) ** 2))))) / information
+    return float(sums.sum()), information, max(alike, float(np.sum((weights * along) ** 2)))
 
 
 def _solve(columns: Float[np.ndarray, "n 3 p"], target: np.ndarray, weights: np.ndarray) -> np.ndarray:

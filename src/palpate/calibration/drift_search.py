@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from scipy.optimize import minimize_scalar
 from scipy.special import gammaincinv
 
@@ -19,7 +19,7 @@ from palpate.calibration.drift_windows import (
     stretches,
     untouched,
 )
-from palpate.calibration.left_out import LeftOut, leave_out
+from palpate.calibration.left_out import LeftOut
 from palpate.calibration.walk import Steps, WalkFit, covariance_of, fit_walk, innovations, likelihood_of, steps_of
 from palpate.errors import InputError
 from palpate.spatial.arguments import takes_arrays
@@ -89,14 +89,13 @@ class Search:
             return LeftOut(), self.found.walk
         halves = [steps.part(rows) for rows in (slice(count // 2), slice(count // 2, count))]
         fits = [fit_walk(half, self._groups, start=self.found) for half in halves]
+        larger = np.maximum(fits[0].walk, fits[1].walk)
         firsts = [group[0] for group in self._groups if all(fit.seen[group].all() for fit in fits)]
-
-        def predict(left: Bool[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
-            part, rest = fits if left[0] else fits[::-1]
-            relative = sum(((fit.deviation / fit.walk)[firsts] ** 2 for fit in fits), np.zeros(len(firsts)))
-            return np.log(part.walk / rest.walk)[firsts], np.diag(relative)
-
-        return leave_out(count, predict, parts=2), np.maximum(fits[0].walk, fits[1].walk)
+        if not firsts:
+            return LeftOut(), larger
+        off = np.log(fits[0].walk / fits[1].walk)[firsts]
+        variance = sum(((fit.deviation / fit.walk)[firsts] ** 2 for fit in fits), np.zeros(len(firsts)))
+        return LeftOut(float(np.mean(off**2 / variance)), 2, len(firsts)), larger
 
     def _leave_touches_out(self) -> None:
         """Guess, leave out, fit, and again with what was found, until the same is left out."""

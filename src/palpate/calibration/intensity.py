@@ -78,15 +78,16 @@ def _left_out(curve: Curve, force: Float[np.ndarray, " n"], signed: Float[np.nda
 
     By their normal equations, J^T r: readings of one press err alike, which the covariance of a fit does not know.
     """
-    degree = len(curve.parameters) if curve.kind == "polynomial" else None
+    degree, rounding = len(curve.parameters) if curve.kind == "polynomial" else None, 1e-6 * float(np.ptp(signed))
 
     def predict(left: Bool[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
         rest = chosen(curve.kind, degree, force[~left], signed[~left])[0]
         zero = float(np.median(signed[~left] - rest.intensity(force[~left])))
-        slopes = rest.jacobian(force[left])
+        seen = left & (force <= rest.largest)  # beyond it no curve is meant to hold
+        slopes = rest.jacobian(force[seen])
         square = slopes.T @ slopes
-        error = slopes.T @ (signed[left] - zero - rest.intensity(force[left]))
-        return error, curve.residual**2 * square + square @ rest.covariance @ square
+        error = slopes.T @ (signed[seen] - zero - rest.intensity(force[seen]))
+        return error, (curve.residual**2 + rounding**2) * square + square @ rest.covariance @ square
 
     return leave_out(len(force), predict, blocks=BLOCKS)
 
@@ -152,8 +153,8 @@ def identify_intensity(
         provenance: where the log came from.
     """
     common, why, left = _identified(force, intensity, kind, degree, top)
-    record = {"left_out": str(left), **(provenance or {})}
     if cell is None:
+        record = {"left_out": str(left), **(provenance or {})}
         return Intensity((common,), provenance=record, notes=(*_remarks(common, why), *left.notes))
     rows, columns = shape or tuple(int(last) + 1 for last in cell.max(axis=0))
     pressed, number = np.unique(cell, axis=0, return_inverse=True)
@@ -167,7 +168,7 @@ def identify_intensity(
         mine = number[own]
         alike = (intensity[own] - zero[mine]) / gain[mine]
         terms = len(common.parameters) if common.kind == "polynomial" else None
-        refit = identify_curve(force[own], alike, kind=common.kind, degree=terms, top=np.inf)
+        refit, _, left = _identified(force[own], alike, common.kind, terms, np.inf)
         common = replace(refit, saturation=common.saturation, falling=common.falling)
         zero, gain, error = _gains(common, force, intensity, number, len(pressed))
     notes, curves = _remarks(common, why), [common]
@@ -180,6 +181,7 @@ def identify_intensity(
     if len(curves) - 1 < which.size:
         notes.append(f"{which.size - len(curves) + 1} of {which.size} cells have no gain of their own: too few presses")
     notes.append(f"gains of cells differ by {100 * float(np.std(gain[gain > 0])):.1f} %")
+    record = {"left_out": str(left), **(provenance or {})}
     return Intensity(tuple(curves), which, provenance=record, notes=(*notes, *left.notes))
 
 

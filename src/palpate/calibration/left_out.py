@@ -40,10 +40,11 @@ class LeftOut:
 
     def __str__(self) -> str:
         if not self.parts:
-            return "too few data to leave any out: the deviations are not checked"
+            return "no part could be left out: the deviations are not checked"
         times = self.ratio**0.5
         widened = "; the deviations are widened by it" if self.widening > 1.0 else ""
-        return f"{self.parts} parts, each predicted from the rest: {times:.2f} times as far off as expected{widened}"
+        parts = "1 part, predicted" if self.parts == 1 else f"{self.parts} parts, each predicted"
+        return f"{parts} from the rest: {times:.2f} times as far off as expected{widened}"
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -81,7 +82,7 @@ def leave_out(
     for k in range(parts):
         try:
             error, covariance = predict(part == k)
-        except PalpateError:
+        except (PalpateError, np.linalg.LinAlgError):
             continue
         inverse = pseudo_inverse(covariance, TELLING)
         if rank := round(float(np.sum(inverse * covariance))):  # the trace of their product

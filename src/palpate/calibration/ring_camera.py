@@ -23,6 +23,7 @@ HEIGHT = 0.04  # m, of the camera above the ring, where nothing better is known
 _FACING = np.diag([1.0, -1.0, -1.0])  # x_c = x, y_c = -y, z_c = -z
 _FEWEST_BOARDS = 3
 _FAR, _FAR_PIXELS = 4.0, 1.0  # times the usual rms of a picture, and px: one that is farther off is left out
+_TOLD = 1e-9  # of the unknowns' information, scaled alike: less than this is none
 _UNSURE = 0.02  # of the focal length: a lens that is not known better is none
 
 
@@ -35,7 +36,7 @@ class BoardFit:
         residual: rms [px] of what it leaves of the corners.
         used: numbers of the pictures that were used.
         far: of those that show the board, but contradict the others.
-        deviation: of the focal length [px/rad].
+        deviation: of the focal length [px/rad], across or along the picture, whichever is known less.
         left_out: how corners of pictures lie that the fit had not seen.
     """
 
@@ -137,9 +138,9 @@ def fit_lens(
     squares, rights = np.stack([each[0] for each in normals]), np.stack([each[1] for each in normals])
     unit = np.sqrt(np.diag(squares.sum(axis=0)))
     focal, deviation = lens.camera[:2], np.inf
-    if unit.all():
-        inverse = pseudo_inverse(squares.sum(axis=0) / np.outer(unit, unit))
-        deviation = float(np.sqrt(variance * inverse[0, 0])) / float(unit[0])
+    if unit.all() and np.linalg.eigvalsh(scaled := squares.sum(axis=0) / np.outer(unit, unit))[0] > _TOLD:
+        spread: Float[np.ndarray, "8"] = np.diag(pseudo_inverse(scaled)) * variance
+        deviation = float(np.max(np.sqrt(spread[:2]) / unit[:2]))
     if not (focal.min() > 0 and deviation < _UNSURE * focal.min()):
         raise _undetermined(f": the focal length is {focal[0]:.4g} +- {deviation:.2g} px/rad")
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import redirect_stdout, suppress
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass, field
 from importlib import import_module
 from shutil import get_terminal_size
@@ -13,6 +13,7 @@ from textwrap import wrap
 from typing import Any
 
 from palpate.cli.spelling import command_of, unknown_command, unknown_option
+from palpate.errors import PalpateError
 from palpate.interrupts import importing
 
 __all__ = ["run"]
@@ -169,7 +170,7 @@ def _tree() -> dict[str, _Command | _Group]:
     for name, command in _EACH.items():
         first, _, below = name.partition(" ")
         if below:
-            groups[first].commands[below] = command
+            groups.setdefault(first, _Group("")).commands[below] = command
         tree[first] = groups.get(first, command)
     return tree
 
@@ -177,20 +178,41 @@ def _tree() -> dict[str, _Command | _Group]:
 COMMANDS = _tree()
 
 
+BROKEN: list[str] = []  # what is wrong with other packages
+
+
 def join_others() -> None:
-    """Add what other packages bring: entry points `palpate.commands` and `palpate.calibrations`."""
+    """Add what other packages bring: entry points `palpate.commands` and `palpate.calibrations`.
+
+    What cannot be imported, or is no such table, is left out, and said where a call names a command that is not there.
+    """
     from palpate.registry import Registry
 
-    for table in Registry[Mapping[str, Any]]({}, Mapping, "palpate.commands").values():
-        for name, row in table.items():
-            if isinstance(row, str):
-                _GROUPS[name] = row
-            else:
-                _EACH[name] = _Command(*row)
-    for name, found in Registry[type]({}, type, "palpate.calibrations").items():
-        about = " ".join(str(found.__doc__).split("\n\n")[0].split())
-        _EACH[f"calibrate {name}"] = _Command(found.__module__, found.__qualname__, about)
+    BROKEN.clear()
+    own, commands = set(_EACH), Registry[Mapping[str, Any]]({}, Mapping, "palpate.commands")
+    for name in commands:
+        with _noted():
+            for command, row in commands[name].items():
+                if isinstance(row, str):
+                    _GROUPS.setdefault(command, row)
+                elif command not in own:
+                    _EACH[command] = _Command(*row)
+    calibrations = Registry[type]({}, type, "palpate.calibrations")
+    for name in calibrations:
+        with _noted():
+            if f"calibrate {name}" not in own:
+                found = calibrations[name]
+                about = " ".join((found.__doc__ or "").split("\n\n")[0].split())
+                _EACH[f"calibrate {name}"] = _Command(found.__module__, found.__qualname__, about)
     COMMANDS.update(_tree())
+
+
+@contextmanager
+def _noted() -> Generator[None]:
+    try:
+        yield
+    except (PalpateError, TypeError, AttributeError) as problem:  # of a package that is not ours
+        BROKEN.append(str(problem))
 
 
 def run(argv: Sequence[str]) -> None:
@@ -199,11 +221,12 @@ def run(argv: Sequence[str]) -> None:
     What is misspelt is said in one sentence, as the exit code; everything else that is wrong is said by the parser.
     """
     words = list(argv)
-    if not {" ".join(words[:1]), " ".join(words[:2])} & set(_EACH):
+    named = [word for word in words if not word.startswith("-")]
+    if not {" ".join(named[:1]), " ".join(named[:2])} & set(_EACH):
         join_others()
     names = {name: tuple(each.commands) if isinstance(each, _Group) else () for name, each in COMMANDS.items()}
     if sentence := unknown_command(words, names):
-        raise SystemExit(sentence)
+        raise SystemExit(" ".join([sentence, *BROKEN]))
     asked = bool({"-h", "--help"} & set(words))
     called = command_of(words, names)
     if any(word.startswith("--tyro-") for word in words):

@@ -46,35 +46,35 @@ class CalibrateCamera(Calibration):
             hint = "Write its inner corners as 9x6."
             raise InputError(f"{self.board!r} is no size of a board.", where="--board", hint=hint)
         require_positive(self.square if np.isfinite(self.square) else np.nan, "--square")
-        pictures = _pictures(self.log)
-        fit = calibrate_board(pictures, (int(columns), int(rows)), self.square)
-        hidden = sorted(set(range(len(pictures))) - {*fit.used, *fit.far})
+        pictures, count = _pictures(self.log)
+        fit = calibrate_board([frame for _, frame in pictures], (int(columns), int(rows)), self.square)
+        hidden = len(pictures) - len(fit.used) - len(fit.far)
         return Found(
             [
                 *of_camera(fit.camera),
                 ("deviation", f"{fit.deviation * fit.left_out.widening**0.5:.2g} px/rad of the focal length"),
-                ("corners", f"{fit.residual:.2g} px rms, in {len(fit.used)} pictures"),
+                ("corners", f"{fit.residual:.2g} px rms, in {len(fit.used)} of {count} pictures"),
                 ("left out", str(fit.left_out)),
             ],
             fit.camera,
             notes=[
-                *([f"{len(hidden)} of {len(pictures)} pictures do not show the whole board"] if hidden else []),
+                *([f"{hidden} of {len(pictures)} pictures do not show the whole board"] if hidden else []),
                 *fit.left_out.notes,
             ],
-            warnings=[f"picture {number + 1} contradicts the others and is not used" for number in fit.far],
+            warnings=[f"picture {pictures[k][0]} contradicts the others and is not used" for k in fit.far],
             next=[f'name it in the rig: camera = "{self.output.name}" under [marker_ring]'],
         )
 
 
-def _pictures(path: Path) -> list[np.ndarray]:
-    """At most 40, evenly spread."""
+def _pictures(path: Path) -> tuple[list[tuple[int, np.ndarray]], int]:
+    """Return at most 40 pictures, evenly spread, each with its number from 1 on; and how many there are."""
     log = open_log(path, Layout(wrench=None, images=ImageChannel()))
-    kept, stride, count = list[np.ndarray](), 1, 0
+    kept, stride, count = list[tuple[int, np.ndarray]](), 1, 0
     for block in log.blocks():
         for frame in block.channels[IMAGE]:
             if count % stride == 0:
-                kept.append(frame)
+                kept.append((count + 1, frame))
             count += 1
             if len(kept) > 2 * _MOST:
                 kept, stride = kept[::2], 2 * stride
-    return kept[:: max(1, len(kept) // _MOST)]
+    return kept[:: -(-len(kept) // _MOST) or 1], count

@@ -30,7 +30,7 @@ class CalibrateLoadCells(Calibration):
         output: model to write, such as fingertip.toml.
     """
 
-    replaces = "model"
+    replaces = "load_cells.model"
     log: Log
     rig: RigFile
     output: Output

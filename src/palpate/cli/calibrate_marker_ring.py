@@ -45,7 +45,7 @@ class CalibrateMarkerRing(Calibration):
         like: model of another unit: tens of presses then do.
     """
 
-    replaces = "model"
+    replaces = "marker_ring.model"
     log: Log
     rig: RigFile
     output: Output

@@ -48,7 +48,7 @@ class CalibratePayload(Calibration):
         base_frame: the wrenches are written in the base frame (a rig says it as frame = "base").
     """
 
-    replaces = "payload"
+    replaces = "force_torque.payload"
     log: Log
     output: Output
     rig: FileOption = None

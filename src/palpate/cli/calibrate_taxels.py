@@ -75,8 +75,9 @@ class CalibrateTaxels(Calibration):
         """The log, the rig, and where taxels are thought to be, by option or rig."""
         stated = self.stated.pokes
         start = self.start or (None if stated is None or stated.start is None else self.stated.folder / stated.start)
-        named = {"pokes": self.log, "rig": self.rig}
-        return named if start is None else {**named, "start": start}
+        layout = None if self.layout is None or self.layout in LAYOUTS else Path(self.layout)
+        named = {"pokes": self.log, "rig": self.rig, "start": start, "layout": layout}
+        return {name: path for name, path in named.items() if path is not None}
 
     def identify(self) -> Found:
         """Find the taxels by pokes, or lay modules on places that were found elsewhere."""
@@ -89,7 +90,7 @@ class CalibrateTaxels(Calibration):
 
     def write(self, found: Found) -> None:
         """Write where the taxels sit, with where that comes from and what was noted."""
-        record = self.record(method=self.method, layout=self.layout)
+        record = {**self.record(method=self.method), **({} if self.layout is None else {"layout": self.layout})}
         notes = (*found.model.notes, *found.notes)
         write_taxel_places(self.output, replace(found.model, provenance=record, notes=notes))
 

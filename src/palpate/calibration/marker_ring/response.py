@@ -92,14 +92,20 @@ def fit_response(presses: RingPresses, before: RingResponse | None = None) -> Ri
     whole = _fitted(presses, before)
     judged = replace(whole, **_left_out(presses, before, whole))
     angle, _, force, _ = judged.left_out.tolist()
-    if angle > _ASTRAY or force > _WRONG:
+    if not (angle <= _ASTRAY and force <= _WRONG):  # NaN too: hardly one is found
         raise InputError(
-            f"presses that were left out are found {np.degrees(angle):.0f} degrees and {force:.0%} of their force off: "
-            "the markers do not move as angle, depth and force say.",
+            f"presses that were left out are {_off(angle, force)}: the markers do not move as angle, depth and force "
+            "say.",
             where="truth",
             hint="Does every row stand beside its frame? Is angle_deg in degrees, depth_mm in mm, force_n in N?",
         )
     return judged
+
+
+def _off(angle: float, force: float) -> str:
+    if np.isnan(angle):
+        return "mostly not found"
+    return f"found {np.degrees(angle):.0f} degrees and {force:.0%} of their force off"
 
 
 def _require_presses(presses: RingPresses, before: RingResponse | None) -> None:
@@ -320,7 +326,7 @@ def _left_out(presses: RingPresses, before: RingResponse | None, whole: RingResp
     every = np.concatenate(judged)
     spread, shares = _beside(every), np.stack([np.ones(len(every)), every[:, 4]])
     found: Float[np.ndarray, "4"] = np.full(4, np.nan)
-    for e in range(2 if len(every) else 0):
+    for e in range(2 if 2 * len(every) >= len(presses) else 0):  # else NaN: most are not found
         off, stated = (every[:, [e, 2 + e]] / shares[e][:, None]).T.tolist()
         found[2 * e : 2 * e + 2] = _rms(off), np.hypot(_rms(stated), spread[e])
     return {"misfit": misfit, "spread": spread, "left_out": found}

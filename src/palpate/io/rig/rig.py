@@ -122,10 +122,13 @@ class Rig:
         return named[sensor]
 
     def files(self) -> dict[str, Path]:
-        """Return every file that the rig names: what it is -> where."""
+        """Return every file that the rig names: what it is -> where; of a table's own files with the table's name."""
         setup, pokes = self.resolve(), RigPokes() if self.pokes is None else self.pokes
-        sensors = setup.sensor_files(kind.name for kind in self.kinds)
-        return {**setup.link_files(), **pokes.files(self.folder), **sensors}
+        named = {f"pokes.{key}": path for key, path in pokes.files(self.folder).items()}
+        for kind in self.kinds:
+            if kind.name in setup.sensors:
+                named |= {f"{kind.name}.{key}": path for key, path in setup.sensor_files([kind.name]).items()}
+        return {**setup.link_files(), **named}
 
     def stream(self) -> RigSource:
         """Where live samples come from.
