@@ -9,11 +9,11 @@ import sys
 from importlib.machinery import SourceFileLoader
 from pathlib import Path
 
-from mutants.fault import PACKAGE, Fault, written
+from mutants.fault import SOURCE, Fault, written
 
 __all__ = ["import_with_faults", "sources"]
 
-ROOT = PACKAGE.parents[1]
+ROOT = SOURCE.parent
 CACHE = ROOT / ".cache" / "mutants"
 USED = ("hypothesis", "mcap.writer", "rosbags.rosbag2", "scipy.optimize", "scipy.signal", "trimesh")  # by many tests
 
@@ -23,26 +23,26 @@ def sources(faults: list[Fault]) -> dict[str, bytes]:
     files: dict[str, list[tuple[int, Fault]]] = {}
     for number, fault in enumerate(faults, start=1):
         files.setdefault(fault.file, []).append((number, fault))
-    made = {file: written((PACKAGE / file).read_text(encoding="utf-8"), some) for file, some in files.items()}
-    return {str(PACKAGE / file): text.encode() for file, text in made.items()}
+    made = {file: written((SOURCE / file).read_text(encoding="utf-8"), some) for file, some in files.items()}
+    return {str(SOURCE / file): text.encode() for file, text in made.items()}
 
 
 def import_with_faults(faults: list[Fault]) -> None:
     """Import every module of the package, those with faults as `written`; machine code has a cache of its own."""
     made = sources(faults)
     digest = hashlib.sha256(b"".join(made[path] for path in sorted(made)))
-    for file in sorted(PACKAGE.rglob("*.py")):
+    for file in sorted(SOURCE.rglob("*.py")):
         digest.update(file.read_bytes())
     folder = CACHE / digest.hexdigest()[:16]
     folder.mkdir(parents=True, exist_ok=True)
     os.environ["NUMBA_CACHE_DIR"] = str(folder / "numba")
     os.environ["PALPATE_NATIVE"] = "0"  # the module has no faults
     _read_instead(made)
-    sys.path[:0] = [str(ROOT), str(PACKAGE.parent), str(ROOT / "tests")]
+    sys.path[:0] = [str(ROOT), str(SOURCE), str(ROOT / "tests")]
     importlib.import_module("conftest")  # enforces shapes and types of what is imported from now on
     sys.pycache_prefix = str(folder / "pyc")
-    for file in sorted(PACKAGE.rglob("*.py")):
-        parts = file.relative_to(PACKAGE.parent).with_suffix("").parts
+    for file in sorted(SOURCE.rglob("*.py")):
+        parts = file.relative_to(SOURCE).with_suffix("").parts
         if parts[-1] != "__main__":
             importlib.import_module(".".join(parts[:-1] if parts[-1] == "__init__" else parts))
     for name in USED:

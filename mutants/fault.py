@@ -9,9 +9,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-__all__ = ["PACKAGE", "Fault", "chosen", "faults_in", "written"]
+__all__ = ["SOURCE", "Fault", "chosen", "faults_in", "written"]
 
-PACKAGE = Path(__file__).resolve().parents[1] / "src" / "palpate"
+SOURCE = Path(__file__).resolve().parents[1] / "src"
 SWITCH = "_fault"  # as the switch is called in a file with faults
 _OTHER: dict[type, type] = {
     ast.Lt: ast.GtE,
@@ -36,7 +36,7 @@ class Fault:
     """An expression inside a function, and what stands in its place when the fault is on; of the same type.
 
     Attributes:
-        file: below src/palpate.
+        file: below src.
         at: which node of the file it is, in the order of `ast.walk`.
         line: of it.
         original: as in the file.
@@ -52,7 +52,7 @@ class Fault:
     @property
     def tests(self) -> str:
         """The folder of the room's own tests."""
-        return f"tests/{self.file.split('/')[0]}"
+        return tests_of(self.file)
 
     @property
     def what(self) -> str:
@@ -60,11 +60,16 @@ class Fault:
         return f"{self.file}:{self.line}: {self.original}  ->  {self.faulty}"
 
 
+def tests_of(file: str) -> str:
+    """Return the folder of the tests of a file's room."""
+    return f"tests/{file.split('/')[1] if file.startswith('palpate/') else 'lab'}"
+
+
 def faults_in(file: str, source: str, most: int | None = None) -> list[Fault]:
     """Return faults that a file can have: operators, comparisons, numbers and names turned into others.
 
     Args:
-        file: below src/palpate.
+        file: below src.
         source: of it.
         most: how many, by chance, the same ones as long as the file stays as it is; None: all.
     """
@@ -81,12 +86,12 @@ def faults_in(file: str, source: str, most: int | None = None) -> list[Fault]:
 
 
 def chosen(count: int) -> list[Fault]:
-    """Return so many faults of the package by chance, of files by chance."""
-    names = [file.relative_to(PACKAGE).as_posix() for file in PACKAGE.rglob("*/*.py")]
-    tested = [name for name in names if (PACKAGE.parents[1] / "tests" / name.split("/")[0]).is_dir()]
+    """Return so many faults of both packages by chance, of files by chance."""
+    names = [file.relative_to(SOURCE).as_posix() for file in SOURCE.rglob("*/*.py")]
+    tested = [name for name in names if (SOURCE.parent / tests_of(name)).is_dir()]
     each, found = max(1, -(-count // len(tested))), list[Fault]()
     for name in sorted(tested, key=lambda name: hashlib.sha256(name.encode()).digest()):
-        found += faults_in(name, (PACKAGE / name).read_text(encoding="utf-8"), each)
+        found += faults_in(name, (SOURCE / name).read_text(encoding="utf-8"), each)
         if len(found) >= count:
             break
     return found[:count]
