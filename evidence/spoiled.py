@@ -64,8 +64,8 @@ class Spoiled:
 
 def rows(small: bool) -> Iterator[Row]:
     """Each fault on a few logs, and each calibration on logs without one; few: of the quick calibrations."""
-    slow = () if small else (_clock, _drift, _cells, _ring)
-    for faults in (_payload, _mounting, _curve, _taxels, _lens, *slow):
+    slow = () if small else (_clock, _drift, _cells, _ring, _taxels)
+    for faults in (_payload, _mounting, _curve, _lens, *slow):
         for spoiled in faults():
             yield _row(spoiled, 1 if small else 8)
     yield from _real()

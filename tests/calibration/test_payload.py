@@ -442,7 +442,7 @@ def test_the_covariance_holds_for_a_bias_that_drifts_while_poses_are_recorded() 
     """Monte Carlo: Mahalanobis^2 of the twelve against the load and the bias at a pose picked by chance."""
     rng, walk = np.random.default_rng(12), np.array([0.1, 0.1, 0.1, 0.004, 0.004, 0.004])
     rotations, plain, drifting = poses(40), list[float](), list[float]()
-    for _ in range(60):
+    for _ in range(40):
         white = NOISE * rng.normal(size=(40, 6))
         drift = np.cumsum(walk * rng.normal(size=(40, 6)), axis=0)
         for distances, errors, bias in ((plain, white, np.zeros(6)), (drifting, white + drift, rng.choice(drift))):

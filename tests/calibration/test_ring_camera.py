@@ -168,10 +168,10 @@ def test_pictures_that_contradict_the_others_are_left_out_and_named() -> None:
 
 
 def test_the_deviation_of_the_focal_length_holds() -> None:
-    """Over 20 sets of boards; with twenty the rms of z has a deviation of 0.16."""
+    """Over 12 sets of boards: the rms of z has a deviation of 0.2."""
     off = list[float]()
-    for seed in range(20):
+    for seed in range(12):
         rng = np.random.default_rng(seed)
         fit = fit_lens(_corners(_boards(12, rng), rng), (9, 6), 0.01, (640, 480))
         off.append((fit.camera.fx - LENS.fx) / fit.deviation)
-    assert 0.6 < np.sqrt(np.mean(np.square(off))) < 1.5
+    assert 0.4 < np.sqrt(np.mean(np.square(off))) < 1.6

@@ -242,7 +242,7 @@ def _told(
 def _sums(time: np.ndarray, across: np.ndarray, residual: np.ndarray, spread: float) -> tuple[float, float, float]:
     """Return the sum of psi, one equation for the offset, with its slope and its variance.
 
-    The variance is that of sums over stretches, in which residuals may be alike. With few stretches that is sometimes
+    The variance is that of sums over stretches, about their mean, in which residuals may be alike. With few stretches that is sometimes
     too small by chance, and then what independent residuals would give is taken.
     """
     weights = _weights(residual, spread)
@@ -251,7 +251,7 @@ def _sums(time: np.ndarray, across: np.ndarray, residual: np.ndarray, spread: fl
     information = float(np.sum(weights * np.sum(across**2, axis=1) - lost))
     stretch = np.unique(np.floor((time - time[0]) / CLUSTER), return_inverse=True)[1]
     sums = np.bincount(stretch.reshape(-1), weights * along)
-    alike = float(np.sum(sums**2)) * len(sums) / max(len(sums) - 1, 1)
+    alike = float(np.sum((sums - sums.mean()) ** 2)) * len(sums) / max(len(sums) - 1, 1)
     return float(sums.sum()), information, max(alike, float(np.sum((weights * along) ** 2)))
 
 
