@@ -242,8 +242,8 @@ def _told(
 def _sums(time: np.ndarray, across: np.ndarray, residual: np.ndarray, spread: float) -> tuple[float, float, float]:
     """Return the sum of psi, one equation for the offset, with its slope and its variance.
 
-    The variance is that of sums over stretches, about their mean, in which residuals may be alike. With few stretches that is sometimes
-    too small by chance, and then what independent residuals would give is taken.
+    The variance is that of sums over stretches, about their mean: within one residuals may be alike. With few stretches
+    that is sometimes too small by chance, and then what independent residuals would give is taken.
     """
     weights = _weights(residual, spread)
     along = np.sum(across * residual, axis=1)
