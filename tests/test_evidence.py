@@ -12,8 +12,8 @@ from evidence.row import Row
 NEED_SHARED = {"marker_images", "pad", "probes"}
 KNOWN = {  # missed, and written so in docs/evidence.md; or so near to the limit there that fewer samples may miss it
     "two weights: from the force-weighted mean of the single plateaus",
-    "the halves of a hundred poses (payload): mean squared distance of what they say, in stated deviations",
-    "the halves of taxel_force, bare: mean squared distance of what they say, in stated deviations",
+    "a hundred poses (payload): squared difference of the two halves' results over its covariance, per number",
+    "taxel_force, bare: squared difference of the two halves' results over its covariance, per number",
     "Ultrasonix_L14-5_38, crease 30, PN truth with geometric normals, 26,362 facets: true point among the candidates",
 }
 

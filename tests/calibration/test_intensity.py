@@ -133,3 +133,13 @@ def test_real_taxels_are_predicted_better_than_by_the_published_parameters(share
     ours = 1024.0 - fitted.intensity(force)
     rms = [float(np.sqrt(np.mean((model - reading)[~train] ** 2))) for model in (ours, published)]
     assert rms[0] <= rms[1]
+
+
+def test_beyond_its_data_a_cubic_goes_on_by_its_last_slope() -> None:
+    """The slope is the cubic's derivative at the largest force; back from counts it is a chord of 2048 knots."""
+    force = np.linspace(0.0, 8.0, 400)
+    curve = identify_curve(force, 60.0 * force / (1.0 + 0.1 * force), kind="polynomial", degree=3)
+    beyond = np.linspace(8.0, 40.0, 9)
+    slope = float(np.polyder(np.poly1d([*curve.parameters[::-1], 0.0]))(8.0))
+    np.testing.assert_allclose(np.diff(curve.intensity(beyond)) / np.diff(beyond), np.full(8, slope), rtol=1e-5)
+    np.testing.assert_allclose(curve.force(curve.intensity(beyond)), beyond, rtol=1e-3)

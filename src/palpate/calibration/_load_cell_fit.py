@@ -299,9 +299,9 @@ def _covariance(
 
     Each whitened component counts as the independent samples that its correlation leaves.
     """
-    left = residuals(data, found)[0] @ whitener.T
-    times = correlation_time(left)
-    whole, _, meat = _equations(data, found, whitener, times * np.mean(left**2, axis=0), zeros)
+    white = _whitened(data, found, whitener)
+    times = correlation_time(white[0])
+    whole, _, meat = _equations(data, found, whitener, white, times * np.mean(white[0] ** 2, axis=0), zeros)
     size = np.sqrt(np.diag(whole))
     if not size.all():
         raise NotIdentifiable(
@@ -318,11 +318,12 @@ def _equations(
     data: Touches,
     found: np.ndarray,
     whitener: Float[np.ndarray, "6 6"],
+    white: tuple[np.ndarray, np.ndarray, np.ndarray],
     variance: Float[np.ndarray, "6"],
     zeros: Float[np.ndarray, "9"],
 ) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"], Float[np.ndarray, "p p"]]:
     """Return J' J, J' r, and the covariance of J' r by residuals of a variance and by the zeros of each run."""
-    left, slopes, law_slopes = _whitened(data, found, whitener)
+    left, slopes, law_slopes = white
     scale = np.sqrt(variance)[:, None]
     meat = _normal(slopes * scale, data.signal, law_slopes * scale)
     for run in np.unique(data.run):
@@ -352,7 +353,8 @@ def left_out(data: Touches, found: Fit, zeros: Float[np.ndarray, "9"], *, robust
         rest, part = data.picked(~left), data.picked(left)
         unknowns, _ = _solve(rest, found.unknowns, whitener, robust=robust)
         known = _covariance(rest, unknowns, whitener, zeros)[0]
-        own, error, spread = _equations(part, unknowns, whitener, variance, zeros)
+        white = _whitened(part, unknowns, whitener)
+        own, error, spread = _equations(part, unknowns, whitener, white, variance, zeros)
         return error, spread + own @ known @ own
 
     return leave_out(len(data.time), predict)

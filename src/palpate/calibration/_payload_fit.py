@@ -99,7 +99,7 @@ def residual_covariance(residuals: Float[np.ndarray, "n 6"], force_unknowns: int
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """What the wrenches of a log err by: each by itself, and with a bias that drifts from one to the next.
+    """Model the errors of a log's wrenches: noise of each, and a bias that drifts from one to the next.
 
     Attributes:
         white: (6, 6) covariance of what each errs by alone.
@@ -139,9 +139,9 @@ class Errors:
         blocks = len(set(self.block.tolist()))
         kinds = ((slice(3), 1.0, "N"), (slice(3, 6), 1e3, "N mm"))
         sizes = ((scale * float(self.walk[part].max()) * blocks**0.5, unit) for part, scale, unit in kinds)
-        said = " and ".join(f"{size:.2g} {unit}" for size, unit in sizes if size > 0)
+        amounts = " and ".join(f"{size:.2g} {unit}" for size, unit in sizes if size > 0)
         return (
-            f"The bias drifts while the log is recorded, by about {said} in all, which is in the covariance. Record "
+            f"The bias drifts while the log is recorded, by about {amounts} in all, which is in the covariance. Record "
             "the poses faster, or let the sensor warm up first.",
         )
 
@@ -155,8 +155,8 @@ class Errors:
         if self.walk.any():
             last = int(self.block[-1]) + 1
             summed = np.add.reduceat(gain, np.searchsorted(self.block, np.arange(last)), axis=1)
-            apart = np.abs(np.subtract.outer(np.arange(last), np.arange(last)))
-            moved = np.einsum("ab,qbi->qai", (last - apart) / 2.0, summed * self.walk**2)
+            lags = np.abs(np.subtract.outer(np.arange(last), np.arange(last)))
+            moved = np.einsum("ab,qbi->qai", (last - lags) / 2.0, summed * self.walk**2)
             found = found + np.einsum("pai,qai->pq", summed, moved)
         return found
 

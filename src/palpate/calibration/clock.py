@@ -204,7 +204,7 @@ def _refined(problem: _Problem, offset: float) -> tuple[ClockOffset, Float[np.nd
         if abs(step[0]) < 1e-7:
             break
     residual = problem.force - columns @ solution
-    _, information, variance = _told(problem, offset, solution, spread)
+    _, information, variance = _score(problem, offset, solution, spread)
     deviation = variance**0.5 / information if information > 0 else np.inf
     if not deviation < FLAT:  # NaN too
         raise _hardly_turns(deviation)
@@ -221,7 +221,7 @@ def _judged(problem: _Problem, offset: float) -> ClockOffset:
     def predict(left: Bool[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
         part, others = (replace(problem, time=problem.time[rows], force=problem.force[rows]) for rows in (left, ~left))
         rest, solution = _refined(others, found.offset)
-        gradient, information, variance = _told(part, rest.offset, solution, found.residual)
+        gradient, information, variance = _score(part, rest.offset, solution, found.residual)
         return np.array([gradient]), np.array([[variance + (information * rest.deviation) ** 2]])
 
     left = leave_out(len(problem.time), predict)
@@ -229,10 +229,10 @@ def _judged(problem: _Problem, offset: float) -> ClockOffset:
     return replace(found, deviation=widened, left_out=left, notes=(*found.notes, *left.notes))
 
 
-def _told(
+def _score(
     problem: _Problem, offset: float, solution: Float[np.ndarray, "6"], spread: float
 ) -> tuple[float, float, float]:
-    """Return what the data say of the offset: see `_sums`."""
+    """Return the sums for an offset, weight and bias: see `_sums`."""
     columns, slope, _ = problem.linearised(offset, solution)
     residual = problem.force - columns @ solution
     across = slope - columns @ _solve(columns, slope, _weights(residual, spread)) if problem.known is None else slope

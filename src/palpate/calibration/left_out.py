@@ -1,4 +1,4 @@
-"""How a calibration judges itself: by data that its fit left out."""
+"""Judge a calibration by data that its fit left out."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ OFF = 1.5  # times the stated deviations: beyond it a person is told
 
 @dataclass(frozen=True)
 class LeftOut:
-    """How far data that a fit left out lie from what the fit predicts.
+    """Hold how far data that a fit left out lie from what the fit predicts.
 
     Attributes:
         ratio: mean squared distance over what the covariances expect: 1 where they hold; NaN: nothing could be left
@@ -35,7 +35,7 @@ class LeftOut:
 
     @property
     def widening(self) -> float:
-        """What covariances are multiplied by: the ratio, 1 where it may be chance (two deviations of a chi-square)."""
+        """Return the factor for covariances: the ratio, or 1 where it may be chance (two sigma of a chi-square)."""
         return self.ratio if self.parts and self.ratio > 1.0 + 2.0 * (2.0 / self.freedom) ** 0.5 else 1.0
 
     def __str__(self) -> str:

@@ -205,9 +205,10 @@ def _judged(
     widened = max(1.0, ratio) * alike
 
     def predict(left: Bool[np.ndarray, " k"]) -> tuple[np.ndarray, np.ndarray]:
-        rest, others = fit(evidence_of(used[~left]), initial)[0], evidence_of(used[left])
-        known = _known(_whitened(evidence_of(used[~left]), rest)[1], widened, sizes)
-        away, slopes = _whitened(others, rest)
+        others = evidence_of(used[~left])
+        rest = fit(others, initial)[0]
+        known = _known(_whitened(others, rest)[1], widened, sizes)
+        away, slopes = _whitened(evidence_of(used[left]), rest)
         own = slopes.T @ slopes / widened
         return slopes.T @ away / widened, own + own @ known @ own
 

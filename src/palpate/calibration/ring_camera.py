@@ -23,7 +23,7 @@ HEIGHT = 0.04  # m, of the camera above the ring, where nothing better is known
 _FACING = np.diag([1.0, -1.0, -1.0])  # x_c = x, y_c = -y, z_c = -z
 _FEWEST_BOARDS = 3
 _FAR, _FAR_PIXELS = 4.0, 1.0  # times the usual rms of a picture, and px: one that is farther off is left out
-_TOLD = 1e-9  # of the unknowns' information, scaled alike: less than this is none
+_LEAST_INFORMATION = 1e-9  # smallest eigenvalue of the scaled information of a lens that is determined
 _UNSURE = 0.02  # of the focal length: a lens that is not known better is none
 
 
@@ -138,7 +138,7 @@ def fit_lens(
     squares, rights = np.stack([each[0] for each in normals]), np.stack([each[1] for each in normals])
     unit = np.sqrt(np.diag(squares.sum(axis=0)))
     focal, deviation = lens.camera[:2], np.inf
-    if unit.all() and np.linalg.eigvalsh(scaled := squares.sum(axis=0) / np.outer(unit, unit))[0] > _TOLD:
+    if unit.all() and np.linalg.eigvalsh(scaled := squares.sum(axis=0) / np.outer(unit, unit))[0] > _LEAST_INFORMATION:
         spread: Float[np.ndarray, "8"] = np.diag(pseudo_inverse(scaled)) * variance
         deviation = float(np.max(np.sqrt(spread[:2]) / unit[:2]))
     if not (focal.min() > 0 and deviation < _UNSURE * focal.min()):

@@ -1,4 +1,4 @@
-"""What all calibrations have in common: inputs are kept, the model is written, figures and notes are printed."""
+"""Run calibrations: keep their inputs, write the model, print figures and notes."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ Lines = Iterable[tuple[str, object]]
 
 @dataclass(frozen=True)
 class Found:
-    """What a calibration found, and what a person should know of it.
+    """Hold what a calibration found, and what a person should know of it.
 
     Args:
         figures: name and value of each.
-        model: that is written to the output; None: the calibration writes by itself.
+        model: what `Calibration.write` writes to the output.
         notes: about the log and the model, a sentence each.
         warnings: what to look at before the model is used.
         hints: what to change in the rig or the log, so that it becomes better.
