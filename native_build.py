@@ -32,9 +32,13 @@ SOURCE = ROOT / "src"
 PACKAGE = SOURCE / "palpate"
 LEVELS = ("x86-64-v3", "x86-64")  # of x86-64 processors
 FIRST = ("mesh", "basics")  # parts that a six-axis log on a mesh needs
-LOCATING = ("contact__kernel_", "contact__live_")  # by a mesh in the first way of calling them
-BASICS = ("surfaces__topology_", "surfaces__bvh_", "surfaces__nearest_", "surfaces__rays_", "sensors__compensation_")
-BASICS += ("sensors__filters_", "io_logs__")
+LOCATING = (
+    "contact__kernel_",
+    "sensors_force_torque__live_",
+    "sensors_load_cells__live_",
+)  # by a mesh in the first way of calling them
+BASICS = ("surfaces__topology_", "surfaces__bvh_", "surfaces__nearest_", "surfaces__rays_", "signals__filters_")
+BASICS += ("sensors_force_torque__kernels_", "files_logs__")
 
 
 def part_of(symbol: str) -> str:

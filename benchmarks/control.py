@@ -15,7 +15,7 @@ from palpate.control.align import AlignController
 from palpate.control.arm import Arm
 from palpate.control.servo import Servo, ServoModel
 from palpate.control.supervisor import State
-from palpate.sensors.compensation import Compensation
+from palpate.sensors.force_torque.compensation import Compensation
 from palpate_lab.simulation.shapes import Superquadric
 
 __all__ = ["Press", "bent", "elbow_arm", "press", "rows"]

@@ -9,7 +9,7 @@ from time import perf_counter
 import numpy as np
 
 from evidence.row import Row
-from palpate.contact.fused import FusedLocator, FusionSettings
+from palpate.sensors.fused.locator import FusedLocator, FusionSettings
 from palpate.surfaces import Cylinder
 
 __all__ = ["drawn", "rows"]

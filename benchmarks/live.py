@@ -23,12 +23,12 @@ import numpy as np
 import trimesh
 
 from evidence.row import Row
-from palpate.io.live.live import Live
-from palpate.io.live.netft import REQUEST, SAMPLE, START
-from palpate.io.live.netft_device import NetFtDevice
-from palpate.io.live.record import ring_of
-from palpate.io.live.ring import Ring
-from palpate.io.live.source import Batch
+from palpate.live.live import Live
+from palpate.live.netft import REQUEST, SAMPLE, START
+from palpate.live.netft_device import NetFtDevice
+from palpate.live.record import ring_of
+from palpate.live.source import Batch
+from palpate.live.stream_buffer import Ring
 from palpate_lab.simulation import BumpySphere, touch_wrenches
 
 __all__ = ["HOST", "RIG", "Memory", "R", "rows", "wrenches"]

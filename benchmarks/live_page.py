@@ -26,8 +26,8 @@ from evidence.page import CHROMIUM, browser
 from evidence.page_client import CAMERA, opened
 from evidence.row import Row
 from palpate.cli.live_page import show
-from palpate.io.live.live import Live
-from palpate.io.live.ring import Ring
+from palpate.live.live import Live
+from palpate.live.stream_buffer import Ring
 from palpate_lab.simulation import BumpySphere
 
 __all__ = ["rows"]

@@ -10,9 +10,9 @@ import numpy as np
 import palpate
 from evidence.load_cells import SURFACE, UNLOADED
 from evidence.row import Row
-from palpate.calibration.load_cells import LoadCellCalibration, identify_load_cells
-from palpate.sensors.load_cell_array import LoadCellArray
-from palpate.sensors.load_cells import VOLTAGE
+from palpate.sensors.load_cells.array import LoadCellArray
+from palpate.sensors.load_cells.calibrate import LoadCellCalibration, identify_load_cells
+from palpate.sensors.load_cells.model import VOLTAGE
 from palpate_lab.simulation.load_cell_bench import BENCHES, BenchRun
 
 __all__ = ["rows"]

@@ -8,12 +8,12 @@ from time import process_time
 import numpy as np
 
 from evidence.row import Row
-from palpate.calibration.marker_ring.calibrate import RingTruth, calibrate_marker_ring
-from palpate.contact.ring_estimator import RingEstimator
 from palpate.opencv import opencv
-from palpate.sensors.fisheye import Fisheye
-from palpate.sensors.marker_ring import MarkerRing, RingBody
-from palpate.sensors.recording import IMAGE, Recording
+from palpate.optical.fisheye import Fisheye
+from palpate.sensors.marker_ring.calibrate import RingTruth, calibrate_marker_ring
+from palpate.sensors.marker_ring.estimator import RingEstimator
+from palpate.sensors.marker_ring.model import MarkerRing, RingBody
+from palpate.signals.recording import IMAGE, Recording
 from palpate_lab.simulation.ring_session import Protocol, RingSession, RingUnit, Touching, calibration_run, touching_run
 
 __all__ = ["by_opencv", "calibrated", "rows"]

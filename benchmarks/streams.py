@@ -12,11 +12,11 @@ import numpy as np
 
 import palpate
 from evidence.long_logs import RATE, pieces, write_log
-from palpate.io.contacts import open_contacts
-from palpate.io.logs import open_log
-from palpate.io.logs.layout import Layout
-from palpate.sensors.compensation import Compensation
-from palpate.sensors.recording import FORCE, ORIENTATION, TORQUE
+from palpate.files.contacts import open_contacts
+from palpate.files.logs import open_log
+from palpate.files.logs.layout import Layout
+from palpate.sensors.force_torque.compensation import Compensation
+from palpate.signals.recording import FORCE, ORIENTATION, TORQUE
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate_lab.simulation import simulate_session
 from palpate_lab.simulation.session import NOISE, Session

@@ -11,9 +11,9 @@ import numpy as np
 
 from benchmarks.processes import watched
 from evidence.row import Row
-from palpate.calibration.taxels._accumulate import accumulate
-from palpate.io.taxel_files import read_taxel_places
-from palpate.sensors.taxel_places import TaxelPlaces
+from palpate.sensors.taxels.place_formats import read_taxel_places
+from palpate.sensors.taxels.places import TaxelPlaces
+from palpate.sensors.taxels.poking._accumulate import accumulate
 from palpate_lab.simulation.forearm import Forearm
 from palpate_lab.simulation.poke_bench import HAND, MIX, PokeBench
 from palpate_lab.simulation.poke_log import Timing, simulate_poke_log

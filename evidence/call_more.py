@@ -26,11 +26,11 @@ def more_calls(made: dict[str, dict[str, Any]], *, small: bool) -> None:
 
 def _poses_and_motion() -> None:
     from palpate.control.admittance import Admittance
-    from palpate.control.law import Sensed
-    from palpate.control.plain import Plain
+    from palpate.control.control_law import Sensed
+    from palpate.control.paper_law import Plain
     from palpate.control.probe_face import ProbeFace
     from palpate.control.stability import DelayedRobot
-    from palpate.sensors.acceleration import kind_of_acceleration
+    from palpate.signals.acceleration import kind_of_acceleration
     from palpate.spatial.live_track import LiveTrack
     from palpate.spatial.pose import Pose
     from palpate.surfaces import Sphere
@@ -52,9 +52,9 @@ def _poses_and_motion() -> None:
 
 
 def _filters(rng: np.random.Generator) -> None:
-    from palpate.sensors.filters import Butterworth, Kalman
-    from palpate.sensors.smoothing import BothWays
-    from palpate.sensors.spectrum import spectrum
+    from palpate.signals.filters import Butterworth, Kalman
+    from palpate.signals.smoothing import BothWays
+    from palpate.signals.spectrum import spectrum
 
     time = np.arange(400) * 0.01
     kalman = Kalman()
@@ -86,12 +86,12 @@ def _surfaces() -> None:
 
 def _calibrations(rng: np.random.Generator) -> None:
     from palpate.calibration.drift import identify_drift
-    from palpate.calibration.intensity import identify_resistive
-    from palpate.calibration.ring_camera import fit_lens
-    from palpate.calibration.skin_map.layout import Sheet
-    from palpate.calibration.skin_map.sheet import fit_stretch, map_skin
-    from palpate.sensors.fisheye import Fisheye
-    from palpate.sensors.pokes import Pokes
+    from palpate.optical.fisheye import Fisheye
+    from palpate.sensors.marker_ring.calibrate_camera import fit_lens
+    from palpate.sensors.taxels.calibrate import identify_resistive
+    from palpate.sensors.taxels.poking.pokes import Pokes
+    from palpate.sensors.taxels.skin_map.layout import Sheet
+    from palpate.sensors.taxels.skin_map.sheet import fit_stretch, map_skin
     from palpate.spatial.pose import Pose
     from palpate.surfaces import Mesh
 
@@ -122,12 +122,12 @@ def _calibrations(rng: np.random.Generator) -> None:
 
 
 def _live() -> None:
-    from palpate.io.live.cobs import encoded
-    from palpate.io.live.lines import printed
-    from palpate.io.live.netft_status import status_word
-    from palpate.io.live.poses import LivePoses
-    from palpate.io.live.ros_messages import image_message
-    from palpate.io.rig.guess_time import TimeGuess
+    from palpate.live.cobs import encoded
+    from palpate.live.lines import printed
+    from palpate.live.netft_status import status_word
+    from palpate.live.poses import LivePoses
+    from palpate.live.ros_messages import image_message
+    from palpate.setup.guess_time import TimeGuess
 
     numbers = np.arange(12.0).reshape(2, 6)
     encoded(numbers, 1, "f8")
@@ -147,7 +147,7 @@ def _drawn() -> None:
 def _estimators(made: dict[str, dict[str, Any]]) -> None:
     """One live sample, and some in a row, of the estimators of the examples that were run."""
     from palpate.contact.frames import in_base
-    from palpate.sensors.markers import find_colour
+    from palpate.optical.markers import find_colour
 
     for number, name in (("09", "estimator"), ("06", "fingertip"), ("07", "skin"), ("08", "estimator")):
         if number not in made:
@@ -189,9 +189,9 @@ def _voltages(sensor: Any, log: Any, readings: np.ndarray) -> None:
 
 def fused_calls(seen: Seen) -> None:
     """Samples of the estimator of a skin and a force/torque sensor, and of its locator, as the commands left them."""
-    from palpate.contact.fused import FusedLocator
-    from palpate.contact.fused_cones import within_cones
-    from palpate.contact.fused_estimator import FusedEstimator
+    from palpate.sensors.fused.cones import within_cones
+    from palpate.sensors.fused.estimator import FusedEstimator
+    from palpate.sensors.fused.locator import FusedLocator
 
     within_cones(np.array([[1.0, 0.0, 0.0]]), np.array([[0.0, 0.0, 1.0]]), np.array([1]), [np.eye(3)], 0.5)
     estimator, locator, turn = seen.of(FusedEstimator), seen.of(FusedLocator), np.eye(3)

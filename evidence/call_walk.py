@@ -30,8 +30,8 @@ from palpate.errors import PalpateError
 __all__ = ["ROOMS", "Call", "Known", "answer", "containers", "public", "same", "watch", "wrong"]
 
 ROOMS = (
-    *(f"palpate.{room}" for room in ("spatial", "surfaces", "sensors", "contact", "control", "calibration")),
-    *(f"palpate.{room}" for room in ("evaluation", "io", "viewer")),
+    *(f"palpate.{room}" for room in ("spatial", "surfaces", "signals", "optical", "contact", "control", "evaluation")),
+    *(f"palpate.{room}" for room in ("files", "viewer", "calibration", "setup", "sensors", "live")),
     *(f"palpate_lab.{room}" for room in ("benchmark", "papers", "peers", "viewer")),
 )
 ARRAYS = re.compile(r"\b(ArrayLike|ndarray|Vector|Image)\b")

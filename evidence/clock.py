@@ -16,8 +16,8 @@ from evidence.moving import Swing, moving_wrenches
 from evidence.row import Row
 from palpate import Payload, Recording
 from palpate.calibration.clock import identify_offset
-from palpate.sensors.motion import Motion
-from palpate.sensors.recording import ACCELERATION, FORCE, ORIENTATION, POSITION, TORQUE, UNSTEADY
+from palpate.signals.motion import Motion
+from palpate.signals.recording import ACCELERATION, FORCE, ORIENTATION, POSITION, TORQUE, UNSTEADY
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate.spatial.pose_track import PoseTrack
 from palpate_lab.simulation.session import GRAVITY, Load

@@ -16,7 +16,7 @@ from evidence.made_robots import MESHES, MOUNTED, MOVED, mounting_apart, poses_a
 from evidence.robot import WRENCH, apart, apart_from_library, readme, write_robot
 from evidence.row import Row, shared, skipped
 from palpate.cli import main
-from palpate.io.logs import Layout, read_recording
+from palpate.files.logs import Layout, read_recording
 from palpate_lab.simulation.session import Session, simulate_session
 from palpate_lab.simulation.session_files import write_session
 

@@ -15,9 +15,9 @@ from palpate.cli import main
 from palpate.cli.estimate import estimate
 from palpate.cli.inspect import inspect
 from palpate.cli.rig_options import RigOptions
-from palpate.io.contacts import read_contacts
-from palpate.io.logs import read_recording
-from palpate.io.rig import load_rig
+from palpate.files.contacts import read_contacts
+from palpate.files.logs import read_recording
+from palpate.setup import load_rig
 
 __all__ = ["EDIT", "GOOD", "LOST", "REFUSAL", "Outcome", "first_minutes", "plain_answers"]
 

@@ -17,8 +17,8 @@ import trimesh
 
 import palpate
 from evidence.row import ROOT, Row
-from palpate.io.rig import Rig
-from palpate.io.rig.surface import RigSurface
+from palpate.setup import Rig
+from palpate.setup.surface import RigSurface
 from palpate_lab.papers.navigator import PaperNavigator
 
 __all__ = ["rows", "wrong_calls"]

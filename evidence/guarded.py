@@ -31,14 +31,14 @@ from evidence.page_client import CAMERA, Owner, closed, fetched, opened, owner, 
 from evidence.row import Row
 from palpate.cli.live_page import show
 from palpate.contact.estimate import ROW, Status
-from palpate.io.live.ring import Form, Ring
-from palpate.io.live.source import Batch
-from palpate.sensors.taxel_places import TaxelPlaces
+from palpate.live.source import Batch
+from palpate.live.stream_buffer import Form, Ring
+from palpate.sensors.taxels.places import TaxelPlaces
+from palpate.sensors.taxels.places_page import TaxelPage
 from palpate.surfaces import Sphere
 from palpate.viewer.guard import LARGEST
 from palpate.viewer.scene import nothing, prepare
 from palpate.viewer.server import Page, Served
-from palpate.viewer.taxel_page import TaxelPage
 from palpate.viewer.viser_door import CLIENTS
 from palpate_lab.simulation.shapes import Ellipsoid
 from palpate_lab.viewer.arena import Arena

@@ -16,12 +16,12 @@ import numpy as np
 import palpate
 from evidence import cell_faults
 from evidence.row import Row
-from palpate.calibration.load_cells import CalibrationOptions, LoadCellCalibration, identify_load_cells
-from palpate.contact.resolution import WANTED, resolution
-from palpate.sensors.load_cell_array import LoadCellArray
-from palpate.sensors.load_cell_faults import Fault
-from palpate.sensors.load_cell_zero import Zero, take_zero
-from palpate.sensors.load_cells import VOLTAGE, LoadCells
+from palpate.sensors.load_cells.array import LoadCellArray
+from palpate.sensors.load_cells.calibrate import CalibrationOptions, LoadCellCalibration, identify_load_cells
+from palpate.sensors.load_cells.faults import Fault
+from palpate.sensors.load_cells.model import VOLTAGE, LoadCells
+from palpate.sensors.load_cells.resolution import WANTED, resolution
+from palpate.sensors.load_cells.zero import Zero, take_zero
 from palpate.spatial.pose import Pose
 from palpate.surfaces import EllipticCylinder, Surface
 from palpate.surfaces.implicit import superquadric

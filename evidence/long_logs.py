@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from palpate.io.contacts.mcap import topics as declared
-from palpate.io.contacts.mcap_write import MESSAGE, McapWriter, Topic
-from palpate.sensors.recording import ORIENTATION, Recording
+from palpate.files.contacts.mcap import topics as declared
+from palpate.files.contacts.mcap_write import MESSAGE, McapWriter, Topic
+from palpate.signals.recording import ORIENTATION, Recording
 from palpate_lab.simulation.session import Session
 
 __all__ = ["COLUMNS", "RATE", "pieces", "write_log"]

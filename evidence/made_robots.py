@@ -14,8 +14,8 @@ import numpy as np
 import trimesh
 from pytransform3d.urdf import UrdfTransformManager
 
-from palpate.io.rig.body import Body
-from palpate.io.urdf import Kinematics, LinkBody, Urdf
+from palpate.files.urdf import Kinematics, LinkBody, Urdf
+from palpate.setup.body import Body
 from palpate.spatial.pose import rotation_from_quaternion
 
 __all__ = [

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from evidence.row import Row, shared, skipped
 from palpate.opencv import opencv
-from palpate.sensors.markers import MarkerColour, find_blobs
+from palpate.optical.markers import MarkerColour, find_blobs
 
 __all__ = ["rows"]
 

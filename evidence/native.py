@@ -19,7 +19,7 @@ import native_build
 from evidence.row import ROOT, Row
 from palpate.cli import main
 from palpate.contact import Locator
-from palpate.io.contacts import read_contacts
+from palpate.files.contacts import read_contacts
 from palpate.surfaces import Mesh, _jit
 from palpate_lab.simulation import simulate_session, write_session
 from palpate_lab.simulation.shapes import Ellipsoid

@@ -17,10 +17,10 @@ from evidence.covariance import CHI2_95, NOISE, squared_distance
 from evidence.row import Row
 from palpate import ForceTorque, Locator, Pose, Recording
 from palpate.contact import ContactEstimate, WrenchEstimator
-from palpate.sensors import Butterworth, Kalman
-from palpate.sensors.filters import Filter
-from palpate.sensors.noise import Noise, estimate_noise, rest_noise, wrong_noise
-from palpate.sensors.recording import FORCE, TORQUE
+from palpate.signals import Butterworth, Kalman
+from palpate.signals.filters import Filter
+from palpate.signals.noise import Noise, estimate_noise, rest_noise, wrong_noise
+from palpate.signals.recording import FORCE, TORQUE
 from palpate_lab.simulation import touch_wrenches
 
 __all__ = ["coloured", "rows"]

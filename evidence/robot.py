@@ -20,7 +20,7 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
 from palpate.cli import main
-from palpate.sensors.recording import ORIENTATION, POSITION, Recording
+from palpate.signals.recording import ORIENTATION, POSITION, Recording
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate_lab.simulation.session import Session
 

@@ -21,16 +21,16 @@ from evidence.row import Row
 from palpate import Recording
 from palpate.cli import main
 from palpate.contact import ContactEstimate, Contacts, Locator, WrenchEstimator
-from palpate.io.contacts import read_contacts
-from palpate.io.logs import read_recording
-from palpate.io.rig import load_rig
-from palpate.io.rig.force_torque import ForceTorqueSection, stated_sensor
-from palpate.io.rig.tables import RigFilter
-from palpate.sensors import Butterworth, Kalman
-from palpate.sensors.compensation import Compensation
-from palpate.sensors.filters import Filter
-from palpate.sensors.motion import Motion
-from palpate.sensors.recording import ORIENTATION
+from palpate.files.contacts import read_contacts
+from palpate.files.logs import read_recording
+from palpate.sensors.force_torque.compensation import Compensation
+from palpate.sensors.force_torque.section import ForceTorqueSection, stated_sensor
+from palpate.setup import load_rig
+from palpate.setup.tables import RigFilter
+from palpate.signals import Butterworth, Kalman
+from palpate.signals.filters import Filter
+from palpate.signals.motion import Motion
+from palpate.signals.recording import ORIENTATION
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate_lab.simulation import simulate_session, write_session
 from palpate_lab.simulation.session_files import POSE_TOPIC, WRENCH_TOPIC

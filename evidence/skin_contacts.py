@@ -19,16 +19,16 @@ import numpy as np
 
 from evidence.response import identify_response
 from evidence.row import Row, shared, skipped
-from palpate.calibration.intensity import identify_intensity, identify_resistive
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import CHI2_95, Status
-from palpate.contact.taxel_estimator import TaxelEstimator
 from palpate.errors import NotIdentifiable, PalpateError
-from palpate.evaluation.instruments import judge, map_mesh, medians, touch_rows, wand_points, wrench_points
-from palpate.sensors.intensity import Curve, Intensity
-from palpate.sensors.recording import CELLS, Recording
-from palpate.sensors.taxel_health import Health, examine
-from palpate.sensors.taxels import TaxelBody
+from palpate.evaluation.instruments import judge, medians, touch_rows, wand_points, wrench_points
+from palpate.sensors.taxels.calibrate import identify_intensity, identify_resistive
+from palpate.sensors.taxels.estimator import TaxelEstimator
+from palpate.sensors.taxels.health import Health, examine
+from palpate.sensors.taxels.intensity import Curve, Intensity
+from palpate.sensors.taxels.model import TaxelBody
+from palpate.signals.recording import CELLS, Recording
 from palpate.spatial._arrays import frozen
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate.surfaces.mesh import Mesh
@@ -402,7 +402,7 @@ def _validation(count: int) -> Iterator[Row]:
 
 def protocol(count: int, width: float) -> Judged:
     """The paper's 19 touches, `count` times, `width` cells wide, held against sensor, wand and truth."""
-    surface, skin, judged = map_mesh(SHEET.layout()), _skin(), Judged()
+    surface, skin, judged = SHEET.layout().mesh(), _skin(), Judged()
     for k in range(count):
         session = simulate_protocol(np.random.default_rng([65, k]), model=_model()[0], width=width)
         _judge(session, skin, surface, judged)

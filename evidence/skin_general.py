@@ -19,8 +19,8 @@ _PIN = 1e3
 def general(surface, start, heading, size, cells, per_cell: int = 2, degree: int = 1, held: int = 2) -> float:
     """The rms principal strain.
 
-    Arguments as `palpate.calibration.skin_map.lay`; the corner is held, and the point `held` cells along the first edge
-    may not leave the geodesic along the heading, which is found by scipy's ODE solver.
+    Arguments as `palpate.sensors.taxels.skin_map.lay`; the corner is held, and the point `held` cells along the first
+    edge may not leave the geodesic along the heading, which is found by scipy's ODE solver.
     """
     start = np.asarray(start)
     at = surface.derivatives(start)

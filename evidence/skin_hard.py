@@ -13,8 +13,8 @@ import trimesh
 from evidence.pad import cli
 from evidence.row import Row
 from evidence.skin_shapes import round_mesh, wristlike
-from palpate.calibration.skin_map import Sheet, map_skin
 from palpate.errors import PalpateError
+from palpate.sensors.taxels.skin_map import Sheet, map_skin
 from palpate.surfaces import Mesh
 
 __all__ = ["box_link", "hard_rows", "holed", "soup"]

@@ -11,13 +11,13 @@ from evidence.row import Row, shared, skipped
 from evidence.skin_general import general
 from evidence.skin_hard import hard_rows
 from evidence.skin_shapes import Cone, Elliptic, Sphere, Torus, round_mesh, wristlike
-from palpate.calibration.skin_map import Sheet, map_skin
-from palpate.calibration.skin_map.layout import lay
-from palpate.calibration.skin_map.paper import paper_surface
-from palpate.calibration.skin_map.sections import cut
-from palpate.calibration.skin_map.sheet import placed
-from palpate.calibration.skin_map.shell import Site, full_sections, shell
-from palpate.sensors.skin_map import SkinMap
+from palpate.sensors.taxels.skin_map import Sheet, map_skin
+from palpate.sensors.taxels.skin_map.layout import lay
+from palpate.sensors.taxels.skin_map.model import SkinMap
+from palpate.sensors.taxels.skin_map.paper import paper_surface
+from palpate.sensors.taxels.skin_map.sections import cut
+from palpate.sensors.taxels.skin_map.sheet import placed
+from palpate.sensors.taxels.skin_map.shell import Site, full_sections, shell
 from palpate.surfaces import Mesh
 from palpate.surfaces.bspline import BSplineSurface
 

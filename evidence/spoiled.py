@@ -22,17 +22,17 @@ from evidence.skin_contacts import taxel_force_runs
 from evidence.taxel_limit import priors_of
 from palpate.calibration.clock import identify_offset
 from palpate.calibration.drift import identify_drift
-from palpate.calibration.intensity import identify_curve
-from palpate.calibration.load_cells import identify_load_cells
-from palpate.calibration.marker_ring.response import RingPresses, fit_response
 from palpate.calibration.mounting import identify_mounting
-from palpate.calibration.ring_camera import fit_lens
-from palpate.calibration.taxels import calibrate_taxels
-from palpate.contact.ring_locator import RingLocator
 from palpate.errors import PalpateError
-from palpate.sensors.fisheye import Fisheye
-from palpate.sensors.pokes import Pokes
-from palpate.sensors.taxel_modules import ModuleLayout
+from palpate.optical.fisheye import Fisheye
+from palpate.sensors.load_cells.calibrate import identify_load_cells
+from palpate.sensors.marker_ring.calibrate_camera import fit_lens
+from palpate.sensors.marker_ring.locator import RingLocator
+from palpate.sensors.marker_ring.response_fit import RingPresses, fit_response
+from palpate.sensors.taxels.calibrate import identify_curve
+from palpate.sensors.taxels.modules import ModuleLayout
+from palpate.sensors.taxels.poking import calibrate_taxels
+from palpate.sensors.taxels.poking.pokes import Pokes
 from palpate.spatial.pose import Pose
 from palpate.surfaces import EllipticCylinder, Mesh
 from palpate_lab.simulation.barrel import Barrel, Indenter

@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from evidence.row import Row
-from palpate.calibration.taxels import Priors, calibrate_taxels
-from palpate.calibration.taxels.plan import candidates, known_after, plan_pokes
-from palpate.calibration.taxels.units import Units, fitted, single
-from palpate.evaluation.taxels import compare_places
+from palpate.sensors.taxels.poking import Priors, calibrate_taxels
+from palpate.sensors.taxels.poking.evaluate import compare_places
+from palpate.sensors.taxels.poking.plan import candidates, known_after, plan_pokes
+from palpate.sensors.taxels.poking.rigid_groups import Units, fitted, single
 from palpate.surfaces.mesh import Mesh
 from palpate_lab.simulation.forearm import Forearm
 from palpate_lab.simulation.poke_bench import HAND, MIX, Arm, PokeBench, PokeErrors

@@ -12,13 +12,13 @@ from scipy.spatial.transform import Rotation
 
 from evidence.row import Row, shared, skipped
 from evidence.taxel_limit import HELD, priors_of
-from palpate.calibration.taxels import calibrate_taxels
-from palpate.calibration.taxels.place import common_layout, place_modules
-from palpate.contact.taxel_estimator import TaxelEstimator
-from palpate.io.taxel_files import read_taxel_places
-from palpate.sensors.recording import CELLS, Recording
-from palpate.sensors.taxel_places import TaxelPlaces
-from palpate.sensors.taxels import TaxelBody
+from palpate.sensors.taxels.estimator import TaxelEstimator
+from palpate.sensors.taxels.model import TaxelBody
+from palpate.sensors.taxels.place_formats import read_taxel_places
+from palpate.sensors.taxels.places import TaxelPlaces
+from palpate.sensors.taxels.poking import calibrate_taxels
+from palpate.sensors.taxels.poking.module_placement import common_layout, place_modules
+from palpate.signals.recording import CELLS, Recording
 from palpate.spatial.pose import Pose
 from palpate.surfaces.mesh import Mesh
 from palpate_lab.simulation.forearm import Forearm

@@ -26,8 +26,8 @@ from evidence.same import run, written
 from palpate import InputError
 from palpate.contact import Contacts
 from palpate.contact.table import to_frame
-from palpate.io.contacts import read_contacts
-from palpate.io.logs import open_log
+from palpate.files.contacts import read_contacts
+from palpate.files.logs import open_log
 from palpate_lab.simulation import simulate_session
 
 __all__ = ["PACKED", "Cuts", "cut", "read", "rows"]
@@ -45,7 +45,7 @@ WRITING = """
 import sys
 from time import sleep
 from palpate.cli import main
-from palpate.io.contacts import ContactsWriter
+from palpate.files.contacts import ContactsWriter
 
 whole, answered, last = ContactsWriter.write, 0, int(sys.argv[1])
 

@@ -19,8 +19,8 @@ from evidence.bodies import BUMPIER, R, mesh_of
 from evidence.payload import hundred_poses
 from evidence.row import Row
 from palpate.contact import WrenchEstimator
-from palpate.sensors import Recording
-from palpate.sensors.compensation import Compensation
+from palpate.sensors.force_torque.compensation import Compensation
+from palpate.signals import Recording
 from palpate_lab.simulation import contact_wrenches
 
 __all__ = ["rows"]

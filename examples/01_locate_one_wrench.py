@@ -3,7 +3,7 @@
 import numpy as np
 
 import palpate
-from palpate_lab.simulation.shapes import Ellipsoid
+from palpate_lab.simulation import Ellipsoid
 
 # A body of 60 x 40 x 30 mm; of your own it is palpate.Mesh.load("tool.stl", unit="mm").
 body = Ellipsoid((0.030, 0.020, 0.015))

@@ -8,8 +8,7 @@ import polars as pl
 import trimesh
 
 import palpate
-from palpate_lab.simulation.contacts import contact_wrenches
-from palpate_lab.simulation.shapes import Ellipsoid
+from palpate_lab.simulation import Ellipsoid, contact_wrenches
 
 rng, body = np.random.default_rng(1), Ellipsoid((0.030, 0.020, 0.015))
 points = body.sample(3, rng)

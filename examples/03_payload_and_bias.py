@@ -3,9 +3,9 @@
 import numpy as np
 
 import palpate
-from palpate.calibration.poses import average_poses
-from palpate.spatial.pose import rotation_from_quaternion
-from palpate_lab.simulation.session import simulate_session
+from palpate.sensors.force_torque import average_poses
+from palpate.spatial import rotation_from_quaternion
+from palpate_lab.simulation import simulate_session
 
 # A log of free motion: an arm holds a probe in 14 poses. `read_recording("free_motion.csv")` reads yours.
 session = simulate_session(touches=2, facets=500)

@@ -3,8 +3,7 @@
 import numpy as np
 
 import palpate
-from palpate_lab.simulation.contacts import touch_wrenches
-from palpate_lab.simulation.shapes import Ellipsoid
+from palpate_lab.simulation import Ellipsoid, touch_wrenches
 
 rng, body = np.random.default_rng(4), Ellipsoid((0.030, 0.020, 0.015))
 noise = np.repeat([0.02, 0.001], 3)  # N, N m

@@ -3,9 +3,9 @@
 import numpy as np
 
 import palpate
-from palpate.sensors.load_cell_array import LoadCellArray
+from palpate.sensors.load_cells import LoadCellArray
 from palpate.surfaces import EllipticCylinder
-from palpate_lab.simulation.load_cell_bench import BENCHES
+from palpate_lab.simulation import BENCHES
 
 # The bench slides a ball over the fingertip, with a reference sensor below: one run to calibrate, one to judge.
 bench = BENCHES["rigid"]

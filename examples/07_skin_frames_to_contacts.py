@@ -3,8 +3,8 @@
 import numpy as np
 
 import palpate
-from palpate.calibration.intensity import identify_intensity
-from palpate_lab.simulation.skin_session import load_cell_presses, simulate_protocol
+from palpate.sensors.taxels import identify_intensity
+from palpate_lab.simulation import load_cell_presses, simulate_protocol
 
 # A sheet of 6 x 22 cells round a wrist, pressed eight times; and what a load cell said of each of its cells.
 rng = np.random.default_rng(7)

@@ -3,8 +3,7 @@
 import numpy as np
 
 import palpate
-from palpate.calibration.marker_ring.calibrate import RingTruth, calibrate_marker_ring
-from palpate.sensors.marker_ring import RingBody
+from palpate.sensors.marker_ring import RingBody, RingTruth, calibrate_marker_ring
 from palpate_lab.simulation.ring_session import Protocol, RingUnit, calibration_run
 
 # A barrel of silicone by finite elements, seen by a fisheye camera: a second of rest, then presses all round.

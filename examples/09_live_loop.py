@@ -3,10 +3,10 @@
 import numpy as np
 
 import palpate
-from palpate.calibration.poses import average_poses
-from palpate.contact.estimate import ROW
-from palpate.spatial.pose import rotation_from_quaternion
-from palpate_lab.simulation.session import simulate_session
+from palpate.contact import ROW
+from palpate.sensors.force_torque import average_poses
+from palpate.spatial import rotation_from_quaternion
+from palpate_lab.simulation import simulate_session
 
 # A probe on an arm, and the two logs of it: free motion, then touches.
 session = simulate_session(touches=4, facets=4000)

@@ -28,6 +28,7 @@ _OTHER: dict[type, type] = {
     ast.Or: ast.And,
 }
 _KINDS = ast.Compare, ast.BinOp, ast.BoolOp, ast.Constant, ast.Call
+_TESTED = {"console": "cli"}  # rooms whose tests are another's
 _NAMES = {"min": "max", "max": "min", "minimum": "maximum", "maximum": "minimum", "sin": "cos", "cos": "sin"}
 
 
@@ -62,7 +63,10 @@ class Fault:
 
 def tests_of(file: str) -> str:
     """Return the folder of the tests of a file's room."""
-    return f"tests/{file.split('/')[1] if file.startswith('palpate/') else 'lab'}"
+    package, room, *below = file.split("/")
+    if package != "palpate":
+        return "tests/lab"
+    return f"tests/sensors/{below[0]}" if room == "sensors" else f"tests/{_TESTED.get(room, room)}"
 
 
 def faults_in(file: str, source: str, most: int | None = None) -> list[Fault]:

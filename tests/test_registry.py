@@ -53,17 +53,17 @@ def test_what_a_package_brings_wrongly_names_the_package(package: str, name: str
 
 def test_a_name_of_its_own_imports_nothing_else() -> None:
     script = (
-        "import sys; from palpate.io.rig import load_rig; from palpate.io.models import read_model\n"
+        "import sys; from palpate.setup import load_rig; from palpate.files.models import read_model\n"
         "rig = load_rig('rig.toml'); rig.resolve().prepared(); read_model('payload.toml')\n"
         "print(*sorted(name for name in sys.modules if name.startswith('palpate.')))"
     )
     loaded = subprocess.run(
         [sys.executable, "-c", script], cwd=ROOT / "tests/v03/six-axis", capture_output=True, text=True, check=True
     ).stdout.split()
-    assert "palpate.io.rig.force_torque" in loaded
+    assert "palpate.sensors.force_torque.section" in loaded
     others = ("load_cells", "marker_ring", "skin", "fusion")
-    assert not {f"palpate.io.rig.{name}" for name in others} & set(loaded)
-    assert not {f"palpate.io.models.{name}" for name in ("load_cells", "marker_ring", "skin_map", "taxels")} & set(
+    assert not {f"palpate.setup.{name}" for name in others} & set(loaded)
+    assert not {f"palpate.files.models.{name}" for name in ("load_cells", "marker_ring", "skin_map", "taxels")} & set(
         loaded
     )
 

@@ -8,7 +8,7 @@ import threading
 import pytest
 
 from palpate import waiting
-from palpate.cli.console import spoken
+from palpate.console.console import spoken
 
 
 @pytest.fixture

@@ -11,9 +11,9 @@ from drawing import DEEP, MM, MORE, SKIN, WARM, browser, figure, photographed, r
 from PIL import Image
 
 import palpate
-from palpate.sensors.drift import Drift
-from palpate.sensors.markers import find_blobs, find_colour
-from palpate.viewer.marker_ring import annotated
+from palpate.optical.markers import find_blobs, find_colour
+from palpate.sensors.marker_ring.layer import annotated
+from palpate.signals.drift import Drift
 from palpate_lab.simulation.drift import simulate_drift
 
 CELLS = [[-0.0065, -0.0105, -0.0035], [0.0065, -0.0105, -0.0035], [-0.0065, 0.0105, -0.0035], [0.0065, 0.0105, -0.0035]]

@@ -13,7 +13,7 @@ from matplotlib.collections import PolyCollection
 import palpate
 from palpate.contact.events import Events
 from palpate.contact.touch_finder import find_touches
-from palpate.io.contacts import read_contacts
+from palpate.files.contacts import read_contacts
 
 ARROW = 2.2  # mm for a newton
 MAGNIFIED = 5  # times that ellipses are drawn larger than they are
@@ -109,7 +109,7 @@ def report(folder: Path) -> None:
 
 def view(folder: Path) -> None:
     """The page that `palpate view` serves, at its opening touch."""
-    from palpate.io.rig import load_rig
+    from palpate.setup import load_rig
     from palpate.viewer.scene import prepare
     from palpate.viewer.server import Page
 

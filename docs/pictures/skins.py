@@ -10,8 +10,8 @@ import polars as pl
 from drawing import DEEP, MM, WARM, arrows, body, figure, run, save
 
 import palpate
-from palpate.io.contacts import read_contacts
-from palpate.io.taxel_files import read_taxel_places
+from palpate.files.contacts import read_contacts
+from palpate.sensors.taxels.place_formats import read_taxel_places
 
 FOREARM = ("--seed", 7, "--seconds", 30)
 SIDE = (18.0, -50.0)  # degrees that the link is seen from

@@ -11,12 +11,13 @@ from experiments.drift.world import BODY, NOISE, PLACE, RATE
 from palpate.contact.locate import Locator
 from palpate.contact.zero_follower import ZeroFollower
 from palpate.contact.zero_gate import ContactShape, Jump
-from palpate.sensors.compensation import Compensation
-from palpate.sensors.drift import Drift
-from palpate.sensors.force_torque import ForceTorque, Payload
-from palpate.sensors.recording import FORCE, ORIENTATION, TORQUE, Recording
-from palpate.sensors.wrench_sensor import Placement
-from palpate.sensors.zero_filter import ZeroState
+from palpate.sensors.force_torque.compensation import Compensation
+from palpate.sensors.force_torque.model import ForceTorque
+from palpate.signals.drift import Drift
+from palpate.signals.payload import Payload
+from palpate.signals.recording import FORCE, ORIENTATION, TORQUE, Recording
+from palpate.signals.wrench_sensor import Placement
+from palpate.signals.zero_filter import ZeroState
 from palpate.spatial.pose import Pose
 from palpate.surfaces import Mesh
 

@@ -13,7 +13,7 @@ import sys
 import numpy as np
 
 from palpate.calibration.drift import DriftFit, identify_drift
-from palpate.sensors.drift import Drift
+from palpate.signals.drift import Drift
 from palpate_lab.simulation.drift import simulate_drift
 
 RATE, NOISE, SECONDS, CHANNELS, WINDOW = 200, 0.04, 300, 3, 0.1

@@ -12,12 +12,12 @@ import polars as pl
 from experiments.drift.study import Line
 from experiments.drift.world import drift_of
 from palpate.contact import Locator, WrenchEstimator
-from palpate.sensors.compensation import Compensation
-from palpate.sensors.drift import Drift
-from palpate.sensors.force_torque import ForceTorque
-from palpate.sensors.noise import Noise, rest_noise
-from palpate.sensors.recording import FORCE, TORQUE, Recording
-from palpate.sensors.zero_filter import ZeroStatus
+from palpate.sensors.force_torque.compensation import Compensation
+from palpate.sensors.force_torque.model import ForceTorque
+from palpate.signals.drift import Drift
+from palpate.signals.noise import Noise, rest_noise
+from palpate.signals.recording import FORCE, TORQUE, Recording
+from palpate.signals.zero_filter import ZeroStatus
 from palpate.surfaces import plane
 
 __all__ = ["aged", "pad"]

@@ -9,7 +9,7 @@ import numpy as np
 
 from experiments.drift.follow import Followed, exponential, follow, one_tare
 from experiments.drift.world import NOISE, RATE, Touch, drift_of, readings, wrenches
-from palpate.sensors.force_torque import Payload
+from palpate.signals.payload import Payload
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate_lab.simulation.drift import simulate_drift
 

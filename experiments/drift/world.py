@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.sensors.drift import Drift
+from palpate.signals.drift import Drift
 from palpate_lab.simulation.shapes import Superquadric
 
 __all__ = ["BODY", "NOISE", "PLACE", "RATE", "Touch", "drift_of", "readings", "wrenches"]

@@ -9,7 +9,7 @@ import numpy as np
 
 from experiments.fused_contacts.bench import Body, Conditions, Touch, box, forearm, touch
 from experiments.fused_contacts.theirs import IDynTree, minimum_norm
-from palpate.contact.fused import Fused, FusedLocator, FusionSettings
+from palpate.sensors.fused.locator import Fused, FusedLocator, FusionSettings
 
 __all__ = ["BODIES", "Alarms", "Forces", "Places", "Sizes", "alarms", "forces", "places"]
 

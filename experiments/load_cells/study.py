@@ -9,13 +9,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from experiments.load_cells.literal import Literal
-from palpate.calibration.load_cells import LoadCellCalibration, identify_load_cells
 from palpate.contact.estimate import ContactEstimate
 from palpate.contact.locate import Locator
 from palpate.contact.wrench_estimator import WrenchEstimator
-from palpate.sensors.load_cell_array import LoadCellArray
-from palpate.sensors.load_cells import VOLTAGE
-from palpate.sensors.recording import Recording
+from palpate.sensors.load_cells.array import LoadCellArray
+from palpate.sensors.load_cells.calibrate import LoadCellCalibration, identify_load_cells
+from palpate.sensors.load_cells.model import VOLTAGE
+from palpate.signals.recording import Recording
 from palpate.surfaces import EllipticCylinder
 from palpate_lab.simulation.cell_array import LAYOUTS
 from palpate_lab.simulation.load_cell_bench import REST, Bench, BenchRun

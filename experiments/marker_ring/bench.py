@@ -11,14 +11,14 @@ from jaxtyping import Float, UInt8
 from scipy.optimize import linear_sum_assignment
 
 from experiments.marker_ring.theirs import Theirs
-from palpate.calibration.marker_ring.calibrate import RingTruth, calibrate_marker_ring
 from palpate.contact.estimate import Status
-from palpate.contact.ring_estimator import RingEstimator
-from palpate.contact.ring_locator import turned
-from palpate.sensors.fisheye import Fisheye
-from palpate.sensors.marker_ring import MarkerRing, RingBody
-from palpate.sensors.recording import IMAGE, Recording
-from palpate.sensors.ring_response import RingResponse
+from palpate.optical.fisheye import Fisheye
+from palpate.optical.ring_response import RingResponse
+from palpate.sensors.marker_ring.calibrate import RingTruth, calibrate_marker_ring
+from palpate.sensors.marker_ring.estimator import RingEstimator
+from palpate.sensors.marker_ring.locator import turned
+from palpate.sensors.marker_ring.model import MarkerRing, RingBody
+from palpate.signals.recording import IMAGE, Recording
 from palpate_lab.simulation.barrel import Barrel, Indenter, Pressed
 from palpate_lab.simulation.ring_camera import Look, Photographer
 from palpate_lab.simulation.ring_session import Protocol, RingSession, RingUnit, calibration_run

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from palpate.contact.ring_locator import turned
 from palpate.opencv import opencv
+from palpate.sensors.marker_ring.locator import turned
 from palpate_lab.papers.ring import PaperForce, paper_contacts
 
 __all__ = ["Theirs", "sorted_markers", "spots"]

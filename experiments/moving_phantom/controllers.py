@@ -13,7 +13,7 @@ from palpate.contact import Locator, Status, WrenchEstimator
 from palpate.contact.estimate import ROW
 from palpate.contact.iterative import fit_paraboloid, locate_iteratively
 from palpate.control.align import AlignController
-from palpate.sensors.compensation import Compensation
+from palpate.sensors.force_torque.compensation import Compensation
 from palpate.surfaces.mesh import Mesh
 
 __all__ = ["VARIANTS", "Iterative", "Late", "Uncompensated"]

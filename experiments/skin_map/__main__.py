@@ -15,9 +15,9 @@ import numpy as np
 from evidence.machine import machine
 from evidence.skin_contacts import protocol
 from evidence.skin_map import HEADING, ORIGIN, SHEET, table, wrist
-from palpate.calibration.skin_map import map_skin
-from palpate.calibration.skin_map.paper import paper_map
-from palpate.sensors.skin_map import SkinMap
+from palpate.sensors.taxels.skin_map import map_skin
+from palpate.sensors.taxels.skin_map.model import SkinMap
+from palpate.sensors.taxels.skin_map.paper import paper_map
 from palpate.surfaces import Mesh
 
 PAGE = Path(__file__).with_name("README.md")

@@ -8,10 +8,10 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from evidence.taxel_limit import priors_of
-from palpate.calibration.taxels import calibrate_taxels, paper
-from palpate.evaluation.taxels import compare_places
-from palpate.sensors.pokes import Pokes
-from palpate.sensors.taxel_places import TaxelPlaces
+from palpate.sensors.taxels.places import TaxelPlaces
+from palpate.sensors.taxels.poking import calibrate_taxels, paper
+from palpate.sensors.taxels.poking.evaluate import compare_places
+from palpate.sensors.taxels.poking.pokes import Pokes
 from palpate.surfaces.mesh import Mesh
 from palpate_lab.simulation.forearm import Forearm
 from palpate_lab.simulation.poke_bench import HAND, MIX, PokeBench, PokeErrors

@@ -23,8 +23,8 @@ from jaxtyping import Float
 
 import palpate
 from experiments.touch_navigation.conditions import JUDGED, Condition, arena_settings
-from palpate.contact.ring_estimator import RingEstimator
 from palpate.errors import InputError
+from palpate.sensors.marker_ring.estimator import RingEstimator
 from palpate_lab.cli.arena_ring import RingWear
 from palpate_lab.cli.arena_run import FELT, ArenaRun, Moment
 from palpate_lab.simulation.arena.camera import SwiftCamera

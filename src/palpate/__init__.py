@@ -49,26 +49,24 @@ from importlib import import_module as _import
 from typing import TYPE_CHECKING as _CHECKING
 
 if _CHECKING:
-    from palpate.calibration.load_cells import identify_load_cells
     from palpate.calibration.mounting import Mounting, identify_mounting
-    from palpate.calibration.payload import identify_payload
-    from palpate.calibration.skin_map import Sheet, map_skin
     from palpate.contact import Candidates, ContactEstimate, Contacts, Locator, Status, WrenchEstimator
     from palpate.contact.locate import locate
-    from palpate.contact.ring_estimator import RingEstimator
-    from palpate.contact.taxel_estimator import TaxelEstimator
     from palpate.control.align import AlignController
     from palpate.control.drive import DifferentialDrive
     from palpate.control.touch_navigator import TouchNavigator
     from palpate.errors import GeometryError, InputError, NotIdentifiable, PalpateError
-    from palpate.io.live.live import open_live
-    from palpate.io.pipeline import estimate, open_log
-    from palpate.io.rig import load_rig
-    from palpate.sensors import Butterworth, Compensation, ForceTorque, Kalman, Payload, Recording
-    from palpate.sensors.load_cell_array import LoadCellArray
-    from palpate.sensors.load_cells import LoadCells
-    from palpate.sensors.marker_ring import MarkerRing
-    from palpate.sensors.taxels import TaxelBody
+    from palpate.live.live import open_live
+    from palpate.sensors.force_torque import Compensation, ForceTorque
+    from palpate.sensors.force_torque.calibrate import identify_payload
+    from palpate.sensors.load_cells import LoadCellArray, LoadCells
+    from palpate.sensors.load_cells.calibrate import identify_load_cells
+    from palpate.sensors.marker_ring import MarkerRing, RingEstimator
+    from palpate.sensors.taxels import TaxelBody, TaxelEstimator
+    from palpate.sensors.taxels.skin_map import Sheet, map_skin
+    from palpate.setup import load_rig
+    from palpate.setup.pipeline import estimate, open_log
+    from palpate.signals import Butterworth, Kalman, Payload, Recording
     from palpate.spatial.pose import Pose
     from palpate.spatial.wrench import Wrench
     from palpate.surfaces import Mesh, Surface, plane
@@ -120,12 +118,12 @@ __all__ = [
 ]
 
 _HOME = {
-    "identify_load_cells": "palpate.calibration.load_cells",
+    "identify_load_cells": "palpate.sensors.load_cells.calibrate",
     "Mounting": "palpate.calibration.mounting",
     "identify_mounting": "palpate.calibration.mounting",
-    "identify_payload": "palpate.calibration.payload",
-    "Sheet": "palpate.calibration.skin_map",
-    "map_skin": "palpate.calibration.skin_map",
+    "identify_payload": "palpate.sensors.force_torque.calibrate",
+    "Sheet": "palpate.sensors.taxels.skin_map",
+    "map_skin": "palpate.sensors.taxels.skin_map",
     "Candidates": "palpate.contact",
     "ContactEstimate": "palpate.contact",
     "Contacts": "palpate.contact",
@@ -133,8 +131,8 @@ _HOME = {
     "Status": "palpate.contact",
     "WrenchEstimator": "palpate.contact",
     "locate": "palpate.contact.locate",
-    "RingEstimator": "palpate.contact.ring_estimator",
-    "TaxelEstimator": "palpate.contact.taxel_estimator",
+    "RingEstimator": "palpate.sensors.marker_ring",
+    "TaxelEstimator": "palpate.sensors.taxels",
     "AlignController": "palpate.control.align",
     "DifferentialDrive": "palpate.control.drive",
     "TouchNavigator": "palpate.control.touch_navigator",
@@ -142,17 +140,17 @@ _HOME = {
     "InputError": "palpate.errors",
     "NotIdentifiable": "palpate.errors",
     "PalpateError": "palpate.errors",
-    "open_live": "palpate.io.live.live",
-    "estimate": "palpate.io.pipeline",
-    "open_log": "palpate.io.pipeline",
-    "load_rig": "palpate.io.rig",
-    "Butterworth": "palpate.sensors",
-    "Compensation": "palpate.sensors",
-    "ForceTorque": "palpate.sensors",
-    "Kalman": "palpate.sensors",
-    "Payload": "palpate.sensors",
-    "Recording": "palpate.sensors",
-    "LoadCellArray": "palpate.sensors.load_cell_array",
+    "open_live": "palpate.live.live",
+    "estimate": "palpate.setup.pipeline",
+    "open_log": "palpate.setup.pipeline",
+    "load_rig": "palpate.setup",
+    "Butterworth": "palpate.signals",
+    "Compensation": "palpate.sensors.force_torque",
+    "ForceTorque": "palpate.sensors.force_torque",
+    "Kalman": "palpate.signals",
+    "Payload": "palpate.signals",
+    "Recording": "palpate.signals",
+    "LoadCellArray": "palpate.sensors.load_cells",
     "LoadCells": "palpate.sensors.load_cells",
     "MarkerRing": "palpate.sensors.marker_ring",
     "TaxelBody": "palpate.sensors.taxels",
@@ -162,7 +160,7 @@ _HOME = {
     "Surface": "palpate.surfaces",
     "plane": "palpate.surfaces",
 }
-_ROOMS = ("calibration", "contact", "errors", "sensors", "spatial", "surfaces")
+_ROOMS = ("calibration", "contact", "errors", "sensors", "signals", "spatial", "surfaces")
 _ELSEWHERE = {  # what else one looks for at the front door
     "Rig": 'palpate.load_rig("rig.toml")',
     "live": 'palpate.open_live("rig.toml")',

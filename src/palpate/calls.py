@@ -37,7 +37,7 @@ def by_name(dotted: str) -> Any:
     """Return what a module defines, imported now: for values that are saved or drawn, and tables of classes.
 
     Args:
-        dotted: module and name, "palpate.io.contacts.read_contacts".
+        dotted: module and name, "palpate.files.contacts.read_contacts".
     """
     module, _, name = dotted.rpartition(".")
     return getattr(import_module(module), name)

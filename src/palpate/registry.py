@@ -20,7 +20,8 @@ class Registry(Mapping[str, Row]):
     Rows of other packages are looked for when a name is asked for that is not in the rows, or when all are.
 
     Args:
-        rows: by name, where the thing is defined ("palpate.io.rig.skin.SKIN"); it is imported when first asked for.
+        rows: by name, where the thing is defined ("palpate.sensors.taxels.section.SKIN"); it is imported when first
+            asked for.
         kind: what the things are.
         group: of entry points of other packages: `name = "module:THING"`.
         first: whether theirs come before the others.

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from evidence.moving import Swing, moving_wrenches
 from palpate.calibration.clock import ClockOffset, _sums, identify_offset
 from palpate.errors import InputError, NotIdentifiable
-from palpate.sensors import Payload
+from palpate.signals import Payload
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate.spatial.pose_track import PoseTrack
 from palpate_lab.simulation.session import GRAVITY, Load

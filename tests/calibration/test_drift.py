@@ -9,9 +9,9 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from palpate.calibration.drift import DriftFit, identify_drift
-from palpate.calibration.walk import Steps, WalkFit, innovations, likelihood_of, steps_of
+from palpate.calibration.random_walk import Steps, WalkFit, innovations, likelihood_of, steps_of
 from palpate.errors import InputError
-from palpate.sensors.drift import Drift
+from palpate.signals.drift import Drift
 from palpate_lab.simulation.drift import simulate_drift
 
 identify = partial(identify_drift, window=0.4)  # s: longer than usual, and quicker

@@ -18,9 +18,9 @@ import pytest
 import trimesh
 
 from palpate.cli import main
+from palpate.files.models import read_model
 from palpate.interrupts import uninterrupted
-from palpate.io.models import read_model
-from palpate.sensors.force_torque import Payload
+from palpate.signals.payload import Payload
 from palpate_lab.simulation.session import simulate_session
 from palpate_lab.simulation.session_files import write_session
 
@@ -183,7 +183,7 @@ def test_presses_in_a_log_that_runs_backwards_are_refused(capsys: pytest.Capture
 @pytest.mark.usefixtures("here")
 def test_the_position_has_the_spread_of_the_surfaces_own_place(capsys: pytest.CaptureFixture[str]) -> None:
     """About the sensor's origin, 85 mm away, the uncertain turn would make it several times as large."""
-    from palpate.io.rig import load_rig
+    from palpate.setup import load_rig
 
     assert main([*MOUNTING.split(), "out.toml"]) == 0
     line = next(row for row in capsys.readouterr().out.splitlines() if row.strip().startswith("position"))

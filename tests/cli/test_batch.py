@@ -17,8 +17,9 @@ from types import ModuleType
 import pytest
 
 from palpate.cli import batch as command
-from palpate.cli import main, parallel
+from palpate.cli import main
 from palpate.cli.batch_logs import logs_of, names_of
+from palpate.console import parallel
 from palpate.errors import InputError
 from palpate_lab.simulation.session import simulate_session
 from palpate_lab.simulation.session_files import write_session

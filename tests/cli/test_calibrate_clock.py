@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from palpate.cli import main
-from palpate.io.rig import load_rig
-from palpate.sensors.recording import ORIENTATION
+from palpate.setup import load_rig
+from palpate.signals.recording import ORIENTATION
 from palpate_lab.simulation.session import Session, simulate_session
 from palpate_lab.simulation.session_files import POSE_TOPIC, WRENCH_TOPIC
 from palpate_lab.simulation.session_mcap import CLOCK_OFFSET, write_session_mcap

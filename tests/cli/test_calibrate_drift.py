@@ -13,11 +13,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from palpate.cli import main
-from palpate.contact.resolution import nominal_cells
-from palpate.io.models import write_model
-from palpate.io.rig import load_rig
-from palpate.sensors import Payload
-from palpate.sensors.drift import Drift
+from palpate.files.models import write_model
+from palpate.sensors.load_cells.resolution import nominal_cells
+from palpate.setup import load_rig
+from palpate.signals import Payload
+from palpate.signals.drift import Drift
 from palpate_lab.simulation.bags import Stamped, header, nanoseconds, wrenches, write_bag
 from palpate_lab.simulation.drift import simulate_drift
 

@@ -16,10 +16,10 @@ import trimesh
 
 from palpate.cli import main
 from palpate.contact.locate import OFF, ON
-from palpate.io.contacts import read_contacts
-from palpate.io.models import load_toml, read_model
-from palpate.io.rig import load_rig
-from palpate.sensors.force_torque import Payload
+from palpate.files.contacts import read_contacts
+from palpate.files.models import load_toml, read_model
+from palpate.setup import load_rig
+from palpate.signals.payload import Payload
 from palpate_lab.simulation.session import Session, simulate_session
 from palpate_lab.simulation.session_files import write_session
 
@@ -311,9 +311,9 @@ def test_ctrl_c_before_a_row_leaves_nothing(made: Path, tmp_path: Path, monkeypa
 @pytest.mark.parametrize(
     ("step", "call"),
     [
-        ("calibrate_payload.identify_payload", "payload free_motion.csv --rig rig.toml -o out.toml"),
-        ("calibration.write_model", "payload free_motion.csv --rig rig.toml -o out.toml"),
-        ("calibrate_mounting.identify_mounting", "mounting touches.csv --rig rig.toml -o rig.toml"),
+        ("sensors.force_torque.commands.identify_payload", "payload free_motion.csv --rig rig.toml -o out.toml"),
+        ("console.calibration.write_model", "payload free_motion.csv --rig rig.toml -o out.toml"),
+        ("sensors.force_torque.mounting_command.identify_mounting", "mounting touches.csv --rig rig.toml -o rig.toml"),
     ],
 )
 def test_ctrl_c_while_calibrating_leaves_everything_as_it_was(
@@ -323,7 +323,7 @@ def test_ctrl_c_while_calibrating_leaves_everything_as_it_was(
         raise KeyboardInterrupt
 
     monkeypatch.chdir(made)
-    monkeypatch.setattr(f"palpate.cli.{step}", interrupted)
+    monkeypatch.setattr(f"palpate.{step}", interrupted)
     before = {file.name: file.read_bytes() for file in made.iterdir()}
     assert main(["calibrate", *call.split()]) == 130
     assert capsys.readouterr().err == "palpate: interrupted; no file is half written\n"

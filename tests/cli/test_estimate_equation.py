@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 
 from palpate.cli import main
-from palpate.io.contacts import read_contacts
+from palpate.files.contacts import read_contacts
 from palpate.spatial.pose import Pose
 from palpate_lab.simulation.contacts import contact_wrenches
 

@@ -23,11 +23,11 @@ from evidence.logs_written import POSE, STAMPED, WRENCH, write_csv, write_mcap
 from palpate.cli import main
 from palpate.contact import Contacts
 from palpate.contact.estimate import Status
-from palpate.io.contacts import read_contacts
-from palpate.io.models import load_toml
-from palpate.io.pipeline import OpenedLog, Pipeline
-from palpate.io.rig.edit import update_offset
-from palpate.sensors.recording import ORIENTATION
+from palpate.files.contacts import read_contacts
+from palpate.files.models import load_toml
+from palpate.setup.edit import update_offset
+from palpate.setup.pipeline import OpenedLog, Pipeline
+from palpate.signals.recording import ORIENTATION
 from palpate.surfaces import _jit
 from palpate_lab.simulation.session import NOISE, Session, simulate_session
 from palpate_lab.simulation.session_files import POSE_TOPIC, WRENCH_TOPIC, write_session
@@ -161,7 +161,7 @@ def test_ctrl_c_leaves_a_whole_file_of_what_was_done(
     pl.read_csv(made / "touches.csv").write_parquet(tmp_path / "log.parquet")
     assert estimate(tmp_path / "log.parquet", made / "rig.toml", tmp_path / f"whole{suffix}") == 0
     capsys.readouterr()
-    monkeypatch.setattr("palpate.io.logs.columns.BLOCK", 500)
+    monkeypatch.setattr("palpate.files.logs.columns.BLOCK", 500)
     monkeypatch.setattr("palpate.cli.estimate.progress", _interrupting(2))
     output = tmp_path / f"contacts{suffix}"
     report = ("--report", str(tmp_path / "report.html")) if suffix == ".csv" else ()
@@ -182,7 +182,7 @@ def test_ctrl_c_while_parquet_is_joined_loses_nothing(
     def joining(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("palpate.io.contacts.writing.pl.scan_parquet", joining)
+    monkeypatch.setattr("palpate.files.contacts.writing.pl.scan_parquet", joining)
     output = tmp_path / "contacts.parquet"
     assert estimate(made / "touches.csv", made / "rig.toml", output) == 130
     assert not output.exists()

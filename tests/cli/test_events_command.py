@@ -12,8 +12,8 @@ import pytest
 from palpate.cli import main
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate, Status
-from palpate.io.contacts import open_contacts, write_contacts
-from palpate.io.ground_truth import read_touches
+from palpate.files.contacts import open_contacts, write_contacts
+from palpate.files.ground_truth import read_touches
 
 
 def _session(touches: int) -> Contacts:

@@ -14,8 +14,8 @@ from palpate.cli import main
 from palpate.cli.inspect_log import Excerpt
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, ContactEstimate, Status
-from palpate.io.contacts import open_contacts
-from palpate.sensors.recording import FORCE, TORQUE, Recording
+from palpate.files.contacts import open_contacts
+from palpate.signals.recording import FORCE, TORQUE, Recording
 from palpate_lab.simulation.session import Session, simulate_session
 from palpate_lab.simulation.session_mcap import write_session_mcap
 

@@ -12,7 +12,7 @@ from scipy.signal import butter, sosfilt
 from palpate.cli import main
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, ContactEstimate
-from palpate.io.contacts import write_contacts
+from palpate.files.contacts import write_contacts
 
 RATE, EDGE, COUNT = 200.0, 8.0, 12_000
 SIGNATURE = {".svg": b"<?xml", ".png": b"\x89PNG", ".html": b"<!DOCTYPE html>"}

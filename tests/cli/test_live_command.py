@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from palpate.cli import main
-from palpate.io.contacts import read_contacts
-from palpate.io.live.netft_device import NetFtDevice
-from palpate.io.live.recover import cut_short
+from palpate.files.contacts import read_contacts
+from palpate.live.netft_device import NetFtDevice
+from palpate.live.recover import cut_short
 
 LONG = 240.0  # s: what takes longer hangs; kernels may be compiled meanwhile, on a busy machine
 RIG = """\

@@ -21,7 +21,7 @@ from palpate.cli.live_page import Stream as Reading
 from palpate.cli.live_page import show
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW
-from palpate.io.live.ring import Ring
+from palpate.live.stream_buffer import Ring
 from palpate.surfaces import Sphere
 from palpate.viewer.live import SECONDS, Figures, LivePage, recent
 from tests.support.browser import PATIENCE, chromium, until

@@ -14,7 +14,7 @@ import pytest
 from palpate.cli import main
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate, Status
-from palpate.io.contacts import write_contacts
+from palpate.files.contacts import write_contacts
 from tests.follow import heard
 
 UNIX = 1.75e9 + 0.25  # s: 2025-06-15 15:06:40 UTC, and a quarter
@@ -110,7 +110,7 @@ def test_seconds_since_1970_are_counted_from_a_date(tmp_path: Path, capsys: pyte
 
 SILENT = """
 import sys, time
-from palpate.cli import console
+from palpate.console import console
 console._TICK, console._SILENT = 0.02, 0.05
 with console.spoken(quiet={quiet}, json=False):
     console.wait("building")

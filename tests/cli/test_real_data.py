@@ -10,9 +10,9 @@ import pytest
 
 from evidence.files import REAL
 from palpate.cli import main
-from palpate.io.contacts import read_contacts
-from palpate.io.models import read_model
-from palpate.sensors.force_torque import Payload
+from palpate.files.contacts import read_contacts
+from palpate.files.models import read_model
+from palpate.signals.payload import Payload
 
 # The driver swaps y and z of force and torque. Unswapped, pad x = 0.06 + p0 and pad y = 0.142 - p2 on the plane
 # p1 = 0.008 m: the pad's frame is the sensor's, turned by -90 degrees about x.

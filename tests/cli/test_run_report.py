@@ -10,18 +10,18 @@ import pytest
 
 from palpate.cli.report import judged
 from palpate.cli.report_advice import status_advice
-from palpate.cli.views.force_torque import force_torque, wrench_advice
-from palpate.cli.views.load_cells import load_cells
-from palpate.cli.views.taxels import taxels
-from palpate.cli.views.wrenches import wrench_settings
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.contact.ground_truth import Samples, Touches
 from palpate.contact.locate import Locator
-from palpate.contact.resolution import nominal_cells
-from palpate.io.rig import Rig
-from palpate.io.rig.surface import RigSurface
-from palpate.io.rig.tables import RigEstimate, RigForceTorque, RigNoise, RigPair, RigThresholds
+from palpate.sensors.force_torque.view import force_torque, wrench_advice
+from palpate.sensors.load_cells.resolution import nominal_cells
+from palpate.sensors.load_cells.view import load_cells
+from palpate.sensors.taxels.view import taxels
+from palpate.setup import Rig
+from palpate.setup.surface import RigSurface
+from palpate.setup.tables import RigEstimate, RigForceTorque, RigNoise, RigPair, RigThresholds
+from palpate.setup.wrench_view import wrench_settings
 from palpate.spatial.pose import Pose
 from palpate.viewer.captions import MEANING
 from palpate.viewer.report import Section, render

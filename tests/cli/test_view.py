@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from palpate.cli import main
-from palpate.io.contacts import read_contacts
+from palpate.files.contacts import read_contacts
 from palpate.viewer import server
 from palpate.viewer.scene import Scene
 from palpate_lab.simulation.session import simulate_session

@@ -12,27 +12,27 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from palpate.calibration.left_out import leave_out
-from palpate.cli.calibration import Calibration, Found
-from palpate.cli.options import Log, Output
-from palpate.cli.views.taxels import TaxelView
-from palpate.cli.views.view import Kept
-from palpate.contact.taxel_estimator import TaxelEstimator
-from palpate.io.logs.layout import ArrayChannel, Layout
-from palpate.io.models import read_model
-from palpate.io.models.model import Model
-from palpate.io.rig.kind import Guess, Prepared
-from palpate.io.rig.setup import Setup
-from palpate.io.rig.skin import SKIN
-from palpate.io.rig.wrench import noted_filter
-from palpate.io.schema import Form, Key
-from palpate.io.tables.table import read_table
-from palpate.io.units import measured
-from palpate.sensors.intensity import Curve, Intensity
-from palpate.sensors.recording import CELLS
-from palpate.sensors.taxel_health import examine
-from palpate.sensors.taxels import TaxelBody
+from palpate.console.calibration import Calibration, Found
+from palpate.console.options import Log, Output
+from palpate.files.logs.layout import ArrayChannel, Layout
+from palpate.files.models import read_model
+from palpate.files.models.model import Model
+from palpate.files.schema import Form, Key
+from palpate.files.tables.table import read_table
+from palpate.files.units import measured
+from palpate.sensors.taxels.estimator import TaxelEstimator
+from palpate.sensors.taxels.health import examine
+from palpate.sensors.taxels.intensity import Curve, Intensity
+from palpate.sensors.taxels.layer import TaxelLayer
+from palpate.sensors.taxels.model import TaxelBody
+from palpate.sensors.taxels.section import SKIN
+from palpate.sensors.taxels.view import TaxelView
+from palpate.setup.kind import Guess, Prepared
+from palpate.setup.setup import Setup
+from palpate.setup.view import Kept
+from palpate.setup.wrench import noted_filter
+from palpate.signals.recording import CELLS
 from palpate.viewer.scene import Layer
-from palpate.viewer.taxels import TaxelLayer
 
 COUNT, RADIUS, NOISE = 200, 0.05, 0.003  # taxels, m, N
 COLUMNS = tuple(f"t{k}" for k in range(COUNT))

@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 import palpate
 from palpate.cli import main
 from palpate.errors import PalpateError
-from palpate.io.contacts import read_contacts
+from palpate.files.contacts import read_contacts
 from tests.conformance.sensors import Files, Sensor
 from tests.support.blocks import unserved
 from tests.support.simulated import POSE

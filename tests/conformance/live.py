@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 import palpate
-from palpate.sensors.recording import ACCELERATION, ORIENTATION, POSITION, UNSTEADY, Recording
+from palpate.signals.recording import ACCELERATION, ORIENTATION, POSITION, UNSTEADY, Recording
 from palpate.spatial.pose import rotation_from_quaternion
 
 __all__ = ["each_reading", "recorded", "whole"]
@@ -21,7 +21,7 @@ BESIDE = (ORIENTATION, POSITION, ACCELERATION, UNSTEADY)  # channels that are no
 
 def whole(log: Path, rig: Any) -> Recording:
     """All of a log, as its rig reads it."""
-    from palpate.io.logs import join
+    from palpate.files.logs import join
 
     with palpate.open_log(str(log), rig) as opened:
         return join(list(opened))
@@ -49,11 +49,11 @@ def recorded(log: Path, rig: Path) -> Path:
     By what its receiver and its recorder run, in turns in this process: they would take seconds to start, and know
     nothing of a sensor that is none of Palpate's.
     """
-    from palpate.io.live.live import Live
-    from palpate.io.live.receiver import IMAGES
-    from palpate.io.live.record import Recorder, require_record
-    from palpate.io.live.ring import SIZE, Ring
-    from palpate.io.rig.source import RigSource
+    from palpate.live.live import Live
+    from palpate.live.receiver import IMAGES
+    from palpate.live.record import Recorder, require_record
+    from palpate.live.stream_buffer import SIZE, Ring
+    from palpate.setup.source import RigSource
 
     output = log.parent / "live.mcap"
     require_record(output)

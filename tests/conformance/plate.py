@@ -13,12 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from palpate.errors import InputError
-from palpate.io.logs.layout import ArrayChannel, Layout
-from palpate.io.rig.kind import Guess
-from palpate.io.rig.setup import SensorKind
-from palpate.io.rig.wrench import wrench_estimator
-from palpate.sensors.recording import LARGEST, Recording
-from palpate.sensors.wrench_sensor import Placement, Tare
+from palpate.files.logs.layout import ArrayChannel, Layout
+from palpate.setup.kind import Guess
+from palpate.setup.setup import SensorKind
+from palpate.setup.wrench import wrench_estimator
+from palpate.signals.recording import LARGEST, Recording
+from palpate.signals.wrench_sensor import Placement, Tare
 
 NOISE, COLUMNS = 0.005, ("left", "right", "back")  # N: standard deviation of one cell
 CELLS = np.array([[-0.02, -0.015], [0.02, -0.015], [0.0, 0.02]])  # m
@@ -79,6 +79,6 @@ PLATE = SensorKind(
     layout=lambda setup: LAYOUT,
     build=lambda setup: wrench_estimator(setup, Plate(), tare=setup.estimate.tare),
     guess=lambda log, there, mesh: Guess("three", LAYOUT, "[plate]\n") if set(COLUMNS) <= set(there.names) else None,
-    view="palpate.cli.views.wrenches.WrenchView",
+    view="palpate.setup.wrench_view.WrenchView",
     refused={"payload": "nothing hangs on a plate", "noise": "a plate's noise is known"},
 )

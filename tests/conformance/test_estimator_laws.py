@@ -19,7 +19,7 @@ import palpate
 from palpate.contact.estimate import ROW
 from palpate.contact.wrench_estimator import WrenchEstimator
 from palpate.errors import PalpateError
-from palpate.sensors.recording import ORIENTATION, POSITION, UNSTEADY, Recording
+from palpate.signals.recording import ORIENTATION, POSITION, UNSTEADY, Recording
 from tests.conformance.fields import Case, run, same
 from tests.conformance.live import BESIDE, each_reading, readings_of, whole
 from tests.conformance.sensors import SENSORS, Sensor
@@ -64,7 +64,7 @@ class Set:
 
     @cached_property
     def _prepared(self) -> tuple[Any, Recording]:
-        from palpate.io.logs import join
+        from palpate.files.logs import join
 
         estimator = self.estimator()
         ready = [block for block, _ in estimator.pairs(self.cut(LENGTH))]

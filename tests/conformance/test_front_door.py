@@ -105,7 +105,7 @@ def test_paths_may_be_text_everywhere(case_of: Callable[[Sensor], Case]) -> None
         with palpate.open_log(kind(files.log), rig) as opened:
             assert len(next(iter(opened)))
         assert palpate.Mesh.load(kind(files.folder / "probe.stl"), unit="mm").faces.size
-    from palpate.io.contacts import open_contacts, read_contacts
+    from palpate.files.contacts import open_contacts, read_contacts
 
     found = palpate.estimate(str(files.log), str(files.rig))
     with open_contacts(str(files.folder / "text.parquet")) as output:

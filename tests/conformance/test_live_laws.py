@@ -11,14 +11,14 @@ import pytest
 
 import palpate
 from palpate.contact.estimate import ROW
-from palpate.io.live.live import Answers, Live
-from palpate.io.live.replay import Replay, bare
-from palpate.io.live.ring import Ring
-from palpate.io.logs import join
-from palpate.io.pipeline import OpenedLog
-from palpate.io.rig.source import RigSource
-from palpate.io.rig.tables import RigOrientation
-from palpate.sensors.recording import UNSTEADY
+from palpate.files.logs import join
+from palpate.live.live import Answers, Live
+from palpate.live.replay import Replay, bare
+from palpate.live.stream_buffer import Ring
+from palpate.setup.pipeline import OpenedLog
+from palpate.setup.source import RigSource
+from palpate.setup.tables import RigOrientation
+from palpate.signals.recording import UNSTEADY
 from tests.conformance.fields import Case, same
 from tests.conformance.sensors import SENSORS, Sensor
 

@@ -12,14 +12,14 @@ import pytest
 
 import palpate
 from palpate.cli.live_page import Stream
-from palpate.cli.views.view import layers_of, view_of
-from palpate.io.live.live import Live
-from palpate.io.live.replay import Replay, bare
-from palpate.io.live.ring import Ring
-from palpate.io.rig.source import RigSource
+from palpate.live.live import Live
+from palpate.live.replay import Replay, bare
+from palpate.live.stream_buffer import Ring
+from palpate.sensors.marker_ring.layer import RingLayer
+from palpate.sensors.taxels.layer import TaxelLayer
+from palpate.setup.source import RigSource
+from palpate.setup.view import layers_of, view_of
 from palpate.viewer.live import LivePage
-from palpate.viewer.marker_ring import RingLayer
-from palpate.viewer.taxels import TaxelLayer
 from tests.conformance.fields import Case
 from tests.conformance.sensors import SENSORS, Sensor
 
@@ -49,7 +49,8 @@ def test_the_page_draws_what_passes_through_the_ring(
     ring = Ring.make(tmp_path / "ring", live.form(), 1 << 27)
     setup = rig.resolve(ring.form.sensor)
     view, layers = view_of(setup.kind), layers_of(setup, live=ring.form.shape)
-    stream, carried, touched = Stream(ring, view.feed(setup, ring, layers)), list[tuple[float, float]](), 0
+    stream = Stream(ring, view.feed(setup, lambda: ring["done"], layers))
+    carried, touched = list[tuple[float, float]](), 0
     with LivePage(view.body(setup), layers, sensor.name, stream.tare, port=0) as page:
         end = min(whole["answered"], len(whole.slots))
         for begin, until in pairwise(np.linspace(0, end, PICTURES + 1).astype(int).tolist()):

@@ -9,7 +9,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from palpate.io.rig.kinds import KINDS
+from palpate.setup.kinds import KINDS
 from tests.conformance.fields import Case, Refused, run
 from tests.conformance.sensors import SENSORS, Sensor
 

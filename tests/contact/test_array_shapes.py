@@ -16,7 +16,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.calibration import identify_payload
+from palpate import identify_payload
 from palpate.contact import ContactEstimate, Locator
 from palpate.contact.locate import locate
 from palpate.errors import InputError

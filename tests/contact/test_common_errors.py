@@ -10,10 +10,10 @@ import pytest
 from palpate.contact import WrenchEstimator
 from palpate.contact.locate import Locator
 from palpate.errors import InputError
-from palpate.sensors import Butterworth
-from palpate.sensors.force_torque import ForceTorque
-from palpate.sensors.noise import NoiseSpectrum
-from palpate.sensors.recording import FORCE, TORQUE, Recording
+from palpate.sensors.force_torque.model import ForceTorque
+from palpate.signals import Butterworth
+from palpate.signals.noise import NoiseSpectrum
+from palpate.signals.recording import FORCE, TORQUE, Recording
 from palpate.spatial.pose import Pose
 from palpate.surfaces import Sphere
 

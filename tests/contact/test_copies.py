@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 from palpate.contact import Locator
-from palpate.sensors import ForceTorque, Payload
+from palpate.sensors.force_torque import ForceTorque
+from palpate.signals import Payload
 from palpate.spatial.pose import Pose
 from palpate.spatial.wrench import Wrench
 from palpate.surfaces import Cylinder, Ellipsoid, EllipticCylinder, ImplicitSurface, Mesh, Paraboloid, Sphere, plane

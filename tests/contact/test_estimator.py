@@ -10,9 +10,10 @@ import pytest
 from palpate.contact import Locator, Status, WrenchEstimator
 from palpate.contact.contacts import Contacts
 from palpate.errors import InputError
-from palpate.sensors import ForceTorque, Payload, Recording
-from palpate.sensors.compensation import Compensation
-from palpate.sensors.recording import AVERAGED, FORCE, ORIENTATION, TORQUE
+from palpate.sensors.force_torque import ForceTorque
+from palpate.sensors.force_torque.compensation import Compensation
+from palpate.signals import Payload, Recording
+from palpate.signals.recording import AVERAGED, FORCE, ORIENTATION, TORQUE
 from palpate.spatial.pose import Pose, rotation_from_quaternion
 from palpate.surfaces import Sphere
 from palpate_lab.simulation.contacts import touch_wrenches

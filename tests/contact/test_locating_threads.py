@@ -8,7 +8,7 @@ from palpate.contact import locating_threads
 from palpate.contact.estimate import ROW, Status
 from palpate.contact.locate import Locator
 from palpate.contact.locating_threads import LocatingThreads, Pending
-from palpate.sensors.recording import Recording
+from palpate.signals.recording import Recording
 from palpate.surfaces import Mesh
 
 SIGMA = np.array([0.02] * 3 + [5e-4] * 3)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import palpate
-from palpate.sensors.recording import FORCE, TORQUE
+from palpate.signals.recording import FORCE, TORQUE
 from palpate.spatial.shown import one_line
 
 LINE = 200  # characters: a line of a wide terminal

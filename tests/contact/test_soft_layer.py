@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from palpate import Locator, Surface
+from palpate.contact.indentation import Indentation
 from palpate.errors import InputError
-from palpate.sensors.load_cells import Indentation
 from palpate.surfaces import EllipticCylinder, Sphere
 from palpate_lab.simulation.contacts import contact_wrenches
 from tests.support.bodies import BODIES

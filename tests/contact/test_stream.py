@@ -11,10 +11,11 @@ import pytest
 
 from palpate.contact import ContactEstimate, Locator, Status, WrenchEstimator
 from palpate.errors import InputError
-from palpate.sensors import Butterworth, ForceTorque, Kalman, Payload, Recording
-from palpate.sensors.compensation import Compensation
-from palpate.sensors.filters import Filter
-from palpate.sensors.recording import ACCELERATION, FORCE, ORIENTATION, TORQUE, UNSTEADY
+from palpate.sensors.force_torque import ForceTorque
+from palpate.sensors.force_torque.compensation import Compensation
+from palpate.signals import Butterworth, Kalman, Payload, Recording
+from palpate.signals.filters import Filter
+from palpate.signals.recording import ACCELERATION, FORCE, ORIENTATION, TORQUE, UNSTEADY
 from palpate.spatial.pose import Pose, rotation_from_quaternion, skew
 from palpate.surfaces import plane
 from tests.support.bodies import BODIES

@@ -8,10 +8,11 @@ import pytest
 from palpate.contact import WrenchEstimator
 from palpate.contact.estimate import Status
 from palpate.contact.locate import Locator
-from palpate.sensors import Recording
-from palpate.sensors.compensation import Compensation
-from palpate.sensors.force_torque import ForceTorque, Payload
-from palpate.sensors.recording import FORCE, TORQUE
+from palpate.sensors.force_torque.compensation import Compensation
+from palpate.sensors.force_torque.model import ForceTorque
+from palpate.signals import Recording
+from palpate.signals.payload import Payload
+from palpate.signals.recording import FORCE, TORQUE
 from palpate.spatial.pose import Pose
 from palpate.surfaces.mesh import Mesh
 from palpate.surfaces.plane import plane

@@ -21,16 +21,17 @@ from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate
 from palpate.contact.zero_gate import ContactShape, Seen
 from palpate.errors import InputError
-from palpate.sensors.compensation import Compensation
-from palpate.sensors.drift import Drift
-from palpate.sensors.filters import Butterworth
-from palpate.sensors.force_torque import ForceTorque, Payload
-from palpate.sensors.load_cell_array import LoadCellArray
-from palpate.sensors.load_cell_zero import Zero
-from palpate.sensors.load_cells import VOLTAGE, LoadCells
-from palpate.sensors.recording import FORCE, ORIENTATION, TEMPERATURE, TORQUE
-from palpate.sensors.wrench_sensor import Placement
-from palpate.sensors.zero_filter import ZeroStatus
+from palpate.sensors.force_torque.compensation import Compensation
+from palpate.sensors.force_torque.model import ForceTorque
+from palpate.sensors.load_cells.array import LoadCellArray
+from palpate.sensors.load_cells.model import VOLTAGE, LoadCells
+from palpate.sensors.load_cells.zero import Zero
+from palpate.signals.drift import Drift
+from palpate.signals.filters import Butterworth
+from palpate.signals.payload import Payload
+from palpate.signals.recording import FORCE, ORIENTATION, TEMPERATURE, TORQUE
+from palpate.signals.wrench_sensor import Placement
+from palpate.signals.zero_filter import ZeroStatus
 from palpate.spatial.pose import Pose, rotation_from_quaternion
 from palpate.surfaces import EllipticCylinder, Mesh
 from palpate_lab.simulation.cell_array import LAYOUTS, random_cells

@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from benchmarks.control import WANTED, Press, bent, elbow_arm, press
 from palpate.contact import WrenchEstimator
 from palpate.control.align import AlignController
-from palpate.control.follow import Follow
 from palpate.control.servo import Feedback, Servo
 from palpate.control.supervisor import Limits, State
+from palpate.control.tracking_law import Follow
 from palpate.errors import InputError
-from palpate.sensors.filters import Butterworth
+from palpate.signals.filters import Butterworth
 
 RATE = 200.0
 

@@ -12,7 +12,7 @@ import pytest
 
 from palpate.control.arm import Arm
 from palpate.errors import InputError
-from palpate.io.arm import load_arm
+from palpate.files.arm import load_arm
 from palpate.spatial.pose import Pose
 from tests.support.arms import JOINTS, SIX, SLIDING, joint, write_arm
 

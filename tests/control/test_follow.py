@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from palpate.control import _align
 from palpate.control.admittance import Admittance
-from palpate.control.follow import Follow
-from palpate.control.law import Sensed
-from palpate.control.plain import Plain
+from palpate.control.control_law import Sensed
+from palpate.control.paper_law import Plain
 from palpate.control.probe_face import ProbeFace
+from palpate.control.tracking_law import Follow
 from palpate.errors import InputError
 from palpate.spatial.pose import Pose
 from palpate.surfaces.mesh import Mesh

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from palpate.control import _arm
 from palpate.control.arm import Arm
-from palpate.io.arm import load_arm
+from palpate.files.arm import load_arm
 from palpate.spatial.pose import Pose
 from tests.support.arms import write_arm
 

@@ -9,7 +9,6 @@ from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.evaluation.instruments import (
     judge,
-    map_mesh,
     perfect,
     touch_rows,
     touches_of,
@@ -20,7 +19,7 @@ from palpate_lab.simulation.shapes import icosphere
 from palpate_lab.simulation.skin_bench import Rolled
 
 SHEET = Rolled()
-MESH = map_mesh(SHEET.layout())
+MESH = SHEET.layout().mesh()
 
 
 def _lines(count: int = 20) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.calibration.poses import average_poses
 from palpate.calibration.presses import find_presses
 from palpate.contact.estimate import Status
 from palpate.contact.plausibility import lines_of_action, never_at_rest, unexplained
-from palpate.sensors.noise import estimate_noise
+from palpate.sensors.force_torque.poses import average_poses
+from palpate.signals.noise import estimate_noise
 from palpate.spatial.pose import Pose
 
 CENTRE, SIZE = np.array([0.0, 0.01, 0.08]), 0.05

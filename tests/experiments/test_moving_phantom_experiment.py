@@ -17,7 +17,7 @@ from experiments.moving_phantom.page import page, parts
 from experiments.moving_phantom.study import COLUMNS, Condition, Found, Trace, traces
 from palpate.contact import Locator, WrenchEstimator
 from palpate.contact.estimate import ROW
-from palpate.sensors.force_torque import ForceTorque
+from palpate.sensors.force_torque.model import ForceTorque
 from palpate.surfaces.mesh import Mesh
 from palpate_lab.simulation.phantom.probes import probe
 

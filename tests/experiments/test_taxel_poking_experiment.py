@@ -10,7 +10,7 @@ from experiments.check import Check
 from experiments.taxel_poking.__main__ import AVERAGED, CAD, FOLDER, NOTHING, SMALL, Measured, checks, measured
 from experiments.taxel_poking.page import page
 from experiments.taxel_poking.study import ALONE, SKIN, Found, Session, alone
-from palpate.calibration.taxels import paper
+from palpate.sensors.taxels.poking import paper
 from palpate.spatial.pose import Pose
 from palpate_lab.simulation.poke_bench import MIX
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import InputError
-from palpate.sensors.taxel_modules import LAYOUTS
+from palpate.sensors.taxels.modules import LAYOUTS
 from palpate.spatial.pose import Pose
 from palpate.surfaces.mesh import Mesh
 from palpate_lab.simulation.forearm import Cone, Forearm, SurfaceSkin, places_near

@@ -12,9 +12,9 @@ from jaxtyping import Float
 from mcap.reader import make_reader
 from rosbags.typesys import Stores, get_typestore
 
-from palpate.io.ground_truth import read_ground_truth
-from palpate.io.urdf import Kinematics, Urdf
-from palpate.sensors.taxel_places import TaxelPlaces
+from palpate.files.ground_truth import read_ground_truth
+from palpate.files.urdf import Kinematics, Urdf
+from palpate.sensors.taxels.places import TaxelPlaces
 from palpate.spatial.pose import Pose
 from palpate.surfaces.mesh import Mesh
 from palpate_lab.simulation.forearm import Forearm

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.io.ground_truth import read_ground_truth
+from palpate.files.ground_truth import read_ground_truth
 from palpate_lab.simulation.barrel import Barrel, Indenter
 from palpate_lab.simulation.ring_session import (
     Faults,

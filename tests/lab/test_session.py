@@ -11,7 +11,7 @@ import trimesh
 from mcap.reader import make_reader
 
 from evidence.logs_written import ROS2
-from palpate.sensors.recording import ORIENTATION
+from palpate.signals.recording import ORIENTATION
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate_lab.simulation.session import ASSEMBLY, NOISE, Session, simulate_session
 from palpate_lab.simulation.session_files import POSE_TOPIC, WRENCH_TOPIC, write_session

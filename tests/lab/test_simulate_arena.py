@@ -11,7 +11,8 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from palpate.cli import main, parallel
+from palpate.cli import main
+from palpate.console import parallel
 from palpate_lab.cli import arena_batch
 from palpate_lab.cli.arena_batch import read_results
 from palpate_lab.cli.arena_file import read_arena

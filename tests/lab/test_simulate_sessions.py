@@ -12,7 +12,7 @@ import polars as pl
 import pytest
 
 from palpate.cli import main
-from palpate.io.rig import load_rig
+from palpate.setup import load_rig
 from palpate_lab.simulation.load_cell_bench import BENCHES
 from palpate_lab.simulation.load_cell_files import load_cell_rig, write_load_cell_session
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import InputError
-from palpate.sensors.drift import Drift
+from palpate.signals.drift import Drift
 from palpate_lab.simulation.drift import simulate_drift
 
 TIME = np.array([5.0, 5.0, 5.5, 9.0, 30.0, 65.0])  # uneven, one repeated

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.sensors.recording import CELLS
+from palpate.signals.recording import CELLS
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate_lab.simulation.skin_bench import Patch, Rolled, Wand, paper_sheet, press, read_out, wand_poses
 

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from palpate.errors import InputError
-from palpate.io.ground_truth import read_ground_truth
-from palpate.io.logs import read_recording
-from palpate.io.models import read_model
-from palpate.io.rig.rig import load_rig
-from palpate.io.rig.skin import SkinSection
-from palpate.sensors.drift import Drift
-from palpate.sensors.force_torque import Payload
-from palpate.sensors.intensity import Intensity
-from palpate.sensors.recording import CELLS, ORIENTATION
+from palpate.files.ground_truth import read_ground_truth
+from palpate.files.logs import read_recording
+from palpate.files.models import read_model
+from palpate.sensors.taxels.intensity import Intensity
+from palpate.sensors.taxels.section import SkinSection
+from palpate.setup.rig import load_rig
+from palpate.signals.drift import Drift
+from palpate.signals.payload import Payload
+from palpate.signals.recording import CELLS, ORIENTATION
 from palpate_lab.simulation import engine as engines
 from palpate_lab.simulation.skin_bench import PaperSheet, Patch, Rolled, press
 from palpate_lab.simulation.touched import (

@@ -10,9 +10,9 @@ import pytest
 
 from evidence.same import FORMATS, chain_of, differing, estimated, streamed, unlike, written
 from palpate.contact import Contacts, Status
-from palpate.io.logs import columns, read_recording, topic_log
-from palpate.io.rig import load_rig
-from palpate.sensors.filters import Butterworth, Filter, Kalman
+from palpate.files.logs import columns, read_recording, topic_log
+from palpate.setup import load_rig
+from palpate.signals.filters import Butterworth, Filter, Kalman
 
 FILTERS: dict[str, Filter] = {
     "butterworth": Butterworth(15.0),

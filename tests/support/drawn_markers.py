@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from palpate.sensors.fisheye import Fisheye, RingView
+from palpate.optical.fisheye import Fisheye, RingView
 from palpate.spatial.pose import Pose
 
 __all__ = ["drawn", "nominal_view"]

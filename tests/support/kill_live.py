@@ -22,10 +22,10 @@ from pathlib import Path
 import numpy as np
 from mcap.reader import make_reader
 
-from palpate.io.live.netft_device import NetFtDevice
-from palpate.io.live.record import ring_of
-from palpate.io.live.recover import recover
-from palpate.io.live.ring import Ring
+from palpate.live.netft_device import NetFtDevice
+from palpate.live.record import ring_of
+from palpate.live.recover import recover
+from palpate.live.stream_buffer import Ring
 
 __all__ = ["children", "kill_again_and_again"]
 

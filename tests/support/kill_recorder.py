@@ -20,10 +20,10 @@ import numpy as np
 from mcap.reader import make_reader
 
 from palpate.contact.estimate import ROW
-from palpate.io.live.record import record, ring_of
-from palpate.io.live.recover import recover
-from palpate.io.live.ring import Form, Ring
-from palpate.io.live.source import Batch
+from palpate.live.record import record, ring_of
+from palpate.live.recover import recover
+from palpate.live.source import Batch
+from palpate.live.stream_buffer import Form, Ring
 
 __all__ = ["BEGIN", "FORM", "RATE", "answers", "batch", "kill_again_and_again", "numbers"]
 

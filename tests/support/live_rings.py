@@ -9,8 +9,8 @@ import numpy as np
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, Status
-from palpate.io.live.ring import Form, Ring
-from palpate.io.live.source import Batch
+from palpate.live.source import Batch
+from palpate.live.stream_buffer import Form, Ring
 
 RADIUS = 0.05  # m
 TURN = 400  # samples of a turn; in the last fifth of it nothing touches

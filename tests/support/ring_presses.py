@@ -7,8 +7,8 @@ from functools import cache
 
 import numpy as np
 
-from palpate.calibration.marker_ring.response import RingPresses, fit_response
-from palpate.sensors.ring_response import RingResponse
+from palpate.optical.ring_response import RingResponse
+from palpate.sensors.marker_ring.response_fit import RingPresses, fit_response
 from palpate_lab.simulation.barrel import Barrel, Indenter, Pressed
 from palpate_lab.simulation.barrel_elasticity import COARSE_ROWS, BarrelSettings
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from palpate.sensors.recording import CELLS
+from palpate.signals.recording import CELLS
 from palpate_lab.simulation.shapes import icosphere
 from palpate_lab.simulation.skin_bench import Wand
 from palpate_lab.simulation.skin_session import SkinSession, load_cell_presses

@@ -19,8 +19,8 @@ import polars as pl
 import trimesh
 from mcap.reader import make_reader
 
-from palpate.io.live.record import ring_of
-from palpate.io.live.ring import Ring
+from palpate.live.record import ring_of
+from palpate.live.stream_buffer import Ring
 from palpate_lab.simulation import BumpySphere, touch_wrenches
 from tests.support.kill_live import children
 

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.contact.fused_estimator import FEATURES as FUSED
-from palpate.contact.ring_estimator import FEATURES as RING
-from palpate.contact.taxel_estimator import FEATURES as TAXELS
+from palpate.sensors.fused.estimator import FEATURES as FUSED
+from palpate.sensors.marker_ring.estimator import FEATURES as RING
+from palpate.sensors.taxels.estimator import FEATURES as TAXELS
 from palpate.spatial.shown import uncertain
 from palpate.viewer.camera import PANEL, SHEET, STRIP, VIEW, fit
 from palpate.viewer.captions import caption

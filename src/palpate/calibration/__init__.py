@@ -1,14 +1,7 @@
-"""Recordings in, models of the sensors out: what a sensor carries, where it sits, how it reads."""
-
-from __future__ import annotations
+"""Calibrate what sensors share, and judge every calibration on data that its fit left out."""
 
 from palpate.calibration.clock import ClockOffset, identify_offset
-from palpate.calibration.payload import Hypothesis, diagnose_payload, identify_payload
+from palpate.calibration.left_out import LeftOut
+from palpate.calibration.mounting import Mounting, identify_mounting
 
-__all__ = [
-    "ClockOffset",
-    "Hypothesis",
-    "diagnose_payload",
-    "identify_offset",
-    "identify_payload",
-]
+__all__ = ["ClockOffset", "LeftOut", "Mounting", "identify_mounting", "identify_offset"]

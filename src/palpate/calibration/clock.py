@@ -9,8 +9,8 @@ from jaxtyping import Bool, Float
 
 from palpate.calibration.left_out import LeftOut, leave_out
 from palpate.errors import InputError, NotIdentifiable
-from palpate.sensors.force_torque import Payload
-from palpate.sensors.noise import estimate_noise
+from palpate.signals.noise import estimate_noise
+from palpate.signals.payload import Payload
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate.spatial.pose_track import PoseTrack

@@ -12,8 +12,8 @@ from jaxtyping import Bool, Float
 from palpate.calibration.drift_windows import GAP, SHORTEST, windows_of
 from palpate.calibration.left_out import LeftOut
 from palpate.errors import InputError
-from palpate.sensors.drift import Drift
-from palpate.sensors.noise import resolution_of
+from palpate.signals.drift import Drift
+from palpate.signals.noise import resolution_of
 from palpate.spatial._arrays import Value
 from palpate.spatial.arguments import takes_arrays
 

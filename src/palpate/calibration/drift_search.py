@@ -20,7 +20,15 @@ from palpate.calibration.drift_windows import (
     untouched,
 )
 from palpate.calibration.left_out import LeftOut
-from palpate.calibration.walk import Steps, WalkFit, covariance_of, fit_walk, innovations, likelihood_of, steps_of
+from palpate.calibration.random_walk import (
+    Steps,
+    WalkFit,
+    covariance_of,
+    fit_walk,
+    innovations,
+    likelihood_of,
+    steps_of,
+)
 from palpate.errors import InputError
 from palpate.spatial.arguments import takes_arrays
 

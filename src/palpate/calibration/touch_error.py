@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.contact.ground_truth import Touches
-from palpate.sensors.correlation import correlation_time
+from palpate.signals.correlation import correlation_time
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose, skew
 

@@ -55,8 +55,8 @@ def _run(argv: Sequence[str] | None) -> int:
             run(words)
             return 0
         with importing():
-            from palpate.cli.console import spoken
-            from palpate.io.output_lock import reserving
+            from palpate.console.console import spoken
+            from palpate.files.output_lock import reserving
         # these two are of every command, wherever they stand
         with reserving(), spoken(quiet="--quiet" in words, json="--json" in words):
             run([word for word in words if word not in ("--quiet", "--json")])

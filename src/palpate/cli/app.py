@@ -23,7 +23,7 @@ USAGE = 2  # the exit code of a call that the parser refuses
 
 @dataclass(frozen=True)
 class _Command:
-    """A function of a module of `palpate.cli`, or a calibration, and the first paragraph of its docstring."""
+    """A function of a module, or a calibration, and the first paragraph of its docstring."""
 
     module: str
     function: str
@@ -62,12 +62,12 @@ _EACH = {
         "Find contacts in many logs, each exactly as `palpate estimate` would, and write one page about all of them.",
     ),
     "calibrate camera": _Command(
-        ".calibrate_camera",
+        "palpate.sensors.marker_ring.camera_command",
         "CalibrateCamera",
         "Calibrate a fisheye lens from pictures of a chessboard, held at all angles and to the edges of the picture.",
     ),
     "calibrate clock": _Command(
-        ".calibrate_clock",
+        "palpate.sensors.force_torque.clock_command",
         "CalibrateClock",
         "Find how late or early the poses are stamped, from how the payload's weight turns, and write it into the rig.",
     ),
@@ -77,37 +77,37 @@ _EACH = {
         "Find how the zero of a force/torque sensor or of load cells wanders, and write it into the rig.",
     ),
     "calibrate intensity": _Command(
-        ".calibrate_intensity",
+        "palpate.sensors.taxels.commands",
         "CalibrateIntensity",
         "Fit the curve from intensity to force, and each cell's gain where the log says which cell was pressed.",
     ),
     "calibrate load-cells": _Command(
-        ".calibrate_load_cells",
+        "palpate.sensors.load_cells.commands",
         "CalibrateLoadCells",
         "Calibrate three-axis force cells under a rigid frame, from a bench log with a reference.",
     ),
     "calibrate marker-ring": _Command(
-        ".calibrate_marker_ring",
+        "palpate.sensors.marker_ring.commands",
         "CalibrateMarkerRing",
         "Calibrate a soft ring of markers from presses of known angle, depth and force.",
     ),
     "calibrate payload": _Command(
-        ".calibrate_payload",
+        "palpate.sensors.force_torque.commands",
         "CalibratePayload",
         "Identify weight, centre of mass and biases from a log in which nothing is touched.",
     ),
     "calibrate mounting": _Command(
-        ".calibrate_mounting",
+        "palpate.sensors.force_torque.mounting_command",
         "CalibrateMounting",
         "Find the pose of the surface in the sensor's frame, starting from the rig's, and write it into the rig.",
     ),
     "calibrate taxels": _Command(
-        ".calibrate_taxels",
+        "palpate.sensors.taxels.poking.commands",
         "CalibrateTaxels",
         "Find where each taxel of a skin sits, from the wrenches of pokes in several arm configurations.",
     ),
     "design load-cells": _Command(
-        ".design_load_cells",
+        "palpate.sensors.load_cells.design_command",
         "design_load_cells",
         "Draw how well place, force and torque can be known over the surface, and the smallest force that will do.",
     ),
@@ -132,12 +132,12 @@ _EACH = {
         "Find contacts in the samples of a device as they come; Ctrl-C ends it, and the end of a log that is replayed.",
     ),
     "map skin": _Command(
-        ".map_skin",
+        "palpate.sensors.taxels.skin_map.commands",
         "map_skin",
         "Fit a smooth surface to a link's mesh, lay the sheet on it without stretching, and write where its cells are.",
     ),
     "plan pokes": _Command(
-        ".plan_pokes",
+        "palpate.sensors.taxels.poking.plan_command",
         "plan_pokes_command",
         "Say which pokes shrink the largest deviation of a taxel most, one after the other, until it is small enough.",
     ),

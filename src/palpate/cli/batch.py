@@ -15,16 +15,16 @@ from typing import Annotated, Literal
 from tyro.conf import Positional, arg
 
 from palpate.cli.batch_logs import logs_of, names_of
-from palpate.cli.console import Figure, announce, lines, note, overwrite, title
 from palpate.cli.estimate_log import estimate_log, record_of
-from palpate.cli.parallel import begin_results, from_row, read_rows, require_backend, run_kept
 from palpate.cli.rig_options import RigOptions
+from palpate.console.console import Figure, announce, lines, note, overwrite, title
+from palpate.console.parallel import begin_results, from_row, read_rows, require_backend, run_kept
 from palpate.contact.estimate import Status
 from palpate.errors import InputError, PalpateError
-from palpate.io.atomic import require_folder, reserve_output, write_text, writing
-from palpate.io.models import provenance
-from palpate.io.rig import Rig
-from palpate.io.tables.lines import open_input
+from palpate.files.atomic import require_folder, reserve_output, write_text, writing
+from palpate.files.models import provenance
+from palpate.files.tables.lines import open_input
+from palpate.setup import Rig
 from palpate.viewer.batch_summary import LogResult, compose, figures
 from palpate.viewer.report import render, require_report
 

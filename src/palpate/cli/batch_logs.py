@@ -8,9 +8,9 @@ from glob import glob, has_magic
 from pathlib import Path
 
 from palpate.errors import InputError
-from palpate.io.atomic import PART
-from palpate.io.logs.frame_folder import holds_frames
-from palpate.io.logs.video import VIDEOS
+from palpate.files.atomic import PART
+from palpate.files.logs.frame_folder import holds_frames
+from palpate.files.logs.video import VIDEOS
 
 __all__ = ["LOGS", "logs_of", "names_of"]
 

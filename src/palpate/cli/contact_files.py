@@ -7,9 +7,9 @@ from pathlib import Path
 
 from palpate.contact.contacts import Contacts
 from palpate.errors import InputError
-from palpate.io.contacts import contact_blocks, read_contacts
-from palpate.io.models import read_provenance
-from palpate.io.rig.link import Link
+from palpate.files.contacts import contact_blocks, read_contacts
+from palpate.files.models import read_provenance
+from palpate.setup.link import Link
 
 __all__ = ["compared_blocks", "on_body", "written"]
 

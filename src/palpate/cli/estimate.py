@@ -11,22 +11,22 @@ import numpy as np
 from jaxtyping import Int
 from tyro.conf import arg
 
-from palpate.cli.console import counting, lines, note, progress, shares, title, wait
 from palpate.cli.contact_files import compared_blocks
 from palpate.cli.estimate_log import Estimated, estimate_log, record_of
 from palpate.cli.events import say_touches
-from palpate.cli.options import FileOption, Log
 from palpate.cli.report import judged
 from palpate.cli.rig_options import RigOptions
 from palpate.cli.run_report import run_of
+from palpate.console.console import counting, lines, note, progress, shares, title, wait
+from palpate.console.options import FileOption, Log
 from palpate.contact.estimate import Status
 from palpate.contact.ground_truth import Samples, Touches
 from palpate.errors import InputError
-from palpate.io.atomic import keep_inputs, write_text
-from palpate.io.contacts import require_format
-from palpate.io.ground_truth import read_ground_truth
-from palpate.io.pipeline import OpenedLog
-from palpate.io.rig.link import Link
+from palpate.files.atomic import keep_inputs, write_text
+from palpate.files.contacts import require_format
+from palpate.files.ground_truth import read_ground_truth
+from palpate.setup.link import Link
+from palpate.setup.pipeline import OpenedLog
 from palpate.viewer.report import render, require_report
 from palpate.viewer.run_compare import beside
 from palpate.viewer.run_report import compose

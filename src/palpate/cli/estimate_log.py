@@ -11,12 +11,12 @@ from threading import Thread
 from time import perf_counter
 from typing import NamedTuple
 
-from palpate.cli.summed_writer import SummedWriter, WriterProcess, writer_process, writing_beside, writing_here
+from palpate.cli.summarising_writer import SummedWriter, WriterProcess, writer_process, writing_beside, writing_here
+from palpate.files.memory import keep_memory
+from palpate.files.models import provenance, write_provenance
 from palpate.interrupts import uninterrupted
-from palpate.io.ahead import Reader
-from palpate.io.memory import keep_memory
-from palpate.io.models import provenance, write_provenance
-from palpate.io.pipeline import OpenedLog, Pipeline
+from palpate.setup.pipeline import OpenedLog, Pipeline
+from palpate.setup.prefetch import Reader
 from palpate.viewer.run_summary import RunSummary
 
 __all__ = ["Estimated", "estimate_log", "record_of"]

@@ -8,19 +8,19 @@ from typing import Annotated
 import numpy as np
 from tyro.conf import arg
 
-from palpate.cli.console import Figure, lines, note, shares, span, table, title
 from palpate.cli.evaluate_instrument import WAND, WRENCH, evaluate_instrument
-from palpate.cli.evaluate_taxels import evaluate_taxels, is_taxel_file
-from palpate.cli.options import ContactsFile, FileOption, TruthFile
+from palpate.console.console import Figure, lines, note, shares, span, table, title
+from palpate.console.options import ContactsFile, FileOption, TruthFile
 from palpate.contact.ground_truth import Samples, Touches
 from palpate.errors import InputError
 from palpate.evaluation.errors import HEADER
 from palpate.evaluation.evaluate import Report
 from palpate.evaluation.evaluate import evaluate as compare
-from palpate.io.contacts import read_contacts
-from palpate.io.ground_truth import read_ground_truth
-from palpate.io.models import read_provenance
-from palpate.io.tables.table import read_table
+from palpate.files.contacts import read_contacts
+from palpate.files.ground_truth import read_ground_truth
+from palpate.files.models import read_provenance
+from palpate.files.tables.table import read_table
+from palpate.sensors.taxels.poking.evaluate_command import evaluate_taxels, is_taxel_file
 from palpate.viewer.report import percent
 
 __all__ = ["evaluate", "summaries", "truth_times"]

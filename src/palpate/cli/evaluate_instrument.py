@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.cli.console import lines, note, table, title
+from palpate.console.console import lines, note, table, title
 from palpate.contact.contacts import Contacts
 from palpate.errors import InputError
 from palpate.evaluation.errors import HEADER, ErrorSummary
@@ -14,19 +14,18 @@ from palpate.evaluation.instruments import (
     InstrumentReport,
     Reference,
     judge,
-    map_mesh,
     perfect,
     touches_of,
     wand_points,
     wrench_points,
 )
 from palpate.evaluation.matching import nearest_in_time
-from palpate.io.atomic import keep_inputs, write_text
-from palpate.io.rig import load_rig
-from palpate.io.rig.link import Link
-from palpate.io.rig.setup import Setup
-from palpate.io.rig.skin import SkinSection
-from palpate.io.tables.table import Table, read_table
+from palpate.files.atomic import keep_inputs, write_text
+from palpate.files.tables.table import Table, read_table
+from palpate.sensors.taxels.section import SkinSection
+from palpate.setup import load_rig
+from palpate.setup.link import Link
+from palpate.setup.setup import Setup
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate.surfaces.mesh import Mesh
 from palpate.viewer.maps import sheet_map
@@ -89,7 +88,7 @@ def _surface(setup: Setup) -> tuple[Mesh, str]:
     """Return the mesh of the body: the rig's, or else the map of its sheet."""
     if setup.link.stated is None:
         said = "the rig has no [surface]: the sensing layer of the map stands for the body"
-        return map_mesh(setup.of(SkinSection).map), said
+        return setup.of(SkinSection).map.mesh(), said
     return setup.link.surface().drawn(), "lines and wand are met with the rig's [surface]"
 
 

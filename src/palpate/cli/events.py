@@ -7,14 +7,14 @@ from typing import Annotated
 import numpy as np
 from tyro.conf import arg
 
-from palpate.cli.console import Figure, in_full, lines, note, table, title
-from palpate.cli.options import ContactsFile, FileOption
+from palpate.console.console import Figure, in_full, lines, note, table, title
+from palpate.console.options import ContactsFile, FileOption
 from palpate.contact.events import Events
 from palpate.contact.touch_finder import TouchFinder
 from palpate.errors import InputError
-from palpate.io.atomic import keep_inputs
-from palpate.io.contacts import contact_blocks
-from palpate.io.contacts.events import write_events
+from palpate.files.atomic import keep_inputs
+from palpate.files.contacts import contact_blocks
+from palpate.files.contacts.events import write_events
 from palpate.viewer.run_report import touch_table
 from palpate.viewer.timeline import since
 

@@ -9,28 +9,28 @@ from typing import Annotated, Any
 import numpy as np
 from tyro.conf import arg
 
-from palpate.cli.console import Figure, in_full, lines, note, span, title
 from palpate.cli.inspect_log import inspect_contacts, inspect_log, say_contents
-from palpate.cli.options import FileOption, SomeFile
 from palpate.cli.spectrum import KINDS, draw_spectrum, located
+from palpate.console.console import Figure, in_full, lines, note, span, title
+from palpate.console.options import FileOption, SomeFile
 from palpate.contact.ground_truth import Touches
 from palpate.contact.table import COLUMNS
 from palpate.errors import InputError
-from palpate.io.atomic import PART, keep_inputs
-from palpate.io.contacts import unfinished
-from palpate.io.contacts.mcap import KIND
-from palpate.io.ground_truth import read_ground_truth
-from palpate.io.live.record import RING
-from palpate.io.live.recover import cut_short
-from palpate.io.logs import LogContents, contents
-from palpate.io.logs.topics import LIVE
-from palpate.io.models import MODELS, load_toml, read_model
-from palpate.io.models.taxels import of_taxels
-from palpate.io.rig import Rig, load_rig
-from palpate.io.rig.kinds import KINDS as SENSORS
-from palpate.io.taxel_files import holds_taxels, read_taxel_places
-from palpate.io.urdf import Urdf
-from palpate.sensors.recording import CELLS
+from palpate.files.atomic import PART, keep_inputs
+from palpate.files.contacts import unfinished
+from palpate.files.contacts.mcap import KIND
+from palpate.files.ground_truth import read_ground_truth
+from palpate.files.logs import LogContents, contents
+from palpate.files.logs.topics import LIVE
+from palpate.files.models import MODELS, load_toml, read_model
+from palpate.files.urdf import Urdf
+from palpate.live.record import RING
+from palpate.live.recover import cut_short
+from palpate.sensors.taxels.place_formats import holds_taxels, read_taxel_places
+from palpate.sensors.taxels.places_file import of_taxels
+from palpate.setup import Rig, load_rig
+from palpate.setup.kinds import KINDS as SENSORS
+from palpate.signals.recording import CELLS
 from palpate.surfaces.mesh import UNITS, Mesh
 
 __all__ = ["inspect"]

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.cli.console import Figure, counting, lines, note, part, progress, span
+from palpate.console.console import Figure, counting, lines, note, part, progress, span
 from palpate.errors import InputError
-from palpate.io.logs import ImageChannel, Layout, LogContents, open_log
-from palpate.io.logs.image_messages import IMAGES
-from palpate.io.logs.images import ImageLog
-from palpate.sensors.recording import IMAGE, Recording
+from palpate.files.logs import ImageChannel, Layout, LogContents, open_log
+from palpate.files.logs.image_messages import IMAGES
+from palpate.files.logs.images import ImageLog
+from palpate.signals.recording import IMAGE, Recording
 from palpate.viewer.report import percent
 
 __all__ = ["image_layouts", "image_topics", "inspect_images"]

@@ -6,25 +6,25 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.cli.console import Figure, counting, lines, note, part, progress, shares, span, table, title
-from palpate.cli.excerpt import Excerpt
 from palpate.cli.inspect_images import image_layouts, image_topics, inspect_images
 from palpate.cli.spectrum import force_and_place
+from palpate.console.console import Figure, counting, lines, note, part, progress, shares, span, table, title
+from palpate.console.excerpt import Excerpt
 from palpate.contact.estimate import Status
 from palpate.errors import InputError
-from palpate.io.contacts import contact_blocks, unfinished
-from palpate.io.logs import LogContents, contents, open_log
-from palpate.io.logs.decoding import role
-from palpate.io.logs.image_messages import IMAGES
-from palpate.io.models import read_provenance
-from palpate.io.rig import Rig
-from palpate.io.rig.guess import topics_of
-from palpate.io.rig.kinds import KINDS
-from palpate.io.rig.names import orientation_columns
-from palpate.io.rig.new import guess_sensor
-from palpate.io.rig.setup import Setup
-from palpate.sensors.noise import estimate_noise
-from palpate.sensors.recording import FORCE, ORIENTATION, POSITION, TORQUE, Recording
+from palpate.files.contacts import contact_blocks, unfinished
+from palpate.files.logs import LogContents, contents, open_log
+from palpate.files.logs.decoding import role
+from palpate.files.logs.image_messages import IMAGES
+from palpate.files.models import read_provenance
+from palpate.setup import Rig
+from palpate.setup.guess import topics_of
+from palpate.setup.kinds import KINDS
+from palpate.setup.names import orientation_columns
+from palpate.setup.new import guess_sensor
+from palpate.setup.setup import Setup
+from palpate.signals.noise import estimate_noise
+from palpate.signals.recording import FORCE, ORIENTATION, POSITION, TORQUE, Recording
 from palpate.viewer.report import percent
 from palpate.viewer.samples import median
 
@@ -73,7 +73,7 @@ def _inspect_one(
     remarks: tuple[str, ...] = ()
     setup: Setup | None = None
     if rig is not None:
-        from palpate.io.pipeline import open_log as open_rig_log  # here: a log alone needs nothing of it
+        from palpate.setup.pipeline import open_log as open_rig_log  # here: a log alone needs nothing of it
 
         log = open_rig_log(file, rig, sensor, topic)
         kind, blocks, setup = log.kind, iter(log), log.setup
@@ -123,8 +123,8 @@ def _inspect_one(
 
 def _asked(file: Path, rig: Rig, sensor: str | None) -> str:
     """Which bounds of friction and torsion the start of a log asks for, or ""."""
-    from palpate.io.pipeline import HEAD, Pipeline
-    from palpate.io.pipeline import open_log as open_rig_log
+    from palpate.setup.pipeline import HEAD, Pipeline
+    from palpate.setup.pipeline import open_log as open_rig_log
 
     with open_rig_log(file, rig, sensor) as log:
         pipeline, done = Pipeline.of(log), 0

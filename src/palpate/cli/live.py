@@ -17,21 +17,21 @@ from typing import Annotated
 
 from tyro.conf import FlagConversionOff, FlagCreatePairsOff, UseAppendAction, arg
 
-from palpate.cli.console import counting, lines, note, title, wait
-from palpate.cli.keys import Came, pressed, signals
 from palpate.cli.live_line import Figures, summary
 from palpate.cli.live_page import show
-from palpate.cli.options import FileOption, RigFile, Scalar, require_port, require_positive
+from palpate.console.console import counting, lines, note, title, wait
+from palpate.console.keys import Came, pressed, signals
+from palpate.console.options import FileOption, RigFile, Scalar, require_port, require_positive
 from palpate.errors import InputError
-from palpate.io.atomic import keep_inputs
-from palpate.io.live.publish import publish, require_address
-from palpate.io.live.receiver import receive
-from palpate.io.live.record import record as record_ring
-from palpate.io.live.record import require_record, ring_of
-from palpate.io.live.record_file import grown
-from palpate.io.live.ring import Ring
-from palpate.io.live.supervisor import Supervisor, Worker
-from palpate.io.rig import Rig, load_rig
+from palpate.files.atomic import keep_inputs
+from palpate.live.publish import publish, require_address
+from palpate.live.receiver import receive
+from palpate.live.record import record as record_ring
+from palpate.live.record import require_record, ring_of
+from palpate.live.record_file import grown
+from palpate.live.stream_buffer import Ring
+from palpate.live.supervisor import Supervisor, Worker
+from palpate.setup import Rig, load_rig
 
 __all__ = ["live"]
 

@@ -8,9 +8,9 @@ from datetime import datetime
 
 import numpy as np
 
-from palpate.cli.console import Figure, announce, lines
+from palpate.console.console import Figure, announce, lines
 from palpate.contact.estimate import ROW, Status
-from palpate.io.live.ring import Ring, latencies
+from palpate.live.stream_buffer import Ring, latencies
 
 __all__ = ["Figures", "summary"]
 

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.cli.views.view import Feed, layers_of, view_of
 from palpate.contact.contacts import Contacts
 from palpate.errors import PalpateError
-from palpate.io.live.receiver import orphaned
-from palpate.io.live.ring import Ring, latencies
-from palpate.io.rig import load_rig
+from palpate.live.receiver import orphaned
+from palpate.live.stream_buffer import Ring, latencies
+from palpate.setup import load_rig
+from palpate.setup.view import Feed, layers_of, view_of
 from palpate.viewer.live import SECONDS, SILENT, Figures, LivePage, recent
 
 __all__ = ["Stream", "show"]
@@ -50,7 +50,7 @@ def show(ring: Path, rig: Path, host: str, port: int, token: str, parent: int) -
     try:
         setup = load_rig(rig).resolve(read.form.sensor)
         view, layers = view_of(setup.kind), layers_of(setup, live=read.form.shape)
-        stream = Stream(read, view.feed(setup, read, layers))
+        stream = Stream(read, view.feed(setup, lambda: read["done"], layers))
         with LivePage(view.body(setup), layers, rig.stem, stream.tare, host, port, token) as page:
             gc.collect()
             gc.freeze()  # or it looks through all that is here to stay, again and again

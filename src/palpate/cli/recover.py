@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from palpate.cli.console import lines, title
-from palpate.cli.options import SomeFile
+from palpate.console.console import lines, title
+from palpate.console.options import SomeFile
 from palpate.errors import InputError
-from palpate.io.live.recover import recover as put_together
+from palpate.live.recover import recover as put_together
 
 __all__ = ["recover"]
 

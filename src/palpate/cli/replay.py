@@ -9,16 +9,16 @@ from typing import Annotated, Literal
 
 from tyro.conf import FlagCreatePairsOff, arg
 
-from palpate.cli.console import announce, lines, title
-from palpate.cli.keys import pressed, signals
-from palpate.cli.options import FileOption, Log, Scalar, require_port, require_positive
+from palpate.console.console import announce, lines, title
+from palpate.console.keys import pressed, signals
+from palpate.console.options import FileOption, Log, Scalar, require_port, require_positive
 from palpate.errors import InputError
-from palpate.io.live.device import Device
-from palpate.io.live.replay import Replay
-from palpate.io.live.source import Batch
-from palpate.io.logs.layout import Layout
-from palpate.io.rig import load_rig
-from palpate.io.rig.new import guess_sensor
+from palpate.files.logs.layout import Layout
+from palpate.live.device import Device
+from palpate.live.replay import Replay
+from palpate.live.source import Batch
+from palpate.setup import load_rig
+from palpate.setup.new import guess_sensor
 
 __all__ = ["replay"]
 
@@ -87,14 +87,14 @@ def _device(kind: str, source: Replay, *, port: int, web: int, framing: str, top
     if kind == "netft" and source.shape != (6,):
         raise InputError("holds no wrenches, and a Net F/T gives nothing else.", where=str(source.path))
     if kind == "netft":
-        from palpate.io.live.netft_device import NetFtDevice
+        from palpate.live.netft_device import NetFtDevice
 
         return NetFtDevice(port=port, web=web)
     if kind == "serial":
-        from palpate.io.live.serial_device import SerialDevice
+        from palpate.live.serial_device import SerialDevice
 
         return SerialDevice(framing=framing)
-    from palpate.io.live.ros_device import RosDevice
+    from palpate.live.ros_device import RosDevice
 
     return RosDevice(topic, source.shape, domain=domain)
 

@@ -10,15 +10,15 @@ from typing import Annotated
 
 from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction, arg
 
-from palpate.cli.console import note, title
-from palpate.cli.options import Output, Scalar
+from palpate.console.console import note, title
+from palpate.console.options import Output, Scalar
 from palpate.errors import InputError
-from palpate.io.atomic import keep_inputs, write_text
-from palpate.io.live.listen import listen, stated_source
-from palpate.io.rig import load_rig
-from palpate.io.rig.body import Body
-from palpate.io.rig.new import propose_rig
-from palpate.io.rig.source import RigSource
+from palpate.files.atomic import keep_inputs, write_text
+from palpate.live.capture import listen, stated_source
+from palpate.setup import load_rig
+from palpate.setup.body import Body
+from palpate.setup.new import propose_rig
+from palpate.setup.source import RigSource
 
 __all__ = ["rig_new"]
 

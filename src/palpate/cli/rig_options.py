@@ -8,14 +8,14 @@ from typing import Annotated, Any, Literal, TypeVar, cast
 
 from tyro.conf import arg
 
-from palpate.cli.options import FileOption, Pair, Scalar
+from palpate.console.options import FileOption, Pair, Scalar
 from palpate.contact.locate import OFF, ON
 from palpate.errors import InputError
-from palpate.io.pipeline import OpenedLog, open_log
-from palpate.io.rig import Rig, load_rig
-from palpate.io.rig.rig import with_mesh
-from palpate.io.rig.setup import SensorKind
-from palpate.io.rig.tables import RigFilter, RigNoise, RigThresholds
+from palpate.setup import Rig, load_rig
+from palpate.setup.pipeline import OpenedLog, open_log
+from palpate.setup.rig import with_mesh
+from palpate.setup.setup import SensorKind
+from palpate.setup.tables import RigFilter, RigNoise, RigThresholds
 
 __all__ = ["RigOptions"]
 

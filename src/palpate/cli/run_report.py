@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from palpate.cli.views.view import view_of
-from palpate.io.pipeline import Pipeline
+from palpate.setup.pipeline import Pipeline
+from palpate.setup.view import view_of
 from palpate.viewer.run_report import Run
 from palpate.viewer.run_summary import RunSummary
 

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.cli.console import lines, note
+from palpate.console.console import lines, note
 from palpate.contact.contacts import Contacts
 from palpate.errors import InputError
-from palpate.io.atomic import replacing, write_text
-from palpate.io.rig.setup import Setup
-from palpate.io.rig.tables import RigFilter
-from palpate.sensors.recording import FORCE, Recording
-from palpate.sensors.spectrum import Cutoff, Spectrum, propose_cutoff, spectrum
+from palpate.files.atomic import replacing, write_text
+from palpate.setup.setup import Setup
+from palpate.setup.tables import RigFilter
+from palpate.signals.recording import FORCE, Recording
+from palpate.signals.spectrum import Cutoff, Spectrum, propose_cutoff, spectrum
 from palpate.viewer import plots
 from palpate.viewer._style import save
 from palpate.viewer.report import Report, Section, Tile, picture, render

@@ -7,28 +7,28 @@ from typing import Annotated
 
 from tyro.conf import arg
 
-from palpate.cli.console import announce, counting, lines, note, progress, title, wait
 from palpate.cli.contact_files import compared_blocks, on_body, written
-from palpate.cli.evaluate_taxels import is_taxel_file
-from palpate.cli.options import Log
 from palpate.cli.rig_options import RigOptions
-from palpate.cli.views.view import Kept, layers_of, view_of
+from palpate.console.console import announce, counting, lines, note, progress, title, wait
+from palpate.console.options import Log
 from palpate.contact.contacts import Contacts
 from palpate.errors import InputError
+from palpate.files.atomic import folder_beside, reserve_output
+from palpate.files.models import read_provenance
 from palpate.interrupts import import_mesh_reader
-from palpate.io.atomic import folder_beside, reserve_output
-from palpate.io.models import read_provenance
-from palpate.io.models.taxels import of_taxels
-from palpate.io.pipeline import OpenedLog, Pipeline
-from palpate.io.rig import Rig
-from palpate.io.rig.setup import Setup
-from palpate.io.taxel_files import read_taxel_places
 from palpate.opencv import opencv
+from palpate.sensors.taxels.place_formats import read_taxel_places
+from palpate.sensors.taxels.places_file import of_taxels
+from palpate.sensors.taxels.places_page import serve_taxels
+from palpate.sensors.taxels.poking.evaluate_command import is_taxel_file
+from palpate.setup import Rig
+from palpate.setup.pipeline import OpenedLog, Pipeline
+from palpate.setup.setup import Setup
+from palpate.setup.view import Kept, layers_of, view_of
 from palpate.surfaces import Surface
 from palpate.viewer.film import RATE, SIZE, ScenePicture
 from palpate.viewer.scene import Scene, prepare
 from palpate.viewer.server import require_viser, serve
-from palpate.viewer.taxel_page import serve_taxels
 from palpate.viewer.video import Video
 
 __all__ = ["view"]

@@ -249,7 +249,7 @@ class Contacts:
         Raises:
             InputError: not there, or a row is not one of contacts.
         """
-        return by_name("palpate.io.contacts.read_contacts")(path)
+        return by_name("palpate.files.contacts.read_contacts")(path)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write every row to a .csv, .parquet or .mcap file.
@@ -257,7 +257,7 @@ class Contacts:
         Raises:
             InputError: another suffix, or a place that cannot be written to.
         """
-        by_name("palpate.io.contacts.write_contacts")(path, self)
+        by_name("palpate.files.contacts.write_contacts")(path, self)
 
     def to_polars(self) -> pl.DataFrame:
         """As a table, with the columns that files of contacts have."""

@@ -15,10 +15,10 @@ from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW
 from palpate.contact.plausibility import Plausibility
 from palpate.errors import InputError
-from palpate.sensors.filters import Filter
-from palpate.sensors.recording import Recording, apart
-from palpate.sensors.smoothing import require_forward
-from palpate.sensors.wrench_sensor import Tare
+from palpate.signals.filters import Filter
+from palpate.signals.recording import Recording, apart
+from palpate.signals.smoothing import require_forward
+from palpate.signals.wrench_sensor import Tare
 from palpate.spatial._arrays import FLOAT, require_out, shaped
 from palpate.spatial.pose import Pose
 

@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate, Status
-from palpate.sensors.recording import ORIENTATION, POSITION, Recording
+from palpate.signals.recording import ORIENTATION, POSITION, Recording
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
 

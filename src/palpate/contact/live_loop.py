@@ -9,19 +9,20 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
+from palpate.calls import by_name
 from palpate.contact.estimate import ROW
 from palpate.contact.locate import Locator
-from palpate.sensors.wrench_sensor import Placement, WrenchSensor
+from palpate.signals.wrench_sensor import Placement, WrenchSensor
 
 __all__: list[str] = []  # for this package alone: arrays are checked where they come in
 
 
 @runtime_checkable
 class CompiledSensor(WrenchSensor, Protocol):
-    """A sensor of wrenches with a compiled loop in `contact._live`.
+    """A sensor of wrenches with a compiled loop from its readings to rows.
 
     Attributes:
-        loop: its name there.
+        loop: module and name.
         held: inputs of one sample.
         state: what one sample leaves to the next.
         revision: a number that changes with `constants`.
@@ -61,7 +62,7 @@ class LiveLoop:
 
         self._given = sensor, locator, placement
         self._hold, self._pack, self._revision = sensor.hold, _live.packed, -1
-        self._entry = getattr(_live, sensor.loop)
+        self._entry = by_name(sensor.loop)
         self._compiled = locator.compiled(known=sensor.noise is not None)
 
     def __reduce__(self) -> tuple[Any, ...]:

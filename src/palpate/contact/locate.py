@@ -27,9 +27,9 @@ from palpate.contact._settings import (
     TOUCHING,
 )
 from palpate.contact.estimate import ROW, ContactEstimate, Status
+from palpate.contact.indentation import Indentation
 from palpate.contact.neighbours import in_space
 from palpate.errors import InputError
-from palpate.sensors.load_cells import Indentation
 from palpate.spatial._arrays import FLOAT, INT8, Value, require_batch, require_out, shaped
 from palpate.spatial.arguments import number, takes_arrays
 from palpate.spatial.shown import vector

@@ -13,8 +13,8 @@ from jaxtyping import Float, Int8
 
 from palpate.contact.locate import Locator
 from palpate.contact.surface_wrenches import Piece, Wrenches
-from palpate.contact.whole_touches import Located
-from palpate.sensors.recording import Recording
+from palpate.contact.touch_smoothing import Located
+from palpate.signals.recording import Recording
 
 __all__ = ["Pending", "located_in_threads"]
 

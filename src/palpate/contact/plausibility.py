@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import Status
-from palpate.sensors.recording import Recording
+from palpate.signals.recording import Recording
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Asked", "LinesOfAction", "Plausibility", "lines_of_action", "never_at_rest", "unbelievable", "unexplained"]

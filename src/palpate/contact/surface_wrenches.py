@@ -13,12 +13,12 @@ from palpate.contact.estimator import Answered
 from palpate.contact.zero_follower import ZeroFollower
 from palpate.contact.zero_gate import ContactShape
 from palpate.errors import InputError
-from palpate.sensors.drift import Drift
-from palpate.sensors.filters import Filter
-from palpate.sensors.recording import Recording
-from palpate.sensors.smoothing import BothWays, Forward, known_rate
-from palpate.sensors.wrench_sensor import Measured, Placement, WrenchSensor
-from palpate.sensors.zero_filter import FollowedSensor, ZeroHistory, ZeroState
+from palpate.signals.drift import Drift
+from palpate.signals.filters import Filter
+from palpate.signals.recording import Recording
+from palpate.signals.smoothing import BothWays, Forward, known_rate
+from palpate.signals.wrench_sensor import Measured, Placement, WrenchSensor
+from palpate.signals.zero_filter import FollowedSensor, ZeroHistory, ZeroState
 
 __all__: list[str] = []  # for this package alone
 

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import Status
 from palpate.contact.events import Events
-from palpate.sensors.recording import LARGEST
+from palpate.signals.recording import LARGEST
 
 __all__ = ["TouchFinder", "find_touches"]
 

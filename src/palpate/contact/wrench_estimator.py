@@ -14,18 +14,16 @@ from palpate.contact.live_loop import CompiledSensor, LiveLoop
 from palpate.contact.locate import Locator
 from palpate.contact.locating_threads import located_in_threads
 from palpate.contact.surface_wrenches import Piece, SurfaceWrenches, Wrenches
-from palpate.contact.whole_touches import Located, rejoined, whole_touches
+from palpate.contact.touch_smoothing import Located, rejoined, whole_touches
 from palpate.contact.wrench_plausibility import WrenchPlausibility
 from palpate.contact.zero_follower import ZeroFollower
 from palpate.contact.zero_gate import ContactShape
 from palpate.errors import InputError
-from palpate.sensors.compensation import Compensation
-from palpate.sensors.drift import Drift
-from palpate.sensors.filters import Filter
-from palpate.sensors.force_torque import ForceTorque
-from palpate.sensors.recording import Recording
-from palpate.sensors.wrench_sensor import Placement, Tare, WrenchSensor
-from palpate.sensors.zero_filter import ZeroHistory
+from palpate.signals.drift import Drift
+from palpate.signals.filters import Filter
+from palpate.signals.recording import Recording
+from palpate.signals.wrench_sensor import Placement, Tare, UnloadedSensor, WrenchSensor
+from palpate.signals.zero_filter import ZeroHistory
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
 from palpate.surfaces.given import SurfaceLike
@@ -86,7 +84,7 @@ class WrenchEstimator(ContactEstimator):
     def __init__(
         self,
         locator: Locator | SurfaceLike,
-        sensor: WrenchSensor | ForceTorque,
+        sensor: WrenchSensor | UnloadedSensor,
         mount: Pose | None = None,
         mount_covariance: Float[np.ndarray, "6 6"] | None = None,
         filter: Filter | None = None,
@@ -100,7 +98,7 @@ class WrenchEstimator(ContactEstimator):
 
         if not 0 <= placement < np.inf:  # NaN too
             raise InputError(f"placement must be a length [m] that is not negative, not {placement:g}.")
-        self.sensor: WrenchSensor = Compensation(sensor) if isinstance(sensor, ForceTorque) else sensor
+        self.sensor: WrenchSensor = sensor.unloaded() if isinstance(sensor, UnloadedSensor) else sensor
         super().__init__(self.sensor.channels, mount=mount, filter=filter)
         placed = Placement(self.mount, mount_covariance) if mounted else Placement(Pose.identity())
         locator = locator if isinstance(locator, Locator) else Locator(locator)

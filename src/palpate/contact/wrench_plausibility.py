@@ -6,7 +6,7 @@ from palpate.contact.contacts import Contacts
 from palpate.contact.locate import Locator
 from palpate.contact.plausibility import Asked, lines_of_action, never_at_rest
 from palpate.contact.surface_wrenches import SurfaceWrenches
-from palpate.sensors.recording import Recording
+from palpate.signals.recording import Recording
 from palpate.spatial.pose import Pose
 
 __all__ = ["WrenchPlausibility"]

@@ -14,9 +14,9 @@ from jaxtyping import Float
 from palpate.contact.zero_gate import ContactShape, Decided, ZeroGate
 from palpate.contact.zero_record import ZeroRecord
 from palpate.errors import InputError
-from palpate.sensors.drift import Drift
-from palpate.sensors.recording import TEMPERATURE, Recording
-from palpate.sensors.zero_filter import (
+from palpate.signals.drift import Drift
+from palpate.signals.recording import TEMPERATURE, Recording
+from palpate.signals.zero_filter import (
     FollowedSensor,
     Free,
     Node,

@@ -11,8 +11,8 @@ from jaxtyping import Float
 
 from palpate.contact.estimate import Status
 from palpate.contact.locate import ON, Locator
-from palpate.sensors.wrench_sensor import Placement
-from palpate.sensors.zero_filter import FollowedSensor, Window, ZeroFilter
+from palpate.signals.wrench_sensor import Placement
+from palpate.signals.zero_filter import FollowedSensor, Window, ZeroFilter
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["DELAY", "Seen"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.contact.zero_gate import Jump
-from palpate.sensors.zero_filter import FollowedSensor, ZeroHistory, ZeroState, ZeroStatus
+from palpate.signals.zero_filter import FollowedSensor, ZeroHistory, ZeroState, ZeroStatus
 
 __all__ = ["ZeroRecord"]
 

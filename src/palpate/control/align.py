@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -12,15 +13,15 @@ from palpate.calls import called_as
 from palpate.contact import Status, WrenchEstimator
 from palpate.contact.estimate import ROW
 from palpate.control.arm import Arm
-from palpate.control.follow import Follow
-from palpate.control.law import MotionLaw, Sensed
+from palpate.control.control_law import MotionLaw, Sensed
 from palpate.control.probe_face import ProbeFace
 from palpate.control.servo import Feedback, Servo, ServoModel
 from palpate.control.supervisor import Limits, State, Supervisor
+from palpate.control.tracking_law import Follow
 from palpate.errors import InputError
-from palpate.sensors.compensation import Compensation
-from palpate.sensors.recording import Recording
-from palpate.sensors.wrench_sensor import Tare
+from palpate.signals.payload import Payload
+from palpate.signals.recording import Recording
+from palpate.signals.wrench_sensor import Tare
 from palpate.spatial._arrays import shaped
 from palpate.spatial.arguments import number, takes_arrays
 from palpate.surfaces.mesh import Mesh
@@ -31,6 +32,14 @@ DAMPING = 0.01  # of (10): a twentieth of what an arm of half a metre moves, whe
 DEAF = 10  # commands in a row that never came
 JUMP = 5.0  # s between two calls that no clock makes
 LEAST = 1e-4  # s: cycles are told apart to this
+
+
+@runtime_checkable
+class _Loaded(Protocol):
+    """A sensor whose payload is known."""
+
+    @property
+    def payload(self) -> Payload: ...
 
 
 @called_as("palpate.AlignController(arm, palpate.WrenchEstimator(mesh, sensor), force=7.0)")
@@ -93,7 +102,7 @@ class AlignController:
         self._axes = np.ascontiguousarray(mount.rotation @ face.axes)  # of the face, in the sensor's frame
         self._tip = np.ascontiguousarray(mount.apply(face.place))
         sensor = estimator.sensor
-        payload = sensor.payload if isinstance(sensor, Compensation) else None
+        payload = sensor.payload if isinstance(sensor, _Loaded) else None
         self._centre = np.zeros(3) if payload is None else np.array(payload.center_of_mass)
         self._gravity = np.zeros(3) if payload is None else np.nan_to_num(payload.gravity)
         mass = 0.0 if payload is None else payload.mass

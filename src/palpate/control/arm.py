@@ -23,7 +23,7 @@ class Arm(Value):
     """A chain of n joints from the base to the sensor, T_base_sensor = P_0 M_1(q_1) P_1 ... M_n(q_n) P_n.
 
     M turns about, or slides along, its joint's axis. Velocities and Jacobians are in base axes, of a point that is
-    fixed in the sensor's frame, linear rows first. `load_arm` of `palpate.io.arm` reads one from a URDF.
+    fixed in the sensor's frame, linear rows first. `load_arm` of `palpate.files.arm` reads one from a URDF.
 
     Args:
         names: of the joints, from the base on.

@@ -14,7 +14,6 @@ from palpate.contact.locate import Locator
 from palpate.contact.touch_finder import find_touches
 from palpate.evaluation.errors import ErrorSummary
 from palpate.evaluation.evaluate import Report, report
-from palpate.sensors.skin_map import SkinMap
 from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.mesh import Mesh
 
@@ -22,7 +21,6 @@ __all__ = [
     "InstrumentReport",
     "Reference",
     "judge",
-    "map_mesh",
     "medians",
     "perfect",
     "touch_rows",
@@ -37,7 +35,6 @@ BESIDE = 0.2  # of its samples: a touch that has another one beside it for longe
 TOUCHING = 1.5e-3  # m: between wand and link, still a touch of theirs
 _MEAN_IN_CELL = 0.3825978  # mean distance of a point of the unit square from its middle
 _MEASURED = ("point", "normal", "force", "torque", "covariance")
-_FINE = 4  # facets of the map's mesh in a cell
 
 
 @takes_arrays
@@ -187,28 +184,6 @@ def perfect(pitch: tuple[float, float]) -> tuple[float, float]:
     """
     side = float(np.sqrt(pitch[0] * pitch[1]))
     return _MEAN_IN_CELL * side, side / 4
-
-
-def map_mesh(place: SkinMap) -> Mesh:
-    """The sensing layer as a mesh, where no mesh of the link is at hand."""
-    rows, columns = place.rows * _FINE, place.columns * _FINE
-    row, column = np.meshgrid(
-        np.linspace(-0.5, place.rows - 0.5, rows + 1),
-        np.linspace(-0.5, place.columns - 0.5, columns + 1),
-        indexing="ij",
-    )
-    points, normals = place.at(row, column)
-    corner: Int[np.ndarray, "r c"] = (np.arange(rows)[:, None] * (columns + 1) + np.arange(columns)[None]).astype(
-        np.int64
-    )
-    a, b, c, d = corner, corner + 1, corner + columns + 1, corner + columns + 2
-    faces = np.concatenate([np.stack(three, axis=-1).reshape(-1, 3) for three in ((a, c, b), (b, c, d))])
-    vertices = points.reshape(-1, 3)
-    first = faces[0]
-    outward = np.cross(vertices[first[1]] - vertices[first[0]], vertices[first[2]] - vertices[first[0]])
-    if outward @ normals.reshape(-1, 3)[first[0]] < 0:
-        faces = faces[:, ::-1]
-    return Mesh.from_arrays(vertices, faces)
 
 
 def touch_rows(contacts: Contacts) -> list[Int[np.ndarray, " _"]]:

@@ -1,1 +1,6 @@
 """Where things are, what pushes on them, and how sure."""
+
+from palpate.spatial.pose import Pose, rotation_from_quaternion
+from palpate.spatial.wrench import Wrench
+
+__all__ = ["Pose", "Wrench", "rotation_from_quaternion"]

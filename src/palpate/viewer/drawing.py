@@ -113,7 +113,7 @@ class Drawing:
         Raises:
             InputError: it cannot be written.
         """
-        by_name("palpate.io.atomic.write_text")(Path(path), self.page())
+        by_name("palpate.files.atomic.write_text")(Path(path), self.page())
 
     def _repr_html_(self) -> str:
         """For notebooks, in a frame of its own: what it needs meets nothing else there."""

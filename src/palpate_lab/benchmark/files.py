@@ -15,9 +15,9 @@ from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, Status
 from palpate.contact.ground_truth import Samples
 from palpate.errors import InputError
-from palpate.io.models.toml import load_toml
-from palpate.io.tables.table import Table, read_table
-from palpate.io.units import near
+from palpate.files.models.toml import load_toml
+from palpate.files.tables.table import Table, read_table
+from palpate.files.units import near
 from palpate.opencv import opencv
 from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.mesh import Mesh

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.sensors.recording import CELLS
+from palpate.signals.recording import CELLS
 from palpate_lab.benchmark.task import MadeTask, Truth, write_body, write_table
 from palpate_lab.simulation.skin_bench import PaperSheet, Rolled
 from palpate_lab.simulation.touched import ForearmSettings, simulate_forearm

@@ -9,10 +9,10 @@ from functools import partial
 from math import isfinite
 from pathlib import Path
 
-from palpate.cli.console import Figure, announce, lines, note, overwrite, title
-from palpate.cli.parallel import begin_results, from_row, read_rows, require_backend, run_kept
+from palpate.console.console import Figure, announce, lines, note, overwrite, title
+from palpate.console.parallel import begin_results, from_row, read_rows, require_backend, run_kept
 from palpate.errors import InputError
-from palpate.io.atomic import keep_inputs, write_text
+from palpate.files.atomic import keep_inputs, write_text
 from palpate.viewer.report import render, require_report
 from palpate_lab.cli.arena_run import ArenaResult
 from palpate_lab.cli.arena_setup import Asked, command
@@ -32,7 +32,7 @@ def run_batch(asked: Asked, seeds: Sequence[int], output: Path, jobs: int | None
         seeds: which.
         output: the page; results are beside it, its name ending in .jsonl.
         jobs: how many processes; None: one a core.
-        backend: one of `palpate.cli.parallel.BACKENDS`.
+        backend: one of `palpate.console.parallel.BACKENDS`.
 
     Raises:
         InputError: a wrong option, results of other settings, joblib or what its backend needs is not installed.

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from palpate.io.models.toml import load_toml
-from palpate.io.schema import parse
+from palpate.files.models.toml import load_toml
+from palpate.files.schema import parse
 from palpate_lab.simulation.arena import Block, Layout
 
 __all__ = ["read_arena"]

@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from palpate.calibration.marker_ring.calibrate import RingTruth, calibrate_marker_ring
 from palpate.contact.estimate import ROW, Status
-from palpate.contact.ring_estimator import RingEstimator
-from palpate.io.atomic import replacing
-from palpate.io.models import read_model, write_model
-from palpate.sensors.fisheye import Fisheye
-from palpate.sensors.marker_ring import MarkerRing, RingBody
-from palpate.sensors.markers import Frame
-from palpate.sensors.recording import IMAGE, Recording
+from palpate.files.atomic import replacing
+from palpate.files.models import read_model, write_model
+from palpate.optical.fisheye import Fisheye
+from palpate.optical.markers import Frame
+from palpate.sensors.marker_ring.calibrate import RingTruth, calibrate_marker_ring
+from palpate.sensors.marker_ring.estimator import RingEstimator
+from palpate.sensors.marker_ring.model import MarkerRing, RingBody
+from palpate.signals.recording import IMAGE, Recording
 from palpate_lab.cli.kept import kept
 from palpate_lab.simulation.arena.camera import SwiftCamera
 from palpate_lab.simulation.arena.skin import RingSkin, disc_points

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
-    from palpate.sensors.marker_ring import MarkerRing
+    from palpate.sensors.marker_ring.model import MarkerRing
     from palpate_lab.cli.arena_ring import RingWear
     from palpate_lab.cli.arena_run import ArenaRun
     from palpate_lab.simulation.arena.layout import Layout
@@ -152,8 +152,8 @@ def _ring(rig: str | Path) -> MarkerRing:
     Raises:
         InputError: it is a rig of another sensor, or names no model.
     """
-    from palpate.io.rig import load_rig
-    from palpate.io.rig.marker_ring import MarkerRingSection
+    from palpate.sensors.marker_ring.section import MarkerRingSection
+    from palpate.setup import load_rig
 
     loaded = load_rig(Path(rig))
     if MarkerRingSection.name not in loaded.sensors:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from tyro.conf import FlagCreatePairsOff, arg
 
-from palpate.cli.console import Figure, lines, note, title, wait
+from palpate.console.console import Figure, lines, note, title, wait
 from palpate.errors import InputError
 from palpate_lab.benchmark.files import read_benchmark
 from palpate_lab.cli.simulate import require_new, whole

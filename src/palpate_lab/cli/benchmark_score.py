@@ -8,10 +8,10 @@ from typing import Annotated
 
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
-from palpate.cli.console import counting, note, overwrite, part, step, table, title
-from palpate.cli.options import FileOption
+from palpate.console.console import counting, note, overwrite, part, step, table, title
+from palpate.console.options import FileOption
 from palpate.errors import InputError
-from palpate.io.atomic import keep_inputs, write_text
+from palpate.files.atomic import keep_inputs, write_text
 from palpate.viewer.report import require_report
 from palpate_lab.benchmark.files import Task, read_answers, read_benchmark, read_truth
 from palpate_lab.benchmark.scoring import score

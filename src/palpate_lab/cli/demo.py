@@ -14,17 +14,17 @@ from jaxtyping import Float
 from tyro.conf import FlagCreatePairsOff, arg
 
 from palpate.cli import main
-from palpate.cli.console import announce, muted, step, table, title
+from palpate.console.console import announce, muted, step, table, title
 from palpate.contact.estimate import Status
 from palpate.errors import InputError
 from palpate.evaluation.evaluate import Report
 from palpate.evaluation.evaluate import evaluate as judged
-from palpate.io.atomic import reserve_output
-from palpate.io.contacts import read_contacts
-from palpate.io.ground_truth import read_ground_truth
-from palpate.io.models import read_model
-from palpate.io.rig import load_rig
-from palpate.sensors.force_torque import Payload
+from palpate.files.atomic import reserve_output
+from palpate.files.contacts import read_contacts
+from palpate.files.ground_truth import read_ground_truth
+from palpate.files.models import read_model
+from palpate.setup import load_rig
+from palpate.signals.payload import Payload
 from palpate.spatial.pose import skew
 from palpate_lab.cli.simulate import require_new
 

@@ -10,19 +10,20 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from palpate.calibration.payload import identify_payload
 from palpate.contact import Locator, WrenchEstimator
 from palpate.control.admittance import Admittance
 from palpate.control.align import AlignController
 from palpate.control.arm import Arm
-from palpate.control.plain import Plain
+from palpate.control.paper_law import Plain
 from palpate.control.probe_face import ProbeFace
 from palpate.control.servo import Servo
 from palpate.control.supervisor import Limits
-from palpate.io.arm import load_arm
-from palpate.sensors.compensation import Compensation
-from palpate.sensors.filters import Kalman
-from palpate.sensors.force_torque import ForceTorque, Payload
+from palpate.files.arm import load_arm
+from palpate.sensors.force_torque.calibrate import identify_payload
+from palpate.sensors.force_torque.compensation import Compensation
+from palpate.sensors.force_torque.model import ForceTorque
+from palpate.signals.filters import Kalman
+from palpate.signals.payload import Payload
 from palpate.surfaces.mesh import Mesh
 from palpate_lab.simulation.phantom.elfin3 import urdf
 from palpate_lab.simulation.phantom.lab import PhantomLab, Reading, Truth

@@ -11,9 +11,9 @@ from typing import Annotated
 
 from tyro.conf import FlagCreatePairsOff, arg
 
-from palpate.cli.console import counting, lines, note, progress, title, wait
+from palpate.console.console import counting, lines, note, progress, title, wait
 from palpate.errors import InputError
-from palpate.io.atomic import PART, reserve_output
+from palpate.files.atomic import PART, reserve_output
 
 __all__ = ["require_new", "simulate_marker_ring", "whole"]
 

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from tyro.conf import FlagCreatePairsOff, arg
 
-from palpate.cli.console import Figure, announce, counting, lines, note, progress, title, wait
-from palpate.cli.options import FileOption, require_port
+from palpate.console.console import Figure, announce, counting, lines, note, progress, title, wait
+from palpate.console.options import FileOption, require_port
 from palpate.errors import InputError
-from palpate.io.atomic import folder_beside, reserve_output
+from palpate.files.atomic import folder_beside, reserve_output
 from palpate_lab.cli.arena_setup import Asked, worn
 
 if TYPE_CHECKING:
@@ -159,7 +159,7 @@ def _recorded(run: ArenaRun, asked: Asked, recording: Path, film: Path | None, p
 
 def _write_ring(asked: Asked, recording: Path) -> None:
     """What `palpate estimate` needs to read a robot's camera."""
-    from palpate.io.models.kinds import write_model
+    from palpate.files.models.kinds import write_model
     from palpate_lab.simulation.arena.run_files import files_of, write_rig
 
     write_rig(recording)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from tyro.conf import FlagCreatePairsOff, arg
 
-from palpate.cli.console import Figure, counting, lines, note, progress, title, wait
+from palpate.console.console import Figure, counting, lines, note, progress, title, wait
 from palpate.errors import InputError
 from palpate_lab.cli.simulate import require_new, whole
 

@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 from tyro.conf import FlagCreatePairsOff, arg
 
-from palpate.cli.console import Figure, lines, note, title, wait
+from palpate.console.console import Figure, lines, note, title, wait
 from palpate.errors import InputError
 from palpate_lab.cli.simulate import require_new, whole
 

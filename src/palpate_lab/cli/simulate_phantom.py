@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from tyro.conf import FlagCreatePairsOff, arg
 
-from palpate.cli.console import Figure, announce, counting, lines, note, progress, title, wait
+from palpate.console.console import Figure, announce, counting, lines, note, progress, title, wait
 from palpate.errors import InputError
-from palpate.io.atomic import folder_beside, reserve_output
+from palpate.files.atomic import folder_beside, reserve_output
 
 if TYPE_CHECKING:
     from palpate.control.align import AlignController
@@ -187,7 +187,7 @@ def _words(truth: Truth, state: str) -> str:
 
 
 def _write(run: PhantomRun, lab: PhantomLab, recording: Path) -> None:
-    from palpate.io.models.kinds import write_model
+    from palpate.files.models.kinds import write_model
     from palpate_lab.cli.phantom_run import phantom_payload
     from palpate_lab.simulation.phantom.run_files import files_of, write_run
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 from tyro.conf import arg
 
-from palpate.cli.console import lines, note, title, wait
+from palpate.console.console import lines, note, title, wait
 from palpate.errors import InputError
 from palpate_lab.cli.simulate import require_new, whole
 

@@ -1,4 +1,4 @@
-"""Zeros that wander: seeded, by the law that `palpate.sensors.drift.Drift` states."""
+"""Zeros that wander: seeded, by the law that `palpate.signals.drift.Drift` states."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
-from palpate.sensors.drift import Drift
+from palpate.signals.drift import Drift
 from palpate.spatial._arrays import shaped
 
 __all__ = ["simulate_drift"]

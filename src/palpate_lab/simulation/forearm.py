@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.errors import InputError
-from palpate.sensors.taxel_modules import LAYOUTS, ModuleLayout
-from palpate.sensors.taxel_places import TaxelPlaces
+from palpate.sensors.taxels.modules import LAYOUTS, ModuleLayout
+from palpate.sensors.taxels.places import TaxelPlaces
 from palpate.spatial._arrays import Value, frozen
 from palpate.surfaces.surface import Surface
 

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from palpate.sensors.pokes import Pokes
+from palpate.sensors.taxels.poking.pokes import Pokes
 from palpate.spatial._arrays import Value, frozen
 from palpate.spatial.pose import Pose
 from palpate_lab.simulation.forearm import Forearm, Skin, nearby, places_near

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from palpate.sensors.taxel_places import TaxelPlaces
+from palpate.sensors.taxels.places import TaxelPlaces
 from palpate.spatial.pose import quaternion_from_rotation
 from palpate_lab.simulation.bags import Stamped, header, nanoseconds, readings, wrenches, write_bag
 from palpate_lab.simulation.forearm import Cone

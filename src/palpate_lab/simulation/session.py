@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from palpate.sensors.recording import FORCE, ORIENTATION, TORQUE, Recording
+from palpate.signals.recording import FORCE, ORIENTATION, TORQUE, Recording
 from palpate.spatial.pose import Pose, rotation_from_quaternion
 from palpate_lab.simulation.contacts import contact_wrenches, directed_forces
 from palpate_lab.simulation.shapes import Superquadric

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from palpate.sensors.recording import ORIENTATION, Recording
+from palpate.signals.recording import ORIENTATION, Recording
 from palpate.spatial.pose import Pose
 from palpate_lab.simulation.session import NOISE, Session, Touches
 

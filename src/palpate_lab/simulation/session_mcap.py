@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from palpate.sensors.recording import ORIENTATION, Recording
+from palpate.signals.recording import ORIENTATION, Recording
 from palpate_lab.simulation.bags import Stamped, poses, wrenches, write_bag
 from palpate_lab.simulation.session import Session
 from palpate_lab.simulation.session_files import POSE_TOPIC, WRENCH_TOPIC

@@ -13,8 +13,8 @@ from math import inf, pi
 import numpy as np
 from jaxtyping import Float
 
-from palpate.sensors.recording import CELLS, Recording
-from palpate.sensors.skin_map import SkinMap
+from palpate.sensors.taxels.skin_map.model import SkinMap
+from palpate.signals.recording import CELLS, Recording
 from palpate.spatial._arrays import frozen
 
 __all__ = ["PaperSheet", "Patch", "Press", "Rolled", "Wand", "paper_sheet", "press", "read_out", "wand_poses"]

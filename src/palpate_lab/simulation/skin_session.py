@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from palpate.sensors.recording import Recording
+from palpate.signals.recording import Recording
 from palpate_lab.simulation.skin_bench import PaperSheet, Patch, Rolled, Wand, paper_sheet, press, read_out, wand_poses
 
 __all__ = ["SkinSession", "load_cell_presses", "simulate_protocol"]

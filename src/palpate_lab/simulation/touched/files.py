@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from palpate.sensors.recording import CELLS, ORIENTATION, Recording
+from palpate.signals.recording import CELLS, ORIENTATION, Recording
 from palpate_lab.simulation.bags import Stamped, poses, readings, wrenches, write_bag
 from palpate_lab.simulation.skin_bench import HIGH, JOINT, LOW
 from palpate_lab.simulation.skin_session import load_cell_presses

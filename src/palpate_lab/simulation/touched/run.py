@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.errors import InputError
-from palpate.sensors.recording import Recording
+from palpate.signals.recording import Recording
 from palpate.spatial._arrays import Value, frozen
 from palpate_lab.simulation.skin_bench import PaperSheet, paper_sheet
 from palpate_lab.simulation.touched.body import Physics, simulate_physics

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from palpate.sensors.drift import Drift
-from palpate.sensors.recording import CELLS, FORCE, ORIENTATION, TORQUE, Recording
+from palpate.signals.drift import Drift
+from palpate.signals.recording import CELLS, FORCE, ORIENTATION, TORQUE, Recording
 from palpate_lab.simulation.drift import simulate_drift
 from palpate_lab.simulation.skin_bench import PaperSheet, Rolled, read_out
 from palpate_lab.simulation.touched.body import Physics

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from math import cos, inf, pi, sin
 
 from palpate.errors import InputError
-from palpate.sensors.drift import Drift
+from palpate.signals.drift import Drift
 from palpate.spatial.pose import Pose
 from palpate_lab.simulation.skin_bench import Rolled
 

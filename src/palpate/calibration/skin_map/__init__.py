@@ -1,7 +1,0 @@
-"""Spatial calibration of a taxel sheet: from a link's mesh to where every cell sits."""
-
-from palpate.calibration.skin_map.layout import Layout, Sheet
-from palpate.calibration.skin_map.sheet import fit_stretch, map_skin
-from palpate.calibration.skin_map.shell import Mode, Planes
-
-__all__ = ["Layout", "Mode", "Planes", "Sheet", "fit_stretch", "map_skin"]

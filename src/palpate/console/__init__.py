@@ -1,0 +1,1 @@
+"""Messages, options, progress and interrupts that commands share."""

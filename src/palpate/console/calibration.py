@@ -1,0 +1,100 @@
+"""Run calibrations: keep their inputs, write the model, print figures and notes."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar
+
+from palpate.console.console import counting, lines, note, title
+from palpate.files.atomic import keep_inputs
+from palpate.files.models import provenance, write_model
+from palpate.setup import Rig, load_rig
+
+__all__ = ["Calibration", "Found", "origin"]
+
+Lines = Iterable[tuple[str, object]]
+
+
+@dataclass(frozen=True)
+class Found:
+    """Hold what a calibration found, and what a person should know of it.
+
+    Args:
+        figures: name and value of each.
+        model: what `Calibration.write` writes to the output.
+        notes: about the log and the model, a sentence each.
+        warnings: what to look at before the model is used.
+        hints: what to change in the rig or the log, so that it becomes better.
+        next: what to do with the output.
+    """
+
+    figures: Lines
+    model: Any = None
+    notes: Sequence[str] = ()
+    warnings: Sequence[str] = ()
+    hints: Sequence[str] = ()
+    next: Sequence[str] = ()
+
+
+class Calibration(ABC):
+    """A command `palpate calibrate NAME`; a subclass is a dataclass whose fields are its arguments.
+
+    Paths but `output` are what is read, a `rig` with the files that it names; all other fields are settings. Other
+    packages add calibrations by an entry point `palpate.calibrations`, whose name is the command's.
+    """
+
+    log: Path
+    output: Path
+    replaces: ClassVar[str] = ""
+    """File of the rig that the output may replace: a key of `Rig.files`, or "rig" for the rig itself."""
+
+    @abstractmethod
+    def identify(self) -> Found:
+        """Read the inputs and find the model.
+
+        Raises:
+            InputError: the inputs cannot be used, or contradict what the calibration assumes.
+        """
+
+    def write(self, found: Found) -> None:
+        """Write what was found to the output."""
+        write_model(self.output, found.model)
+
+    @cached_property
+    def stated(self) -> Rig:
+        """The rig that is named, or one that states nothing."""
+        rig: Path | None = getattr(self, "rig", None)
+        return Rig() if rig is None else load_rig(rig)
+
+    @cached_property
+    def reads(self) -> dict[str, Path]:
+        """The files that are read, by the names of their arguments."""
+        return {name: path for name, path in vars(self).items() if isinstance(path, Path) and name != "output"}
+
+    def record(self, **settings: object) -> dict[str, str]:
+        """Return where a model comes from: digests of what is read, and settings."""
+        return provenance(self.reads, settings)
+
+    def run(self) -> None:
+        """Identify, write the output, and print what was found."""
+        files = [*self.reads.items(), *self.stated.files().items()]
+        keep_inputs(self.output, [path for name, path in files if name != self.replaces])
+        with counting():
+            found = self.identify()
+        self.write(found)
+        title(f"{self.log} -> {self.output}")
+        lines(found.figures)
+        note(found.notes)
+        note(found.warnings, kind="warning")
+        note(found.hints, kind="hint")
+        note(found.next)
+
+
+def origin(record: dict[str, str], name: str) -> str:
+    """Return a file of a record of provenance in a few words: its name, and the start of its digest."""
+    file, _, digest = record[name].partition(" ")
+    return f"{file} ({digest[:19]})"

@@ -1,0 +1,325 @@
+"""Many jobs: over processes (joblib), Dask or Ray, and kept line by line so that the same command goes on."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import fields
+from importlib import import_module
+from itertools import islice
+from math import isfinite, nan
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+from palpate.console.console import counting
+from palpate.errors import InputError
+from palpate.files.atomic import write_text, writing
+from palpate.files.memory import KEEPING
+from palpate.files.tables.lines import open_input
+from palpate.setup.prefetch import deaf
+
+__all__ = ["BACKENDS", "begin_results", "each_done", "from_row", "read_rows", "require_backend", "run_kept"]
+
+BACKENDS = ("processes", "dask", "ray")
+_NEEDED = {  # module, and what pip installs
+    "processes": ("joblib", "palpate[batch]"),
+    "dask": ("distributed", "dask[distributed]"),
+    "ray": ("ray", "ray"),
+}
+AHEAD = 2  # jobs that are handed out at a time, a worker: one is done, one waits
+
+Job = TypeVar("Job")
+Result = TypeVar("Result")
+Made = TypeVar("Made")
+
+
+def require_backend(backend: str, workers: int | None, option: str) -> int:
+    """How many workers there will be, 0: as many as the cluster has that is joined; before any work is done.
+
+    Args:
+        backend: one of `BACKENDS`.
+        workers: asked for; None: one a core.
+        option: that asks for them.
+
+    Raises:
+        InputError: there is no such backend, fewer than one worker, or what the backend needs is not installed.
+    """
+    if workers is not None and workers < 1:
+        raise InputError(f"must be 1 at least, not {workers}.", where=option)
+    if backend not in BACKENDS:
+        hint = f"There are {', '.join(BACKENDS)}."
+        raise InputError(f"there is no backend {backend!r}.", where="--backend", hint=hint)
+    count = (os.cpu_count() or 1) if workers is None else workers
+    if count == 1 and backend == "processes":
+        return count
+    _require_installed(backend, option)
+    joined = {"processes": bool, "dask": _dask_address, "ray": lambda: os.environ.get("RAY_ADDRESS")}[backend]()
+    return 0 if workers is None and joined else count
+
+
+def each_done(
+    one: Callable[[Job], Result],
+    jobs: Sequence[Job],
+    workers: int,
+    backend: str,
+    option: str,
+    lost: Callable[[Job], Result] | None = None,
+) -> Generator[Result]:
+    """What comes of each job, in the order in which they are done.
+
+    Args:
+        one: what is done; it and its job can be pickled.
+        jobs: all of them.
+        workers: at a time, see `require_backend`. One of "processes" is this process.
+        backend: one of `BACKENDS`.
+        option: that asks for workers, for sentences.
+        lost: what comes of a job whose worker is ended from outside (memory, a crash in a library); None: an error.
+
+    Raises:
+        InputError: what the backend needs is not installed, its cluster does not answer, or a worker was ended.
+    """
+    if not jobs:
+        return
+    if workers == 1 and backend == "processes":
+        yield from map(one, jobs)
+        return
+    engine = {"processes": _on_processes, "dask": _on_dask, "ray": _on_ray}[backend]
+    _require_installed(backend, option)
+
+    def missed(job: Job) -> Result:
+        if lost is None:
+            hint = f"Was there too little memory? Ask for fewer, {option}."
+            raise InputError("a worker was ended before it was done.", where=f"--backend {backend}", hint=hint)
+        return lost(job)
+
+    with closing(engine(one, jobs, workers, missed)) as results:
+        yield from results
+
+
+def _on_processes(
+    one: Callable[[Job], Result], jobs: Sequence[Job], workers: int, missed: Callable[[Job], Result]
+) -> Generator[Result]:
+    """By joblib. Nobody knows which job ended a worker: the first of those left are tried one by one, then all."""
+    joblib = import_module("joblib")
+    broken = import_module("concurrent.futures.process").BrokenProcessPool
+    left, single = dict(enumerate(jobs)), 0  # `single`: jobs to be tried one by one
+    while left:
+        some = list(left.items())[: 1 if single else None]
+        work = [joblib.delayed(_numbered)(one, number, job) for number, job in some]
+        try:
+            with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
+                parallel = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", batch_size=1)
+                with closing(parallel(work)) as made:
+                    for number, result in made:
+                        del left[number]
+                        yield result
+        except broken:
+            if len(some) == 1:
+                yield missed(left.pop(some[0][0]))
+            single = single or AHEAD * workers + 1
+        single = max(single - 1, 0)
+
+
+def _numbered(one: Callable[[Job], Result], number: int, job: Job) -> tuple[int, Result]:
+    return number, one(job)
+
+
+def _on_dask(
+    one: Callable[[Job], Result], jobs: Sequence[Job], workers: int, missed: Callable[[Job], Result]
+) -> Generator[Result]:
+    """By its own scheduler: joblib's way to it waits for ever where a worker was ended."""
+    distributed = import_module("distributed")
+    address = _dask_address()
+    own = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": ":0", "silence_logs": logging.CRITICAL}
+    settings = {f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in KEEPING.items()}
+    settings["distributed.worker.profile.enabled"] = False  # it stops the work a hundred times a second
+    with _joining("dask", address), deaf(), import_module("dask").config.set(settings):
+        client = distributed.Client(**(own if address is None else {"address": address}))
+    with client:
+        waiting = dict(zip(client.map(one, jobs, pure=False), jobs, strict=True))
+        doubted = list[Job]()  # what waited on a worker that was ended is taken for what ended it
+        for future in distributed.as_completed(list(waiting)):
+            job = waiting.pop(future)
+            try:
+                yield future.result()
+            except distributed.scheduler.KilledWorker:
+                doubted.append(job)
+        for job in doubted:
+            try:
+                result = client.submit(one, job, pure=False).result()
+            except distributed.scheduler.KilledWorker:
+                result = missed(job)
+            yield result
+
+
+def _on_ray(
+    one: Callable[[Job], Result], jobs: Sequence[Job], workers: int, missed: Callable[[Job], Result]
+) -> Generator[Result]:
+    """By its own scheduler: joblib's way to it waits for ever, too, and answers only when all are done."""
+    ray = import_module("ray")
+    gone = (ray.exceptions.WorkerCrashedError, ray.exceptions.OutOfMemoryError)
+    with _ray(workers) as count:
+        task, left = ray.remote(num_cpus=1, max_retries=0)(_numbered), enumerate(jobs)
+        waiting = dict[Any, Job]()
+        while True:
+            for number, job in islice(left, AHEAD * count - len(waiting)):
+                waiting[task.remote(one, number, job)] = job
+            if not waiting:
+                return
+            (ready,), _ = ray.wait(list(waiting), num_returns=1)
+            job = waiting.pop(ready)
+            try:
+                _, result = ray.get(ready)
+            except gone:
+                result = missed(job)
+            yield result
+
+
+def run_kept(
+    one: Callable[[Job], Result],
+    jobs: Sequence[Job],
+    kept: Path,
+    how: tuple[int, str, str],
+    row: Callable[[Result], Mapping[str, object]],
+    lost: Callable[[Job], Result] | None = None,
+) -> Generator[Result]:
+    """As `each_done`; each result is a line of a file before it is given.
+
+    Args:
+        one: what is done.
+        jobs: all of them.
+        kept: the file, see `begin_results`.
+        how: workers, backend and option of `each_done`.
+        row: what stands in a result's line.
+        lost: of `each_done`.
+    """
+    with counting(), closing(each_done(one, jobs, *how, lost)) as results:
+        for result in results:
+            with writing(kept), kept.open("a", encoding="utf-8") as file:
+                file.write(_line(row(result)))
+            yield result
+
+
+def read_rows(path: Path, what: str) -> tuple[dict[str, object], list[dict[str, Any]]]:
+    """The settings in the first line of a file of results, and each result's line; see `from_row`.
+
+    A last line that is cut, as a killed process leaves it, is no result.
+
+    Args:
+        path: of the file.
+        what: it should hold, for the sentence.
+
+    Raises:
+        InputError: it is no such file.
+    """
+    with open_input(path) as file:
+        lines = file.read().decode(errors="replace").splitlines()
+    rows = list[dict[str, Any]]()
+    try:
+        settings = json.loads(lines[0])["settings"]
+        for number, line in enumerate(lines[1:], start=2):
+            try:
+                rows.append(dict(json.loads(line)))
+            except json.JSONDecodeError:
+                if number == len(lines):
+                    break
+                raise
+    except (ValueError, KeyError, TypeError, IndexError) as problem:
+        hint = "Name another output."
+        raise InputError(f"does not hold {what}.", where=str(path), hint=hint) from problem
+    return settings, rows
+
+
+def from_row(kind: type[Made], row: Mapping[str, Any]) -> Made:
+    """A dataclass of strings, numbers and tuples of them, as its line holds it: null is NaN, and a list a tuple.
+
+    Raises:
+        KeyError: of a field that is not there.
+    """
+    names = [each.name for each in fields(cast("Any", kind))]
+    return kind(**{name: _told(row[name]) for name in names})
+
+
+def begin_results(path: Path, settings: Mapping[str, object], rows: Iterable[Mapping[str, object]]) -> None:
+    """Write a file of results whole, without what is cut, so that lines can be added."""
+    write_text(path, "".join([_line({"settings": settings}), *map(_line, rows)]))
+
+
+def _line(row: Mapping[str, object]) -> str:
+    return f"{json.dumps(_listed(row), allow_nan=False)}\n"
+
+
+def _listed(value: object) -> object:
+    if isinstance(value, Mapping):
+        return {str(name): _listed(each) for name, each in cast("Mapping[object, object]", value).items()}
+    if isinstance(value, tuple | list):
+        return [_listed(each) for each in cast("Sequence[object]", value)]
+    return None if isinstance(value, float) and not isfinite(value) else value
+
+
+def _told(value: object) -> object:
+    if isinstance(value, list):
+        return tuple(map(_told, cast("list[object]", value)))
+    return nan if value is None else value
+
+
+def _require_installed(backend: str, option: str) -> None:
+    """Raises InputError: what the backend needs is not."""
+    module, package = _NEEDED[backend]
+    try:
+        import_module(module)
+    except ImportError as problem:
+        one = f", or {option} 1 for one after the other" if backend == "processes" else ""
+        where = option if backend == "processes" else f"--backend {backend}"
+        hint = f"pip install '{package}'{one}."
+        raise InputError(f"jobs in parallel need {module}.", where=where, hint=hint) from problem
+
+
+def _dask_address() -> str | None:
+    """Of the scheduler that is to be joined; None: one is made."""
+    return import_module("dask").config.get("scheduler-address", None)
+
+
+@contextmanager
+def _ray(workers: int) -> Generator[int]:
+    """The cluster that RAY_ADDRESS names, or processes of its own, ended with the block; gives how many it has."""
+    ray, address = import_module("ray"), os.environ.get("RAY_ADDRESS")
+    if ray.is_initialized():
+        yield workers or 1
+        return
+    own = {} if address else {"address": "local", "num_cpus": workers, "include_dashboard": False}
+    with _joining("ray", address), _environment({name: str(value) for name, value in KEEPING.items()}):
+        ray.init(**own, logging_level=logging.CRITICAL, log_to_driver=False)
+    try:
+        yield workers or max(int(ray.cluster_resources().get("CPU", 1)), 1)
+    finally:
+        ray.shutdown()
+
+
+@contextmanager
+def _environment(more: Mapping[str, str]) -> Generator[None]:
+    """Processes that are started meanwhile have these variables, too."""
+    before = {name: os.environ.get(name) for name in more}
+    os.environ.update(more)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+@contextmanager
+def _joining(backend: str, address: str | None) -> Generator[None]:
+    """Raises InputError: the cluster does not answer."""
+    try:
+        yield
+    except (OSError, ValueError, RuntimeError) as problem:  # whatever each of them calls it
+        said = next(iter(str(problem).splitlines()), type(problem).__name__).rstrip(".")
+        there = f"--backend {backend}" if address is None else f"--backend {backend} at {address}"
+        raise InputError(f"the cluster does not answer ({said}).", where=there) from problem

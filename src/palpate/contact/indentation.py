@@ -1,0 +1,47 @@
+"""How deep a touch sinks into a soft layer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.errors import InputError
+from palpate.spatial._arrays import frozen
+from palpate.spatial.arguments import takes_arrays
+
+__all__ = ["Indentation"]
+
+
+@takes_arrays
+@dataclass(frozen=True)
+class Indentation:
+    """How deep below the surface the line of action passes, under a soft layer.
+
+    A ball of a certain radius that sinks into the layer hands its friction on below the surface, so that the force
+    acts at c - d n, with c the point of the undeformed surface under the ball and
+
+        d = depth |F . n|^exponent        [m], F in newtons.
+
+    Args:
+        depth: [m] at 1 N.
+        exponent: 1/2 for a ball on an elastic foundation, 2/3 for Hertz.
+        covariance: (2, 2) of both.
+    """
+
+    depth: float
+    exponent: float = 0.5
+    covariance: Float[np.ndarray, "2 2"] = field(default_factory=lambda: np.zeros((2, 2)))
+
+    def __post_init__(self) -> None:
+        if not (0 <= self.depth < 1 and 0 <= self.exponent <= 2):  # NaN too
+            raise InputError(
+                f"an indentation of {self.depth:g} m at 1 N and exponent {self.exponent:g} is none.",
+                hint="depth lies between 0 and 1 m, exponent between 0 and 2.",
+            )
+        object.__setattr__(self, "covariance", frozen(self.covariance, tail=(2, 2), name="covariance"))
+
+    def __call__(self, pressing: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
+        """Depth [m] under |F . n| [N]."""
+        return self.depth * np.abs(pressing) ** self.exponent

@@ -1,0 +1,114 @@
+"""The law of `probe` as printed, corrected where it must be: admittances of force and angle. It is the baseline."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.control.admittance import Admittance, force_error, selected_step, turning_error
+from palpate.control.control_law import Sensed
+from palpate.control.probe_face import ProbeFace
+from palpate.control.servo import Servo
+from palpate.control.stability import DelayedRobot, require_stable
+from palpate.errors import InputError
+from palpate.signals.filters import Butterworth
+from palpate.signals.smoothing import Forward
+from palpate.spatial.arguments import takes_arrays
+
+__all__ = ["Plain"]
+
+LOW_PASS = 10.0  # Hz, of the place of the contact, as the paper chose it from a spectrum
+USED = np.full(1, -1, dtype=np.int8)
+
+
+@takes_arrays
+class Plain:
+    """(7), (8) and (9) of `probe`, the axes of (8) paired crosswise (`turning_error`), on a low-passed place.
+
+    The estimator's own filter is the caller's: the paper's is `Kalman(1e-6, 2e-4)`.
+
+    Args:
+        face: that presses.
+        force: [N] wanted.
+        pushing: admittance of the force.
+        bandwidth: [rad/s] of the angle: D of (8) is R/bandwidth for each axis, and M/D that of the force.
+        stiffest: [N/m] that is to be touched: a force loop that would be unstable there is refused.
+        servo: how the robot follows, for that; None: the usual one.
+        rate: [Hz] of the readings.
+        smoothing: [s] time constant of the estimator's filter, for that; 0: none.
+
+    Raises:
+        InputError: unstable, with the bound; or a bandwidth that is not positive.
+    """
+
+    late = 0.0
+    ready = True
+
+    def __init__(
+        self,
+        face: ProbeFace,
+        force: float,
+        pushing: Admittance,
+        bandwidth: float,
+        *,
+        stiffest: float,
+        servo: Servo | None = None,
+        rate: float = 200.0,
+        smoothing: float = 0.0,
+    ) -> None:
+        if not 0 < bandwidth < np.inf:
+            raise InputError(f"the bandwidth of the angle must be positive, not {bandwidth} rad/s.")
+        self.face, self.force, self.pushing = face, float(force), pushing
+        settles = pushing.mass / pushing.damping
+        self.radii = face.radii(self.force)
+        across = self.radii[::-1].tolist()  # about x counts the radius along y
+        self.turning = tuple(Admittance(settles * r / bandwidth, r / bandwidth) for r in across)
+        servo = Servo() if servo is None else servo
+        cycles = round(servo.delay / servo.period)
+        robot = DelayedRobot(servo.period, cycles, servo.ramp > 0, servo.lag, 2, smoothing)
+        require_stable(robot, pushing, stiffest)
+        low_pass = Butterworth(LOW_PASS)  # of the place alone: the force goes without
+        robot = replace(robot, smoothing=smoothing + float(low_pass.delay(0.0, rate)))
+        for about, radius in zip(self.turning, across, strict=True):
+            require_stable(robot, about, radius, "orientation")
+        self._low_pass = Forward(low_pass.recursion(rate), rate, 2)
+        self._time, self._place = np.zeros(1), np.zeros((1, 2))
+        self._off, self._turn, self._speed = 0.0, np.zeros(2), 0.0
+
+    def start(self, seen: Sensed) -> None:
+        """At rest."""
+        self._low_pass.reset()
+        self._turn[:], self._speed = 0.0, 0.0
+
+    def observe(self, seen: Sensed) -> None:
+        """Force, and the place by way of the low-pass."""
+        self._time[0], self._place[0] = seen.time, seen.place[:2]
+        self._low_pass(self._time, USED, self._place)
+        self._off = force_error(float(seen.force[2]), self.force)
+
+    def keep(self) -> None:
+        """The paper's law knows of no feedback."""
+
+    def forget(self) -> None:
+        """See `keep`."""
+
+    def press(self, seen: Sensed, period: float, out: Float[np.ndarray, " 6"]) -> None:
+        """As `hold`."""
+        self.hold(seen.time, seen.rotation, seen.tip, period, out)
+
+    def hold(
+        self,
+        time: float,
+        rotation: Float[np.ndarray, "3 3"],
+        tip: Float[np.ndarray, " 3"],
+        period: float,
+        out: Float[np.ndarray, " 6"],
+    ) -> None:
+        """(7) and (8) by a cycle, and (9)."""
+        self._speed = self.pushing.step(self._speed, self._off, period)
+        x, y = self._place[0].tolist()
+        for k, error in enumerate(turning_error(x, y)):
+            self._turn[k] = self.turning[k].step(float(self._turn[k]), error, period)
+        selected_step(rotation, self._speed, (float(self._turn[0]), float(self._turn[1])), period, out)

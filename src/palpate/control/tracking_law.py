@@ -1,0 +1,181 @@
+"""Holding force and angle on what moves: its surface is observed, foreseen over the loop's delay, and met there."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.control.control_law import Sensed
+from palpate.control.motion_bank import MotionBank
+from palpate.control.probe_face import ProbeFace
+from palpate.errors import InputError
+from palpate.spatial._arrays import require_out
+from palpate.spatial.arguments import takes_arrays
+
+__all__ = ["Follow"]
+
+ANGLE_FLOOR = float(np.radians(0.8))  # a filter that believes readings to be better turns faster than the loop's delay
+HEIGHT_FLOOR = 60e-6  # m
+SIZES = (0.17, 0.17, 0.01)  # of the motions to expect [rad, rad, m]
+SPEED = 0.01  # m/s at most, while it presses
+SMOOTHING = np.array([0.05, 0.05, 0.025])  # s, of the commanded angles and height: what the joints' accelerations allow
+SOFTEST = 0.02  # of the stiffest
+SETTLED = 0.1  # of the wanted force
+SETTLING = 0.25  # s that the force is to be there
+RECALLED = 0.1  # s: what was known before that says less than readings from a wrong place
+PATIENCE = 6.0  # s, after which the stiffness stays as it was stated
+
+
+@takes_arrays
+class Follow:
+    """Ours: the surface's two angles and its height, each with its speed, are states that readings correct.
+
+    Where a face of R (`ProbeFace`) is touched u off its middle, what it touches leans by asin(u/R). With that normal n
+    turned into the base by the robot's own pose, the surface leans by a = atan2(nx, nz), b = atan2(ny, nz) in the axes
+    that the probe had when it first touched; its height is that of the probe's lowest point, less what the force is off
+    the wanted one over the stiffness K. All three are the surface's, not the probe's: the robot's own motion does not
+    enter them, which is why they can be foreseen over the loop's delay (`MotionBank`) and met there by position.
+
+    K is fitted while the probe first presses, to depth = c + s t + a sqrt(force), whose slope at the wanted force is
+    1/K: a body that is round presses as sqrt(force) or nearly so. A wrong one converges where it is above half of the
+    true one; so do the angles, whose R follows from K.
+
+    Args:
+        face: that presses.
+        force: [N] wanted.
+        stiffness: [N/m] of what is touched, where the first press does not tell.
+        stiffest: [N/m] to be expected: how gently it first presses.
+
+    Raises:
+        InputError: a number that is not positive, or a stiffness above the stiffest.
+    """
+
+    def __init__(self, face: ProbeFace, force: float, stiffness: float = 2000.0, stiffest: float = 10e3) -> None:
+        from palpate.control import _align as kernel  # compiled: loaded when first needed
+
+        if not (force > 0 and 0 < stiffness <= stiffest < np.inf):  # NaN too
+            raise InputError(
+                f"force ({force:g} N) must be positive, and stiffness ({stiffness:g} N/m) between 0 and the "
+                f"stiffest ({stiffest:g} N/m)."
+            )
+        self.face, self.force, self.stiffness, self.stiffest = face, float(force), float(stiffness), float(stiffest)
+        self.late, self.ready = 0.07, False
+        self.bank = MotionBank(SIZES)
+        self._axes, self._origin = np.eye(3), np.zeros(3)
+        self._readings, self._variances = np.zeros(3), np.zeros(3)
+        self._floor = np.array([ANGLE_FLOOR, ANGLE_FLOOR, HEIGHT_FLOOR]) ** 2
+        self._grid = np.geomspace(SOFTEST * self.stiffest, self.stiffest, 10)
+        self._table = np.array([face.radii(self.force, each) for each in self._grid])  # now: it takes 20 ms each
+        self.radii = np.zeros(2)
+        self._know_radii()
+        self._observed, self._smoothed = kernel.observed.unchecked, kernel.smoothed.unchecked
+        self._target = kernel.target.unchecked
+        self._sums, self._right = np.zeros((3, 3)), np.zeros(3)
+        self._begun = self._time = self._kept = self._reached = 0.0
+        self._pressing = self._touch = self.depth = 0.0
+        self._smooth, self._rate = np.zeros(3), np.zeros(3)
+
+    def start(self, seen: Sensed) -> None:
+        """Axes and place of the touch; what was learned of the stiffness stays."""
+        self._axes[:], self._origin[:] = seen.rotation, seen.tip
+        self._sums[:], self._right[:] = 0.0, 0.0
+        self._begun = self._time = seen.time
+        self._reached, self.ready, self._pressing = np.inf, False, 0.0
+        self._read(seen)
+        self.bank.start([*self._readings[:2], 0.0])
+        self._kept = seen.time
+        self._touch = float(np.sqrt(seen.force @ seen.force))
+
+    def observe(self, seen: Sensed) -> None:
+        """The surface by one reading."""
+        pressing = self._read(seen)
+        self.bank.update(seen.time - self._time, self._readings, self._variances)
+        self._pressing += min(1.0, (seen.time - self._time) / 0.05) * (pressing - self._pressing)
+        self._time = seen.time
+        if not self.ready:
+            self._learn(seen, pressing)
+
+    def keep(self) -> None:
+        """The surface as it is known now was seen from where the robot was said to be."""
+        self.bank.keep()
+        self._kept = self._time
+
+    def forget(self) -> None:
+        """The surface is what it was when it was kept last, if that was not long ago.
+
+        What was learned of the stiffness stays: some readings of hundreds.
+        """
+        if self._time - self._kept < RECALLED:
+            self.bank.recall()
+            self._time = self._kept
+
+    def press(self, seen: Sensed, period: float, out: Float[np.ndarray, " 6"]) -> None:
+        """Along the probe's axis by (wanted - force)/D, D = 2 K late: without overshoot.
+
+        K is the stiffest to be expected at first, then what force over travel says so far; a round body is up to three
+        times stiffer than that where it stands.
+        """
+        require_out(out, (6,))
+        out[:] = 0.0
+        travel = float((seen.tip - self._origin) @ self._axes[:, 2])
+        secant = 3.0 * max(self._pressing, self._touch) / max(travel, 1e-4)
+        speed = (self.force - self._pressing) / (2.0 * min(self.stiffest, secant) * self.late)
+        out[:3] = min(speed, SPEED) * period * seen.rotation[:, 2]
+
+    def hold(
+        self,
+        time: float,
+        rotation: Float[np.ndarray, "3 3"],
+        tip: Float[np.ndarray, " 3"],
+        period: float,
+        out: Float[np.ndarray, " 6"],
+    ) -> None:
+        """To where the surface will be when the command is met: tip on it, axis against it, no spin."""
+        require_out(out, (6,))
+        behind = float(SMOOTHING[0]) - 0.5 * period  # a command is already led there over the period that it begins
+        values, rates = self.bank.predict(time - self._time + self.late + behind)
+        values[2] -= (SMOOTHING[0] - SMOOTHING[2]) * rates[2]
+        self._smoothed(values, SMOOTHING, period, self._smooth, self._rate)
+        self._target(self._smooth, self._axes, self._origin, self.depth, rotation, tip, out)
+
+    def _read(self, seen: Sensed) -> float:
+        """Readings of the surface and their variances; the force that presses [N]."""
+        values, _ = self.bank.predict(seen.time - self._time)
+        contact = (seen.place, seen.variance, seen.force, seen.rotation, seen.tip)
+        frame = (self.radii, self._axes, self._origin)
+        wanted = (self.force, self.stiffness, self._floor)
+        return self._observed(*contact, *frame, values, *wanted, self._readings, self._variances)
+
+    def _learn(self, seen: Sensed, pressing: float) -> None:
+        """Stiffness from depth against time and force, from a third of the wanted force on."""
+        if self._pressing > 0.3 * self.force:
+            row = np.array([1.0, seen.time - self._begun, np.sqrt(max(0.0, pressing) / self.force)])
+            self._sums += np.outer(row, row)
+            self._right += row * float((seen.tip - self._origin) @ self._axes[:, 2])
+        if self._pressing > (1.0 - SETTLED) * self.force and not np.isfinite(self._reached):
+            self._reached = seen.time
+        if seen.time - self._reached > SETTLING or seen.time - self._begun > PATIENCE:
+            self._know()
+
+    def _know(self) -> None:
+        """Take the fitted stiffness if it is one, and begin to follow from here."""
+        if np.linalg.matrix_rank(self._sums) == 3:
+            fitted: Float[np.ndarray, " 3"] = np.linalg.solve(self._sums, self._right)
+            compliance = 0.5 * float(fitted[2]) / self.force
+            if compliance > 1.0 / self.stiffest:
+                self.stiffness = 1.0 / compliance
+        before = self.radii.copy()
+        self._know_radii()
+        height = float(self._readings[2])
+        self.bank.scale(np.append(before / self.radii, 1.0))
+        self.bank.start([height], series=slice(2, 3))
+        self._kept = self._time
+        self._smooth[:] = 0.0, 0.0, height  # the probe stands as it first touched: it has only pressed since
+        self._rate[:] = 0.0
+        self.depth = max(0.0, height) / (1.0 - min(0.5, np.sqrt(self._touch / self.force)))
+        self.ready = True
+
+    def _know_radii(self) -> None:
+        """How far the contact moves for an angle, by the stiffness."""
+        for k in (0, 1):
+            self.radii[k] = np.interp(np.log(self.stiffness), np.log(self._grid), self._table[:, k])

@@ -1,0 +1,86 @@
+"""An arm for a control loop, from a robot's description (URDF)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from palpate.control.arm import Arm
+from palpate.errors import InputError
+from palpate.files.units import near
+from palpate.files.urdf import Joint, Urdf
+from palpate.spatial.pose import Pose
+
+__all__ = ["load_arm"]
+
+
+def load_arm(
+    urdf: str | Path, base: str, sensor: str, joints: Sequence[str] | None = None, acceleration: float = np.inf
+) -> Arm:
+    """The joints between two links, their limits and the fixed transforms between them.
+
+    Args:
+        urdf: the file; xacro must be expanded.
+        base: link that twists and poses are given in.
+        sensor: link of the force/torque sensor.
+        joints: their names in the order of the joint arrays, which must be that of the chain; None: whichever they are.
+        acceleration: [rad/s^2, m/s^2] the most of every joint, which no URDF states.
+
+    Raises:
+        InputError: no such file, link or joint, nothing that moves, a joint that follows another, or one without a
+            range or a speed.
+    """
+    robot = Urdf(Path(urdf))
+    steps = robot.steps(base, sensor)
+    moving = [joint for joint, _ in steps if joint.kind != "fixed"]
+    names, where = tuple(joint.name for joint in moving), str(urdf)
+    if not names:
+        raise InputError(f"nothing moves between links {base!r} and {sensor!r}.", where=where)
+    _require_asked(names, joints, where)
+    for joint in moving:
+        if joint.mimics:
+            raise InputError(
+                f"joint {joint.name!r} follows {joint.mimics!r}: it cannot be commanded by itself.",
+                where=where,
+                hint="Name a sensor link before it, or a base behind it.",
+            )
+    places, axes = _placed(robot, steps)
+    limits = np.array([[*robot.limits(joint), acceleration] for joint in moving])
+    turning = np.array([joint.kind != "prismatic" for joint in moving])
+    signs = np.array([1.0 if down else -1.0 for joint, down in steps if joint.kind != "fixed"])
+    try:
+        return Arm(names, places, signs[:, None] * axes, turning, *limits.T)
+    except InputError as problem:
+        raise InputError(problem.what, where=where, hint="Look at the joint's axis and limit.") from problem
+
+
+def _require_asked(names: tuple[str, ...], joints: Sequence[str] | None, where: str) -> None:
+    """InputError where other joints, or another order of them, are expected."""
+    if joints is None or tuple(joints) == names:
+        return
+    for name in joints:
+        if name not in names:
+            raise InputError(f"there is no joint {name!r} in the chain.", where=where, hint=near(name, names))
+    for name in names:
+        if name not in joints:
+            raise InputError(f"joint {name!r} moves the sensor too and is not named.", where=where)
+    raise InputError("the joints are not in the order of the chain.", where=where, hint=f"It is {', '.join(names)}.")
+
+
+def _placed(robot: Urdf, steps: list[tuple[Joint, bool]]) -> tuple[Pose, np.ndarray]:
+    """Fixed transforms between joints, one batch, and the axes (n, 3)."""
+    fixed, places, axes = Pose.identity(), list[Pose](), list[np.ndarray]()
+    for joint, down in steps:
+        if down:
+            fixed = fixed @ joint.origin
+        if joint.kind != "fixed":
+            places.append(fixed)
+            axes.append(robot.axis(joint))
+            fixed = Pose.identity()
+        if not down:
+            fixed = fixed @ joint.origin.inverse()
+    places.append(fixed)
+    batch = Pose([place.rotation for place in places], [place.translation for place in places])
+    return batch, np.array(axes)

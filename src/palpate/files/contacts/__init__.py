@@ -1,0 +1,21 @@
+"""Files of contacts, written and read block by block, as CSV, Parquet and MCAP."""
+
+from palpate.files.contacts.writing import (
+    ContactsWriter,
+    contact_blocks,
+    open_contacts,
+    read_contacts,
+    require_format,
+    unfinished,
+    write_contacts,
+)
+
+__all__ = [
+    "ContactsWriter",
+    "contact_blocks",
+    "open_contacts",
+    "read_contacts",
+    "require_format",
+    "unfinished",
+    "write_contacts",
+]

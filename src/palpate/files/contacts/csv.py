@@ -1,0 +1,130 @@
+"""contacts.csv: written and read in pieces, to the last bit; one that somebody edited is read with care."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+import polars as pl
+
+from palpate.contact.contacts import Contacts
+from palpate.contact.table import COLUMNS, LABELS, NUMBERS, WHOLE, assembled, features_of, from_frame, pointless, schema
+from palpate.contact.table import to_frame as table_of
+from palpate.errors import InputError
+from palpate.files.tables.table import Table, read_table
+from palpate.files.units import near
+
+__all__ = ["csv_blocks", "header", "noted", "read_csv", "require_columns", "to_csv"]
+
+_PIECE = 1 << 23  # bytes of text parsed at a time
+
+
+def header(features: tuple[str, ...]) -> bytes:
+    """The first line of a contacts.csv."""
+    return (",".join((*COLUMNS, *features)) + "\n").encode()
+
+
+def to_csv(contacts: Contacts) -> bytes:
+    """Rows of a contacts.csv, without its header; numbers read back the same to the last bit."""
+    text = io.BytesIO()
+    table_of(contacts).write_csv(text, include_header=False)
+    return text.getvalue()
+
+
+def csv_blocks(path: Path, *, torn: bool = False) -> Iterator[Contacts]:
+    """The rows of a contacts.csv in pieces, at least one; where it is not as it was written, all at once by `read_csv`.
+
+    Args:
+        path: of the file.
+        torn: the last line may be cut; it is left out, and noted.
+    """
+    done = 0
+    try:
+        with path.open("rb") as file:
+            types = _types(file.readline())
+            for rows in () if types is None else _pieces(file, torn, types):
+                yield rows
+                done += len(rows)
+    except (pl.exceptions.PolarsError, ValueError, OSError):
+        types = None
+    if types is None:
+        yield read_csv(path)[done:]
+
+
+def read_csv(path: Path) -> Contacts:
+    """Read a contacts.csv that somebody may have edited, and say what is wrong with it.
+
+    Raises:
+        InputError: not a contacts.csv, a status that there is none of, a field that is no number, or an answered row
+            without a point.
+    """
+    table = read_table(path)
+    require_columns(path, table.names)
+    whole, _ = table.numbers(WHOLE, strict=True)
+    odd = np.flatnonzero(~((whole == np.rint(whole)) & (np.abs(whole) < 2**53)).all(axis=1))  # NaN and infinite too
+    if len(odd):
+        table.refuse(int(odd[0]), "sample, contact and candidates must be whole numbers")
+    sample, contact, candidates = whole.astype(np.int64).T
+    numbers, _ = table.numbers(NUMBERS, strict=True)
+    names = features_of(table.names)
+    added = table.numbers(names, strict=True)[0] if names else np.empty((len(table), 0))
+    features = {name: added[:, k].copy() for k, name in enumerate(names)}
+    contacts = assembled(sample, contact, candidates, _statuses(table), numbers, features, table.notes)
+    if (row := pointless(contacts.estimate)) is not None:
+        table.refuse(row, "is answered, but has no point")
+    return contacts
+
+
+def require_columns(path: Path, names: list[str] | tuple[str, ...]) -> None:
+    """Raise an InputError if a column is missing."""
+    if missing := [name for name in COLUMNS if name not in names]:
+        raise InputError(
+            f"is not a contacts.csv: there is no column {missing[0]!r}.",
+            where=str(path),
+            hint="`palpate estimate` writes one.",
+        )
+
+
+def noted(contacts: Contacts, note: str) -> Contacts:
+    """The same rows, with a note if there is something to say."""
+    return replace(contacts, notes=(note,)) if note else contacts
+
+
+def _types(line: bytes) -> dict[str, Any] | None:
+    """Of the columns that a header of ours names; None where somebody else wrote it."""
+    names = line.decode("utf-8", "replace").rstrip("\n").split(",")
+    features = tuple(names[len(COLUMNS) :])
+    ours = tuple(names[: len(COLUMNS)]) == COLUMNS and len(set(names)) == len(names)
+    return schema(features) if ours and all(name.isidentifier() for name in features) else None
+
+
+def _pieces(file: BinaryIO, torn: bool, types: dict[str, Any]) -> Iterator[Contacts]:
+    """At least one."""
+    while True:
+        text = file.read(_PIECE) + file.readline()
+        whole, end, rest = text.rpartition(b"\n") if torn else (text, b"", b"")
+        yield noted(from_frame(_parsed(whole + end, types)), "the last line is cut and was left out" if rest else "")
+        if len(text) < _PIECE:
+            return
+
+
+def _parsed(text: bytes, types: dict[str, Any]) -> pl.DataFrame:
+    """Lines of text whose columns are those of a header of ours, strictly."""
+    return pl.read_csv(text, has_header=False, schema=types, quote_char=None) if text else pl.DataFrame(schema=types)
+
+
+def _statuses(table: Table) -> np.ndarray:
+    text = table.strings("status")
+    codes = text.replace_strict(LABELS, range(len(LABELS)), default=None, return_dtype=pl.Int8)
+    if codes.null_count():
+        at = int(np.flatnonzero(codes.is_null().to_numpy())[0])
+        raise InputError(
+            f"unknown status {text[at]!r}.",
+            where=f"{table.path}, line {table.lines[at]}",
+            hint=near(str(text[at]), LABELS),
+        )
+    return codes.to_numpy().copy()

@@ -1,0 +1,207 @@
+"""Contacts as MCAP: what Foxglove, rerun and ROS 2 draw, and beside it a message with everything."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from palpate.contact.contacts import Contacts
+from palpate.contact.estimate import ContactEstimate, Status
+from palpate.contact.table import pointless
+from palpate.files.contacts.mcap_rows import CDR, Fields, Rows, layout, made, stamped
+from palpate.files.contacts.mcap_write import Topic
+from palpate.spatial.arguments import takes_arrays
+
+__all__ = [
+    "KIND",
+    "LATEST",
+    "POSE_FIELDS",
+    "POSE_STAMPED",
+    "STAMPED",
+    "VECTOR",
+    "WRENCH_FIELDS",
+    "WRENCH_STAMPED",
+    "Messages",
+    "named_features",
+    "topics",
+]
+
+_RULE = "=" * 80
+STAMPED = f"""{_RULE}
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+{_RULE}
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+_THREE = "float64 x\nfloat64 y\nfloat64 z\n"
+_POINT = f"{_RULE}\nMSG: geometry_msgs/Point\n{_THREE}"
+VECTOR = f"{_RULE}\nMSG: geometry_msgs/Vector3\n{_THREE}"
+POSE_STAMPED = f"""std_msgs/Header header
+geometry_msgs/Pose pose
+{STAMPED}{_RULE}
+MSG: geometry_msgs/Pose
+geometry_msgs/Point position
+geometry_msgs/Quaternion orientation
+{_POINT}{_RULE}
+MSG: geometry_msgs/Quaternion
+{_THREE}float64 w
+"""
+WRENCH_STAMPED = f"""std_msgs/Header header
+geometry_msgs/Wrench wrench
+{STAMPED}{_RULE}
+MSG: geometry_msgs/Wrench
+geometry_msgs/Vector3 force
+geometry_msgs/Vector3 torque
+{VECTOR}"""
+_CONTACT = f"""# One row of the contacts that `palpate estimate` writes. SI; NaN where there is nothing to say.
+{"".join(f"uint8 {status.name}={int(status)}" + chr(10) for status in Status)}
+std_msgs/Header header
+int64 sample # row of the log, counted from 0
+int64 contact # which contact it is: it keeps its number
+int64 candidates # how many points of the surface explain the wrench
+float64 time # s, as in the log: the stamp is rounded to ns, and never negative
+geometry_msgs/Point point
+geometry_msgs/Vector3 normal # outward, of length 1
+geometry_msgs/Vector3 force # on the body
+float64 torque # about the normal
+float64[9] covariance # of the point, m^2, row by row
+"""
+_STATUS = "uint8 status\n"
+KIND = "palpate_msgs/msg/Contact"
+_CONTACT_FIELDS: Fields = (
+    ("sample", "<i8", ()),
+    ("contact", "<i8", ()),
+    ("candidates", "<i8", ()),
+    ("time", "<f8", ()),
+    ("point", "<f8", (3,)),
+    ("normal", "<f8", (3,)),
+    ("force", "<f8", (3,)),
+    ("torque", "<f8", ()),
+    ("covariance", "<f8", (3, 3)),
+)
+POSE_FIELDS: Fields = (("position", "<f8", (3,)), ("orientation", "<f8", (4,)))
+WRENCH_FIELDS: Fields = (("force", "<f8", (3,)), ("torque", "<f8", (3,)))
+_NAMED = 16  # bytes before the name of the frame
+_UPPER = np.triu_indices(3)
+LATEST = 2**31 * 10**9 - 1  # ns that an int32 of seconds can say
+
+
+def topics(features: tuple[str, ...] = ()) -> tuple[Topic, ...]:
+    """What a file of contacts declares: every row with all its numbers, and what viewers draw."""
+    added = "".join(f"float64 {name} # of the sensor, SI\n" for name in features)
+    return (
+        Topic("/palpate/contact/estimate", KIND, f"{_CONTACT}{added}{_STATUS}{STAMPED}{_POINT}{VECTOR}"),
+        Topic("/palpate/contact/point", "geometry_msgs/msg/PoseStamped", POSE_STAMPED),
+        Topic("/palpate/contact/wrench", "geometry_msgs/msg/WrenchStamped", WRENCH_STAMPED),
+    )
+
+
+def named_features(definition: str) -> tuple[str, ...]:
+    """The features in a definition of `KIND`: its numbers between covariance and status."""
+    own = definition.split(_RULE, 1)[0].partition("covariance")[2]
+    return tuple(re.findall(r"^float64 (\w+)", own, re.MULTILINE))
+
+
+def _contact_fields(features: tuple[str, ...]) -> Fields:
+    return (*_CONTACT_FIELDS, *((f"feature {name}", "<f8", ()) for name in features), ("status", "u1", ()))
+
+
+@takes_arrays
+class Messages:
+    """Makes the messages of samples; one frame's name makes all messages of a topic equally long.
+
+    Args:
+        frame_id: name of the frame of the contacts, for viewers.
+        features: that every row has.
+    """
+
+    def __init__(self, frame_id: str, features: tuple[str, ...] = ()) -> None:
+        self._features = features
+        fields = (_contact_fields(features), POSE_FIELDS, WRENCH_FIELDS)
+        self._kinds = [Rows(channel, *stamped(frame_id, each)) for channel, each in enumerate(fields, 1)]
+        self._last = 0
+
+    def of(
+        self, contacts: Contacts, stamps: Int[np.ndarray, " n"] | None = None
+    ) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Messages of the three `topics`: their bytes, and a view of them as one structured array a topic.
+
+        Args:
+            contacts: n rows; those with a point and a normal are in the second and third topic too.
+            stamps: [ns] of the rows, where they are known better than the times say.
+        """
+        stamps = self._stamps(contacts.time) if stamps is None else stamps
+        estimate = contacts.estimate
+        placed = np.flatnonzero(np.isfinite(np.hstack([estimate.point, estimate.normal])).all(axis=1))
+        raw, messages = made(self._kinds, [stamps, stamps[placed], stamps[placed]])
+        everything, pose, wrench = messages
+        everything["sample"], everything["contact"], everything["time"] = (
+            contacts.sample,
+            contacts.identity,
+            contacts.time,
+        )
+        for name in ("point", "normal", "force", "torque", "covariance", "candidates", "status"):
+            everything[name] = getattr(estimate, name)
+        for name in self._features:
+            everything[f"feature {name}"] = contacts.features.get(name, np.nan)
+        everything["covariance"][:, *_UPPER[::-1]] = estimate.covariance[:, *_UPPER]  # the same numbers as in a table
+        normal = estimate.normal[placed]
+        pose["position"], pose["orientation"] = estimate.point[placed], _z_to(normal)
+        wrench["force"], wrench["torque"] = estimate.force[placed], estimate.torque[placed, None] * normal
+        return raw, messages
+
+    def _stamps(self, time: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+        """(n,) [ns] from 0 to what ROS can say; a time that is missing takes the one before."""
+        known = np.flatnonzero(np.isfinite(time))
+        seconds = time[known].clip(0, LATEST / 1e9)
+        whole = np.floor(seconds).clip(max=LATEST // 10**9)
+        nanoseconds = np.rint((seconds - whole) * 1e9).clip(0, 10**9 - 1)
+        seen = np.concatenate([[self._last], whole.astype(np.int64) * 10**9 + nanoseconds.astype(np.int64)])
+        stamps = seen[np.searchsorted(known, np.arange(len(time)), side="right")]
+        self._last = int(seen[-1])
+        return stamps
+
+
+def from_messages(payloads: np.ndarray, features: tuple[str, ...] = ()) -> Contacts:
+    """Contacts of messages of `KIND`, of one frame's name.
+
+    Args:
+        payloads: (n, length) bytes.
+        features: that their definition names.
+
+    Raises:
+        ValueError: they are not of that type, or a row is not one of contacts.
+    """
+    length = payloads.shape[1]
+    name = int(payloads[0, 12:16].view("<u4")[0]) if length > _NAMED else 0
+    kind = layout(stamped("x" * (name - 1), _contact_fields(features))[0]) if 0 < name < length else None
+    if kind is None or kind.itemsize != length:
+        raise ValueError(f"a message of {length} bytes is not of {KIND}")
+    rows = payloads.view(kind)[:, 0]
+    if not ((rows["encoding"] == CDR) & (rows["named"] == name)).all():
+        raise ValueError(f"a message is not of {KIND}")
+    status = rows["status"].astype(np.int8)
+    if len(odd := np.flatnonzero((status < 0) | (status >= len(Status)))):
+        raise ValueError(f"unknown status {status[odd[0]]}")
+    values = {name: rows[name].copy() for name in ("point", "normal", "force", "torque", "covariance", "candidates")}
+    estimate = ContactEstimate(**values, residual=np.full(len(rows), np.nan), status=status)
+    if (row := pointless(estimate)) is not None:
+        raise ValueError(f"row {row} of a block is answered, but has no point")
+    added = {name: rows[f"feature {name}"].copy() for name in features}
+    return Contacts(rows["sample"].copy(), rows["time"].copy(), rows["contact"].copy(), estimate, added)
+
+
+def _z_to(normal: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 4"]:
+    """(n, 4) x, y, z, w: the shortest rotation that turns z into `normal`; half a turn about x where that is -z."""
+    x, y, z = normal[:, 0], normal[:, 1], normal[:, 2]
+    above: Float[np.ndarray, " n"] = np.where(
+        z > 0, 1 + z, (x * x + y * y) / (1 - z.clip(max=0))
+    )  # 1 + z, without cancellation near z = -1
+    quaternion = np.stack([-y, x, np.zeros_like(x), above], axis=1)
+    length = np.linalg.norm(quaternion, axis=1, keepdims=True)
+    return np.where(length > 0, quaternion, [1.0, 0.0, 0.0, 0.0]) / np.where(length > 0, length, 1.0)

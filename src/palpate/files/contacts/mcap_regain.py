@@ -1,0 +1,145 @@
+"""An MCAP file of `McapWriter` whose writer was killed: every whole chunk of it, and the writer to go on with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from io import SEEK_END, BytesIO
+from pathlib import Path
+from struct import error as StructError
+from struct import unpack_from
+from typing import BinaryIO, NamedTuple
+
+import numpy as np
+from jaxtyping import Int
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, Header, Schema
+
+from palpate.files.contacts.mcap_write import McapWriter, Topic
+from palpate.files.logs.mcap import MAGIC
+from palpate.files.logs.mcap_chunks import inflate
+
+__all__ = ["Regained", "Sequence", "regained"]
+
+_HEAD = 9  # bytes of a record before its content: a kind and a length
+_SEQUENCE = 11  # bytes of a message before its sequence number
+_ENTRY = 16  # bytes of an index for each message
+
+
+class Sequence(NamedTuple):
+    """Sequence numbers of a channel: the first and the last, and the largest of those that begin or end a chunk."""
+
+    first: int
+    last: int
+    most: int
+
+
+class Regained(NamedTuple):
+    """What is whole in a file.
+
+    Attributes:
+        writer: with its chunks; `writer.size` is where what is whole ends.
+        topics: that it declares.
+        sequences: of each channel that has messages.
+    """
+
+    writer: McapWriter
+    topics: tuple[Topic, ...]
+    sequences: Mapping[int, Sequence]
+
+
+def regained(path: Path) -> Regained | None:
+    """Read a file as far as it is whole, each chunk checked by its checksum; nothing is changed.
+
+    Returns:
+        None where not even its head is whole, or it is not one of `McapWriter`.
+    """
+    with path.open("rb") as file:
+        found = _head(file)
+        if found is None:
+            return None
+        writer, topics = found
+        sequences: dict[int, Sequence] = {}
+        for each in _chunks(file, writer):
+            for channel, numbers in each.items():
+                before = sequences.get(channel, numbers)
+                sequences[channel] = Sequence(before.first, numbers.last, max(before.most, numbers.most))
+    return Regained(writer, topics, sequences)
+
+
+def _head(file: BinaryIO) -> tuple[McapWriter, tuple[Topic, ...]] | None:
+    """The writer that wrote this head, as it began."""
+    if file.read(len(MAGIC)) != MAGIC:
+        return None
+    library, schemas, topics = "", dict[int, Schema](), list[Topic]()
+    with suppress(McapError, StructError, UnicodeDecodeError, KeyError, EOFError):
+        for kind, content in _records(file):
+            stream = ReadDataStream(BytesIO(content))
+            if kind == Opcode.HEADER:
+                library = Header.read(stream).library
+            elif kind == Opcode.SCHEMA:
+                schema = Schema.read(stream)
+                schemas[schema.id] = schema
+            elif kind == Opcode.CHANNEL:
+                channel = Channel.read(stream)
+                schema = schemas[channel.schema_id]
+                topics.append(Topic(channel.topic, schema.name, schema.data.decode()))
+            else:
+                break
+    writer = McapWriter(topics, library)
+    file.seek(0)
+    return (writer, tuple(topics)) if topics and file.read(len(writer.head)) == writer.head else None
+
+
+def _records(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
+    """Whole ones, from where the file is read."""
+    at = file.tell()
+    size = file.seek(0, SEEK_END)
+    file.seek(at)
+    while len(head := file.read(_HEAD)) == _HEAD:
+        kind, length = unpack_from("<BQ", head)
+        if kind == 0 or length > size - file.tell():
+            return
+        yield kind, file.read(length)
+
+
+def _chunks(file: BinaryIO, writer: McapWriter) -> Iterator[dict[int, Sequence]]:
+    """Sequence numbers of each channel, chunk by chunk; a chunk is appended to the writer's when it is whole."""
+    content, data, counts, places, numbers = b"", b"", dict[int, int](), dict[int, int](), dict[int, Sequence]()
+    at = left = 0
+    for kind, held in _records(file):
+        end = file.tell()
+        if kind == Opcode.CHUNK and not left:
+            content, counts, places, numbers = held, {}, {}, {}
+            data, problem = inflate(memoryview(held))
+            at, left = end, len(data)
+            if problem or not data:
+                return
+        elif kind == Opcode.MESSAGE_INDEX and left:
+            channel, count = unpack_from("<HI", held)
+            entries = np.frombuffer(held, "<i8", offset=6).reshape(-1, 2)
+            found = _numbers(data, entries[:, 1]) if count == _ENTRY * len(entries) and count else None
+            if found is None:
+                return
+            numbers[channel], length = found
+            places[channel], counts[channel] = end - len(held) - _HEAD, len(entries)
+            left -= length
+            if not left:
+                chunk = Chunk.read(ReadDataStream(BytesIO(content)))
+                lengths = len(content) + _HEAD, end - at + len(content) + _HEAD
+                writer.chunks.append(writer.written(chunk, lengths, places, counts))
+                yield numbers
+        else:
+            return
+
+
+def _numbers(data: bytes, starts: Int[np.ndarray, " n"]) -> tuple[Sequence, int] | None:
+    """Sequence numbers of messages that are equally long, and bytes of all; None where an index does not fit."""
+    ends = int(starts[0]), int(starts[-1])
+    if min(ends) < 0 or max(ends) + _SEQUENCE + 4 > len(data):
+        return None
+    first, last = (unpack_from("<I", data, at + _SEQUENCE)[0] for at in ends)
+    length = unpack_from("<Q", data, ends[0] + 1)[0] + _HEAD
+    return Sequence(first, last, max(first, last)), length * len(starts)

@@ -1,0 +1,180 @@
+"""An MCAP file that grows chunk by chunk, whose messages are the rows of structured arrays.
+
+The records around the messages are those of the `mcap` library, which writes messages one by one.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Sequence
+from struct import pack
+from typing import NamedTuple, cast
+
+import numpy as np
+from mcap import records as mcap
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+
+from palpate.files.logs.mcap import MAGIC
+
+__all__ = ["MESSAGE", "Topic"]
+
+MESSAGE = np.dtype(  # what stands before the bytes of a message
+    [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"), ("publish", "<u8")]
+)
+
+
+class Written(NamedTuple):
+    """A chunk that is in the file, as small as can be: a file may have many.
+
+    Attributes:
+        entry: what the summary says of it, as a record.
+        end: byte at which the next begins.
+        span: first and last time of its messages [ns].
+        counts: its messages of each channel.
+    """
+
+    entry: bytes
+    end: int
+    span: tuple[int, int]
+    counts: tuple[int, ...]
+
+
+class Topic(NamedTuple):
+    """A channel: its name, the type of its messages and the definition of that type (ros2msg); messages are CDR."""
+
+    name: str
+    kind: str
+    definition: str
+
+
+class McapWriter:
+    """Makes the bytes of an MCAP file, in the order in which they belong into it.
+
+    The channel of a topic is its place, counted from 1.
+
+    Attributes:
+        head: where the file begins.
+        chunks: that were written.
+    """
+
+    def __init__(self, topics: Sequence[Topic], library: str) -> None:
+        self._schemas = [
+            mcap.Schema(k, each.definition.encode(), "ros2msg", each.kind) for k, each in enumerate(topics, 1)
+        ]
+        self._channels = [mcap.Channel(k, each.name, "cdr", {}, k) for k, each in enumerate(topics, 1)]
+        self.head = MAGIC + _raw(mcap.Header("ros2", library), *self._schemas, *self._channels)
+        self.chunks: list[Written] = []
+
+    @property
+    def size(self) -> int:
+        """Bytes of the head and of all `chunks`."""
+        return self.chunks[-1].end if self.chunks else len(self.head)
+
+    def chunk(self, records: np.ndarray, messages: Sequence[np.ndarray]) -> tuple[bytes, Written]:
+        """The next chunk, and what to append to `chunks` once it is written.
+
+        Args:
+            records: bytes of all its messages.
+            messages: the same bytes as rows of one topic each, in order; their type begins with `MESSAGE`'s fields.
+        """
+        present = {int(rows["channel"][0]): rows for rows in messages if len(rows)}
+        times = np.concatenate([rows["log"] for rows in present.values()])
+        span = {"message_start_time": int(times.min()), "message_end_time": int(times.max())}
+        packed, checksum = _compressed(records), zlib.crc32(records.data)
+        made = mcap.Chunk("lz4", packed, uncompressed_crc=checksum, uncompressed_size=len(records), **span)
+        raw = chunk = _raw(made)
+        places, offset = dict[int, int](), 0
+        for channel, rows in present.items():
+            places[channel] = self.size + len(raw)
+            raw += _message_index(channel, rows, offset)
+            offset += rows.nbytes
+        counts = {channel: len(rows) for channel, rows in present.items()}
+        return raw, self.written(made, (len(chunk), len(raw)), places, counts)
+
+    def written(
+        self, chunk: mcap.Chunk, lengths: tuple[int, int], places: dict[int, int], counts: dict[int, int]
+    ) -> Written:
+        """What to append to `chunks` for one that stands behind them.
+
+        Args:
+            chunk: the record.
+            lengths: bytes of the record, and with the indices behind it.
+            places: in the file, of the index of each channel.
+            counts: messages of each channel.
+        """
+        length, whole = lengths
+        index = mcap.ChunkIndex(
+            chunk_length=length,
+            chunk_start_offset=self.size,
+            compression=chunk.compression,
+            compressed_size=len(chunk.data),
+            message_end_time=chunk.message_end_time,
+            message_index_length=whole - length,
+            message_index_offsets=places,
+            message_start_time=chunk.message_start_time,
+            uncompressed_size=chunk.uncompressed_size,
+        )
+        span = chunk.message_start_time, chunk.message_end_time
+        counted = tuple(counts.get(channel.id, 0) for channel in self._channels)
+        return Written(_raw(index), self.size + whole, span, counted)
+
+    def tail(self) -> bytes:
+        """What ends the file: its summary, by which readers find their way."""
+        end = _raw(mcap.DataEnd(0))
+        start = self.size + len(end)
+        groups: tuple[tuple[Opcode, Sequence[mcap.McapRecord]], ...] = (
+            (Opcode.SCHEMA, self._schemas),
+            (Opcode.CHANNEL, self._channels),
+            (Opcode.STATISTICS, [self._statistics()]),
+        )
+        records = [(opcode, _raw(*group)) for opcode, group in groups]
+        records.append((Opcode.CHUNK_INDEX, b"".join(chunk.entry for chunk in self.chunks)))
+        summary, offsets = b"", b""
+        for opcode, raw in records:
+            if raw:
+                offsets += _raw(mcap.SummaryOffset(opcode, start + len(summary), len(raw)))
+                summary += raw
+        footer = _raw(mcap.Footer(start, start + len(summary), 0))[:-4]
+        ended = summary + offsets + footer
+        return end + ended + pack("<I", zlib.crc32(ended)) + MAGIC
+
+    def _statistics(self) -> mcap.Statistics:
+        sums = np.sum([chunk.counts for chunk in self.chunks], axis=0) if self.chunks else [0] * len(self._channels)
+        counts = {channel.id: int(count) for channel, count in zip(self._channels, sums, strict=True)}
+        span = {
+            "message_start_time": min((chunk.span[0] for chunk in self.chunks), default=0),
+            "message_end_time": max((chunk.span[1] for chunk in self.chunks), default=0),
+        }
+        return mcap.Statistics(
+            attachment_count=0,
+            channel_count=len(self._channels),
+            channel_message_counts=counts,
+            chunk_count=len(self.chunks),
+            message_count=sum(counts.values()),
+            metadata_count=0,
+            schema_count=len(self._schemas),
+            **span,
+        )
+
+
+def _raw(*records: mcap.McapRecord) -> bytes:
+    """The bytes of records, one after the other."""
+    builder = RecordBuilder()
+    for record in records:
+        record.write(builder)
+    return builder.end()
+
+
+def _message_index(channel: int, rows: np.ndarray, offset: int) -> bytes:
+    """All at once: the library's own writes entry by entry."""
+    entries = np.column_stack([rows["log"], offset + rows.itemsize * np.arange(len(rows), dtype=np.uint64)])
+    content = pack("<HI", channel, entries.nbytes) + entries.astype("<u8").tobytes()
+    return pack("<BQ", Opcode.MESSAGE_INDEX, len(content)) + content
+
+
+def _compressed(records: np.ndarray) -> bytes:
+    """Quick rather than small: what noise there is in doubles cannot be squeezed, and NaN vanish anyway."""
+    from lz4 import frame  # pyright: ignore[reportMissingTypeStubs] - it has none
+
+    return cast(bytes, frame.compress(records, compression_level=-4, store_size=False))

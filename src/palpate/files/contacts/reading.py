@@ -1,0 +1,109 @@
+"""Files of contacts, finished or not, in blocks, whatever their format is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+import polars as pl
+
+from palpate.contact.contacts import Contacts
+from palpate.contact.table import features_of, from_frame, schema
+from palpate.errors import InputError
+from palpate.files.atomic import PART
+from palpate.files.contacts.csv import csv_blocks, noted, require_columns
+from palpate.files.contacts.mcap import KIND, from_messages, named_features
+from palpate.files.logs.log import Messages
+from palpate.files.logs.mcap import MAGIC, McapFile
+from palpate.files.tables.lines import open_input, read_some
+from palpate.forks import require_polars_threads
+
+__all__ = ["contact_blocks"]
+
+_ROWS = 65_536  # of a Parquet file read at a time
+_KIND = KIND.replace("/msg/", "/")
+
+
+def contact_blocks(path: Path) -> Iterator[Contacts]:
+    """The rows of a file of contacts in order, in pieces, at least one; what is said in reading is in their notes.
+
+    Of OUTPUT.part it gives every whole block, and notes what is torn.
+
+    Raises:
+        InputError: it is none, or a row is not one of contacts.
+    """
+    require_polars_threads()
+    if path.is_dir():
+        yield from _folder(path)
+        return
+    start = _start(path)
+    if start == MAGIC:
+        yield from _mcap(path)
+    elif start.startswith(b"PAR1"):
+        yield from _parquet(path)
+    else:
+        yield from csv_blocks(path, torn=path.suffix == PART)
+
+
+def _start(path: Path) -> bytes:
+    with open_input(path) as file:
+        return read_some(file, path, len(MAGIC))
+
+
+def _folder(path: Path) -> Iterator[Contacts]:
+    """OUTPUT.part of a Parquet file."""
+    files = sorted(path.glob("*.parquet"))
+    if not files:
+        raise InputError("is a folder, with no rows of contacts in it.", where=str(path))
+    for file in files:
+        yield from _parquet(file)
+
+
+def _parquet(path: Path) -> Iterator[Contacts]:
+    """The rows of a Parquet file of contacts, in pieces.
+
+    Raises:
+        InputError: it is none, or a row is not one of contacts.
+    """
+    try:
+        rows = pl.scan_parquet(path, glob=False)
+        names = rows.collect_schema().names()
+        require_columns(path, names)
+        types = schema(features_of(names))
+        rows = rows.select(pl.col(name).cast(kind) for name, kind in types.items())
+        count = cast(int, rows.select(pl.len()).collect().item())
+        for start in range(0, max(count, 1), _ROWS):
+            yield from_frame(rows.slice(start, _ROWS).collect())
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, ValueError, OSError) as problem:
+        raise InputError(f"is no file of contacts ({str(problem).splitlines()[0]}).", where=str(path)) from problem
+
+
+def _mcap(path: Path) -> Iterator[Contacts]:
+    """What is torn is noted after the last."""
+    file, rows = McapFile(path), 0
+    try:
+        for messages in file.messages():
+            for records in _ours(messages):
+                rows += len(records)
+                yield from_messages(records, named_features(file.definitions.get(_KIND, "")))
+        note = file.torn
+        if not rows and _KIND not in [topic.kind for topic in file.topics()]:
+            raise InputError(f"has no topic of {KIND}.", where=str(path), hint="`palpate estimate` writes one.")
+    except (ValueError, OSError) as problem:
+        raise InputError(f"is no file of contacts ({problem}).", where=str(path)) from problem
+    if note or not rows:
+        yield noted(from_frame(pl.DataFrame(schema=schema())), note)
+
+
+def _ours(messages: Messages) -> Iterator[np.ndarray]:
+    """(n, length) bytes of messages that hold contacts, in order, those of one length together."""
+    keys = [key for key, topic in messages.topics.items() if topic.kind == _KIND and topic.encoding == "cdr"]
+    ours = np.isin(messages.topic, keys)
+    start, length = messages.start[ours], messages.length[ours]
+    changes = np.flatnonzero(np.diff(length)) + 1
+    for starts, lengths in zip(np.split(start, changes), np.split(length, changes), strict=True):
+        if len(starts) and (width := int(lengths[0])):
+            everywhere = np.ndarray(len(messages.data) - width + 1, f"V{width}", messages.data, strides=(1,))
+            yield everywhere[starts].view(np.uint8).reshape(-1, width)

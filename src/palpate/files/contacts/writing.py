@@ -1,0 +1,235 @@
+"""Files of contacts: what was estimated, at least one row for every sample of the log, as CSV, Parquet or MCAP.
+
+While it is written, OUTPUT is OUTPUT.part, which can be read up to its last block at any moment.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+from collections.abc import Generator
+from contextlib import contextmanager
+from importlib.metadata import version
+from pathlib import Path
+
+import polars as pl
+
+from palpate.contact.contacts import Contacts
+from palpate.contact.table import schema, to_frame
+from palpate.errors import InputError
+from palpate.files.atomic import PART, WHOLE, growing, part, writing
+from palpate.files.contacts.csv import header, to_csv
+from palpate.files.contacts.mcap import Messages, topics
+from palpate.files.contacts.mcap_write import McapWriter
+from palpate.files.contacts.reading import contact_blocks
+
+__all__ = [
+    "ContactsWriter",
+    "contact_blocks",
+    "open_contacts",
+    "read_contacts",
+    "require_format",
+    "unfinished",
+    "write_contacts",
+]
+
+_SMALL = 4096  # rows up to which Parquet files grow, should blocks be small
+_GROUP = 20_000  # rows of a group in the joined Parquet file: memory is a few of them
+_CHUNK = 2048  # samples of a chunk of MCAP
+
+
+class _Appended:
+    """Bytes appended all or not at all, as far as a reader of the finished file can see."""
+
+    def __init__(self, path: Path, head: bytes) -> None:
+        self._path = path
+        self._file = path.open("wb", buffering=0)  # the system has each block, though the process be killed
+        self.size = 0
+        self.write(head)
+
+    def write(self, raw: bytes) -> None:
+        left = memoryview(raw)
+        while left:
+            left = left[self._file.write(left) :]
+        self.size += len(raw)
+
+    def end(self, tail: bytes, size: int) -> None:
+        """Cut what lies beyond `size`, which an interrupt left torn, and end the file."""
+        self._file.seek(size)
+        self._file.truncate()
+        self.write(tail)
+        self._file.close()
+
+    def abandon(self, *, keep: bool) -> None:
+        self._file.close()
+        if not keep:
+            self._path.unlink()
+
+
+class _Csv(_Appended):
+    def __init__(self, path: Path, _: str, features: tuple[str, ...]) -> None:
+        super().__init__(path, header(features))
+
+    def append(self, contacts: Contacts) -> None:
+        self.write(to_csv(contacts))
+
+    def finish(self) -> None:
+        self.end(b"", self.size)
+
+
+class _Mcap(_Appended):
+    def __init__(self, path: Path, frame_id: str, features: tuple[str, ...]) -> None:
+        self._mcap = McapWriter(topics(features), f"palpate {version('palpate')}")
+        self._messages = Messages(frame_id, features)
+        super().__init__(path, self._mcap.head)
+
+    def append(self, contacts: Contacts) -> None:
+        for start in range(0, len(contacts), _CHUNK):
+            raw, chunk = self._mcap.chunk(*self._messages.of(contacts[start : start + _CHUNK]))
+            self.write(raw)
+            self._mcap.chunks.append(chunk)
+
+    def finish(self) -> None:
+        self.end(self._mcap.tail(), self._mcap.size)
+
+
+class _Parquet:
+    """A folder of small files, each of them whole, joined at the end: a Parquet file has its index where it ends."""
+
+    def __init__(self, path: Path, _: str, features: tuple[str, ...]) -> None:
+        self._folder = path
+        self._rows = pl.DataFrame(schema=schema(features))
+        self._files = 0
+        path.mkdir()
+
+    def append(self, contacts: Contacts) -> None:
+        rows = pl.concat([self._rows, to_frame(contacts)])
+        file = self._folder / f"{self._files:08d}.parquet"
+        beside = file.with_suffix(PART)
+        with _of_the_system():
+            rows.write_parquet(beside, compression="lz4", statistics=False)
+        beside.replace(file)
+        full = len(rows) >= _SMALL
+        self._rows, self._files = (rows.clear(), self._files + 1) if full else (rows, self._files)
+
+    def finish(self) -> None:
+        if files := sorted(self._folder.glob("*.parquet")):
+            beside = self._folder / f"joined{PART}"  # only what nothing interrupted is called `WHOLE`
+            with _of_the_system():
+                pl.scan_parquet(files, glob=False).sink_parquet(
+                    beside, compression="zstd", compression_level=1, row_group_size=_GROUP
+                )
+            beside.replace(self._folder / WHOLE)
+        else:
+            self._rows.write_parquet(self._folder / WHOLE)
+
+    def abandon(self, *, keep: bool) -> None:
+        if not keep:
+            shutil.rmtree(self._folder)
+
+
+@contextmanager
+def _of_the_system() -> Generator[None]:
+    """Raise the system's error, such as that of a full disk, which polars has in a sentence of its own."""
+    try:
+        yield
+    except pl.exceptions.ComputeError as problem:
+        number = re.search(r"\(os error (\d+)\)", str(problem))
+        raise OSError(int(number[1]), os.strerror(int(number[1]))) if number else OSError(str(problem)) from problem
+
+
+_Sink = _Csv | _Parquet | _Mcap
+"""What contacts are appended to, in the making: `finish` makes it a whole file, `abandon` leaves or removes it."""
+_SINKS: dict[str, type[_Sink]] = {".csv": _Csv, ".parquet": _Parquet, ".mcap": _Mcap}
+
+
+class ContactsWriter:
+    """Takes contacts block by block; each is in the file when `write` returns."""
+
+    def __init__(self, path: Path, sink: _Sink, features: tuple[str, ...]) -> None:
+        self._path, self._sink, self._features = path, sink, features
+        self.rows = 0
+
+    def write(self, contacts: Contacts) -> None:
+        """Append a block, in the frame of the file, with the features that it was opened for."""
+        if tuple(contacts.features) != self._features:
+            raise ValueError(f"contacts have features {tuple(contacts.features)}, the file {self._features}")
+        if len(contacts):
+            with writing(self._path):
+                self._sink.append(contacts)
+            self.rows += len(contacts)
+
+
+def require_format(path: Path) -> None:
+    """Refuse a suffix that says no format, before any work is done.
+
+    Raises:
+        InputError: the suffixes that there are.
+    """
+    if path.suffix.lower() not in _SINKS:
+        raise InputError(
+            f"no format of contacts ends in {path.suffix!r}.", where=str(path), hint=f"Use {', '.join(_SINKS)}."
+        )
+
+
+@contextmanager
+def open_contacts(
+    path: str | Path, *, frame_id: str = "surface", features: tuple[str, ...] = ()
+) -> Generator[ContactsWriter]:
+    """A file of contacts to write block by block, in memory that does not grow; the suffix says the format.
+
+    OUTPUT.part takes the name of OUTPUT when the block ends well, or by Ctrl-C once there is a row. After any other
+    error, or a kill, it stays, with every block that was written; without a row it is removed. OUTPUT itself is not
+    touched before.
+
+    Args:
+        path: OUTPUT, ending in .csv, .parquet or .mcap.
+        frame_id: name of the contacts' frame, for viewers; only MCAP holds it.
+        features: names of the columns that the sensor adds, behind the others.
+
+    Raises:
+        InputError: another suffix, or it cannot be written.
+    """
+    path = Path(path)
+    require_format(path)
+    with growing(path) as temporary:
+        with writing(path):
+            sink = _SINKS[path.suffix.lower()](temporary, frame_id, features)
+        writer = ContactsWriter(path, sink, features)
+        try:
+            yield writer
+        except BaseException as problem:
+            with writing(path):
+                if writer.rows and isinstance(problem, KeyboardInterrupt):
+                    sink.finish()
+                else:
+                    sink.abandon(keep=bool(writer.rows))
+            raise
+        with writing(path):
+            sink.finish()
+
+
+def write_contacts(path: str | Path, contacts: Contacts, *, frame_id: str = "surface") -> None:
+    """Write contacts in one go; see `open_contacts`."""
+    with open_contacts(path, frame_id=frame_id, features=tuple(contacts.features)) as writer:
+        writer.write(contacts)
+
+
+def read_contacts(path: str | Path) -> Contacts:
+    """All rows of a file of contacts, finished or not; numbers are those that were written, to the last bit.
+
+    Raises:
+        InputError: it is none, or a row is not one of contacts.
+    """
+    return Contacts.joined(list(contact_blocks(Path(path))))
+
+
+def unfinished(path: Path) -> Path | None:
+    """OUTPUT.part where there is no OUTPUT, or what was named is such a file itself: writing it was cut short."""
+    if path.suffix == PART:
+        return path if path.exists() else None
+    try:
+        return part(path) if not path.exists() and part(path).exists() else None
+    except (InputError, OSError, ValueError):
+        return None

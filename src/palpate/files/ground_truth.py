@@ -1,0 +1,73 @@
+"""truth.csv, in its two forms: instants, or touches with a start and an end."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.contact.ground_truth import Samples, Touches
+from palpate.errors import InputError
+from palpate.files.tables.table import Table, read_table
+from palpate.files.units import near
+
+__all__ = ["read_ground_truth", "read_touches"]
+
+_POINT = ("px", "py", "pz")
+_NORMAL = ("nx", "ny", "nz")
+_FORCE = ("fx", "fy", "fz")
+
+
+def read_ground_truth(path: Path) -> Samples | Touches:
+    """Read `time,px,py,pz[,nx,ny,nz][,fx,fy,fz]` or `start,end,px,py,pz[,label]`.
+
+    Raises:
+        InputError: neither of the two forms, or a row without a time or a point, or with a field that is no number.
+    """
+    table = read_table(path)
+    if {"start", "end"} <= set(table.names):
+        return _touches(table)
+    if "time" not in table.names:
+        raise InputError(
+            "is no truth: there is no column 'time', nor 'start' and 'end'.",
+            where=str(path),
+            hint=near("time", table.names),
+        )
+    columns = {name: table.numbers(names, strict=True)[0] for name, names in _wanted(table).items()}
+    _require_finite(table, "an instant needs a point: leave out what has none", columns["point"])
+    time = table.numbers(["time"], strict=True)[0][:, 0].copy()
+    _require_finite(table, "an instant needs a time", time[:, None])
+    return Samples(time, columns["point"], columns.get("normal"), columns.get("force"))
+
+
+def read_touches(path: Path) -> Touches:
+    """Read the second form only, `start,end,px,py,pz[,label]`.
+
+    Raises:
+        InputError: it is not of that form, or a row is without a start, an end or a point.
+    """
+    return _touches(read_table(path))
+
+
+def _wanted(table: Table) -> dict[str, tuple[str, ...]]:
+    known: dict[str, tuple[str, ...]] = {"point": _POINT, "normal": _NORMAL, "force": _FORCE}
+    return {name: columns for name, columns in known.items() if name == "point" or set(columns) <= set(table.names)}
+
+
+def _require_finite(table: Table, what: str, values: Float[np.ndarray, "n k"]) -> None:
+    bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
+    if len(bad):
+        table.refuse(int(bad[0]), what)
+
+
+def _touches(table: Table) -> Touches:
+    bounds, _ = table.numbers(["start", "end"], strict=True)
+    point, _ = table.numbers(_POINT, strict=True)
+    wrong = np.flatnonzero(~(bounds[:, 0] <= bounds[:, 1]))  # NaN too
+    if len(wrong):
+        table.refuse(int(wrong[0]), "a touch must start before it ends")
+    _require_finite(table, "a touch needs a point", point)
+    labels = table.strings("label").to_list() if "label" in table.names else [None] * len(table)
+    names = tuple(str(k + 1) if label is None else str(label) for k, label in enumerate(labels))
+    return Touches(bounds[:, 0].copy(), bounds[:, 1].copy(), point, names)

@@ -1,0 +1,32 @@
+"""Logs: from what a file is to recordings in SI, block by block. `open_log` opens any of them."""
+
+from palpate.files.logs.layout import ArrayChannel, ImageChannel, Layout
+from palpate.files.logs.log import Images, Log, LogContents, Stored
+from palpate.files.logs.opening import (
+    contents,
+    image_size,
+    join,
+    missing,
+    open_log,
+    read_poses,
+    read_recording,
+    topic_shapes,
+)
+
+__all__ = [
+    "ArrayChannel",
+    "ImageChannel",
+    "Images",
+    "Layout",
+    "Log",
+    "LogContents",
+    "Stored",
+    "contents",
+    "image_size",
+    "join",
+    "missing",
+    "open_log",
+    "read_poses",
+    "read_recording",
+    "topic_shapes",
+]

@@ -1,0 +1,160 @@
+"""A log of arrays with a row a sample: an .npz, the one array of an .npy, or those that a program holds.
+
+No pickle is opened.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from math import prod
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+from zipfile import BadZipFile, ZipFile
+from zlib import error as ZlibError
+
+import numpy as np
+
+from palpate.errors import InputError
+from palpate.files.logs.columns import SINGLE, ColumnLog, Columns
+from palpate.files.logs.layout import Layout
+from palpate.files.logs.log import LogContents
+from palpate.files.tables.lines import open_input
+from palpate.signals.recording import Recording
+
+__all__ = ["ArrayLog", "DataFrame", "HeldLog", "held"]
+
+_MAGIC = b"\x93NUMPY"
+_DAMAGED = (
+    OSError,
+    ValueError,
+    EOFError,
+    KeyError,
+    SyntaxError,
+    MemoryError,
+    NotImplementedError,
+    RuntimeError,
+    BadZipFile,
+    ZlibError,
+)
+
+
+class ArrayLog(ColumnLog):
+    """As many samples as the arrays have rows; such a file is whole or none."""
+
+    def contents(self) -> LogContents:
+        """See `palpate.files.logs.log.Log`."""
+        with self._reading(), open_input(self.path) as file:
+            if file.read(len(_MAGIC)) == _MAGIC:
+                file.seek(0)
+                heads = {SINGLE: _head(file)}
+            else:
+                with ZipFile(file) as archive:
+                    names = [name for name in archive.namelist() if name.endswith(".npy")]
+                    heads = {name.removesuffix(".npy"): _opened_head(archive, name) for name in names}
+        return LogContents(self.path, {name: _sample(shape) for name, shape in heads.items() if shape})
+
+    def blocks(self) -> Iterator[Recording]:
+        """See `palpate.files.logs.log.Log`."""
+        shapes = self.contents().names
+        if self._layout.rate is None and self._layout.time not in shapes:
+            raise InputError(
+                f"has no times ({self._layout.time!r}).",
+                where=str(self.path),
+                hint="Give the rate [Hz] of the samples in the rig, or the time as an array.",
+            )
+        self._columns = columns = Columns(self._layout, self.path, shapes)
+        arrays = self._arrays(list(dict.fromkeys(columns.places[column][0] for column in columns.names)))
+        yield from self._cut(columns, arrays, 0, len(next(iter(arrays.values()))))
+
+    def _loaded(self, names: Sequence[str]) -> dict[str, np.ndarray]:
+        with self._reading(), open_input(self.path) as file:
+            loaded: Any = np.load(file, allow_pickle=False)
+            alone = isinstance(loaded, np.ndarray)
+            return {SINGLE: loaded} if alone else {name: loaded[name] for name in names}
+
+    def _arrays(self, names: Sequence[str]) -> dict[str, np.ndarray]:
+        """Those that are read, (n, k) each, row for row."""
+        arrays, first = self._loaded(names), names[0]
+        for name, values in arrays.items():
+            if not (np.issubdtype(values.dtype, np.integer) or np.issubdtype(values.dtype, np.floating)):
+                raise InputError(f"{name} holds {values.dtype}, not numbers.", where=str(self.path))
+            if len(values) != len(arrays[first]):
+                raise InputError(
+                    f"has {len(arrays[first])} rows of {first} for {len(values)} of {name}.", where=str(self.path)
+                )
+        if not len(arrays[first]):
+            raise InputError("holds no samples.", where=str(self.path))
+        return {name: values.reshape(len(values), -1) for name, values in arrays.items()}
+
+    @contextmanager
+    def _reading(self) -> Generator[None]:
+        try:
+            yield
+        except _DAMAGED as problem:
+            raise InputError(f"is no NumPy file that can be read ({problem}).", where=str(self.path)) from problem
+
+
+@runtime_checkable
+class DataFrame(Protocol):
+    """A table of polars or pandas: names of columns, and a column by its name."""
+
+    @property
+    def columns(self) -> Any:
+        """The names."""
+        ...
+
+    def __getitem__(self, name: Any, /) -> Any:
+        """A column."""
+        ...
+
+
+def held(log: DataFrame | Mapping[str, Any] | np.ndarray) -> dict[str, np.ndarray]:
+    """Return the columns or arrays that a program holds, as an .npz would; dates become seconds since 1970."""
+    if isinstance(log, np.ndarray):
+        return {SINGLE: log}
+    names = log if isinstance(log, Mapping) else log.columns
+    return {str(name): _seconds(np.asarray(log[name])) for name in names}
+
+
+def _seconds(values: np.ndarray) -> np.ndarray:
+    return values.astype("datetime64[ns]").astype(np.int64) / 1e9 if values.dtype.kind == "M" else values
+
+
+class HeldLog(ArrayLog):
+    """Of arrays in memory, by their names."""
+
+    def __init__(self, arrays: Mapping[str, np.ndarray], layout: Layout) -> None:
+        super().__init__(Path("the log"), layout)
+        self._held = arrays
+
+    def contents(self) -> LogContents:
+        """See `palpate.files.logs.log.Log`."""
+        single = [name for name, values in self._held.items() if not values.ndim]
+        if single or not self._held:
+            what = f"{single[0]!r} is a single number" if single else "there is no column"
+            raise InputError(f"{what}, and a row a sample is wanted.", where=str(self.path))
+        return LogContents(self.path, {name: _sample(values.shape) for name, values in self._held.items()})
+
+    def _loaded(self, names: Sequence[str]) -> dict[str, np.ndarray]:
+        return {name: self._held[name] for name in names}
+
+
+def _opened_head(archive: ZipFile, name: str) -> tuple[int, ...]:
+    with archive.open(name) as file:
+        return _head(file)
+
+
+def _head(file: Any) -> tuple[int, ...]:
+    """The shape of an array in a file."""
+    version = np.lib.format.read_magic(file)
+    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, _, kind = read(file)
+    if kind.hasobject:
+        raise ValueError("it holds Python objects")
+    return shape
+
+
+def _sample(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """Of one row, () for one number."""
+    return shape[1:] if prod(shape[1:]) != 1 else ()

@@ -1,0 +1,145 @@
+"""The messages of a ROS 1 bag or a ROS 2 bag, through rosbags; a folder of MCAP files without it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.errors import InputError, not_loaded
+from palpate.files.logs.log import Messages, Source, Topic, merged
+from palpate.files.logs.mcap import McapFile
+from palpate.files.tables.lines import open_input
+
+__all__ = ["BagFile", "natural", "open_folder"]
+
+_MOST, _BYTES = 1 << 13, 1 << 22  # messages and bytes of a batch
+
+
+def open_folder(path: Path) -> Source:
+    """A ROS 2 bag: with MCAP files in it even if it is without metadata, as a recorder that was stopped leaves it.
+
+    Raises:
+        InputError: there is no bag in the folder.
+    """
+    try:
+        files = [file for file in path.iterdir() if file.is_file()]
+    except OSError as problem:
+        raise InputError(f"cannot be read ({problem}).", where=str(path)) from problem
+    parts = sorted((file for file in files if file.suffix == ".mcap"), key=natural)
+    if len({re.sub(r"_\d+$", "", part.stem) for part in parts}) > 1:
+        listed = ", ".join(part.name for part in parts[:5])
+        raise InputError(f"holds MCAP files that are not one recording: {listed}.", where=str(path), hint="Name one.")
+    if parts:
+        return _Parts(path, [McapFile(part) for part in parts])
+    if path / "metadata.yaml" not in files:
+        raise InputError("is a folder without metadata.yaml: no ROS 2 bag.", where=str(path))
+    return BagFile(path)
+
+
+def natural(path: Path) -> tuple[str | int, ...]:
+    """bag_2 comes before bag_10."""
+    return tuple(int(part) if part.isdigit() else part for part in re.split(r"(\d+)", path.name))
+
+
+class _Parts(Source):
+    """Files of one recording, one after the other."""
+
+    def __init__(self, path: Path, parts: list[McapFile]) -> None:
+        super().__init__(path, sum(part.size for part in parts))
+        self._parts = parts
+
+    def topics(self) -> list[Topic]:
+        found = merged(topic for part in self._parts for topic in part.topics())
+        self.duration = sum(part.duration for part in self._parts)
+        self._say_torn()
+        return found
+
+    def messages(self, names: Collection[str] = ()) -> Generator[Messages]:
+        done = 0
+        for part in self._parts:
+            for messages in part.messages(names):
+                self.position = done + part.position
+                yield messages
+            done += part.size
+        self._say_torn()
+
+    def _say_torn(self) -> None:
+        self.torn = "; ".join(f"{part.path.name}: {part.torn}" for part in self._parts if part.torn)
+
+    def notes(self) -> tuple[str, ...]:
+        return tuple(f"{part.path.name}: {note}" for part in self._parts for note in part.notes())
+
+
+class BagFile(Source):
+    """A .bag file, a .db3 file or a folder of these; rosbags reads one that is whole, or none."""
+
+    def __init__(self, path: Path) -> None:
+        files = [path] if path.is_file() else [file for file in path.iterdir() if file.is_file()]
+        super().__init__(path, sum(file.stat().st_size for file in files))
+
+    def topics(self) -> list[Topic]:
+        """By what the bag says of itself."""
+        with self._opened() as bag:
+            self.duration = bag.duration / 1e9
+            return _topics(bag)
+
+    def messages(self, names: Collection[str] = ()) -> Generator[Messages]:
+        """Those of some topics, or all."""
+        self.position = 0
+        with self._opened() as bag:
+            topics = {key: topic for key, topic in enumerate(_topics(bag)) if not names or topic.name in names}
+            keys = {topic.name: key for key, topic in topics.items()}
+            wanted = [connection for connection in bag.connections if connection.topic in keys]
+            total, done = sum(topic.count for topic in topics.values()), 0
+            batch: list[tuple[int, int, bytes]] = []
+            size = 0
+            for connection, time, raw in bag.messages(wanted) if wanted else ():
+                batch.append((keys[connection.topic], time, raw))
+                size += len(raw)
+                if len(batch) == _MOST or size > _BYTES:
+                    done += len(batch)
+                    self.position = min(self.size, self.size * done // max(total, 1))
+                    yield _joined(batch, topics)
+                    batch, size = [], 0
+            self.position = self.size
+            if batch:
+                yield _joined(batch, topics)
+
+    @contextmanager
+    def _opened(self) -> Generator[Any]:
+        """Rosbags' reader; whatever it meets in a damaged bag becomes a sentence."""
+        if self.path.is_file():
+            open_input(self.path).close()
+        try:
+            from rosbags.rosbag1 import Reader as Reader1
+            from rosbags.rosbag2 import Reader as Reader2
+        except ImportError as problem:
+            raise not_loaded(problem, "bags need rosbags", "ros", where=str(self.path)) from problem
+        try:
+            with (Reader1 if self.path.suffix == ".bag" else Reader2)(self.path) as bag:
+                yield bag
+        except Exception as problem:
+            raise InputError(
+                f"is a bag that cannot be read ({type(problem).__name__}: {' '.join(str(problem).split())[:200]}).",
+                where=str(self.path),
+                hint="`rosbag reindex` and `ros2 bag reindex` repair a recording that was not ended.",
+            ) from problem
+
+
+def _topics(bag: Any) -> list[Topic]:
+    encoding = "ros1" if "rosbag1" in type(bag).__module__ else "cdr"
+    return merged(
+        Topic(connection.topic, connection.msgtype.replace("/msg/", "/"), encoding, connection.msgcount)
+        for connection in bag.connections
+    )
+
+
+def _joined(batch: list[tuple[int, int, bytes]], topics: dict[int, Topic]) -> Messages:
+    keys, times, raws = zip(*batch, strict=True)
+    length = np.array([len(raw) for raw in raws])
+    return Messages(b"".join(raws), topics, np.array(keys), np.array(times), np.cumsum(length) - length, length)

@@ -1,0 +1,262 @@
+"""A log of columns, whatever its format, in blocks: which columns are what, and how well they could be read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import chain, groupby
+from math import prod
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.errors import InputError
+from palpate.files.logs.layout import (
+    ACCELERATION_COLUMNS,
+    ORIENTATION_COLUMNS,
+    POSITION_COLUMNS,
+    ArrayChannel,
+    Layout,
+)
+from palpate.files.logs.log import Log
+from palpate.files.logs.naming import require_stated, stated_layout
+from palpate.files.logs.samples import WRENCH, Samples, rows_at_once
+from palpate.files.tables.fields import Fields
+from palpate.files.tables.stated import Stated
+from palpate.files.units import SAMPLES, TIME_UNITS, near, to_si
+from palpate.signals.recording import (
+    ACCELERATION,
+    CELLS,
+    FORCE,
+    ORIENTATION,
+    POSITION,
+    TEMPERATURE,
+    TORQUE,
+    Recording,
+)
+
+__all__ = ["BLOCK", "SINGLE", "ColumnLog", "Columns", "flattened", "plan"]
+
+BLOCK = 1 << 13  # rows handed on at a time
+Read = Callable[[Sequence[str], Fields], Float[np.ndarray, "n k"]]
+Shapes = Mapping[str, tuple[int, ...]]
+_TIME = "time"
+_POSES = (
+    (ORIENTATION, ORIENTATION_COLUMNS),
+    (POSITION, POSITION_COLUMNS),
+    (ACCELERATION, ACCELERATION_COLUMNS),
+)
+SINGLE = "array"  # what the one array of an .npy is called
+_IMAGES = "They are read from a video, a folder of frames, MCAP or a bag."
+_OTHER_NAMES = {CELLS: "frames"}  # of arrays
+
+
+class Columns:
+    """Makes the blocks of a log out of its columns.
+
+    Args:
+        layout: which columns are read.
+        path: of the log.
+        shapes: name -> () of a column, or the shape of one sample of an array, whose columns `flattened` names.
+        stated: units, as the log states them.
+
+    Raises:
+        InputError: the layout cannot be meant, a column that it names is not there, or the log states other units.
+
+    Attributes:
+        places: column -> its array, and where in it.
+    """
+
+    def __init__(self, layout: Layout, path: Path, shapes: Shapes, stated: Stated | None = None) -> None:
+        stated = Stated.of_names(shapes) if stated is None else stated
+        layout = stated_layout(layout, shapes, stated)
+        require_stated(layout, stated, path)
+        self._samples, self._path, self._layout = Samples(layout, path), path, layout
+        self._per_second = _per_second(layout)
+        self._groups = plan(layout, shapes, path)
+        self.places = flattened(shapes)
+        self._fields = {group: Fields() for group in self._groups}
+        self._count = 0
+
+    @property
+    def names(self) -> list[str]:
+        """Every column that is read."""
+        return list(dict.fromkeys(chain.from_iterable(self._groups.values())))
+
+    def block(self, read: Read) -> Recording:
+        """The next samples; `read` gives columns as numbers."""
+        values = {group: read(columns, self._fields[group]) for group, columns in self._groups.items()}
+        if _TIME in values:  # 235 / 1e3 is 0.235, 235 * 1e-3 is not
+            time = values.pop(_TIME)[:, 0] / self._per_second
+        else:
+            count = len(next(iter(values.values())))
+            time = (self._count + np.arange(count)) / (self._layout.rate or 1.0)
+        self._count += len(time)
+        return self._samples.block(time, values)
+
+    def finish(self) -> None:
+        """Raise an InputError if a column held no number from the first block to the last."""
+        for fields in self._fields.values():
+            fields.require_numbers(self._path)
+
+    def notes(self) -> tuple[str, ...]:
+        """What a reader should know of the blocks so far."""
+        said = tuple(note for fields in self._fields.values() for note in fields.notes()) + self._samples.notes()
+        if _TIME not in self._groups:
+            return (f"samples have no times: {self._layout.rate:g} Hz is taken", *said)
+        return said
+
+
+class ColumnLog(Log):
+    """A file of columns: as many samples as it has rows, in their order; what cannot be read is NaN and noted."""
+
+    def __init__(self, path: Path, layout: Layout) -> None:
+        super().__init__(path, path.stat().st_size if path.exists() else 0)
+        self._layout = layout
+        self._columns: Columns | None = None
+
+    def notes(self) -> tuple[str, ...]:
+        """See `palpate.files.logs.log.Log`."""
+        return () if self._columns is None else tuple(dict.fromkeys(self._columns.notes()))
+
+    def _cut(self, columns: Columns, arrays: Mapping[str, np.ndarray], before: int, total: int) -> Iterator[Recording]:
+        """The rows of some arrays, (n, k) each, in blocks; so many stand before them in the file, of so many in all."""
+        count, block = len(next(iter(arrays.values()))), rows_at_once(BLOCK, len(columns.names))
+        for start in range(0, count, block):  # what follows needs far more memory than what is read
+            self.position = self.size * (before + min(start + block, count)) // total
+            rows = {name: values[start : start + block] for name, values in arrays.items()}
+            yield columns.block(_Rows(rows, columns.places, before + start).read)
+
+
+class _Rows:
+    """Some rows of arrays, in which `places` says where the columns are."""
+
+    def __init__(self, arrays: Mapping[str, np.ndarray], places: Mapping[str, tuple[str, int]], before: int) -> None:
+        self._arrays, self._places, self._before = arrays, places, before
+
+    def read(self, names: Sequence[str], fields: Fields) -> Float[np.ndarray, "n k"]:
+        parts: list[np.ndarray] = []
+        for array, group in groupby(map(self._places.__getitem__, names), key=lambda place: place[0]):
+            values, columns = self._arrays[array], [k for _, k in group]
+            parts.append(values if columns == list(range(values.shape[1])) else values.take(columns, axis=1))
+        found = (parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)).astype(np.float64, order="C")
+        fields.count(found, lambda row: f"row {self._before + row + 1}")
+        return found
+
+
+def plan(layout: Layout, shapes: Shapes, path: Path) -> dict[str, Sequence[str]]:
+    """The columns of the time, of `WRENCH` and of each channel.
+
+    Args:
+        layout: what is read.
+        shapes: of the columns and arrays that there are.
+        path: of the log.
+
+    Raises:
+        InputError: something is not there, or not of the size that is wanted.
+    """
+    if layout.images is not None:
+        raise InputError("holds no images.", where=str(path), hint=_IMAGES)
+    layout = _by_arrays(layout, shapes, path)
+    names = flattened(shapes)
+    timed = layout.rate is None or layout.time in names
+    groups: dict[str, Sequence[str]] = {_TIME: (layout.time,)} if timed else {}
+    if layout.wrench is not None:
+        groups[WRENCH] = layout.wrench
+    groups |= {array.name: array.columns for array in layout.arrays if array.columns is not None}
+    _require_known(list(chain.from_iterable(groups.values())), names, path)
+    for channel, usual in _POSES:
+        declared: tuple[str, ...] | None = getattr(layout, channel)
+        if columns := declared or (usual if names.keys() >= set(usual) else ()):
+            _require_known(columns, names, path)
+            groups[channel] = columns
+    if layout.temperature is not None:
+        _require_known((layout.temperature,), names, path)
+        groups[TEMPERATURE] = (layout.temperature,)
+    for array in layout.arrays:
+        if array.columns is None:
+            used = set(chain.from_iterable(groups.values()))
+            groups[array.name] = [name for name in names if name not in used]
+        _require_size(array, groups[array.name], path)
+    return groups
+
+
+def flattened(shapes: Shapes) -> dict[str, tuple[str, int]]:
+    """Columns in their order -> the array and the place in its sample: an array is the columns `force[0]`, ..."""
+    found: dict[str, tuple[str, int]] = {}
+    for name, shape in shapes.items():
+        found |= {column: (name, k) for k, column in enumerate(_columns(name, shape))}
+    return found
+
+
+def _per_second(layout: Layout) -> float:
+    """How much of the time's unit makes a second."""
+    if layout.time_unit == SAMPLES:
+        return layout.rate or 1.0
+    return float(round(1 / to_si(layout.time_unit, TIME_UNITS, where="time_unit")))
+
+
+def _columns(name: str, shape: tuple[int, ...]) -> tuple[str, ...]:
+    return tuple(f"{name}[{k}]" for k in range(prod(shape))) if shape else (name,)
+
+
+def _by_arrays(layout: Layout, shapes: Shapes, path: Path) -> Layout:
+    """With arrays in place of columns that are not there, where a file holds arrays that are called as channels are."""
+    arrays = {name: shape for name, shape in shapes.items() if shape}
+    if not arrays:
+        return layout
+    made = {name: _columns(name, shape) for name, shape in arrays.items()}
+    changes: dict[str, object] = {}
+    if layout.wrench is not None and not set(layout.wrench) <= shapes.keys():
+        for names in ((FORCE, TORQUE), (WRENCH,), (SINGLE,)):
+            columns = tuple(chain.from_iterable(made.get(name, ()) for name in names))
+            if len(columns) == 6:
+                changes["wrench"] = columns
+    for channel, usual in _POSES:
+        if getattr(layout, channel) is None and len(made.get(channel, ())) == len(usual):
+            changes[channel] = made[channel]
+    changes["arrays"] = tuple(_found(array, shapes, made, path) for array in layout.arrays)
+    return replace(layout, **changes)
+
+
+def _found(array: ArrayChannel, shapes: Shapes, made: Mapping[str, tuple[str, ...]], path: Path) -> ArrayChannel:
+    """With the columns of the array that is called as the channel."""
+    if array.columns is not None and set(array.columns) <= shapes.keys():
+        return array
+    name = next((name for name in (array.name, _OTHER_NAMES.get(array.name), SINGLE) if name in made), None)
+    if name is None:
+        wanted = _OTHER_NAMES.get(array.name, array.name)
+        raise InputError(f"has no array {wanted!r}.", where=str(path), hint=near(wanted, shapes))
+    if shapes[name] not in (array.shape, (array.size,)):
+        there = " x ".join(map(str, shapes[name]))
+        raise InputError(
+            f"holds {name} of shape n x {there}, not n x {array.described}.", where=str(path), hint=_mend(array)
+        )
+    return replace(array, columns=made[name])
+
+
+def _require_size(array: ArrayChannel, columns: Sequence[str], path: Path) -> None:
+    if len(columns) == array.size:
+        return
+    has = f"has {len(columns)} columns beside the time" if array.columns is None else f"names {len(columns)} columns"
+    raise InputError(
+        f"{has}, but {array.size} {array.name} ({array.described}) are wanted.",
+        where=str(path) if array.columns is None else array.table,
+        hint=_mend(array),
+    )
+
+
+def _mend(array: ArrayChannel) -> str:
+    return f"Put their numbers right in the rig's [{array.table}], or name the columns there." if array.table else ""
+
+
+def _require_known(wanted: Sequence[str], names: Mapping[str, object], path: Path) -> None:
+    """One sentence for all missing columns, not one error after the other."""
+    missing = [name for name in wanted if name not in names]
+    if missing:
+        raise InputError(
+            f"there is no column {', '.join(map(repr, missing))}.",
+            where=str(path),
+            hint=f"{near(missing[0], names)} Columns are named in a rig; `palpate rig new` guesses them.".strip(),
+        )

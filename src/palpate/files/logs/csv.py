@@ -1,0 +1,61 @@
+"""A CSV log, read in pieces of some megabytes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from os import SEEK_END
+from pathlib import Path
+
+from palpate.files.logs.columns import ColumnLog, Columns
+from palpate.files.logs.layout import Layout
+from palpate.files.logs.log import LogContents
+from palpate.files.tables.fields import Rows
+from palpate.files.tables.lines import open_input
+from palpate.files.tables.stated import Stated
+from palpate.files.tables.table import tables
+from palpate.signals.recording import Recording
+
+__all__ = ["CsvLog"]
+
+PIECE = 1 << 21  # bytes
+HEAD = 1 << 16  # bytes, in which the header is looked for
+
+
+class CsvLog(ColumnLog):
+    """Delimited text, as `palpate.files.tables.dialect` finds it written."""
+
+    def __init__(self, path: Path, layout: Layout) -> None:
+        super().__init__(path, layout)
+        self._rows = Rows()
+
+    def contents(self) -> LogContents:
+        """See `palpate.files.logs.log.Log`."""
+        with open_input(self.path) as file:
+            dialect = next(tables(file, self.path, HEAD)).dialect
+        names, stated = dict.fromkeys(dialect.names, ()), Stated.of_dialect(dialect)
+        return LogContents(self.path, names, stated=stated, written=dialect.described())
+
+    def blocks(self) -> Iterator[Recording]:
+        """See `palpate.files.logs.log.Log`."""
+        self._rows, self._columns, self.torn = Rows(), None, ""
+        with open_input(self.path, pipe=True) as file:
+            for table in tables(file, self.path, PIECE):
+                self.position = file.tell() if file.seekable() else 0
+                if self._columns is None:
+                    self._columns = Columns(
+                        self._layout, self.path, dict.fromkeys(table.names, ()), Stated.of_dialect(table.dialect)
+                    )
+                table.counted(self._rows)
+                if len(table):
+                    yield self._columns.block(table.read)
+            if self._rows.cut and file.seekable():
+                file.seek(-1, SEEK_END)
+                if file.read(1) not in b"\r\n":
+                    self.torn = "the file is torn: its last line ends within a row"
+        self._rows.require(self.path)
+        if self._columns is not None:
+            self._columns.finish()
+
+    def notes(self) -> tuple[str, ...]:
+        """See `palpate.files.logs.log.Log`."""
+        return tuple(dict.fromkeys((*self._rows.notes(), *super().notes())))

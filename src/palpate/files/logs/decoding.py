@@ -1,0 +1,191 @@
+"""Bytes of ROS become numbers, many messages at once: which types are understood, and where their numbers are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from palpate.files.logs.cursor import Cursor, taken
+from palpate.files.logs.log import Messages, Topic
+from palpate.spatial.arguments import takes_arrays
+
+__all__ = ["ARRAYS", "FIXED", "IMAGE", "Kind", "decode", "decode_array", "has_header", "role", "seconds", "shape_of"]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Where the numbers are in a type whose messages all hold as many.
+
+    Args:
+        role: "wrench", "pose", "acceleration" or "temperature".
+        before, count, after: doubles in front of those wanted, these, and behind them.
+        strings: how many there are in front, that of the header among them; 0 is a type without a header.
+    """
+
+    role: str
+    before: int
+    count: int
+    after: int
+    strings: int = 1
+
+
+FIXED: Mapping[str, Kind] = {
+    "geometry_msgs/WrenchStamped": Kind("wrench", 0, 6, 0),
+    "geometry_msgs/Wrench": Kind("wrench", 0, 6, 0, strings=0),
+    "geometry_msgs/PoseStamped": Kind("pose", 0, 7, 0),
+    "geometry_msgs/Pose": Kind("pose", 0, 7, 0, strings=0),
+    "geometry_msgs/TransformStamped": Kind("pose", 0, 7, 0, strings=2),
+    "geometry_msgs/PoseWithCovarianceStamped": Kind("pose", 0, 7, 36),
+    "nav_msgs/Odometry": Kind("pose", 0, 7, 36 + 6 + 36, strings=2),
+    "geometry_msgs/AccelStamped": Kind("acceleration", 0, 3, 3),
+    "geometry_msgs/Vector3Stamped": Kind("acceleration", 0, 3, 0),
+    "sensor_msgs/Imu": Kind("acceleration", 4 + 9 + 3 + 9, 3, 9),
+    "sensor_msgs/Temperature": Kind("temperature", 0, 1, 1),
+    "std_msgs/Float64": Kind("temperature", 0, 1, 0, strings=0),
+}
+ARRAYS: Mapping[str, str] = {  # -> what each number is
+    f"std_msgs/{name}MultiArray": code
+    for name, code in (
+        ("Float64", "f8"),
+        ("Float32", "f4"),
+        ("UInt8", "u1"),
+        ("Int8", "i1"),
+        ("UInt16", "u2"),
+        ("Int16", "i2"),
+        ("UInt32", "u4"),
+        ("Int32", "i4"),
+    )
+}
+IMAGE = "sensor_msgs/Image"
+_DEPTHS: Mapping[bytes, str] = {  # encoding of an image with one channel -> what each pixel is
+    b"mono8": "u1",
+    b"8UC1": "u1",
+    b"8SC1": "i1",
+    b"mono16": "u2",
+    b"16UC1": "u2",
+    b"16SC1": "i2",
+    b"32SC1": "i4",
+    b"32FC1": "f4",
+    b"64FC1": "f8",
+}
+_NAME = 8  # bytes: the longest of these with its end
+
+Decoded = tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n k"], Bool[np.ndarray, " n"]]
+
+
+def role(kind: str) -> str:
+    """What messages of a type are good for: "wrench", "pose", "acceleration", "temperature" or "array"; or ""."""
+    return FIXED[kind].role if kind in FIXED else "array" if kind in ARRAYS or kind == IMAGE else ""
+
+
+def has_header(kind: str) -> bool:
+    """Whether messages of a type have a stamp."""
+    return FIXED[kind].strings > 0 if kind in FIXED else kind == IMAGE
+
+
+def decode(messages: Messages, topic: Topic, shape: tuple[int, ...] = ()) -> Decoded:
+    """Stamps [ns] (0 where the type has none), numbers (NaN where they could not be read), and where they could.
+
+    Args:
+        messages: of the topic.
+        topic: of a type that has a role.
+        shape: of an array; a message that holds another number of numbers cannot be read.
+    """
+    cursor = Cursor(messages, topic.encoding)
+    if topic.kind == IMAGE:
+        stamps, values = _image(cursor, shape)
+    elif topic.kind in ARRAYS:
+        stamps, values = np.zeros(len(cursor.at), dtype=np.int64), _array(cursor, ARRAYS[topic.kind], shape)
+    else:
+        stamps, values = _fixed(cursor, FIXED[topic.kind])
+    return stamps, values, cursor.sound
+
+
+def shape_of(messages: Messages, topic: Topic) -> tuple[int, ...] | None:
+    """Of the array, or rows and columns of the image of one channel, in the first message that can be read, or None."""
+    cursor = Cursor(messages, topic.encoding)
+    if topic.kind == IMAGE:
+        cursor.stamp()
+        sizes = np.stack([cursor.number(), cursor.number()], axis=1)
+        start, length = cursor.text()
+        ends = zip(start.tolist(), (start + length).tolist(), strict=True)
+        cursor.sound &= [messages.data[first:end].rstrip(b"\0") in _DEPTHS for first, end in ends]
+    else:
+        cursor.dimensions()
+        offset = cursor.number()
+        sizes = (cursor.number() - offset)[:, None]
+    known = sizes[cursor.sound & (sizes > 0).all(axis=1)]
+    return tuple(known[0].tolist()) if len(known) else None
+
+
+@takes_arrays
+def seconds(nanoseconds: Int[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """The doubles nearest to these times."""
+    whole = nanoseconds // 10**9
+    split = whole + (nanoseconds - whole * 10**9) / 1e9
+    if len(nanoseconds) and nanoseconds.min() >= 2**53:  # as all are since 1970
+        return split
+    return np.where(np.abs(nanoseconds) < 2**53, nanoseconds / 1e9, split)
+
+
+def _fixed(cursor: Cursor, kind: Kind) -> tuple[np.ndarray, np.ndarray]:
+    stamps = cursor.stamp() if kind.strings else np.zeros(len(cursor.at), dtype=np.int64)
+    for _ in range(kind.strings - 1):
+        cursor.text()
+    values = cursor.numbers("f8", kind.count, kind.before, kind.after)
+    values[np.isnan(values)] = np.nan  # of the many that bytes can make, the one that arithmetic does not warn of
+    return stamps, values
+
+
+def decode_array(messages: Messages, topic: Topic, shape: tuple[int, ...]) -> tuple[np.ndarray, Bool[np.ndarray, " n"]]:
+    """Numbers of arrays in the type in which they are stored, and which messages could be read."""
+    cursor = Cursor(messages, topic.encoding)
+    return _stored(cursor, ARRAYS[topic.kind], shape), cursor.sound
+
+
+def _stored(cursor: Cursor, code: str, shape: tuple[int, ...]) -> np.ndarray:
+    """Numbers behind dimensions, which say nothing more, and behind as many others as the offset says."""
+    count = int(np.prod(shape))
+    cursor.dimensions()
+    offset, held = cursor.number(), cursor.number()
+    cursor.sound &= held == offset + count
+    return cursor.numbers(code, count, np.where(cursor.sound, offset, 0))
+
+
+def _array(cursor: Cursor, code: str, shape: tuple[int, ...]) -> np.ndarray:
+    """As float64; NaN of messages that cannot be read."""
+    values = _stored(cursor, code, shape)
+    with np.errstate(invalid="ignore"):  # bytes make NaNs of which arithmetic warns
+        values = values.astype(np.float64, copy=False)
+    values[~cursor.sound] = np.nan
+    if code[0] == "f":
+        values[np.isnan(values)] = np.nan
+    return values
+
+
+def _image(cursor: Cursor, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels of an image of this shape; its rows may be longer than their pixels."""
+    rows, columns = shape
+    stamps = cursor.stamp()
+    cursor.sound &= (cursor.number() == rows) & (cursor.number() == columns)
+    start, length = cursor.text()
+    big, step = cursor.numbers("u1", 1)[:, 0] != 0, cursor.number()
+    cursor.sound &= rows * step <= cursor.length()
+    name = taken(cursor.data, start, _NAME, cursor.sound)  # there are as many bytes behind it
+    name[np.arange(_NAME) >= length[:, None]] = 0
+    made = np.stack([*np.ascontiguousarray(name).view(np.int64).T, big, step], axis=1)
+    values = np.full((len(start), rows * columns), np.nan)
+    for one in np.unique(made[cursor.sound], axis=0):  # as a rule all are of one make
+        code, mask = _DEPTHS.get(one[:1].tobytes().rstrip(b"\0")), cursor.sound & (made == one).all(axis=1)
+        width = int(one[2])
+        if code is None or width < columns * int(code[1]):
+            cursor.sound &= ~mask
+            continue
+        lines = taken(cursor.data, cursor.at[mask], rows * width, np.ones(np.count_nonzero(mask), dtype=bool))
+        lines = lines.reshape(-1, rows, width)[:, :, : columns * int(code[1])]
+        pixels = np.ascontiguousarray(lines).view(f"{'>' if one[1] else '<'}{code}")
+        values[mask] = pixels.reshape(-1, rows * columns)
+    return stamps, values

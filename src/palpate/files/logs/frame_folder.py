@@ -1,0 +1,105 @@
+"""A folder of frames, one file each, in the natural order of their names."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.errors import InputError
+from palpate.files.logs.bag import natural
+from palpate.files.logs.csv import CsvLog
+from palpate.files.logs.images import Frame, ImageLog, decoded
+from palpate.files.logs.layout import Layout
+from palpate.files.logs.log import Images, LogContents
+from palpate.files.logs.video import RATE
+from palpate.opencv import opencv
+from palpate.signals.recording import Recording
+
+__all__ = ["FrameFolder", "holds_frames"]
+
+FRAMES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
+TIMES = ("times.csv", "truth.csv")
+_BAG = (".mcap", ".db3")
+
+
+def holds_frames(path: Path) -> bool:
+    """Whether a folder is one of frames, and not a bag."""
+    try:
+        names = [file.name.lower() for file in path.iterdir()]
+    except OSError:
+        return False
+    bag = "metadata.yaml" in names or any(name.endswith(_BAG) for name in names)
+    return not bag and any(name.endswith(FRAMES) for name in names)
+
+
+class FrameFolder(ImageLog):
+    """As many samples as there are images.
+
+    Times are the column of `times.csv`, or else of `truth.csv`, in the folder, if it has as many rows; else k / rate.
+    """
+
+    def __init__(self, path: Path, layout: Layout) -> None:
+        files = (file for file in path.iterdir() if file.suffix.lower() in FRAMES and not file.name.startswith("."))
+        self._files = sorted(filter(Path.is_file, files), key=natural)
+        super().__init__(path, sum(file.stat().st_size for file in self._files), layout)
+
+    def contents(self) -> LogContents:
+        """See `palpate.files.logs.log.Log`; only the first frames are read."""
+        cv2, size = opencv(), (0, 0, 0)
+        for file in self._files:
+            if (image := decoded(cv2, _bytes(file), as_stored=True)) is not None:
+                size = (*image.shape[:2], image.shape[2] if image.ndim == 3 else 1)
+                break
+        suffixes = ", ".join(dict.fromkeys(file.suffix[1:].lower() for file in self._files))
+        return LogContents(self.path, {}, images=Images(size, len(self._files), None, suffixes))
+
+    def blocks(self) -> Iterator[Recording]:
+        """See `palpate.files.logs.log.Log`."""
+        cv2 = self._begin("a folder of frames")
+        yield from self._frames.blocks(self._read(cv2, self._times()))
+
+    def _read(self, cv2: Any, times: Float[np.ndarray, " n"]) -> Iterator[Frame]:
+        for time, file in zip(times.tolist(), self._files, strict=True):
+            raw = _bytes(file)
+            self.position += len(raw)
+            yield time, decoded(cv2, raw), file.name
+
+    def _times(self) -> Float[np.ndarray, " n"]:
+        """[s]."""
+        count = len(self._files)
+        for name in TIMES:
+            if not (self.path / name).is_file():
+                continue
+            time = _column(self.path / name, self._layout)
+            if time is None:
+                self._said.append(f"{name} has no column {self._layout.time!r} that can be read")
+            elif len(time) != count:
+                self._said.append(
+                    f"{name} has {len(time):,} rows for {count:,} frames, and is not used for their times"
+                )
+            else:
+                return time
+        if self._layout.rate is None:
+            self._said.append(f"frames have no times: {RATE:g} Hz is taken")
+        return np.arange(count) / (self._layout.rate or RATE)
+
+
+def _column(file: Path, layout: Layout) -> Float[np.ndarray, " n"] | None:
+    alone = replace(layout, wrench=None, arrays=(), images=None, rate=None, orientation=None, position=None)
+    try:
+        return np.concatenate([block.time for block in CsvLog(file, replace(alone, acceleration=None)).blocks()])
+    except InputError:
+        return None
+
+
+def _bytes(file: Path) -> bytes:
+    """Nothing where it cannot be read."""
+    try:
+        return file.read_bytes()
+    except OSError:
+        return b""

@@ -1,0 +1,160 @@
+"""Messages of sensor_msgs/JointState become positions of joints, and these the pose of one link in another."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from struct import unpack_from
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from palpate.errors import InputError
+from palpate.files.logs.cursor import Cursor, taken
+from palpate.files.logs.decoding import seconds
+from palpate.files.logs.log import Messages, Topic
+from palpate.files.urdf import Kinematics
+from palpate.spatial.pose_track import PoseTrack
+
+__all__ = ["JOINTS", "JointPoses", "joint_names", "joint_positions", "joint_stamps", "joint_topic"]
+
+JOINTS = "sensor_msgs/JointState"
+_LAYOUTS = 64  # different lists of names in some messages: more are no robot's
+_MOST = 1000  # joints of a message
+
+Read = tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n k"], Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]
+
+
+def joint_positions(messages: Messages, topic: Topic, wanted: Sequence[str]) -> Read:
+    """Stamps [ns], positions [rad, m] of the wanted joints in their order (NaN: not in the message), and two masks.
+
+    Messages may name their joints in any order, and each message in its own; those of one list of names are read at
+    once.
+
+    Returns:
+        The third says which messages could be read, the fourth which of them name one of the wanted joints at least.
+    """
+    cursor = Cursor(messages, topic.encoding)
+    stamp, count = cursor.stamp(), cursor.number()
+    values = np.full((len(stamp), len(wanted)), np.nan)
+    sound, concerned = np.zeros((2, len(stamp)), dtype=bool)
+    left = np.flatnonzero(cursor.sound & (count <= _MOST))
+    end = messages.start + messages.length
+    for _ in range(_LAYOUTS):
+        if not len(left):
+            break
+        first = left[0]
+        names, size = _listed(cursor, int(first), int(count[first]), int(end[first]))
+        fits = (count[left] == count[first]) & (cursor.at[left] + size <= end[left])
+        block = taken(cursor.data, cursor.at[left], size, fits)
+        same = fits & (block == block[0]).all(axis=1)
+        same &= names is not None
+        same[0] = True  # whatever it is, it is dealt with
+        rows, left = left[same], left[~same]
+        if names is None:
+            continue
+        own = cursor.picked(rows)
+        own.at = own.at + size
+        held = own.number()
+        own.sound &= held >= len(names)
+        found = own.numbers("f8", len(names))
+        found[np.isnan(found)] = np.nan
+        sound[rows] = own.sound
+        for k, name in enumerate(wanted):
+            if name in names:
+                values[rows, k] = found[:, names.index(name)]
+                concerned[rows] = True
+    return stamp, values, sound, concerned | (sound if not wanted else False)
+
+
+def joint_stamps(messages: Messages, topic: Topic) -> Int[np.ndarray, " n"]:
+    """Those [ns] of the messages that can be read."""
+    stamp, _, sound, _ = joint_positions(messages.of(topic), topic, ())
+    return stamp[sound]
+
+
+def joint_names(messages: Messages, topic: Topic) -> list[str]:
+    """Of the joints in the first message that can be read."""
+    cursor = Cursor(messages, topic.encoding)
+    cursor.stamp()
+    count, end = cursor.number(), messages.start + messages.length
+    for k in np.flatnonzero(cursor.sound & (count <= _MOST)).tolist():
+        if (names := _listed(cursor, k, int(count[k]), int(end[k]))[0]) is not None:
+            return names
+    return []
+
+
+def _listed(cursor: Cursor, which: int, count: int, end: int) -> tuple[list[str] | None, int]:
+    """The names in one message, and how many bytes they take; None where they do not end within it."""
+    at, names, start = int(cursor.at[which]), list[str](), int(cursor.at[which])
+    for _ in range(count):
+        at += cursor.gap(which, at, 4)
+        if at + 4 > end:
+            return None, 0
+        length = unpack_from("<I" if cursor.little(which) else ">I", cursor.data, at)[0]
+        at += 4 + length
+        if at > end:
+            return None, 0
+        names.append(cursor.data[at - length : at].rstrip(b"\0").decode(errors="replace"))
+    return names, at - start
+
+
+class JointPoses:
+    """One link in another by its joints, fed with messages; what `palpate.files.logs.topic_log` asks of poses."""
+
+    def __init__(self, topic: Topic, kinematics: Kinematics, track: PoseTrack, *, stamped: bool) -> None:
+        self.topics, self.track = (topic,), track
+        self._kinematics, self._stamped = kinematics, stamped
+        self._count = self._unread = self._lacking = self._used = 0
+        self._lacks = dict[str, None]()
+
+    def add(self, messages: Messages) -> None:
+        """More of the log."""
+        topic, joints = self.topics[0], self._kinematics.joints
+        own = messages.of(topic)
+        stamp, values, sound, concerned = joint_positions(own, topic, joints)
+        self._count += len(sound)
+        self._unread += int(np.count_nonzero(~sound))
+        known = np.isfinite(values).all(axis=1)
+        absent = concerned & sound & ~known
+        lacks = np.flatnonzero(~np.isfinite(values[absent]).all(axis=0))
+        self._lacks |= dict.fromkeys(joints[k] for k in lacks.tolist())
+        self._lacking += int(np.count_nonzero(absent))
+        good = np.flatnonzero(sound & concerned & known)
+        self._kinematics.require_radians(values[good], topic.name)
+        self._used += len(good)
+        if len(good):
+            time = seconds(stamp if self._stamped else own.time)[good]
+            self.track.add(time, *self._kinematics.poses(values[good]))
+
+    def notes(self) -> tuple[str, ...]:
+        """How the sensor was found in the base, and what was odd."""
+        name, joints = self.topics[0].name, self._kinematics.joints
+        said = [f"the sensor's pose is that of the URDF at the joint states of {name!r}"]
+        if not self._used and self._count:
+            said.append(f"no message of {name!r} has all of the joints {', '.join(joints)}: there is no pose")
+        elif self._lacking:
+            said.append(
+                f"{self._lacking} of {self._count} messages of {name!r} have no position of {', '.join(self._lacks)}, "
+                "and were left out"
+            )
+        if self._unread:
+            said.append(f"{self._unread} of {self._count} messages of {name!r} are cut short, or are not {JOINTS}")
+        if not self._stamped:
+            said.append(f"messages of {name!r} have no stamps: the times at which they were recorded are taken")
+        return (*said, *self.track.notes())
+
+
+def joint_topic(topics: Sequence[Topic], name: str | None, where: str) -> Topic:
+    """The topic of joint states that is named, or the only one.
+
+    Raises:
+        InputError: there is none, or there are several.
+    """
+    fitting = [topic for topic in topics if topic.kind == JOINTS and topic.encoding in ("cdr", "ros1")]
+    found = [topic for topic in fitting if topic.name == name] if name is not None else fitting
+    if len(found) == 1:
+        return found[0]
+    listed = ", ".join(topic.name for topic in fitting) or "none"
+    what = f"{len(found)} topics hold" if name is None else f"there is no topic {name!r} of"
+    hint = f"There is {listed}; name one as joints in the rig's [orientation]."
+    raise InputError(f"{what} joint states.", where=where, hint=hint)

@@ -1,0 +1,158 @@
+"""Where a log keeps what: columns, arrays or topics, units, axes, the frame of the wrench."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from math import prod
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.errors import InputError
+
+__all__ = [
+    "ACCELERATION_COLUMNS",
+    "ORIENTATION_COLUMNS",
+    "POSITION_COLUMNS",
+    "WRENCH_COLUMNS",
+    "ArrayChannel",
+    "ImageChannel",
+    "Layout",
+    "axis_matrix",
+]
+
+WRENCH_COLUMNS = ("fx", "fy", "fz", "tx", "ty", "tz")
+ORIENTATION_COLUMNS = ("qx", "qy", "qz", "qw")
+POSITION_COLUMNS = ("x", "y", "z")
+ACCELERATION_COLUMNS = ("ax", "ay", "az")
+
+
+@dataclass(frozen=True)
+class ArrayChannel:
+    """So many numbers a sample: voltages of load cells, readings of taxels, the reference of a bench.
+
+    Args:
+        name: of the channel of the `Recording`.
+        shape: of one sample: (12,), or (6, 22).
+        columns: of a table, the last axis running fastest; None: all that are not named otherwise, in their order. In
+            an .npz an array called `name` takes their place, where it is there.
+        topic: of a log with topics. None: the only one that holds arrays.
+        scale: what one unit of the log is in SI, for all numbers or for each.
+        table: of the rig that says all this, for messages.
+    """
+
+    name: str
+    shape: tuple[int, ...]
+    columns: tuple[str, ...] | None = None
+    topic: str | None = None
+    scale: float | tuple[float, ...] = 1.0
+    table: str = ""
+
+    @property
+    def size(self) -> int:
+        """Numbers a sample."""
+        return prod(self.shape)
+
+    @property
+    def described(self) -> str:
+        """'6 x 22'."""
+        return " x ".join(map(str, self.shape))
+
+
+@dataclass(frozen=True)
+class ImageChannel:
+    """Frames of a camera: the channel `IMAGE`.
+
+    Args:
+        topic: of a log with topics. None: the only one that holds images.
+        table: of the rig that says all this, for messages.
+    """
+
+    topic: str | None = None
+    table: str = ""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where a log keeps what, and in which units and axes. The defaults need no mapping.
+
+    Args:
+        time, time_unit: the column of the time, and its unit; of a counter "samples", with its rate.
+        wrench: the six columns, force first; None: no wrench is read.
+        arrays: other channels that are read. In a log of topics one at most; a wrench beside it is the mean about each
+            of its rows.
+        images: frames of a camera. None: no images are read. They are read alone: `wrench` is None, and no `arrays`.
+        rate: [Hz] of a file that has no such column. None: it must have it. Of a video in place of its own stamps (one
+            that is played slower than it was taken); of a folder of frames without times. None: 30 Hz of the latter.
+        force_unit, torque_unit: see `palpate.files.units`.
+        axes: which recorded axis is the sensor's x, y, z; "-x" flips. Applied to force and to torque alike.
+        left_handed: declares that `axes` is a reflection: the driver reported a left-handed wrench, or the reaction.
+        frame: "sensor" or "base", of the recorded wrench.
+        wrench_range: of each channel as recorded, in SI; a reading at it is saturated, and no mean hides that.
+        orientation: quaternion x, y, z, w of the sensor in the base. None: qx, qy, qz, qw where the log has them.
+        position: of the sensor in the base [m]. None: x, y, z where the log has them.
+        acceleration: of the sensor in its own frame. None: ax, ay, az where the log has them.
+        acceleration_unit: see `palpate.files.units`.
+        wrench_topic, orientation_topic: of a log with topics. None: the only one of its kind; an orientation_topic of
+            "none" is none.
+        frames: base and sensor, of a log with topics: the pose of one in the other is taken from the tree of /tf.
+        urdf: of which they are links: the pose is taken from joint states instead.
+        joints_topic: of joint states. None: the only one.
+        acceleration_topic: of a log with topics. None: no acceleration, as an accelerometer may sit anywhere.
+        offset: [s] added to the stamps of the poses of a topic to put them on the samples' clock.
+        temperature: column, or topic of a log with topics: [K or degrees C]. None: it is not read.
+        max_gap: [s] between poses or accelerations of a topic, beyond which there is none in between.
+    """
+
+    time: str = "time"
+    time_unit: str = "s"
+    wrench: tuple[str, ...] | None = WRENCH_COLUMNS
+    arrays: tuple[ArrayChannel, ...] = ()
+    images: ImageChannel | None = None
+    rate: float | None = None
+    force_unit: str = "N"
+    torque_unit: str = "N m"
+    axes: tuple[str, ...] = ("x", "y", "z")
+    left_handed: bool = False
+    frame: str = "sensor"
+    wrench_range: tuple[float, ...] | None = None
+    orientation: tuple[str, ...] | None = None
+    position: tuple[str, ...] | None = None
+    acceleration: tuple[str, ...] | None = None
+    acceleration_unit: str = "m/s^2"
+    wrench_topic: str | None = None
+    orientation_topic: str | None = None
+    frames: tuple[str, str] | None = None
+    urdf: Path | None = None
+    joints_topic: str | None = None
+    acceleration_topic: str | None = None
+    temperature: str | None = None
+    offset: float = 0.0
+    max_gap: float = 0.25
+
+
+def axis_matrix(axes: tuple[str, ...], *, left_handed: bool, where: str) -> Float[np.ndarray, "3 3"]:
+    """The signed permutation that takes recorded components to the sensor's x, y, z.
+
+    Raises:
+        InputError: not three different axes, or a reflection that was not declared, or declared and is none.
+    """
+    matrix = np.zeros((3, 3))
+    for row, axis in enumerate(axes):
+        if not re.fullmatch(r"[-+]?[xyz]", axis):
+            raise InputError(f"{axis!r} is not an axis.", where=where, hint="Write x, y, z, or -x to flip.")
+        matrix[row, "xyz".index(axis[-1])] = -1.0 if axis[0] == "-" else 1.0
+    if len(axes) != 3 or np.linalg.matrix_rank(matrix) != 3:
+        raise InputError(f"{list(axes)} does not name three different axes.", where=where)
+    reflected = np.linalg.det(matrix) < 0
+    if reflected and not left_handed:
+        raise InputError(
+            f"{list(axes)} turns a right-handed frame into a left-handed one.",
+            where=where,
+            hint="If the driver really mirrors the wrench (or reports the reaction), declare left_handed = true.",
+        )
+    if left_handed and not reflected:
+        raise InputError(f"{list(axes)} is right-handed, but left_handed = true.", where=where, hint="Remove it.")
+    return matrix

@@ -1,0 +1,212 @@
+"""The messages of an MCAP file, read from its start and without need of its index: a cut file is read up to the cut.
+
+MAGIC, then records: a kind (1 byte), a length (8) and so many bytes. Messages stand in chunks, packed or not, or beside
+them; behind them an index, a footer and MAGIC again.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Generator, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
+from io import BytesIO
+from pathlib import Path
+from struct import error as StructError
+from struct import unpack_from
+from typing import BinaryIO
+
+import numpy as np
+from jaxtyping import Int
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.reader import make_reader
+from mcap.records import Channel, Schema
+from mcap.summary import Summary
+
+from palpate.files.logs.log import Messages, Source, Topic, merged
+from palpate.files.logs.mcap_chunks import LARGEST, inflate
+from palpate.files.tables.lines import open_input, read_some
+
+__all__ = ["McapFile"]
+
+MAGIC = b"\x89MCAP0\r\n"
+PIECE = 1 << 22  # bytes read at a time
+LONGEST: Mapping[int, int] = {Opcode.CHUNK: LARGEST, Opcode.MESSAGE: 1 << 26}  # bytes; others: PIECE; passed over
+_HEAD = 9
+_MOST = 1 << 16  # records of a stretch
+_DECLARING: Mapping[int, type[Schema] | type[Channel]] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel}
+
+
+@dataclass(frozen=True)
+class _Stretch:
+    """Whole records up to `end`: `messages` and `others` as `walk` lists them; a chunk or the footer is the last."""
+
+    messages: Int[np.ndarray, "4 k"]
+    others: list[list[int]]
+    end: int
+
+    @property
+    def last(self) -> int:
+        """Kind of the last record that is no message."""
+        return self.others[-1][0] if self.others else 0
+
+
+class McapFile(Source):
+    """One file."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, path.stat().st_size)
+        self.definitions: dict[str, str] = {}  # name of a type -> its fields, as text
+        self._schemas: dict[int, str] = {}  # these stand once read: a file may declare behind its messages
+        self._channels: dict[int, Channel] = {}
+        self._topics: dict[int, Topic] = {}
+        self._forget()
+
+    def topics(self) -> list[Topic]:
+        """From the index at the end where there is one, else by reading everything."""
+        if not self._read_index():
+            for _ in self.messages():
+                pass
+        return merged(replace(topic, count=self._counts[key]) for key, topic in self._topics.items())
+
+    def messages(self, names: Collection[str] = ()) -> Generator[Messages]:
+        """All of them, whatever the names."""
+        self._read_index()  # what it declares stands even if the chunk that declares it is damaged
+        self._counts.clear()
+        with open_input(self.path) as file:
+            yield from self._read(file)
+        if self._damage is not None:
+            at, what = self._damage
+            count = sum(self._counts.values())
+            where = f"at byte {at:,} of {self.size:,}, in what begins there"
+            self.torn = f"the file is torn {where} ({what}); {count:,} whole messages were read"
+
+    def notes(self) -> tuple[str, ...]:
+        """What was odd."""
+        stray = sum(count for key, count in self._counts.items() if key not in self._topics)
+        return (f"{stray} messages belong to no topic that is declared",) if stray else ()
+
+    def _forget(self) -> None:
+        self.position, self.torn = 0, ""
+        self._damage: tuple[int, str] | None = None
+        self._counts = Counter[int]()
+
+    def _damaged(self, at: int, what: str) -> None:
+        self._damage = self._damage or (at, what)  # the first is said
+
+    def _read(self, file: BinaryIO) -> Iterator[Messages]:
+        """`held` are the bytes from `at` on that were not used yet; they begin with a record."""
+        at, held, want = file.seek(len(MAGIC)), b"", PIECE
+        while more := read_some(file, self.path, want):
+            held += more
+            self.position = at + len(held)
+            end = 0
+            for stretch in _stretches(held):
+                yield from self._use(stretch, held)
+                end = stretch.end
+                if stretch.last == Opcode.CHUNK:
+                    _, start, length = stretch.others[-1]
+                    yield from self._unpack(memoryview(held)[start : start + length], at + start - _HEAD)
+                elif stretch.last == Opcode.FOOTER:
+                    if held[end:] + read_some(file, self.path, len(MAGIC)) != MAGIC:
+                        self._damaged(at + end, "the footer is not the end")
+                    return
+            held, at, want = held[end:], at + end, PIECE
+            if len(held) < _HEAD:
+                continue
+            kind, length = unpack_from("<BQ", held)
+            after = at + _HEAD + length
+            if kind == 0 or after <= at + len(held):
+                return self._damaged(at, "what is there is no record")
+            if after > self.size:
+                if kind == Opcode.CHUNK:
+                    yield from self._unpack(memoryview(held + read_some(file, self.path, LARGEST))[_HEAD:], at)
+                return self._damaged(at, "it ends within a record")
+            if length > LONGEST.get(kind, PIECE):
+                self._pass_over(kind, held, at)
+                held, at = b"", file.seek(after)
+            else:
+                want = max(PIECE, after - at - len(held))
+        self._damaged(at, "it ends within a record" if held else "it ends without its footer")
+
+    def _pass_over(self, kind: int, head: bytes, at: int) -> None:
+        """A record too long to be one of ours."""
+        if kind == Opcode.CHUNK:
+            self._damaged(at, "a chunk of more than 1 GiB")
+        if kind == Opcode.MESSAGE:
+            self._counts[unpack_from("<H", head, _HEAD)[0]] += 1
+
+    def _unpack(self, content: memoryview, at: int) -> Iterator[Messages]:
+        """The messages of a chunk that begins at byte `at`."""
+        data, problem = inflate(content)
+        end = 0
+        for stretch in _stretches(data):
+            yield from self._use(stretch, data)
+            end = stretch.end
+        if end < len(data):
+            problem = problem or "a chunk with a record that is not whole"
+        if problem:
+            self._damaged(at, problem)
+
+    def _use(self, stretch: _Stretch, data: bytes) -> Iterator[Messages]:
+        for kind, start, length in stretch.others:
+            if kind in _DECLARING:
+                with suppress(McapError, StructError, UnicodeDecodeError):  # one that is malformed declares nothing
+                    content = ReadDataStream(BytesIO(data[start : start + length]))
+                    self._declare(_DECLARING[kind].read(content))
+        topic, time, start, length = stretch.messages
+        if len(topic):
+            counts = np.bincount(topic)
+            self._counts.update({int(key): int(counts[key]) for key in np.flatnonzero(counts)})
+            yield Messages(data, self._topics, topic, time, start, length)
+
+    def _declare(self, record: Schema | Channel) -> None:
+        """A type or a topic: geometry_msgs/msg/Wrench and geometry_msgs/Wrench are the same."""
+        if isinstance(record, Schema):
+            name = record.name.replace("/msg/", "/")
+            self._schemas[record.id] = name
+            self.definitions[name] = record.data.decode(errors="replace")
+            channels = [channel for channel in self._channels.values() if channel.schema_id == record.id]
+        else:
+            self._channels[record.id] = record
+            channels = [record]
+        for channel in channels:  # of a type also those that came before it
+            kind = self._schemas.get(channel.schema_id, "")
+            self._topics[channel.id] = Topic(channel.topic, kind, channel.message_encoding)
+
+    def _read_index(self) -> bool:
+        """Whether there is one that names every topic, with the number of messages in each."""
+        self._forget()
+        with suppress(Exception):  # whatever the library meets in a damaged one
+            summary = self._summary
+            if summary is not None and summary.statistics is not None:
+                for record in (*summary.schemas.values(), *summary.channels.values()):
+                    self._declare(record)
+                self._counts.update(summary.statistics.channel_message_counts)
+                self.duration = (summary.statistics.message_end_time - summary.statistics.message_start_time) / 1e9
+                return summary.statistics.channel_count == len(self._topics)
+        return False
+
+    @cached_property
+    def _summary(self) -> Summary | None:
+        """The library reads it record by record, which takes longer than to read a chunk: once."""
+        with open_input(self.path) as file:
+            return make_reader(file).get_summary()
+
+
+def _stretches(data: bytes) -> Iterator[_Stretch]:
+    """All that is whole, in pieces that end with a chunk, with the footer, or when they are long."""
+    from palpate.files.logs._mcap_walk import walk
+
+    raw, end = np.frombuffer(data, dtype=np.uint8), 0
+    messages = np.empty((4, min(_MOST, len(raw) // (_HEAD + 22) + 1)), dtype=np.int64)
+    others = np.empty((min(_MOST, len(raw) // _HEAD + 1), 3), dtype=np.int64)
+    while True:
+        found, rest, stop = walk(raw, end, messages, others)
+        if stop == end:
+            return
+        end = int(stop)
+        yield _Stretch(messages[:, :found].copy(), others[:rest].tolist(), end)

@@ -1,0 +1,249 @@
+"""Opening a log by what the file is, in blocks or whole."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.errors import InputError
+from palpate.files.logs.arrays import ArrayLog, HeldLog
+from palpate.files.logs.bag import BagFile, open_folder
+from palpate.files.logs.columns import plan
+from palpate.files.logs.csv import CsvLog
+from palpate.files.logs.decoding import role, shape_of
+from palpate.files.logs.frame_folder import FrameFolder, holds_frames
+from palpate.files.logs.image_messages import IMAGES
+from palpate.files.logs.image_topics import ImageTopicLog, first_size
+from palpate.files.logs.images import refuse_others
+from palpate.files.logs.layout import Layout
+from palpate.files.logs.log import Log, LogContents, Source, Topic
+from palpate.files.logs.mcap import MAGIC, McapFile
+from palpate.files.logs.parquet import ParquetLog
+from palpate.files.logs.survey import Survey, survey_of
+from palpate.files.logs.topic_log import TopicLog
+from palpate.files.logs.topics import choose, choose_images
+from palpate.files.logs.video import VIDEOS, VideoLog, is_video
+from palpate.files.tables.lines import open_input, read_some
+from palpate.signals.recording import ORIENTATION, POSITION, Recording, sealed
+
+__all__ = [
+    "contents",
+    "image_size",
+    "join",
+    "missing",
+    "open_log",
+    "read_poses",
+    "read_recording",
+    "survey",
+    "topic_shapes",
+]
+
+_KINDS: dict[str, tuple[str, tuple[bytes, ...]]] = {  # usual suffix -> what it is, and its first bytes
+    ".parquet": ("a Parquet file", (b"PAR1",)),
+    ".mcap": ("an MCAP file", (MAGIC,)),
+    ".bag": ("a ROS 1 bag", (b"#ROSBAG V",)),
+    ".db3": ("a ROS 2 bag", (b"SQLite format 3\0",)),
+    ".npy": ("a NumPy array", (b"\x93NUMPY",)),
+    ".npz": ("an archive of NumPy arrays", (b"PK\x03\x04", b"PK\x05\x06")),  # the second: without an array
+    "video": ("a video", ()),  # see `is_video`
+}
+_ARRAYS = (".npy", ".npz")
+_VIDEO, _FRAMES = "video", "frames"
+_WITHOUT_TOPICS = ("", ".parquet", *_ARRAYS, _VIDEO, _FRAMES)
+_FOREIGN: dict[bytes, tuple[str, str]] = {  # first bytes of a file -> what it is, and what to do; Excel's first
+    b"PK\x03\x04": ("is a workbook", "Save its sheet as CSV."),
+    b"\xd0\xcf\x11\xe0": ("is a workbook", "Save its sheet as CSV."),
+    b"\x1f\x8b": ("is compressed", "Unpack it first."),
+    b"MATLAB 5.0 MAT": ("is a MAT file of MATLAB", "Write a table of it as CSV (writetable, writematrix)."),
+    b"\x89HDF": ("is an HDF5 file", "Write a table of it as CSV or Parquet."),
+    **{
+        magic: ("is one image", "Name the folder of the frames, or a video.") for magic in (b"\x89PNG", b"\xff\xd8\xff")
+    },
+}
+_WORKBOOKS = (b"[Content_Types]", b"_rels/", b"xl/", b"docProps/", b"mimetype")  # what their archive begins with
+
+
+def contents(path: str | Path | Mapping[str, np.ndarray]) -> LogContents:
+    """What is in a log, as far as it says so before it is read.
+
+    Raises:
+        InputError: the file is not there, or not what its name says.
+    """
+    return open_log(path).contents()
+
+
+def topic_shapes(path: Path) -> dict[str, tuple[int, ...]]:
+    """Of each topic of arrays, or of images of one channel: numbers in the first message, or its rows and columns."""
+    kind = _kind(path)
+    if kind in _WITHOUT_TOPICS:
+        return {}
+    source, found = _messages(path, kind), dict[str, tuple[int, ...]]()
+    for topic in source.topics():
+        if topic.count and role(topic.kind) == "array" and (shape := _shape(source, topic)) is not None:
+            found[topic.name] = shape
+    return found
+
+
+def image_size(path: str | Path, topic: str | None = None) -> tuple[int, int, int] | None:
+    """Height, width and channels of the first image of a log; None where it holds none that can be read.
+
+    Args:
+        path: of the log.
+        topic: of the images. None: the first that has an image, compressed ones last.
+
+    Raises:
+        InputError: it is no log.
+    """
+    path = Path(path)
+    kind = _kind(path)
+    if kind in (_VIDEO, _FRAMES):
+        said = open_log(path).contents().images
+        return said.size if said is not None and all(said.size) else None
+    if kind in _WITHOUT_TOPICS:
+        return None
+    source = _messages(path, kind)
+    fitting = [each for each in source.topics() if each.kind in IMAGES and each.count and topic in (None, each.name)]
+    fitting.sort(key=lambda each: IMAGES.index(each.kind))
+    return next((size for each in fitting if (size := first_size(source, each)) is not None), None)
+
+
+def survey(path: Path) -> Survey | None:
+    """What messages say of frames, poses and joints; None of a log of columns."""
+    kind = _kind(path)
+    return None if kind in _WITHOUT_TOPICS else survey_of(_messages(path, kind))
+
+
+def _shape(source: Source, topic: Topic) -> tuple[int, ...] | None:
+    with closing(source.messages([topic.name])) as pieces:
+        for piece in pieces:
+            if (shape := shape_of(piece.of(topic), topic)) is not None:
+                return shape
+    return None
+
+
+def missing(there: LogContents, layout: Layout) -> list[str]:
+    """Why a log cannot be read with a layout, one sentence each; nothing: it has all that the layout asks for."""
+    try:
+        if there.images is not None:
+            refuse_others(layout, there.path, "a folder of frames" if there.path.is_dir() else "a video")
+        elif there.names:
+            plan(layout, there.names, there.path)
+        elif layout.images is not None:
+            choose_images(there, layout.images)
+        else:
+            choose(there, layout)
+    except InputError as problem:
+        return [problem.what]
+    return []
+
+
+def open_log(path: str | Path | Mapping[str, np.ndarray], layout: Layout | None = None) -> Log:
+    """Open a log: CSV or other text, Parquet, NumPy, MCAP, a ROS 1 bag, a ROS 2 bag (its folder, or a .db3 file).
+
+    Images are read from a video, a folder of frames, MCAP and bags. Arrays in memory are a log, too.
+
+    Raises:
+        InputError: the file is not there, or not what its name says.
+    """
+    layout = layout or Layout()
+    if isinstance(path, Mapping):
+        return HeldLog(path, layout)
+    path = Path(path)
+    kind = _kind(path)
+    if kind in (_VIDEO, _FRAMES):
+        return (VideoLog if kind == _VIDEO else FrameFolder)(path, layout)
+    if layout.images is not None and kind not in _WITHOUT_TOPICS:
+        return ImageTopicLog(path, layout, _messages(path, kind))
+    if kind == ".parquet":
+        return ParquetLog(path, layout)
+    if kind in _ARRAYS:
+        return ArrayLog(path, layout)
+    if kind == "":
+        return CsvLog(path, layout)
+    return TopicLog(path, layout, _messages(path, kind))
+
+
+def read_recording(path: str | Path, layout: Layout | None = None) -> Recording:
+    """Read a whole log: as many samples as it has, in their order; what cannot be read is NaN and noted.
+
+    Raises:
+        InputError: it is no log, or what the layout asks for is not there.
+    """
+    log = open_log(path, layout)
+    recording = join(list(log.blocks()))
+    return replace(recording, notes=(*([log.torn] if log.torn else []), *log.notes()))
+
+
+def read_poses(
+    path: str | Path, layout: Layout | None = None
+) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k 4"], Float[np.ndarray, "k 3"]]:
+    """The poses alone: stamps [s] without the layout's offset, quaternions x, y, z, w, positions [m].
+
+    Of a log of columns each row is a pose.
+
+    Raises:
+        InputError: it is no log, or it has no orientations.
+    """
+    log = open_log(path, layout)
+    if isinstance(log, TopicLog):
+        time, values = log.poses()
+        return time, values[:, 3:], values[:, :3]
+    recording = join(list(log.blocks()))
+    if ORIENTATION not in recording.channels:
+        raise InputError(
+            "the log has no orientation.",
+            where=str(path),
+            hint="Add columns qx, qy, qz, qw (sensor in base), or name them in the rig's [orientation].",
+        )
+    unknown = np.full((len(recording), 3), np.nan)
+    return recording.time, recording.channels[ORIENTATION], recording.channels.get(POSITION, unknown)
+
+
+def join(blocks: Sequence[Recording]) -> Recording:
+    """Blocks of one log, one after the other, as one recording."""
+    if len(blocks) == 1:
+        return blocks[0]
+    channels = {name: _joined([block.channels[name] for block in blocks]) for name in blocks[0].channels}
+    return replace(blocks[0], time=_joined([block.time for block in blocks]), channels=channels)
+
+
+def _joined(arrays: Sequence[np.ndarray]) -> np.ndarray:
+    return sealed(np.concatenate(arrays), own=True, dtype=arrays[0].dtype)
+
+
+def _messages(path: Path, kind: str) -> Source:
+    if kind == ".mcap":
+        return McapFile(path)
+    return open_folder(path) if kind == "folder" else BagFile(path)
+
+
+def _require_ours(first: bytes, path: Path) -> None:
+    """Raise an InputError where the first bytes are of a file that other programs write and we do not read."""
+    for magic, (what, hint) in _FOREIGN.items():
+        archive = magic.startswith(b"PK")
+        if first.startswith(magic) and (not archive or first[30:].startswith(_WORKBOOKS)):
+            raise InputError(f"{what}.", where=str(path), hint=hint)
+
+
+def _kind(path: Path) -> str:
+    """The usual suffix of what this is, by its first bytes: "" for text."""
+    if path.is_dir():
+        return _FRAMES if holds_frames(path) else "folder"
+    if path.is_fifo():  # it gives its first bytes once
+        return ""
+    with open_input(path) as file:
+        first = read_some(file, path, 64)
+    _require_ours(first, path)
+    kind = next((suffix for suffix, (_, magic) in _KINDS.items() if first.startswith(magic)), "")
+    kind = _VIDEO if is_video(first) else kind
+    suffix = path.suffix.lower()
+    suffix = _VIDEO if suffix in VIDEOS else suffix
+    if suffix in _KINDS and kind != suffix and not (kind in _ARRAYS and suffix in _ARRAYS):
+        what = f"does not begin as {_KINDS[suffix][0]} does" if first else "is empty"
+        raise InputError(f"{what}.", where=str(path), hint=f"It is {_KINDS[kind][0]}: rename it." if kind else "")
+    return kind

@@ -1,0 +1,204 @@
+"""Raw numbers of a log, whatever its format, become recordings: units into SI, axes put right, oddities said."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.files.logs.layout import ArrayChannel, Layout, axis_matrix
+from palpate.files.units import ACCELERATION_UNITS, FORCE_UNITS, TORQUE_UNITS, to_si
+from palpate.signals.recording import (
+    ACCELERATION,
+    AVERAGED,
+    CELLS,
+    FORCE,
+    IMAGE,
+    LARGEST,
+    ORIENTATION,
+    TORQUE,
+    Recording,
+    sealed,
+)
+from palpate.spatial.arguments import takes_arrays
+
+__all__ = ["NUMBERS", "WRENCH", "Samples", "rows_at_once"]
+
+WRENCH = "wrench"  # (n, 6) force and torque as recorded
+NUMBERS = 1 << 22  # of a block
+
+GAP = 5.0  # steps of the median length that make a gap
+LONG_STEP = 0.5  # s: of a log of forces a long one, and in another unit a usual one
+LATEST = 1e20  # s: beyond any clock, in nanoseconds too
+
+
+@takes_arrays
+class Samples:
+    """Makes the blocks of one log, and keeps account of what is odd in them.
+
+    Raises:
+        InputError: the layout's axes or units cannot be meant.
+    """
+
+    def __init__(self, layout: Layout, path: Path) -> None:
+        axes = axis_matrix(layout.axes, left_handed=layout.left_handed, where="axes")
+        picked = np.argmax(np.abs(axes), axis=1)
+        signs = axes[np.arange(3), picked]
+        force = to_si(layout.force_unit, FORCE_UNITS, where="units.force")
+        torque = to_si(layout.torque_unit, TORQUE_UNITS, where="units.torque")
+        self._picked, self._factors = np.append(picked, 3 + picked), np.append(force * signs, torque * signs)
+        self._as_it_is = bool(np.array_equal(self._picked, np.arange(6)) and (self._factors == 1.0).all())
+        self._acceleration = to_si(layout.acceleration_unit, ACCELERATION_UNITS, where="acceleration.unit")
+        self._frame, self._source, self._arrays = layout.frame, path.name, layout.arrays
+        self._images, self._both = layout.images is not None, bool(layout.arrays) and layout.wrench is not None
+        self._times = _Times()
+        self._beyond = Counter[str]()  # name of a channel -> rows with a number that is a fault
+        self._infinite = self._none = self._far = 0
+
+    def block(self, time: Float[np.ndarray, " n"], read: Mapping[str, np.ndarray]) -> Recording:
+        """The next samples.
+
+        Args:
+            time: [s].
+            read: as recorded, (n, k) each: `WRENCH` or arrays, and the channels besides them; or (n, height, width, 3)
+                `IMAGE`. Nobody else holds them.
+        """
+        time = np.where(np.abs(time) <= LATEST, time, np.nan)
+        channels: dict[str, np.ndarray] = {}
+        if WRENCH in read:
+            wrenches = self._wrenches(read[WRENCH])
+            channels = {FORCE: wrenches[:, :3].copy(), TORQUE: wrenches[:, 3:].copy()}
+            if self._both and AVERAGED not in read:
+                channels[AVERAGED] = np.ones((len(time), 1))
+        apart = (WRENCH, IMAGE, *(array.name for array in self._arrays))
+        bounded = [name for name in read if name not in apart]
+        channels |= {name: self._bounded(name, read[name]) for name in bounded}
+        if ORIENTATION in channels:
+            channels[ORIENTATION] = self._sound(channels[ORIENTATION])
+        if ACCELERATION in channels and self._acceleration != 1.0:
+            channels[ACCELERATION] = self._acceleration * channels[ACCELERATION]
+        for array in self._arrays:
+            channels[array.name] = self._scaled(array, read[array.name])
+        self._times.add(time)
+        channels = {name: sealed(values, own=True) for name, values in channels.items()}
+        if IMAGE in read:
+            channels[IMAGE] = sealed(read[IMAGE], own=True, dtype=np.uint8)
+        return Recording(sealed(time, own=True), channels, frame=self._frame, source=self._source)
+
+    def readings(self, values: np.ndarray) -> np.ndarray:
+        """Of a stream: (n, k) as recorded become what a sensor of this layout is updated with, (n, ...) in SI.
+
+        The bits are those of `block`. Of an array with a wrench beside it, (n, k + 7), the wrench stands behind it, and
+        of how many readings it is the mean.
+        """
+        if self._both:
+            array = self._scaled(self._arrays[0], values[:, :-7].copy()).reshape(len(values), -1)
+            wrench = values[:, -7:-1].take(self._picked, axis=1) * self._factors
+            return np.concatenate([array, wrench, values[:, -1:]], axis=1)
+        if not (self._images or self._arrays or self._as_it_is):
+            return values.take(self._picked, axis=1) * self._factors  # what is infinite, its status says
+        values = values.copy()  # a source fills its batch again
+        return values if not self._arrays else self._scaled(self._arrays[0], values.reshape(len(values), -1))
+
+    def recorded(self, limits: Sequence[float]) -> Float[np.ndarray, "6"]:
+        """Limits of a wrench [N, N m], along the sensor's axes, as the log's columns have them."""
+        made = np.empty(6)
+        made[self._picked] = np.abs(np.asarray(limits) / self._factors)
+        return made
+
+    def notes(self) -> tuple[str, ...]:
+        """What a reader should know of the blocks so far, one sentence each."""
+        infinite, none, far = self._infinite, self._none, self._far
+        arrays = [(array.name, self._beyond[array.name]) for array in self._arrays]
+        beyond = self._beyond.total() - sum(count for _, count in arrays)
+        said = (
+            (infinite, f"{infinite} of {self._times.count} rows have a force or torque that is infinite or beyond 1e9"),
+            (beyond, f"{beyond} poses or accelerations are infinite or beyond 1e9 and were set aside"),
+            *((count, f"{count} rows have a {name} that is infinite or beyond 1e9") for name, count in arrays),
+            *self._times.oddities(),
+            (none, f"{none} quaternions have a length far from 1 and were set aside"),
+            (far, f"{far} quaternions are not unit (by more than 1 %) and were normalised"),
+        )
+        return tuple(sentence for count, sentence in said if count)
+
+    def _scaled(self, array: ArrayChannel, values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n ..."]:
+        """An array in SI; counts of taxels may be larger than `LARGEST`."""
+        values = values if array.name == CELLS else self._bounded(array.name, values)
+        values = values if array.scale == 1.0 else values * np.array(array.scale)
+        return values.reshape(-1, *array.shape)
+
+    def _wrenches(self, wrench: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "n 6"]:
+        """Force and torque along the sensor's axes, in SI.
+
+        Picked and flipped, not multiplied out: an infinite component must not spoil the others.
+        """
+        with np.errstate(over="ignore"):
+            made = wrench.take(self._picked, axis=1) * self._factors  # by rows: an index would leave columns
+        if not np.abs(made).max(initial=0.0) <= LARGEST:  # NaN too
+            self._infinite += int(np.count_nonzero((np.abs(made) > LARGEST).any(axis=1)))
+        return made
+
+    def _bounded(self, name: str, values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
+        """NaN where a number is a fault of the file."""
+        wrong = np.abs(values) > LARGEST
+        self._beyond[name] += int(np.count_nonzero(wrong.any(axis=1)))
+        return np.where(wrong, np.nan, values)
+
+    def _sound(self, quaternion: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4"]:
+        """NaN where the length says that it is no rotation."""
+        length = np.linalg.norm(quaternion, axis=1)
+        none = (length < 0.5) | (length > 2.0)
+        self._none += int(np.count_nonzero(none))
+        self._far += int(np.count_nonzero(~none & (np.abs(length - 1.0) > 0.01)))
+        return np.where(none[:, None], np.nan, quaternion)
+
+
+def rows_at_once(most: int, width: int, numbers: int = NUMBERS) -> int:
+    """How many rows of so many numbers are read or held at once: `most`, or fewer if they are long."""
+    return max(1, min(most, numbers // max(width, 1)))
+
+
+class _Times:
+    """Times that are missing, repeat, run backwards or leave a gap."""
+
+    def __init__(self) -> None:
+        self.count = self.missing = self.backwards = self.repeated = self.gaps = 0
+        self._last = np.empty(0)
+        self._usual = np.inf  # s: the median step of the first block that has one
+        self._longest = self._longest_at = 0.0
+
+    def add(self, time: Float[np.ndarray, " n"]) -> None:
+        known = np.concatenate([self._last, time[np.isfinite(time)]])
+        steps = np.diff(known)
+        forward = steps[steps > 0]
+        if np.isinf(self._usual) and len(forward):
+            self._usual = float(np.median(forward))
+        self.count += len(time)
+        self.missing += int(np.count_nonzero(~np.isfinite(time)))
+        self.backwards += int(np.count_nonzero(steps < 0))
+        self.repeated += int(np.count_nonzero(steps == 0))
+        gaps = np.flatnonzero(steps > GAP * self._usual)
+        self.gaps += len(gaps)
+        if len(gaps) and (longest := steps[gaps].max()) > self._longest:
+            self._longest, self._longest_at = float(longest), float(known[gaps[np.argmax(steps[gaps])]])
+        self._last = known[-1:]
+
+    def oddities(self) -> tuple[tuple[int, str], ...]:
+        """How many, and the sentence on them."""
+        return (
+            (self.missing, f"{self.missing} of {self.count} times are missing"),
+            (self.backwards, f"times run backwards {self.backwards} times (kept in the order of the file)"),
+            (self.repeated, f"{self.repeated} times repeat the one before"),
+            (
+                LONG_STEP <= self._usual < np.inf and self.count > 50,
+                f"a step is {self._usual:.4g} s: if times are not seconds, say so in the rig's [time] unit",
+            ),
+            (
+                self.gaps,
+                f"{self.gaps} gaps longer than {GAP:g} steps of {self._usual:.4g} s "
+                f"(the longest {self._longest:.4g} s, at time {self._longest_at:.6f})",
+            ),
+        )

@@ -1,0 +1,85 @@
+"""What messages say of frames: whose names stand in their headers, which poses move, which joints are named."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from palpate.files.logs.cursor import Cursor
+from palpate.files.logs.decoding import FIXED, decode, role
+from palpate.files.logs.joints import JOINTS, joint_names
+from palpate.files.logs.log import Messages, Source, Topic
+from palpate.files.logs.transforms import Frames, SeenEdge, frame_name, tree_topics
+
+__all__ = ["Survey", "survey_of"]
+
+
+@dataclass
+class Survey:
+    """Of a log of topics.
+
+    Attributes:
+        frames: the tree of /tf.
+        named: topic of wrenches or poses -> the frame of its header and its child frame, "" where it has none.
+        poses: topic of poses -> how many there are, and whether they move.
+        joints: topic of joint states -> names of the joints.
+    """
+
+    frames: Frames
+    named: dict[str, tuple[str, str]] = field(default_factory=dict[str, tuple[str, str]])
+    poses: dict[str, SeenEdge] = field(default_factory=dict[str, SeenEdge])
+    joints: dict[str, list[str]] = field(default_factory=dict[str, list[str]])
+
+    def add(self, messages: Messages, topics: Mapping[str, Topic]) -> None:
+        """More of the log."""
+        self.frames.add(messages)
+        for name, topic in topics.items():
+            if topic.kind == JOINTS:
+                if not self.joints.get(name):
+                    self.joints[name] = joint_names(messages.of(topic), topic)
+                continue
+            pose = role(topic.kind) == "pose"
+            if not pose and name in self.named:
+                continue
+            own = messages.of(topic)
+            if name not in self.named and len(own.length):
+                self.named[name] = _frames_of(own, topic)
+            if pose and len(own.length):
+                stamps, values, sound = decode(own, topic)
+                self.poses.setdefault(name, SeenEdge()).add(values[sound], stamps[sound], static=False)
+
+
+def survey_of(source: Source) -> Survey:
+    """One pass over the log.
+
+    Args:
+        source: of its messages.
+    """
+    there = [topic for topic in source.topics() if topic.encoding in ("cdr", "ros1") and topic.count]
+    wanted = {topic.name: topic for topic in there if topic.kind == JOINTS or role(topic.kind) in ("wrench", "pose")}
+    trees = tree_topics(there)
+    found = Survey(Frames(topics=tuple(trees)))
+    for messages in source.messages([*wanted, *(topic.name for topic in trees)]) if wanted or trees else ():
+        found.add(messages, wanted)
+    return found
+
+
+def _frames_of(messages: Messages, topic: Topic) -> tuple[str, str]:
+    """Of the first message that can be read."""
+    strings = FIXED[topic.kind].strings
+    if not strings:
+        return "", ""
+    cursor = Cursor(messages, topic.encoding)
+    _, *first = cursor.header()
+    second = cursor.text() if strings > 1 else None
+    whole = np.flatnonzero(cursor.sound)
+    if not len(whole):
+        return "", ""
+
+    def name(text: Sequence[np.ndarray]) -> str:
+        at, length = (int(each[whole[0]]) for each in text)
+        return frame_name(messages.data[at : at + length])
+
+    return name(first), "" if second is None else name(second)

@@ -1,0 +1,392 @@
+"""A log of topics: wrenches or arrays row by row, each with what other topics say of its time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from palpate.errors import InputError
+from palpate.files.logs.decoding import ARRAYS, decode, decode_array, has_header, seconds
+from palpate.files.logs.joints import JointPoses, joint_stamps, joint_topic
+from palpate.files.logs.layout import ArrayChannel, Layout
+from palpate.files.logs.log import Log, LogContents, Messages, Source, Stored, Topic
+from palpate.files.logs.samples import NUMBERS, WRENCH, Samples, rows_at_once
+from palpate.files.logs.topics import LIVE_ACCELERATION, LIVE_POSE, POSE_KINDS, choose, doubtful, main_channel, sentence
+from palpate.files.logs.transforms import Frames, TreePoses, read_frames, tree_topics
+from palpate.files.logs.wrench_means import WrenchMeans
+from palpate.files.urdf import Kinematics, Urdf
+from palpate.signals.recording import ACCELERATION, AVERAGED, ORIENTATION, POSITION, TEMPERATURE, Recording
+from palpate.spatial.frames import FramePath
+from palpate.spatial.pose_track import PoseTrack
+
+__all__ = ["TopicLog"]
+
+BLOCK = 1 << 13  # rows, of few numbers each
+BESIDE = 7  # numbers behind an array in a live record: the wrench, and of how many readings it is the mean
+TEMPERATURE_GAP = 60.0  # s: it changes slowly
+HELD = 1 << 16  # rows that wait for a pose; a topic that fell silent must not hold the others for ever
+
+
+@runtime_checkable
+class PoseSource(Protocol):
+    """Where the sensor's poses come from: a topic, the tree of /tf, or joint states."""
+
+    @property
+    def topics(self) -> tuple[Topic, ...]:
+        """Those to be read."""
+        ...
+
+    @property
+    def track(self) -> PoseTrack | FramePath:
+        """What was fed so far, to be asked."""
+        ...
+
+    def add(self, messages: Messages) -> None:
+        """More of the log."""
+        ...
+
+    def notes(self) -> tuple[str, ...]:
+        """What was odd, one sentence each."""
+        ...
+
+
+class TopicLog(Log):
+    """One sample a wrench, or an array, in the order of the file; times are the stamps of the headers."""
+
+    def __init__(self, path: Path, layout: Layout, source: Source) -> None:
+        super().__init__(path, source.size)
+        self._layout, self._source = layout, source
+        self._join: _Join | None = None
+        self._main: _Stream | None = None
+        self._frames: Frames | None = None
+        self._unsure = list[str]()  # topics of poses, none of which was named
+
+    def blocks(self) -> Iterator[Recording]:
+        """See `palpate.files.logs.log.Log`."""
+        join, wanted = self._started()
+        for messages in self._pieces(wanted):
+            yield from join.take(messages)
+        yield from self._ended(join)
+
+    def stored(self) -> Iterator[Stored]:
+        """See `palpate.files.logs.log.Log`."""
+        main = self._as_stored()
+        if main is None:
+            yield from super().stored()
+            return
+        for messages in self._pieces([main.topic.name]):
+            yield main.stored(messages)
+
+    def beside(self, frames: Log) -> Iterator[Recording | Stored]:
+        """See `palpate.files.logs.log.Log`."""
+        main = frames._as_stored() if isinstance(frames, TopicLog) else None
+        if main is None:
+            yield from super().beside(frames)
+            return
+        join, wanted = self._started()
+        for messages in self._pieces([*wanted, main.topic.name]):
+            yield from join.take(messages)
+            yield main.stored(messages)
+        yield from self._ended(join)
+
+    def _pieces(self, names: Collection[str]) -> Iterator[Messages]:
+        """Of the source, which is watched meanwhile."""
+        for messages in self._source.messages(names):
+            self.position = self._source.position
+            yield messages
+        self.torn = self._source.torn
+
+    def _as_stored(self) -> _Stream | None:
+        """The topic of an array whose numbers are taken as they are stored; None: they are not."""
+        array, topic = main_channel(self._layout), self._chosen()["main"]
+        if array is None or topic.kind not in ARRAYS or array.scale != 1.0:
+            return None
+        self._main = _Stream(topic, self._source, array)
+        return self._main
+
+    def _started(self) -> tuple[_Join, set[str]]:
+        """What makes samples of messages, and the topics that it needs."""
+        layout, array, chosen = self._layout, main_channel(self._layout), self._chosen()
+        if "both" in chosen and array is not None:
+            array = replace(array, shape=(array.size + BESIDE,))
+        main = _Stream(chosen.get("both") or chosen["main"], self._source, array)
+        poses = self._poses(chosen, layout.offset)
+        tracks = {} if poses is None else {"pose": poses}
+        if "acceleration" in chosen:
+            stream = _Stream(chosen["acceleration"], self._source)
+            gap = 0.0 if stream.topic.name == LIVE_ACCELERATION else layout.max_gap
+            tracks["acceleration"] = _Tracked(stream, PoseTrack(0.0, gap), still=True)
+        if "temperature" in chosen:
+            slow = PoseTrack(0.0, TEMPERATURE_GAP)
+            tracks["temperature"] = _Tracked(_Stream(chosen["temperature"], self._source), slow, still=True)
+        wrenches = _Beside(_Stream(chosen["wrench"], self._source), layout) if "wrench" in chosen else None
+        self._join = join = _Join(main, tracks, Samples(layout, self.path), layout, wrenches)
+        wanted = {main.topic.name, *(topic.name for track in tracks.values() for topic in track.topics)}
+        wanted |= set() if wrenches is None else {wrenches.stream.topic.name}
+        return join, wanted
+
+    def _ended(self, join: _Join) -> Iterator[Recording]:
+        """The samples that are left."""
+        yield from join.finish()
+        if not join.rows:
+            name = join.topic.name
+            raise InputError(f"topic {name!r} has no messages.", where=str(self.path), hint=sentence(self.torn))
+
+    def poses(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k 7"]]:
+        """Stamps [s] as recorded, without the layout's offset, and positions [m] and quaternions of the sensor.
+
+        Of the tree of /tf: at the stamps of the transform that comes most often.
+        """
+        poses = self._poses(self._chosen(), 0.0)
+        if poses is None:
+            raise InputError("no topic holds poses.", where=str(self.path), hint=POSE_KINDS)
+        names = [topic.name for topic in poses.topics]
+        pieces = self._source.messages(names) if names else ()
+        if isinstance(poses, _Tracked):  # every one, whatever its stamp
+            read = [poses.stream.read(messages) for messages in pieces]
+            times, values = [piece[0] for piece in read], [piece[1] for piece in read]
+            return np.concatenate([np.zeros(0), *times]), np.concatenate([np.zeros((0, 7)), *values])
+        for messages in pieces:
+            poses.add(messages)
+        time = poses.track.stamps
+        quaternion, position = poses.track.at(time)
+        known = np.isfinite(quaternion).all(axis=1)
+        return time[known], np.concatenate([position, quaternion], axis=1)[known]
+
+    def contents(self) -> LogContents:
+        """See `palpate.files.logs.log.Log`."""
+        topics = tuple(self._source.topics())
+        return LogContents(self.path, {}, topics, self._source.torn, self._source.duration)
+
+    def notes(self) -> tuple[str, ...]:
+        """See `palpate.files.logs.log.Log`."""
+        unsure, joined = self._unsure, () if self._join is None else self._join.notes()
+        joined = (*joined, *(() if self._main is None else self._main.notes()))
+        several = f"{len(unsure)} topics hold poses, and none is taken: {', '.join(unsure)}; [orientation] may name one"
+        return (*self._source.notes(), *([several] if unsure else []), *joined)
+
+    def _chosen(self) -> dict[str, Topic]:
+        there = self.contents()
+        self._unsure = doubtful(there.topics, self._layout)
+        return choose(there, self._layout)
+
+    def _poses(self, chosen: dict[str, Topic], offset: float) -> PoseSource | None:
+        """Where the sensor is, as the layout says."""
+        layout, where = self._layout, str(self.path)
+        if "pose" in chosen and chosen["pose"].name == LIVE_POSE:  # at the readings' own stamps, and nowhere between
+            return _Tracked(_Stream(chosen["pose"], self._source), PoseTrack(0.0, 0.0))
+        if layout.frames is None:
+            if "pose" not in chosen:
+                return None
+            return _Tracked(_Stream(chosen["pose"], self._source), PoseTrack(offset, layout.max_gap))
+        topics = self._source.topics()
+        if layout.urdf is not None:
+            topic = joint_topic(topics, layout.joints_topic, where)
+            stamped = _has_stamps(self._source, topic, lambda messages: joint_stamps(messages, topic))
+            track = PoseTrack(offset, layout.max_gap)
+            return JointPoses(topic, Kinematics(Urdf(layout.urdf), *layout.frames), track, stamped=stamped)
+        if self._frames is None:
+            self._frames = read_frames(self._source, tree_topics(topics))
+        if not self._frames.edges:
+            raise InputError("there is no tree of /tf.", where=where, hint="Name a topic of poses in [orientation].")
+        return TreePoses(self._frames, *layout.frames, offset, layout.max_gap, where)
+
+
+class _Stream:
+    """The times and numbers of one topic."""
+
+    def __init__(self, topic: Topic, source: Source, array: ArrayChannel | None = None) -> None:
+        self.topic, self._array = topic, array
+        self._shape = () if array is None else array.shape
+        self.count = self.unread = 0
+        self._stamped = has_header(topic.kind) and _has_stamps(source, topic, self._stamps)
+
+    def read(self, messages: Messages) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n k"]]:
+        """Times [s] and numbers; NaN where a message is cut or of another make."""
+        messages = messages.of(self.topic)
+        stamps, values, sound = decode(messages, self.topic, self._shape)
+        self.count += len(sound)
+        self.unread += int(np.count_nonzero(~sound))
+        if not self._stamped:
+            return seconds(messages.time), values
+        return np.where(sound, seconds(stamps), np.nan), values
+
+    def stored(self, messages: Messages) -> tuple[Float[np.ndarray, " n"], np.ndarray]:
+        """Times [s] and numbers of an array as they are stored, of those messages that can be read."""
+        messages = messages.of(self.topic)
+        values, sound = decode_array(messages, self.topic, self._shape)
+        self.count += len(sound)
+        self.unread += int(np.count_nonzero(~sound))
+        return seconds(messages.time[sound]), values if sound.all() else values[sound]
+
+    def notes(self) -> tuple[str, ...]:
+        """What was odd."""
+        name, unread, array = repr(self.topic.name), self.unread, self._array
+        made = f"are not {self.topic.kind}" if array is None else f"do not hold {array.described} numbers"
+        said = (
+            (unread, f"{unread} of {self.count} messages of {name} are cut short, or {made}"),
+            (not self._stamped, f"messages of {name} have no stamps: the times at which they were recorded are taken"),
+        )
+        return tuple(sentence for there, sentence in said if there)
+
+    def _stamps(self, messages: Messages) -> Int[np.ndarray, " n"]:
+        stamps, _, sound = decode(messages.of(self.topic), self.topic, self._shape)
+        return stamps[sound]
+
+
+def _has_stamps(source: Source, topic: Topic, read: Callable[[Messages], Int[np.ndarray, " n"]]) -> bool:
+    """Whether one of the first two stamps that can be read is not 0: a clock may begin there."""
+    found = np.empty(0, dtype=np.int64)
+    with closing(source.messages([topic.name])) as pieces:
+        for messages in pieces:
+            found = np.concatenate([found, read(messages)])
+            if len(found) > 1:
+                break
+    return bool(found[:2].any()) or not len(found)
+
+
+class _Tracked:
+    """The poses, accelerations or temperatures of one topic, and what lies between them."""
+
+    def __init__(self, stream: _Stream, track: PoseTrack, *, still: bool = False) -> None:
+        self.stream, self.track, self._still = stream, track, still
+        self.topics = (stream.topic,)
+
+    def add(self, messages: Messages) -> None:
+        """More of the log."""
+        time, values = self.stream.read(messages)
+        if self._still:  # what runs straight between its readings is a position too
+            three = np.broadcast_to(values, (len(time), 3))
+            self.track.add(time, np.tile([0.0, 0.0, 0.0, 1.0], (len(time), 1)), three)
+        else:
+            self.track.add(time, values[:, 3:], values[:, :3])
+
+    def notes(self) -> tuple[str, ...]:
+        """What was odd."""
+        return (*self.stream.notes(), *self.track.notes())
+
+
+class _Beside:
+    """The wrenches of one topic, beside the rows of another."""
+
+    def __init__(self, stream: _Stream, layout: Layout) -> None:
+        limits = None if layout.wrench_range is None else Samples(layout, Path()).recorded(layout.wrench_range)
+        self.stream, self.track = stream, WrenchMeans(0.0, layout.max_gap, limits)
+
+    def add(self, messages: Messages) -> None:
+        """More of the log."""
+        self.track.add(*self.stream.read(messages))
+
+    def notes(self) -> tuple[str, ...]:
+        """What was odd."""
+        return (*self.stream.notes(), *self.track.notes())
+
+
+class _Join:
+    """Rows that wait until poses, accelerations and wrenches around their time have come."""
+
+    def __init__(
+        self,
+        main: _Stream,
+        sources: Mapping[str, PoseSource],
+        samples: Samples,
+        layout: Layout,
+        wrenches: _Beside | None = None,
+    ) -> None:
+        self._main, self._sources, self._samples, self._layout = main, sources, samples, layout
+        self._wrenches = wrenches
+        array = main_channel(layout)
+        self._name, self._width = ("wrench", 6) if array is None else (array.name, array.size)
+        width = self._width
+        self._block, self._held = rows_at_once(BLOCK, width), rows_at_once(HELD, width, 8 * NUMBERS)
+        self._tracks = {role: source.track for role, source in sources.items()}
+        self._time, self._values = list[np.ndarray](), list[np.ndarray]()  # of rows that wait
+        self._fresh = self.rows = self._lost = 0
+
+    def take(self, messages: Messages) -> Iterator[Recording]:
+        """Some more messages, and the rows that can now be answered."""
+        for source in (*self._sources.values(), *self._beside):
+            source.add(messages)
+        time, values = self._main.read(messages)
+        self._time.append(time)
+        self._values.append(values)
+        self._fresh += len(time)
+        if self._fresh >= self._block:
+            self._fresh = 0
+            yield from self._release(complete=False)
+
+    def finish(self) -> Iterator[Recording]:
+        """The rows that are left, once there are no more messages."""
+        for track in self._all:
+            track.complete()
+        if self._time:
+            yield from self._release(complete=True)
+
+    def notes(self) -> tuple[str, ...]:
+        """What was odd, one sentence each."""
+        said = [note for source in (*self._sources.values(), *self._beside) for note in source.notes()]
+        said = [*self._main.notes(), *said]
+        pose = self._sources.get("pose")
+        if isinstance(pose, _Tracked) and self._layout.orientation_topic is None:
+            said.insert(0, f"the orientation is taken from {pose.stream.topic.name!r}, the only topic of poses")
+        if self._lost:
+            said.append(f"{self._lost} samples have no pose: none of their time had come {self._held} rows later")
+        return tuple(dict.fromkeys((*said, *self._samples.notes())))
+
+    @property
+    def topic(self) -> Topic:
+        """That of the rows."""
+        return self._main.topic
+
+    @property
+    def _beside(self) -> tuple[_Beside, ...]:
+        return () if self._wrenches is None else (self._wrenches,)
+
+    @property
+    def _all(self) -> tuple[PoseTrack | FramePath | WrenchMeans, ...]:
+        return (*self._tracks.values(), *(beside.track for beside in self._beside))
+
+    def _release(self, *, complete: bool) -> Iterator[Recording]:
+        time, values = _joined(self._time), _joined(self._values)
+        ready = min((track.answerable(time) for track in self._all), default=len(time))
+        if not complete and len(time) - ready > self._held:
+            self._lost += len(time) - self._held - ready
+            ready = len(time) - self._held
+        waits = ready < len(time)
+        self._time, self._values = ([time[ready:]], [values[ready:]]) if waits else ([], [])
+        for start in range(0, ready, self._block):
+            piece = slice(start, min(start + self._block, ready))
+            self.rows += len(time[piece])
+            yield self._samples.block(time[piece], {**self._rows(values[piece]), **self._others(time[piece])})
+        oldest = float(np.min(time, initial=np.inf, where=np.isfinite(time)))
+        for track in self._all if np.isfinite(oldest) else ():
+            track.forget(oldest)
+
+    def _rows(self, values: Float[np.ndarray, "n k"]) -> dict[str, np.ndarray]:
+        """The readings themselves; of a live record with a wrench and its readings behind an array."""
+        if values.shape[1] != self._width + BESIDE:
+            return {self._name: values}
+        ends = (self._width, self._width + 6)
+        return dict(zip((self._name, WRENCH, AVERAGED), np.split(values, ends, axis=1), strict=True))
+
+    def _others(self, time: Float[np.ndarray, " n"]) -> dict[str, Float[np.ndarray, "n _"]]:
+        found: dict[str, np.ndarray] = {}
+        for role, track in self._tracks.items():
+            quaternion, position = track.at(time)
+            if role == "pose":
+                found |= {ORIENTATION: quaternion, POSITION: position}
+            else:
+                found |= {ACCELERATION: position} if role == "acceleration" else {TEMPERATURE: position[:, :1].copy()}
+        for beside in self._beside:
+            found[WRENCH], found[AVERAGED] = beside.track.means(time)
+        return found
+
+
+def _joined(pieces: list[np.ndarray]) -> np.ndarray:
+    return pieces[0] if len(pieces) == 1 else np.concatenate(pieces)

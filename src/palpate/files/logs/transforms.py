@@ -1,0 +1,347 @@
+"""The tree of /tf and /tf_static: what frames a log has, which of them move, and one of them in another over time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import count, pairwise
+from struct import Struct
+from struct import error as StructError
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from palpate.errors import InputError
+from palpate.files.logs.cursor import taken
+from palpate.files.logs.decoding import seconds
+from palpate.files.logs.log import Messages, Source, Topic
+from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.frames import FramePath, FrameTree
+from palpate.spatial.pose import Pose
+from palpate.spatial.pose_track import PoseTrack, sound_quaternions
+
+__all__ = ["TREES", "Frames", "SeenEdge", "TreePoses", "frame_name", "read_frames", "transforms", "tree_topics"]
+
+TREES = ("tf2_msgs/TFMessage", "tf/tfMessage")
+_MOVED = 1e-9  # m, and of an entry of a quaternion: what a transform that is published again differs by is rounding
+_FORMS = 32  # forms of messages of one length that are looked for among all of them
+
+
+@dataclass(frozen=True)
+class Transforms:
+    """Transforms of some messages, one a row.
+
+    Attributes:
+        parent, child: numbers of names.
+        stamp: [ns] of each header.
+        message: which of the messages it stands in.
+        values: position [m] and quaternion x, y, z, w of the child in the parent.
+    """
+
+    parent: Int[np.ndarray, " m"]
+    child: Int[np.ndarray, " m"]
+    stamp: Int[np.ndarray, " m"]
+    message: Int[np.ndarray, " m"]
+    values: Float[np.ndarray, "m 7"]
+
+    def edges(self) -> Iterator[tuple[int, int, Int[np.ndarray, " k"]]]:
+        """Parent, child, and the rows of each edge, in their order."""
+        key = (self.parent << 32) + self.child
+        order = np.argsort(key, kind="stable")
+        starts = np.flatnonzero(np.diff(key[order], prepend=-1))
+        for rows in np.split(order, starts[1:]) if len(order) else ():
+            yield int(self.parent[rows[0]]), int(self.child[rows[0]]), rows
+
+
+def transforms(messages: Messages, topic: Topic, names: dict[str, int]) -> tuple[Transforms, Bool[np.ndarray, " n"]]:
+    """Every transform of some messages in their order, and which messages could be read.
+
+    A publisher names the same frames again and again, so that its messages are alike but for stamps and numbers: the
+    first of them is walked through, and those that are like it are read at once.
+
+    Args:
+        messages: of the topic.
+        topic: of a type of `TREES`.
+        names: of frames, without a leading slash, as numbers; new ones are added.
+    """
+    pieces, sound = list[Transforms](), np.zeros(len(messages.start), dtype=bool)
+    for size in np.unique(messages.length).tolist():
+        left = np.flatnonzero(messages.length == size)
+        for tried in count():
+            if not len(left):
+                break
+            start = messages.start[left]
+            form = _form(messages.data[start[0] : start[0] + size], topic.encoding == "cdr")
+            same = np.zeros(len(left), dtype=bool)
+            same[0] = True
+            if form is not None:
+                if tried < _FORMS:
+                    same = form.fits(messages.data, start, size)
+                sound[left[same]] = True
+                pieces.append(form.read(messages.data, start[same], left[same], names))
+            left = left[~same]
+    return _in_order(pieces), sound
+
+
+@dataclass(frozen=True)
+class _Form:
+    """What messages that are alike have in common.
+
+    Attributes:
+        little: their numbers have the least byte first.
+        fixed: bytes that are the same in all of them, from where in the message: counts, names and their lengths.
+        frames: parent and child of each transform.
+        stamps, values: where each transform has them.
+    """
+
+    little: bool
+    fixed: list[tuple[int, bytes]]
+    frames: list[tuple[str, str]]
+    stamps: list[int]
+    values: list[int]
+
+    def fits(self, data: bytes, start: Int[np.ndarray, " n"], size: int) -> Bool[np.ndarray, " n"]:
+        """Which messages of this size are alike."""
+        same = np.ones(len(start), dtype=bool)
+        for at, wanted in self.fixed:
+            if at + len(wanted) > size:
+                return ~same
+            same &= (_bytes(data, start + at, len(wanted)) == np.frombuffer(wanted, dtype=np.uint8)).all(axis=1)
+        return same
+
+    def read(
+        self, data: bytes, start: Int[np.ndarray, " n"], message: Int[np.ndarray, " n"], names: dict[str, int]
+    ) -> Transforms:
+        """All of their transforms."""
+        order = "<" if self.little else ">"
+        each = np.zeros((len(self.frames), 3, len(start)), dtype=np.int64)
+        values = np.zeros((len(self.frames), len(start), 7))
+        for k, (stamp, number, frames) in enumerate(zip(self.stamps, self.values, self.frames, strict=True)):
+            whole, part = _bytes(data, start + stamp, 8).view(f"{order}i4").T.astype(np.int64)
+            each[k, :2] = [[names.setdefault(name, len(names))] for name in frames]
+            each[k, 2] = whole * 10**9 + (part & 0xFFFFFFFF)
+            values[k] = _bytes(data, start + number, 56).view(f"{order}f8")
+        parent, child, stamps = each.transpose(1, 0, 2).reshape(3, -1)
+        values[np.isnan(values)] = np.nan  # of the many that bytes can make, the one that arithmetic does not warn of
+        return Transforms(parent, child, stamps, np.tile(message, len(self.frames)), values.reshape(-1, 7))
+
+
+def _form(raw: bytes, cdr: bool) -> _Form | None:
+    """Of one message; None where it is cut, or is none."""
+    origin = 4 if cdr else 0
+    if cdr and (len(raw) < 4 or raw[0] or raw[1] > 1):
+        return None
+    little = not cdr or raw[1] == 1
+    number = Struct("<I" if little else ">I")
+    fixed, frames, stamps, values = list[tuple[int, bytes]](), list[tuple[str, str]](), list[int](), list[int]()
+    try:
+        left = number.unpack_from(raw, origin)[0]
+        fixed += [(0, raw[:origin]), (origin, raw[origin : origin + 4])]
+        at = origin + 4
+        for _ in range(left):
+            at += (origin - at) % 4 if cdr else 4  # the number of a header of ROS 1
+            stamps.append(at)
+            at += 8
+            texts = list[str]()
+            for _ in ("parent", "child"):
+                begin = at + ((origin - at) % 4 if cdr else 0)
+                at = begin + 4 + number.unpack_from(raw, begin)[0]
+                fixed.append((begin, raw[begin:at]))
+                texts.append(frame_name(raw[begin + 4 : at]))
+            at += (origin - at) % 8 if cdr else 0
+            frames.append((texts[0], texts[1]))
+            values.append(at)
+            at += 56
+            if at > len(raw):
+                return None
+    except StructError:
+        return None
+    return _Form(little, fixed, frames, stamps, values)
+
+
+def frame_name(text: bytes) -> str:
+    """As tf2 has it: without the slash that ROS 1 may put in front."""
+    return text.rstrip(b"\0").decode(errors="replace").removeprefix("/")
+
+
+def _bytes(data: bytes, at: Int[np.ndarray, " n"], width: int) -> np.ndarray:
+    """(n, width) bytes, all of which are there."""
+    return taken(data, at, width, np.ones(len(at), dtype=bool))
+
+
+def _in_order(pieces: list[Transforms]) -> Transforms:
+    """All of them, message after message, and in each as they stand."""
+    message = _joined([piece.message for piece in pieces])
+    order = np.argsort(message, kind="stable")
+    parent, child, stamp = (
+        _joined([getattr(piece, name) for piece in pieces])[order] for name in ("parent", "child", "stamp")
+    )
+    values = np.concatenate([np.zeros((0, 7)), *(piece.values for piece in pieces)])[order]
+    return Transforms(parent, child, stamp, message[order], values)
+
+
+def _joined(pieces: list[np.ndarray]) -> np.ndarray:
+    return np.concatenate([np.zeros(0, dtype=np.int64), *pieces])
+
+
+@takes_arrays
+@dataclass
+class SeenEdge:
+    """What a log says of one edge.
+
+    Attributes:
+        count: transforms on topics that are not static.
+        first: of these: position and quaternion.
+        moves: whether another differs from it.
+        stamped: whether one of them has a stamp.
+        constant: of /tf_static, the last one; None: it is not there.
+    """
+
+    count: int = 0
+    first: Float[np.ndarray, "7"] | None = None
+    moves: bool = False
+    stamped: bool = False
+    constant: Float[np.ndarray, "7"] | None = None
+
+    def add(self, values: Float[np.ndarray, "k 7"], stamp: Int[np.ndarray, " k"], *, static: bool) -> None:
+        """More of it; what is no transform is left out."""
+        fine = values[sound_quaternions(values[:, 3:]) & np.isfinite(values).all(axis=1)]
+        if static and len(fine):
+            self.constant = fine[-1]
+        if static or not len(values):
+            return
+        self.count += len(values)
+        self.stamped |= bool(stamp.any())
+        if len(fine):
+            first = fine[0] if self.first is None else self.first
+            self.first = first
+            self.moves |= _differs(fine, first)
+
+    @property
+    def holds(self) -> bool:
+        """Whether it is one pose for the whole log: of /tf_static, and /tf does not say otherwise."""
+        return self.constant is not None and not self.contradicted
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether /tf and /tf_static differ."""
+        if self.constant is None or self.first is None:
+            return False
+        return self.moves or _differs(self.constant[None], self.first)
+
+
+def _differs(values: Float[np.ndarray, "k 7"], first: Float[np.ndarray, "7"]) -> bool:
+    """Beyond rounding; q and -q are one rotation."""
+    turn = np.minimum(*(np.abs(values[:, 3:] + sign * first[3:]).max(axis=1, initial=0.0) for sign in (1, -1)))
+    shift = np.abs(values[:, :3] - first[:3]).max(axis=1, initial=0.0)
+    return bool((np.maximum(turn, shift) > _MOVED).any())
+
+
+@dataclass
+class Frames:
+    """Every edge of a log's tree, as one pass over its topics finds them.
+
+    Attributes:
+        topics: from which.
+        edges: (parent, child) -> what was seen.
+        names: of frames, as numbers.
+    """
+
+    topics: tuple[Topic, ...] = ()
+    edges: dict[tuple[str, str], SeenEdge] = field(default_factory=dict[tuple[str, str], SeenEdge])
+    names: dict[str, int] = field(default_factory=dict[str, int])
+
+    def add(self, messages: Messages) -> None:
+        """More of the log."""
+        for topic in self.topics:
+            rows, _ = transforms(messages.of(topic), topic, self.names)
+            called = list(self.names)
+            for parent, child, which in rows.edges():
+                seen = self.edges.setdefault((called[parent], called[child]), SeenEdge())
+                seen.add(rows.values[which], rows.stamp[which], static=_static(topic))
+
+    def tree(self, offset: float = 0.0, max_gap: float = 0.25) -> FrameTree:
+        """With a track, still empty, for each edge that may move.
+
+        An edge of /tf that was never seen to move may be published as seldom as it likes.
+        """
+        made = FrameTree()
+        for (parent, child), seen in self.edges.items():
+            if seen.holds and seen.constant is not None:
+                made.add(parent, child, Pose.from_quaternion(seen.constant[3:], seen.constant[:3]))
+            elif seen.first is not None:
+                made.add(parent, child, PoseTrack(offset, max_gap if seen.moves else np.inf))
+        return made
+
+    def moving(self, frames: Sequence[str]) -> list[tuple[str, str]]:
+        """Edges between neighbours of these frames that were seen to move."""
+        pairs = {frozenset(pair) for pair in pairwise(frames)}
+        return [edge for edge, seen in self.edges.items() if seen.moves and frozenset(edge) in pairs]
+
+
+def tree_topics(topics: Sequence[Topic]) -> list[Topic]:
+    """Those of transforms that can be read."""
+    return [topic for topic in topics if topic.kind in TREES and topic.encoding in ("cdr", "ros1")]
+
+
+def _static(topic: Topic) -> bool:
+    return topic.name.endswith("tf_static")
+
+
+def read_frames(source: Source, topics: Sequence[Topic]) -> Frames:
+    """One pass over the topics of transforms, wherever in the file they stand."""
+    found = Frames(tuple(topics))
+    for messages in source.messages([topic.name for topic in topics]) if topics else ():
+        found.add(messages)
+    return found
+
+
+class TreePoses:
+    """One frame in another, fed with messages; what `palpate.files.logs.topic_log` asks of a source of poses."""
+
+    def __init__(self, frames: Frames, base: str, sensor: str, offset: float, max_gap: float, where: str) -> None:
+        self._frames = frames
+        base, sensor = (name.removeprefix("/") for name in (base, sensor))
+        try:
+            self.track: FramePath = frames.tree(offset, max_gap).path(base, sensor)
+        except InputError as problem:
+            raise InputError(problem.what, where=where, hint=problem.hint) from problem
+        self._needed = self._tracks()
+        self.topics = tuple(topic for topic in frames.topics if not _static(topic)) if self._needed else ()
+        self.count = self.unread = 0
+        self._names = dict[str, int]()
+
+    def _tracks(self) -> Mapping[tuple[str, str], PoseTrack]:
+        names = pairwise(self.track.frames)
+        return {
+            ((second, first) if inverted else (first, second)): edge
+            for (first, second), (edge, inverted) in zip(names, self.track.steps, strict=True)
+            if isinstance(edge, PoseTrack)
+        }
+
+    def add(self, messages: Messages) -> None:
+        """More of the log."""
+        for topic in self.topics:
+            own = messages.of(topic)
+            rows, sound = transforms(own, topic, self._names)
+            self.count += len(sound)
+            self.unread += int(np.count_nonzero(~sound))
+            called = list(self._names)
+            for parent, child, which in rows.edges():
+                edge = (called[parent], called[child])
+                if (track := self._needed.get(edge)) is not None:
+                    stamped = self._frames.edges[edge].stamped
+                    time = rows.stamp[which] if stamped else own.time[rows.message[which]]
+                    track.add(seconds(time), rows.values[which, 3:], rows.values[which, :3])
+
+    def notes(self) -> tuple[str, ...]:
+        """How the sensor was found in the base, and what was odd."""
+        said = [f"the sensor's pose is that of {' -> '.join(self.track.frames)} in the tree of /tf"]
+        if not self._needed:
+            said.append("none of these transforms moves: the sensor is taken to stand still")
+        for edge in self._frames.edges:
+            if edge in self._needed and self._frames.edges[edge].contradicted:
+                said.append(f"{edge[0]} -> {edge[1]} is on /tf_static, but moves on /tf, which is taken")
+        if self.unread:
+            said.append(f"{self.unread} of {self.count} messages of transforms are cut short, or are not that")
+        return (*said, *self.track.notes())

@@ -1,0 +1,19 @@
+"""Models in files: one reader and one writer for all of them, and where results come from."""
+
+from palpate.files.models.kinds import MODELS, read_model, write_model
+from palpate.files.models.model import Model
+from palpate.files.models.provenance import printable, provenance, read_provenance, write_provenance
+from palpate.files.models.toml import load_toml, toml_array
+
+__all__ = [
+    "MODELS",
+    "Model",
+    "load_toml",
+    "printable",
+    "provenance",
+    "read_model",
+    "read_provenance",
+    "toml_array",
+    "write_model",
+    "write_provenance",
+]

@@ -1,0 +1,120 @@
+"""The kinds of models, and the one reader and the one writer of their files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from math import isnan
+from pathlib import Path
+from typing import Any, TypeVar, cast, overload
+
+from palpate.errors import InputError
+from palpate.files.atomic import write_text
+from palpate.files.models.model import Model
+from palpate.files.models.toml import load_toml, toml_lines
+from palpate.files.schema import Form, Key, parse
+from palpate.registry import Registry
+
+__all__ = ["MODELS", "Model", "read_model", "write_model"]
+
+Value = TypeVar("Value")
+
+
+MODELS = Registry(
+    {
+        "payload": "palpate.sensors.force_torque.files.PAYLOAD",
+        "load_cells": "palpate.sensors.load_cells.files.LOAD_CELLS",
+        "intensity": "palpate.sensors.taxels.intensity_file.INTENSITY",
+        "skin map": "palpate.sensors.taxels.skin_map.model_file.SKIN_MAP",
+        "taxels": "palpate.sensors.taxels.places_file.TAXELS",
+        "marker ring": "palpate.sensors.marker_ring.files.MARKER_RING",
+        "camera": "palpate.sensors.marker_ring.camera_file.CAMERA",
+    },
+    Model,
+    "palpate.models",
+)
+"""Kind of a model, as its file states it -> what it is; other packages join by an entry point `palpate.models`."""
+
+
+@overload
+def read_model(path: str | Path) -> Any: ...
+@overload
+def read_model(path: str | Path, holds: type[Value]) -> Value: ...
+def read_model(path: str | Path, holds: type[Any] | None = None) -> Any:
+    """Read a model, the same to the last bit as it was written.
+
+    Args:
+        path: of the file.
+        holds: class that is wanted; None: whichever it is.
+
+    Raises:
+        InputError: no model, or not of that class; a key misspelt or missing, a value of the wrong kind or shape.
+    """
+    try:
+        table = load_toml(path)
+    except InputError as problem:
+        if holds is None or Path(path).exists():
+            raise
+        _, model = _model(holds)
+        hint = f"`{model.command}` writes {model.called}. {problem.hint}".strip()
+        raise InputError(problem.what, where=problem.where, hint=hint) from None
+    kind = table.pop("kind", None)
+    if holds is None:
+        if kind not in MODELS:
+            known = ", ".join(repr(name) for name in MODELS)
+            raise InputError("is no model.", where=str(path), hint=f"A model states its kind: one of {known}.")
+    else:
+        wanted, model = _model(holds)
+        if kind != wanted:
+            hint = f"`{model.command}` writes one (kind = {wanted!r})."
+            raise InputError(f"is not {model.called}.", where=str(path), hint=hint)
+    model = MODELS[kind]
+    return parse(table, model.holds, file=str(path), forms=model.forms)
+
+
+def write_model(path: str | Path, value: Any) -> None:
+    """Write a model, with a comment and the unit beside each key.
+
+    Raises:
+        TypeError: the value is no model.
+    """
+    kind, model = _model(cast("type[Any]", type(value)))
+    head = [f"# {model.said} Written by `{model.command}`.", *toml_lines("kind", kind), ""]
+    write_text(Path(path), "\n".join([*head, *_table(value, model.forms, ""), ""]))
+
+
+def _model(holds: type[Any]) -> tuple[str, Model]:
+    """The kind whose values are of a class."""
+    for kind, model in MODELS.items():
+        if model.holds is holds:
+            return kind, model
+    raise TypeError(f"{holds.__name__} is no model")
+
+
+def _table(value: Any, forms: Mapping[type, Form], place: str, *, commented: bool = True) -> list[str]:
+    """The keys of a value, then its tables, whose names begin with `place`."""
+    form = forms[type(value)]
+    spelled = form.spell(value) if form.spell else {each.name: getattr(value, each.name) for each in fields(value)}
+    keys = [*form.keys, *(name for name in spelled if name not in form.keys)]
+    lines, tables = list[str](), list[str]()
+    for name in keys:
+        stated = spelled.get(name)
+        if stated is None or _unknown(stated):
+            continue
+        if is_dataclass(stated):
+            tables += ["", f"[{place}{name}]", *_table(stated, forms, f"{place}{name}.")]
+        elif isinstance(stated, Mapping):
+            pairs = cast("Mapping[str, object]", stated).items()
+            tables += ["", f"[{place}{name}]", *(line for pair in pairs for line in toml_lines(*pair))]
+        elif isinstance(stated, tuple) and any(map(is_dataclass, cast("tuple[Any, ...]", stated))):
+            for k, each in enumerate(cast("tuple[Any, ...]", stated)):
+                tables += ["", f"[[{place}{name}]]", *_table(each, forms, f"{place}{name}.", commented=k == 0)]
+        else:
+            lines += toml_lines(name, stated, form.keys.get(name, Key()).comment if commented else "")
+    return lines + tables
+
+
+def _unknown(value: Any) -> bool:
+    """NaN throughout, which is left out."""
+    values = cast("tuple[Any, ...]", value if isinstance(value, tuple) else (value,))
+    return bool(values) and all(isinstance(each, float) and isnan(each) for each in values)

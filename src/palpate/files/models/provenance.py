@@ -1,0 +1,48 @@
+"""Where a result came from: the version, each input by its content, each option that was set."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+
+from palpate.files.atomic import write_text
+from palpate.files.models.toml import load_toml
+
+__all__ = ["printable", "provenance", "read_provenance", "write_provenance"]
+
+
+def provenance(inputs: Mapping[str, Path | None], options: Mapping[str, object]) -> dict[str, str]:
+    """What a result was made from: version, each input's name and SHA-256, each option that was set."""
+    record = {"palpate": version("palpate")}
+    for name, path in inputs.items():
+        if path is not None:
+            record[name] = f"{printable(path.name)} {_sha256(path)}"
+    return record | {name: str(value) for name, value in options.items() if value is not None}
+
+
+def write_provenance(path: Path, record: Mapping[str, object]) -> None:
+    """Write beside a result where it came from, as TOML."""
+    write_text(path, tomlkit.dumps(dict(record)))
+
+
+def read_provenance(path: Path) -> dict[str, Any]:
+    """What stands beside a result, in its .toml; nothing where there is none."""
+    beside = path.with_name(f"{path.name}.toml")
+    return load_toml(beside) if beside.exists() else {}
+
+
+def printable(name: str) -> str:
+    """A file name as it may stand in a line of UTF-8 text."""
+    return "".join(letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in name)
+
+
+def _sha256(path: Path) -> str:
+    if not path.is_file():  # a pipe gives its bytes once
+        return "(a pipe, no hash)"
+    with path.open("rb") as file:
+        return f"sha256:{hashlib.file_digest(file, 'sha256').hexdigest()}"

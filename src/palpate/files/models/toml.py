@@ -1,0 +1,81 @@
+"""TOML as text: read into dictionaries, and written with comments, every number the same to the last bit."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from io import TextIOWrapper
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import tomlkit
+from jaxtyping import Float
+from tomlkit.items import Array
+
+from palpate.errors import InputError
+from palpate.files.tables.lines import open_input
+from palpate.spatial.arguments import takes_arrays
+
+__all__ = ["load_toml", "toml_array", "toml_lines"]
+
+_LARGEST = 1 << 25  # characters
+
+
+def load_toml(path: str | Path) -> dict[str, Any]:
+    """A TOML file as a dictionary.
+
+    Raises:
+        InputError: not there, longer than 32 MB, or not TOML; says the line.
+    """
+    path = Path(path)
+    try:
+        with TextIOWrapper(open_input(path), encoding="utf-8-sig") as file:
+            text = file.read(_LARGEST + 1)
+        if len(text) > _LARGEST:
+            raise InputError("is longer than 32 MB, which no TOML file of Palpate is.", where=str(path))
+        return tomllib.loads(text)
+    except (OSError, UnicodeDecodeError) as problem:
+        raise InputError(f"cannot be read ({problem}).", where=str(path)) from problem
+    except (ValueError, RecursionError) as problem:  # tomllib's own, an integer too long, lists in lists in lists
+        raise InputError(f"is not TOML: {problem}.", where=str(path)) from problem
+
+
+@takes_arrays
+def toml_array(rows: Float[np.ndarray, "n k"] | Sequence[Sequence[float]]) -> Array:
+    """A matrix for tomlkit, one row a line."""
+    array = tomlkit.array()
+    for row in np.asarray(rows).tolist():
+        array.append(row)
+    return array.multiline(multiline=True)
+
+
+def toml_lines(name: str, value: Any, comment: str = "") -> list[str]:
+    """One key with its value: a matrix has one row a line and its comment above."""
+    if not (isinstance(value, np.ndarray) and value.ndim == 2):
+        return [f"{_key(name)} = {_literal(value)}{f'  # {comment}' if comment else ''}"]
+    above = [f"# {comment}"] if comment else []
+    return [*above, f"{_key(name)} = [", *(f"    {_literal(row)}," for row in cast("Any", value)), "]"]
+
+
+def _key(name: str) -> str:
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _literal(name)
+
+
+def _literal(value: Any) -> str:
+    """A float by the shortest digits that read back to it."""
+    if isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind == "f":  # of a large skin there are many
+        return f"[{', '.join(map(repr, cast('Any', value).tolist()))}]"
+    if isinstance(value, (np.ndarray, np.generic)):
+        return _literal(cast("Any", value).tolist())
+    if isinstance(value, (list, tuple)):
+        return f"[{', '.join(_literal(each) for each in cast('Sequence[Any]', value))}]"
+    if isinstance(value, Mapping):
+        pairs = cast("Mapping[str, Any]", value).items()
+        return f"{{{', '.join(f'{_key(name)} = {_literal(each)}' for name, each in pairs)}}}"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, (int, float)):
+        return repr(value)
+    return tomlkit.item(str(value)).as_string()

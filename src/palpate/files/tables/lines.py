@@ -1,0 +1,104 @@
+"""Opening what is read, and the whole lines of a text file in pieces."""
+
+from __future__ import annotations
+
+import codecs
+import os
+import select
+from collections.abc import Callable, Iterator
+from io import BufferedReader
+from pathlib import Path
+from typing import BinaryIO
+
+from palpate.errors import InputError
+from palpate.files.atomic import irregular
+from palpate.files.units import near
+
+__all__ = ["open_input", "read_some", "whole_lines"]
+
+_INTO_A_FILE = "Write what it gives into a file first, and name that."
+_WAIT = 1.5  # s that a pipe is given until its first byte
+_LONGEST = 1 << 26  # bytes of a line, beyond which a file is no text
+
+
+def open_input(path: Path, *, pipe: bool = False) -> BufferedReader:
+    """Open a file to be read. A pipe waits for who writes, and a device may never end: they are not opened.
+
+    Args:
+        path: of the file.
+        pipe: a pipe is read too, from its start to its end and once, if something is written into it by now.
+
+    Raises:
+        InputError: it is not there, may not be read, or is a folder, a pipe, a device or a socket.
+    """
+    try:
+        kind = irregular(path.stat())
+        if kind == "a pipe" and pipe:
+            return _open_pipe(path)
+        if not kind:
+            return path.open("rb")
+    except FileNotFoundError:
+        siblings = [other.name for other in path.parent.glob("*")] if path.parent.is_dir() else []
+        raise InputError("there is no such file.", where=str(path), hint=near(path.name, siblings)) from None
+    except (OSError, ValueError) as problem:  # the second: a NUL in the name
+        raise InputError(f"cannot be read ({problem}).", where=str(path)) from problem
+    hint = "" if kind == "a folder" else _INTO_A_FILE
+    raise InputError(f"is {kind}, not a file that can be read.", where=str(path), hint=hint)
+
+
+def _open_pipe(path: Path) -> BufferedReader:
+    """Open a pipe into which something is written."""
+    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # does not wait for who writes
+    if not select.select([handle], [], [], _WAIT)[0]:
+        os.close(handle)
+        what = f"is a pipe, into which nothing was written for {_WAIT:g} s."
+        raise InputError(what, where=str(path), hint=_INTO_A_FILE)
+    os.set_blocking(handle, True)
+    return os.fdopen(handle, "rb")
+
+
+def whole_lines(file: BinaryIO, path: Path, size: int) -> Iterator[bytes]:
+    """The text in pieces of about `size` bytes (-1: all of it) that begin and end with a line, without its end.
+
+    UTF-16 is told by its mark, and becomes UTF-8.
+
+    Raises:
+        InputError: it is no text.
+    """
+    piece = read_some(file, path, size).removeprefix(b"\xef\xbb\xbf")
+    recode = _from_utf16() if piece.startswith((b"\xff\xfe", b"\xfe\xff")) else None
+    piece = piece if recode is None else recode(piece)
+    if b"\0" in piece[:4096]:
+        raise InputError("is not a text file.", where=str(path), hint="A log is a CSV file here.")
+    returns = b"\n" not in piece  # the line ends of old
+    rest = b""
+    while piece:
+        text = rest + (piece.replace(b"\r", b"\n") if returns else piece)
+        piece = read_some(file, path, size)
+        piece = piece if recode is None else recode(piece)
+        if not piece:
+            yield text.removesuffix(b"\n")
+            return
+        whole, end, rest = text.rpartition(b"\n")
+        if end:
+            yield whole
+        if len(rest) > _LONGEST:
+            raise InputError("has a line of more than 64 MB.", where=str(path), hint="A log is a CSV file here.")
+
+
+def _from_utf16() -> Callable[[bytes], bytes]:
+    """What makes UTF-8 of one piece of a text after the other."""
+    decoder = codecs.getincrementaldecoder("utf-16")("replace")
+    return lambda piece: decoder.decode(piece, final=not piece).encode()
+
+
+def read_some(file: BinaryIO, path: Path, size: int) -> bytes:
+    """So many bytes, or what is left, or all with -1.
+
+    Raises:
+        InputError: they cannot be read.
+    """
+    try:
+        return file.read(size)
+    except OSError as problem:  # a folder, a disk that fails
+        raise InputError(f"cannot be read ({problem}).", where=str(path)) from problem

@@ -1,0 +1,283 @@
+"""A delimited text file as named columns of text, every row of it accounted for: whole, or in pieces."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from typing import BinaryIO, NoReturn
+
+import numpy as np
+import polars as pl
+from jaxtyping import Bool, Float, Int, UInt8
+
+from palpate.errors import InputError
+from palpate.files.tables.dialect import COMMENTS, LOOKED_AT, SPACES, Dialect, find_dialect, spaces_to_tabs
+from palpate.files.tables.fields import Fields, Rows
+from palpate.files.tables.lines import open_input, whole_lines
+from palpate.files.tables.stamps import seconds
+from palpate.files.units import near
+from palpate.forks import require_polars_threads
+from palpate.spatial.arguments import takes_arrays
+
+__all__ = ["Table", "read_table", "tables"]
+
+_COMMENTS = tuple(mark.encode() for mark in COMMENTS)
+_MARKS = frozenset(mark[0] for mark in _COMMENTS)
+_INSIDE = b"\x1f"  # stands for a delimiter inside quotes, so that every line parses on its own
+
+
+@takes_arrays
+@dataclass(frozen=True)
+class Table:
+    """The text of some rows of a file; numbers are made on request, so that a bad field can be named.
+
+    Attributes:
+        path: the file.
+        dialect: how it is written.
+        lines: (n,) the line of the file that each row stands on, counted from 1.
+        fields: (n,) how many fields each row has; -1 where a quote is not closed.
+    """
+
+    path: Path
+    dialect: Dialect
+    lines: Int[np.ndarray, " n"]
+    fields: Int[np.ndarray, " n"]
+    _text: bytes
+
+    def __len__(self) -> int:
+        return len(self.lines)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the columns, as the header gives them."""
+        return self.dialect.names
+
+    @property
+    def delimiter(self) -> str:
+        """Of the text as it is held."""
+        return "\t" if self.dialect.delimiter == SPACES else self.dialect.delimiter
+
+    @property
+    def ragged(self) -> Bool[np.ndarray, " n"]:
+        """True where a row has more or fewer fields than the header, or a quote that is not closed."""
+        return self.fields != len(self.names)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was met on the way."""
+        return self.counted(Rows()).notes()
+
+    def counted(self, rows: Rows) -> Rows:
+        """Add these rows to an account of them."""
+        rows.add(self.lines, self.fields, len(self.names), self.delimiter)
+        return rows
+
+    def strings(self, name: str) -> pl.Series:
+        """One column as text, stripped, null where empty."""
+        self.require([name])
+        return self._strings([name])[0]
+
+    def numbers(
+        self, names: Sequence[str], *, strict: bool = False
+    ) -> tuple[Float[np.ndarray, "n k"], tuple[str, ...]]:
+        """Columns as float64, NaN where a field is not a number or its row is ragged, and a note when there is one.
+
+        Args:
+            names: of the columns.
+            strict: refuse a ragged row and a field that is no number, unless it is empty or says nan.
+
+        Raises:
+            InputError: a column is missing, or holds no number at all, or `strict` finds a row.
+        """
+        if strict and self.ragged.any():
+            self.refuse(
+                int(np.argmax(self.ragged)), f"does not have {len(self.names)} fields, or a quote is not closed"
+            )
+        fields = Fields()
+        values = self.read(names, fields)
+        fields.require_numbers(self.path)
+        if strict and fields.unread:
+            name, (place, text) = next(iter(fields.unread.items()))
+            raise InputError(f"{text!r} in column {name!r} is not a number.", where=f"{self.path}, {place}")
+        return values, fields.notes()
+
+    def read(self, names: Sequence[str], fields: Fields) -> Float[np.ndarray, "n k"]:
+        """Columns as float64, NaN where there is no number, of which `fields` keeps account.
+
+        Raises:
+            InputError: a column is missing.
+        """
+        self.require(names)
+        parsed = self._parse(names, numbers=True)
+        unclear = [name for name, column in zip(names, parsed, strict=True) if column.null_count()]
+        texts = dict(zip(unclear, self._strings(unclear), strict=True))
+        values = np.empty((len(self), len(names)))
+        for k, name in enumerate(names):
+            values[:, k] = self._cast(texts[name]) if name in texts else parsed[k].to_numpy()
+            fields.see(name, values[:, k])
+            if name in texts and name not in fields.unread:
+                self._find_unread(name, texts[name], values[:, k], fields)
+        values[self.ragged] = np.nan
+        fields.count(values, self._line)
+        return values
+
+    def refuse(self, row: int, what: str) -> NoReturn:
+        """Raise an InputError that names the line of a row."""
+        raise InputError(f"{what}.", where=f"{self.path}, {self._line(row)}")
+
+    def require(self, names: Sequence[str]) -> None:
+        """Raise an InputError unless each of these columns is there, once."""
+        there = Counter(self.names)
+        for name in names:
+            if there[name] > 1:
+                raise InputError(f"column {name!r} is there {there[name]} times.", where=str(self.path))
+            if not there[name]:
+                raise InputError(f"there is no column {name!r}.", where=str(self.path), hint=near(name, self.names))
+
+    def _line(self, row: int) -> str:
+        return f"line {self.lines[row]}"
+
+    def _find_unread(self, name: str, text: pl.Series, values: Float[np.ndarray, " n"], fields: Fields) -> None:
+        unread = text.is_not_null().to_numpy() & np.isnan(values) & ~_says_nan(text)
+        if unread.any():
+            at = int(np.argmax(unread))
+            fields.unread[name] = self._line(at), text[at]
+
+    def _strings(self, names: Sequence[str]) -> list[pl.Series]:
+        parsed = self._parse(names, numbers=False)
+        return [
+            column.to_frame("").select(_unquoted(pl.all(), self.delimiter).replace("", None)).to_series()
+            for column in parsed
+        ]
+
+    def _parse(self, names: Sequence[str], *, numbers: bool) -> list[pl.Series]:
+        at = {name: k for k, name in enumerate(self.names)}
+        indices = [at[name] for name in names]
+        frame = _frame(self._text, self.delimiter, self.path, len(self.names), indices, numbers=numbers)
+        return [frame[f"c{index}"] for index in indices]
+
+    def _cast(self, text: pl.Series) -> Float[np.ndarray, " n"]:
+        if self.dialect.decimal == ",":
+            text = text.str.replace(",", ".", literal=True)
+        numbers = text.cast(pl.Float64, strict=False)
+        if len(numbers) and numbers.null_count() == len(numbers):  # may be a clock's
+            numbers = seconds(text)
+        return numbers.fill_null(float("nan")).to_numpy().copy()
+
+
+def read_table(path: Path) -> Table:
+    """Read a delimited text as `palpate.files.tables.dialect` finds it written.
+
+    Raises:
+        InputError: the file is not there, not text, empty, or has no header or no row that fits it.
+    """
+    with open_input(path) as file:
+        whole = next(tables(file, path, -1))
+    whole.counted(Rows()).require(path)
+    return whole
+
+
+def tables(file: BinaryIO, path: Path, size: int) -> Iterator[Table]:
+    """The rows of an opened file in pieces of about `size` bytes; the first may be without rows.
+
+    Raises:
+        InputError: it is not text, empty, or has no header.
+    """
+    pieces, before, ahead = whole_lines(file, path, size), 0, list[bytes]()
+    for text in pieces:  # until there is something, and enough of it to tell how it is written
+        if ahead or re.search(rb"[^\n\r ]", text):
+            ahead.append(text)
+        else:
+            before += text.count(b"\n") + 1
+        if sum(map(len, ahead)) >= LOOKED_AT:
+            break
+    dialect = find_dialect(ahead[0] if len(ahead) == 1 else b"\n".join(ahead), path)
+    delimiter, skipped = (b"\t" if dialect.delimiter == SPACES else dialect.delimiter.encode()), dialect.first
+    for piece in chain(ahead, pieces):
+        start = 0
+        while skipped and start <= len(piece):
+            start, skipped = (piece.find(b"\n", start) + 1 or len(piece) + 1), skipped - 1
+            before += 1
+        raw = piece[start:] if start else piece
+        if dialect.delimiter == SPACES:
+            raw = spaces_to_tabs(raw)
+        if start > len(piece):
+            yield Table(path, dialect, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), b"")
+            continue
+        raw, numbers, fields = _split(raw, delimiter)
+        numbers += before
+        before += piece.count(b"\n", start) + 1
+        yield Table(path, dialect, numbers, fields, raw)
+
+
+def _split(raw: bytes, delimiter: bytes) -> tuple[bytes, Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+    """The text without blank lines and comments, `_INSIDE` for delimiters inside quotes; each line's number and fields.
+
+    A line is a row, whatever its quotes say: where one is not closed, the count of fields is -1.
+    """
+    text = np.frombuffer(raw, dtype=np.uint8)
+    ends = np.append(np.flatnonzero(text == ord("\n")), len(text))
+    starts = np.append(0, ends[:-1] + 1)
+    marks = np.flatnonzero(text == ord(delimiter))
+    unclosed = np.zeros(len(ends), dtype=bool)
+    if b'"' in raw:
+        quotes = np.flatnonzero(text == ord('"'))
+        before = np.searchsorted(quotes, starts)
+        unclosed = np.diff(before, append=len(quotes)) % 2 == 1
+        inside = (np.searchsorted(quotes, marks) - before[np.searchsorted(ends, marks)]) % 2 == 1
+        text = text.copy()
+        text[marks[inside]] = ord(_INSIDE)
+        raw, marks = text.tobytes(), marks[~inside]
+    fields = np.diff(np.searchsorted(marks, ends), prepend=0) + 1
+    blank = [k for k in np.flatnonzero(fields == 1) if not raw[starts[k] : ends[k]].strip()]
+    blank += [k for k in _marked(text, starts) if raw[starts[k] : ends[k]].startswith(_COMMENTS)]
+    if blank:
+        drop = set(blank)
+        raw = b"\n".join(line for k, line in enumerate(raw.split(b"\n")) if k not in drop)
+    fields[unclosed] = -1
+    return raw, np.delete(np.arange(1, len(ends) + 1), blank), np.delete(fields, blank)
+
+
+def _marked(text: UInt8[np.ndarray, " size"], starts: Int[np.ndarray, " n"]) -> Int[np.ndarray, " k"]:
+    """Lines that may be comments, by their first byte."""
+    if not len(text):
+        return np.zeros(0, dtype=np.int64)
+    first = text.take(starts, mode="clip")
+    return np.flatnonzero(np.logical_or.reduce([first == mark for mark in _MARKS]))
+
+
+def _unquoted(text: pl.Expr, delimiter: str) -> pl.Expr:
+    """Without quotes and space around it, and with what the quotes protected."""
+    bare = text.str.strip_chars().str.strip_prefix('"').str.strip_suffix('"').str.strip_chars()
+    return bare.str.replace_all('""', '"', literal=True).str.replace_all(_INSIDE.decode(), delimiter, literal=True)
+
+
+def _frame(
+    text: bytes, delimiter: str, path: Path, count: int, columns: Sequence[int], *, numbers: bool
+) -> pl.DataFrame:
+    """Columns c0, c1, ... of text without a header; null where a field is empty or not of this kind."""
+    require_polars_threads()
+    names = [f"c{k}" for k in range(count)]
+    try:
+        return pl.read_csv(
+            io.BytesIO(delimiter.join(names).encode() + b"\n" + text),  # polars takes the width from the first line
+            separator=delimiter,
+            quote_char=None,
+            schema={name: pl.Float64 if numbers else pl.String for name in names},
+            ignore_errors=True,
+            truncate_ragged_lines=True,
+            encoding="utf8-lossy",
+            columns=[names[k] for k in sorted(set(columns))],
+        )
+    except pl.exceptions.PolarsError as problem:
+        raise InputError(f"is not a table ({str(problem).splitlines()[0]}).", where=str(path)) from problem
+
+
+def _says_nan(text: pl.Series) -> Bool[np.ndarray, " n"]:
+    """Where a field says that there is no number."""
+    return text.str.to_lowercase().is_in(["nan", "-nan", "+nan", "null", "none"]).fill_null(value=False).to_numpy()

@@ -1,0 +1,416 @@
+"""A robot's description (URDF): a link's meshes as a surface, frames that fixed joints join, kinematics of others."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+from xml.etree import ElementTree
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from palpate.errors import GeometryError, InputError, not_loaded
+from palpate.files.tables.lines import open_input
+from palpate.files.units import near
+from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.frames import FrameTree
+from palpate.spatial.pose import Pose, quaternion_from_rotation
+from palpate.surfaces._load import arrays_of, load_arrays
+from palpate.surfaces.mesh import Mesh
+
+__all__ = ["GEOMETRIES", "Kinematics", "LinkBody", "Urdf"]
+
+GEOMETRIES = ("visual", "collision")  # the first that a link has is taken: what it is drawn with is closer to its shape
+_XACRO = "Expand it first: xacro robot.urdf.xacro > robot.urdf (ROS 2: ros2 run xacro xacro ...)."
+_MOVING = ("revolute", "continuous", "prismatic")
+_ROUND, _HALVED = 96, 4  # facets round a cylinder, halvings of an icosahedron: chords err by R / 1500 or less
+
+
+@dataclass(frozen=True)
+class Joint:
+    """Parent and child link, T_parent_child where it is at zero, and what it follows: a joint, or "", and how."""
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    origin: Pose
+    mimics: str
+    follows: tuple[float, float] = (1.0, 0.0)
+
+
+@takes_arrays
+@dataclass(frozen=True)
+class LinkBody:
+    """What a link is made of, in its frame [m].
+
+    Attributes:
+        vertices, faces: of all its meshes and primitives.
+        geometry: which of `GEOMETRIES` it was taken from.
+        files: of meshes.
+    """
+
+    vertices: Float[np.ndarray, "v 3"]
+    faces: Int[np.ndarray, "f 3"]
+    geometry: str
+    files: tuple[Path, ...]
+
+    def mesh(self, source: str, **options: Any) -> Mesh:
+        """As a surface, with the options of `Mesh.from_arrays`.
+
+        Raises:
+            GeometryError: there is nothing usable in it; `source` says in what.
+        """
+        try:
+            return Mesh.from_arrays(self.vertices, self.faces, **options)
+        except GeometryError as error:
+            raise GeometryError(f"{source}: {error}") from error
+
+
+class Urdf:
+    """A description that was read.
+
+    Args:
+        path: of the file.
+        packages: name -> its folder; others are looked for above the file, and where ROS keeps them.
+
+    Raises:
+        InputError: no such file, no URDF, or one that xacro has still to expand.
+    """
+
+    def __init__(self, path: Path, packages: Mapping[str, Path] | None = None) -> None:
+        self.path, self.packages = path, dict(packages or {})
+        try:
+            with open_input(path) as file:
+                root = ElementTree.parse(file).getroot()
+        except (OSError, ElementTree.ParseError, UnicodeError, ValueError) as problem:
+            raise InputError(f"is no URDF that can be read ({problem}).", where=str(path)) from problem
+        if path.suffix == ".xacro" or any("xacro" in str(each.tag) for each in root.iter()):
+            raise InputError("is written in xacro.", where=str(path), hint=_XACRO)
+        if root.tag != "robot":
+            raise InputError(f"is no URDF: it describes a {root.tag!r}, not a robot.", where=str(path))
+        self._links = {link.get("name", ""): link for link in root.iterfind("link")}
+        self._elements = root.findall("joint")
+        self.joints = tuple(self._joint(joint) for joint in self._elements)
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """Their names, in the order of the file."""
+        return tuple(self._links)
+
+    def shaped(self) -> list[str]:
+        """Links that have a geometry."""
+        return [name for name, link in self._links.items() if any(_shapes(link, each) for each in GEOMETRIES)]
+
+    def fixed(self) -> FrameTree:
+        """The links, as far as fixed joints join them."""
+        return FrameTree((joint.parent, joint.child, joint.origin) for joint in self.joints if joint.kind == "fixed")
+
+    def root(self, link: str) -> str:
+        """The topmost link above one.
+
+        Raises:
+            InputError: no such link, a link of two parents, or a loop.
+        """
+        self.require(link)
+        return FrameTree((joint.parent, joint.child, joint.origin) for joint in self.joints).up(link)[-1]
+
+    def chain(self, base: str, sensor: str) -> list[Joint]:
+        """The joints between two links, those that do not move left out.
+
+        Raises:
+            InputError: no such link, a loop, or a joint that moves otherwise than about or along one axis.
+        """
+        found = [joint for joint, _ in self.steps(base, sensor) if joint.kind != "fixed"]
+        return sorted(found, key=self.joints.index)
+
+    def steps(self, base: str, sensor: str) -> list[tuple[Joint, bool]]:
+        """All joints from one link to another, and whether each is passed from its parent to its child.
+
+        Raises:
+            InputError: as `chain`.
+        """
+        for link in (base, sensor):
+            self.require(link)
+        tree = FrameTree((joint.parent, joint.child, joint.origin) for joint in self.joints)
+        try:
+            frames = tree.path(base, sensor).frames
+        except InputError as problem:
+            raise InputError(problem.what, where=str(self.path), hint=problem.hint) from problem
+        ends = {(joint.parent, joint.child): joint for joint in self.joints}
+        found = [(ends[a, b], True) if (a, b) in ends else (ends[b, a], False) for a, b in pairwise(frames)]
+        for joint, _ in found:
+            if joint.kind not in (*_MOVING, "fixed"):
+                raise InputError(
+                    f"joint {joint.name!r}, between {base!r} and {sensor!r}, is {joint.kind}: no number states it.",
+                    where=str(self.path),
+                    hint="Name a base behind it.",
+                )
+        return found
+
+    def axis(self, joint: Joint) -> Float[np.ndarray, " 3"]:
+        """Of a joint, in its own frame and of any length; x where the file says none."""
+        element = self._element(joint).find("axis")
+        if element is None:
+            return np.array([1.0, 0.0, 0.0])
+        return self._numbers(element, "xyz", f"the axis of joint {joint.name!r}", (1.0, 0.0, 0.0))
+
+    def limits(self, joint: Joint) -> tuple[float, float, float]:
+        """Least and greatest position of a joint, and its greatest speed: 0 where the file says none, as URDF has it.
+
+        The range of a continuous joint is without end.
+
+        Raises:
+            InputError: numbers that cannot be read, or none at all.
+        """
+        element, of = self._element(joint).find("limit"), f"the limit of joint {joint.name!r}"
+        if element is None:
+            raise InputError(f"joint {joint.name!r} has no limit.", where=str(self.path), hint="Add its <limit>.")
+        lower, upper, speed = (float(self._numbers(element, k, of, (0.0,))[0]) for k in ("lower", "upper", "velocity"))
+        return (-np.inf, np.inf, speed) if joint.kind == "continuous" else (lower, upper, speed)
+
+    def _element(self, joint: Joint) -> Any:
+        return self._elements[self.joints.index(joint)]
+
+    def require(self, link: str) -> None:
+        """InputError where there is no such link."""
+        if link not in self._links:
+            raise InputError(f"there is no link {link!r}.", where=str(self.path), hint=near(link, self._links))
+
+    def body(self, link: str, geometry: str | None = None) -> LinkBody:
+        """Meshes, boxes, cylinders and spheres of a link, each with its scale and origin, in the link's frame.
+
+        Args:
+            link: its name.
+            geometry: of `GEOMETRIES`; None: the first that it has.
+
+        Raises:
+            InputError: no such link, nothing in it, a package or a mesh that is not there.
+        """
+        self.require(link)
+        kinds = GEOMETRIES if geometry is None else (geometry,)
+        taken = next((kind for kind in kinds if _shapes(self._links[link], kind)), None)
+        if taken is None:
+            what = "geometry" if geometry is None else f"{geometry} geometry"
+            raise InputError(f"link {link!r} has no {what}.", where=str(self.path), hint=near(link, self.shaped()))
+        vertices, faces, files, count = list[np.ndarray](), list[np.ndarray](), list[Path](), 0
+        for shape in _shapes(self._links[link], taken):
+            points, triangles, file = self._shape(shape, link)
+            vertices.append(self._origin(shape, f"link {link!r}").apply(points))
+            faces.append(triangles + count)
+            files += [] if file is None else [file]
+            count += len(points)
+        return LinkBody(np.concatenate(vertices), np.concatenate(faces), taken, tuple(dict.fromkeys(files)))
+
+    def _shape(self, shape: Any, link: str) -> tuple[np.ndarray, np.ndarray, Path | None]:
+        """Vertices [m] in the shape's own frame, counter-clockwise faces, and the file that they are from."""
+        mesh = shape.find("geometry/mesh")
+        if mesh is None:
+            return *arrays_of(self._primitive(shape.find("geometry"), f"link {link!r}"), str(self.path)), None
+        file = self.resolve(mesh.get("filename", ""))
+        scale = self._numbers(mesh, "scale", f"link {link!r}", (1.0, 1.0, 1.0)) * _collada_unit(file)
+        points, faces = load_arrays(file)
+        mirrored = bool(np.prod(scale) < 0)  # the other hand of a pair: facets are seen from the other side
+        return points * scale, faces[:, ::-1] if mirrored else faces, file
+
+    def _primitive(self, geometry: Any, of: str) -> Any:
+        """As a mesh of trimesh."""
+        from trimesh import creation
+
+        for kind in geometry:
+            if kind.tag == "box":
+                return creation.box(extents=self._numbers(kind, "size", of))
+            if kind.tag == "cylinder":
+                radius, length = (self._numbers(kind, key, of)[0] for key in ("radius", "length"))
+                return creation.cylinder(radius, length, sections=_ROUND)
+            if kind.tag == "sphere":
+                return creation.icosphere(subdivisions=_HALVED, radius=self._numbers(kind, "radius", of)[0])
+        raise InputError(f"{of} has a geometry that is none of URDF's.", where=str(self.path))
+
+    def resolve(self, name: str) -> Path:
+        """The file that `package://NAME/...`, `file://...` or a path beside the URDF means.
+
+        Raises:
+            InputError: the package, or the file in it, is not there.
+        """
+        scheme, _, rest = name.rpartition("://")
+        rest = unquote(rest) if scheme else rest
+        if scheme in ("package", "model"):
+            package, _, inside = rest.partition("/")
+            folders = list(self._folders(package))
+            if not folders:
+                raise InputError(
+                    f"mesh {name!r}: package {package!r} is not found.",
+                    where=str(self.path),
+                    hint=f"Say where it is: --package {package}=FOLDER, or packages in the rig's [surface].",
+                )
+            files = [folder / inside for folder in folders]
+        elif scheme in ("", "file"):
+            files = [self.path.parent / rest]
+        else:
+            raise InputError(f"mesh {name!r} is not a file.", where=str(self.path), hint="Use package:// or a path.")
+        found = next((file for file in files if file.is_file()), None)
+        if found is None:
+            raise InputError(f"mesh {name!r} is not there: no file {files[0]}.", where=str(self.path))
+        return found
+
+    def _folders(self, package: str) -> Iterator[Path]:
+        """Where a package may be: as told, above the URDF, where ROS keeps them."""
+        if package in self.packages:
+            yield self.packages[package]
+            return
+        for above in self.path.resolve().parents:
+            if above.name == package or _declares(above / "package.xml", package):
+                yield above
+            if (above / package).is_dir():
+                yield above / package
+        for variable, inside in (("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share")):
+            for folder in filter(None, os.environ.get(variable, "").split(os.pathsep)):
+                for one in (Path(folder, inside, package), Path(folder)):
+                    if one.is_dir() and one.name == package:
+                        yield one
+
+    def _joint(self, joint: Any) -> Joint:
+        name, kind = joint.get("name", ""), joint.get("type", "fixed")
+        ends = [None if end is None else end.get("link") for end in (joint.find("parent"), joint.find("child"))]
+        if None in ends or not {*ends} <= {*self._links}:
+            raise InputError(f"joint {name!r} does not join two links that are there.", where=str(self.path))
+        mimic = joint.find("mimic")
+        place = self._origin(joint, of := f"joint {name!r}")
+        if mimic is None:
+            return Joint(name, kind, str(ends[0]), str(ends[1]), place, "")
+        factor, offset = (
+            self._numbers(mimic, key, of, (each,))[0] for key, each in (("multiplier", 1.0), ("offset", 0.0))
+        )
+        return Joint(
+            name, kind, str(ends[0]), str(ends[1]), place, mimic.get("joint", ""), (float(factor), float(offset))
+        )
+
+    def _origin(self, element: Any, of: str) -> Pose:
+        """Its `origin`: rpy are angles about the fixed axes x, y, z, in this order."""
+        from scipy.spatial.transform import Rotation  # here: it takes 0.1 s to import
+
+        origin = element.find("origin")
+        if origin is None:
+            return Pose.identity()
+        turn, shift = (self._numbers(origin, key, of, (0.0, 0.0, 0.0)) for key in ("rpy", "xyz"))
+        return Pose(Rotation.from_euler("xyz", turn).as_matrix(), shift)
+
+    def _numbers(
+        self, element: Any, key: str, of: str, default: tuple[float, ...] | None = None
+    ) -> Float[np.ndarray, " k"]:
+        """Three of them as a rule; one of a primitive that says one."""
+        text = element.get(key)
+        if text is None and default is not None:
+            return np.array(default)
+        wanted = 3 if key in ("xyz", "rpy", "size", "scale") else 1
+        try:
+            values = np.array([float(part) for part in str(text).split()])
+        except ValueError:
+            values = np.zeros(0)
+        if len(values) != wanted or not np.isfinite(values).all() or (default is None and not (values > 0).all()):
+            raise InputError(f"{key} of {of} must be {wanted} numbers, not {text!r}.", where=str(self.path))
+        return values
+
+
+@takes_arrays
+class Kinematics:
+    """One link in another, from the positions of the joints between them, by pinocchio.
+
+    Attributes:
+        joints: whose positions [rad, m] are needed; those that mimic another are not, but what they follow is.
+
+    Raises:
+        InputError: no such link, or pinocchio is not installed.
+    """
+
+    def __init__(self, urdf: Urdf, base: str, sensor: str) -> None:
+        try:
+            self._pin: Any = import_module("pinocchio")
+        except ImportError as problem:
+            raise not_loaded(problem, "joint states need pinocchio", "urdf", where=str(urdf.path)) from problem
+        chain, known = urdf.chain(base, sensor), {joint.name: joint for joint in urdf.joints}
+        for joint in chain:
+            if joint.mimics and (joint.mimics not in known or known[joint.mimics].mimics):
+                raise InputError(
+                    f"joint {joint.name!r} follows {joint.mimics!r}, which does not move by itself.",
+                    where=str(urdf.path),
+                )
+        self.joints = tuple(dict.fromkeys(joint.mimics or joint.name for joint in chain))
+        self._limited = [known[name].kind == "revolute" for name in self.joints]
+        try:
+            self._model = self._pin.buildModelFromUrdf(str(urdf.path))
+        except Exception as problem:  # whatever its parser meets
+            reason = " ".join(str(problem).split())[:160]
+            raise InputError(f"pinocchio cannot use it ({reason}).", where=str(urdf.path)) from problem
+        self._data = self._model.createData()
+        self._frames = [self._model.getFrameId(link, self._pin.FrameType.BODY) for link in (base, sensor)]
+        self._moved = [  # where it stands among pinocchio's numbers, what it follows, and how
+            (
+                self._model.joints[self._model.getJointId(joint.name)],
+                self.joints.index(joint.mimics or joint.name),
+                joint,
+            )
+            for joint in chain
+        ]
+
+    def require_radians(self, values: Float[np.ndarray, "n k"], where: str) -> None:
+        """InputError where most positions of a joint that cannot turn all the way are more than a turn."""
+        if not len(values):
+            return
+        beyond = np.mean(np.abs(values) > 2 * np.pi, axis=0) > 0.5  # fewer may be faults
+        for k in np.flatnonzero(beyond & np.array(self._limited, dtype=bool)):
+            raise InputError(
+                f"joint {self.joints[k]!r} reads {values[0, k]:.4g}, more than a turn: is it in degrees?",
+                where=where,
+                hint="Positions of joints are in radians.",
+            )
+
+    def poses(self, values: Float[np.ndarray, "n k"]) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 3"]]:
+        """Quaternions x, y, z, w and positions [m] of the sensor in the base, at positions of `joints`."""
+        pin, model, data = self._pin, self._model, self._data
+        moved = np.ones(len(values), dtype=bool)
+        moved[1:] = (values[1:] != values[:-1]).any(axis=1)
+        values, row_of = np.unique(values[moved], axis=0, return_inverse=True)  # an arm that stays, stays in one pose
+        row_of = row_of[np.cumsum(moved) - 1]
+        rotation, shift = np.empty((len(values), 3, 3)), np.empty((len(values), 3))
+        where = pin.neutral(model)
+        base, sensor = self._frames
+        for k, row in enumerate(values):
+            for place, source, joint in self._moved:
+                factor, offset = joint.follows
+                value = factor * row[source] + offset
+                turns = place.nq == 2  # a continuous joint: cosine and sine
+                where[place.idx_q : place.idx_q + place.nq] = (np.cos(value), np.sin(value)) if turns else value
+            pin.forwardKinematics(model, data, where)
+            pose = pin.updateFramePlacement(model, data, base).actInv(pin.updateFramePlacement(model, data, sensor))
+            rotation[k], shift[k] = pose.rotation, pose.translation
+        return quaternion_from_rotation(rotation)[row_of], shift[row_of]
+
+
+def _shapes(link: Any, geometry: str) -> list[Any]:
+    return [shape for shape in link.iterfind(geometry) if shape.find("geometry") is not None]
+
+
+def _declares(file: Path, package: str) -> bool:
+    """Whether a package.xml is that of a package."""
+    try:
+        return file.is_file() and ElementTree.parse(file).getroot().findtext("name", "").strip() == package
+    except (OSError, ElementTree.ParseError):
+        return False
+
+
+def _collada_unit(file: Path) -> float:
+    """Metres in one unit of a COLLADA file, which alone of these formats says it; 1 of any other."""
+    if file.suffix.lower() != ".dae":
+        return 1.0
+    with file.open("rb") as content:
+        said = re.search(rb'<unit\b[^>]*\bmeter="([0-9.eE+-]+)"', content.read(1 << 16))
+    return 1.0 if said is None else float(said[1])

@@ -1,5 +1,0 @@
-"""The rig: one TOML that a person writes, what it builds, and how it is guessed and edited."""
-
-from palpate.io.rig.rig import Rig, check_rig, load_rig
-
-__all__ = ["Rig", "check_rig", "load_rig"]

@@ -1,0 +1,113 @@
+"""A camera as a source of images."""
+
+from __future__ import annotations
+
+import time
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike
+
+from palpate.errors import InputError, not_loaded
+from palpate.live.source import Batch
+from palpate.setup.setup import Setup
+from palpate.setup.source import RigSource
+
+__all__ = ["Camera"]
+
+AGAIN = 1.0  # s between attempts to open a camera that was lost
+
+
+class Camera:
+    """A camera that OpenCV opens, by its number or file; frames are stamped when they are read.
+
+    Args:
+        address: number ("0"), device ("/dev/video0"), or a video, which comes as fast as it is read.
+        rate: [Hz] that is asked of it; None: its own.
+
+    Raises:
+        InputError: OpenCV is not installed, or there is no such camera: its first frame says how large images are.
+    """
+
+    dtype: DTypeLike = np.uint8
+    poses = False
+
+    def __init__(self, address: str, rate: float | None = None) -> None:
+        try:
+            self._cv2: Any = import_module("cv2")
+        except ImportError as problem:
+            raise not_loaded(problem, "a camera needs OpenCV", "camera") from problem
+        self._address, self._rate = address, rate
+        self._said: list[str] = []
+        self._device: Any = None
+        self._tried = 0.0
+        first = self._opened() and self._device.read()[1]
+        if first is None or first is False:
+            raise InputError(
+                "there is no camera, it is in use, or it may not be opened.",
+                where=f"{address}, [source] of the rig",
+                hint="Give its number (0) or device (/dev/video0); your user must be in the group `video`.",
+            )
+        self.shape = tuple(first.shape)
+        self._first: np.ndarray | None = first
+
+    @classmethod
+    def of(cls, stated: RigSource, setup: Setup) -> Camera:
+        """Return the camera that a [source] names."""
+        own = setup.link.folder / stated.address
+        return cls(str(own) if own.is_file() else stated.address, stated.rate)
+
+    def open(self) -> None:
+        """It is open already."""
+
+    def receive(self, batch: Batch, timeout: float) -> int:
+        """One frame; a camera that was lost is opened again."""
+        if self._first is not None:
+            frame, self._first = self._first, None
+        elif self._device is None:
+            return self._reopened(timeout)
+        else:
+            fine, frame = self._device.read()
+            if not fine:
+                self._said.append(f"the camera {self._address} gives no more frames; it is opened again")
+                self.close()
+                return 0
+        if frame.shape != self.shape:
+            self._said.append(f"the camera gave an image of {frame.shape[1]} x {frame.shape[0]}, which is left out")
+            return 0
+        batch.stamp[0], batch.lost[0] = time.time_ns(), 0
+        batch.values[0] = frame
+        return 1
+
+    def said(self) -> list[str]:
+        """Lost, and found again."""
+        said, self._said = self._said, []
+        return said
+
+    def close(self) -> None:
+        """Let go of it."""
+        if self._device is not None:
+            self._device.release()
+        self._device = None
+
+    def _opened(self) -> bool:
+        number = int(self._address) if self._address.isdigit() else self._address
+        device = self._cv2.VideoCapture(number)
+        if not device.isOpened():
+            device.release()
+            return False
+        if self._rate is not None:
+            device.set(self._cv2.CAP_PROP_FPS, self._rate)
+        self._device = device
+        return True
+
+    def _reopened(self, timeout: float) -> int:
+        """Try again, not too often."""
+        if time.monotonic() - self._tried < AGAIN:
+            time.sleep(timeout)
+            return 0
+        self._tried = time.monotonic()
+        if self._opened():
+            self._said.append(f"the camera {self._address} is back")
+        return 0

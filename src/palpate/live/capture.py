@@ -1,0 +1,59 @@
+"""A few seconds of a device as a log, so that a rig can be guessed from them."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from palpate.errors import InputError
+from palpate.files.logs.layout import WRENCH_COLUMNS
+from palpate.files.schema import parse
+from palpate.live.source import Batch
+from palpate.live.sources import source_of
+from palpate.setup.rig import Rig
+from palpate.setup.source import RigSource
+
+__all__ = ["listen", "stated_source"]
+
+SECONDS = 3.0
+
+
+def stated_source(said: str) -> RigSource:
+    """KIND:ADDRESS, such as netft:192.168.1.1; of ROS 2 the kind alone.
+
+    Raises:
+        InputError: there is no such kind, or the address is missing.
+    """
+    kind, _, address = said.partition(":")
+    return parse({"kind": kind, **({"address": address} if address else {})}, RigSource, file="--source")
+
+
+def listen(source: RigSource, folder: Path, seconds: float = SECONDS) -> Path:
+    """What a source of wrenches gives for some seconds, as a table in a folder.
+
+    Raises:
+        InputError: it cannot be opened, gives something else, or nothing.
+    """
+    device = source_of(source, Rig(folder=Path.cwd()).resolve())
+    if device.shape != (6,):
+        raise InputError("gives no wrenches.", where="--source", hint="Give a log of it instead, from which to guess.")
+    batch, times, values = Batch(device.shape), list[np.ndarray](), list[np.ndarray]()
+    try:
+        device.open()
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            count = device.receive(batch, 0.1)
+            times.append(batch.stamp[:count] / 1e9)
+            values.append(batch.values[:count].copy())
+    finally:
+        device.close()
+    time_, wrench = np.concatenate(times), np.concatenate(values)
+    if len(time_) < 2:
+        raise InputError(f"gave no samples within {seconds:g} s.", where="--source")
+    file = folder / f"{source.kind}.csv"
+    columns = {"time": time_ - time_[0], **dict(zip(WRENCH_COLUMNS, wrench.T, strict=True))}
+    pl.DataFrame(columns).write_csv(file)
+    return file

@@ -1,0 +1,189 @@
+"""Datagrams that wait at a socket, many by one call, with the kernel's stamps and its count of those it dropped."""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import os
+import socket
+import struct
+import sys
+import time
+
+import numpy as np
+from jaxtyping import Int, UInt32, UInt64
+
+__all__ = ["Datagrams", "ask_buffer", "packed_address"]
+
+_TIMESTAMPNS, _RXQ_OVFL, _RCVBUFFORCE = 35, 40, 33  # of Linux, not in `socket`
+_DONTWAIT = 0x40
+_ADDRESS = 16  # bytes of a sockaddr_in, of which the first 8 say who
+
+
+class _Message(ctypes.Structure):
+    """`struct msghdr`; pointers are numbers, so that NumPy sees them."""
+
+    _fields_ = [
+        ("name", ctypes.c_size_t),
+        ("name_size", ctypes.c_uint32),
+        ("vector", ctypes.c_size_t),
+        ("vector_size", ctypes.c_size_t),
+        ("control", ctypes.c_size_t),
+        ("control_size", ctypes.c_size_t),
+        ("flags", ctypes.c_int),
+    ]
+
+
+class _Header(ctypes.Structure):
+    """`struct mmsghdr`."""
+
+    _fields_ = [("message", _Message), ("length", ctypes.c_uint32)]
+
+
+class _Vector(ctypes.Structure):
+    """`struct iovec`."""
+
+    _fields_ = [("base", ctypes.c_size_t), ("size", ctypes.c_size_t)]
+
+
+class _Control(ctypes.Structure):
+    """What the kernel says beside a datagram: always its stamp, and the drops behind it once there were any."""
+
+    _fields_ = [
+        ("size", ctypes.c_size_t),
+        ("level", ctypes.c_int),
+        ("kind", ctypes.c_int),
+        ("seconds", ctypes.c_long),
+        ("nanoseconds", ctypes.c_long),
+        ("drops_size", ctypes.c_size_t),
+        ("drops_level", ctypes.c_int),
+        ("drops_kind", ctypes.c_int),
+        ("drops", ctypes.c_uint32),
+        ("rest", ctypes.c_uint32),
+    ]
+
+
+class Datagrams:
+    """What waits at a UDP socket of IPv4; the arrays are filled again and again.
+
+    Attributes:
+        slot: (size,) of a structured dtype: the bytes of each, as many as it holds.
+        length: (size,) bytes of each, at most a slot's.
+        sender: (size,) each sender as `packed_address` says it.
+        stamp: (size,) int64 [ns] since 1970: when each arrived at the kernel; when it was read, where the kernel does
+            not say.
+        dropped: datagrams that the kernel dropped so far because the buffer was full; 0 where it does not say.
+    """
+
+    def __init__(self, receiver: socket.socket, slots: np.dtype[np.void], size: int) -> None:
+        receiver.setblocking(False)
+        self._socket = receiver
+        self.slot = np.zeros(size, dtype=slots)
+        self.length: UInt32[np.ndarray, " n"] = np.zeros(size, dtype=np.uint32)
+        self.sender: UInt64[np.ndarray, " n"] = np.zeros(size, dtype=np.uint64)
+        self.stamp: Int[np.ndarray, " n"] = np.zeros(size, dtype=np.int64)
+        self.dropped = 0
+        self._many: _Many | None = _Many(self) if sys.platform == "linux" else None
+
+    def take(self, most: int) -> int:
+        """As many as wait, at most `most`; never waits.
+
+        Raises:
+            OSError: the socket cannot be read.
+        """
+        most = min(most, len(self.slot))
+        return self._many.take(self, most) if self._many is not None else self._one_by_one(most)
+
+    def fileno(self) -> int:
+        """Of the socket."""
+        return self._socket.fileno()
+
+    def _one_by_one(self, most: int) -> int:
+        whole = self.slot.view(np.uint8).data
+        size = self.slot.dtype.itemsize
+        for k in range(most):
+            try:
+                self.length[k], address = self._socket.recvfrom_into(whole[k * size : (k + 1) * size])
+            except (BlockingIOError, InterruptedError):
+                return k
+            self.sender[k], self.stamp[k] = packed_address(address), time.time_ns()
+        return most
+
+
+class _Many:
+    """recvmmsg of Linux: every datagram that waits, by one call."""
+
+    def __init__(self, owner: Datagrams) -> None:
+        from palpate.live import _stream  # compiled: loaded when first needed
+
+        size = len(owner.slot)
+        self._headers, self._controls = _rows(_Header, size), _rows(_Control, size)
+        self._vectors = _rows(_Vector, size)
+        self._vectors["base"], self._vectors["size"] = _each(owner.slot), owner.slot.dtype.itemsize
+        self._names = np.zeros((size, _ADDRESS // 8), dtype=np.uint64)
+        message: np.ndarray = self._headers["message"]
+        message["name"], message["name_size"] = _each(self._names), _ADDRESS
+        message["vector"], message["vector_size"] = _each(self._vectors), 1
+        message["control"], message["control_size"] = _each(self._controls), self._controls.itemsize
+        self._said: np.ndarray = message["control_size"]  # views are made once: making one costs as much as a sample
+        self._seconds: np.ndarray = self._controls["seconds"]
+        self._nanoseconds: np.ndarray = self._controls["nanoseconds"]
+        owner.length, owner.sender = self._headers["length"], self._names[:, 0]
+        self._call = ctypes.CDLL(None, use_errno=True).recvmmsg
+        self._call.argtypes = [ctypes.c_int, ctypes.c_void_p, ctypes.c_uint, ctypes.c_int, ctypes.c_void_p]
+        self._at = self._headers.ctypes.data
+        self._stamps = _stream.stamped
+        self._stamped(owner, 0)  # compiles
+        receiver = socket.socket(fileno=os.dup(owner.fileno()))
+        with receiver:
+            receiver.setsockopt(socket.SOL_SOCKET, _TIMESTAMPNS, 1)
+            receiver.setsockopt(socket.SOL_SOCKET, _RXQ_OVFL, 1)
+
+    def take(self, owner: Datagrams, most: int) -> int:
+        count = int(self._call(owner.fileno(), self._at, most, _DONTWAIT, None))
+        if count < 0:
+            number = ctypes.get_errno()
+            if number in (errno.EAGAIN, errno.EINTR):
+                return 0
+            raise OSError(number, os.strerror(number))
+        if self._stamped(owner, count) >= _Control.rest.offset:
+            owner.dropped += (int(self._controls["drops"][count - 1]) - owner.dropped) & 0xFFFFFFFF
+        return count
+
+    def _stamped(self, owner: Datagrams, count: int) -> int:
+        """Fills the stamps; how many bytes the kernel said beside the last datagram."""
+        least, size = _Control.drops_size.offset, self._controls.itemsize
+        now = time.time_ns()  # for the kernel stamps from a moment after it was asked
+        return self._stamps(count, self._seconds, self._nanoseconds, least, now, owner.stamp, self._said, size)
+
+
+def packed_address(address: tuple[str, int]) -> int:
+    """A numeric IPv4 address and a port as the first 8 bytes of Linux's own form."""
+    raw = struct.pack("=H", socket.AF_INET) + struct.pack(">H", address[1]) + socket.inet_aton(address[0])
+    return int.from_bytes(raw, sys.byteorder)
+
+
+def ask_buffer(receiver: socket.socket, size: int) -> int:
+    """Ask for a receive buffer of `size` bytes, by force where that is allowed.
+
+    Returns:
+        bytes that were granted; the kernel's own bookkeeping has as much again.
+    """
+    if sys.platform == "linux":
+        try:
+            receiver.setsockopt(socket.SOL_SOCKET, _RCVBUFFORCE, size)
+        except PermissionError:  # of root alone
+            receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, size)
+        return receiver.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2
+    receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, size)
+    return receiver.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+
+
+def _rows(kind: type[ctypes.Structure], size: int) -> np.ndarray:
+    """That many of a C structure, side by side."""
+    return np.zeros(size, dtype=np.dtype((np.void, kind)))
+
+
+def _each(rows: np.ndarray) -> UInt64[np.ndarray, " n"]:
+    """Where each row of an array begins."""
+    return (rows.ctypes.data + np.arange(len(rows)) * rows.strides[0]).astype(np.uint64)

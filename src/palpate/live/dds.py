@@ -1,0 +1,322 @@
+"""A participant in a domain of DDS: the network under ROS 2, through cyclonedds, without an installation of ROS."""
+
+from __future__ import annotations
+
+import os
+import re
+import socket
+import time
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import suppress
+from importlib import import_module
+from itertools import count
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from palpate.errors import InputError, not_loaded
+from palpate.files.logs.log import Messages, Topic
+from palpate.live.ros_types import idl_type, ros_type_name
+
+__all__ = ["DEPTH", "LOOPBACK", "Node", "Reader", "Writer", "ros_name"]
+
+DEPTH = 8192  # messages that wait in a reader, at most: 1.2 s at 7 kHz
+LOOPBACK = "127.0.0.1"
+_PARTICIPANTS = 32  # on one machine, that find each other without multicast
+_FAST_DDS = "1.15"  # as a vendor of DDS: it describes some types otherwise, which would keep readers and writers apart
+_PORTS = 250  # of a domain, from 7400 on
+_BUFFER = 2**22  # bytes that the kernel is asked to keep for each port: it gives what it may
+_OPEN = "ports of DDS are open to other machines, too: this system does not let them be kept to loopback"
+_BLOCKED = 10_000_000  # ns that a write may wait for slow readers
+_ids = count(0x10000)  # of domains inside this process: each node has one of its own
+
+
+def ros_name(name: str) -> str:
+    """Of a topic, absolute."""
+    return f"/{name.lstrip('/')}"
+
+
+def _cyclone() -> SimpleNamespace:
+    """What is used of cyclonedds.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    try:
+        import_module("cyclonedds")
+    except ImportError as problem:
+        raise not_loaded(problem, "ROS 2 needs cyclonedds", "live") from problem
+    found: dict[str, Any] = {}
+    for name in ("core", "domain", "topic", "sub", "pub", "qos", "builtin"):
+        found |= vars(import_module(f"cyclonedds.{name}"))
+    return SimpleNamespace(**{name: value for name, value in found.items() if not name.startswith("_")})
+
+
+class Node:
+    """A participant with a configuration of its own, so that no file or variable of the environment matters.
+
+    Args:
+        domain: number of the domain, as ROS_DOMAIN_ID.
+        interface: name or address of that of the network; "" stays on this machine: loopback, without multicast.
+    """
+
+    def __init__(self, domain: int = 0, interface: str = "") -> None:
+        self.domain, self.interface = domain, interface
+        self.where = f"ROS 2, domain {domain}"
+        self._ends: list[_End] = []
+        self._dds: Any = None
+        self._own: Any = None  # the domain inside this process
+        self._participant: Any = None
+        self._seen: Any = None
+
+    def open(self) -> str:
+        """Join the domain.
+
+        Returns:
+            a sentence where the ports of this process could not be kept to the loopback interface, else "".
+
+        Raises:
+            InputError: cyclonedds is not installed, there is no such interface, or too many are on it already.
+        """
+        dds = _cyclone()
+        _check_interface(self.interface)
+        own, before = next(_ids), _sockets()
+        try:
+            self._own = dds.Domain(own, _configuration(self.domain, self.interface))
+            self._participant = dds.DomainParticipant(own)
+        except dds.DDSException as problem:
+            self.close()
+            raise InputError(
+                f"the domain cannot be joined ({problem.msg}).",
+                where=self.where,
+                hint=f"At most {_PARTICIPANTS} can be on one machine; the interface must have an address.",
+            ) from problem
+        self._dds = dds
+        self._seen = dds.BuiltinDataReader(self._participant, dds.BuiltinTopicDcpsPublication)
+        if self.interface:
+            return ""
+        return _keep_to_loopback(self.domain, before)
+
+    def close(self) -> None:
+        """Leave; its readers and writers end with it. May be called twice."""
+        for end in self._ends:
+            end.entity = end.waiting = None
+        self._ends = []
+        self._seen = self._participant = self._own = None
+
+    def reader(
+        self, topic: str, kind: str, *, reliable: bool = False, latched: bool = False, depth: int = DEPTH
+    ) -> Reader:
+        """Of one topic.
+
+        Args:
+            topic: name as in ROS.
+            kind: type of its messages.
+            reliable: ask for what was lost again, from publishers that offer it; else it hears all publishers, and
+                what the network loses stays lost, and counted.
+            latched: ask for what was published before, too (/tf_static).
+            depth: messages that wait at most; of more, the newest are lost, and counted (of a reliable one the oldest).
+        """
+        policy, kept = self._dds.Policy, self._dds.Policy.Durability
+        quality = (
+            [policy.Reliability.Reliable(_BLOCKED), policy.History.KeepLast(depth)]
+            if reliable or latched
+            else [policy.Reliability.BestEffort, policy.History.KeepAll, policy.ResourceLimits(depth, -1, -1)]
+        )
+        quality.append(kept.TransientLocal if latched else kept.Volatile)
+        entity = self._dds.DataReader(self._participant, self._topic(topic, kind), qos=self._dds.Qos(*quality))
+        made = Reader(entity, self._dds, Topic(ros_name(topic), kind, "cdr"))
+        self._ends.append(made)
+        return made
+
+    def writer(self, topic: str, kind: str, *, latched: bool = False, depth: int = 100) -> Writer:
+        """To one topic, reliably; `latched` keeps the last `depth` messages for who comes later."""
+        policy, kept = self._dds.Policy, self._dds.Policy.Durability
+        quality = [policy.Reliability.Reliable(_BLOCKED), policy.History.KeepLast(depth)]
+        if latched:
+            quality += [kept.TransientLocal, policy.DurabilityService(0, policy.History.KeepLast(depth), -1, -1, -1)]
+        entity = self._dds.DataWriter(self._participant, self._topic(topic, kind), qos=self._dds.Qos(*quality))
+        made = Writer(entity, self._dds, idl_type(kind))
+        self._ends.append(made)
+        return made
+
+    def topics(self) -> list[Topic]:
+        """What others publish now: topics of ROS, with the number of publishers as count."""
+        state = self._dds
+        alive = state.SampleState.Any | state.ViewState.Any | state.InstanceState.Alive
+        condition = state.ReadCondition(self._seen, alive)
+        found: dict[tuple[str, str], int] = {}
+        for each in self._seen.read(10_000, condition=condition):
+            if each.topic_name and each.topic_name.startswith("rt/"):
+                key = (each.topic_name[2:], ros_type_name(each.type_name))
+                found[key] = found.get(key, 0) + 1
+        return [Topic(*key, "cdr", publishers) for key, publishers in sorted(found.items())]
+
+    def settled(self, patience: float, names: Sequence[str] = ()) -> list[Topic]:
+        """What others publish, once all of `names` are there, or `patience` [s] has passed."""
+        deadline = time.monotonic() + patience
+        while True:
+            there = self.topics()
+            known = {topic.name for topic in there}
+            if (names and known.issuperset(names)) or time.monotonic() >= deadline:
+                return there
+            time.sleep(0.01)  # announcements come a few times a second
+
+    def _topic(self, name: str, kind: str) -> Any:
+        if not re.fullmatch(r"(/[A-Za-z_][A-Za-z0-9_]*)+", ros_name(name)):
+            hint = "Letters, digits and _, in parts that / separates and no digit begins."
+            raise InputError(f"{name!r} cannot be a topic of ROS.", where=self.where, hint=hint)
+        return self._dds.Topic(self._participant, f"rt{ros_name(name)}", idl_type(kind))
+
+
+class _End:
+    """A reader or a writer, as long as its node is open."""
+
+    def __init__(self, entity: Any, dds: Any) -> None:
+        self.entity, self.waiting, self._dds = entity, None, dds
+
+
+class Reader(_End):
+    """Messages of one topic, as bytes.
+
+    Attributes:
+        topic: name and type.
+    """
+
+    def __init__(self, entity: Any, dds: Any, topic: Topic) -> None:
+        super().__init__(entity, dds)
+        self.topic = topic
+        self.waiting: Any = dds.WaitSet(entity.participant)
+        everything = dds.SampleState.Any | dds.ViewState.Any | dds.InstanceState.Any
+        self.waiting.attach(dds.ReadCondition(entity, everything))
+        self._lost = 0
+
+    def wait(self, timeout: float) -> bool:
+        """Until something is there, for as long as `timeout` [s]; whether there is."""
+        return self.waiting.wait(round(max(timeout, 0.0) * 1e9)) > 0
+
+    def take(self, limit: int = DEPTH) -> Messages:
+        """All that waits, up to `limit` messages; their times are those at which they were sent."""
+        samples = [sample for sample in self.entity.take(limit) if sample.sample_info.valid_data]
+        length = np.array([len(sample.data) for sample in samples], dtype=np.int64)
+        sent = np.array([sample.sample_info.source_timestamp for sample in samples], dtype=np.int64)
+        start = np.cumsum(length) - length
+        data = b"".join([sample.data for sample in samples])
+        return Messages(data, {0: self.topic}, np.zeros(len(samples), dtype=np.int64), sent, start, length)
+
+    def lost(self) -> int:
+        """Messages that were lost on the way or had no room, since this was last asked."""
+        total = self.entity.get_sample_lost_status().total_count + self.entity.get_sample_rejected_status().total_count
+        self._lost, before = total, self._lost
+        return total - before
+
+    @property
+    def publishers(self) -> int:
+        """How many are heard now."""
+        return self.entity.get_subscription_matched_status().current_count
+
+
+class Writer(_End):
+    """Sends messages that are ready as bytes."""
+
+    def __init__(self, entity: Any, dds: Any, made: Any) -> None:
+        super().__init__(entity, dds)
+        self._made = made
+
+    def write(self, data: bytes) -> bool:
+        """One message; False where readers were too slow to take it."""
+        try:
+            self.entity.write(self._made(data))
+        except self._dds.DDSException as problem:
+            if problem.code != self._dds.DDSException.DDS_RETCODE_TIMEOUT:
+                raise
+            return False
+        return True
+
+    @property
+    def readers(self) -> int:
+        """How many listen now."""
+        return len(self.entity.get_matched_subscriptions())
+
+
+def _configuration(domain: int, interface: str) -> str:
+    """For cyclonedds; a domain of a number of its own inside the process can share that of others on the network."""
+    local = not interface
+    key = "address" if local or _is_address(interface) else "name"
+    peers = f'<Peers><Peer address="{LOOPBACK}"/></Peers>' if local else ""
+    return f"""<CycloneDDS><Domain Id="any">
+<General><Interfaces><NetworkInterface {key}="{interface or LOOPBACK}"/></Interfaces>
+<AllowMulticast>{"false" if local else "default"}</AllowMulticast></General>
+<Discovery><ExternalDomainId>{domain}</ExternalDomainId><ParticipantIndex>auto</ParticipantIndex>
+<MaxAutoParticipantIndex>{_PARTICIPANTS}</MaxAutoParticipantIndex>{peers}</Discovery>
+<Compatibility><IgnoreTypeInformation>{_FAST_DDS}</IgnoreTypeInformation></Compatibility>
+<Internal><SocketReceiveBufferSize max="{_BUFFER}B"/></Internal>
+</Domain></CycloneDDS>"""
+
+
+def _is_address(text: str) -> bool:
+    return text.count(".") == 3 and text.replace(".", "").isdigit()
+
+
+def _check_interface(interface: str) -> None:
+    """InputError unless this machine has it."""
+    names = [name for _, name in socket.if_nameindex()]
+    if not interface or interface in names:
+        return
+    if _is_address(interface):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            if probe.connect_ex((interface, 9)) == 0 and probe.getsockname()[0] == interface:
+                return
+    raise InputError(
+        f"there is no network interface {interface!r}.",
+        where="source.interface",
+        hint=f"There are {', '.join(names)}; an address of one of them will do, and none at all stays on this machine.",
+    )
+
+
+def _sockets() -> dict[str, int]:
+    """Every socket of this process, as far as the system lists them: name -> file descriptor."""
+    folder, found = Path("/proc/self/fd"), dict[str, int]()
+    for name in os.listdir(folder) if folder.is_dir() else ():
+        with suppress(FileNotFoundError):  # that of the folder itself
+            found[os.readlink(folder / name)] = int(name)
+    return {name: handle for name, handle in found.items() if name.startswith("socket:")}
+
+
+def _keep_to_loopback(domain: int, before: Collection[str]) -> str:
+    """Closes the ports of a domain to other interfaces: cyclonedds opens them to all, whatever it is told.
+
+    Args:
+        domain: whose ports.
+        before: sockets of this process that are not meant.
+
+    Returns:
+        a sentence where the system does not allow it, else "".
+    """
+    option = getattr(socket, "SO_BINDTODEVICE", None)
+    names = [name for _, name in socket.if_nameindex() if name.startswith("lo")]
+    if option is None or not names:
+        return _OPEN
+    for own in _receiving(domain, before):
+        with own:
+            try:
+                own.setsockopt(socket.SOL_SOCKET, option, names[0].encode())
+            except PermissionError:  # Linux before 5.7
+                return _OPEN
+    return ""
+
+
+def _receiving(domain: int, before: Collection[str]) -> Iterator[socket.socket]:
+    """Second handles of the sockets that receive for a domain."""
+    first = 7400 + _PORTS * domain
+    for name, handle in _sockets().items():
+        if name in before:
+            continue
+        own = socket.socket(fileno=os.dup(handle))
+        address = own.getsockname() if own.family == socket.AF_INET else ("", 0)
+        if own.type == socket.SOCK_DGRAM and first <= address[1] < first + _PORTS:
+            yield own
+        else:
+            own.close()

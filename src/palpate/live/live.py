@@ -1,0 +1,399 @@
+"""A source and the estimator of a rig in one process: samples in, rows of contacts out, and none lost in between."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import wait as wait_for
+from dataclasses import dataclass, replace
+from math import prod
+from pathlib import Path
+from types import TracebackType
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from palpate.calls import called_as
+from palpate.contact.estimate import ROW, Status
+from palpate.contact.wrench_estimator import WrenchEstimator
+from palpate.errors import InputError
+from palpate.files.logs.decoding import seconds
+from palpate.files.logs.samples import Samples
+from palpate.files.logs.topics import LIVE_BOTH
+from palpate.live.replay import Replay
+from palpate.live.ros_poses import RosPoses
+from palpate.live.source import BATCH, Batch, Source
+from palpate.live.sources import source_of
+from palpate.live.stream_buffer import Form, Ring
+from palpate.setup.kind import Prepared
+from palpate.setup.rig import Rig, load_rig
+from palpate.setup.setup import Setup
+from palpate.setup.tables import RigFilter
+from palpate.signals.recording import ACCELERATION, FORCE, ORIENTATION, POSITION, TORQUE, UNSTEADY, Recording, apart
+from palpate.spatial.arguments import takes_arrays
+
+__all__ = ["Answers", "Live", "open_live"]
+
+NUMBERS = 1 << 22  # of a batch
+JUMP = 50_000_000  # ns between the clock of the day and the one that only runs, which is a jump
+TILT = 9.81 / 3**0.5  # m/s^2 along each axis, for a radian by which the direction of gravity is off
+PAUSE = 0.005  # s
+AGAIN = 10.0  # s between sentences on starts that cannot be used
+TARE = 1.0  # s, where the rig does not say
+
+
+@takes_arrays
+@dataclass(frozen=True)
+class Answers:
+    """Samples that were answered, in order.
+
+    Attributes:
+        stamp: (n,) [ns] since 1970.
+        counts: (n,) rows of each.
+        rows: (m, width) as `ContactEstimator.empty` has them.
+    """
+
+    stamp: Int[np.ndarray, " n"]
+    counts: Int[np.ndarray, " n"]
+    rows: Float[np.ndarray, "m width"]
+
+    def __iter__(self) -> Iterator[tuple[float, Float[np.ndarray, " width"]]]:
+        """Time [s] and row of each contact, or of each sample without one."""
+        return zip(np.repeat(seconds(self.stamp), self.counts).tolist(), self.rows, strict=True)
+
+
+class _Samples(NamedTuple):
+    """Samples of a batch, as an estimator takes them."""
+
+    stamp: Int[np.ndarray, " n"]
+    time: Float[np.ndarray, " n"]
+    readings: np.ndarray
+    beside: Mapping[str, np.ndarray]
+
+    def recording(self, names: tuple[str, ...], frame: str) -> Recording:
+        """As a value."""
+        return Recording(self.time, {**apart(names, self.readings), **self.beside}, frame=frame, source="the stream")
+
+
+class _Window:
+    """The next samples, until they last so many seconds."""
+
+    def __init__(self, length: float) -> None:
+        self.length, self.held = length, list[_Samples]()
+
+    def add(self, samples: _Samples) -> bool:
+        """One more batch; whether that is enough."""
+        self.held.append(samples)
+        return bool(self.held[-1].stamp[-1] - self.held[0].stamp[0] >= 1e9 * self.length)
+
+    def joined(self) -> _Samples:
+        """All of them."""
+        first = self.held[0]
+        beside = {name: np.concatenate([each.beside[name] for each in self.held]) for name in first.beside}
+        stamp = np.concatenate([each.stamp for each in self.held])
+        return _Samples(stamp, seconds(stamp), np.concatenate([each.readings for each in self.held]), beside)
+
+
+class Live:
+    """Contacts of a device, as they come; see `open_live`.
+
+    What the rig wants from the start of a stream (a tare, the noise, cells at rest) is taken from its first seconds.
+    The samples of these are answered as soon as that is known, in order and by the same numbers as in a log. A start
+    that cannot be used, because it is not at rest, is said; its samples are INVALID, and the next seconds are taken.
+
+    Args:
+        rig: with a [source], or its file.
+        sensor: name of the sensor's table, where there are several.
+        source: that takes the place of the rig's.
+
+    Raises:
+        InputError: the rig cannot be used.
+    """
+
+    def __init__(self, rig: Rig | str | Path, sensor: str | None = None, source: Source | None = None) -> None:
+        from palpate.live import _stream  # compiled: loaded when first needed
+
+        rig = rig if isinstance(rig, Rig) else load_rig(rig)
+        self.kind = rig.kind(sensor)
+        self.setup = rig.resolve(self.kind)
+        self._where = "[source]" if rig.source is None else f"[source] {rig.source.kind}"
+        self.source = source_of(rig.stream(), self.setup) if source is None else source
+        self._poses = None if self.source.poses else RosPoses.of(rig.orientation, rig.source)
+        self._posed = self.source.poses or self._poses is not None
+        layout = self.setup.layout()
+        self._samples, self._frame = Samples(layout, Path("the stream")), layout.frame
+        self.estimator = _unseen(self.setup).prepared().estimator  # what is slow, before samples come
+        size = max(1, min(BATCH, NUMBERS // prod(self.source.shape)))
+        self._batch = Batch(self.source.shape, size, self.source.dtype)
+        self._rows = self.estimator.empty(max(self.estimator.most, min(size * self.estimator.most, 4 * BATCH)))
+        self._require_enough()
+        length = self.setup.start()
+        self._start = _Window(length) if length else None
+        self._build: Future[Prepared] | None = None
+        self._maker = ThreadPoolExecutor(1, thread_name_prefix="start")
+        self._tare: _Window | None = None
+        self._ring: Ring | None = None
+        self._seconds = _stream.seconds
+        self._seconds(self._batch.stamp)  # compiles
+        self._said: list[str] = []
+        self._clock, self._quiet = _offset(), 0.0
+
+    def form(self, frame: str = "surface", rig: str = "") -> Form:
+        """What passes through a ring of this stream."""
+        estimator, source, layout = self.estimator, self.source, self.setup.layout()
+        channels = layout.images or next(iter(layout.arrays), None)
+        topic = layout.wrench_topic if channels is None else LIVE_BOTH if self.kind.parts else channels.topic
+        return Form(
+            sensor=self.kind.name,
+            shape=tuple(source.shape),
+            images=np.dtype(source.dtype) == np.uint8,
+            features=tuple(estimator.features),
+            width=int(estimator.empty(1).shape[1]),
+            most=int(estimator.most),
+            frame=frame,
+            rig=rig,
+            poses=self._posed,
+            topic=topic or "",
+            wrenches=self.kind.channels == (FORCE, TORQUE),
+        )
+
+    def into(self, ring: Ring) -> None:
+        """From now on samples go through a ring as they are received, and their contacts as they are known."""
+        if (most := max(1, ring.safe // 2)) < len(self._batch):  # or one batch would lap its readers
+            self._batch = Batch(self.source.shape, most, self.source.dtype)
+        ring.take_in(self._batch, 0, self._batch.turned)  # of nothing: compiles, before samples come
+        ring.answer(self._rows[:0], np.zeros(0, dtype=np.int64))
+        self._ring = ring
+
+    @property
+    def patient(self) -> bool:
+        """Whether samples wait until they are asked for, as those of a log do that is replayed as fast as it goes."""
+        return isinstance(self.source, Replay) and self.source.patient
+
+    @property
+    def ended(self) -> bool:
+        """Whether no more samples come: a log is at its end, which a device never is."""
+        return isinstance(self.source, Replay) and self.source.ended
+
+    def __enter__(self) -> Live:
+        if self._poses is not None:
+            self._poses.open()
+        self.source.open()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, raised: BaseException | None, at: TracebackType | None
+    ) -> None:
+        self.source.close()
+        if self._poses is not None:
+            self._poses.close()
+        self._maker.shutdown(wait=False, cancel_futures=True)
+
+    def __iter__(self) -> Iterator[tuple[float, Float[np.ndarray, " width"]]]:
+        """Time [s] and row of each contact, until a replayed log ends; a sample without one has a row that says so."""
+        while not self.ended:
+            yield from self.step()
+        yield from self.finish()
+
+    def said(self) -> list[str]:
+        """What happened since this was last asked, one sentence each."""
+        said, self._said = self._said, []
+        return said
+
+    def tare(self) -> None:
+        """Take a tare over the next second, or as long as the rig says; whether it was taken is `said`."""
+        if self._start is None and self._tare is None:
+            self._tare = _Window(self.setup.estimate.tare or TARE)
+
+    def step(self, timeout: float = 0.1) -> Answers:
+        """The samples that wait, answered; none where no sample comes within so many seconds.
+
+        Raises:
+            InputError: the estimator needs what the source does not give, such as an orientation.
+        """
+        count = 0 if self._held_back(timeout) else self.source.receive(self._batch, timeout)
+        self._watch()
+        samples = self._taken(count) if count else None
+        if self._start is not None:
+            return self._started(self._start, samples)
+        if samples is None:
+            return self._none
+        answers = self._answered(samples)
+        self._tared(samples)
+        return answers
+
+    def _held_back(self, timeout: float) -> bool:
+        """Whether samples wait, having been asked to: of one batch more the recorder would lose some."""
+        ring = self._ring
+        if ring is None or not (self.patient and ring["recording"]):
+            return False
+        unrecorded = ring["received"] - ring["recorded"]
+        behind = unrecorded > 0 and unrecorded + len(self._batch) > ring.safe
+        if behind:
+            time.sleep(min(PAUSE, timeout))
+        return behind
+
+    @property
+    def _none(self) -> Answers:
+        return Answers(np.zeros(0, np.int64), np.zeros(0, np.int64), self._rows[:0])
+
+    def _require_enough(self) -> None:
+        """That wrenches can be answered as the source gives them, asked before the device is.
+
+        Raises:
+            InputError: it needs an orientation, and nothing gives one.
+        """
+        if isinstance(self.estimator, WrenchEstimator) and not self._posed:
+            nothing = self._samples.readings(np.zeros((1, *self.source.shape), self.source.dtype))
+            try:
+                self.estimator.run_into(np.zeros(1), nothing, self._rows, np.zeros(1, dtype=np.int64))
+            except InputError as problem:
+                hint = "Say in [orientation] which topic of ROS 2 has poses, or leave the payload out."
+                raise InputError(problem.what, where=self._where, hint=hint) from problem
+            self.estimator.reset()
+
+    def _taken(self, count: int) -> _Samples:
+        """Of the batch, as the estimator wants them; arrays that nobody writes into any more."""
+        batch, beside = self._batch, dict[str, np.ndarray]()
+        if self._poses is not None:
+            self._poses.at(batch.stamp[:count]).into(batch)
+        unsteady = TILT * batch.turned if self._posed else batch.turned
+        if self._posed:
+            beside = {ORIENTATION: batch.orientation[:count].copy(), POSITION: batch.position[:count].copy()}
+            beside |= {ACCELERATION: np.nan_to_num(batch.acceleration[:count]), UNSTEADY: unsteady[:count, None]}
+        if self._ring is not None:
+            self._ring.take_in(batch, count, unsteady)
+        stamp = batch.stamp[:count].copy()
+        return _Samples(stamp, self._seconds(stamp), self._samples.readings(batch.values[:count]), beside)
+
+    def _answered(self, samples: _Samples) -> Answers:
+        """Through the estimator, as many at a time as there is room for."""
+        total, done, parts = len(samples.stamp), 0, list[np.ndarray]()
+        counts = np.zeros(total, dtype=np.int64)
+        while done < total:
+            piece = slice(done, done + len(self._batch))
+            beside = {name: values[piece] for name, values in samples.beside.items()} if samples.beside else {}
+            many = counts[piece]
+            step = self.estimator.run_into(samples.time[piece], samples.readings[piece], self._rows, many, beside)
+            rows = self._rows[: sum(many[:step].tolist())]  # quicker than NumPy's, for most batches hold one sample
+            if self._ring is not None:
+                self._ring.answer(rows, many[:step])
+            parts.append(rows.copy())
+            done += step
+        return Answers(samples.stamp, counts, parts[0] if len(parts) == 1 else np.concatenate(parts))
+
+    def _started(self, start: _Window, samples: _Samples | None) -> Answers:
+        """The first seconds: samples are kept until what the rig wants of them is known."""
+        enough = samples is not None and start.add(samples)
+        if self._build is None:
+            if enough:
+                self._build = self._prepared(start)
+            if self._build is None or not self.patient:
+                return self._none
+            wait_for([self._build])  # or half a log were received meanwhile
+        return self._built(start, self._build) if self._build.done() else self._none
+
+    def finish(self) -> Answers:
+        """Samples of a start that still wait, when there are no more to come."""
+        start, build = self._start, self._build
+        if start is None or not start.held:
+            return self._none
+        return self._built(start, self._prepared(start) if build is None else build)
+
+    def _prepared(self, start: _Window) -> Future[Prepared]:
+        """What the first seconds tell, found while more samples are received."""
+        seen = start.joined()
+        setup, span = self.setup, 1e-9 * float(seen.stamp[-1] - seen.stamp[0])
+        if setup.filter.rate is None and span > 0:  # stamps on arrival come in bursts: the steps between say little
+            setup = replace(setup, filter=replace(setup.filter, rate=(len(seen.stamp) - 1) / span))
+        return self._maker.submit(setup.with_head(seen.recording(self.estimator.channels, self._frame)).prepared)
+
+    def _built(self, start: _Window, build: Future[Prepared]) -> Answers:
+        """The samples of the start."""
+        self._build = None
+        try:
+            made = build.result()
+        except InputError as problem:
+            if time.monotonic() > self._quiet:
+                self._said.append(f"contacts are invalid until the start can be used: {problem}")
+                self._quiet = time.monotonic() + AGAIN
+            self._start = _Window(start.length)
+            return self._refused(start.joined())
+        self._said += [*made.doubted, *made.said]
+        self.estimator, self._start = made.estimator, None
+        return self._answered(start.joined())
+
+    def _refused(self, samples: _Samples) -> Answers:
+        """Samples to which there is no answer."""
+        count = len(samples.stamp)
+        rows, counts = self.estimator.empty(count), np.ones(count, dtype=np.int64)
+        rows[:] = np.nan
+        rows[:, ROW.candidates], rows[:, ROW.status] = 0.0, Status.INVALID
+        if self._ring is not None:
+            for start in range(0, count, BATCH):
+                self._ring.answer(rows[start : start + BATCH], counts[start : start + BATCH])
+        return Answers(samples.stamp, counts, rows)
+
+    def _tared(self, samples: _Samples) -> None:
+        """A tare that was asked for, once its window is full."""
+        if self._tare is None or not self._tare.add(samples):
+            return
+        window, self._tare = self._tare.joined(), None
+        try:
+            taken = self.estimator.tare(window.recording(self.estimator.channels, self._frame))
+        except InputError as problem:
+            self._said.append(f"no tare was taken, and the one before stays: {problem}")
+        else:
+            self._said += [taken.said, *([taken.doubt] if taken.doubt else [])]
+
+    def _watch(self) -> None:
+        """What the source says, and whether the clock jumped."""
+        self._said += [*self.source.said(), *(() if self._poses is None else self._poses.said())]
+        clock = _offset()
+        if abs(clock - self._clock) > JUMP:
+            jump = (clock - self._clock) / 1e9
+            self._said.append(f"the system's clock jumped by {jump:+.3f} s, and the times of samples with it")
+            self._clock = clock
+
+
+@called_as('palpate.open_live("rig.toml")')
+def open_live(rig: Rig | str | Path, sensor: str | None = None) -> Live:
+    """Contacts of the device that a rig's [source] names, in this process: for a controller of your own.
+
+    ```python
+    with palpate.open_live("rig.toml") as live:
+        for time, row in live:
+            point, force = row[ROW.point], row[ROW.force]
+    ```
+
+    Args:
+        rig: with a [source], or its file.
+        sensor: name of the sensor's table, where there are several.
+
+    Returns:
+        to be entered, which connects. `palpate.contact.estimate.ROW` names what stands where in a row; the columns of
+        `estimator.features` follow, and the identity where there are several contacts, which are a row each.
+
+    Raises:
+        InputError: the rig cannot be used; on entering, the device cannot be opened.
+    """
+    return Live(rig, sensor)
+
+
+def _unseen(setup: Setup) -> Setup:
+    """Return the setup without what needs samples: a filter of which the rate is not known yet.
+
+    Raises:
+        InputError: the filter looks ahead.
+    """
+    if setup.filter.kind == "zero_phase":
+        hint = 'Use kind = "butterworth" or "kalman".'
+        raise InputError("zero_phase looks ahead, and a stream cannot.", where="[filter] of the rig", hint=hint)
+    return setup if setup.filter.rate is not None else replace(setup, filter=RigFilter())
+
+
+def _offset() -> int:
+    """[ns] of the day's clock over the one that only runs."""
+    return time.time_ns() - time.monotonic_ns()

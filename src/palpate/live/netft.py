@@ -1,0 +1,379 @@
+"""ATI Net F/T and Ethernet Axia: wrenches over UDP, as the device sends them (RDT)."""
+
+from __future__ import annotations
+
+import errno
+import math
+import select
+import socket
+import struct
+import time
+from collections import deque
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from numpy.typing import DTypeLike
+
+from palpate.errors import InputError
+from palpate.files.units import FORCE_UNITS, TORQUE_UNITS, known_unit
+from palpate.live.datagrams import Datagrams, ask_buffer, packed_address
+from palpate.live.netft_page import read_page
+from palpate.live.netft_status import status_word
+from palpate.live.sequence import Sequence
+from palpate.live.source import BATCH, SILENT, Batch
+from palpate.signals.recording import FORCE
+
+if TYPE_CHECKING:
+    from palpate.setup.setup import Setup
+    from palpate.setup.source import RigSource
+
+__all__ = ["BIAS", "REQUEST", "SAMPLE", "START", "STOP", "NetFt"]
+
+REQUEST = struct.Struct(">HHI")  # 0x1234, a command, how many samples (0: for ever)
+HEADER, STOP, START, BIAS = 0x1234, 0, 2, 0x42
+SAMPLE = np.dtype([("rdt", ">u4"), ("ft", ">u4"), ("status", ">u4"), ("counts", ">i4", 6)])
+_SLOTS = np.dtype(
+    {
+        "names": ["rdt", "ft", "status", "counts"],
+        "formats": [">u4", ">u4", ">u4", (">i4", 6)],
+        "offsets": [0, 4, 8, 12],
+        "itemsize": 64,  # more than a sample, so that a longer datagram is told
+    }
+)
+_BUFFER = 4 << 20  # bytes of receive buffer to ask for: more than a second at the fastest rate
+_BOOKED = 832  # bytes that Linux books in twice the buffer for each datagram
+_ASK = 0.5  # s without a sample after which the device is asked to send again, and again
+_FIRST, _PAGE, _PAGE_AGAIN = 2.0, 2.0, 0.3  # s to wait: for the first sample; for the page; for it, while samples come
+_RETRY, _RETRIES = 2.0, 5  # s between tries to read the page after a reconnection, and how many
+_SAID_EACH = 1.0  # s between two sentences of one kind
+_MOST_SAID = 200
+
+
+class NetFt:
+    """A Net F/T as a source; see `palpate.live.source.Source`.
+
+    Values are N and N m about the origin and in the axes that the device is set to, whatever units it is set to.
+    Samples whose status says that they are not to be believed are NaN.
+
+    Args:
+        address: name or IPv4 address.
+        port: of its samples (RDT, UDP).
+        web: of its page (HTTP).
+        rate: [Hz] at which samples are expected; None: as the device says.
+    """
+
+    shape: tuple[int, ...] = (6,)
+    dtype: DTypeLike = np.float64
+    poses = False
+
+    def __init__(self, address: str, port: int = 49152, web: int = 80, rate: float | None = None) -> None:
+        self._address, self._port, self._web, self._rate = address, port, web, rate
+        self._said: deque[str] = deque(maxlen=_MOST_SAID)
+        self._close: list[socket.socket] = []
+
+    @classmethod
+    def of(cls, stated: RigSource, setup: Setup) -> NetFt:
+        """Return the device that a [source] names.
+
+        Raises:
+            InputError: the rig has no force/torque sensor, or its units are not N and N m.
+        """
+        sensors = [each.kind for each in setup.sensors.values() if FORCE in each.kind.channels]
+        if not sensors:
+            hint = "Add a [force_torque], or take another kind of source."
+            raise InputError("a Net F/T gives wrenches, and the rig has no [force_torque].", where="rig", hint=hint)
+        read = sensors[0].layout(setup)
+        if (known_unit(read.force_unit, FORCE_UNITS), known_unit(read.torque_unit, TORQUE_UNITS)) != ("N", "N m"):
+            raise InputError(
+                f"must be N and N m, not {read.force_unit} and {read.torque_unit}: a Net F/T's samples arrive "
+                "as these.",
+                where=f"[{sensors[0].name}] units",
+                hint='Write units = { force = "N", torque = "N m" }; the device\'s own are converted.',
+            )
+        return cls(stated.address, stated.port, stated.web, stated.rate)
+
+    def open(self) -> None:
+        """Read the device's page, ask for samples, and wait for the first.
+
+        Raises:
+            InputError: no such name, nothing there, another device, or it sends nothing.
+        """
+        self.close()
+        self._host = self._resolved()
+        self._page = read_page(self._host, self._web, where=self._address, timeout=_PAGE)
+        if not self._page.streaming:
+            hint = "Switch it on there, under Communications."
+            raise InputError("does not send samples: RDT is disabled on its page.", where=self._address, hint=hint)
+        self._begin()
+        try:
+            self._await_first()
+        except BaseException:
+            self.close()
+            raise
+        self._say_connected()
+
+    def receive(self, batch: Batch, timeout: float) -> int:
+        """See `Source.receive`; a device that sends nothing for 0.5 s is asked to start again, every 0.5 s."""
+        deadline = time.monotonic() + timeout
+        if timeout > 0:
+            self._wait(min(timeout, self._ask_at - time.monotonic()))
+        while True:
+            taken = self._datagrams.take(len(batch))
+            if taken and (count := self._keep(taken, batch)):
+                return count
+            now = time.monotonic()
+            self._watch(now)
+            if now >= deadline:
+                return 0
+            self._wait(min(deadline, self._ask_at) - now)
+
+    def said(self) -> list[str]:
+        """See `Source.said`; what happens often is said once a second, with how often."""
+        now = time.monotonic()
+        if self._close and now >= self._tell_at and (told := list(self._counted())):
+            self._said.extend(told)
+            self._tell_at = now + _SAID_EACH
+        said = list(self._said)
+        self._said.clear()
+        return said
+
+    def close(self) -> None:
+        """Ask the device to stop, and leave."""
+        for receiver in self._close:
+            self._send(STOP)
+            self._said.extend(self._counted())
+            receiver.close()
+        self._close.clear()
+
+    def _begin(self) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._close = [self._socket]
+        self._granted = ask_buffer(self._socket, _BUFFER)
+        self._datagrams = Datagrams(self._socket, _SLOTS, BATCH)
+        slot = self._datagrams.slot  # views are made once: making one costs as much as a sample
+        self._rdt, self._ft, self._status, self._raw = (slot[name] for name in _SLOTS.names or ())
+        self._peer = packed_address((self._host, self._port))
+        self._poll = select.poll()
+        self._poll.register(self._socket, select.POLLIN)
+        now = time.monotonic()
+        self._sequence, self._word = Sequence(), status_word(self._page.product)
+        self._per_unit: Float[np.ndarray, "6"] = np.repeat([self._page.force, self._page.torque], 3)
+        self._last_status, self._status_said = 0, dict[int, float]()
+        self._heard = self._tell_at = now
+        self._ask_at, self._away, self._silent, self._unreachable = now, False, False, False
+        self._retry_at, self._retries = math.inf, 0
+        self._malformed = self._foreign = 0
+        self._told: dict[str, int] = {}
+
+    def _resolved(self) -> str:
+        try:
+            found = socket.getaddrinfo(self._address, None, socket.AF_INET, socket.SOCK_DGRAM)
+        except (OSError, UnicodeError) as problem:
+            raise InputError(
+                f"there is no device of the name {self._address!r} in this network.",
+                where="[source] address",
+                hint="Give its name or its address, as 192.168.1.1.",
+            ) from problem
+        return str(found[0][4][0])
+
+    def _await_first(self) -> None:
+        """Ask until a sample of the device waits; what else waits before it is taken away, and counted."""
+        end = time.monotonic() + _FIRST
+        while (now := time.monotonic()) < end:
+            if now >= self._ask_at and (problem := self._ask(now)):
+                raise InputError(f"cannot be asked for samples ({problem}).", where=self._address, hint=_UNREACHED)
+            self._wait(min(end, self._ask_at) - now)
+            while (seen := self._peek()) is not None:
+                if seen:
+                    self._heard = time.monotonic()
+                    self._ask_at = self._heard + _ASK
+                    return
+                if self._datagrams.take(1):
+                    self._genuine(1)
+        raise InputError(
+            f"sends no samples to this machine within {_FIRST:g} s, though its page says that it is a "
+            f"{self._page.called}.",
+            where=self._address,
+            hint=f"Does a firewall keep UDP from port {self._port} out, or is port not that of RDT?",
+        )
+
+    def _peek(self) -> bool | None:
+        """Whether what waits first is a sample of the device; None: nothing waits."""
+        try:
+            content, sender = self._socket.recvfrom(_SLOTS.itemsize, socket.MSG_PEEK)
+        except (BlockingIOError, InterruptedError):
+            return None
+        return len(content) == SAMPLE.itemsize and sender == (self._host, self._port)
+
+    def _wait(self, seconds: float) -> None:
+        """Until something waits at the socket."""
+        if seconds > 0:
+            self._poll.poll(math.ceil(seconds * 1e3))
+
+    def _send(self, command: int) -> str:
+        """Send a command; what kept it from being sent."""
+        try:
+            self._socket.sendto(REQUEST.pack(HEADER, command, 0), (self._host, self._port))
+        except OSError as problem:
+            if problem.errno in (errno.EPERM, errno.EACCES):
+                return "this machine's firewall does not permit it"
+            return str(problem.strerror or problem)
+        return ""
+
+    def _ask(self, now: float) -> str:
+        self._ask_at = now + _ASK
+        return self._send(START)
+
+    def _keep(self, taken: int, batch: Batch) -> int:
+        """Put the samples among what was taken into the batch; how many."""
+        rows = self._genuine(taken)
+        if rows is not None and not len(rows):
+            return 0
+        pick = slice(taken) if rows is None else rows
+        sequence, rdt = self._sequence, self._rdt[pick].tolist()
+        restarts, unknown = sequence.restarts, sequence.unknown
+        stamps: Int[np.ndarray, " n"] = self._datagrams.stamp[pick]
+        kept = sequence.follow(rdt, self._ft[pick].tolist(), stamps.tolist(), batch.lost)
+        now, restarted = time.monotonic(), sequence.restarts > restarts
+        if self._away or restarted or now >= self._retry_at:
+            missing = 0 if kept == [] else int(batch.lost[0])
+            self._back(now, restarted, None if sequence.unknown > unknown else missing)
+        self._heard, self._ask_at = now, now + _ASK
+        if kept is not None:
+            stamps, pick = stamps[kept], np.arange(taken)[pick][kept]
+        count = len(stamps)
+        batch.stamp[:count] = stamps
+        values = batch.values[:count]
+        np.divide(self._raw[pick], self._per_unit, out=values)
+        status = self._status[pick]
+        if count and (self._last_status or any(status.tolist())):
+            values[self._bad(status.astype(np.int64), now)] = np.nan
+        return count
+
+    def _genuine(self, taken: int) -> Int[np.ndarray, " n"] | None:
+        """Which of the datagrams are samples of the device; None: all."""
+        length, sender = self._datagrams.length[:taken], self._datagrams.sender[:taken]
+        if length.tolist().count(SAMPLE.itemsize) == taken == sender.tolist().count(self._peer):
+            return None
+        wrong, strange = length != SAMPLE.itemsize, sender != self._peer
+        self._foreign += int(strange.sum())
+        self._malformed += int((wrong & ~strange).sum())
+        return np.flatnonzero(~(wrong | strange))
+
+    def _bad(self, status: Int[np.ndarray, " n"], now: float) -> Bool[np.ndarray, " n"]:
+        """Where samples are not to be believed; every change of the status is said, each at most once a second."""
+        bad = self._word.bad(status)
+        before = np.concatenate([[self._last_status], status[:-1]])
+        for new in dict.fromkeys(status[status != before].tolist()):
+            if now - self._status_said.get(new, -math.inf) >= _SAID_EACH:
+                self._status_said[new] = now
+                left = "; its samples are left out (NaN) as long" if self._word.bad(np.array([new]))[0] else ""
+                self._say(f"status 0x{new:08x}: {self._word.read(new)}{left}")
+        if len(self._status_said) > _MOST_SAID:  # of a word that means nothing
+            self._status_said.clear()
+        self._last_status = int(status[-1])
+        return bad
+
+    def _watch(self, now: float) -> None:
+        """Ask again where nothing comes."""
+        if now < self._ask_at:
+            return
+        problem = self._ask(now)
+        self._sequence.expect_restart()
+        if not self._away:
+            self._away = True
+            self._say(f"no samples for {now - self._heard:.1f} s: asking it to send again, every {_ASK:g} s")
+        if problem and not self._unreachable:
+            self._unreachable = True
+            self._say(f"cannot be asked for samples ({problem})")
+        if not self._silent and now - self._heard >= SILENT:
+            self._silent = True
+            self._say(
+                f"no samples for {SILENT:g} s: is it powered and the cable in? Or has another program asked it to "
+                "send: it sends to one at a time"
+            )
+
+    def _back(self, now: float, restarted: bool, missing: int | None) -> None:
+        """Samples come again, or count anew: say so, and read the page again, for the tool may be another."""
+        if missing is None:
+            guess = f", about {(now - self._heard) * self._page.rate:.0f}" if self._page.rate and self._away else ""
+            count = f"its counters began anew, so that nothing tells how many are missing{guess}"
+        else:
+            count = f"{missing} missing" + (", its counter began anew" if restarted else "")
+        if self._away:
+            self._say(f"samples again after {now - self._heard:.2f} s: {count}")
+        elif restarted:
+            self._say(f"it began to send anew, restarted or asked by another program: {count}")
+        if self._away or restarted:
+            self._retries = 0
+        self._away = self._silent = self._unreachable = False
+        self._read_again()
+
+    def _read_again(self) -> None:
+        """The page; samples wait in the buffer as long. Where it does not answer in time, tried a few times more."""
+        self._retry_at = math.inf
+        try:
+            page = read_page(self._host, self._web, where=self._address, timeout=_PAGE_AGAIN)
+        except InputError as problem:
+            self._retries += 1
+            again = self._retries < _RETRIES
+            if again:
+                self._retry_at = time.monotonic() + _RETRY
+            if not again or self._retries == 1:
+                more = "it is tried again" if again else "it is not tried again"
+                self._say(f"its page cannot be read again, {more}; the counts of before are kept: {problem.what}")
+            return
+        before, self._page = self._page, page
+        if (before.force, before.torque) != (page.force, page.torque):
+            self._per_unit[:] = np.repeat([page.force, page.torque], 3)
+            self._say(f"another calibration: {page.called}, {page.scale}; before {before.called}, {before.scale}")
+        elif before.called != page.called:
+            self._say(f"another device of the same calibration: {page.called}, before {before.called}")
+        self._word = status_word(page.product)
+
+    def _counted(self) -> Iterator[str]:
+        """What happens often, as far as it was not said yet."""
+        sequence = self._sequence
+        now = {
+            "missing": sequence.missing,
+            "gaps": sequence.gaps,
+            "dropped": self._datagrams.dropped,
+            "late": sequence.late,
+            "repeated": sequence.repeated,
+            "malformed": self._malformed,
+            "foreign": self._foreign,
+        }
+        new = {name: count - self._told.get(name, 0) for name, count in now.items()}
+        self._told = now
+        if new["missing"]:
+            yield f"{self._address}: missing samples: {new['missing']}, gaps: {new['gaps']}"
+        if new["dropped"]:
+            yield f"{self._address}: dropped by this machine, read too late for its buffer: {new['dropped']} datagrams"
+        if new["late"]:
+            yield f"{self._address}: samples that came late, counted missing before: {new['late']}"
+        if new["repeated"]:
+            yield f"{self._address}: samples that came twice, given once: {new['repeated']}"
+        if new["malformed"]:
+            yield f"{self._address}: datagrams of another length than a sample's, not read: {new['malformed']}"
+        if new["foreign"]:
+            yield f"{self._address}: datagrams of another sender, not read: {new['foreign']}"
+
+    def _say(self, what: str) -> None:
+        self._said.append(f"{self._address}: {what}")
+
+    def _say_connected(self) -> None:
+        page, granted = self._page, self._granted
+        pace = f", {page.rate:g} samples/s" if page.rate else ""
+        self._say(f"connected to {page.called}{pace}, {page.scale}")
+        if page.rate and self._rate and abs(self._rate / page.rate - 1) > 0.01:
+            hint = "set it on its page, under Communications"
+            self._say(f"sends {page.rate:g} samples/s, the rig asks for {self._rate:g}: {hint}")
+        rate = page.rate or self._rate
+        held = f", about {2e3 * granted / _BOOKED / rate:.0f} ms of samples" if rate else ""
+        short = f", {_BUFFER >> 10} were asked for: sudo sysctl -w net.core.rmem_max={_BUFFER}"
+        self._say(f"receive buffer of {granted >> 10} KiB{held}{short if granted < _BUFFER else ''}")
+
+
+_UNREACHED = "Is the cable in, and this machine in the device's network?"

@@ -1,0 +1,186 @@
+"""What a Net F/T says of itself: counts, units and rate, from the page that it serves."""
+
+from __future__ import annotations
+
+import io
+import re
+import socket
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from http.client import HTTPException, HTTPResponse
+from math import isfinite
+from xml.etree import ElementTree
+
+from palpate.errors import InputError
+from palpate.files.units import FORCE_UNITS, TORQUE_UNITS, known_unit, to_si
+
+__all__ = ["PAGE", "NetFtPage", "read_page"]
+
+PAGE = "/netftapi2.xml"
+_FORCE_UNITS: Mapping[str, float] = {**FORCE_UNITS, "klbf": FORCE_UNITS["lbf"] * 1e3}
+_MOST = 1 << 18  # bytes: the page of a Net F/T has some 10 kB
+_NOT = "Is address that of a Net F/T, and web the port of its page?"
+
+
+@dataclass(frozen=True)
+class NetFtPage:
+    """What is said of the calibration in use.
+
+    Attributes:
+        force, torque: counts of one N and of one N m.
+        units: of force and torque, as the device has them.
+        rate: [Hz] at which it sends; None: it does not say.
+        product, serial: what it is, and the number of the transducer's calibration; may be empty.
+        streaming: whether sending (RDT) is switched on.
+    """
+
+    force: float
+    torque: float
+    units: tuple[str, str] = ("N", "N-m")
+    rate: float | None = None
+    product: str = ""
+    serial: str = ""
+    streaming: bool = True
+
+    @classmethod
+    def parsed(cls, content: bytes, where: str) -> NetFtPage:
+        """From what the page holds.
+
+        Raises:
+            InputError: it is not the page of a Net F/T, or its counts or units make no sense.
+        """
+        said = _elements(content, where)
+        if missing := [name for name in ("cfgcpf", "cfgcpt", "scfgfu", "scfgtu") if not said.get(name)]:
+            raise InputError(f"is no Net F/T: its page does not say {', '.join(missing)}.", where=where, hint=_NOT)
+        force_unit, torque_unit = said["scfgfu"], said["scfgtu"]
+        if known_unit(force_unit, _FORCE_UNITS) is None or known_unit(torque_unit, TORQUE_UNITS) is None:
+            raise InputError(
+                f"measures in units that are not known here, {force_unit!r} and {torque_unit!r}.",
+                where=where,
+                hint="Choose N and N-m on the page of the device, under Configurations.",
+            )
+        rate = _number(said.get("comrdtrate", ""))
+        return cls(
+            _counts(said, "cfgcpf", where) / to_si(force_unit, _FORCE_UNITS, where=where),
+            _counts(said, "cfgcpt", where) / to_si(torque_unit, TORQUE_UNITS, where=where),
+            (force_unit, torque_unit),
+            rate if rate > 0 else None,
+            said.get("prodname", ""),
+            said.get("cfgcalsn", "") or said.get("setserial", ""),
+            said.get("comrdte", "").lower() != "disabled",
+        )
+
+    @property
+    def called(self) -> str:
+        """What it is, for a sentence."""
+        return (self.product or "Net F/T") + (f", calibration {self.serial}" if self.serial else "")
+
+    @property
+    def scale(self) -> str:
+        """Counts and units, for a sentence."""
+        return f"{self.force:.9g} counts per N and {self.torque:.9g} per N m (it is set to {' and '.join(self.units)})"
+
+
+def read_page(host: str, port: int, *, where: str, timeout: float) -> NetFtPage:
+    """Ask a device what it is.
+
+    Args:
+        host: name or address.
+        port: of its page.
+        where: how the device is called in a sentence.
+        timeout: [s] for all of it.
+
+    Raises:
+        InputError: it does not answer, or is another device.
+    """
+    deadline = time.monotonic() + timeout
+    try:
+        with socket.create_connection((host, port), timeout=timeout) as link:
+            link.sendall(f"GET {PAGE} HTTP/1.0\r\nHost: {host}\r\nConnection: close\r\n\r\n".encode("ascii"))
+            raw = _received(link, deadline, where)
+    except TimeoutError as problem:
+        raise InputError(
+            f"does not answer at port {port}, where its page should be, within {timeout:g} s.",
+            where=where,
+            hint="Is it powered and in this network, and no firewall between?",
+        ) from problem
+    except ConnectionRefusedError as problem:
+        raise InputError(f"refuses port {port}, where its page should be.", where=where, hint=_NOT) from problem
+    except OSError as problem:
+        hint = "Is the cable in, and this machine in the device's network?"
+        raise InputError(f"cannot be reached ({problem.strerror or problem}).", where=where, hint=hint) from problem
+    return NetFtPage.parsed(_body(raw, where), where)
+
+
+def _received(link: socket.socket, deadline: float, where: str) -> bytes:
+    """All that a server says until it closes; what is too long, or comes drop by drop, is given up."""
+    raw = bytearray()
+    while (left := deadline - time.monotonic()) > 0:
+        link.settimeout(left)
+        piece = link.recv(1 << 16)
+        raw += piece
+        if not piece or _complete(raw):
+            return bytes(raw)
+        if len(raw) > _MOST:
+            raise InputError(f"is no Net F/T: its page is longer than {_MOST >> 10} KiB.", where=where, hint=_NOT)
+    raise TimeoutError
+
+
+def _complete(raw: bytearray) -> bool:
+    """Whether all that the header promises is there, for a server that does not close."""
+    head, blank, body = bytes(raw).partition(b"\r\n\r\n")
+    length = re.search(rb"(?im)^content-length:\s*(\d{1,9})\s*$", head.replace(b"\r", b""))
+    return bool(blank) and length is not None and len(body) >= int(length[1])
+
+
+class _Heard(io.BytesIO):
+    """What was received, as `HTTPResponse` wants it."""
+
+    def makefile(self, mode: str) -> io.BytesIO:
+        return io.BytesIO(self.getvalue())
+
+
+def _body(raw: bytes, where: str) -> bytes:
+    response = HTTPResponse(_Heard(raw))  # pyright: ignore[reportArgumentType] - it asks for `makefile` alone
+    try:
+        response.begin()
+        body = response.read()
+    except (HTTPException, ValueError) as problem:
+        raise InputError("is no Net F/T: it does not answer as a web page does.", where=where, hint=_NOT) from problem
+    if response.status != 200:
+        raise InputError(
+            f"is no Net F/T: it has no page {PAGE} (it answers {response.status}).", where=where, hint=_NOT
+        )
+    return body
+
+
+def _elements(content: bytes, where: str) -> dict[str, str]:
+    """Name of each element in lower case -> its text, the first of a name; nothing that could act on a terminal."""
+    try:
+        if b"\0" in content or b"<!DOCTYPE" in content:  # entities, which may grow without end
+            raise ValueError("a document type")
+        root = ElementTree.fromstring(content)
+    except (ElementTree.ParseError, ValueError, LookupError) as problem:  # the last: an unknown encoding
+        raise InputError(f"is no Net F/T: its page {PAGE} is not XML.", where=where, hint=_NOT) from problem
+    said: dict[str, str] = {}
+    for each in root.iter():
+        text = "".join(letter for letter in (each.text or "").strip() if letter.isprintable())
+        said.setdefault(each.tag.rpartition("}")[2].lower(), text[:60])
+    return said
+
+
+def _counts(said: Mapping[str, str], name: str, where: str) -> float:
+    value = _number(said[name])
+    if not value > 0:
+        raise InputError(f"its page says {said[name]!r} for {name}, which is no count.", where=where, hint=_NOT)
+    return value
+
+
+def _number(text: str) -> float:
+    """0 where it is none."""
+    try:
+        value = float(text)
+    except ValueError:
+        return 0.0
+    return value if isfinite(value) else 0.0

@@ -1,0 +1,140 @@
+"""Two devices as one source: the frames of a skin, each with the mean of the wrenches about it."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import DTypeLike
+
+from palpate.files.logs.decoding import seconds
+from palpate.files.logs.samples import Samples
+from palpate.files.logs.wrench_means import WrenchMeans
+from palpate.live.source import SILENT, Batch, Source
+from palpate.live.sources import source_of
+from palpate.setup.setup import Setup
+from palpate.setup.source import RigSource
+from palpate.setup.tables import RigOrientation
+
+__all__ = ["Pair"]
+
+WAITS = 0.1  # s that a frame waits for the wrenches about it
+
+
+class Pair:
+    """Frames with wrenches beside them, each a row of its numbers, the wrench, and of how many readings it is the mean.
+
+    A frame waits until wrenches have come that are half a step newer; where none comes within 0.1 s it goes without,
+    and what comes later is left out of it.
+
+    Args:
+        frames: of arrays.
+        wrenches: (6,) force first, stamped by the same clock.
+        means: of these; not asked before.
+    """
+
+    dtype: DTypeLike = np.float64
+    poses = False  # of ROS 2 come beside any source
+
+    def __init__(self, frames: Source, wrenches: Source, means: WrenchMeans) -> None:
+        self._frames, self._wrenches, self._means = frames, wrenches, means
+        self.shape: tuple[int, ...] = (int(np.prod(frames.shape)) + 7,)
+        self._frame, self._wrench = Batch(frames.shape), Batch((6,))
+        self._stamp, self._lost = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+        self._values = np.zeros((0, self.shape[0] - 7))
+        self._since, self._heard, self._quiet = 0.0, 0.0, False
+        self._said: list[str] = []
+
+    @classmethod
+    def of(cls, stated: RigSource, setup: Setup) -> Pair:
+        """Return the two devices of a sensor that is made of a skin and a force/torque sensor.
+
+        Raises:
+            InputError: what the [source] says cannot be.
+        """
+        layout, both = setup.layout(), list[Source]()
+        for part, source in zip(setup.kind.parts, (stated, stated.wrench or stated), strict=True):
+            sensor = setup.sensors[part]
+            alone = replace(
+                setup, kind=sensor.kind, sensors={part: sensor}, orientation=RigOrientation()
+            )  # poses come beside the pair
+            both.append(source_of(replace(source, wrench=None), alone))
+        limits = None if layout.wrench_range is None else Samples(layout, Path()).recorded(layout.wrench_range)
+        return cls(both[0], both[1], WrenchMeans(0.0, layout.max_gap, limits))
+
+    def open(self) -> None:
+        """Connect to both."""
+        self._wrenches.open()
+        self._frames.open()
+        self._heard = time.monotonic()
+
+    def receive(self, batch: Batch, timeout: float) -> int:
+        """See `palpate.live.source.Source`."""
+        self._take(self._frames.receive(self._frame, 0.0 if len(self._stamp) else timeout))
+        end = time.monotonic() + min(timeout, WAITS)
+        while True:
+            self._hear()
+            ready = self._means.answerable(seconds(self._stamp)) if len(self._stamp) else 0
+            if ready or time.monotonic() >= end or not len(self._stamp):
+                break
+            time.sleep(5e-4)
+        if not ready and len(self._stamp) and time.monotonic() - self._since > WAITS:
+            ready = len(self._stamp)
+        return self._given(batch, min(ready, len(batch)))
+
+    def said(self) -> list[str]:
+        """Of both, and whether wrenches come that belong to no frame."""
+        said, self._said = self._said, []
+        return [*said, *self._frames.said(), *self._wrenches.said()]
+
+    def close(self) -> None:
+        """Leave both."""
+        self._frames.close()
+        self._wrenches.close()
+
+    def _take(self, count: int) -> None:
+        """More frames, which wait."""
+        if not count:
+            return
+        if not len(self._stamp):
+            self._since = time.monotonic()
+        self._stamp = np.concatenate([self._stamp, self._frame.stamp[:count]])
+        self._lost = np.concatenate([self._lost, self._frame.lost[:count]])
+        self._values = np.concatenate([self._values, self._frame.values[:count].reshape(count, -1)])
+
+    def _hear(self) -> None:
+        """More wrenches."""
+        count = self._wrenches.receive(self._wrench, 0.0)
+        if count:
+            self._means.add(seconds(self._wrench.stamp[:count]), self._wrench.values[:count].copy())
+
+    def _given(self, batch: Batch, count: int) -> int:
+        """The first of the frames that wait."""
+        if not count:
+            return 0
+        time_ = seconds(self._stamp[:count])
+        wrenches, averaged = self._means.means(time_)
+        self._means.forget(float(time_[-1]))
+        batch.stamp[:count], batch.lost[:count] = self._stamp[:count], self._lost[:count]
+        batch.arrived = np.full(count, time.time_ns())
+        batch.values[:count] = np.column_stack([self._values[:count], wrenches, averaged])
+        self._stamp, self._lost, self._values = self._stamp[count:], self._lost[count:], self._values[count:]
+        self._since = time.monotonic()
+        self._watch(bool(np.isfinite(wrenches).all(axis=1).any()))
+        return count
+
+    def _watch(self, found: bool) -> None:
+        """Frames that stay without wrenches are said once, and their end."""
+        now = time.monotonic()
+        if found:
+            if self._quiet:
+                self._said.append(f"frames have wrenches beside them again, after {now - self._heard:.1f} s")
+            self._heard, self._quiet = now, False
+        elif now - self._heard > SILENT and not self._quiet:
+            self._quiet = True
+            self._said.append(
+                f"no wrench came at the times of the frames for {SILENT:g} s: are both stamped by one clock? "
+                "Forces are the skin's alone meanwhile"
+            )

@@ -1,0 +1,211 @@
+"""Where the sensor is, from messages as they come: of a topic of poses, or the tree of /tf."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from palpate.errors import InputError
+from palpate.files.logs.decoding import decode, seconds
+from palpate.files.logs.log import Messages, Topic
+from palpate.files.logs.transforms import TREES, transforms
+from palpate.live.source import SILENT, Batch
+from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.frames import FramePath, FrameTree
+from palpate.spatial.live_track import LiveTrack
+from palpate.spatial.pose import Pose
+from palpate.spatial.pose_track import PoseTrack, sound_quaternions
+
+__all__ = ["LivePoses", "Posed"]
+
+_KEPT = 2.0  # s of poses, beyond max_gap: samples may be late, too
+
+
+@takes_arrays
+class Posed(NamedTuple):
+    """Poses of the sensor in the base at times of samples.
+
+    Attributes:
+        quaternion: x, y, z, w; NaN where there is no answer.
+        position: [m].
+        age: [s] of the pose behind it; 0 where poses of both sides are known.
+        turned: [rad] rms of the angle by which the answer may be off because of its age: see `LiveTrack`.
+    """
+
+    quaternion: Float[np.ndarray, "n 4"]
+    position: Float[np.ndarray, "n 3"]
+    age: Float[np.ndarray, " n"]
+    turned: Float[np.ndarray, " n"]
+
+    def into(self, batch: Batch) -> None:
+        """Beside the first n samples of a batch."""
+        count = len(self.age)
+        batch.orientation[:count], batch.position[:count] = self.quaternion, self.position
+        batch.acceleration[:count], batch.turned[:count] = np.nan, np.nan_to_num(self.turned)
+
+
+class LivePoses:
+    """Fed with messages, asked for poses; neither waits for the other.
+
+    Messages of /tf are composed edge by edge: each edge is interpolated between its own neighbours in time, or goes on
+    as a `LiveTrack` does; those of /tf_static hold. The age is that of the oldest edge on the way, and the squares of
+    what each may have turned add up.
+
+    Args:
+        frames: base and sensor, in the tree of /tf; None: messages are poses of the sensor in the base.
+        offset: [s] added to the stamps of the poses to put them on the samples' clock.
+        max_gap: [s] beyond which an age, or a gap between poses, has no answer.
+        hold: poses are held, not extrapolated.
+    """
+
+    def __init__(
+        self,
+        frames: tuple[str, str] | None = None,
+        offset: float = 0.0,
+        max_gap: float = 0.25,
+        *,
+        hold: bool = False,
+    ) -> None:
+        self._frames = None if frames is None else (frames[0].removeprefix("/"), frames[1].removeprefix("/"))
+        self._made = (offset, max_gap, hold)
+        self._kept = max_gap + _KEPT
+        self._origin: int | None = None  # ns: doubles of seconds since then are good to 1e-12 s, since 1970 to 2e-7 s
+        self._track = self._new()  # of a topic of poses
+        self._edges: dict[tuple[str, str], LiveTrack] = {}
+        self._tree = FrameTree()
+        self._path = None if frames else FramePath(("base", "sensor"), ((self._track, False),))
+        self._needed = frozenset[str]()
+        self._names: dict[str, int] = {}
+        self._problem = ""
+        self._unread = 0
+        self._silent: float | None = None  # since when samples have had no pose
+        self._told: set[str] = set()
+        self._pending: list[str] = []
+
+    def add(self, messages: Messages) -> None:
+        """More messages, all of one topic: of a type of poses, or of transforms. Without a stamp, when it was sent."""
+        if not len(messages.time):
+            return
+        topic = next(iter(messages.topics.values()))
+        if topic.kind in TREES:
+            self._add_transforms(messages, topic)
+        else:
+            stamps, values, sound = decode(messages, topic)
+            self._unread += int(np.count_nonzero(~sound))
+            stamps, values = np.where(stamps == 0, messages.time, stamps)[sound], values[sound]
+            self._grow(self._track, stamps, values)
+
+    @takes_arrays
+    def at(self, stamp: Int[np.ndarray, " n"]) -> Posed:
+        """At the times [ns] of samples."""
+        if (path := self._way()) is None:
+            nothing = np.full((len(stamp), 9), np.nan)
+            self._watch(found=False)
+            return Posed(nothing[:, :4], nothing[:, 4:7], nothing[:, 7], nothing[:, 8])
+        asked = seconds(stamp - (self._origin or 0))
+        quaternion, position = path.at(asked)
+        age, square = np.zeros((2, len(stamp)))
+        for track in _live(path):
+            older, turned = track.lag(asked)
+            age = np.maximum(age, older)
+            square += turned**2
+        turned = np.where(np.isnan(quaternion[:, 0]), np.nan, np.sqrt(square))
+        self._watch(found=not len(stamp) or not np.isnan(quaternion[-1, 0]), age=float(age[-1]) if len(stamp) else 0.0)
+        return Posed(quaternion, position, age, turned)
+
+    def said(self) -> list[str]:
+        """What happened since this was last asked, one sentence each."""
+        if self._silent is not None and time.monotonic() - self._silent > SILENT and "silent" not in self._told:
+            self._told.add("silent")
+            self._pending.append(self._problem or "there are no poses yet: the sensor's orientation is not known")
+        if self._unread and "unread" not in self._told:
+            self._told.add("unread")
+            self._pending.append("messages of poses are cut short, or of another type; they are left out")
+        for name, track in self._named():
+            key = f"{name} {track.restarts}"
+            if track.restarts and key not in self._told:
+                self._told.add(key)
+                self._pending.append(f"the clock of the poses{name} went back; they begin anew")
+        said, self._pending = self._pending, []
+        return said
+
+    def _new(self) -> LiveTrack:
+        offset, max_gap, hold = self._made
+        return LiveTrack(offset, max_gap, hold=hold)
+
+    def _grow(self, track: LiveTrack, stamps: Int[np.ndarray, " k"], values: Float[np.ndarray, "k 7"]) -> None:
+        if self._origin is None and len(stamps):
+            self._origin = int(stamps[0])
+        track.add(seconds(stamps - (self._origin or 0)), values[:, 3:], values[:, :3])
+        track.forget(track.newest - self._kept)
+
+    def _add_transforms(self, messages: Messages, topic: Topic) -> None:
+        rows, sound = transforms(messages, topic, self._names)
+        self._unread += int(np.count_nonzero(~sound))
+        called = list(self._names)
+        for parent, child, which in rows.edges():
+            edge = (called[parent], called[child])
+            if topic.name.endswith("tf_static"):
+                self._hold(edge, rows.values[which])
+                continue
+            if edge not in self._edges:
+                self._edges[edge] = self._new()
+                self._tree.add(*edge, self._edges[edge])
+                self._path = None
+            elif self._path is not None and not self._needed.issuperset(edge):
+                continue  # the rest of a robot, which may be large
+            stamps = rows.stamp[which]
+            stamps = np.where(stamps == 0, messages.time[rows.message[which]], stamps)
+            self._grow(self._edges[edge], stamps, rows.values[which])
+
+    def _hold(self, edge: tuple[str, str], values: Float[np.ndarray, "k 7"]) -> None:
+        """The newest transform of /tf_static, unless the edge is on /tf, too: that is newer."""
+        sound = values[sound_quaternions(values[:, 3:]) & np.isfinite(values).all(axis=1)]
+        if len(sound) and edge not in self._edges:
+            self._tree.add(*edge, Pose.from_quaternion(sound[-1, 3:], sound[-1, :3]))
+            self._path = None
+
+    def _way(self) -> FramePath | None:
+        """From base to sensor, as far as the tree has grown."""
+        if self._path is None and self._frames is not None and self._tree.frames:
+            try:
+                self._path = self._tree.path(*self._frames)
+            except InputError as problem:
+                self._problem = f"{problem.what} {problem.hint} The sensor's orientation is not known"
+                return None
+            self._needed = frozenset(self._path.frames)  # of a tree: two of them that are joined are neighbours
+            way = " -> ".join(self._path.frames)
+            if way not in self._told:
+                self._told.add(way)
+                self._pending.append(f"the sensor's pose is that of {way} in the tree of /tf")
+        return self._path
+
+    def _watch(self, *, found: bool, age: float = 0.0) -> None:
+        """Notices since when samples have been without poses, and when they have them again."""
+        if found:
+            if self._silent is not None and "silent" in self._told:
+                self._pending.append("samples have poses again")
+            self._told.discard("silent")
+            self._silent = None
+            return
+        if np.isfinite(age) and age > 0:
+            self._problem = (
+                f"the newest pose is {age:.3g} s older than the samples: the sensor's orientation is not known"
+            )
+        if self._silent is None:
+            self._silent = time.monotonic()
+
+    def _named(self) -> Iterator[tuple[str, LiveTrack]]:
+        """Every track, with the words that tell it from others."""
+        yield "", self._track
+        for (parent, child), track in self._edges.items():
+            yield f" of {child!r} in {parent!r}", track
+
+
+def _live(path: FramePath) -> Iterator[LiveTrack]:
+    tracks: tuple[PoseTrack, ...] = path.tracks
+    return (track for track in tracks if isinstance(track, LiveTrack))

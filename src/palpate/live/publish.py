@@ -1,0 +1,143 @@
+"""Contacts out of a running `palpate live`: to ROS 2, or as JSON to a socket, by a process that reads the ring."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+from math import inf
+from pathlib import Path
+from time import sleep
+from typing import Protocol, runtime_checkable
+
+from palpate.contact.contacts import Contacts
+from palpate.errors import InputError
+from palpate.live.json_lines import JsonLines, datagram_address
+from palpate.live.receiver import orphaned
+from palpate.live.stream_buffer import Form, Ring
+from palpate.setup.rig import load_rig
+from palpate.setup.source import RigSource
+
+__all__ = ["Publisher", "open_publisher", "publish", "require_address"]
+
+ROS = "ros2"
+RATE = 100.0  # Hz
+POLL = 0.005  # s
+MOST = 4096  # slots that are read at once
+_HINT = "Write ros2, ros2:DOMAIN, udp:HOST:PORT or unix:PATH."
+
+
+@runtime_checkable
+class Publisher(Protocol):
+    """Takes contacts as they come; whoever listens gets some of them, and nothing waits for him."""
+
+    def publish(self, contacts: Contacts) -> object:
+        """The next samples, in order; none: what had to wait for the rate may go out now."""
+        ...
+
+    def tare_asked(self) -> bool:
+        """Whether somebody has asked for a tare since this was last asked."""
+        ...
+
+    def said(self) -> list[str]:
+        """What happened since this was last asked, one sentence each."""
+        ...
+
+    def close(self) -> None:
+        """May be called twice."""
+        ...
+
+
+def _ros(to: str, form: Form, source: RigSource | None, rate: float) -> Publisher:
+    from palpate.live.publish_ros import RosPublisher  # here: it needs cyclonedds
+
+    domain = _domain(to)
+    if domain is None:
+        domain = 0 if source is None else source.domain
+    interface = "" if source is None else source.interface
+    made = RosPublisher(form.frame, form.features, rate=rate or inf, domain=domain, interface=interface)
+    made.open()
+    return made
+
+
+def _json(to: str, form: Form, source: RigSource | None, rate: float) -> Publisher:
+    return JsonLines(to, rate)
+
+
+_PUBLISHERS: dict[str, Callable[[str, Form, RigSource | None, float], Publisher]] = {
+    ROS: _ros,
+    "udp": _json,
+    "unix": _json,
+}
+
+
+def _domain(to: str) -> int | None:
+    """Of "ros2:DOMAIN"; None where it is not said."""
+    _, colon, number = to.partition(":")
+    if not colon:
+        return None
+    if not number.isdecimal() or int(number) > 232:
+        raise InputError("names no domain of ROS 2, which is a number from 0 to 232.", where=to, hint=_HINT)
+    return int(number)
+
+
+def require_address(to: str) -> None:
+    """Say what is wrong with an address before anything starts.
+
+    Args:
+        to: "ros2", "ros2:DOMAIN", "udp:HOST:PORT" or "unix:PATH".
+
+    Raises:
+        InputError: it is none of these, or there is no such host or folder.
+    """
+    kind = to.partition(":")[0]
+    if kind not in _PUBLISHERS:
+        raise InputError("is nothing that contacts can be published to.", where=f"--publish {to}", hint=_HINT)
+    if kind == ROS:
+        _domain(to)
+    else:
+        datagram_address(to)
+
+
+def open_publisher(to: str, form: Form, source: RigSource | None = None, rate: float = RATE) -> Publisher:
+    """What publishes to an address.
+
+    Args:
+        to: as `require_address` takes it.
+        form: of what passes through the ring.
+        source: of the rig; it says the network of ROS 2.
+        rate: [Hz] at most; 0: every sample.
+
+    Raises:
+        InputError: the address is wrong, or ROS 2 cannot be reached.
+    """
+    require_address(to)
+    return _PUBLISHERS[to.partition(":")[0]](to, form, source, rate)
+
+
+def publish(ring: Path, to: str, rig: Path, parent: int, rate: float = RATE) -> None:
+    """A process that publishes what passes through a ring, from now on, until it is stopped or its parent is gone.
+
+    What is wrong with the address is said in the ring, and the process ends with 1.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which says stop
+    read = Ring(ring)
+    try:
+        publisher = open_publisher(to, read.form, load_rig(rig).source, rate)
+    except InputError as problem:
+        read.say(f"nothing is published to {to}: {problem}")
+        raise SystemExit(1) from problem
+    try:
+        next_one = read["answered"]
+        while not read["stop"] and not orphaned(parent):
+            slots, first = read.read(next_one, MOST)
+            next_one = first + len(slots)
+            publisher.publish(read.form.contacts(slots))
+            if publisher.tare_asked():
+                read.ask_tare(f"a message to {to}")
+            for sentence in publisher.said():
+                read.say(sentence)
+            if len(slots) < MOST:
+                sleep(POLL)
+    finally:
+        publisher.close()
+        read.close()

@@ -1,0 +1,236 @@
+"""Contacts to ROS 2: a pose, a wrench, markers to look at, and everything."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.contact.contacts import Contacts
+from palpate.files.contacts.mcap import Messages
+from palpate.files.contacts.mcap_write import MESSAGE
+from palpate.live.dds import Node, Reader, Writer
+from palpate.live.ros_messages import Cdr
+from palpate.spatial.pose import quaternion_from_rotation
+
+__all__ = ["TARE", "TOPICS", "RosPublisher"]
+
+TARE = "/palpate/tare"
+TOPICS = {
+    "/palpate/contact/pose": "geometry_msgs/PoseWithCovarianceStamped",
+    "/palpate/contact/wrench": "geometry_msgs/WrenchStamped",
+    "/palpate/contact/markers": "visualization_msgs/MarkerArray",
+    "/palpate/contact/contacts": "palpate_msgs/ContactArray",
+}
+_POSE, _WRENCH, _MARKERS, _CONTACTS = TOPICS
+_DRAWN = 30.0  # Hz: nobody sees more
+_BACK = 1.0  # s: stamps that go back by more are another clock
+_HEADER = 16  # bytes of a message before the name of its frame
+_ARROW, _SPHERE, _ADD, _DELETE_ALL = 0, 2, 0, 3
+_ORANGE, _BLUE = (0.84, 0.37, 0.0, 1.0), (0.0, 0.45, 0.7, 0.5)
+_LENGTH = 0.01  # m per N of an arrow
+_LONGEST = 0.2  # m
+_SMALLEST, _LARGEST = 0.002, 0.05  # m: diameters of an ellipsoid that can be seen
+_DEVIATIONS = 2.796  # of a 95 % ellipsoid in three dimensions
+_LIFE = 500_000_000  # ns after which a viewer forgets a marker, if nobody renews it
+
+
+class RosPublisher:
+    """Publishes contacts as they come, no more often than is asked.
+
+    `/palpate/contact/pose` (PoseWithCovarianceStamped: the strongest contact, z along its outward normal; the
+    covariance is that of the point, and 0, which is "not known", in the rows of the rotation) and
+    `/palpate/contact/wrench` (WrenchStamped: its force on the body and its torque about the normal, at that point) are
+    silent while nothing is located. `/palpate/contact/contacts` (palpate_msgs/ContactArray) has every row of a sample,
+    also one that says that there is no contact; `/palpate/contact/markers` is for viewers, 30 times a second.
+
+    A message on `/palpate/tare` (std_msgs/Empty) asks for a tare. It is no service: a client of Fast DDS finds its
+    answer by the "related sample identity" beside the message, which cyclonedds neither shows of a request nor writes
+    to an answer.
+
+    Args:
+        frame_id: name of the frame of the contacts.
+        features: that every contact has.
+        rate: [Hz] of messages, at most, by the contacts' own times.
+        domain, interface: as of a `Node`.
+    """
+
+    def __init__(
+        self,
+        frame_id: str,
+        features: tuple[str, ...] = (),
+        rate: float = 100.0,
+        domain: int = 0,
+        interface: str = "",
+    ) -> None:
+        self._frame_id, self._features = frame_id, features
+        self._messages = Messages(frame_id, features)
+        self._node = Node(domain, interface)
+        self._due, self._drawn = _Due(rate), _Due(min(rate, _DRAWN))
+        self._writers: dict[str, Writer] = {}
+        self._tare: Reader | None = None
+        self._dropped = 0
+        self._said: list[str] = []
+
+    def open(self) -> None:
+        """Join the domain.
+
+        Raises:
+            InputError: it cannot be joined.
+        """
+        if said := self._node.open():
+            self._said.append(said)
+        self._writers = {name: self._node.writer(name, kind, depth=10) for name, kind in TOPICS.items()}
+        self._tare = self._node.reader(TARE, "std_msgs/Empty", reliable=True, depth=10)
+
+    def publish(self, contacts: Contacts) -> int:
+        """The samples that are due.
+
+        Args:
+            contacts: in the order of their times.
+
+        Returns:
+            how many samples were published.
+        """
+        first = np.flatnonzero(np.diff(contacts.sample, prepend=contacts.sample[:1] - 1))
+        due = self._due.of(contacts.time[first])
+        ends = np.append(first[1:], len(contacts))
+        for k in np.flatnonzero(due).tolist():
+            self._publish(contacts[first[k] : ends[k]])
+        return int(np.count_nonzero(due))
+
+    def tare_asked(self) -> bool:
+        """Whether somebody has asked for a tare since this was last asked."""
+        return self._tare is not None and len(self._tare.take().time) > 0
+
+    def said(self) -> list[str]:
+        """What happened since this was last asked, one sentence each."""
+        if self._dropped:
+            self._said.append(f"{self._dropped} messages to ROS 2 were dropped: a reader is too slow")
+            self._dropped = 0
+        said, self._said = self._said, []
+        return said
+
+    def close(self) -> None:
+        """Leave the domain; may be called twice."""
+        self._writers, self._tare = {}, None
+        self._node.close()
+
+    def _publish(self, rows: Contacts) -> None:
+        """Rows of one sample."""
+        _, (everything, poses, wrenches) = self._messages.of(rows)
+        self._write(_CONTACTS, self._array(everything, rows))
+        strongest = int(rows.strongest()[0])
+        if rows.answered[strongest] and rows.located[strongest]:
+            which = int(np.count_nonzero(rows.located[:strongest]))
+            spread = np.zeros((6, 6))
+            spread[:3, :3] = np.nan_to_num(rows.covariance[strongest])  # 0 is "not known" to others, NaN breaks them
+            self._write(_POSE, _payload(poses[which : which + 1]) + spread.astype("<f8").tobytes())
+            self._write(_WRENCH, _payload(wrenches[which : which + 1]))
+        if self._drawn.of(rows.time[:1])[0]:
+            stamp = int(everything["sec"][0]) * 10**9 + int(everything["nanosec"][0])
+            self._write(_MARKERS, markers(rows, stamp, self._frame_id))
+
+    def _write(self, topic: str, data: bytes) -> None:
+        if not self._writers[topic].write(data):
+            self._dropped += 1
+
+    def _array(self, everything: np.ndarray, rows: Contacts) -> bytes:
+        """A ContactArray; each contact as in a file, its features behind all of them."""
+        head = _payload(everything[:1])
+        named = int(everything["named"][0])
+        start = _HEADER + named
+        message = Cdr().raw(head[4:start]).numbers("I", len(rows))
+        fields = start + -(start - 4) % 8
+        size = len(head) - fields - 8 * len(self._features) - 1
+        for k in range(len(rows)):
+            each = _payload(everything[k : k + 1])
+            message.align(4).raw(each[4:start]).align(8).raw(each[fields : fields + size]).raw(each[-1:])
+        message.numbers("I", len(self._features))
+        for name in self._features:
+            message.text(name)
+        nothing = np.full(len(rows), np.nan)
+        values = np.array([rows.features.get(name, nothing) for name in self._features]).T.ravel().tolist()
+        return message.numbers("I", len(values)).numbers("d", *values).done()
+
+
+class _Due:
+    """Which of some rising times are far enough apart."""
+
+    def __init__(self, rate: float) -> None:
+        self._period, self._next = 1.0 / rate, -np.inf
+
+    def of(self, time: Float[np.ndarray, " n"]) -> np.ndarray:
+        """(n,) whether each is due."""
+        due = np.zeros(len(time), dtype=bool)
+        for k, at in enumerate(time.tolist()):
+            if at >= self._next - 1e-3 * self._period or at < self._next - self._period - _BACK:
+                due[k] = True
+                follows = self._next + self._period
+                self._next = follows if at < follows <= at + self._period else at + self._period
+        return due
+
+
+def markers(contacts: Contacts, stamp: int, frame_id: str) -> bytes:
+    """A MarkerArray: first what was drawn before goes, then an arrow that pushes and a 95 % ellipsoid each.
+
+    Args:
+        contacts: rows of one sample; those that are answered are drawn.
+        stamp: [ns].
+        frame_id: of the contacts.
+    """
+    shown = np.flatnonzero(contacts.answered & contacts.located & np.isfinite(contacts.force).all(axis=1))
+    message = Cdr().numbers("I", 1 + 2 * len(shown))
+    nothing = np.zeros(3)
+    _marker(message.align(4).header(stamp, frame_id), "", (0, _ARROW, _DELETE_ALL), (nothing, None, nothing), _BLUE)
+    for row in shown.tolist():
+        identity = int(contacts.identity[row]) % 2**31
+        tip, force = contacts.point[row], contacts.force[row]
+        length = float(np.linalg.norm(force))
+        shaft = force * (min(_LENGTH, _LONGEST / length) if length else 0.0)
+        arrow = (nothing, None, np.array([0.004, 0.01, 0.0]))
+        _marker(
+            message.align(4).header(stamp, frame_id),
+            "force", (identity, _ARROW, _ADD), arrow, _ORANGE, np.stack([tip - shaft, tip]),
+        )  # fmt: skip
+        _marker(
+            message.align(4).header(stamp, frame_id),
+            "point", (identity, _SPHERE, _ADD), (tip, *_ellipsoid(contacts.covariance[row])), _BLUE,
+        )  # fmt: skip
+    return message.done()
+
+
+def _marker(
+    message: Cdr,
+    space: str,
+    what: tuple[int, int, int],
+    where: tuple[np.ndarray, np.ndarray | None, np.ndarray],
+    colour: tuple[float, ...],
+    points: np.ndarray | None = None,
+) -> None:
+    """One Marker behind its header: number, kind and action; position, quaternion and scale; points."""
+    position, quaternion, scale = where
+    turn = (0.0, 0.0, 0.0, 1.0) if quaternion is None else tuple(quaternion.tolist())
+    message.text(space).numbers("i", *what).numbers("d", *position.tolist(), *turn, *scale.tolist())
+    message.numbers("f", *colour).numbers("i", 0).numbers("I", _LIFE).numbers("B", 0)
+    message.numbers("I", 0 if points is None else len(points))
+    if points is not None:
+        message.numbers("d", *points.ravel().tolist())
+    message.numbers("I", 0).text("")  # colours of points; texture
+    message.header(0, "").text("").numbers("I", 0)  # an image as a texture
+    message.numbers("I", 0).text("").text("")  # places in it; text; mesh
+    message.text("").numbers("I", 0).numbers("B", 0)
+
+
+def _ellipsoid(covariance: Float[np.ndarray, "3 3"]) -> tuple[Float[np.ndarray, "4"], Float[np.ndarray, "3"]]:
+    """Quaternion and diameters [m] of the 95 % ellipsoid; a small ball where the covariance is not known."""
+    if not np.isfinite(covariance).all():
+        return np.array([0.0, 0.0, 0.0, 1.0]), np.full(3, _SMALLEST)
+    variance, axes = np.linalg.eigh(covariance)
+    axes = axes * np.linalg.det(axes)
+    diameters = 2.0 * _DEVIATIONS * np.sqrt(variance.clip(min=0.0))
+    return quaternion_from_rotation(axes), diameters.clip(_SMALLEST, _LARGEST)
+
+
+def _payload(record: np.ndarray) -> bytes:
+    """The message in one record of a file."""
+    return record.tobytes()[MESSAGE.itemsize :]

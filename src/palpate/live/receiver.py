@@ -1,0 +1,113 @@
+"""The process that receives samples and answers them, and does nothing else."""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import os
+import signal
+import time
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+import numpy as np
+
+from palpate.errors import InputError, PalpateError
+from palpate.live.live import Live
+from palpate.live.stream_buffer import SIZE, Form, Ring
+
+__all__ = ["orphaned", "receive"]
+
+PRIORITY = 60  # of SCHED_FIFO: above what is usual, below the threads of the system
+IMAGES = 1 << 28  # bytes of a ring of images
+_LOCK_NOW_AND_LATER = 3  # MCL_CURRENT | MCL_FUTURE
+
+
+def receive(
+    rig: Path, ring: Path, sensor: str | None, parent: int, trouble: Connection, realtime: bool, recorded: bool
+) -> None:
+    """Until the ring says stop, or the parent is gone; a process of its own.
+
+    Args:
+        rig: with a [source].
+        ring: file to make, or to go on with where one before this was killed.
+        sensor: name of the sensor's table, where there are several.
+        parent: process.
+        trouble: is sent the sentence (UTF-8) that ends this, if the rig or the device cannot be used.
+        realtime: ask for real-time priority, unless samples wait.
+        recorded: somebody records the ring, and samples that can wait do so.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which says stop
+    try:
+        live = Live(rig, sensor)
+        with live:  # before the ring is there: without a device nothing is begun
+            opened = _opened(ring, live.form(rig=str(rig)), recorded)
+            live.into(opened)
+            if realtime and not live.patient:
+                opened.say(_hurried())
+            _steady()
+            _loop(live, opened, parent)
+    except PalpateError as problem:
+        trouble.send_bytes(str(problem).encode())
+
+
+def orphaned(parent: int) -> bool:
+    """Whether the parent process is gone."""
+    return os.getppid() != parent
+
+
+def _loop(live: Live, ring: Ring, parent: int) -> None:
+    while not ring["stop"] and not orphaned(parent):
+        live.step()
+        if live.ended:
+            live.finish()
+        _say(live, ring)
+        ring["alive"], ring["ended"] = time.time_ns(), int(live.ended)
+        if ring["asked"] != ring["done"]:
+            ring["done"] = ring["asked"]
+            live.tare()
+    live.finish()
+    _say(live, ring)
+
+
+def _say(live: Live, ring: Ring) -> None:
+    for sentence in live.said():
+        ring.say(sentence)
+
+
+def _opened(path: Path, form: Form, recorded: bool) -> Ring:
+    """The ring that is there, or a new one, which appears whole."""
+    if path.exists():
+        ring = Ring(path)
+        if ring.form != form:
+            raise InputError("is of another rig or sensor.", where=str(path), hint="Remove it, or `palpate recover`.")
+        lost = ring["received"] - ring["answered"]
+        if lost:  # received by one that was killed before it had answered
+            for _ in range(lost):
+                ring.answer(np.zeros((0, form.width)), np.zeros(1, dtype=np.int64), known=False)
+        return ring
+    beside = path.with_name(f"{path.name}.new")
+    made = Ring.make(beside, form, IMAGES if form.images else SIZE)
+    made["recording"] = int(recorded)
+    made.close()
+    beside.replace(path)
+    return Ring(path)
+
+
+def _hurried() -> str:
+    """Ask for real-time priority, and for memory that is not paged out; what was granted."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    except (AttributeError, PermissionError):
+        return (
+            "no real-time priority was granted, so other work on this machine delays contacts "
+            "(allow rtprio in /etc/security/limits.conf, or CAP_SYS_NICE)"
+        )
+    locked = ctypes.CDLL(None).mlockall(_LOCK_NOW_AND_LATER) == 0
+    return f"real-time priority {PRIORITY} (SCHED_FIFO){', memory locked' if locked else ''}"
+
+
+def _steady() -> None:
+    """No pauses of the garbage collector over what is here to stay."""
+    gc.collect()
+    gc.freeze()

@@ -1,0 +1,276 @@
+"""The recorder of `palpate live`: what passes through a ring, as MCAP files that each open on their own.
+
+It is a process of its own. Killed and started again, it goes on where its file ends, as long as the ring still holds
+what came after; `palpate.live.recover` does the same when everything was killed.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import signal
+import time
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import ParamSpec
+
+import numpy as np
+
+from palpate.errors import InputError
+from palpate.files.atomic import PART, part, writing
+from palpate.live.record_file import RecordFile, grown, named, place
+from palpate.live.record_messages import RecordMessages, event, record_topics
+from palpate.live.stream_buffer import READERS, Ring
+
+__all__ = ["RING", "Recorder", "only_one", "record", "require_record", "ring_of"]
+
+Given = ParamSpec("Given")
+
+RING = ".ring"
+POLL = 0.02  # s between looks at the ring
+SPAN = 0.25  # s of a chunk: what a kill of the machine's power may cost beyond what was synced
+CHUNK = 2048  # samples of a chunk, at most
+BYTES = 1 << 23  # of slots of a chunk, at most
+SYNC = 1.0  # s between syncs
+QUIET, SILENT, GRACE = (
+    0.3,
+    1.5,
+    5.0,
+)  # s without a change after which a ring has ended, with all answered or not; at most
+
+
+def ring_of(output: Path) -> Path:
+    """The ring beside a record: OUTPUT.ring."""
+    growing = part(output)
+    return growing.with_name(f"{growing.name.removesuffix(PART)}{RING}")
+
+
+def require_record(output: Path) -> None:
+    """Refuse a record that cannot begin, before any work is done.
+
+    Raises:
+        InputError: no .mcap; an earlier one was cut short; files of a longer one stand there.
+    """
+    if output.suffix.lower() != ".mcap":
+        raise InputError(f"no record ends in {output.suffix!r}.", where=str(output), hint="Use .mcap.")
+    if ring_of(output).exists() or grown(output):
+        hint = f"`palpate recover {output}` puts it together; then begin a new one."
+        raise InputError("an earlier run was cut short.", where=str(output), hint=hint)
+    if named(output, 1).exists():
+        hint = "Remove its files, or name another output."
+        raise InputError(
+            f"is the first of several files of a record: {named(output, 1)}.", where=str(output), hint=hint
+        )
+
+
+def record(ring: Path, output: Path, split: float, parent: int) -> None:
+    """Write what passes through a ring until it says stop or the parent is gone, and everything answered is written.
+
+    Args:
+        ring: file.
+        output: MCAP; it grows as OUTPUT.part.
+        split: bytes after which another file is begun: run.1.mcap, run.2.mcap, ...
+        parent: process.
+
+    Where nothing can be recorded (another process does it, OUTPUT.part is of something else), that is said in the ring,
+    and the process ends with 1.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which says stop
+    opened = Ring(ring)
+    try:
+        with only_one(ring), writing(output):
+            recorder, quiet = Recorder(opened, output, split), _Quiet(opened)
+            while opened["stop"] < READERS and not (os.getppid() != parent and quiet.ended()):
+                recorder.step()
+                time.sleep(POLL)
+            recorder.finish()
+    except InputError as problem:
+        opened["recording"] = 0
+        opened.say(f"nothing is recorded any more: {problem}")
+        raise SystemExit(1) from problem
+
+
+@contextmanager
+def only_one(ring: Path) -> Generator[None]:
+    """Nobody else writes the record of this ring meanwhile; the system lets go of it when a process dies.
+
+    Raises:
+        InputError: somebody does.
+    """
+    with ring.open("rb") as held:
+        try:
+            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as problem:
+            raise InputError("another process writes its record.", where=str(ring)) from problem
+        yield
+
+
+class Recorder:
+    """Takes samples from a ring to files, in order; where there is a file that a killed one began, it goes on in it.
+
+    The ring's words are kept so that this works from wherever it was killed: "file" is the file that is written, which
+    begins with sample "began", behind "noted" sentences in files before it; "recorded" the number of the next sample,
+    "missed" the samples that came too fast and are in no file, "bytes" those of all files.
+
+    Args:
+        ring: that only this one records.
+        output: the first file.
+        split: bytes after which another is begun.
+
+    Attributes:
+        next: number of the next sample to write.
+        file: that grows; None before there is something to write, and once the disk is full.
+        full: whether it is.
+    """
+
+    def __init__(self, ring: Ring, output: Path, split: float) -> None:
+        self._ring, self._output, self._split = ring, output, split
+        self._topics, self._messages = record_topics(ring.form), RecordMessages(ring.form)
+        slot = ring.form.slot().itemsize
+        self._most = max(1, min(CHUNK, BYTES // slot))
+        self.file: RecordFile | None = None
+        self.full = False
+        self._written = self._synced = time.monotonic()
+        which = ring["file"]
+        if which and part(named(output, which - 1)).exists():
+            place(named(output, which - 1))  # it was ended, and killed before it had its name
+        self._before = sum(_size(named(output, each)) for each in range(which))  # bytes of files that are whole
+        self.next, self._noted = ring["began"], ring["noted"]  # where there is no sample or sentence in the file
+        if part(named(output, which)).exists():
+            self._opened()
+
+    def step(self) -> None:
+        """Write what was answered, if it is enough for a chunk or waits for long."""
+        ring, now = self._ring, time.monotonic()
+        waiting = self._until() - self.next
+        if waiting >= self._most or (waiting and now - self._written >= SPAN):
+            self._written = now
+            self._samples(self._until())
+        if ring["said"] > self._noted:
+            self._sentences()
+        if now - self._synced >= SYNC and self.file is not None:
+            self._synced = now
+            self._guarded(self.file.sync)
+
+    def finish(self) -> None:
+        """Write everything that was received, and end the file."""
+        self._samples(self._ring["received"])
+        self._sentences()
+        if self.file is None and not self._ring["file"] and not self.full:
+            self._guarded(self._opened)  # of nothing: a file without a sample is one too
+        if self.file is not None:
+            self._guarded(self._end, self.file)
+
+    def _until(self) -> int:
+        """What was answered; and what waits for an answer so long that the ring would go over it."""
+        ring = self._ring
+        return max(ring["answered"], ring["received"] - len(ring.slots) // 2)
+
+    def _samples(self, end: int) -> None:
+        ring = self._ring
+        while self.next < end and not self.full:
+            slots, first = ring.read(self.next, min(self._most, end - self.next), "received")
+            if first > self.next:
+                self._lapped(first - self.next)
+            self.next = first
+            if len(slots) and self._guarded(self._append, slots, first):
+                self.next = first + len(slots)
+                self._grown()
+        if self.full:
+            self.next = end
+
+    def _append(self, slots: np.ndarray, first: int) -> None:
+        self._opened().append(*self._messages.of(slots, first))
+
+    def _sentences(self) -> None:
+        said, end = self._ring.said(self._noted)
+        for number, (stamp, text) in enumerate(said, end - len(said) + 1):
+            self._guarded(self._append_sentence, stamp, text, number)
+        self._noted = end
+        self._grown()
+
+    def _append_sentence(self, stamp: int, text: str, number: int) -> None:
+        if not self.full:
+            raw, view = event(stamp, text, number)
+            self._opened().append(raw, [view])
+
+    def _opened(self) -> RecordFile:
+        """The file to write into, begun or gone on with."""
+        if self.file is None:
+            ring = self._ring
+            self.file = RecordFile(named(self._output, ring["file"]), self._topics, ring["received"])
+            self.next = max(self.next, self.file.span.end)
+            self._noted = max(self._noted, self.file.span.noted)
+        return self.file
+
+    def _lapped(self, count: int) -> None:
+        ring = self._ring
+        ring["missed"] += count
+        ring.say(f"{count} samples from sample {self.next} on are not recorded: the disk was too slow for the ring")
+
+    def _grown(self) -> None:
+        """Say how far it is; begin another file where this one is large enough."""
+        ring = self._ring
+        if self.full:
+            return
+        ring["recorded"] = self.next
+        if self.file is not None:
+            ring["bytes"] = self._before + self.file.size
+            if self.file.size >= self._split:
+                self._guarded(self._end, self.file)
+
+    def _end(self, file: RecordFile) -> None:
+        """A whole file, and another with what comes."""
+        ring = self._ring
+        self.next -= file.end()
+        ring["recorded"] = ring["began"] = self.next
+        ring["noted"] = self._noted
+        ring["file"] += 1  # from here on, who goes on gives the file its name
+        self.file = None
+        file.place()
+        self._before += _size(file.path)
+        ring["bytes"] = self._before
+
+    def _guarded(self, act: Callable[Given, object], *args: Given.args, **kwargs: Given.kwargs) -> bool:
+        """Whether it was done; a full disk ends the record, with what was written until then."""
+        try:
+            act(*args, **kwargs)
+        except OSError as problem:
+            self._give_up(problem)
+            return False
+        return True
+
+    def _give_up(self, problem: OSError) -> None:
+        self.full, self._ring["recording"], file = True, 0, self.file
+        where = named(self._output, self._ring["file"]).name
+        if file is not None:
+            try:
+                self._end(file)
+            except OSError:  # not even that: it stays OUTPUT.part, for `palpate recover`
+                file.close()
+                self.file = None
+        kept = f"the {self.next:,} samples until then are kept"
+        self._ring.say(f"recording has stopped: {where} cannot be written ({problem.strerror}); {kept}")
+
+
+class _Quiet:
+    """Whether nothing comes any more."""
+
+    def __init__(self, ring: Ring) -> None:
+        self._ring, self._state = ring, (0, 0, 0)
+        self._began = self._changed = 0.0
+
+    def ended(self) -> bool:
+        """To be asked again and again once an end was asked for."""
+        ring, now = self._ring, time.monotonic()
+        state = ring["received"], ring["answered"], ring["alive"]
+        self._began = self._began or now
+        if state != self._state:
+            self._state, self._changed = state, now
+        still = now - self._changed
+        return still > (QUIET if state[0] == state[1] else SILENT) or now - self._began > GRACE
+
+
+def _size(path: Path) -> int:
+    return path.stat().st_size if path.exists() else 0

@@ -1,0 +1,203 @@
+"""What a live record holds: the readings as a log of the same rig has them, their contacts, and what happened."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Int
+
+from palpate.files.contacts.mcap import (
+    LATEST,
+    POSE_FIELDS,
+    POSE_STAMPED,
+    STAMPED,
+    VECTOR,
+    WRENCH_FIELDS,
+    WRENCH_STAMPED,
+    Messages,
+    topics,
+)
+from palpate.files.contacts.mcap_rows import Fields, Rows, made, stamped
+from palpate.files.contacts.mcap_write import Topic
+from palpate.files.logs.topics import LIVE, LIVE_ACCELERATION, LIVE_POSE
+from palpate.live.stream_buffer import Form
+
+__all__ = ["EVENTS", "READINGS", "event", "record_topics"]
+
+READINGS, EVENTS, POSE, ACCELERATION = 4, 5, 6, 7  # channels behind those of the contacts
+_INFO, _WARN = 20, 30
+_BASE, _SENSOR = "base", "sensor"  # names of frames
+_LOG = """uint8 DEBUG=10
+uint8 INFO=20
+uint8 WARN=30
+uint8 ERROR=40
+uint8 FATAL=50
+builtin_interfaces/Time stamp
+uint8 level
+string name
+string msg
+string file
+string function
+uint32 line
+"""
+_TIME = f"{'=' * 80}\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
+_ARRAY = f"""std_msgs/MultiArrayLayout layout
+float64[] data
+{"=" * 80}
+MSG: std_msgs/MultiArrayLayout
+std_msgs/MultiArrayDimension[] dim
+uint32 data_offset
+{"=" * 80}
+MSG: std_msgs/MultiArrayDimension
+string label
+uint32 size
+uint32 stride
+"""
+_IMAGE = f"""std_msgs/Header header
+uint32 height
+uint32 width
+string encoding
+uint8 is_bigendian
+uint32 step
+uint8[] data
+{STAMPED}"""
+_VECTOR_STAMPED = f"std_msgs/Header header\ngeometry_msgs/Vector3 vector\n{STAMPED}{VECTOR}"
+
+
+def record_topics(form: Form) -> tuple[Topic, ...]:
+    """What a record declares: the contacts, the readings, events, poses and accelerations."""
+    if form.images:
+        readings = Topic(form.topic or f"{LIVE}image", "sensor_msgs/msg/Image", _IMAGE)
+    elif form.wrenches:
+        readings = Topic(form.topic or f"{LIVE}wrench", "geometry_msgs/msg/WrenchStamped", WRENCH_STAMPED)
+    else:
+        readings = Topic(form.topic or f"{LIVE}readings", "std_msgs/msg/Float64MultiArray", _ARRAY)
+    poses = (
+        Topic(LIVE_POSE, "geometry_msgs/msg/PoseStamped", POSE_STAMPED),
+        Topic(LIVE_ACCELERATION, "geometry_msgs/msg/Vector3Stamped", _VECTOR_STAMPED),
+    )
+    events = Topic(f"{LIVE}events", "rcl_interfaces/msg/Log", f"{_LOG}{_TIME}")
+    return (*topics(form.features), readings, events, *(poses if form.poses else ()))
+
+
+class RecordMessages:
+    """Makes the messages of slots of a ring.
+
+    The sequence number of a reading is the number of its sample, that of a sentence its number from 1 (modulo 2**32):
+    by these a record is gone on with. A sentence on lost samples is made from the samples, and has the number 0.
+
+    Args:
+        form: of the ring.
+    """
+
+    def __init__(self, form: Form) -> None:
+        self._form, self._contacts = form, Messages(form.frame, form.features)
+        self._readings = Rows(READINGS, *_fields(form))
+        self._pose = Rows(POSE, *stamped(_BASE, POSE_FIELDS))
+        self._acceleration = Rows(ACCELERATION, *stamped(_SENSOR, (("vector", "<f8", (3,)),)))
+
+    def of(self, slots: np.ndarray, first: int) -> tuple[np.ndarray, list[np.ndarray]]:
+        """The bytes of all messages of some samples, and a view of them a channel.
+
+        Args:
+            slots: in order.
+            first: number of the sample in the first.
+        """
+        contacts = self._form.contacts(slots)
+        times = slots["stamp"].clip(0, LATEST)
+        answers, views = self._contacts.of(contacts, times[contacts.sample - first])
+        posed = np.isfinite(slots["orientation"]).all(axis=1) & self._form.poses
+        moved = np.isfinite(slots["acceleration"]).all(axis=1) & self._form.poses
+        stamps = [times[which] for which in (slice(None), posed, moved)]
+        raw, (readings, pose, acceleration) = made([self._readings, self._pose, self._acceleration], stamps)
+        readings["sequence"] = (first + np.arange(len(slots))) % 2**32
+        if self._form.wrenches:
+            readings["force"], readings["torque"] = slots["values"][:, :3], slots["values"][:, 3:]
+        else:
+            readings["data"] = slots["values"].reshape(len(slots), -1)
+        pose["position"], pose["orientation"] = slots["position"][posed], slots["orientation"][posed]
+        acceleration["vector"] = slots["acceleration"][moved]
+        parts, views = [answers, raw], [*views, readings, pose, acceleration]
+        if len(gaps := np.flatnonzero(slots["lost"])):
+            warned, view = event(int(times[gaps[0]]), _missing(slots["lost"], gaps, first), 0, _WARN)
+            parts, views = [*parts, warned], [*views, view]
+        return np.concatenate(parts), views
+
+
+def event(stamp: int, sentence: str, number: int, level: int = _INFO) -> tuple[np.ndarray, np.ndarray]:
+    """A message of a sentence: its bytes, and a view of it.
+
+    Args:
+        stamp: [ns] when it was said.
+        sentence: what was.
+        number: of it, from 1; 0 where it has none.
+        level: as rcl_interfaces/Log has them.
+    """
+    text = sentence.encode() + b"\0"
+    fields: Fields = (
+        ("sec", "<i4", ()),
+        ("nanosec", "<u4", ()),
+        ("level", "u1", ()),
+        *_text("name", b"palpate live\0"),
+        *_text("msg", text),
+        *_text("file", b"\0"),
+        *_text("function", b"\0"),
+        ("line", "<u4", ()),
+    )
+    common = {"level": level, **_said("name", b"palpate live\0"), **_said("msg", text)}
+    common |= {**_said("file", b"\0"), **_said("function", b"\0")}
+    raw, views = made([Rows(EVENTS, fields, common)], [np.array([stamp], dtype=np.int64)])
+    views[0]["sequence"] = number % 2**32
+    return raw, views[0]
+
+
+def _missing(lost: Int[np.ndarray, " n"], gaps: Int[np.ndarray, " k"], first: int) -> str:
+    """'3 samples are missing before sample 1200'."""
+    count, here = int(lost.sum()), first + int(gaps[0])
+    where = f"before sample {here}" if len(gaps) == 1 else f"at {len(gaps)} places from sample {here} on"
+    return f"{count} {'sample is' if count == 1 else 'samples are'} missing {where}"
+
+
+def _text(name: str, text: bytes) -> Fields:
+    return (f"{name} length", "<u4", ()), (name, f"S{len(text)}", ())
+
+
+def _said(name: str, text: bytes) -> Mapping[str, object]:
+    return {f"{name} length": len(text), name: text}
+
+
+def _fields(form: Form) -> tuple[Fields, Mapping[str, object]]:
+    """Of a message of the readings, and what all of them hold."""
+    if form.wrenches:
+        return stamped(_SENSOR, WRENCH_FIELDS)
+    size = int(np.prod(form.shape))
+    if not form.images:
+        return _array(form.shape, size)
+    height, width, *channels = form.shape
+    encoding = b"bgr8\0" if channels else b"mono8\0"
+    fields, common = stamped(
+        _SENSOR,
+        (
+            ("height", "<u4", ()),
+            ("width", "<u4", ()),
+            *_text("pixels", encoding),
+            ("is_bigendian", "u1", ()),
+            ("step", "<u4", ()),
+            ("size", "<u4", ()),
+            ("data", "u1", (size,)),
+        ),
+    )
+    held = {"height": height, "width": width, "step": size // height, "size": size}
+    return fields, {**common, **held, **_said("pixels", encoding)}
+
+
+def _array(shape: tuple[int, ...], size: int) -> tuple[Fields, Mapping[str, object]]:
+    """Dimensions with a label, a size and a stride each, then the numbers."""
+    names = [b"row\0", b"column\0"] if len(shape) == 2 else [b"axis%d\0" % k for k in range(len(shape))]
+    fields: Fields = (("dimensions", "<u4", ()),)
+    common: dict[str, object] = {"dimensions": len(shape), "count": size}
+    for k, (name, length) in enumerate(zip(names, shape, strict=True)):
+        fields = (*fields, *_text(f"label {k}", name), (f"size {k}", "<u4", ()), (f"stride {k}", "<u4", ()))
+        common |= {**_said(f"label {k}", name), f"size {k}": length, f"stride {k}": int(np.prod(shape[k:]))}
+    return (*fields, ("offset", "<u4", ()), ("count", "<u4", ()), ("data", "<f8", (size,))), common

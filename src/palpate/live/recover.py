@@ -1,0 +1,139 @@
+"""After everything was killed: what was received is put together from the record that grew and from the ring."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from palpate.errors import InputError
+from palpate.files.atomic import PART, part, writing
+from palpate.files.contacts.mcap_regain import regained
+from palpate.live.record import RING, Recorder, only_one, ring_of
+from palpate.live.record_file import RecordFile, grown, named, span_of
+from palpate.live.stream_buffer import Ring
+
+__all__ = ["cut_short", "recover"]
+
+ALIVE = 2e9  # ns since a receiver last wrote that it is there, within which it is
+_READ = 4096  # slots at a time
+
+
+def recover(output: Path) -> str:
+    """Make OUTPUT whole from OUTPUT.part and OUTPUT.ring, and remove the ring.
+
+    Samples that were received but not answered become readings without contacts. Killed in between, it can be run
+    again; where there is nothing to do, it says so.
+
+    Returns:
+        a sentence: how many samples were where, and which are missing.
+
+    Raises:
+        InputError: it is being written, there is nothing of that name, or the ring is damaged.
+    """
+    ring = ring_of(output)
+    if ring.exists():
+        with writing(output), only_one(ring):
+            return _from_ring(ring, output)
+    if unfinished := grown(output):
+        with writing(output):
+            return "; ".join(_alone(named(output, which)) for which in unfinished)
+    if output.exists():
+        return f"{output.name} is whole: there is nothing to recover"
+    raise InputError("there is nothing to recover.", where=str(output), hint="Name the file that was recorded to.")
+
+
+def cut_short(file: Path) -> str:
+    """What stands beside a file of a live record that was not ended, as a sentence; "" where it was. Changes nothing.
+
+    Args:
+        file: OUTPUT, OUTPUT.part or OUTPUT.ring.
+    """
+    output = file.with_suffix("") if file.suffix in (PART, RING) else file
+    if output.suffix.lower() != ".mcap":
+        return ""
+    path, unfinished = ring_of(output), grown(output)
+    if not path.exists():
+        return ""
+    with _opened(path) as ring:
+        last = named(output, unfinished[-1]) if unfinished else None
+        found = regained(part(last)) if last is not None else None
+        span = span_of(found, ring["received"]) if found is not None else None
+        reached = span.end if span is not None and span.held else ring["began"]
+        more, alive = max(0, ring["received"] - reached), _alive(ring)
+    there = [f"{more:,} {'more ' if last else ''}in {path.name}"]
+    if last is not None and span is not None:
+        there.insert(0, f"{span.held:,} samples in {part(last).name}")
+    if alive:
+        return f"it is being written: {', '.join(there)}"
+    return f"writing was cut short: {', '.join(there)}; `palpate recover {output}` puts them together"
+
+
+def _from_ring(path: Path, output: Path) -> str:
+    with _opened(path) as ring:
+        if _alive(ring):
+            hint = "End `palpate live`, or wait two seconds where it was killed."
+            raise InputError("is being written.", where=str(output), hint=hint)
+        recorder = Recorder(ring, output, np.inf)
+        began = recorder.next
+        unsound = _cut_unsound(ring, began)
+        recorder.finish()
+        if recorder.full:
+            said, _ = ring.said(ring["said"] - 1)
+            raise InputError(f"{said[-1][1]}.", where=str(output), hint="Make room, and run it again.")
+        received, answered, missed = ring["received"], ring["answered"], ring["missed"]
+    path.unlink()
+    more = max(0, received - began)
+    bare = max(0, received - max(answered, began))
+    without = f" ({bare:,} of them without contacts)" if bare else ""
+    missing = f"{missed:,} are missing, which the disk was too slow for" if missed else "none is missing"
+    if unsound:
+        missing += f"; {unsound:,} of the ring were torn, as by a loss of power, and were left out"
+    return (
+        f"{output.name}: {began - missed:,} samples were recorded, {more:,} more were in the ring{without}; {missing}"
+    )
+
+
+def _cut_unsound(ring: Ring, first: int) -> int:
+    """Let the ring end before the first slot that another sample stands in, or none, as after a loss of power.
+
+    Args:
+        ring: of which not every page may have reached the disk.
+        first: number of the sample to go on with.
+
+    Returns:
+        by how many samples.
+    """
+    at, received = first, ring["received"]
+    while at < received:
+        slots, at = ring.read(at, _READ, "received")
+        if len(wrong := np.flatnonzero(slots["number"] != at + 1 + np.arange(len(slots)))):
+            ring["received"] = at + int(wrong[0])
+            ring["answered"] = min(ring["answered"], ring["received"])
+            return received - ring["received"]
+        at += len(slots)
+    return 0
+
+
+def _alone(path: Path) -> str:
+    """Of a file without a ring: what is whole in it."""
+    file = RecordFile(path, None, 0)
+    file.end()
+    file.place()
+    return f"{path.name}: {file.span.held:,} samples were recorded; there is no ring with more"
+
+
+def _alive(ring: Ring) -> bool:
+    return time.time_ns() - ring["alive"] < ALIVE
+
+
+@contextmanager
+def _opened(path: Path) -> Generator[Ring]:
+    ring = Ring(path)
+    try:
+        yield ring
+    finally:
+        ring.close()

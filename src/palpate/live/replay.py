@@ -1,0 +1,158 @@
+"""A log as a source: its samples come at the times of its own clock, or as fast as they are taken."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import DTypeLike
+
+from palpate.errors import InputError
+from palpate.files.logs import open_log
+from palpate.files.logs.layout import Layout
+from palpate.live.source import Batch
+from palpate.setup.setup import Setup
+from palpate.setup.source import RigSource
+from palpate.signals.recording import ACCELERATION, AVERAGED, FORCE, IMAGE, ORIENTATION, POSITION, TORQUE, Recording
+
+__all__ = ["Replay", "bare", "values_of"]
+
+
+def bare(layout: Layout) -> Layout:
+    """The same columns and topics, with numbers as they are recorded: neither units nor axes are changed."""
+    arrays = tuple(replace(array, scale=1.0) for array in layout.arrays)
+    units = {"force_unit": "N", "torque_unit": "N m", "acceleration_unit": "m/s^2"}
+    return replace(layout, arrays=arrays, axes=("x", "y", "z"), left_handed=False, **units)
+
+
+def values_of(recording: Recording) -> np.ndarray:
+    """Its readings (n, ...): wrenches force first; or the one array or image that it has.
+
+    An array with a wrench beside it comes flat, then the wrench, and of how many readings that is the mean.
+    """
+    channels = recording.channels
+    beside = (FORCE, TORQUE, ORIENTATION, POSITION, ACCELERATION, AVERAGED)
+    rest = [values for name, values in channels.items() if name not in beside]
+    if FORCE not in channels:
+        return rest[0]
+    count = len(recording)
+    parts = [*(values.reshape(count, -1) for values in rest[:1]), channels[FORCE], channels[TORQUE]]
+    return np.concatenate([*parts, channels[AVERAGED]] if AVERAGED in channels else parts, axis=1)
+
+
+class Replay:
+    """The log that a rig's [source] names, as a device that gives its samples one after the other.
+
+    Stamps are the log's own times; those that are missing, repeat or run backwards come at once. The end of the log is
+    said; with `loop` it begins again, the times going on.
+
+    Args:
+        path: of the log.
+        layout: of the log; `bare`: its numbers come as they are recorded.
+        speed: 1: as recorded; 0: as fast as samples are taken.
+        loop: begin again at the end.
+
+    Attributes:
+        ended: whether the log is at its end, and no more samples come.
+        patient: whether its samples wait until they are asked for, which those of a device, or at a speed, do not.
+    """
+
+    def __init__(self, path: Path, layout: Layout, speed: float = 1.0, loop: bool = False) -> None:
+        self.path, self._layout, self._speed, self._loop = path, layout, speed, loop
+        first = next(self._blocks(), None)
+        if first is None:
+            raise InputError("holds no samples.", where=str(path))
+        values = values_of(first)
+        self.shape: tuple[int, ...] = tuple(values.shape[1:])
+        self.dtype: DTypeLike = np.uint8 if IMAGE in first.channels else np.float64
+        self.poses = ORIENTATION in first.channels
+        self.ended, self.patient = False, not speed
+        self._said: list[str] = []
+        self._rest = self._samples()
+        self._held: tuple[Recording, np.ndarray, int] | None = None
+        self._begun = self._first = 0.0
+
+    @classmethod
+    def of(cls, stated: RigSource, setup: Setup) -> Replay:
+        """Return the log that a [source] names."""
+        path = setup.link.folder / stated.address
+        if not path.exists():
+            raise InputError("there is no such log to replay.", where=f"{path}, [source] of the rig")
+        return cls(path, bare(setup.layout()), stated.speed, stated.loop)
+
+    def open(self) -> None:
+        """Begin with the first sample now."""
+        self._begun = time.monotonic()
+
+    def receive(self, batch: Batch, timeout: float) -> int:
+        """The samples whose time has come."""
+        if self._held is None:
+            piece = next(self._rest, None)
+            if piece is None:
+                if not self.ended:
+                    self._said.append(f"{self.path.name} is at its end")
+                self.ended = True
+                time.sleep(timeout)
+                return 0
+            self._held = piece, values_of(piece), 0
+        piece, values, start = self._held
+        most = min(len(batch), len(piece) - start)
+        count = self._due(piece.time[start : start + most], timeout)
+        if count:
+            part = slice(start, start + count)
+            batch.stamp[:count] = np.rint(np.nan_to_num(piece.time[part]) * 1e9).astype(np.int64)
+            batch.arrived, batch.lost[:count] = np.full(count, time.time_ns()), 0
+            batch.values[:count] = values[part]
+            beside = {ORIENTATION: batch.orientation, POSITION: batch.position, ACCELERATION: batch.acceleration}
+            for name, into in beside.items():
+                into[:count] = piece.channels[name][part] if name in piece.channels else np.nan
+            self._held = None if start + count == len(piece) else (piece, values, start + count)
+        return count
+
+    def said(self) -> list[str]:
+        """Its end."""
+        said, self._said = self._said, []
+        return said
+
+    def close(self) -> None:
+        """Nothing is kept open."""
+        self._rest, self._held = iter(()), None
+
+    def _due(self, times: Float[np.ndarray, " n"], timeout: float) -> int:
+        """How many of the next samples have come, waiting for the first of them."""
+        if not self._speed:
+            return len(times)
+        waiting = (float(np.nan_to_num(times[0])) - self._first) / self._speed - (time.monotonic() - self._begun)
+        if waiting > timeout:
+            time.sleep(timeout)
+            return 0
+        if waiting > 0:
+            time.sleep(waiting)
+        now = self._first + (time.monotonic() - self._begun) * self._speed
+        late = np.flatnonzero(times[1:] > now)
+        return 1 + int(late[0]) if len(late) else len(times)
+
+    def _blocks(self) -> Iterator[Recording]:
+        return iter(open_log(self.path, self._layout).blocks())
+
+    def _samples(self) -> Iterator[Recording]:
+        """Blocks of the log, again and again where that is asked for, times going on."""
+        shift, last = 0.0, np.nan
+        while True:
+            fresh = True
+            for block in self._blocks():
+                known = block.time[np.isfinite(block.time)]
+                if fresh and len(known):
+                    if np.isnan(last):
+                        self._first = float(known[0])
+                    else:
+                        shift = last + (block.rate() or 1.0) ** -1 - float(known[0])
+                    fresh = False
+                last = float(known[-1]) + shift if len(known) else last
+                yield block if not shift else replace(block, time=block.time + shift)
+            if not self._loop:
+                return

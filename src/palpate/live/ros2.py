@@ -1,0 +1,307 @@
+"""Samples from a topic of ROS 2, and the sensor's pose from others; no installation of ROS is needed."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from math import prod
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Int
+from numpy.typing import DTypeLike
+
+from palpate.errors import InputError
+from palpate.files.logs.decoding import decode, has_header
+from palpate.files.logs.image_messages import image_messages
+from palpate.files.logs.layout import ImageChannel, Layout
+from palpate.files.logs.log import LogContents, Messages, Topic
+from palpate.files.logs.topics import NONE, choose, choose_images, main_channel
+from palpate.live.dds import DEPTH, Node, Reader, ros_name
+from palpate.live.poses import Posed
+from palpate.live.ros_poses import RosPoses, published, wanted
+from palpate.live.source import SILENT, Batch
+from palpate.opencv import opencv
+
+if TYPE_CHECKING:
+    from palpate.setup.setup import Setup
+    from palpate.setup.source import RigSource
+
+__all__ = ["RosTopics"]
+
+_OWN = "/palpate/"  # what Palpate publishes itself is never taken for a sensor
+_MEMORY = 2**26  # bytes of messages that wait, at most
+_IMAGES = 16  # that wait, at most
+_JUMP = 2.0  # s
+_WRENCH = "geometry_msgs/WrenchStamped"
+_PLAIN = 0x100  # the bytes 0 and 1: CDR, little-endian
+
+
+class RosTopics:
+    """One topic as a source: wrenches, arrays or images, whatever the rig's sensor is made of.
+
+    Times are the stamps of the headers; where messages have none, or none but 0, those at which they were sent.
+
+    Args:
+        layout: of a log of the same rig: it names the topic, or not, and says what is in it.
+        node: of the domain; it is opened and closed with this.
+        poses: of the sensor; None where nothing is said of them.
+        patience: [s] to wait for topics to be announced, and for the first image.
+
+    Attributes:
+        topic: that is read, once open.
+        posed: where the sensor was at the samples of the last batch, how old that is and how far off it may be; None
+            where nothing is said of poses.
+    """
+
+    def __init__(self, layout: Layout, node: Node, poses: RosPoses | None = None, patience: float = 3.0) -> None:
+        self._layout, self._node, self._poses, self._patience = layout, node, poses, patience
+        self._array = None if layout.images is not None else main_channel(layout)
+        self.shape: tuple[int, ...] = () if layout.images else (6,) if self._array is None else self._array.shape
+        self.dtype: DTypeLike = np.uint8 if layout.images else np.float64
+        self.poses = poses is not None
+        self.topic = Topic("", "", "cdr")
+        self.posed: Posed | None = None
+        self._reader: Reader | None = None
+        self._said: list[str] = []
+        self._stamped: bool | None = None  # whether headers have stamps; None: not known yet
+        self._held: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None  # a first message whose stamp is 0
+        self._missed = 0
+        self._unread = False
+        self._alike: _Alike | None = None
+        self._clock = _Clock()
+        self._heard: float | None = None
+        self._quiet = False
+
+    @classmethod
+    def of(cls, stated: RigSource, setup: Setup) -> RosTopics:
+        """Return the topic of the sensor, in the domain of its [source]; not opened yet.
+
+        Raises:
+            InputError: the rig wants poses of joint states.
+        """
+        node = Node(stated.domain, stated.interface)
+        poses = RosPoses(setup.orientation, node) if wanted(setup.orientation) else None
+        return cls(setup.layout(), node, poses)
+
+    def open(self) -> None:
+        """Join the domain, find the topic and begin to listen.
+
+        Raises:
+            InputError: the domain cannot be joined, nobody publishes the topic that is named, it holds something else,
+                or none or several could be meant; no image came.
+        """
+        if said := self._node.open():
+            self._said.append(said)
+        try:
+            self._begin()
+        except InputError:
+            self.close()
+            raise
+        self._heard = time.monotonic()
+
+    def receive(self, batch: Batch, timeout: float) -> int:
+        """See `palpate.live.source.Source`."""
+        if self._reader is None or not self._reader.wait(timeout):
+            self._listen()
+            return 0
+        held = 0 if self._held is None else len(self._held[0])
+        messages = self._reader.take(len(batch) - held)
+        stamp, values = self._timed(*self._decoded(messages))
+        count = len(stamp)
+        self._missed += self._reader.lost()
+        if not count:
+            return 0
+        self._hear()
+        batch.stamp[:count], batch.values[:count], batch.lost[:count] = stamp, values, 0
+        batch.arrived = np.full(count, time.time_ns())
+        batch.lost[0], self._missed = self._missed, 0
+        if self._poses is not None:
+            self.posed = self._poses.at(stamp)
+            self.posed.into(batch)
+        if count < len(batch) and (jumped := self._clock.jumped(int(stamp[-1]))):
+            self._said.append(f"the stamps of {self.topic.name!r} jumped by {jumped:+.3g} s")
+        return count
+
+    def said(self) -> list[str]:
+        """See `palpate.live.source.Source`."""
+        said, self._said = self._said, []
+        return said if self._poses is None else [*said, *self._poses.said()]
+
+    def close(self) -> None:
+        """Leave the domain; may be called twice."""
+        if self._poses is not None:
+            self._poses.close()
+        self._reader = None
+        self._node.close()
+
+    def _begin(self) -> None:
+        """Find the topic, and listen to it."""
+        self.topic = self._chosen()
+        if self.topic.count > 1:
+            self._said.append(f"{self.topic.count} nodes publish {self.topic.name!r}: their samples are mixed")
+        depth = min(DEPTH, max(_IMAGES, _MEMORY // (8 * prod(self.shape)))) if self.shape else _IMAGES
+        self._reader = self._node.reader(self.topic.name, self.topic.kind, depth=depth)
+        self._stamped = None if self._layout.images or has_header(self.topic.kind) else False
+        if self._stamped is False:
+            self._say_unstamped()
+        if self._poses is not None:
+            self._poses.open()
+        if self._layout.images is not None:
+            self._first_image(self._reader)
+
+    def _chosen(self) -> Topic:
+        channel = self._layout.images or self._array
+        named = self._layout.wrench_topic if channel is None else channel.topic
+        there = self._node.settled(self._patience, [] if named is None else [ros_name(named)])
+        if named is not None:
+            named = ros_name(named)
+            there = [published(named, there, self._node.where)]
+        else:
+            there = [topic for topic in there if not topic.name.startswith(_OWN)]
+        contents = LogContents(Path(self._node.where), {}, tuple(there))
+        if self._layout.images is not None:
+            return choose_images(contents, ImageChannel(named, self._layout.images.table))
+        alone = replace(
+            self._layout,
+            wrench_topic=named,
+            arrays=tuple(replace(array, topic=named) for array in self._layout.arrays),
+            orientation_topic=NONE,
+            frames=None,
+            acceleration_topic=None,
+        )
+        return choose(contents, alone)["main"]
+
+    def _first_image(self, reader: Reader) -> None:
+        """Its size is that of all."""
+        deadline = time.monotonic() + self._patience
+        cv2 = opencv()
+        while (left := deadline - time.monotonic()) > 0:
+            if reader.wait(left):
+                for message in image_messages(reader.take(1), self.topic):
+                    if (image := message.image(cv2)) is not None:
+                        self.shape = image.shape
+                        return
+        raise InputError(
+            f"no image that can be read came on {self.topic.name!r} in {self._patience:g} s.",
+            where=self._node.where,
+            hint="Is the camera running? Its size is needed to begin.",
+        )
+
+    def _decoded(self, messages: Messages) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Stamps of headers [ns], times of sending [ns] and numbers, of messages that can be read."""
+        if self._layout.images is not None:
+            stamps, values, sound = self._images(messages)
+        elif self._alike is not None and (quick := self._alike.read(messages)) is not None:
+            return quick[0], messages.time, quick[1]
+        else:
+            stamps, values, sound = decode(messages, self.topic, self.shape)
+            values = values.reshape(-1, *self.shape)
+            if sound.any() and self.topic.kind == _WRENCH:
+                self._alike = _Alike(messages.data[int(messages.start[sound][0]) :])
+        if not sound.all():
+            self._missed += int(np.count_nonzero(~sound))
+            if not self._unread:
+                self._unread = True
+                made = " x ".join(map(str, self.shape))
+                self._said.append(f"messages of {self.topic.name!r} that do not hold {made} numbers are left out")
+            return stamps[sound], messages.time[sound], values[sound]
+        return stamps, messages.time, values
+
+    def _images(self, messages: Messages) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        count = len(messages.time)
+        values, stamps = np.zeros((count, *self.shape), dtype=np.uint8), np.zeros(count, dtype=np.int64)
+        sound = np.zeros(count, dtype=bool)
+        for k, message in enumerate(image_messages(messages, self.topic)):
+            image = message.image(opencv())
+            if image is not None and image.shape == self.shape:
+                values[k], stamps[k], sound[k] = image, message.stamp or 0, True
+        return stamps, values, sound
+
+    def _timed(
+        self, stamp: Int[np.ndarray, " n"], sent: Int[np.ndarray, " n"], values: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Times of samples, and these; a first message whose stamp is 0 waits for the second: a log may begin at 0."""
+        if self._stamped is None:
+            if self._held is not None:
+                both = zip(self._held, (stamp, sent, values), strict=True)
+                stamp, sent, values = (np.concatenate(pair) for pair in both)
+            if len(stamp) < 2 and not stamp.any():
+                self._held = (stamp, sent, values) if len(stamp) else self._held
+                return stamp[:0], values[:0]
+            self._held = None
+            self._stamped = bool(stamp.any())
+            if not self._stamped:
+                self._say_unstamped()
+        return (stamp if self._stamped else sent), values
+
+    def _say_unstamped(self) -> None:
+        self._said.append(
+            f"messages of {self.topic.name!r} have no stamps: the times at which they were sent are taken"
+        )
+
+    def _listen(self) -> None:
+        """Says once that nothing comes."""
+        silent = 0.0 if self._heard is None else time.monotonic() - self._heard
+        if silent > SILENT and not self._quiet and self._reader is not None:
+            self._quiet = True
+            who = self._reader.publishers
+            end = f"{who} publish it" if who > 1 else "one node publishes it" if who else "nobody publishes it now"
+            self._said.append(f"no message on {self.topic.name!r} for {SILENT:g} s; {end}")
+
+    def _hear(self) -> None:
+        now = time.monotonic()
+        if self._quiet and self._heard is not None:
+            self._quiet = False
+            self._said.append(f"messages on {self.topic.name!r} again, after {now - self._heard:.1f} s")
+        self._heard = now
+
+
+class _Clock:
+    """Compares the stamps of samples that have just come with the time that has passed."""
+
+    def __init__(self) -> None:
+        self._last: tuple[int, int] | None = None
+
+    def jumped(self, stamp: int) -> float:
+        """By how many seconds the stamps jumped since the last sample; 0.0 where by less than `_JUMP`."""
+        now, last = time.monotonic_ns(), self._last
+        self._last = (stamp, now)
+        if last is None:
+            return 0.0
+        jump = (stamp - last[0] - (now - last[1])) / 1e9
+        return jump if abs(jump) > _JUMP else 0.0
+
+
+class _Alike:
+    """Reads wrenches that differ from one before in stamp and numbers alone: a sensor's frame keeps its name.
+
+    That takes 10 us instead of the 200 of a decoder that expects anything in each message.
+
+    Args:
+        message: begins with one that can be read.
+    """
+
+    def __init__(self, message: bytes) -> None:
+        self._named = int.from_bytes(message[12:16], "little")
+        start = 16 + self._named + -(12 + self._named) % 8
+        self._layout = np.dtype(
+            {
+                "names": ["form", "sec", "nanosec", "named", "values"],
+                "formats": ["<u2", "<i4", "<u4", "<u4", ("<f8", 6)],
+                "offsets": [0, 4, 8, 12, start],
+                "itemsize": start + 48,
+            }
+        )
+
+    def read(self, messages: Messages) -> tuple[np.ndarray, np.ndarray] | None:
+        """Stamps [ns] and values; None where one of them is not like the first."""
+        if not (messages.length == self._layout.itemsize).all():
+            return None
+        rows = np.frombuffer(messages.data, dtype=self._layout)
+        if not ((rows["form"] == _PLAIN) & (rows["named"] == self._named)).all():
+            return None
+        values = rows["values"].copy()
+        values[np.isnan(values)] = np.nan  # of the many that bytes can make, the one that arithmetic does not warn of
+        return rows["sec"].astype(np.int64) * 10**9 + rows["nanosec"], values

@@ -1,0 +1,309 @@
+"""Sensors on a serial port: frames with COBS and CRC-32 (`palpate.live.cobs`), or lines (`palpate.live.lines`).
+
+A port does not say when bytes arrived. The last sample of a read is stamped with the computer's clock right after it,
+and those before it go back from there by the period that the rig states as `rate`, else by the time that their bytes
+take at `baud`; never further than to the sample before, so that stamps do not decrease. If the clock goes back, they
+count on by that period. How late a read is depends on kernel and adapter: FTDI's wait for 16 ms unless told otherwise.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import select
+import time
+from collections import deque
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy.typing import DTypeLike
+
+from palpate.errors import InputError, not_loaded
+from palpate.live.source import SILENT, Batch
+from palpate.setup.source import RigSource
+
+if TYPE_CHECKING:
+    from serial import Serial
+
+    from palpate.setup.setup import Setup
+
+__all__ = ["Frames", "SerialPort"]
+
+_READ, _PIECES = 65536, 16  # bytes, and how often they are taken at once: more than the kernel holds
+_BEHIND = 100_000_000  # ns: a step of the clock that is worth a sentence
+_AGAIN = 0.5  # s between attempts to open a port that vanished
+_NOISE = 1.0  # s of bytes without a sample, after which that is said
+_OFTEN = 1.0  # s between sentences about damage
+_BITS = 10  # of a byte on the line, with start and stop
+_KEPT = 100  # sentences, if nobody asks for them
+_BUSY = (errno.EAGAIN, errno.EBUSY)
+_NO_PORT = (errno.ENOENT, errno.ENXIO, errno.ENODEV)
+
+
+@runtime_checkable
+class Frames(Protocol):
+    """Bytes into samples."""
+
+    def feed(self, data: bytes) -> None:
+        """Take bytes as they were read."""
+        ...
+
+    def take(self, values: Float[np.ndarray, "n k"], lost: Int[np.ndarray, " n"]) -> int:
+        """Samples of what was fed, as many as fit; how many."""
+        ...
+
+    def waiting(self) -> int:
+        """Samples that still lie in what was fed."""
+        ...
+
+    def forget(self) -> None:
+        """Begin anew with the next byte, as after a broken connection."""
+        ...
+
+    def faults(self) -> list[str]:
+        """What went wrong since this was last asked."""
+        ...
+
+    def awaited(self) -> str:
+        """Why the bytes that came gave no sample, for a message."""
+        ...
+
+
+class SerialPort:
+    """A sensor on a serial port, as a `Source`.
+
+    Args:
+        stated: the rig's [source].
+        shape: of one sample.
+    """
+
+    dtype: DTypeLike = np.float64
+    poses = False
+
+    def __init__(self, stated: RigSource, shape: tuple[int, ...]) -> None:
+        self.shape = shape
+        self._stated = stated
+        self._count = int(np.prod(shape))
+        self._frames = _frames(stated, self._count)
+        self._port: Serial | None = None
+        self._said: deque[str] = deque(maxlen=_KEPT)
+        self._stamp = 0  # ns: of the last sample
+        self._arrived = 0  # ns: of the last read
+        self._behind = False  # the clock is, since it went back
+        self._bytes = 0  # since the last sample
+        self._heard = self._noisy = self._away = self._tried = 0.0  # s: last sample, first byte since, port gone, tried
+        self._told = False  # that there are no samples
+        self._sound, self._fault = False, 0.0  # samples came since faults were said, and when [s] that was
+        self._period = 1e9 / stated.rate if stated.rate else 0.0  # ns between samples
+
+    @classmethod
+    def of(cls, stated: RigSource, setup: Setup) -> SerialPort:
+        """Return the port that a [source] names, not opened yet.
+
+        Raises:
+            InputError: the sensor sends images, or `columns` do not fit.
+        """
+        layout = setup.layout()
+        if layout.wrench is not None:
+            return cls(stated, (6,))
+        if layout.images is not None or len(layout.arrays) != 1:
+            raise InputError(
+                f"{setup.kind.called} does not come over a serial port.", where="source.kind", hint="Name another kind."
+            )
+        return cls(stated, layout.arrays[0].shape)
+
+    def open(self) -> None:
+        """Open the port for this process alone.
+
+        Raises:
+            InputError: pyserial is missing; there is no such port, no permission, it is taken or no port; no such baud.
+        """
+        self.close()
+        self._port = self._opened()
+        self._begin(time.monotonic())
+
+    def receive(self, batch: Batch, timeout: float) -> int:
+        """See `Source`. Where more waits than the batch holds, the next call gives it without reading again."""
+        end = time.monotonic() + timeout
+        if count := self._take(batch):
+            return count
+        while True:  # at least once, for a timeout of 0
+            left = max(end - time.monotonic(), 0.0)
+            if self._port is None:
+                self._return(left)
+            elif select.select([self._port.fileno()], [], [], left)[0]:
+                self._read(self._port)
+                if count := self._take(batch):
+                    return count
+            self._watch(now := time.monotonic())
+            if now >= end:
+                return 0
+
+    def said(self) -> list[str]:
+        """See `Source`; damage at most once a second."""
+        now = time.monotonic()
+        if self._sound and now - self._fault >= _OFTEN and (faults := self._frames.faults()):
+            self._say(f"{'; '.join(faults)}.")
+            self._sound, self._fault = False, now
+        sentences = list(self._said)
+        self._said.clear()
+        return sentences
+
+    def close(self) -> None:
+        """Give the port back."""
+        if self._port is not None:
+            self._port.close()
+            self._port = None
+
+    def _take(self, batch: Batch) -> int:
+        """Samples of what was read, stamped."""
+        count = self._frames.take(batch.values.reshape(len(batch), -1), batch.lost)
+        if count == 0:
+            return 0
+        if self._told:
+            self._say(f"samples come again, after {time.monotonic() - self._heard:.1f} s.")
+        total = count + self._frames.waiting()
+        if not self._stated.rate and self._bytes:
+            self._period = _BITS * 1e9 / self._stated.baud * self._bytes / total
+        self._spread(batch.stamp[:count], total)
+        self._bytes, self._told, self._sound = 0, False, True
+        self._heard = time.monotonic()
+        return count
+
+    def _spread(self, stamp: Int[np.ndarray, " n"], total: int) -> None:
+        """Stamps [ns] of the first samples of a read, of which `total` are still to be given."""
+        if self._behind:
+            self._arrived = self._stamp + round(total * self._period)
+        step = min(round(self._period), (self._arrived - self._stamp) // total)
+        stamp[:] = self._arrived - step * np.arange(total - 1, total - 1 - len(stamp), -1)
+        self._stamp = int(stamp[-1])
+
+    def _read(self, port: Serial) -> None:
+        """All that is there; the port is closed if it vanished."""
+        pieces: list[bytes] = []
+        gone = ""
+        try:
+            while len(pieces) < _PIECES and (more := os.read(port.fileno(), _READ)):
+                pieces.append(more)
+            gone = "" if pieces else "hung up"  # nothing at all, though there was something to read
+        except BlockingIOError:
+            pass  # read empty, as some kernels say it; others give nothing
+        except OSError as problem:
+            gone = str(problem.strerror)
+        if pieces:
+            data = b"".join(pieces)
+            self._arrived = self._clock()
+            self._noisy = self._noisy if self._bytes else time.monotonic()
+            self._bytes += len(data)
+            self._frames.feed(data)
+        if gone:
+            self.close()
+            self._away = self._tried = time.monotonic()
+            self._say(f"the port vanished ({gone}): it is tried again every {_AGAIN:g} s.")
+
+    def _clock(self) -> int:
+        now = time.time_ns()
+        if now < self._stamp - _BEHIND and not self._behind:
+            self._say("the clock of this computer went back: stamps count on until it has caught up.")
+        self._behind = now < self._stamp
+        return now
+
+    def _return(self, left: float) -> None:
+        """Waits at most `left` [s] for the next attempt to open the port again, and makes it if it is time."""
+        time.sleep(max(0.0, min(left, self._tried + _AGAIN - time.monotonic())))
+        now = time.monotonic()
+        if now < self._tried + _AGAIN:
+            return
+        self._tried = now
+        try:
+            self._port = self._opened()
+        except InputError:
+            return  # that it is away was said, and is said again if it lasts
+        self._say(f"the port is back after {now - self._away:.1f} s.")
+        self._begin(now)
+
+    def _begin(self, now: float) -> None:
+        self._frames.forget()
+        self._heard, self._told, self._bytes = now, False, 0
+
+    def _watch(self, now: float) -> None:
+        """Says once that no samples come."""
+        quiet = now - self._heard
+        if self._told:
+            return
+        if self._port is not None and self._bytes > 256 + 32 * self._count and now - self._noisy >= _NOISE:
+            self._say(f"{self._bytes} bytes in {now - self._noisy:.1f} s, {self._frames.awaited()}")
+        elif quiet >= SILENT:
+            why = f": {self._bytes} bytes came, {self._frames.awaited()}" if self._bytes else "."
+            self._say(f"no samples for {quiet:.1f} s{why if self._port else ': the port is still away.'}")
+        else:
+            return
+        self._told = True
+
+    def _say(self, what: str) -> None:
+        self._said.append(f"{self._stated.address}: {what}")
+
+    def _opened(self) -> Serial:
+        """The port, for this process alone.
+
+        Raises:
+            InputError: as `open`.
+        """
+        try:
+            import termios
+
+            from serial import Serial
+        except ImportError as problem:
+            raise not_loaded(problem, "serial ports need pyserial", "live") from problem
+        try:
+            return Serial(self._stated.address, self._stated.baud, timeout=0, exclusive=True)
+        except (OSError, ValueError, OverflowError, termios.error) as problem:
+            raise _explained(problem, self._stated) from problem
+
+
+def _frames(stated: RigSource, count: int) -> Frames:
+    """What the framing of a rig says.
+
+    Raises:
+        InputError: `columns` do not fit.
+    """
+    if stated.framing == "cobs":
+        if stated.columns is not None:
+            raise InputError(
+                "only lines have columns.", where="source.columns", hint='Remove it, or say framing = "lines".'
+            )
+        from palpate.live.cobs import CobsFrames
+
+        return CobsFrames(count)
+    if stated.columns is not None and len(stated.columns) != count:
+        raise InputError(
+            f"names {len(stated.columns)} numbers of a line, and the sensor has {count}.", where="source.columns"
+        )
+    from palpate.live.lines import LineFrames
+
+    return LineFrames(count, stated.columns)
+
+
+def _explained(problem: Exception, stated: RigSource) -> InputError:
+    """The sentence for a port that cannot be opened."""
+    number, where = getattr(problem, "errno", None), stated.address
+    if number in _NO_PORT:
+        return InputError("there is no such port.", where=where, hint=_ports())
+    if number in (errno.EACCES, errno.EPERM):
+        hint = "Join the group that may: `sudo usermod -aG dialout $USER`, then log in again."
+        return InputError("you may not open this port.", where=where, hint=hint)
+    if number in _BUSY:
+        return InputError("is used by another program.", where=where, hint=f"`fuser {where}` says by which.")
+    if number == errno.EISDIR or "could not configure port" in str(problem).lower():
+        return InputError("is no serial port.", where=where, hint=_ports())
+    if isinstance(problem, (ValueError, OverflowError)):
+        return InputError(f"the port does not know {stated.baud} baud.", where=where, hint="Correct source.baud.")
+    return InputError(f"cannot be opened ({problem}).", where=where, hint=_ports())
+
+
+def _ports() -> str:
+    from serial.tools.list_ports import comports
+
+    names = sorted(port.device for port in comports())
+    return f"There are: {', '.join(names)}." if names else "There are none: is the device plugged in?"

@@ -1,0 +1,467 @@
+"""Pixels to markers: what colour they have, where their blobs are, and following them from frame to frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import IntEnum
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+
+from palpate.errors import InputError
+from palpate.opencv import opencv
+from palpate.optical.fisheye import RingView
+from palpate.optical.marker_labels import USUAL_LIMITS, LabelLimits, label_ring, owed
+from palpate.spatial._arrays import Value, frozen, require_out, shaped
+from palpate.spatial.arguments import takes_arrays
+
+__all__ = ["Blobs", "Frame", "MarkerColour", "MarkerTracker", "find_blobs", "find_colour"]
+
+Image = UInt8[np.ndarray, "h w 3"]
+
+SCORES = ("red", "green", "blue", "bright", "dark")
+_PIXEL = np.dtype(np.uint8)
+_GREY = (2, 9, 5)  # sixteenths of blue, green, red
+_LEAST_CONTRAST = 8.0  # of 255: markers that differ less from the skin are none
+_LIT = 0.002  # share of a frame's bytes: where fewer are lit, it is black but for hot pixels
+_LEAST_AREA = 6.0  # px: a marker is 5 px large or larger
+_AWAY = 3  # frames: from then on a missing marker may be anywhere, and must be seen twice
+_LOOK = 10  # frames: while a marker is missing, the whole frame is searched that often
+_EVERY = 32  # rows: so many share one that tells a black frame and a frozen camera
+_LONGEST = 12.0  # px: a step that a marker is expected to go on with
+_AGAIN = 6.0  # px, of a marker that is back, from one frame to the next
+_DISC = 1 / (2 * np.pi)  # trace of the second moments of a disc over its area
+
+
+class Frame(IntEnum):
+    """What is the matter with a frame."""
+
+    OK = 0
+    LOST = 1  # fewer than 60 % of the markers are found
+    BLACK = 2
+    FROZEN = 3  # the same as the frames before it, to the last bit
+    WRONG_SIZE = 4
+
+
+@dataclass(frozen=True)
+class MarkerColour:
+    """What tells a marker from the skin.
+
+    Args:
+        score: of a pixel, 0 to 255: "red", "green", "blue" (that channel less a share of the others), "bright"
+            (grey) or "dark" (255 less grey).
+        threshold: share of the way from the skin's score to the markers' from which on a pixel may be of a marker.
+        coverage: share of the image that markers cover: it says which score is the markers', whatever the light.
+        background: side of the square [px] whose mean is subtracted first, 0: none; for uneven light.
+        others: share of each of the other channels that is taken off a colour, in sixteenths: 8 leaves nothing of grey,
+            less leaves less noise.
+
+    Raises:
+        InputError: no such score, a share that is none.
+    """
+
+    score: str = "red"
+    threshold: float = 0.5
+    coverage: float = 0.01
+    background: int = 0
+    others: int = 6
+
+    def __post_init__(self) -> None:
+        if self.score not in SCORES:
+            raise InputError(f"{self.score!r} is no score of a pixel.", hint=f"One of {', '.join(SCORES)}.")
+        for name in ("threshold", "coverage"):
+            if not 0 < getattr(self, name) < 1:
+                raise InputError(f"{name} = {getattr(self, name)} must be between 0 and 1.")
+        if self.background < 0:
+            raise InputError(f"background = {self.background} px must not be negative.")
+        if not 0 <= self.others <= 8:
+            raise InputError(f"others = {self.others} must be 0 to 8 sixteenths.")
+
+    @property
+    def weights(self) -> Int[np.ndarray, " 4"]:
+        """Of blue, green, red and 1, in sixteenths: their sum is the score."""
+        if self.score == "bright":
+            return np.array([*_GREY, 0], dtype=np.int32)
+        if self.score == "dark":
+            return np.array([*(-each for each in _GREY), 255 * 16], dtype=np.int32)
+        weights = np.array([-self.others, -self.others, -self.others, 0], dtype=np.int32)
+        weights[("blue", "green", "red").index(self.score)] = 16
+        return weights
+
+
+@takes_arrays
+@dataclass(frozen=True, eq=False, init=False)
+class Blobs(Value):
+    """What looks like markers.
+
+    Attributes:
+        pixels: (k, 2) centroids x, y, weighted by the score above half of the blob's.
+        areas: (k,) pixels above half of the blob's score.
+        spreads: (k, 2, 2) second moments [px^2].
+        peaks: (k,) score above the skin's, the mean of what is above half of the largest.
+        cut: (k,) touches the image's edge.
+    """
+
+    pixels: Float[np.ndarray, "k 2"]
+    areas: Float[np.ndarray, " k"]
+    spreads: Float[np.ndarray, "k 2 2"]
+    peaks: Float[np.ndarray, " k"]
+    cut: Bool[np.ndarray, " k"]
+
+    def __init__(
+        self, pixels: np.ndarray, areas: np.ndarray, spreads: np.ndarray, peaks: np.ndarray, cut: np.ndarray
+    ) -> None:
+        object.__setattr__(self, "pixels", frozen(pixels, tail=(2,)))
+        object.__setattr__(self, "areas", frozen(areas))
+        object.__setattr__(self, "spreads", frozen(spreads, tail=(2, 2)))
+        object.__setattr__(self, "peaks", frozen(peaks))
+        cut = np.array(cut, dtype=bool)
+        cut.flags.writeable = False
+        object.__setattr__(self, "cut", cut)
+
+    def __getitem__(self, which: np.ndarray) -> Blobs:
+        return Blobs(self.pixels[which], self.areas[which], self.spreads[which], self.peaks[which], self.cut[which])
+
+    def __len__(self) -> int:
+        return len(self.areas)
+
+
+@takes_arrays
+def find_blobs(image: Image, colour: MarkerColour, *, least_area: float = _LEAST_AREA) -> Blobs:
+    """All blobs of a frame that have the markers' colour; none where nothing stands out.
+
+    The threshold is relative to this image's own scores: the skin's is their median, the markers' what the brightest
+    half of `coverage` reaches.
+    """
+    score, base, top = _scored(image, colour)
+    if top - base < _LEAST_CONTRAST:
+        return _no_blobs()
+    return _blobs(score, base, base + colour.threshold * (top - base), least_area)
+
+
+@takes_arrays
+def find_colour(image: Image, count: int | None = None, *, background: int = 0) -> MarkerColour:
+    """The colour of the markers of an unloaded frame: the score whose blobs are `count`, or else the most alike.
+
+    Args:
+        image: nothing touches the skin.
+        count: of the markers; None: not known.
+        background: see `MarkerColour`.
+
+    Raises:
+        InputError: no score tells `count` blobs (five, where it is not known) of one kind from the rest.
+    """
+    best, merit, seen = None, -np.inf, 0
+    for score in SCORES:
+        for coverage in 1e-3 * 2.0 ** np.arange(7):
+            colour = MarkerColour(score, 0.5, float(coverage), background)
+            blobs = find_blobs(image, colour)
+            alike = _alike(blobs)
+            kept, n = blobs[alike], int(alike.sum())
+            if n < 5:
+                continue
+            uneven = float(np.std(np.log(kept.areas))) + (len(blobs) - n) / n
+            contrast = float(np.median(kept.peaks)) / 255
+            this = contrast - uneven + (0.1 * np.log(n) if count is None else -10 * abs(n - count) / count)
+            if this > merit:
+                best, merit, seen = (score, float(kept.areas.sum()) / image[..., 0].size), this, n
+    if best is None or (count is not None and seen != count):
+        wanted = "markers" if count is None else f"{count} markers"
+        hint = "State the colour, or give a sharper, evenly lit frame in which nothing touches the skin."
+        raise InputError(f"no colour tells {wanted} from the skin; the best finds {seen}.", hint=hint)
+    return _quietest(image, MarkerColour(best[0], 0.5, min(best[1], 0.5), background), seen)
+
+
+def _quietest(image: Image, colour: MarkerColour, count: int) -> MarkerColour:
+    """With the share of the other channels that gives most contrast for its noise, and still shows the markers.
+
+    Noise is the usual difference of pixels 8 apart, which have blotches of a cheap camera between them.
+    """
+    best, merit = colour, -np.inf
+    for others in (3, 4, 6, 8) if colour.score in ("red", "green", "blue") else ():
+        this = replace(colour, others=others)
+        blobs = find_blobs(image, this)
+        if int(_alike(blobs).sum()) != count:
+            continue
+        score = image @ (this.weights[:3] / 16.0)
+        noise = float(np.median(np.abs(score[:, 8:] - score[:, :-8]))) + 0.5  # 0.5: rounding
+        if float(np.median(blobs.peaks)) / noise > merit:
+            best, merit = this, float(np.median(blobs.peaks)) / noise
+    return best
+
+
+def _read(image: np.ndarray) -> np.ndarray:
+    """The same pixels in one piece, that cannot be written: loops are compiled once, whatever the caller's are."""
+    if type(image) is not np.ndarray or image.dtype != _PIXEL:
+        image = shaped(image, (...,), "image", _PIXEL)
+    view = np.ascontiguousarray(image).view()
+    view.flags.writeable = False
+    return view
+
+
+def _alike(blobs: Blobs) -> Bool[np.ndarray, " k"]:
+    """Blobs whose area is within a factor of 2.5 of the usual, and that the edge does not cut."""
+    if not len(blobs):
+        return np.zeros(0, dtype=bool)
+    usual = np.median(blobs.areas)
+    return (blobs.areas < 2.5 * usual) & (blobs.areas > usual / 2.5) & ~blobs.cut
+
+
+def _scored(image: Image, colour: MarkerColour) -> tuple[UInt8[np.ndarray, "h w"], float, float]:
+    """The score of every pixel, the skin's and the markers'."""
+    from palpate.optical._markers import score_image  # here: compiled loops load when first needed
+
+    score, histogram = np.empty(image.shape[:2], np.uint8), np.empty(256, np.int64)
+    score_image(_read(image), colour.weights, score, histogram)
+    if colour.background:
+        cv2 = opencv()
+        score = cv2.subtract(score, cv2.blur(score, (colour.background, colour.background)))
+        histogram = np.bincount(score.ravel(), minlength=256)
+    below = np.cumsum(histogram) / histogram.sum()
+    top = float(np.searchsorted(below, 1.0 - 0.5 * colour.coverage))
+    return score, float(np.searchsorted(below, 0.5)), top
+
+
+def _blobs(score: UInt8[np.ndarray, "h w"], base: float, threshold: float, least_area: float) -> Blobs:
+    from palpate.optical._markers import blob_sums
+
+    cv2 = opencv()
+    mask = cv2.threshold(score, threshold, 255, cv2.THRESH_BINARY)[1]
+    count, labels, boxes, _ = cv2.connectedComponentsWithStats(mask, connectivity=4, ltype=cv2.CV_32S)
+    levels, sums = np.zeros(count), np.zeros((count, 7))
+    blob_sums(score, labels, boxes, base, levels, sums)
+    kept = np.flatnonzero(sums[:, 0] >= least_area)
+    if not len(kept):
+        return _no_blobs()
+    n, w, sx, sy, sxx, sxy, syy = sums[kept].T
+    x, y = sx / w, sy / w
+    left, up, width, height, _ = boxes[kept].T
+    spread = np.stack([sxx / w - x * x, sxy / w - x * y, sxy / w - x * y, syy / w - y * y], axis=-1).reshape(-1, 2, 2)
+    cut = (left == 0) | (up == 0) | (left + width == score.shape[1]) | (up + height == score.shape[0])
+    return Blobs(np.stack([x + left, y + up], axis=-1), n, spread, levels[kept] - base, cut)
+
+
+def _no_blobs() -> Blobs:
+    return Blobs(np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2, 2)), np.zeros(0), np.zeros(0))
+
+
+def _pairs(ring: Int[np.ndarray, " m"], gaps: Float[np.ndarray, "m m"]) -> Int[np.ndarray, "p 2"]:
+    """Markers whose windows might show the same blob: neighbours in a ring, and the nearest of other rings."""
+    m, each = len(ring), np.count_nonzero(ring == 0)
+    first = np.arange(m)
+    pairs = np.stack([first, ring * each + (first + 1) % each], axis=1)
+    if m > each:
+        nearest = np.where(ring[:, None] == ring, np.inf, gaps).argmin(axis=1)
+        pairs = np.concatenate([pairs, np.stack([first, nearest], axis=1)])
+    return pairs
+
+
+class MarkerTracker:
+    """The markers of a ring, frame by frame: windows about where they are expected, else the whole frame.
+
+    A frame is searched whole, and labelled, wherever a window does not show just what it should: a marker lost or of
+    another area or shape, cut by its window's rim, or the same for two windows. What is found depends on the frame and
+    on the frames since `reset`, and on nothing else.
+
+    Args:
+        view: where the camera sees the ring.
+        colour: of the markers.
+        pixels: (m, 2) where they rest, marker by marker.
+        areas: (m,) [px] at rest.
+        spreads: (m,) trace of the second moments at rest [px^2]; None: as of discs.
+        frozen_after: frames in a row that repeat the one before them to the last bit, from which on a camera is frozen.
+        limits: of labels.
+
+    Attributes:
+        frame: what is the matter with the last frame.
+        searched: the last frame was searched whole.
+
+    Raises:
+        InputError: another number of pixels, areas or spreads than of the view's markers.
+    """
+
+    @takes_arrays
+    def __init__(
+        self,
+        view: RingView,
+        colour: MarkerColour,
+        pixels: Float[np.ndarray, "m 2"],
+        areas: Float[np.ndarray, " m"],
+        *,
+        spreads: Float[np.ndarray, " m"] | None = None,
+        frozen_after: int = 5,
+        limits: LabelLimits = USUAL_LIMITS,
+    ) -> None:
+        m = len(view.angles)
+        self.view, self.colour, self.limits, self.frozen_after = view, colour, limits, frozen_after
+        self._rest, self._areas = frozen(pixels, tail=(2,)), frozen(areas)
+        self._spreads = self._areas * _DISC if spreads is None else frozen(spreads)
+        if not len(self._rest) == len(self._areas) == len(self._spreads) == m:
+            raise InputError(f"{m} markers need as many pixels, areas and spreads.")
+        self._weights, self._plane = colour.weights, view.to_plane(self._rest, view.heights)
+        gaps = np.linalg.norm(self._rest[:, None] - self._rest[None], axis=-1) + np.diag(np.full(m, np.inf))
+        self._gap = gaps.min(axis=1)
+        radius = 1.6 * np.sqrt(self._spreads) + 1.5
+        reach = np.clip(0.45 * (self._gap - radius), 4.0, 10.0)
+        self._halves = np.ceil(radius + reach).astype(np.int64)
+        self._alone = self._gap > self._halves + radius  # no neighbour reaches into its window:
+        self._alone &= len(view.rings) == 1  # of another ring one may, where the skin is pressed
+        size_rest = np.stack([self._areas, self._spreads], axis=-1)
+        self._known = self._halves, size_rest, self._alone, self._gap, _pairs(view.ring, gaps)
+        self._out = np.zeros((m, 7))
+        camera = view.camera
+        self._sample = np.zeros((len(range(_EVERY // 2, camera.height, _EVERY)), 3 * camera.width), dtype=np.uint8)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget every frame: the next one is searched whole, and starts a stretch of its own."""
+        m = len(self._areas)
+        self.frame, self.searched = Frame.OK, False
+        self._last, self._step, self._expected = self._rest.copy(), np.zeros((m, 2)), np.zeros((m, 2))
+        self._seen, self._count, self._size = np.zeros(m, dtype=bool), 0, self._areas.copy()
+        self._age = np.full(m, _AWAY)  # frames since a marker was seen
+        self._claimed = np.full((m, 2), np.nan)
+        self._fresh, self._sampled, self._same, self._since = True, False, 0, 0
+
+    def track(self, image: np.ndarray, out: Float[np.ndarray, "m 2"]) -> Bool[np.ndarray, " m"]:
+        """Pixels of every marker into `out`, NaN where it is not found; whether it is."""
+        require_out(out, (len(self._areas), 2))
+        image, self.searched = _read(image), False
+        self.frame = self._health(image)
+        if self.frame in (Frame.WRONG_SIZE, Frame.BLACK):
+            out[:] = np.nan
+            return np.zeros(len(self._areas), dtype=bool)
+        if self._follow(image, out):
+            self._since += 1
+        else:
+            self.searched = True
+            found = self._search(image)
+            self._remember(found)
+            out[:] = np.where(found[:, None], self._last, np.nan)
+        if self.frame == Frame.OK and self._count < 0.6 * len(self._seen):
+            self.frame = Frame.LOST
+        return self._seen.copy()
+
+    def _health(self, image: np.ndarray) -> Frame:
+        """Told from every `_EVERY`th row: a live camera's noise never repeats in 15 rows."""
+        camera = self.view.camera
+        if image.dtype != np.uint8 or image.shape != (camera.height, camera.width, 3):
+            return Frame.WRONG_SIZE
+        from palpate.optical._markers import sampled  # here: compiled loops load when first needed
+
+        lit, same = sampled(image, _EVERY, int(2 * _LEAST_CONTRAST), self._sample)
+        self._same = self._same + 1 if same and self._sampled else 0
+        self._sampled = True
+        if lit < _LIT * self._sample.size:
+            return Frame.BLACK
+        return Frame.FROZEN if self._same >= self.frozen_after else Frame.OK
+
+    def _guess(self) -> None:
+        """What is missing is expected where its neighbours' displacement puts it."""
+        for ring in range(len(self.view.rings)):
+            own = self.view.ring == ring
+            there, gone = np.flatnonzero(own & self._seen), np.flatnonzero(own & ~self._seen)
+            moved = self._last[there] - self._rest[there]
+            for axis in range(2):
+                said = np.interp(gone, there, moved[:, axis], period=np.count_nonzero(own)) if len(there) else 0.0
+                self._expected[gone, axis] = self._rest[gone, axis] + said
+
+    def _ahead(self) -> Float[np.ndarray, "m 2"]:
+        """Where the markers are if they go on as they went."""
+        return self._last + np.minimum(np.maximum(self._step, -_LONGEST), _LONGEST)
+
+    def _measure(self, image: Image, expected: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, "m 7"]:
+        from palpate.optical._markers import measure_windows  # here: compiled loops load when first needed
+
+        measure_windows(image, self._weights, expected, self._halves, self._out)
+        return self._out
+
+    def _follow(self, image: Image, out: Float[np.ndarray, "m 2"]) -> bool:
+        """The markers in their windows, unless any of them leaves a doubt: whether none does."""
+        from palpate.optical._markers import follow
+
+        whole = self._count == len(self._seen)
+        if self._fresh or (not whole and self._since >= _LOOK):
+            return False
+        if not whole:
+            self._guess()
+        limits = float(self.limits.size), _LEAST_CONTRAST, _LONGEST
+        kept = self._seen, self._expected, self._last, self._step, self._size, self._age
+        return follow(image, self._weights, self._known, limits, self._out, *kept, out)
+
+    def _search(self, image: Image) -> Bool[np.ndarray, " m"]:
+        """The markers of the whole frame, by their labels, each measured again in its window."""
+        blobs = find_blobs(image, self.colour)
+        blobs = blobs[~blobs.cut & np.isfinite(self.view.to_plane(blobs.pixels)).all(axis=-1)]
+        known = (self._age < _AWAY)[:, None]
+        expected = np.where(known, self.view.to_plane(self._ahead(), self.view.heights), np.nan)
+        labels = self._labels(blobs, expected)
+        found = labels >= 0
+        if not found.any():
+            return found
+        wanted = np.where(found[:, None], blobs.pixels[labels], np.nan)
+        got = self._measure(image, wanted)
+        away = np.hypot(*(got[:, :2] - wanted).T)
+        found &= (got[:, 6] == 0.0) & (away < 1.0)
+        found &= self._like_markers(got, found)
+        found &= self._confirmed(got, found)
+        self._take(got, found)
+        return found
+
+    def _labels(self, blobs: Blobs, expected: Float[np.ndarray, "m 2"]) -> Int[np.ndarray, " m"]:
+        """Ring by ring, from the one nearest to the camera on."""
+        labels, free = np.full(len(self._areas), -1), np.arange(len(blobs))
+        order: list[int] = np.argsort(-self.view.rings).tolist()
+        for ring, behind in zip(order, [*order[1:], None], strict=True):
+            own, left = self.view.ring == ring, blobs[free]
+            price = None if behind is None else owed(*self._before(left, behind), self.limits)
+            before = self._before(left, ring)
+            found = label_ring(*before, expected=expected[own], price=price, limits=self.limits)
+            if len(free):
+                labels[own] = np.where(found >= 0, free[found], -1)
+            free = np.setdiff1d(free, labels)
+        return labels
+
+    def _before(self, blobs: Blobs, ring: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Places and areas of blobs, taken for a ring's, and of its markers at rest."""
+        own = self.view.ring == ring
+        places = self.view.to_plane(blobs.pixels, self.view.rings[ring : ring + 1])
+        return places, blobs.areas, self._plane[own], self._areas[own]
+
+    def _like_markers(self, got: Float[np.ndarray, "m 7"], found: Bool[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:
+        from palpate.optical._markers import plausible
+
+        fits = np.empty(len(found), dtype=bool)
+        plausible(got, self._known[1], found, float(self.limits.size), _LEAST_CONTRAST, fits)
+        return fits
+
+    def _confirmed(self, got: Float[np.ndarray, "m 7"], found: Bool[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:
+        """What was missing must stand in the same place twice: a stray blob rarely does.
+
+        In a first frame so must what is away from where it rests, with no marker beside it that says the same.
+        """
+        back = found & (self._age >= _AWAY)
+        if self._fresh:
+            back &= self._alone_away(got, found)
+        near = np.hypot(*(got[:, :2] - self._claimed).T) < _AGAIN
+        self._claimed = np.where(back[:, None], got[:, :2], np.nan)
+        return ~back | near
+
+    def _alone_away(self, got: Float[np.ndarray, "m 7"], found: Bool[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:
+        alone = np.zeros(len(found), dtype=bool)
+        for ring in range(len(self.view.rings)):
+            own = np.flatnonzero(self.view.ring == ring)
+            alone[own] = ~(np.roll(found[own], 1) | np.roll(found[own], -1))
+        return alone & (np.hypot(*(got[:, :2] - self._rest).T) > _AGAIN)
+
+    def _take(self, got: Float[np.ndarray, "m 7"], found: Bool[np.ndarray, " m"]) -> None:
+        again = found & self._seen
+        self._step = np.where(again[:, None], got[:, :2] - self._last, 0.0)
+        self._last = np.where(found[:, None], got[:, :2], self._last)
+        self._size = np.where(found, got[:, 2], self._size)
+
+    def _remember(self, found: Bool[np.ndarray, " m"]) -> None:
+        self._seen, self._count = found.copy(), int(np.count_nonzero(found))
+        self._age = np.where(found, 0, self._age + 1)
+        self._since = 0
+        self._fresh = not self._count

@@ -1,0 +1,59 @@
+"""Compiled: from readings to rows of `estimate.ROW` in one call, by the steps and with the bits of blocks."""
+
+# pyright: basic
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.contact._kernel import estimate_many
+from palpate.contact._live import matrix, stack, vector
+from palpate.sensors.force_torque._kernels import compensate, place
+from palpate.surfaces._jit import entry
+
+__all__ = ["locate"]
+
+
+@entry(
+    """
+    inputs 20n, memory m, table int64 9 4, unused 0, noises h 6 6, nodes float32 k 14 8 | 10 | function, corners p
+    20 | s 6 | s 6, settings 14, state out 162, rows out n 22
+    """
+)
+def locate(inputs, memory, table, unused, noises, nodes, corners, settings, state, rows):
+    """Inputs (20 n,) of n samples, as `Compensation.inputs` lays them out.
+
+    Noises (1, 6, 6) if the sensor knows none, or (0, 6, 6).
+    """
+    n = len(rows)
+    wrenches, statuses, located = np.empty((n, 6)), np.empty(n, np.int8), np.empty((n, 6))
+    rotations, accelerations = inputs[6 * n : 15 * n].reshape((n, 3, 3)), inputs[15 * n : 18 * n].reshape((n, 3))
+    load, covariances = vector(memory, table, 1), np.empty((n, 6, 6))
+    compensate(
+        inputs[: 6 * n].reshape((n, 6)),
+        rotations,
+        accelerations,
+        vector(memory, table, 0),
+        load,
+        vector(memory, table, 2),
+        vector(memory, table, 3)[0] == 1.0,
+        wrenches,
+        statuses,
+    )
+    place(
+        wrenches,
+        rotations,
+        accelerations,
+        inputs[18 * n : 19 * n].reshape((n, 1)),
+        inputs[19 * n :].reshape((n, 1)),
+        np.ones(1),
+        load,
+        matrix(memory, table, 4),
+        matrix(memory, table, 5),
+        matrix(memory, table, 6),
+        matrix(memory, table, 7),
+        stack(memory, table, 8),
+        located,
+        covariances,
+    )
+    each = noises if len(noises) > 0 else covariances
+    estimate_many(located, each, statuses, nodes, corners, settings, state, True, rows)

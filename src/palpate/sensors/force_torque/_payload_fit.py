@@ -1,0 +1,234 @@
+"""The algebra of payload identification: the model and its Jacobian, two linear fits, their covariance, outliers.
+
+Parameters are always the twelve (weight, force_bias, center_of_mass, torque_bias) of `palpate.Payload`, held to
+a subspace by a basis where something is given.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from palpate.spatial.pose import skew
+
+__all__ = [
+    "Errors",
+    "force_columns",
+    "gain_of",
+    "kept_samples",
+    "model",
+    "residual_covariance",
+    "torque_columns",
+    "two_stage",
+]
+
+CUTOFF = 5.0  # robust standard deviations beyond which a sample is set aside: 3 in a million good ones
+HUBER = 1.5
+BLOCKS = 200  # into which a long log is parted for the drift of its bias
+FEWEST = 12  # blocks without which a drift is not looked for
+ROUNDING = 1e-9  # N, N m: residuals below it are no errors
+DRIFTS = 3.5  # standard deviations of the ratio that tells a drift: 1 in 700 of six axes without one
+
+Vector = Float[np.ndarray, "12"]
+
+
+def model(theta: Vector, rotations: Float[np.ndarray, "n 3 3"]) -> tuple[np.ndarray, np.ndarray]:
+    """Wrenches (n, 6) that a payload makes, and their Jacobian (n, 6, 12): F = R^T w + f0, M = c x (R^T w) + m0."""
+    weight, center = rotations.swapaxes(-1, -2) @ theta[:3], theta[6:9]
+    jacobian = np.zeros((len(rotations), 6, 12))
+    jacobian[:, :3, :3] = rotations.swapaxes(-1, -2)
+    jacobian[:, 3:, :3] = skew(center) @ jacobian[:, :3, :3]
+    jacobian[:, :3, 3:6] = np.eye(3)
+    jacobian[:, 3:, 6:9] = -skew(weight)
+    jacobian[:, 3:, 9:] = np.eye(3)
+    return np.concatenate([weight + theta[3:6], np.cross(center, weight) + theta[9:]], axis=1), jacobian
+
+
+def two_stage(
+    wrenches: Float[np.ndarray, "n 6"],
+    rotations: Float[np.ndarray, "n 3 3"],
+    direction: Float[np.ndarray, "3"] | None,
+    weights: Float[np.ndarray, "n 2"] | None = None,
+) -> Vector:
+    """Force on (weight, bias), then torque on (centre, bias) with the *modelled* weight as the regressor.
+
+    With the measured force as the regressor, as [probe] prints it, its noise pulls the centre towards the sensor.
+
+    Args:
+        wrenches: (n, 6) in the sensor frame.
+        rotations: (n, 3, 3), sensor in base.
+        direction: unit vector of gravity in the base; None when free.
+        weights: (n, 2) of the samples' forces and torques; None for ones.
+    """
+    weights = np.ones((len(wrenches), 2)) if weights is None else weights
+    columns = force_columns(rotations, direction)
+    solution = _weighted(columns, wrenches[:, :3], weights[:, 0])
+    weight = solution[:3] if direction is None else solution[0] * direction
+    torque = _weighted(torque_columns(rotations, weight), wrenches[:, 3:], weights[:, 1])
+    return np.concatenate([weight, solution[-3:], torque])
+
+
+def force_columns(rotations: np.ndarray, direction: np.ndarray | None) -> Float[np.ndarray, "n 3 p"]:
+    """The regressor of the force: on (w, f0), or on (|w|, f0) along a given direction."""
+    transposed = rotations.swapaxes(-1, -2)
+    first = transposed if direction is None else (transposed @ direction)[..., None]
+    return np.concatenate([first, np.broadcast_to(np.eye(3), transposed.shape)], axis=-1)
+
+
+def torque_columns(rotations: np.ndarray, weight: np.ndarray) -> Float[np.ndarray, "n 3 6"]:
+    """The regressor of the torque, on (c, m0), for a weight in the base."""
+    levers = -skew(rotations.swapaxes(-1, -2) @ weight)
+    return np.concatenate([levers, np.broadcast_to(np.eye(3), levers.shape)], axis=-1)
+
+
+def _weighted(columns: np.ndarray, target: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    root = np.sqrt(weights)[:, None]
+    matrix = (columns * root[..., None]).reshape(-1, columns.shape[-1])
+    return np.linalg.lstsq(matrix, (target * root).ravel(), rcond=None)[0]
+
+
+def residual_covariance(residuals: Float[np.ndarray, "n 6"], force_unknowns: int) -> Float[np.ndarray, "6 6"]:
+    """Of one sample, unbiased for the unknowns that force and torque were fitted with."""
+    count = residuals.size // 2
+    free = np.array([max(count - unknowns, 1) for unknowns in (force_unknowns, 6)])
+    scale = np.repeat(np.sqrt(count / free), 3)
+    return (residuals.T @ residuals / len(residuals)) * np.outer(scale, scale)
+
+
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """Model the errors of a log's wrenches: noise of each, and a bias that drifts from one to the next.
+
+    Attributes:
+        white: (6, 6) covariance of what each errs by alone.
+        walk: (6,) by how much the bias drifts from block to block, along each axis; 0 where it is not seen to.
+        block: (n,) of each wrench; there are at most `BLOCKS`.
+    """
+
+    white: Float[np.ndarray, "6 6"]
+    walk: Float[np.ndarray, "6"]
+    block: Int[np.ndarray, " n"]
+
+    @staticmethod
+    def of(residuals: Float[np.ndarray, "n 6"], white: Float[np.ndarray, "6 6"]) -> Errors:
+        """Return the errors of residuals in the order of time, whose covariance is `white`, drift included."""
+        from palpate.calibration.random_walk import fit_walk, steps_of  # scipy.optimize: loaded when first needed
+
+        count = len(residuals)
+        blocks = min(count, BLOCKS)
+        block: Int[np.ndarray, " n"] = np.arange(count, dtype=np.int64) * blocks // count
+        size, walk, alone = np.bincount(block), np.zeros(6), np.ones(6)
+        means = np.stack([np.bincount(block, column) / size for column in residuals.T], axis=1)
+        if _drifts(means):
+            felt = np.flatnonzero(_felt(means))
+            steps = steps_of(np.arange(blocks, dtype=np.float64), means[:, felt], 0.0)
+            fit = fit_walk(steps, [[k] for k in range(len(felt))])
+            walk[felt] = np.where(fit.seen, fit.walk, 0.0)
+            if blocks == count:
+                alone[felt] = np.where(fit.seen, np.minimum(1.0, fit.noise / np.sqrt(np.diag(white)[felt])), 1.0)
+        white = white * np.outer(alone, alone)
+        return Errors(white, walk, block)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """A sentence where the bias drifts."""
+        if not self.walk.any():
+            return ()
+        blocks = len(set(self.block.tolist()))
+        kinds = ((slice(3), 1.0, "N"), (slice(3, 6), 1e3, "N mm"))
+        sizes = ((scale * float(self.walk[part].max()) * blocks**0.5, unit) for part, scale, unit in kinds)
+        amounts = " and ".join(f"{size:.2g} {unit}" for size, unit in sizes if size > 0)
+        return (
+            f"The bias drifts while the log is recorded, by about {amounts} in all, which is in the covariance. Record "
+            "the poses faster, or let the sensor warm up first.",
+        )
+
+    def spread(self, gain: Float[np.ndarray, "p n 6"]) -> Float[np.ndarray, "p p"]:
+        """Return the covariance of what a linear map makes of the errors.
+
+        The bias at block i of B has the covariance walk^2 (B - |i - j|) / 2 with that at block j, which is that of a
+        random walk but for a constant: that of the bias when the sensor is used later, at some time like those here.
+        """
+        found = np.einsum("pni,ij,qnj->pq", gain, self.white, gain, optimize=True)
+        if self.walk.any():
+            last = int(self.block[-1]) + 1
+            summed = np.add.reduceat(gain, np.searchsorted(self.block, np.arange(last)), axis=1)
+            lags = np.abs(np.subtract.outer(np.arange(last), np.arange(last)))
+            moved = np.einsum("ab,qbi->qai", (last - lags) / 2.0, summed * self.walk**2)
+            found = found + np.einsum("pai,qai->pq", summed, moved)
+        return found
+
+
+def _drifts(means: Float[np.ndarray, "b 6"]) -> bool:
+    """Tell whether some axis changes too slowly for errors that are independent, by the ratio of von Neumann [1941]."""
+    count, square = len(means), np.sum(means**2, axis=0)
+    if count < FEWEST:
+        return False
+    felt = _felt(means)
+    ratio = np.sum(np.diff(means, axis=0) ** 2, axis=0)[felt] / square[felt]
+    return bool(np.any((1.0 - ratio / 2.0) * np.sqrt((count**2 - 1.0) / (count - 2.0)) > DRIFTS))
+
+
+def _felt(means: Float[np.ndarray, "b 6"]) -> Bool[np.ndarray, "6"]:
+    """Tell which axes have errors that are more than rounding."""
+    return np.asarray(np.mean(means**2, axis=0) > ROUNDING**2, dtype=bool)
+
+
+def gain_of(
+    jacobian: Float[np.ndarray, "n 6 p"], noise: Float[np.ndarray, "6 6"] | None
+) -> tuple[Float[np.ndarray, "p n 6"], Float[np.ndarray, "n 6 p"]]:
+    """Return the gain of an estimate that solves sum Z_i^T r_i = 0, G^-1 Z_i^T with G = sum Z_i^T J_i, and Z.
+
+    Jointly whitened, Z = S^-1 J; in two stages, Z is J without the torque's say on the force's parameters. Either way
+    the centre carries the weight's error.
+
+    Args:
+        jacobian: of every sample, in the parameters that are free; the last six only the torque determines.
+        noise: S, of one sample, for a joint fit; None: in two stages.
+    """
+    if noise is not None:
+        instruments = np.linalg.solve(noise, jacobian)
+    else:
+        instruments = jacobian.copy()
+        instruments[:, 3:, :-6] = 0.0
+    rows, columns = (array.reshape(-1, jacobian.shape[-1]) for array in (instruments, jacobian))
+    return np.moveaxis(instruments @ np.linalg.inv(rows.T @ columns).T, -1, 0), instruments
+
+
+def kept_samples(
+    wrenches: Float[np.ndarray, "n 6"],
+    rotations: Float[np.ndarray, "n 3 3"],
+    direction: Float[np.ndarray, "3"] | None,
+    floor: Float[np.ndarray, "6"],
+) -> Bool[np.ndarray, " n"]:
+    """Samples within `CUTOFF` robust standard deviations, channel by channel, of a fit that the others do not pull.
+
+    A Huber fit to start, then least squares on what lies within, until that no longer changes. Gaussian data keep the
+    efficiency of plain least squares. Regressors are rotations, bounded: poses that are spread
+    out leave no leverage to guard against.
+    """
+
+    def left(weights: np.ndarray | None) -> np.ndarray:
+        return wrenches - model(two_stage(wrenches, rotations, direction, weights), rotations)[0]
+
+    residuals = left(None)
+    for _ in range(10):
+        distance = (np.abs(residuals) / _spread(residuals, floor)).reshape(-1, 2, 3).max(axis=2)
+        residuals = left(np.minimum(1.0, HUBER / np.maximum(distance, 1e-12)))
+    kept = np.ones(len(wrenches), dtype=bool)
+    for _ in range(20):
+        inside = np.all(np.abs(residuals) <= CUTOFF * _spread(residuals, floor), axis=1)
+        before, kept = kept, np.asarray(inside, dtype=bool)
+        if np.array_equal(before, kept):
+            break
+        residuals = left(np.repeat(kept[:, None].astype(np.float64), 2, axis=1))
+    return kept
+
+
+def _spread(residuals: np.ndarray, floor: np.ndarray) -> Float[np.ndarray, "6"]:
+    """Standard deviations from the median absolute residual, widened where samples are few [Rousseeuw 1987]."""
+    free = max(len(residuals) - 2, 1)  # six unknowns are two samples' worth
+    middle = 1.4826 * (1.0 + 5.0 / free) * np.asarray(np.median(np.abs(residuals), axis=0))
+    return np.maximum(middle, floor)

@@ -1,0 +1,191 @@
+"""Named ways in which a log's wrenches and rotations come out wrong, and what undoes each.
+
+Told apart by residual: the frame of the wrenches, the swap of y and z (it makes the sensor left-handed, which no
+rotation undoes), the direction of the rotations. In the force alone, wrenches in the base frame and inverse rotations
+look the same, weight and bias having changed places; the torque tells them apart.
+
+Not told apart by residual: the sign. Reversing force and torque turns the weight about and leaves the centre, so it
+shows only as a weight that points up: against the given gravity, or else against a base whose z points up. Reversing
+the torque alone mirrors the centre, and turning sensor or rotations by a fixed rotation (two axes flipped, the
+mounting) turns weight or centre: none of these leaves a trace that poses could show.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.errors import InputError, NotIdentifiable
+from palpate.sensors.force_torque._payload_rank import check_noise
+from palpate.sensors.force_torque._payload_solve import Settings, Solution, rms, solve
+from palpate.signals.payload import Payload
+from palpate.spatial.arguments import takes_arrays
+
+__all__ = ["AS_IS", "Hypothesis", "corrected", "diagnose", "doubts"]
+
+AS_IS = "as is"
+BASE = "base frame"
+SWAPPED = "y and z swapped"
+REVERSED = "sign reversed"
+INVERSE = "inverse rotations"
+MEANINGS = {
+    BASE: "the wrenches are written in the base frame",
+    SWAPPED: "y and z of force and torque are swapped",
+    REVERSED: "the sensor reports the reaction",
+    INVERSE: "the rotations are base in sensor",
+}
+SWAP = [0, 2, 1, 3, 5, 4]
+BAD_NOISE = 5.0  # residuals above so many times the stated noise,
+BAD_SHARE = 0.05  # and above this share of the weight, or of the torque's variation, are doubted: good rigs leave 1-3 %
+BAD_LEFT_OUT = 0.2  # or more than this share of the samples set aside
+FAR_BETTER = 3.0  # an explanation must reduce the misfit by this
+
+
+@takes_arrays
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """What a log may be, instead of wrenches in the sensor frame with rotations of the sensor in the base.
+
+    Attributes:
+        name: as `identify_payload(..., hypothesis=name)` takes it.
+        residual: (2,) rms of force [N] and torque [N m] per axis, over every sample, the ones set aside too.
+        misfit: geometric mean of the force and the torque that four samples in five stay within. With noise unknown the
+            likelihood compares hypotheses by this mean, which needs no length to add newtons and newton-metres.
+        payload: what comes out if it is true.
+    """
+
+    name: str
+    residual: Float[np.ndarray, "2"]
+    misfit: float
+    payload: Payload
+
+
+def _names() -> list[str]:
+    """Every combination that residuals tell apart, simplest first; the sign comes on top."""
+    choices = product(("", BASE), ("", SWAPPED), ("", INVERSE))
+    return sorted((compose(*choice) for choice in choices), key=lambda name: len(parts(name)))
+
+
+def compose(*hypotheses: str) -> str:
+    """One name from several, in the order of `MEANINGS`."""
+    given = {part for name in hypotheses for part in parts(name)}
+    return " + ".join(part for part in MEANINGS if part in given) or AS_IS
+
+
+def parts(hypothesis: str) -> tuple[str, ...]:
+    """The simple names in a name such as "base frame + sign reversed".
+
+    Raises:
+        InputError: one of them is not known.
+    """
+    found = tuple(part.strip() for part in hypothesis.split("+") if part.strip() not in ("", AS_IS))
+    unknown = [part for part in found if part not in MEANINGS]
+    if unknown:
+        known = ", ".join(repr(name) for name in (AS_IS, *MEANINGS))
+        raise InputError(f"no hypothesis is called {unknown[0]!r}", hint=f"Known, joined by ' + ': {known}.")
+    return found
+
+
+def corrected(
+    wrenches: Float[np.ndarray, "n 6"], rotations: Float[np.ndarray, "n 3 3"], hypothesis: str
+) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 3 3"]]:
+    """Wrenches in the sensor frame and rotations sensor in base, were the hypothesis true.
+
+    "base frame + y and z swapped": the driver swapped in the sensor frame, then the log was rotated; undone backwards.
+    """
+    told = parts(hypothesis)
+    if INVERSE in told:
+        rotations = rotations.swapaxes(-1, -2)
+    if BASE in told:
+        wrenches = np.einsum("nji,nkj->nki", rotations, wrenches.reshape(-1, 2, 3)).reshape(-1, 6)
+    if SWAPPED in told:
+        wrenches = wrenches[:, SWAP]
+    return (-wrenches if REVERSED in told else wrenches), rotations
+
+
+def diagnose(
+    wrenches: Float[np.ndarray, "n 6"], rotations: Float[np.ndarray, "n 3 3"], settings: Settings
+) -> list[Hypothesis]:
+    """The hypotheses under which the log determines a payload, best fit first, each with the sign that hangs down."""
+    found: list[Hypothesis] = []
+    for name in _names():
+        try:
+            solution = solve(*corrected(wrenches, rotations, name), settings)
+            if points_up(solution.payload, settings):
+                name = compose(name, REVERSED)
+                solution = solve(*corrected(wrenches, rotations, name), settings)
+        except NotIdentifiable:
+            continue
+        found.append(Hypothesis(name, rms(solution.residuals), misfit(solution), solution.payload))
+    return sorted(found, key=lambda hypothesis: hypothesis.misfit)
+
+
+def misfit(solution: Solution) -> float:
+    """See `Hypothesis`: a quantile over all samples, so that setting aside what disagrees improves nothing."""
+    lengths = np.linalg.norm(solution.residuals.reshape(-1, 2, 3), axis=2)
+    return float(np.sqrt(np.prod(np.quantile(lengths, 0.8, axis=0))))
+
+
+def points_up(payload: Payload, settings: Settings) -> bool:
+    """Whether the weight points against gravity, given or, unless the base hangs on a wall, down its z."""
+    if settings.direction is not None:
+        return float(payload.weight @ settings.direction) < 0
+    return float(payload.weight[2]) > 0.5 * float(np.linalg.norm(payload.weight))
+
+
+def is_bad(solution: Solution, wrenches: Float[np.ndarray, "n 6"], settings: Settings) -> bool:
+    """Whether the fit leaves more than a sound log does. `wrenches` as given, for the torque's variation."""
+    stated = np.zeros(2) if settings.noise is None else np.sqrt(np.diag(settings.noise).reshape(2, 3).mean(axis=1))
+    variation = float(np.std(wrenches[:, 3:], axis=0).max())
+    share = BAD_SHARE * np.array([np.linalg.norm(solution.payload.weight), variation])
+    left = solution.payload.residual > np.maximum(BAD_NOISE * stated, share)
+    return bool(left.any() or solution.kept.mean() < 1.0 - BAD_LEFT_OUT)
+
+
+def doubts(
+    solution: Solution, hypothesis: str, wrenches: np.ndarray, rotations: np.ndarray, settings: Settings
+) -> tuple[str, ...]:
+    """What to say about a fit under `hypothesis` of wrenches and rotations as given.
+
+    Raises:
+        NotIdentifiable: the fit leaves so much that the weight is lost in it, and no hypothesis mends that.
+    """
+    payload, bad = solution.payload, is_bad(solution, wrenches, settings)
+    if bad and (mistake := _explanation(diagnose(wrenches, rotations, settings), misfit(solution))):
+        return (mistake,)
+    used = corrected(wrenches, rotations, hypothesis)[1][solution.kept]
+    check_noise(used, settings.direction, payload.weight, solution.noise)
+    said: tuple[str, ...] = ()
+    share = payload.residual[0] / float(np.linalg.norm(payload.weight))
+    if bad and share > BAD_SHARE:
+        said += (
+            f"The fit leaves {payload.residual[0]:.2g} N and {payload.residual[1]:.2g} N m, {share:.0%} of the weight, "
+            "and no known mistake explains it: was something touching, moving fast, or read with wrong units or times?",
+        )
+    if points_up(payload, settings):
+        said += (_upward(settings, hypothesis),)
+    return said
+
+
+def _upward(settings: Settings, hypothesis: str) -> str:
+    against = "up in the base (z)" if settings.direction is None else "against the given gravity"
+    cause = "the base's z points down" if settings.direction is None else "that direction is wrong"
+    name = compose(hypothesis, REVERSED)
+    reversed_sign = f"{MEANINGS[REVERSED]} (hypothesis={name!r})"
+    return f"The weight points {against}: either {cause}, or {reversed_sign}. Poses cannot tell."
+
+
+def _explanation(found: list[Hypothesis], misfit_now: float) -> str:
+    """A sentence that names the hypothesis that fits far better than now, or nothing."""
+    if not found or found[0].misfit * FAR_BETTER > misfit_now:
+        return ""
+    best = found[0]
+    meaning = " and ".join(MEANINGS[part] for part in parts(best.name)) or "taken as it is"
+    return (
+        f"The log fits {misfit_now / max(best.misfit, 1e-300):.0f} times better if {meaning}: it leaves "
+        f"{best.residual[0]:.2g} N and {best.residual[1]:.2g} N m. Correct it where it is read, or pass "
+        f"hypothesis={best.name!r}."
+    )

@@ -1,0 +1,177 @@
+"""One identification under one reading of the data: robust, two-stage or jointly whitened, with its covariance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from palpate.calibration.left_out import LeftOut, leave_out
+from palpate.errors import NotIdentifiable
+from palpate.sensors.force_torque._payload_fit import (
+    Errors,
+    gain_of,
+    kept_samples,
+    model,
+    residual_covariance,
+    two_stage,
+)
+from palpate.sensors.force_torque._payload_rank import check_poses
+from palpate.signals.payload import Payload
+
+__all__ = ["Settings", "Solution", "judged", "rms", "solve"]
+
+BELIEVED = 2.0  # chi-square per degree of freedom up to which the stated noise is taken to explain the residuals
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the caller chose, checked: gravity's unit direction or None, |g|, noise covariance or None, robust.
+
+    `of` is what a row is called in messages.
+    """
+
+    direction: Float[np.ndarray, "3"] | None
+    magnitude: float
+    noise: Float[np.ndarray, "6 6"] | None
+    robust: bool
+    of: str = "samples"
+
+    def basis(self) -> Float[np.ndarray, "12 p"]:
+        """The free directions among the twelve parameters."""
+        if self.direction is None:
+            return np.eye(12)
+        basis = np.zeros((12, 10))
+        basis[:3, 0] = self.direction
+        basis[3:, 1:] = np.eye(9)
+        return basis
+
+    def floor(self, wrenches: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "6"]:
+        """Residuals below this are not worth doubting: the stated noise, at least rounding."""
+        rounding = 1e-9 * np.repeat(np.abs(wrenches).reshape(-1, 2, 3).max(axis=(0, 2)) + 1e-3, 3)
+        return rounding if self.noise is None else np.maximum(np.sqrt(np.diag(self.noise)), rounding)
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A payload, the standard deviation of a force [N], what is left of every sample, and which were used.
+
+    `white` is the covariance of a sample's error, and `joint` whether the fit was whitened by it.
+    """
+
+    payload: Payload
+    noise: float
+    residuals: Float[np.ndarray, "n 6"]
+    kept: Bool[np.ndarray, " n"]
+    white: Float[np.ndarray, "6 6"]
+    joint: bool
+
+
+def solve(wrenches: Float[np.ndarray, "n 6"], rotations: Float[np.ndarray, "n 3 3"], settings: Settings) -> Solution:
+    """Fit wrenches in the sensor frame; see `identify_payload` for what is done and why.
+
+    Raises:
+        NotIdentifiable: the poses do not determine the parameters.
+    """
+    direction, basis = settings.direction, settings.basis()
+    kept = np.ones(len(wrenches), dtype=bool)
+    theta = two_stage(wrenches, rotations, direction)
+    _check(rotations, kept, theta, settings)
+    if settings.robust:
+        kept = kept_samples(wrenches, rotations, direction, settings.floor(wrenches))
+        theta = two_stage(wrenches[kept], rotations[kept], direction)
+        _check(rotations, kept, theta, settings)
+    spread = residual_covariance((wrenches - model(theta, rotations)[0])[kept], basis.shape[1] - 6)
+    theta, white, notes, joint = _refined(theta, wrenches[kept], rotations[kept], spread, settings)
+    predicted, jacobian = model(theta, rotations)
+    residuals = wrenches - predicted
+    gain = gain_of(jacobian[kept] @ basis, white if joint else None)[0]
+    payload = Payload(
+        *theta.reshape(4, 3),
+        covariance=basis @ Errors(white, np.zeros(6), np.zeros(0, dtype=np.int64)).spread(gain) @ basis.T,
+        magnitude=settings.magnitude,
+        residual=rms(residuals[kept]),
+        samples=int(kept.sum()),
+        notes=notes,
+    )
+    stated = 0.0 if settings.noise is None else float(np.trace(settings.noise[:3, :3]))
+    deviation = float(np.sqrt(max(np.trace(spread[:3, :3]), stated) / 3))
+    return Solution(payload, deviation, residuals, kept, white, joint)
+
+
+def judged(
+    solution: Solution, wrenches: Float[np.ndarray, "n 6"], rotations: Float[np.ndarray, "n 3 3"], settings: Settings
+) -> tuple[Payload, LeftOut]:
+    """Return a payload whose covariance has the drift of the bias during the log, and holds for poses left out.
+
+    A part that is left out is compared by its normal equations, Z^T r: what it says of the parameters.
+    """
+    kept, basis, payload = solution.kept, settings.basis(), solution.payload
+    wrenches, rotations = wrenches[kept], rotations[kept]
+    rounding = np.diag(replace(settings, noise=None).floor(wrenches) ** 2)
+    errors = Errors.of(solution.residuals[kept], solution.white + rounding)
+    noise = solution.white if solution.joint else None
+    theta = np.concatenate([payload.weight, payload.force_bias, payload.center_of_mass, payload.torque_bias])
+    gain = gain_of(model(theta, rotations)[1] @ basis, noise)[0]
+
+    def predict(left: Bool[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
+        part = solve(wrenches[~left], rotations[~left], replace(settings, robust=False)).payload
+        theta = np.concatenate([part.weight, part.force_bias, part.center_of_mass, part.torque_bias])
+        predicted, jacobian = model(theta, rotations)
+        jacobian = jacobian @ basis
+        own, instruments = np.zeros((basis.shape[1], len(left), 6)), gain_of(jacobian, noise)[1][left]
+        own[:, left] = np.moveaxis(instruments, -1, 0)
+        slope = np.einsum("nip,niq->pq", instruments, jacobian[left])
+        own[:, ~left] = -np.einsum("pq,qni->pni", slope, gain_of(jacobian[~left], noise)[0])
+        return np.einsum("nip,ni->p", instruments, (wrenches - predicted)[left]), errors.spread(own)
+
+    left = leave_out(len(wrenches), predict)
+    covariance = left.widening * (basis @ errors.spread(gain) @ basis.T)
+    return replace(payload, covariance=covariance, notes=(*payload.notes, *errors.notes, *left.notes)), left
+
+
+def rms(residuals: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "2"]:
+    """Of force and torque, per axis."""
+    return np.sqrt((residuals.reshape(-1, 2, 3) ** 2).mean(axis=(0, 2)))
+
+
+def _check(rotations: np.ndarray, kept: np.ndarray, theta: np.ndarray, settings: Settings) -> None:
+    try:
+        check_poses(rotations[kept], settings.direction, theta[:3])
+    except NotIdentifiable as refused:
+        away = "" if kept.all() else f" ({int((~kept).sum())} {settings.of}, far from the rest, were set aside.)"
+        raise NotIdentifiable(f"{refused}{away}", rank=refused.rank, missing=refused.missing) from None
+
+
+def _refined(
+    theta: np.ndarray, wrenches: np.ndarray, rotations: np.ndarray, spread: np.ndarray, settings: Settings
+) -> tuple[Float[np.ndarray, "12"], Float[np.ndarray, "6 6"], tuple[str, ...], bool]:
+    """Return parameters, a sample's covariance, notes, and whether the fit was whitened by the stated noise.
+
+    It is where that explains the residuals; else the parameters stay as they are.
+    """
+    basis, noise = settings.basis(), settings.noise
+    predicted, jacobian = model(theta, rotations)
+    if noise is None or np.linalg.cond(noise / np.sqrt(np.outer(np.diag(noise), np.diag(noise)))) > 1e12:
+        return theta, spread, (), False
+    freedom = wrenches.size - basis.shape[1]
+    excess = _chi_square(wrenches - predicted, noise) / freedom
+    if excess > BELIEVED:
+        note = (
+            f"The residuals are {np.sqrt(excess):.1f} times the stated noise: the model, not the noise, limits this "
+            "fit. Force and torque were fitted one after the other, and the covariance is from the residuals."
+        )
+        return theta, spread, (note,), False
+    for _ in range(8):  # bilinear in c and w, and it starts a few standard errors away
+        gain = gain_of(jacobian @ basis, noise)[0]
+        theta = theta + basis @ np.einsum("pni,ni->p", gain, wrenches - predicted)
+        predicted, jacobian = model(theta, rotations)
+    excess = _chi_square(wrenches - predicted, noise) / freedom
+    if excess > 1.0 + 3.0 * np.sqrt(2.0 / freedom):  # more than chance makes: widen
+        noise = noise * excess
+    return theta, noise, (), True
+
+
+def _chi_square(residuals: np.ndarray, noise: np.ndarray) -> float:
+    return float((residuals * np.linalg.solve(noise, residuals.T).T).sum())

@@ -1,0 +1,171 @@
+"""The payload and the sensor's zero, from free motion: nothing touches the sensor, its orientation is known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool
+from numpy.typing import ArrayLike
+
+from palpate.calls import called_as
+from palpate.errors import InputError
+from palpate.sensors.force_torque._payload_hypotheses import AS_IS, Hypothesis, corrected, diagnose, doubts
+from palpate.sensors.force_torque._payload_solve import Settings, judged, solve
+from palpate.signals.payload import STANDARD_GRAVITY, Payload
+from palpate.signals.recording import LARGEST
+from palpate.spatial._arrays import shaped
+from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.pose import rotation_from_quaternion
+from palpate.spatial.uncertain import noise_covariance
+from palpate.spatial.wrench import Wrench
+
+__all__ = ["Hypothesis", "diagnose_payload", "identify_payload"]
+
+FAR = 1.0  # m from the sensor: no tool has its centre of mass further out
+
+
+@called_as("palpate.identify_payload(wrenches, quaternions)")
+@takes_arrays
+def identify_payload(
+    wrenches: Wrench | ArrayLike,
+    rotations: ArrayLike,
+    *,
+    gravity: ArrayLike | None = None,
+    magnitude: float = STANDARD_GRAVITY,
+    noise: ArrayLike | None = None,
+    robust: bool = True,
+    hypothesis: str = AS_IS,
+    of: str = "samples",
+    provenance: Mapping[str, str] | None = None,
+) -> Payload:
+    """Weight, centre and biases from wrenches that nothing but the payload makes [probe, (1)-(2), corrected].
+
+    Two linear least squares: force on (weight, bias), then torque on (centre, bias) with the modelled weight. With
+    `noise` given, and the residuals explained by it, all are then fitted jointly, whitened: the torque sharpens the
+    weight's direction. Without, they are not: the residuals of real rigs are errors of the model (gains, cross-talk,
+    flexing). The covariance covers all twelve, the centre carrying the weight's error, from the residuals' covariance
+    (or the stated noise, where believed), with the drift of the bias where the residuals show one. Parts of the log are
+    left out in turn, and the covariance is widened where they lie further from the rest's prediction than it says. Rows
+    must be in the order of time. Of a log with many samples a pose, average each pose first: they err alike. With few
+    poses state the noise: from residuals alone it is too small, by 1.1 at 40 poses, by 2 at 12.
+
+    Args:
+        wrenches: (n, 6) [N, N m], or a `Wrench` of n, in the sensor frame. Rows with NaN or infinity (above 1e9) are
+            ignored, and said.
+        rotations: (n, 3, 3), sensor in base; or (n, 4) its quaternions x, y, z, w.
+        gravity: (3,) its direction in the base, of any length; None when unknown, to be identified.
+        magnitude: |g| [m/s^2], which only divides the weight into a mass.
+        noise: of one reading, if known: standard deviations of force and torque, or six, or a (6, 6) covariance.
+        robust: set samples aside that lie 5 robust standard deviations from the fit, and say which.
+        hypothesis: a name that `diagnose_payload` gave, undone before the fit. Later wrenches must be corrected alike
+            before `Payload.compensate`.
+        of: what a row is, in messages: "samples", or "poses" where each is a mean.
+        provenance: kept in the payload, beside the options used here.
+
+    Raises:
+        NotIdentifiable: the poses cannot separate the parameters; names which, and the pose to add.
+        InputError: shapes, or a row that is not a rotation.
+    """
+    settings = replace(settings_of(gravity, magnitude, noise, robust=robust), of=of)
+    wrenches, rotations, finite = usable(wrenches, rotations)
+    undone = corrected(wrenches, rotations, hypothesis)
+    solution = solve(*undone, settings)
+    payload, left = judged(solution, *undone, settings)
+    doubtful = doubts(solution, hypothesis, wrenches, rotations, settings)
+    notes = (*left_out(finite, solution.kept, of), *payload.notes, *doubtful, *_far_centre(payload))
+    options = {
+        "gravity": "free" if gravity is None else "given",
+        "robust": str(robust).lower(),
+        "hypothesis": hypothesis,
+    }
+    options["left_out"] = str(left)
+    return replace(payload, notes=notes, provenance={**options, **(provenance or {})})
+
+
+@takes_arrays
+def diagnose_payload(
+    wrenches: Wrench | ArrayLike,
+    rotations: ArrayLike,
+    *,
+    gravity: ArrayLike | None = None,
+    magnitude: float = STANDARD_GRAVITY,
+    noise: ArrayLike | None = None,
+    robust: bool = True,
+) -> list[Hypothesis]:
+    """Every named hypothesis under which the log determines a payload, the best fit first.
+
+    Arguments as for `identify_payload`. Of each, the sign is chosen under which the weight points down (see
+    `palpate.sensors.force_torque._payload_hypotheses` for what can be told apart and what not).
+    """
+    settings = settings_of(gravity, magnitude, noise, robust=robust)
+    wrenches, rotations, _ = usable(wrenches, rotations)
+    return diagnose(wrenches, rotations, settings)
+
+
+def settings_of(gravity: ArrayLike | None, magnitude: float, noise: ArrayLike | None, *, robust: bool) -> Settings:
+    """The caller's choices, checked; gravity may have any length."""
+    if not (np.isfinite(magnitude) and magnitude > 0):
+        raise InputError(f"magnitude of gravity must be positive, not {magnitude}")
+    direction = None if gravity is None else np.asarray(gravity, dtype=np.float64)
+    if direction is not None:
+        largest = float(np.abs(direction).max(initial=0.0))
+        if direction.shape != (3,) or not np.isfinite(largest) or largest == 0.0:
+            raise InputError(f"gravity must be three numbers, not all zero: {gravity}", hint="Leave it out if unknown.")
+        direction = direction / largest  # first: the square of 1e200 is no number
+        direction = direction / np.linalg.norm(direction)
+    return Settings(direction, float(magnitude), None if noise is None else noise_covariance(noise), robust)
+
+
+def usable(wrenches: Wrench | ArrayLike, rotations: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Complete rows, their rotations checked, and which they are (bool, n)."""
+    wrenches = shaped(wrenches.vector() if isinstance(wrenches, Wrench) else wrenches, (None, 6), "wrenches")
+    if np.shape(rotations) == (len(wrenches), 4):
+        with np.errstate(invalid="ignore"):  # a quaternion of zeros is NaN, which is ignored
+            rotations = rotation_from_quaternion(np.asarray(rotations, dtype=np.float64))
+    rotations = shaped(rotations, (len(wrenches), 3, 3), "rotations")
+    rows = np.column_stack([wrenches, rotations.reshape(-1, 9)])
+    finite = np.asarray((np.abs(rows) <= LARGEST).all(axis=1), dtype=bool)
+    _check_rotations(rotations, finite)
+    if not finite.any():
+        raise InputError(
+            f"none of the {len(wrenches)} rows is complete.", hint="Check the columns and the log's length."
+        )
+    return wrenches[finite], rotations[finite], finite
+
+
+def left_out(finite: Bool[np.ndarray, " n"], kept: Bool[np.ndarray, " m"], of: str) -> tuple[str, ...]:
+    """Sentences about the rows that were not used: those not complete, and of the others those not kept."""
+    name = "rows" if of == "samples" else of
+    lost, away = np.flatnonzero(~finite), np.flatnonzero(finite)[~kept]
+    said: tuple[str, ...] = ()
+    if len(lost):
+        said += (
+            f"{len(lost)} of {len(finite)} {name} hold NaN or infinity and were ignored ({name} {_listed(lost)}).",
+        )
+    if len(away):
+        said += (f"{len(away)} of {len(kept)} {of} lie far from the fit and were set aside ({name} {_listed(away)}).",)
+    return said
+
+
+def _far_centre(payload: Payload) -> tuple[str, ...]:
+    far = float(np.linalg.norm(payload.center_of_mass))
+    if far <= FAR:
+        return ()
+    return (f"The centre of mass lies {far:.3g} m from the sensor: is the unit of the torque right?",)
+
+
+def _listed(rows: np.ndarray) -> str:
+    return ", ".join(str(row) for row in rows[:5]) + (", ..." if len(rows) > 5 else "")
+
+
+def _check_rotations(rotations: np.ndarray, finite: Bool[np.ndarray, " n"]) -> None:
+    proper = np.where(finite[:, None, None], rotations, np.eye(3))
+    skewed = np.abs(proper @ proper.swapaxes(1, 2) - np.eye(3)).max(axis=(1, 2)) > 1e-3
+    mirrored = np.linalg.det(proper) < 0
+    if (skewed | mirrored).any():
+        row = int(np.argmax(skewed | mirrored))
+        fault = "is not orthonormal" if skewed[row] else "is a reflection (determinant -1)"
+        hint = "Are the quaternions x, y, z, w, and the axes right-handed?"
+        raise InputError(f"the rotation {fault}", where=f"row {row}", hint=hint)

@@ -1,0 +1,530 @@
+"""A six-axis sensor: what its payload weighs and how it is accelerated is taken off, and widens the covariance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int8
+from numpy.typing import ArrayLike
+
+from palpate.calls import called_as
+from palpate.errors import InputError
+from palpate.sensors.force_torque.model import ForceTorque
+from palpate.signals.filters import Filter
+from palpate.signals.motion import Motion
+from palpate.signals.payload import Payload
+from palpate.signals.recording import ACCELERATION, FORCE, ORIENTATION, TORQUE, UNSTEADY, Recording
+from palpate.signals.rest import at_rest
+from palpate.signals.wrench_sensor import Placement, Tare, square_root
+from palpate.signals.zero_filter import Free, ZeroState
+from palpate.spatial._arrays import shaped
+from palpate.spatial.arguments import number, takes_arrays
+from palpate.spatial.pose import Pose, rotation_from_quaternion, skew
+from palpate.spatial.pose_track import sound_quaternions
+
+__all__ = ["Compensation"]
+
+NOTHING = Payload(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3))
+EXPLAINED = 2.0  # residual over noise, squared, up to which the noise explains what a payload leaves
+UPRIGHT = np.eye(3)[None]
+ITSELF = Placement(Pose.identity())
+SATURATED = 6  # of contact.Status, which stands above
+SURE = 5.0  # times what it is unsure by: a tare of less is no touch
+
+
+class _Readings(NamedTuple):
+    """Samples as the compiled loops take them: contiguous and writable, n rows, or one that stands for all.
+
+    Attributes:
+        time: (n,) [s]; wrench: (n, 6) as measured.
+        rotation: (n or 1, 3, 3) sensor in base; acceleration: (n or 1, 3); unsteady: (n or 1, 1).
+        age: (n or 1, 1) [s] since the zero was taken.
+    """
+
+    time: np.ndarray
+    wrench: np.ndarray
+    rotation: np.ndarray
+    acceleration: np.ndarray
+    unsteady: np.ndarray
+    age: np.ndarray
+
+    def picked(self, rows: Bool[np.ndarray, " n"]) -> _Readings:
+        """Those of a mask."""
+        count = len(self.time)
+        return _Readings(*(part[rows] if len(part) == count else part for part in self))
+
+    def mean(self) -> _Readings:
+        """Their means, as one sample."""
+        return _Readings(*(part.mean(axis=0, keepdims=True) for part in self))
+
+
+class _Compensated(NamedTuple):
+    """As `Measured`, with the readings that the wrenches came from."""
+
+    time: Float[np.ndarray, " n"]
+    wrench: Float[np.ndarray, "n 6"]
+    status: Int8[np.ndarray, " n"]
+    readings: _Readings
+
+
+@called_as("palpate.Compensation(palpate.ForceTorque(noise=(0.02, 0.001)), palpate.Payload(mass=0.4))")
+class Compensation:
+    """The `WrenchSensor` of a force/torque sensor and what hangs on it; see `Payload`.
+
+    A sample that is invalid, saturated or without pose gets its status.
+
+    Args:
+        sensor: noise, range and frame of the wrenches.
+        payload: what hangs on the sensor; None leaves the wrenches as they are.
+        motion: where accelerations come from in a stream; None: from the recordings alone.
+    """
+
+    channels = (FORCE, TORQUE)
+    loop = "palpate.sensors.force_torque._live.locate"
+
+    def __init__(self, sensor: ForceTorque, payload: Payload | None = None, motion: Motion | None = None) -> None:
+        from palpate.sensors.force_torque import _kernels as _compensation  # compiled: loaded when first needed
+
+        self.sensor, self.payload, self.motion = sensor, payload, motion
+        self._compensate, self._place = _compensation.compensate, _compensation.place
+        load = NOTHING if payload is None else payload
+        self._weighs = bool(load.weight.any() or load.covariance[:3, :3].any())
+        self._turned, self._drifts = sensor.frame == "base", bool(sensor.drift.any())
+        self._limits = np.full(6, np.inf) if sensor.limits is None else sensor.limits.copy()
+        slope = load.gravity / load.magnitude**2 if load.weight.any() else np.zeros(3)
+        self._load: Float[np.ndarray, "11"] = np.concatenate(
+            [load.weight, load.center_of_mass, slope, [load.mass, sensor.lever**-2]]
+        )
+        self._gains = np.repeat([1.0, sensor.lever**2], 3)
+        self._bias = np.concatenate([load.force_bias, load.torque_bias])
+        self._doubts = square_root(load.covariance)
+        self._turns, self.revision = bool(self.needs_orientation), 0
+        self._kept, self._left = (1.0, np.ones(6)), dict[int, Float[np.ndarray, "6 6"]]()
+        self._stated, self.zeros_taken = self._load.copy(), 0
+        self._untare()
+        self.state, self.held = np.empty(0), np.concatenate([np.zeros(6), np.eye(3).ravel(), np.zeros(5)])
+        made = self._compensated(self._read(0.0), self._zero)  # compiles, before anything is in a hurry
+        self.place(made, made.wrench, np.ones(1), ITSELF)
+
+    @property
+    def noise(self) -> Float[np.ndarray, "6 6"] | None:
+        """Of the sensor."""
+        return self.sensor.noise
+
+    @property
+    def needs_orientation(self) -> str:
+        """Why, or nothing."""
+        if self._weighs:
+            return "the payload's weight turns with the sensor"
+        return "the wrenches are in the base frame" if self._turned else ""
+
+    def ready(self, blocks: Iterable[Recording]) -> Iterator[Recording]:
+        """With accelerations, where `motion` tells them."""
+        return iter(blocks) if self.motion is None else self.motion.stream(iter(blocks))
+
+    def measure(self, recording: Recording) -> _Compensated:
+        """The contacts' wrenches.
+
+        Raises:
+            InputError: an orientation is needed (payload with weight, wrenches in the base frame) and there is none.
+        """
+        return self._compensated(self._readings(recording), self._zero)
+
+    def single(
+        self, time: float, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None
+    ) -> _Compensated:
+        """Of six numbers, with the sensor's rotation in the base (3, 3) where it is needed; NaN: not known now."""
+        if type(time) is not float:
+            time = number(time, "time")
+        self.hold(time, reading, rotation, acceleration)
+        return self._compensated(self._read(time), self._zero)
+
+    def hold(self, time: float, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None) -> None:
+        """Reading, rotation, acceleration and age of the zero of one sample into `held`; it is taken as steady."""
+        if self._turns:
+            if rotation is None:
+                raise InputError(f"update needs the orientation of the sensor: {self.needs_orientation}.")
+            self.held[6:15].reshape(3, 3)[:] = _of_one("rotation", rotation, (3, 3))
+        self.held[:6] = _of_one("reading", reading, (6,))
+        self.held[15:18] = 0.0 if acceleration is None else _of_one("acceleration", acceleration, (3,))
+        if self._drifts:
+            self.held[19] = self._aged(np.array([time], dtype=np.float64))[0, 0]
+
+    @takes_arrays
+    def inputs(
+        self, time: Float[np.ndarray, " n"], readings: Float[np.ndarray, "n 6"], beside: Mapping[str, np.ndarray]
+    ) -> Float[np.ndarray, " _"]:
+        """Of n samples what `hold` keeps of one: (20 n,), all of a kind one behind the other.
+
+        Readings (n, 6), rotations (n, 3, 3), accelerations (n, 3), what these leave out (n,), ages of the zero (n,).
+
+        Args:
+            time: [s].
+            readings: as measured.
+            beside: `ORIENTATION`, `ACCELERATION`, `UNSTEADY` of a `Recording`, as far as they are known.
+
+        Raises:
+            InputError: readings of another shape; the orientation is needed, and there is none.
+        """
+        count = len(time)
+        if readings.shape != (count, 6):
+            raise InputError(f"the readings of {count} samples must have shape ({count}, 6), not {readings.shape}.")
+        made = np.zeros(20 * count)
+        made[: 6 * count] = readings.ravel()
+        made[6 * count : 15 * count].reshape(count, 3, 3)[:] = self._rotations(beside, "the stream")
+        if self._weighs:
+            for name, part in (
+                (ACCELERATION, slice(15 * count, 18 * count)),
+                (UNSTEADY, slice(18 * count, 19 * count)),
+            ):
+                made[part] = beside[name].ravel() if name in beside else 0.0
+        if self._drifts:
+            made[19 * count :] = self._aged(time)[:, 0]
+        return made
+
+    def constants(self, placement: Placement) -> tuple[np.ndarray, ...]:
+        """What `compensate` and `place` of the compiled loops take, in their order."""
+        turned, constant = np.array([float(self._turned)]), self._constant_in(placement)
+        made = self._limits, self._load, self._zero, turned, self._mean, self._unsure
+        return *made, placement.factor, placement.matrix, constant
+
+    @takes_arrays
+    def place(
+        self,
+        measured: _Compensated,
+        wrenches: Float[np.ndarray, "n 6"],
+        share: Float[np.ndarray, " k"],
+        placement: Placement,
+    ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"] | None]:
+        """In the surface's frame; what payload, tare and mounting add, the same in every sample, stays whole."""
+        located, covariances = np.empty_like(wrenches), np.empty((len(wrenches), 6, 6))
+        readings = measured.readings
+        self._place(
+            wrenches,
+            readings.rotation,
+            readings.acceleration,
+            readings.unsteady,
+            readings.age,
+            share,
+            self._load,
+            self._mean,
+            self._unsure,
+            placement.factor,
+            placement.matrix,
+            self._constant_in(placement),
+            located,
+            covariances,
+        )
+        return located, None if self.noise is None else covariances
+
+    def smoothed_by(self, filter: Filter | None, rate: float | None, share: float) -> None:
+        """Learn which filter wrenches pass before `place`; of noise with a known spectrum each channel keeps a part.
+
+        Args:
+            filter: of the wrenches; None: none.
+            rate: [Hz] of the samples.
+            share: least share of white noise's variance that it leaves.
+        """
+        spectrum = self.sensor.spectrum
+        self._kept = 1.0, np.ones(6)
+        if filter is not None and rate is not None and spectrum is not None and share < 1.0:
+            self._kept = share, spectrum.kept(filter, rate)
+        self._placement = None
+        self.revision += 1
+
+    def tare(self, recording: Recording) -> Tare:
+        """Take the mean compensated wrench of a window off from now on.
+
+        Its error is in it too: of the payload's, only the difference to what it was there is left, so biases go.
+
+        Raises:
+            InputError: too few samples, or not steady: what was seen.
+        """
+        made = self._compensated(self._readings(recording), self._bias, self._stated)
+        usable = made.status < 0
+        found = at_rest(made.wrench[usable], self.noise, recording.source)
+        middle = made.readings.picked(usable).mean()
+        self._untare()
+        window = made._replace(readings=middle)
+        share = np.array([self._least_share(found.samples)])
+        _, spread = self.place(window, found.mean[None], share, Placement(Pose.identity()))
+        largest = found.deviation[:3].max() ** 2 / found.samples if spread is None else spread[0, :3, :3].max()
+        rotation, acceleration = middle.rotation[0], middle.acceleration[0]
+        weight, slope, mass = self._load[:3], self._load[6:9], self._load[9]
+        turn, hanging = rotation.T - np.outer(acceleration, slope), rotation.T @ weight - mass * acceleration
+        self._mean = np.concatenate([turn, hanging[None]])
+        self._zero = self._bias + found.mean
+        self._unsure = self._unknown()
+        self._own = self._zero, self._unsure
+        self._samples, self._placement = found.samples, None
+        self._tared = self._since = float(np.nanmax(made.time))
+        self.zeros_taken += 1
+        self.revision += 1
+        return Tare(found.said, touch=found.mean, least=SURE * float(np.sqrt(largest)))
+
+    def reset(self) -> None:
+        """Forget when the log began."""
+        self._since = self._tared
+
+    @property
+    def coefficients(self) -> int:
+        """One, the weight, where there is any."""
+        return int(bool(self._stated[:3].any()))
+
+    def kept(self, recording: Recording) -> Float[np.ndarray, "n 19"]:
+        """Readings, rotations, accelerations and what these leave out, side by side."""
+        channels = recording.channels
+        if FORCE not in channels or TORQUE not in channels:
+            raise InputError("has no forces and torques.", where=recording.source)
+        readings = np.concatenate([channels[FORCE], channels[TORQUE]], axis=1)
+        return self.kept_of(self.inputs(recording.time, readings, channels), len(recording))
+
+    @takes_arrays
+    def kept_of(self, inputs: Float[np.ndarray, " _"], count: int) -> Float[np.ndarray, "n 19"]:
+        """The same of live inputs."""
+        if count == 1:
+            return inputs[None, :19].copy()
+        widths = np.cumsum([0, 6, 9, 3, 1]) * count
+        parts = [inputs[begin:end].reshape(count, -1) for begin, end in pairwise(widths.tolist())]
+        return np.concatenate(parts, axis=1)
+
+    @takes_arrays
+    def free(self, kept: Float[np.ndarray, "n 19"]) -> Free:
+        """Readings less the stated payload; by how much they differ for a newton more of its weight."""
+        readings = _kept(kept)
+        made = self._compensated(readings, np.zeros(6), self._stated)
+        usable = made.status < 0
+        made.wrench[~usable] = np.nan
+        regressor = np.zeros((len(kept), 6, self.coefficients))
+        if self.coefficients:
+            slope = self._stated[6:9]  # (w/|w|)/|g|
+            direction = self._stated[:3] / np.linalg.norm(self._stated[:3])
+            hangs = np.einsum("nji,j->ni", readings.rotation, direction)
+            hangs = hangs - readings.acceleration * np.linalg.norm(slope)
+            regressor[:, :3, 0], regressor[:, 3:, 0] = hangs, np.cross(self._stated[3:6], hangs)
+        return Free(made.wrench, regressor, bool(np.any(made.status == SATURATED)))
+
+    @takes_arrays
+    def window_noise(
+        self, kept: Float[np.ndarray, "n 19"], usable: Bool[np.ndarray, " n"]
+    ) -> tuple[Float[np.ndarray, "6 6"], Float[np.ndarray, "6 6"]]:
+        """The noise's, and what the payload leaves in this pose against that of the tare, and the acceleration."""
+        if self.noise is None:
+            raise InputError("what follows a zero needs the noise of the sensor.", hint="State [force_torque] noise.")
+        count, spectrum = int(np.count_nonzero(usable)), self.sensor.spectrum
+        if count not in self._left:
+            left = np.full(6, 1.0 / count) if spectrum is None else spectrum.of_mean(count)
+            self._left[count] = self.noise * _both(left)
+        if self.payload is None:
+            return self._left[count], np.zeros((6, 6))
+        constant, whole = np.zeros((5, 6, 6)), ITSELF
+        push = np.concatenate([np.eye(3), skew(self._load[3:6])])
+        constant[1], constant[2] = self._misfit(self.noise), self._load[9] ** 2 * push @ push.T
+        middle = _kept(kept).picked(usable).mean()
+        located, spread = np.empty((1, 6)), np.empty((1, 6, 6))
+        parts = middle.rotation, middle.acceleration, middle.unsteady, middle.age, np.zeros(1), self._stated
+        rest = self._mean, self._unknown(), whole.factor, whole.matrix, constant, located, spread
+        self._place(np.zeros((1, 6)), *parts, *rest)
+        return self._left[count], spread[0]
+
+    @takes_arrays
+    def as_wrench(
+        self, change: Float[np.ndarray, "n 6"], covariance: Float[np.ndarray, "6 6"]
+    ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "6 6"]]:
+        """Itself; the gains' error is that of the last."""
+        square = float(change[-1] ** 2 @ np.repeat([1.0, self._load[10]], 3)) if len(change) else 0.0
+        return change, covariance + self.sensor.gain_error**2 * square * np.diag(self._gains)
+
+    def start(self) -> tuple[float, ZeroState, Float[np.ndarray, "6 q"]]:
+        """Of the tare; without one, of the payload's biases."""
+        if self.noise is None:
+            raise InputError("what follows a zero needs the noise of the sensor.", hint="State [force_torque] noise.")
+        spread = np.zeros((6, 6))
+        if self._samples is not None:
+            spectrum = self.sensor.spectrum
+            left = np.full(6, 1.0 / self._samples) if spectrum is None else spectrum.of_mean(self._samples)
+            spread = self.noise * _both(left)
+        elif self.payload is not None:
+            biases = np.r_[3:6, 9:12]
+            spread = self.payload.covariance[np.ix_(biases, biases)].copy()
+        regressor = self._hung(self._mean[:3])[:, None] if self.coefficients else np.zeros((6, 0))
+        return self._tared, ZeroState(self._own[0].copy(), np.zeros(0), spread), regressor
+
+    def follow(self, state: ZeroState | None) -> None:
+        """This zero, this much more weight, and what is unsure about both; None: those of the tare again."""
+        if (state is None) != (self._followed is None):
+            self._placement = None
+        self._followed, self.revision = state, self.revision + 1
+        (self._zero, self._unsure), self._load = self._own, self._stated
+        if state is None:
+            return
+        self._zero, turn = state.zero.copy(), np.eye(len(state.covariance))
+        weighs, direction = float(np.linalg.norm(self._stated[:3])), np.zeros(3)
+        if len(state.coefficient):
+            direction = self._stated[:3] / weighs
+            self._load = self._stated.copy()
+            self._load[[0, 1, 2, 9]] *= 1.0 + float(state.coefficient[0]) / weighs
+            turn[:6, 6] = self._hung(self._mean[:3])  # the loops count from the tare's pose on
+        root = square_root(turn @ state.covariance @ turn.T)
+        more = np.zeros((len(root), 12))
+        more[:, 3:6], more[:, 9:] = root[:, :3], root[:, 3:6]
+        if len(state.coefficient):
+            more[:, :3] = root[:, 6:] * direction
+        self._unsure = np.concatenate([self._unknown(), more])
+
+    def notes(self) -> tuple[str, ...]:
+        """On the motion."""
+        return () if self.motion is None or self.payload is None else self.motion.notes(self.payload.mass)
+
+    def doubts(self) -> tuple[str, ...]:
+        """None."""
+        return ()
+
+    def _hung(self, turn: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "6"]:
+        """A newton more of the payload, by R^T."""
+        force = turn @ self._stated[:3] / np.linalg.norm(self._stated[:3])
+        return np.concatenate([force, np.cross(self._stated[3:6], force)])
+
+    def _unknown(self) -> Float[np.ndarray, "r 12"]:
+        """Of the payload's covariance, what is no zero."""
+        left = self._doubts.copy()
+        left[:, 3:6] = left[:, 9:] = 0.0
+        return left
+
+    def _least_share(self, count: int) -> float:
+        """Of the noise in the mean of so many samples; no less than a filter may leave, below which A + B is none."""
+        white, _ = self._kept
+        return 1.0 / count if white == 1.0 else max(1.0 / count, white)
+
+    def _untare(self) -> None:
+        """Take off the payload's biases, and nothing else."""
+        self._zero, self._unsure, self._mean = self._bias.copy(), self._doubts, np.zeros((4, 3))
+        self._own, self._load = (self._zero, self._unsure), self._stated
+        self._followed: ZeroState | None = None
+        self._samples: int | None = None
+        self._tared = self._since = np.nan  # [s]
+        self._placement: Placement | None = None
+
+    def _constant_in(self, placement: Placement) -> Float[np.ndarray, "5 6 6"]:
+        """Covariances in the surface's frame, those of `place`.
+
+        With w(age) the share of white noise that a filter leaves, w the least of it, and s those of the noise N as it
+        is, w(age) A + B is N at a start, and N s when the filter has settled; B holds what the tare and the
+        payload's misfit add too.
+        """
+        if placement is self._placement:
+            return self._constant
+        made, matrix, mass = np.zeros((5, 6, 6)), placement.matrix, float(self._load[9])
+        if self.noise is not None:
+            push = matrix[:, :3] + matrix[:, 3:] @ skew(self._load[3:6])  # of a force at the payload's centre
+            white, kept = self._kept
+            shrinks = 1.0 if white == 1.0 else (1.0 - _both(kept)) / (1.0 - white)
+            taken = self.noise * shrinks
+            made[0] = matrix @ taken @ matrix.T
+            stays = self.noise - taken
+            if self._samples is not None and self._followed is None:
+                spectrum = self.sensor.spectrum
+                left = np.full(6, 1.0 / self._samples) if spectrum is None else spectrum.of_mean(self._samples)
+                stays = stays + self.noise * _both(left)
+            made[1] = matrix @ (stays + self._misfit(self.noise)) @ matrix.T
+            made[2] = mass**2 * push @ push.T
+            if self._followed is None:
+                made[4] = matrix @ np.diag(self.sensor.drift**2) @ matrix.T
+            made[3] = self.sensor.gain_error**2 * (matrix * self._gains) @ matrix.T
+        self._placement, self._constant = placement, made
+        return made
+
+    def _read(self, time: float) -> _Readings:
+        """The inputs of one sample."""
+        made = self.held.copy()
+        reading, rotation, acceleration = made[None, :6], made[6:15].reshape(1, 3, 3), made[None, 15:18]
+        now = np.array([time], dtype=np.float64)
+        return _Readings(now, reading, rotation, acceleration, made[None, 18:19], made[None, 19:])
+
+    def _aged(self, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 1"]:
+        """Since the tare, or since the log began; 0 where the time is not known."""
+        known = time[np.isfinite(time)]
+        if np.isnan(self._since) and len(known):
+            self._since = float(known[0])
+        return np.nan_to_num(np.maximum(time - self._since, 0.0))[:, None]
+
+    def _misfit(self, noise: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "6 6"]:
+        """What the payload's model leaves beyond the noise, in any orientation: gains, cables, a load that moves."""
+        if self.payload is None:
+            return np.zeros((6, 6))
+        seen, stated = self.payload.residual**2, np.diag(noise).reshape(2, 3).mean(axis=1)
+        return np.diag(np.repeat(np.where(seen > EXPLAINED * stated, seen - stated, 0.0), 3))
+
+    def _readings(self, recording: Recording) -> _Readings:
+        """The channels that are needed."""
+        channels = recording.channels
+        if FORCE not in channels or TORQUE not in channels:
+            raise InputError("has no forces and torques.", where=recording.source)
+        acceleration = channels.get(ACCELERATION) if self._weighs else None
+        unsteady = channels.get(UNSTEADY) if self._weighs else None
+        return _Readings(
+            recording.time.copy(),
+            np.concatenate([channels[FORCE], channels[TORQUE]], axis=1),
+            self._rotations(channels, recording.source),
+            np.zeros((1, 3)) if acceleration is None else acceleration.copy(),
+            np.zeros((1, 1)) if unsteady is None else unsteady.copy(),
+            self._aged(recording.time) if self._drifts else np.zeros((1, 1)),
+        )
+
+    def _compensated(
+        self, readings: _Readings, zero: Float[np.ndarray, "6"], load: Float[np.ndarray, "11"] | None = None
+    ) -> _Compensated:
+        """The contacts' wrenches in the sensor's frame, and statuses known beforehand (else -1)."""
+        wrenches, statuses = np.empty_like(readings.wrench), np.empty(len(readings.wrench), np.int8)
+        self._compensate(
+            readings.wrench,
+            readings.rotation,
+            readings.acceleration,
+            self._limits,
+            self._load if load is None else load,
+            zero,
+            self._turned,
+            wrenches,
+            statuses,
+        )
+        return _Compensated(readings.time, wrenches, statuses, readings)
+
+    def _rotations(self, channels: Mapping[str, np.ndarray], source: str) -> Float[np.ndarray, "_ 3 3"]:
+        """Sensor in base, NaN where the quaternion is none; the identity where nothing needs it."""
+        if not self.needs_orientation:
+            return UPRIGHT
+        quaternions = channels.get(ORIENTATION)
+        if quaternions is None:
+            raise InputError(
+                f"there is no orientation, and {self.needs_orientation}.",
+                where=source,
+                hint="Add columns qx, qy, qz, qw (sensor in base), or name them, a topic of poses, or two frames of /tf"
+                " (base, sensor) in [orientation].",
+            )
+        return rotation_from_quaternion(np.where(sound_quaternions(quaternions)[:, None], quaternions, np.nan))
+
+    def __repr__(self) -> str:
+        return f"Compensation({self.sensor!r}, {self.payload!r})"
+
+
+def _kept(kept: Float[np.ndarray, "n 19"]) -> _Readings:
+    """Rows of `Compensation.kept` apart again, as the compiled loops take them."""
+    count = len(kept)
+    reading, rotation, acceleration, unsteady = np.split(kept, [6, 15, 18], axis=1)
+    parts = [np.ascontiguousarray(part) for part in (reading, rotation, acceleration, unsteady)]
+    turned = parts[1].reshape(count, 3, 3)
+    return _Readings(np.zeros(count), parts[0], turned, parts[2], parts[3], np.zeros((count, 1)))
+
+
+def _both(shares: Float[np.ndarray, "6"]) -> Float[np.ndarray, "6 6"]:
+    """What of a covariance is left where a share of each channel's variance is."""
+    root = np.sqrt(shares)
+    return np.outer(root, root)
+
+
+def _of_one(what: str, values: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
+    """One sample's values."""
+    return shaped(values, shape, what)

@@ -1,0 +1,122 @@
+"""Identify how the zero of a force/torque sensor drifts, from a log in which nothing touches it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.calibration.drift import identify_drift
+from palpate.console.sensor_drift import CHI_95, ChannelGroup, SensorDrift
+from palpate.errors import InputError
+from palpate.sensors.force_torque.section import ForceTorqueSection, accelerated, free_wrenches
+from palpate.setup.setup import Setup
+from palpate.signals.payload import Payload
+from palpate.signals.recording import ORIENTATION, POSITION, Recording
+from palpate.spatial.pose import rotation_from_quaternion
+
+__all__: list[str] = []  # for the registry alone
+
+TURNED = 2.0  # degrees that a sensor without a payload may turn: 0.35 N of 1 kg
+AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
+GROUPS = (
+    ChannelGroup("force", slice(0, 3), 1e3, "mN", 1.0, "N"),
+    ChannelGroup("torque", slice(3, 6), 1e3, "N mm", 1e3, "N mm"),
+)
+COMMENTS = {
+    "walk": "N/sqrt(s), N m/sqrt(s)",
+    "warm_up": "N/min, N m/min at the start",
+    "settle": "s",
+    "weight": "N: by which the payload's may be off",
+    "thermal": "N/K, N m/K",
+    "thermal_deviation": "of it",
+}
+
+
+def wrench_drift(
+    setup: Setup, recording: Recording, temperature: Float[np.ndarray, " n"] | None, window: float
+) -> SensorDrift:
+    """Return the drift of what is left when the payload is taken off.
+
+    Args:
+        setup: of the sensor.
+        recording: in which nothing touches it.
+        temperature: of the samples; None: not recorded.
+        window: [s] over which readings are averaged at first.
+
+    Raises:
+        InputError: the sensor turns, and its payload is not known.
+    """
+    setup, notes = _moving(setup, recording)
+    sensor = setup.of(ForceTorqueSection)
+    if sensor.payload is None:
+        if (turned := _turned(recording)) > TURNED:
+            raise InputError(
+                f"the sensor turns by {turned:.0f} degrees, and the rig names no payload whose weight could be taken "
+                "off.",
+                where=recording.source,
+                hint="Run `palpate calibrate payload` and name its file in the rig, or record the sensor at rest.",
+            )
+        notes = (*notes, "no payload is named: what is found holds if the sensor did not turn")
+    noise = sensor.table.noise
+    found = identify_drift(
+        recording.time,
+        free_wrenches(setup, recording),
+        None if noise is None else noise.six(),
+        temperature,
+        _down(recording),
+        names=AXES,
+        window=window,
+    )
+    return SensorDrift(found, COMMENTS, GROUPS, _unsure, _unsure_weight(sensor.payload), notes)
+
+
+def _moving(setup: Setup, recording: Recording) -> tuple[Setup, tuple[str, ...]]:
+    """Return the setup, with accelerations from the poses where the arm moves and the log has none, and notes."""
+    if not accelerated(setup, recording):
+        return setup, ()
+    if POSITION not in recording.channels or setup.acceleration.kind == "none":
+        return setup, (
+            "the arm moves, and how much it is accelerated is not known: what inertia does to the payload counts as "
+            "walk, which may be smaller than is said. Record at rest, or slowly, or with positions or accelerations",
+        )
+    taken = replace(setup.acceleration, from_poses=True, columns=None, topic=None)
+    said = "the arm moves: accelerations were taken from the poses ([acceleration] from_poses = true does so elsewhere)"
+    return replace(setup, acceleration=taken), (said,)
+
+
+def _down(recording: Recording) -> Float[np.ndarray, "n 3"] | None:
+    """Direction of gravity in the sensor's frame, NaN where it is not known; None: nowhere."""
+    if ORIENTATION not in recording.channels:
+        return None
+    quaternions = recording.channels[ORIENTATION]
+    known = np.isfinite(quaternions).all(axis=1)
+    made: Float[np.ndarray, "n 3"] = np.full((len(quaternions), 3), np.nan)
+    made[known] = -rotation_from_quaternion(quaternions[known])[:, 2]
+    return made
+
+
+def _turned(recording: Recording) -> float:
+    """Degrees between the orientations that are furthest from the first."""
+    if ORIENTATION not in recording.channels:
+        return 0.0
+    quaternions = recording.channels[ORIENTATION]
+    known = quaternions[np.isfinite(quaternions).all(axis=1)]
+    if not len(known):
+        return 0.0
+    rotations = rotation_from_quaternion(known)
+    cosine = (np.einsum("nij,ij->n", rotations, rotations[0]) - 1.0) / 2.0
+    return float(np.degrees(np.arccos(np.clip(cosine.min(), -1.0, 1.0))))
+
+
+def _unsure_weight(payload: Payload | None) -> float:
+    """[N] deviation of the weight, by its calibration."""
+    if payload is None:
+        return 0.0
+    return float(np.sqrt(max(0.0, np.linalg.eigvalsh(payload.covariance[:3, :3]).max())))
+
+
+def _unsure(deviation: Float[np.ndarray, "6"]) -> str:
+    force, torque = (CHI_95 * float(np.sqrt(np.mean(deviation[group.channels] ** 2))) for group in GROUPS)
+    return f"force by {force:.2g} N, torque by {torque:.2g} N m"

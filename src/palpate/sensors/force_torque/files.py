@@ -1,0 +1,51 @@
+"""How a payload stands in a file."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.files.models.model import Lines, Model
+from palpate.files.schema import Form, Key
+from palpate.files.units import measured
+from palpate.signals.payload import Payload
+
+__all__ = ["PAYLOAD", "of_payload"]
+
+
+def of_payload(payload: Payload) -> Lines:
+    """Each with its standard deviation."""
+    spread = np.sqrt(np.diag(payload.covariance))
+    weight = float(np.linalg.norm(payload.weight))
+    along = payload.weight / weight if weight else np.zeros(3)
+    mass_spread = float(np.sqrt(along @ payload.covariance[:3, :3] @ along)) / payload.magnitude
+    return [
+        ("mass", measured([payload.mass], [mass_spread], "kg")),
+        ("gravity", f"({along[0]:.4f}, {along[1]:.4f}, {along[2]:.4f}), its direction in the base"),
+        ("centre of mass", measured(1e3 * payload.center_of_mass, 1e3 * spread[6:9], "mm")),
+        ("force bias", measured(payload.force_bias, spread[3:6], "N")),
+        ("torque bias", measured(payload.torque_bias, spread[9:], "N m")),
+        ("residual", f"{1e3 * payload.residual[0]:.3g} mN, {1e3 * payload.residual[1]:.3g} N mm rms"),
+    ]
+
+
+PAYLOAD = Model(
+    Payload,
+    "a payload model",
+    "What hangs on the sensor, and the sensor's zero.",
+    "palpate calibrate payload",
+    of_payload,
+    {
+        Payload: Form(
+            {
+                "weight": Key("N, in the base frame", required=True),
+                "force_bias": Key("N, in the sensor's frame, as all that follows", required=True),
+                "center_of_mass": Key("m", required=True),
+                "torque_bias": Key("N m", required=True),
+                "magnitude": Key("m/s^2, of gravity: mass is |weight| over it"),
+                "residual": Key("N, N m: rms of the fit", least=0.0, required=True),
+                "samples": Key("that were used", least=0.0),
+                "covariance": Key("of weight, force_bias, center_of_mass, torque_bias, in this order", required=True),
+            }
+        ),
+    },
+)

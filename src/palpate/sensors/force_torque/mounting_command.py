@@ -1,0 +1,245 @@
+"""`palpate calibrate mounting`: where the surface really sits in the sensor's frame, from touches."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from jaxtyping import Int
+from tyro.conf import arg
+
+from palpate.calibration.mounting import Mounting, Spreads, identify_mounting, mean_touches
+from palpate.calibration.presses import find_presses
+from palpate.calibration.touch_error import TouchError, touch_error
+from palpate.console.calibration import Calibration, Found, origin
+from palpate.console.console import wait
+from palpate.console.options import FileOption, Log, Output, RigFile
+from palpate.contact.ground_truth import Touches
+from palpate.contact.locate import Locator
+from palpate.contact.wrench_estimator import WrenchEstimator
+from palpate.errors import InputError
+from palpate.files.ground_truth import read_touches
+from palpate.files.logs import read_recording
+from palpate.files.units import measured
+from palpate.sensors.force_torque.compensation import Compensation
+from palpate.sensors.force_torque.section import ForceTorqueSection, stated_sensor
+from palpate.setup.edit import update_pose
+from palpate.setup.setup import Setup
+from palpate.signals.recording import Recording
+from palpate.spatial.pose import Pose
+from palpate.surfaces.mesh import Mesh
+
+__all__ = ["CalibrateMounting"]
+
+Rows = Int[np.ndarray, " k"]
+POOR = 3.0  # times the expected residual: beyond it the model, not the noise, is what is left
+
+
+@dataclass(frozen=True)
+class CalibrateMounting(Calibration):
+    """Find the pose of the surface in the sensor's frame, starting from the rig's, and write it into the rig.
+
+    With marks, each touch was at a known point. Without, each press in the log is a touch somewhere on the surface,
+    which tells less and believes that presses are mostly along the normal. Comments in the rig stay.
+
+    Args:
+        log: in which marked points, or many different places, are pressed.
+        rig: TOML of the set-up, with payload and a rough pose.
+        output: rig to write; it may be the same file.
+        marks: start,end,px,py,pz[,label] of each touch, in the surface's frame.
+        placement: standard deviation [m] of how well marks are hit, along each axis.
+    """
+
+    replaces = "rig"
+    log: Log
+    rig: RigFile
+    output: Output
+    marks: FileOption = None
+    placement: Annotated[float, arg(metavar="X")] = 0.5e-3
+
+    def identify(self) -> Found:
+        """Find the pose under which the touches act where they were."""
+        setup, marks = self.stated.resolve("force_torque"), self.marks
+        recording = read_recording(self.log, setup.layout())
+        if setup.link.stated is None:
+            raise InputError("a rig needs a [surface].", where=str(self.rig))
+        surface = setup.link.surface().drawn()  # an equation as its fine mesh: evidence counts facets
+        wait("preparing the surface")
+        wrenches, covariances, estimator = _in_sensor(recording, setup, surface)
+        touches = _presses(recording, wrenches, estimator) if marks is None else read_touches(marks)
+        _require_overlap(recording, touches, marks or self.log)
+        means, spreads = mean_touches(
+            recording.time, wrenches, touches.start, touches.end, estimator.sensor.noise, covariances
+        )
+        initial = setup.link.mount
+
+        def identify(rows: Rows, placed: float) -> Mounting:
+            return identify_mounting(
+                means[rows],
+                surface,
+                initial=initial,
+                points=None if marks is None else touches.point[rows],
+                noise=spreads[rows],
+                spreads=Spreads(placement=placed),
+                labels=np.array(touches.label)[rows].tolist(),
+            )
+
+        judge = partial(_error, recording, wrenches, touches, surface, estimator.sensor.noise)
+        mounting, residual, error = _placed(identify, judge, self.placement, marks, len(touches))
+        kind = "presses somewhere on the surface" if marks is None else f"touches at the points of {marks}"
+        payload = setup.of(ForceTorqueSection).table.payload is not None
+        return Found(
+            [
+                ("touches", f"{len(mounting.touches)} used of {len(touches)} {kind}"),
+                *_figures(mounting, initial, residual),
+                ("left out", str(mounting.left_out)),
+                *([] if error is None else [("touches err by", _err_by(error, self.placement))]),
+            ],
+            (mounting, None if error is None else error.placement(self.placement)),
+            notes=[*surface.notes, *recording.notes, *mounting.notes],
+            warnings=_doubts(mounting, initial, residual, payload=payload, anywhere=marks is None),
+        )
+
+    def write(self, found: Found) -> None:
+        """Write the pose, its covariance and what touches err by into the rig."""
+        mounting, added = found.model
+        record = self.record()
+        comment = f"from {len(mounting.touches)} touches of {origin(record, 'log')}, palpate {record['palpate']}"
+        update_pose(self.rig, self.output, mounting.pose, mounting.covariance, placement=added, comment=comment)
+
+
+def _doubts(mounting: Mounting, initial: Pose, residual: float, *, payload: bool, anywhere: bool) -> list[str]:
+    """Before somebody relies on it."""
+    said: list[str] = []
+    if not payload:
+        said.append("the rig names no payload: weight and bias, where they are not taken off, end up in the pose")
+    if residual > POOR:
+        said.append(
+            f"the touches fit {residual:.1f} times worse than they should: "
+            "look at payload, units, marks and the pose to start from before using this"
+        )
+    moved = float(np.linalg.norm(mounting.pose.translation - initial.translation))
+    sure = float(np.sqrt(np.trace(mounting.position_covariance)))
+    if anywhere and moved < sure:
+        said.append(
+            f"the pose moved by {1e3 * moved:.2g} mm and is known to {1e3 * sure:.2g} mm: "
+            "that may be no better than the drawing; touches at known marks tell more"
+        )
+    return said
+
+
+def _in_sensor(
+    recording: Recording, setup: Setup, surface: Mesh
+) -> tuple[np.ndarray, np.ndarray | None, WrenchEstimator]:
+    """Compensated wrenches in the sensor's frame, and what the payload's uncertainty adds to their covariance."""
+    sensor = stated_sensor(setup, recording)
+    settings = setup.estimate.contact
+    locator = Locator(
+        surface,
+        noise=sensor.noise,
+        on=None if settings is None else settings.on,
+        off=None if settings is None else settings.off,
+    )
+    load = setup.of(ForceTorqueSection).payload
+    estimator = WrenchEstimator(locator, Compensation(sensor, load), live=False)  # surface frame = sensor frame
+    wrenches, covariances, statuses = estimator.contact_wrenches(recording)
+    usable = np.where((statuses < 0)[:, None], wrenches, np.nan)
+    added = None if covariances is None or covariances.ndim == 2 else covariances - sensor.noise
+    return usable, added, estimator
+
+
+def _placed(
+    identify: Callable[[Rows, float], Mounting],
+    judge: Callable[[Rows, Callable[[Rows], Pose]], TouchError],
+    placement: float,
+    marks: Path | None,
+    count: int,
+) -> tuple[Mounting, float, TouchError | None]:
+    """The mounting, its residual with marks hit as stated, and what touches at marks err by.
+
+    Where that is more than stated, the mounting is found again with touches weighed by it.
+    """
+    every: Rows = np.arange(count, dtype=np.int64)
+    mounting = identify(every, placement)
+    residual = mounting.residual
+    if marks is None:
+        return mounting, residual, None
+    error = judge(mounting.touches, lambda rows: identify(rows, placement).pose)
+    if error.beside > placement:
+        placed = error.beside
+        mounting = identify(every, placed)
+        error = judge(mounting.touches, lambda rows: identify(rows, placed).pose)
+    return mounting, residual, error
+
+
+def _error(
+    recording: Recording,
+    wrenches: np.ndarray,
+    touches: Touches,
+    surface: Mesh,
+    noise: np.ndarray | None,
+    used: Rows,
+    pose_from: Callable[[Rows], Pose],
+) -> TouchError:
+    """What the touches that were used err by beside the noise."""
+    names = tuple(np.array(touches.label)[used])
+    kept = Touches(touches.start[used], touches.end[used], touches.point[used], names)
+    normals = surface.project(kept.point)[1]
+    return touch_error(recording.time, wrenches, kept, normals, noise, lambda rows: pose_from(used[rows]))
+
+
+def _err_by(error: TouchError, marks: float) -> str:
+    added = error.placement(marks)
+    told = f"{1e3 * error.beside:.2g} mm along each tangent beside their noise of {1e3 * error.noise:.2g} mm"
+    if not added:
+        return f"{told}, no more than the {1e3 * marks:.2g} mm that marks are hit by"
+    return f"{told}; {1e3 * added:.2g} mm of it is not how marks are hit, and is in the covariance (placement)"
+
+
+def _presses(recording: Recording, wrenches: np.ndarray, estimator: WrenchEstimator) -> Touches:
+    on, off = estimator.locator.on, estimator.locator.off
+    start, end = find_presses(recording.time, wrenches, on=on, off=off)
+    if not len(start):
+        raise InputError(
+            f"no press above {on:.3g} N is found.",
+            where=recording.source,
+            hint="Is the payload in the rig? See contact.",
+        )
+    if not np.all(start <= end):  # NaN too
+        raise InputError("times run backwards or are missing within a press.", where=recording.source)
+    labels = tuple(f"press {k + 1} at {begin:.2f} s" for k, begin in enumerate(start))
+    return Touches(start, end, np.full((len(start), 3), np.nan), labels)
+
+
+def _require_overlap(recording: Recording, touches: Touches, source: Path) -> None:
+    """Some touch must lie in the log, or the two are not on one clock."""
+    known = recording.time[np.isfinite(recording.time)]
+    first, last = (known.min(), known.max()) if len(known) else (np.nan, np.nan)
+    if not np.any((touches.start <= last) & (touches.end >= first)):
+        span = f"from {first:.3f} to {last:.3f} s" if len(known) else "without any time"
+        raise InputError(
+            f"none of the {len(touches)} touches lies in the log, which is {span}.",
+            where=str(source),
+            hint="Both must be on one clock, in seconds.",
+        )
+
+
+def _figures(mounting: Mounting, initial: Pose, residual: float) -> list[tuple[str, str]]:
+    rotation = mounting.pose.rotation_vector()
+    turned = np.degrees(np.linalg.norm((initial.inverse() @ mounting.pose).rotation_vector()))
+    spread = np.degrees(np.sqrt(np.diag(mounting.covariance)[:3]))
+    place = np.sqrt(np.diag(mounting.position_covariance))
+    shift = mounting.pose.translation - initial.translation
+    blind = "; ".join(mounting.unobservable)
+    return [
+        ("position", measured(1e3 * mounting.pose.translation, 1e3 * place, "mm")),
+        ("rotation vector", measured(np.degrees(rotation), spread, "deg")),
+        ("moved by", f"{1e3 * np.linalg.norm(shift):.2f} mm and {turned:.2f} deg"),
+        ("residual", f"{residual:.2f} of what was expected of noise and marks"),
+        ("determined", "all six directions" if not blind else "; ".join(mounting.observable) or "nothing"),
+        *([("not determined", blind)] if blind else []),
+    ]

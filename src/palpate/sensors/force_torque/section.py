@@ -1,0 +1,315 @@
+"""A six-axis force/torque sensor in a rig: payload, inertia, noise, how a log of it is read, and how one is told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.contact.plausibility import lines_of_action
+from palpate.errors import InputError
+from palpate.files.logs import LogContents, read_recording
+from palpate.files.logs.layout import Layout, axis_matrix
+from palpate.files.logs.opening import survey
+from palpate.files.logs.topics import NONE
+from palpate.files.models import read_model
+from palpate.files.units import FORCE_UNITS, TORQUE_UNITS, to_si
+from palpate.sensors.force_torque.compensation import Compensation
+from palpate.sensors.force_torque.model import ForceTorque
+from palpate.setup import guess
+from palpate.setup.body import Body
+from palpate.setup.guess_columns import Found, columns_guess
+from palpate.setup.guess_pose import guess_pose
+from palpate.setup.kind import FIRST, Guess, Prepared
+from palpate.setup.names import made_up
+from palpate.setup.setup import SensorKind, SensorSection, Setup, seen_first
+from palpate.setup.tables import RigForceTorque
+from palpate.setup.wrench import wrench_estimator
+from palpate.signals.acceleration import turned_from_gravity, wrong_acceleration
+from palpate.signals.motion import Motion
+from palpate.signals.noise import NoiseSpectrum, estimate_noise, rest_noise, wrong_noise
+from palpate.signals.payload import Payload
+from palpate.signals.recording import ACCELERATION, FORCE, ORIENTATION, TORQUE, UNSTEADY, Recording
+
+__all__ = [
+    "FORCE_TORQUE",
+    "ForceTorqueSection",
+    "accelerated",
+    "compensation",
+    "doubted_noise",
+    "free_wrenches",
+    "stated_sensor",
+]
+
+_LONG_ARM, _LONGEST_ARM = 0.5, 2.0  # m: of a force about a sensor, doubted and beyond belief
+_TURNED = 20.0  # degrees between an IMU and gravity, at the median of a log: more than a mounting by hand
+_LEAST_NOISE = 1e-6  # N, N m: a log that never changes does not make a noise of nothing
+_TEXT = """\
+{time}[force_torque]
+{wrench}
+units = {{ force = "{force_unit}", torque = "{torque_unit}" }}{torque_remark}
+axes = ["x", "y", "z"]               # which logged axis is the sensor's x, y, z; "-x" flips
+# left_handed = true                 # if axes has to mirror: a driver that swaps two axes, or reports the reaction
+frame = "{frame}"                     # "sensor", or "base", which needs an orientation
+{unsure}noise = {{ force = {force_noise}, torque = {torque_noise} }}   # of one reading: from the log
+# range = {{ force = 200, torque = 10 }}     # of the sensor: a reading at it is saturated
+# payload = "payload.toml"           # written by: palpate calibrate payload
+
+{orientation}{acceleration}"""
+_USUAL = {"time": "", "force_unit": "N", "torque_remark": "", "frame": "sensor", "unsure": "", "acceleration": ""}
+
+
+class ForceTorqueSection(SensorSection):
+    """A six-axis force/torque sensor as a rig states it; the file of its payload is read once."""
+
+    name: ClassVar[str] = "force_torque"
+    called: ClassVar[str] = "a six-axis force/torque sensor"
+    table: RigForceTorque
+
+    @cached_property
+    def payload(self) -> Payload | None:
+        """What hangs on the sensor; None where the rig names no file."""
+        return None if self.table.payload is None else read_model(self.link.folder / self.table.payload, Payload)
+
+
+def _layout(setup: Setup) -> Layout:
+    """Where a log keeps wrenches and poses."""
+    wrench = setup.of(ForceTorqueSection).table
+    return Layout(
+        wrench=wrench.columns,
+        force_unit=wrench.units.force,
+        torque_unit=wrench.units.torque,
+        axes=wrench.axes,
+        left_handed=wrench.left_handed,
+        frame=wrench.frame,
+        wrench_topic=wrench.topic,
+        **setup.common,
+    )
+
+
+def stated_sensor(setup: Setup, recording: Recording | None = None) -> ForceTorque:
+    """Return the sensor; noise that the rig does not state is that of a recording."""
+    wrench, seen = setup.of(ForceTorqueSection).table, _Seen(setup, recording)
+    deviation, spectrum = seen.deviation, seen.spectrum
+    if wrench.noise is not None:
+        deviation = wrench.noise.six()
+        rate = setup.filter.rate or (None if recording is None else recording.rate())
+        if wrench.noise.corner is not None and rate is not None:
+            spectrum = NoiseSpectrum.of_corner(wrench.noise.corner, rate)
+    limits = None if wrench.range is None else wrench.range.six()
+    drift = None if wrench.drift is None else wrench.drift.six()
+    return ForceTorque(deviation, limits, wrench.frame, spectrum, wrench.gain_error, drift)
+
+
+def free_wrenches(setup: Setup, recording: Recording) -> Float[np.ndarray, "n 6"]:
+    """Return the wrenches of an untouched log without payload and inertia; NaN where a sample cannot be used.
+
+    Raises:
+        InputError: the payload's weight is to be taken off, and there is no orientation.
+    """
+    wrench, payload = setup.of(ForceTorqueSection).table, setup.of(ForceTorqueSection).payload
+    limits = None if wrench.range is None else wrench.range.six()
+    sensor = Compensation(ForceTorque(limits=limits, frame=wrench.frame), payload, _motion(setup, recording))
+    made = [sensor.measure(block) for block in sensor.ready([recording])]
+    return np.concatenate([np.where((part.status < 0)[:, None], part.wrench, np.nan) for part in made])
+
+
+def accelerated(setup: Setup, recording: Recording) -> bool:
+    """Return whether poses show that the payload is accelerated, and no acceleration that the rig names tells it."""
+    motion = _motion(setup, recording)
+    if motion is None or motion.source != "none" or ORIENTATION not in recording.channels:
+        return False
+    return any(bool((block.channels[UNSTEADY] > 0.0).any()) for block in motion.stream(iter([recording])))
+
+
+def doubted_noise(setup: Setup, recording: Recording) -> list[str]:
+    """Return where noise that the rig states is wrong by two or more against a recording."""
+    if (stated := setup.of(ForceTorqueSection).table.noise) is None:
+        return []
+    seen = _Seen(setup, recording).deviation
+    doubt = "" if seen is None else wrong_noise(stated.six(), seen)
+    return [doubt] if doubt else []
+
+
+class _Seen:
+    """The noise of a recording: where it rests, else in its quiet parts, of an unknown spectrum."""
+
+    def __init__(self, setup: Setup, recording: Recording | None) -> None:
+        wrenches = np.zeros((0, 6)) if recording is None else _unloaded(setup, recording)
+        rest = rest_noise(wrenches, wander=setup.drift is None)
+        self.deviation = estimate_noise(wrenches) if rest is None else rest.deviation
+        self.spectrum = None if rest is None else rest.spectrum
+
+
+def _unloaded(setup: Setup, recording: Recording) -> Float[np.ndarray, "n 6"]:
+    """Wrenches without what hangs on the sensor, which moves with the arm and is no noise; NaN is left out."""
+    six = setup.of(ForceTorqueSection)
+    if six.payload is None or ORIENTATION not in recording.channels:
+        return recording.wrenches()
+    sensor = Compensation(ForceTorque(frame=six.table.frame), six.payload, _motion(setup, recording))
+    made = [sensor.measure(block) for block in sensor.ready([recording])]
+    return np.concatenate([part.wrench[part.status < 0] for part in made])
+
+
+def compensation(setup: Setup, head: Recording | None) -> Compensation:
+    """Return the sensor with what hangs on it; what the rig does not state is taken from the start of a log."""
+    return Compensation(stated_sensor(setup, head), setup.of(ForceTorqueSection).payload, _motion(setup, head))
+
+
+def _build(setup: Setup) -> Prepared:
+    stated, head = setup.of(ForceTorqueSection).table.noise is not None, setup.head
+    sensor = compensation(setup, head)
+    payload = sensor.payload
+    made = wrench_estimator(setup, sensor, tare=setup.estimate.tare, drift=setup.followed(6))
+    made.facts["noise_source"] = "given" if stated else "unknown" if sensor.noise is None else "rest of the log"
+    made.said[:0] = [*([] if stated else _noise_said(sensor)), *_payload_said(payload, setup.estimate.tare)]
+    made.doubted += [] if head is None else [*doubted_noise(setup, head), *_turned(payload, sensor, head)]
+    return made
+
+
+def _turned(payload: Payload | None, sensor: Compensation, head: Recording) -> list[str]:
+    """Whether an IMU has other axes than the sensor, by where it reads gravity."""
+    if payload is None or sensor.motion is None or sensor.motion.source != "imu" or ORIENTATION not in head.channels:
+        return []
+    turned = turned_from_gravity(head.channels[ACCELERATION], head.channels[ORIENTATION], payload.gravity)
+    doubt = f"the IMU reads gravity {turned:.0f} degrees from where the orientation has it: are its axes the sensor's?"
+    return [doubt] if turned > _TURNED else []
+
+
+def _noise_said(sensor: Compensation) -> list[str]:
+    if sensor.noise is None:
+        return ["the noise is not known, so there are no covariances: state it in the rig, or use a longer log"]
+    force, torque = (np.sqrt(np.diag(sensor.noise)[part].max()) for part in (slice(3), slice(3, 6)))
+    where = "in its quiet parts, taken as white" if sensor.sensor.spectrum is None else "where it rests"
+    return [f"noise taken from the log {where}: {force:.3g} N, {torque:.3g} N m"]
+
+
+def _payload_said(payload: Payload | None, tare: float | None) -> list[str]:
+    if payload is not None:
+        return []
+    tared = "the tare holds only while the sensor keeps its orientation"
+    untared = "wrenches are taken as they are, so they must be tared"
+    return [f"no payload model: {untared if tare is None else tared}"]
+
+
+def _motion(setup: Setup, head: Recording | None) -> Motion | None:
+    """Return how inertia is accounted for."""
+    stated, payload = setup.acceleration, setup.of(ForceTorqueSection).payload
+    if payload is None or not payload.weight.any() or head is None:
+        return None
+    recorded = stated.kind if ACCELERATION in head.channels else "none"
+    if recorded != "none" and not stated.from_poses:
+        wrong = wrong_acceleration(head.channels[ACCELERATION], stated.kind)
+        if wrong:
+            raise InputError(f"{wrong}.", where=f"{head.source}, [acceleration] of the rig")
+    source = "poses" if stated.from_poses else recorded
+    return Motion(source=source, window=stated.window, gravity=payload.gravity, lever=payload.center_of_mass)
+
+
+def _check(table: RigForceTorque | None, path: Path) -> None:
+    wrench = table or RigForceTorque()
+    axis_matrix(wrench.axes, left_handed=wrench.left_handed, where=f"{path}: force_torque.axes")
+    to_si(wrench.units.force, FORCE_UNITS, where=f"{path}: force_torque.units.force")
+    to_si(wrench.units.torque, TORQUE_UNITS, where=f"{path}: force_torque.units.torque")
+
+
+def _guess(log: Path, contents: LogContents, body: Body | None) -> Guess | None:
+    """Columns or a topic of forces and torques."""
+    found = _topics_of(log, contents, body) if contents.topics else columns_guess(log, contents)
+    if found is None:
+        return None
+    bare = replace(found.layout, frames=None, orientation_topic=NONE)  # poses are not needed here
+    recording = read_recording(log, bare)
+    if found.time is not None:
+        if made_up(contents.names) and found.time.column and (np.diff(recording.time) <= 0).mean() > 0.1:
+            return None  # the first of seven columns without names is no time
+        found = found.looked_at(recording, contents.stated)
+    found = _with_torques(found, recording.wrenches(), None if body is None else body.size)
+    lacking = "" if found.time is None else found.time.lacking
+    text = _TEXT.format_map({**_USUAL, **found.fields})
+    return Guess(found.why, found.layout, text, found.remarks, lacking, found.fields.get("called", ""))
+
+
+def _with_torques(found: Found, wrenches: np.ndarray, size: float | None) -> Found:
+    """With the unit of the torque, by its numbers where nothing states it, and the noise."""
+    fields, remarks, layout = dict(found.fields), list(found.remarks), found.layout
+    if "torque_unit" not in fields:
+        known = wrenches[np.isfinite(wrenches).all(axis=1)]
+        free = known - np.median(known, axis=0) if len(known) else known
+        fields["torque_unit"] = torque_unit = _torque_unit(free, size)
+        layout = replace(layout, torque_unit=torque_unit)
+        wrenches = wrenches * np.repeat([1.0, TORQUE_UNITS[torque_unit]], 3)
+        if torque_unit != "N m":
+            fields["torque_remark"] = "   # guessed: as N m they do not fit the body"
+            remarks.append("the torques only fit a body if they are N mm: check units.torque")
+        elif size is None and (arm := _arm(free)) > _LONG_ARM:
+            fields["unsure"] = "# "  # the unit that will stand there decides
+            doubt = (
+                f"forces act {arm:.2g} m from the sensor's origin at the median: if torques are N mm, correct it, as"
+            )
+            remarks.append(f'{doubt} units = {{ force = "{fields.get("force_unit", "N")}", torque = "N mm" }}')
+    noise = estimate_noise(wrenches)
+    noise = np.maximum(np.ones(6) if noise is None else noise, _LEAST_NOISE)
+    fields |= {"force_noise": f"{float(noise[:3].max()):.2g}", "torque_noise": f"{float(noise[3:].max()):.2g}"}
+    return replace(found, layout=layout, fields=fields, remarks=tuple(remarks))
+
+
+def _topics_of(log: Path, contents: LogContents, body: Body | None) -> Found | None:
+    wrenches = guess.topics_of(contents, "wrench")
+    seen = survey(log) if wrenches else None
+    if seen is None:
+        return None
+    several = f"{len(wrenches)} topics hold wrenches: {', '.join(wrenches)}; the first is taken, --topic takes another"
+    pose = guess_pose(seen, Layout(wrench_topic=wrenches[0]), body)
+    why = f"topic {wrenches[0]!r} holds forces and torques"
+    fields = {
+        "wrench": f"topic = {guess.quoted(wrenches[0])}",
+        "orientation": pose.text,
+        "called": seen.named.get(wrenches[0], ("", ""))[0],  # the sensor's frame; "frame" is the rig's key
+    }
+    return Found(why, pose.layout, fields, (*([several] if len(wrenches) > 1 else []), *pose.remarks))
+
+
+def _torque_unit(free: np.ndarray, size: float | None) -> str:
+    """N mm if N m puts the lines of action off the body, and N mm does not.
+
+    Args:
+        free: wrenches without bias.
+        size: [m] of the body; None: not known, and only torques that no arm makes are told.
+    """
+    if size is None or not len(free):
+        return "N mm" if _arm(free) > _LONGEST_ARM else "N m"
+    for unit in ("N m", "N mm"):
+        scaled = free * np.repeat([1.0, TORQUE_UNITS[unit]], 3)
+        if not lines_of_action(scaled, np.zeros(3), 10 * size).doubt:  # the mounting is not known yet
+            return unit
+    return "N m"
+
+
+def _arm(free: np.ndarray) -> float:
+    """Torque over force at the median; NaN without a wrench."""
+    arms = np.linalg.norm(free[:, 3:], axis=1) / np.linalg.norm(free[:, :3], axis=1).clip(1e-12)
+    return float(np.median(arms)) if len(arms) else np.nan
+
+
+FORCE_TORQUE = SensorKind(
+    name="force_torque",
+    called=ForceTorqueSection.called,
+    table=RigForceTorque,
+    section=ForceTorqueSection,
+    channels=(FORCE, TORQUE),
+    layout=_layout,
+    build=_build,
+    guess=_guess,
+    paths=("payload",),
+    check=_check,
+    options=("payload", "noise"),
+    drift="palpate.sensors.force_torque.drift.wrench_drift",
+    doubts=doubted_noise,
+    view="palpate.sensors.force_torque.view.ForceTorqueView",
+    start=lambda setup: seen_first(setup) or (FIRST if setup.of(ForceTorqueSection).table.noise is None else 0.0),
+)

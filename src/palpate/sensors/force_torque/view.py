@@ -1,0 +1,105 @@
+"""Show a six-axis force/torque sensor in the report: payload, mounting, and what would make its answers better."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.contact.wrench_estimator import WrenchEstimator
+from palpate.files.models import MODELS
+from palpate.files.units import measured
+from palpate.sensors.force_torque.compensation import Compensation
+from palpate.sensors.force_torque.section import ForceTorqueSection
+from palpate.setup.setup import Setup
+from palpate.setup.wrench_view import WrenchView
+from palpate.signals.payload import Payload
+from palpate.spatial.pose import Pose, skew
+from palpate.viewer.report import Section
+from palpate.viewer.run_report import Run
+
+__all__ = ["ForceTorqueView", "force_torque", "wrench_advice"]
+
+BLURRED = 1e-3  # m: of a median ellipse that a filter is worth its lag for
+
+
+class ForceTorqueView(WrenchView):
+    """Show payload and mounting of a six-axis force/torque sensor."""
+
+    def compensated(self, estimator: WrenchEstimator) -> str:
+        """Return how wrenches were compensated, in words."""
+        return f"{'without' if _payload(estimator) is None else 'with'} a payload model"
+
+    def uncertain(self, setup: Setup, estimator: WrenchEstimator) -> tuple[str, ...]:
+        """Return whose uncertainties beside the noise the ellipses hold."""
+        held = super().uncertain(setup, estimator)
+        return held if _payload(estimator) is None else ("the payload's", *held)
+
+    def sections(self, run: Run, setup: Setup, estimator: WrenchEstimator) -> Run:
+        """Return the run with payload, mounting and advice."""
+        payload, radius = _payload(estimator), run.kept.median_radius
+        filtered = estimator.filter is not None
+        advice = wrench_advice(setup, payload=payload is not None, filtered=filtered, radius=radius)
+        section = force_torque(setup, payload, estimator.mount)
+        return replace(run, sections=(section, *run.sections), advice=advice)
+
+
+def _payload(estimator: WrenchEstimator) -> Payload | None:
+    return estimator.sensor.payload if isinstance(estimator.sensor, Compensation) else None
+
+
+def wrench_advice(setup: Setup, *, payload: bool, filtered: bool, radius: float) -> tuple[str, ...]:
+    """Return what would make the answers of a force/torque sensor better.
+
+    Args:
+        setup: with the options of the command line in it.
+        payload: one is taken off.
+        filtered: a filter is in force.
+        radius: [m] median of the 95 % ellipses; NaN where there is none.
+    """
+    said: list[str] = []
+    if not payload and setup.estimate.tare is None:
+        said.append("Identify the payload (palpate calibrate payload): its weight and the sensor's zero are still in.")
+    if setup.link.mount_covariance is None:
+        said.append(
+            "Calibrate the mounting (palpate calibrate mounting): where the surface sits was taken as exact, and the "
+            "ellipses do not hold how far off it may be."
+        )
+    table = setup.of(ForceTorqueSection).table
+    if table.noise is None:
+        said.append("State the noise of the sensor in the rig: it was taken from the log.")
+    if table.range is None:
+        said.append("State the range of the sensor in the rig: without it a saturated channel is not noticed.")
+    if not filtered and radius > BLURRED:
+        said.append(
+            f"Half of the 95 % ellipses are larger than {1e3 * radius:.2g} mm, and no filter is in force: "
+            "palpate inspect LOG --rig RIG --spectrum FILE proposes one."
+        )
+    return tuple(said)
+
+
+def force_torque(setup: Setup, payload: Payload | None, mount: Pose) -> Section:
+    """Return the section of payload and mounting, with standard deviations, axes and orientation."""
+    none = [("payload", "none: wrenches are taken as they are")]
+    facts = none if payload is None else list(MODELS["payload"].summary(payload))
+    facts += _mounting(mount, setup.link.mount_covariance)
+    wrench, orientation = setup.of(ForceTorqueSection).table, setup.orientation
+    facts.append(("wrench", f"in the {wrench.frame}'s frame, logged axes {', '.join(wrench.axes)}"))
+    if orientation.topic is not None or orientation.base is not None or orientation.offset:
+        gap = f"gaps of up to {orientation.max_gap:g} s are interpolated"
+        facts.append(("orientation", f"clock offset {1e3 * orientation.offset:g} ms; {gap}"))
+    return Section("Payload and mounting", facts=tuple(facts))
+
+
+def _mounting(pose: Pose, covariance: Float[np.ndarray, "6 6"] | None) -> list[tuple[str, str]]:
+    place, turn = 1e3 * pose.translation, np.degrees(pose.rotation_vector())
+    if covariance is None:
+        stated = (("mounting", place, "mm"), ("turned by", turn, "deg"))
+        return [
+            (name, f"({', '.join(f'{v:z.2f}' for v in three)}) {unit}, not calibrated") for name, three, unit in stated
+        ]
+    moves = np.concatenate([-skew(pose.translation), np.eye(3)], axis=1)  # what a small motion does to the origin
+    deviation = 1e3 * np.sqrt(np.diag(moves @ covariance @ moves.T).clip(min=0))
+    turned = np.degrees(np.sqrt(np.diag(covariance)[:3].clip(min=0)))
+    return [("mounting", measured(place, deviation, "mm")), ("turned by", measured(turn, turned, "deg"))]

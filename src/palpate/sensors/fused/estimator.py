@@ -1,0 +1,278 @@
+"""A skin says where contacts are, a force/torque sensor what they sum up to: each contact with its force in 3-D."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from numpy.typing import ArrayLike
+
+from palpate.contact.contacts import Contacts
+from palpate.contact.estimate import ROW, Status
+from palpate.contact.estimator import Answered, Channels, ContactEstimator, Counts, Known, Rows, Times
+from palpate.contact.locate import Locator
+from palpate.contact.surface_wrenches import Piece, SurfaceWrenches, Wrenches
+from palpate.contact.zero_gate import ContactShape
+from palpate.errors import InputError
+from palpate.sensors.fused.agreement import Agreement
+from palpate.sensors.fused.lasting_unseen import LastingUnseen
+from palpate.sensors.fused.locator import FusedFrames, FusedLocator
+from palpate.sensors.taxels.estimator import TaxelEstimator
+from palpate.signals.drift import Drift
+from palpate.signals.recording import AVERAGED, CELLS, FORCE, TORQUE, Recording
+from palpate.signals.smoothing import require_forward
+from palpate.signals.wrench_sensor import Placement, Tare, WrenchSensor
+from palpate.signals.zero_filter import ZeroHistory
+from palpate.spatial._arrays import shaped
+from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.pose import Pose
+
+__all__ = ["FEATURES", "FusedEstimator"]
+
+FEATURES = (
+    "share",
+    "bound",
+    "unexplained",
+    "belief",
+    "force_xx",
+    "force_xy",
+    "force_xz",
+    "force_yy",
+    "force_yz",
+    "force_zz",
+)
+SHARE, BOUND, UNEXPLAINED, BELIEF, SPREAD = range(5)  # where they stand behind the skin's
+
+
+class FusedEstimator(ContactEstimator):
+    """Locate the contacts on a link with a skin and a force/torque sensor, each with its force in 3-D.
+
+    A reading is (k + 7,): the cells row by row, force [N] and torque [N m] as measured, NaN where there is none, and of
+    how many readings they are the mean (1; 0: interpolated).
+
+    Each frame of the skin gives places, normals and normal forces, the wrench at that time what they sum up to
+    (`FusedLocator`). A frame without a wrench keeps the skin's forces, with `share` 1. What the skin cannot explain
+    for 50 ms is one more contact, of identity 0, at the place that is believed most.
+
+    Features, behind those of the skin: `share`, the posterior over the prior deviation of a contact's force: 1 where
+    the wrench says nothing of it; `bound`, 1 where its friction cone binds; `unexplained`, the probability of a wrench
+    as far from what the skin feels as this one, where the skin feels all; `belief` in the place of a contact, 1 where
+    the skin feels it, else of all places about it; `force_xx` ... `force_zz` [N^2], the covariance of the force.
+
+    Args:
+        taxels: of the skin; its filter smooths the wrenches too.
+        sensor: of wrenches.
+        fused: on the surface, in the surface's frame, which is the skin's too.
+        mount: T_sensor_surface.
+        mount_covariance: (6, 6) of its (rotation vector [rad], translation [m]), perturbed on the left.
+        drift: how the sensor's zero wanders: it is followed while neither skin nor wrench tells of a contact.
+        covered: the body is touched nowhere but on the skin, so that where this feels nothing, nothing touches.
+        live: for samples as they come. False is for logs: in `pairs` and `stream` the zero is smoothed by what comes
+            after a touch, for which blocks wait 10 minutes at most.
+
+    Attributes:
+        kelvin: as of `WrenchEstimator`.
+    """
+
+    @takes_arrays
+    def __init__(
+        self,
+        taxels: TaxelEstimator,
+        sensor: WrenchSensor,
+        fused: FusedLocator,
+        mount: Pose | None = None,
+        mount_covariance: Float[np.ndarray, "6 6"] | None = None,
+        drift: Drift | None = None,
+        covered: bool = False,
+        live: bool = True,
+    ) -> None:
+        noise = sensor.noise
+        if noise is None:
+            raise InputError(
+                "fusing a skin with wrenches needs the noise of the wrenches.",
+                where="force_torque.noise",
+                hint="State it in the rig, or use a log that begins untouched.",
+            )
+        super().__init__(
+            (CELLS, FORCE, TORQUE, AVERAGED), (*taxels.features, *FEATURES), taxels.most + 1, mount, taxels.filter
+        )
+        self.taxels, self.sensor, self.fused = taxels, sensor, fused
+        self._covered, self.kelvin, shape = covered, np.nan, None
+        placement = Placement(self.mount, mount_covariance)
+        if drift is not None:
+            if taxels.filter is not None and taxels.filter.zero_phase:
+                raise InputError(
+                    "the zero beside a skin is followed as samples come, and a filter of zero phase looks ahead.",
+                    where="drift",
+                    hint="Use a Butterworth filter without zero_phase, or none.",
+                )
+            matrix = placement.matrix
+            noise = matrix @ noise @ matrix.T
+            shape = ContactShape(Locator(fused.surface, friction=fused.settings.friction, noise=noise), placement)
+        self._wrenches = SurfaceWrenches(
+            sensor, placement, taxels.filter, taxels.rate, drift, shape, logs=not live, of="frames"
+        )
+        self._unseen = LastingUnseen(fused, ROW.length + len(taxels.features) + BELIEF, self._width)
+        self._rows = taxels.empty(taxels.most)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what frames left; not the tares."""
+        super().reset()
+        self.taxels.reset()
+        self._wrenches.reset()
+        self._unseen.reset()
+        self._noted = dict[str, None]()
+        self._agreement = Agreement()
+        self._frames = self._missing = 0
+
+    def tare(self, recording: Recording) -> Tare:
+        """Take what both read at rest off from now on; see `ContactEstimator.tare`."""
+        wrench = self.sensor.tare(recording)
+        cells = self.taxels.tare(recording)
+        self.reset()
+        doubt = "; ".join(each.doubt for each in (wrench, cells) if each.doubt)
+        return Tare(f"{wrench.said}; {cells.said}", doubt)
+
+    def answer(self, block: Recording, watched: bool = False) -> Answered:
+        """Answer the frames of a block, with the force of each taxel if `watched`."""
+        return next(self._rejoined(self._wrenches.forward(self._pieces([self.taxels.answer(block, watched)]))))
+
+    def answers(self, blocks: Iterable[Recording], watched: bool = False) -> Iterator[Answered]:
+        """Answer the blocks of a log, from its start, each as soon as its contacts are known."""
+        skin = self.taxels.answers(self.sensor.ready(blocks), watched)
+        return self._rejoined(self._wrenches.of_log(self._pieces(skin)))
+
+    def run(self, recording: Recording) -> Contacts:
+        """Return the contacts of a block; its first frames say what is not known of the skin's rest and bad cells."""
+        require_forward(self.filter)
+        self.taxels.look(recording)
+        return super().run(recording)
+
+    def zero_history(self) -> ZeroHistory | None:
+        """Return how the zero of the wrenches went; None where it is not followed."""
+        return self._wrenches.history()
+
+    def notes(self) -> tuple[str, ...]:
+        """Return what was met so far, one sentence each."""
+        said = [*self._noted, *self.taxels.notes(), *self._wrenches.notes()]
+        if self._missing:
+            said.append(
+                f"{self._missing} of {self._frames} frames have no wrench: their forces are the skin's alone (share 1)"
+            )
+        return tuple(said)
+
+    def doubts(self) -> tuple[str, ...]:
+        """Return what may be wrong, one sentence each: a skin and a wrench that do not belong together."""
+        return (*self.taxels.doubts(), *self._wrenches.doubts(), *self._agreement.doubts())
+
+    def _single(self, time: float, reading: ArrayLike, out: Rows, rotation: Known, acceleration: Known) -> int:
+        values = shaped(reading, (len(self.taxels.body) + 7,), "reading")
+        cells, wrench, averaged = values[:-7], values[-7:-1], values[-1:]
+        count = self.taxels.update_into(time, cells, self._rows)
+        skin = self._rows[:count]
+        touched = self._touches(skin) if self._wrenches.followed else None
+        wrenches = self._wrenches.single(
+            time, wrench, rotation, acceleration, kelvin=self.kelvin, averaged=averaged, touched=touched
+        )
+        rows, _ = self._fused(np.array([time]), skin, np.array([count]), wrenches)
+        count = min(len(rows), len(out))
+        out[:count] = rows[:count]
+        return count
+
+    def _arrays(self, time: Times, readings: np.ndarray, beside: Channels, out: Rows, counts: Counts) -> int:
+        self.taxels.require_rest()
+        return super()._arrays(time, readings, beside, out, counts)
+
+    def _touches(self, skin: Float[np.ndarray, "n v"]) -> bool | None:
+        """Return whether the skin feels something; None where it cannot tell."""
+        if np.isfinite(skin[:, ROW.point]).all(axis=1).any():
+            return True
+        return False if self._covered else None
+
+    def _pieces(self, skin: Iterable[Answered]) -> Iterator[Piece]:
+        """Yield the pieces of blocks, with what the skin alone answers."""
+        for block, rows, counts, seen in skin:
+            ends = np.concatenate([[0], np.cumsum(counts)])
+            cuts = self._wrenches.cuts(block.time)
+            for cut in cuts:
+                samples, part = block.picked(cut), rows[ends[cut.start] : ends[cut.stop]]
+                last = cut is cuts[-1]
+                answered = Answered(samples, part, counts[cut], seen if last else None)
+                averaged = samples.channels[AVERAGED][:, 0]
+                yield Piece(samples, block if last else None, self._touches(part), averaged, answered)
+
+    def _rejoined(self, pieces: Iterable[tuple[Piece, Wrenches]]) -> Iterator[Answered]:
+        """Yield blocks of fused contacts."""
+        made = list[tuple[np.ndarray, np.ndarray]]()
+        for (samples, ends, _, _, skin), wrenches in pieces:
+            if skin is not None:
+                made.append(self._fused(samples.time, skin.rows, skin.counts, wrenches))
+            if ends is not None:
+                rows, counts = zip(*made, strict=True)
+                yield Answered(ends, np.concatenate(rows), np.concatenate(counts), None if skin is None else skin.seen)
+                made = []
+
+    def _fused(
+        self,
+        time: Float[np.ndarray, " n"],
+        skin: Float[np.ndarray, "r v"],
+        counts: Int[np.ndarray, " n"],
+        located: Wrenches,
+    ) -> tuple[Float[np.ndarray, "_ w"], Int[np.ndarray, " _"]]:
+        """Return the rows of frames: the skin's, `counts` of each, then one of what it does not feel; and how many."""
+        wrenches, covariances, status = located
+        if covariances is None:
+            raise InputError("fusing needs the noise of the wrenches.", where="force_torque.noise")
+        frame = np.repeat(np.arange(len(counts)), counts)
+        touching = np.asarray(np.isfinite(skin[:, ROW.point]).all(axis=1))
+        felt = skin[np.cumsum(counts) - counts, ROW.status] != Status.INVALID
+        usable = (status < 0) & np.isfinite(wrenches).all(axis=1)
+        pressed = np.bincount(frame[touching], minlength=len(counts))
+        contacts = self._pressing(skin[touching])
+        known = np.where((felt & usable)[:, None], wrenches, np.nan)
+        fused = self.fused.fuse_frames(contacts, pressed, known, covariances)
+        self._noted |= dict.fromkeys(fused.notes)
+        self._frames += len(counts)
+        self._missing += int(np.count_nonzero(~usable))
+        touched = usable & (pressed > 0)
+        self._agreement.add(skin[touching, ROW.force], frame[touching], wrenches, touched, fused.alarm)
+        after = ROW.length + len(self.taxels.features)
+        rows = np.full((len(skin), after + len(FEATURES) + 1), np.nan)
+        rows[:, :after], rows[:, -1] = skin[:, :-1], skin[:, -1]
+        rows[touching, after + UNEXPLAINED], rows[touching, after + BELIEF] = fused.p[frame[touching]], 1.0
+        _write(fused, rows, touching, after)
+        alone = touching & ~usable[frame]
+        rows[alone, ROW.force] = skin[alone, ROW.force]
+        found = self._unseen.found(time, felt & (usable | (pressed > 0)), usable, fused)
+        if not found:
+            return rows, counts
+        more = np.isin(np.arange(len(counts)), list(found))
+        within, ends, instead = more[frame], np.cumsum(counts)[more], more & (pressed == 0)
+        kept = np.insert(~instead[frame], ends, True)  # not the row that says that there is no contact
+        new = np.array([place.row for place in found.values()])
+        new[:, after + UNEXPLAINED] = fused.p[more]
+        rows = np.insert(rows, ends, new, axis=0)[kept]
+        new = [place.contact for place in found.values()]
+        contacts = np.insert(contacts[within[touching]], np.cumsum(pressed[more]), new, axis=0)
+        fused = self.fused.fuse_frames(contacts, pressed[more] + 1, wrenches[more], covariances[more])
+        self._noted |= dict.fromkeys(fused.notes)
+        pushed = np.insert(touching & within, ends, True)[kept]
+        _write(fused, rows, pushed, after)
+        return rows, np.where(instead, 0, counts) + more
+
+    def _pressing(self, skin: Float[np.ndarray, "n v"]) -> Float[np.ndarray, "n 17"]:
+        """Return contacts of the skin as `fused` takes them."""
+        normals, status = skin[:, ROW.normal], skin[:, ROW.status]
+        normal = np.maximum(-np.sum(normals * skin[:, ROW.force], axis=1), 0.0)
+        deviations = np.where(status == Status.SATURATED, np.maximum(normal, 1.0), 0.0)
+        spreads = np.nan_to_num(skin[:, ROW.covariance].reshape(-1, 3, 3))
+        return self.fused.rows(skin[:, ROW.point], normals, normal, deviations, spreads)
+
+
+def _write(fused: FusedFrames, rows: Float[np.ndarray, "r w"], which: Bool[np.ndarray, " r"], after: int) -> None:
+    """Write what is known of the forces of contacts into `which` of the rows."""
+    rows[which, ROW.force] = fused.force
+    rows[which, after + SHARE], rows[which, after + BOUND] = fused.share, fused.bound
+    rows[which, after + SPREAD : after + SPREAD + 6] = fused.spread

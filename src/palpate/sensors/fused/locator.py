@@ -1,0 +1,431 @@
+"""Several contacts at once: a skin says where and how hard each presses, a force/torque sensor what all push together.
+
+A skin measures normal forces, a few per cent off, and no tangential ones; one wrench has six numbers for all contacts.
+Together they give each contact's whole force, because friction bounds what a tangential force can be.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import inf
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from numpy.typing import ArrayLike
+
+from palpate.errors import InputError
+from palpate.sensors.fused.cones import within_cones
+from palpate.sensors.fused.unseen import PUSHES, Unseen, candidates, locked, ranked
+from palpate.spatial._arrays import Value, require_finite, shaped
+from palpate.spatial.arguments import takes_arrays
+from palpate.surfaces.surface import Surface
+
+__all__ = ["Fused", "FusedLocator", "FusionSettings", "Unseen"]
+
+_BINDS = 1e-6  # slack over 1 N plus the normal force below which a cone binds
+
+
+@dataclass(frozen=True)
+class FusionSettings:
+    """What is known before the wrench is looked at, and when to give an alarm.
+
+    Args:
+        friction: bound of a contact's tangential over its normal force.
+        tangential: deviation of each of the two components of the tangential force, as a share of the normal force. A
+            force that is uniform in a disc has half the disc's radius: 0.25 stands for tangential forces of up to half
+            of the normal force.
+        gain: deviation of the skin's normal force, as a share of it, each contact's its own.
+        floor: [N] deviation that is added to it.
+        alarm: share of false alarms that is accepted.
+        turns: times that the prior and the effect of misplaced contacts, which are proportional to the forces, are
+            written anew from the forces found.
+    """
+
+    friction: float = 0.6
+    tangential: float = 0.25
+    gain: float = 0.10
+    floor: float = 0.0
+    alarm: float = 0.01
+    turns: int = 2
+
+    def __post_init__(self) -> None:
+        if not 0 < self.friction < inf:
+            raise InputError(f"friction must be positive, not {self.friction:g}.")
+        if not 0 <= self.tangential <= self.friction:
+            raise InputError(f"tangential ({self.tangential:g}) must lie between 0 and friction ({self.friction:g}).")
+        if not (0 <= self.gain < 1 and 0 <= self.floor < inf):
+            raise InputError("gain must lie between 0 and 1, and floor must not be negative.")
+        if self.turns < 0:
+            raise InputError(f"turns must not be negative, not {self.turns}.")
+        if not 0 < self.alarm < 0.5:
+            raise InputError(f"alarm must lie between 0 and 0.5, not {self.alarm:g}.")
+
+
+@dataclass(frozen=True, eq=False)
+class Given(Value):
+    """What forces were made of; only sensors whose wrench is finite.
+
+    Attributes:
+        contacts: (n, 17) rows as `FusedLocator.rows` makes them.
+        wrenches, covariances: (k, 6), (k, 6, 6).
+        carries: (k, n) whether a sensor feels a contact.
+        whitened, factors: (k, 6), (k, 6, 6) wrench less what is expected, whitened by L D L^T of its covariance.
+        p: (k,) as in `Fused`.
+    """
+
+    contacts: Float[np.ndarray, "n 17"]
+    wrenches: Float[np.ndarray, "k 6"]
+    covariances: Float[np.ndarray, "k 6 6"]
+    carries: Bool[np.ndarray, "k n"]
+    whitened: Float[np.ndarray, "k 6"]
+    factors: Float[np.ndarray, "k 6 6"]
+    p: Float[np.ndarray, " k"]
+
+    def __post_init__(self) -> None:
+        locked(self)
+
+
+@takes_arrays
+@dataclass(frozen=True, eq=False)
+class Fused(Value):
+    """Forces of contacts, and how well the wrenches fit to them.
+
+    Attributes:
+        force: (n, 3) [N] on the body, within the cones of friction.
+        covariance: (3n, 3n) [N^2] of the forces, contact by contact; not narrowed by cones.
+        share: (n,) deviation of the tangential force over that before the wrench was looked at: 1 where nothing was
+            learnt.
+        slack: (n,) [N] friction times the normal less the tangential force.
+        bound: (n,) whether the cone of friction binds.
+        expected: (k, 6) wrenches that the skin alone lets expect.
+        surprise: (k,) squared distance of the wrench from it, in the deviations that the forces found let expect
+            (Mahalanobis), and of one sensor from there into the cones; NaN without a wrench.
+        p: (k,) share of touches without an unseen contact whose wrench is as far off; NaN without a wrench.
+        alarm: whether something pushes that the skin does not see.
+        given: what it was made of.
+        notes: a sentence each.
+    """
+
+    force: Float[np.ndarray, "n 3"]
+    covariance: Float[np.ndarray, "m m"]
+    share: Float[np.ndarray, " n"]
+    slack: Float[np.ndarray, " n"]
+    bound: Bool[np.ndarray, " n"]
+    expected: Float[np.ndarray, "k 6"]
+    surprise: Float[np.ndarray, " k"]
+    p: Float[np.ndarray, " k"]
+    alarm: bool
+    given: Given
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        locked(self)
+
+
+class FusedFrames(NamedTuple):
+    """Hold the forces of the contacts of many frames, frame by frame, and how well each frame's wrench fits to them.
+
+    Attributes:
+        force, share, bound: (m, 3), (m,), (m,) of each contact, as in `Fused`.
+        spread: (m, 6) [N^2] covariance of each force: xx, xy, xz, yy, yz, zz.
+        p, alarm: (n,) of each frame, as in `Fused`.
+        whitened, factors: (n, 6), (n, 6, 6) of each frame, as in `Given`.
+        notes: a sentence each.
+    """
+
+    force: Float[np.ndarray, "m 3"]
+    share: Float[np.ndarray, " m"]
+    bound: Bool[np.ndarray, " m"]
+    spread: Float[np.ndarray, "m 6"]
+    p: Float[np.ndarray, " n"]
+    alarm: Bool[np.ndarray, " n"]
+    whitened: Float[np.ndarray, "n 6"]
+    factors: Float[np.ndarray, "n 6 6"]
+    notes: tuple[str, ...]
+
+
+@takes_arrays
+class FusedLocator:
+    """Forces of several contacts of a body, from its skin and its force/torque sensors.
+
+    All is written in the surface's frame, wrenches about its origin.
+
+    Args:
+        surface: of the body; where unseen contacts are looked for.
+        settings: what is known beforehand.
+        seed: of the places at which unseen contacts are looked for.
+    """
+
+    def __init__(self, surface: Surface, settings: FusionSettings | None = None, seed: int = 0) -> None:
+        self.surface, self.settings, self.seed = surface, settings or FusionSettings(), seed
+        set_ = self.settings
+        self._settings = np.array([set_.tangential, set_.gain, set_.floor, set_.friction, set_.turns])
+        self._work = dict[int, np.ndarray]()
+
+    def fuse(
+        self,
+        points: ArrayLike,
+        normals: ArrayLike,
+        forces: ArrayLike,
+        deviations: ArrayLike,
+        spreads: ArrayLike,
+        wrenches: ArrayLike,
+        covariances: ArrayLike,
+        carries: ArrayLike | None = None,
+    ) -> Fused:
+        """Forces of n contacts felt by k sensors.
+
+        Args:
+            points: (n, 3) [m] where the skin is touched.
+            normals: (n, 3) outward normals there.
+            forces: (n,) [N] normal forces that the skin says, >= 0.
+            deviations: (n,) [N] of them, beside the settings' gain and floor.
+            spreads: (n, 3, 3) [m^2] covariances of the points.
+            wrenches: (k, 6) [N, N m]; one with NaN tells nothing.
+            covariances: (k, 6, 6) of their noise.
+            carries: (k, n) whether a sensor feels a contact; without it each feels all.
+
+        Raises:
+            InputError: shapes that do not fit, forces that are negative or not finite, normals without a length.
+        """
+        contacts = self.rows(points, normals, forces, deviations, spreads)
+        wrenches = shaped(wrenches, (None, 6), "wrenches")
+        sensors = len(wrenches)
+        covariances = shaped(covariances, (None, 6, 6), "covariances")
+        felt = np.ones((sensors, len(contacts)), dtype=np.bool_) if carries is None else np.array(carries, np.bool_)
+        if covariances.shape != (sensors, 6, 6) or felt.shape != (sensors, len(contacts)):
+            raise InputError(
+                f"{len(contacts)} contacts and {sensors} wrenches need covariances ({sensors}, 6, 6) and carries "
+                f"({sensors}, {len(contacts)}), not {covariances.shape} and {felt.shape}"
+            )
+        return self._fused(contacts, wrenches, covariances, felt)
+
+    def fuse_into(
+        self,
+        contacts: Float[np.ndarray, "n 17"],
+        wrench: Float[np.ndarray, "6"],
+        covariance: Float[np.ndarray, "6 6"],
+        out: Float[np.ndarray, "n 5"],
+        out_covariance: Float[np.ndarray, "m m"],
+        out_total: Float[np.ndarray, "16"],
+    ) -> int:
+        """The closed form for one wrench that feels all contacts; nothing is allocated once n was seen.
+
+        Args:
+            contacts: (n, 17) rows as `rows` makes them.
+            wrench: (6,) [N, N m]; NaN tells nothing.
+            covariance: (6, 6) of its noise.
+            out: (n, 5) force [N], share, slack [N].
+            out_covariance: (3n, 3n) of the forces.
+            out_total: (16,) expected wrench, surprise but for the cones, its degrees of freedom and variance, p of
+                that, and the wrench less what was expected, whitened.
+
+        Returns:
+            How many contacts violate their cone: `fuse` would move them into it.
+        """
+        from palpate.sensors.fused import _kernels as _fused
+
+        settings, work = self._settings, self._room(len(contacts))
+        return int(_fused.fuse_one(contacts, wrench, covariance, settings, work, out, out_covariance, out_total))
+
+    def fuse_frames(
+        self,
+        contacts: Float[np.ndarray, "m 17"],
+        counts: Int[np.ndarray, " n"],
+        wrenches: Float[np.ndarray, "n 6"],
+        covariances: Float[np.ndarray, "n 6 6"],
+    ) -> FusedFrames:
+        """`fuse` for many frames of one wrench, which feels all contacts of its frame.
+
+        Args:
+            contacts: (m, 17) rows as `rows` makes them, frame by frame.
+            counts: (n,) how many contacts each frame has.
+            wrenches: (n, 6) [N, N m]; one with NaN tells nothing.
+            covariances: (n, 6, 6) of their noise.
+
+        Raises:
+            InputError: shapes that do not fit, or counts that are not those of the contacts.
+        """
+        from palpate.sensors.fused import _kernels as _fused
+
+        if counts.min(initial=0) < 0 or counts.sum() != len(contacts):
+            raise InputError(f"counts must not be negative, and sum up to the {len(contacts)} contacts.")
+        out, spread, broken = np.zeros((len(contacts), 5)), np.zeros((len(contacts), 6)), np.zeros_like(counts)
+        totals, factors = np.zeros((len(counts), 16)), np.zeros((len(counts), 6, 6))
+        ends = np.cumsum(9 * counts**2)
+        covariance = np.zeros(ends[-1] if len(ends) else 0)
+        into = (out, spread, covariance, totals, factors, broken)
+        _fused.fuse_frames(contacts, counts, wrenches, covariances, self._settings, *into)
+        outside, notes = broken > 0, tuple[str, ...]()
+        if outside.any():
+            which, off = np.repeat(outside, counts), totals[outside]
+            size, at = 3 * counts[outside], ends[outside]
+            wholes = [covariance[end - n * n : end].reshape(n, n) for n, end in zip(size, at, strict=True)]
+            given = (out[which, :3], contacts[which, 3:6], counts[outside], wholes)
+            out[which, :3], notes = self._within(*given, off)
+            totals[outside] = off
+        force, p = out[:, :3].copy(), totals[:, 9]
+        _, bound = self._slack(force, contacts[:, 3:6])
+        whitened = totals[:, 10:].copy()
+        return FusedFrames(force, out[:, 3], bound, spread, p, p < self.settings.alarm, whitened, factors, notes)
+
+    @staticmethod
+    def rows(
+        points: ArrayLike, normals: ArrayLike, forces: ArrayLike, deviations: ArrayLike, spreads: ArrayLike
+    ) -> Float[np.ndarray, "n 17"]:
+        """Contacts in the form of the compiled loops: point, unit normal, force, deviation, spread row by row.
+
+        Raises:
+            InputError: as for `fuse`.
+        """
+        points, normals = shaped(points, (None, 3), "points"), shaped(normals, (None, 3), "normals")
+        forces, deviations = shaped(forces, (None,), "forces"), shaped(deviations, (None,), "deviations")
+        spreads = shaped(spreads, (None, 3, 3), "spreads")
+        counts = {len(each) for each in (points, normals, forces, deviations, spreads)}
+        if len(counts) > 1:
+            raise InputError(f"points, normals, forces, deviations and spreads are of {sorted(counts)} contacts")
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        contacts = np.empty((len(points), 17))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            contacts[:, 3:6] = normals / length
+        contacts[:, :3], contacts[:, 6], contacts[:, 7] = points, forces, deviations
+        contacts[:, 8:] = spreads.reshape(-1, 9)
+        if not np.isfinite(contacts).all():
+            raise InputError("contacts must be finite, and normals have a length")
+        if (forces < 0).any() or (deviations < 0).any():
+            raise InputError("normal forces and their deviations must not be negative", hint="A force presses: > 0.")
+        return contacts
+
+    def _room(self, count: int) -> Float[np.ndarray, " s"]:
+        """What the loops work in, kept for the next call of as many contacts."""
+        from palpate.sensors.fused import _kernels as _fused
+
+        if count not in self._work:
+            self._work[count] = np.zeros(36 + _fused.room(count, 1))
+        return self._work[count]
+
+    def _fused(
+        self,
+        contacts: Float[np.ndarray, "n 17"],
+        wrenches: Float[np.ndarray, "k 6"],
+        covariances: Float[np.ndarray, "k 6 6"],
+        carries: Bool[np.ndarray, "k n"],
+    ) -> Fused:
+        from palpate.sensors.fused import _kernels as _fused
+
+        heard = np.isfinite(wrenches).all(axis=1) & np.isfinite(covariances).all(axis=(1, 2))
+        count, sensors = len(contacts), int(heard.sum())
+        work = np.zeros(_fused.room(count, sensors))
+        out, covariance = np.zeros((count, 5)), np.zeros((3 * count, 3 * count))
+        totals, factors = np.full((sensors, 16), np.nan), np.empty((sensors, 6, 6))
+        given = (contacts, wrenches[heard], covariances[heard], carries[heard])
+        broken = _fused.fuse(*given, self._settings, work, out, covariance, totals, factors)
+        force, notes = out[:, :3], tuple[str, ...]()
+        if broken:  # of several sensors, nothing says whose wrench is that much further off
+            off = totals if sensors == 1 else np.zeros((1, 16))
+            force, notes = self._within(force, contacts[:, 3:6], np.array([count]), [covariance], off)
+        slack, bound = self._slack(force, contacts[:, 3:6])
+        p = totals[:, 9].copy()
+        told = np.full((len(wrenches), 8), np.nan)
+        told[heard, :7], told[heard, 7] = totals[:, :7], p
+        return Fused(
+            force,
+            covariance,
+            out[:, 3].copy(),
+            slack,
+            bound,
+            told[:, :6].copy(),
+            told[:, 6].copy(),
+            told[:, 7].copy(),
+            bool((p * sensors < self.settings.alarm).any()),
+            Given(*given, totals[:, 10:].copy(), factors, p),
+            notes,
+        )
+
+    def _within(
+        self,
+        force: Float[np.ndarray, "m 3"],
+        normals: Float[np.ndarray, "m 3"],
+        counts: Int[np.ndarray, " n"],
+        covariances: list[np.ndarray],
+        totals: Float[np.ndarray, "n 16"],
+    ) -> tuple[Float[np.ndarray, "m 3"], tuple[str, ...]]:
+        """Return forces within their cones and what could not be done; add to `totals` how far off each frame is."""
+        from palpate.sensors.fused import _kernels as _fused
+
+        force, further, notes = within_cones(force, normals, counts, covariances, self.settings.friction)
+        totals[:, 6] += further
+        totals[:, 9] = [_fused.rarity(*each) for each in totals[:, 6:9].tolist()]
+        return force, notes
+
+    def _slack(
+        self, force: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"]
+    ) -> tuple[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+        """Return friction times the normal less the tangential force, and whether the cone binds."""
+        normal = -np.einsum("ni,ni->n", force, normals)
+        across = np.linalg.norm(force + normal[:, None] * normals, axis=1)
+        slack = self.settings.friction * normal - across
+        return slack, slack <= _BINDS * (1.0 + np.abs(normal))
+
+    def unseen(self, fused: Fused) -> Unseen:
+        """Where one contact more may be that explains the wrench; of several sensors, that of the least p.
+
+        Args:
+            fused: as `fuse` gave it.
+
+        Raises:
+            InputError: it was made without a wrench.
+        """
+        given = fused.given
+        if not len(given.wrenches):
+            raise InputError("no wrench is finite, and without one nothing is known of unseen contacts")
+        k = int(np.argmin(given.p))
+        return self.unseen_by(given.whitened[k].copy(), given.factors[k].copy())
+
+    def unseen_by(self, whitened: Float[np.ndarray, "6"], factor: Float[np.ndarray, "6 6"]) -> Unseen:
+        """Return where a contact could be that one whitened wrench feels and the skin does not.
+
+        Raises:
+            InputError: a number is not finite, as of a frame without a wrench.
+        """
+        from palpate.sensors.fused import _kernels as _fused
+
+        require_finite(whitened, "whitened")
+        require_finite(factor, "factor")
+        out = np.zeros((len(self._places), 4))
+        _fused.explained(self._places, whitened, factor, self.settings.tangential, PUSHES, out)
+        return ranked(self._places, out, self._width)
+
+    def beside(self, fused: Fused, unseen: Unseen, place: int = 0) -> Fused:
+        """Forces of the contacts seen and of one unseen, all estimated anew together; the unseen one is the last.
+
+        Args:
+            fused: as `fuse` gave it.
+            unseen: as `unseen` gave it.
+            place: number of the place in it.
+        """
+        given = fused.given
+        carries = np.concatenate([given.carries, np.ones((len(given.wrenches), 1), np.bool_)], axis=1)
+        contacts = np.concatenate([given.contacts, self.unseen_row(unseen, place)[None]])
+        return self._fused(contacts, given.wrenches.copy(), given.covariances.copy(), carries)
+
+    def unseen_row(self, unseen: Unseen, place: int = 0) -> Float[np.ndarray, "17"]:
+        """Return an unseen contact as a row of `rows`."""
+        new = np.zeros(17)
+        new[:3], new[3:6] = unseen.points[place], unseen.normals[place]
+        new[6], new[7] = PUSHES.mean(), PUSHES.std()
+        across = np.eye(3) - np.outer(new[3:6], new[3:6])
+        new[8:] = (self._width**2 * across).reshape(9)
+        return new
+
+    @cached_property
+    def _places(self) -> Float[np.ndarray, "c 8"]:
+        """Where unseen contacts are looked for."""
+        return candidates(self.surface, self.seed)
+
+    @cached_property
+    def _width(self) -> float:
+        """[m] deviation of the area that a place stands for, the median of them."""
+        return float(np.median(self._places[:, 7]))

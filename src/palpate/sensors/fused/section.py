@@ -1,0 +1,129 @@
+"""A skin and a force/torque sensor on one link, in a rig: both of their tables, and what is known of friction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from palpate.errors import InputError
+from palpate.files.logs import LogContents
+from palpate.files.logs.layout import Layout
+from palpate.sensors.force_torque.section import FORCE_TORQUE, ForceTorqueSection, compensation
+from palpate.sensors.fused.estimator import FusedEstimator
+from palpate.sensors.fused.locator import FusedLocator, FusionSettings
+from palpate.sensors.taxels.estimator import TaxelEstimator
+from palpate.sensors.taxels.section import SKIN, guess_beside, skin_tare
+from palpate.setup.body import Body
+from palpate.setup.kind import Guess, Prepared
+from palpate.setup.setup import SensorKind, Setup
+from palpate.setup.wrench import first_seconds
+from palpate.signals.recording import AVERAGED, CELLS, FORCE, TORQUE, Recording
+
+__all__ = ["FUSION", "RigFusion"]
+
+
+_TEXT = """\
+[fusion]                             # of the skin and the sensor; friction is that of [estimate]
+tangential = 0.25                    # deviation of tangential forces that is expected, as a share of the normal force
+gain = 0.1                           # share by which the skin's forces may be off
+alarm = 0.01                         # share of touches that may be thought to have an unseen contact, and have none
+# covered = true                     # nothing touches the link but its skin
+
+"""
+
+
+@dataclass(frozen=True)
+class RigFusion:
+    """What is known of contacts before the wrench is looked at: see `palpate.sensors.fused.locator.FusionSettings`.
+
+    The bound of friction is that of [estimate]. `covered`: the body is touched nowhere but on the skin.
+    """
+
+    tangential: float = 0.25
+    gain: float = 0.10
+    floor: float = 0.0
+    alarm: float = 0.01
+    covered: bool = False
+
+    def __post_init__(self) -> None:
+        self.settings(max(1.0, self.tangential))
+
+    def settings(self, friction: float) -> FusionSettings:
+        """With the bound of friction, in which the tangential forces that are expected must lie."""
+        return FusionSettings(friction, min(self.tangential, friction), self.gain, self.floor, self.alarm)
+
+
+def _layout(setup: Setup) -> Layout:
+    """Return how frames of the skin are read, each with the mean of the wrenches about it."""
+    skin, wrench = SKIN.layout(setup), FORCE_TORQUE.layout(setup)
+    stated = setup.of(ForceTorqueSection).table.range
+    return replace(wrench, arrays=skin.arrays, rate=skin.rate, wrench_range=None if stated is None else stated.six())
+
+
+def _build(setup: Setup) -> Prepared:
+    felt, head, link = SKIN.build(setup), setup.head, setup.link
+    link.surface().prepared()  # once for all logs of a rig
+    if not isinstance(felt.estimator, TaxelEstimator):
+        raise InputError("is no skin of taxels.", where="skin")
+    sensor = compensation(setup, _single(head))
+    known: RigFusion = setup.sensors["fusion"].table
+    settings = known.settings(setup.estimate.friction)
+    estimator = FusedEstimator(
+        felt.estimator,
+        sensor,
+        FusedLocator(link.surface(), settings),
+        link.mount,
+        link.mount_covariance,
+        setup.followed(6),
+        known.covered,
+        live=head is None,
+    )
+    made = Prepared(estimator, felt.said, felt.doubted, {**felt.facts, **vars(settings), **link.settings})
+    tare = skin_tare(setup)
+    if head is not None and tare is not None:
+        made.tared(sensor.tare(first_seconds(head, tare)))
+    elif tare is None:
+        made.said.append("wrenches are taken as they are, so they must be tared: [estimate] tare = seconds")
+    return made
+
+
+def _single(head: Recording | None) -> Recording | None:
+    """As if each wrench were one reading: the noise that is taken from a log is that of one."""
+    if head is None:
+        return None
+    wrenches, count = head.wrenches(), np.maximum(head.channels[AVERAGED], 1.0)
+    middle = np.nanmedian(wrenches, axis=0) if np.isfinite(wrenches).any() else np.zeros(6)
+    spread = middle + (wrenches - middle) * np.sqrt(count)
+    return replace(head, channels={**head.channels, FORCE: spread[:, :3], TORQUE: spread[:, 3:]})
+
+
+def _guess(log: Path, contents: LogContents, body: Body | None) -> Guess | None:
+    """Wrenches, and frames beside them."""
+    felt = guess_beside(log, contents)
+    found = None if felt is None else FORCE_TORQUE.guess(log, contents, body)
+    if felt is None or found is None:
+        return None
+    why, remarks = f"{found.why}, and {felt.why}", (*found.remarks, *felt.remarks)
+    text = f"{found.text}\n{felt.text}\n{_TEXT}"
+    return replace(found, why=why, text=text, remarks=remarks, layout=replace(found.layout, arrays=felt.layout.arrays))
+
+
+FUSION = SensorKind(
+    name="fusion",
+    called="a skin and a six-axis force/torque sensor on one link",
+    table=RigFusion,
+    channels=(CELLS, FORCE, TORQUE, AVERAGED),
+    layout=_layout,
+    build=_build,
+    guess=_guess,
+    parts=("skin", "force_torque"),
+    refused={
+        "method": "the skin says where contacts are",
+        "torsion": "contacts are taken as forces without a torque of their own",
+        "contact": "thresholds are those of each cell: on and off in [contacts], in deviations of its noise",
+    },
+    view="palpate.sensors.fused.view.FusedView",
+    start=SKIN.start,
+)

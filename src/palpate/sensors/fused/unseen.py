@@ -1,0 +1,124 @@
+"""Where a contact may be that the skin does not see: places of a body, ranked by how well they explain a wrench."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import log
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from palpate.spatial._arrays import Value
+from palpate.spatial.arguments import takes_arrays
+from palpate.surfaces.surface import Surface
+
+__all__ = ["PUSHES", "Unseen", "candidates", "locked"]
+
+PUSHES = np.geomspace(0.5, 20.0, 11)  # [N] normal forces of an unseen contact, equally likely; a quarter of each beside
+_PLACES = 1200
+_FINER = 8  # points of the surface behind each place
+_HELD = 0.95
+
+
+def locked(value: Value) -> None:
+    """Nobody can change its arrays from now on, which nobody else holds."""
+    for each in vars(value).values():
+        if isinstance(each, np.ndarray):
+            each.flags.writeable = False
+
+
+@takes_arrays
+@dataclass(frozen=True, eq=False)
+class Unseen(Value):
+    """Places of one contact more, the likeliest first.
+
+    Attributes:
+        points: (c, 3) [m] on the surface.
+        normals: (c, 3) outward.
+        forces: (c, 3) [N] of the contact if it is there.
+        belief: (c,) probability of each place, given that there is one contact more.
+        region: (c,) whether a place belongs to the fewest that hold 95 %.
+        cluster: (c,) which patch of neighbours a place of the region belongs to, 0 the likeliest; -1 outside.
+    """
+
+    points: Float[np.ndarray, "c 3"]
+    normals: Float[np.ndarray, "c 3"]
+    forces: Float[np.ndarray, "c 3"]
+    belief: Float[np.ndarray, " c"]
+    region: Bool[np.ndarray, " c"]
+    cluster: Int[np.ndarray, " c"]
+
+    def __post_init__(self) -> None:
+        locked(self)
+
+    @property
+    def best(self) -> Int[np.ndarray, " r"]:
+        """(r,) the likeliest place of each cluster, the likeliest cluster first."""
+        return np.array([np.argmax(self.cluster == k) for k in range(int(self.cluster.max(initial=-1)) + 1)], np.int64)
+
+    @property
+    def share(self) -> Float[np.ndarray, " r"]:
+        """(r,) probability of each cluster."""
+        return np.array([self.belief[self.cluster == k].sum() for k in range(int(self.cluster.max(initial=-1)) + 1)])
+
+
+def candidates(surface: Surface, seed: int, count: int = _PLACES) -> Float[np.ndarray, "c 8"]:
+    """Places spread evenly over what can be touched of a surface.
+
+    Args:
+        surface: of the body.
+        seed: of the points.
+        count: of places.
+
+    Returns:
+        (c, 8) points [m], outward normals, log of the share of the area that each stands for, and the deviation [m] of
+        that area in each direction.
+    """
+    from palpate.sensors.fused import _kernels as _fused  # compiled: loaded when first needed
+
+    rng, mesh = np.random.default_rng([seed, 2]), surface.drawn()
+    facets = np.flatnonzero(~mesh.covered)
+    areas = mesh.areas[facets]
+    steps = (np.arange(count * _FINER) + rng.uniform(size=count * _FINER)) / (count * _FINER)
+    chosen = facets[np.minimum(np.searchsorted(np.cumsum(areas) / areas.sum(), steps), len(facets) - 1)]
+    root, along = np.sqrt(rng.uniform(size=len(chosen))), rng.uniform(size=len(chosen))
+    weights = np.stack([1.0 - root, root * (1.0 - along), root * along], axis=1)
+    fine = np.einsum("nk,nki->ni", weights, mesh.vertices[mesh.faces[chosen]])
+    kept, nearest = np.zeros(count, np.int64), np.zeros(len(fine), np.int64)
+    _fused.spaced(fine, kept, nearest)
+    points, normals, _ = surface.project(fine[kept])
+    shares = np.bincount(nearest, minlength=len(kept)) / len(fine)
+    width = np.sqrt(shares * areas.sum() / 12.0)
+    found = np.concatenate([points, normals, np.log(shares)[:, None], width[:, None]], axis=1)
+    return np.ascontiguousarray(found[np.isfinite(found).all(axis=1)])
+
+
+@takes_arrays
+def ranked(places: Float[np.ndarray, "c 8"], explained: Float[np.ndarray, "c 4"], width: float) -> Unseen:
+    """Places in the order of belief, with the smallest set that holds 95 %.
+
+    Args:
+        places: as `candidates` gives them.
+        explained: (c, 4) log evidence with the share of the area, and force [N] there.
+        width: [m] the median of the places' deviations.
+    """
+    from palpate.sensors.fused import _kernels as _fused
+
+    evidence = explained[:, 0]
+    top = evidence.max()
+    belief = np.exp(evidence - top - log(np.exp(evidence - top).sum()))
+    order = np.argsort(-evidence, kind="stable")
+    places, belief = places[order], belief[order]
+    region = np.cumsum(belief) - belief < _HELD
+    cluster = np.full(len(places), -1, np.int64)
+    near = 2.0 * float(np.sqrt(12.0)) * width  # two steps from place to place
+    _fused.clusters(places[region, :3], near, inside := cluster[region])
+    cluster[region] = inside
+    return Unseen(
+        places[:, :3].copy(),
+        places[:, 3:6].copy(),
+        explained[order, 1:].copy(),
+        belief,
+        region,
+        cluster,
+    )

@@ -1,0 +1,88 @@
+"""What a bench log must hold before anything is fitted to it: sentences about channels and directions."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy.typing import ArrayLike
+
+from palpate.errors import InputError, NotIdentifiable
+from palpate.sensors.load_cells._log import Rest
+from palpate.sensors.load_cells.model import wrench_direction
+
+__all__ = ["check_channels", "check_directions", "check_response"]
+
+ODD = 100.0  # times the others: no gain of a cell differs so much, a prefix of its unit does
+LEAST_PUSH, AS_NOISE = 0.01, 1.5  # N, rms along a direction of the wrench, and times the reference's noise
+LEAST_ANSWER = 5.0  # times the noise of a reading, for 1 N or 10 N mm: less is no answer
+AT_RANGE = 0.001  # share of samples at a limit that is too much
+
+
+def check_channels(
+    voltages: Float[np.ndarray, "n m"],
+    found: list[Rest],
+    noise: Float[np.ndarray, "m m"],
+    limits: ArrayLike | None,
+    names: tuple[str, ...],
+) -> None:
+    """Raise an InputError where a channel never moves, is at its range, or has another unit than the others."""
+    middle = np.mean([rest.voltage for rest in found], axis=0)
+    travel = np.median(np.abs(voltages - middle), axis=0)
+    still = [name for name, span in zip(names, np.ptp(voltages, axis=0), strict=True) if span == 0]
+    if still:
+        raise InputError(
+            f"{_listed(still)} never changes: the cell is dead, or not connected.",
+            hint="Mend it, or leave the three columns of that cell out of [load_cells] columns.",
+        )
+    if limits is not None:
+        low, high = np.asarray(limits, dtype=np.float64).T
+        share = np.mean((voltages <= low) | (voltages >= high), axis=0)
+        full = [name for name, part in zip(names, share, strict=True) if part > AT_RANGE]
+        if full:
+            raise InputError(
+                f"{_listed(full)} is at its range in {share.max():.1%} of the samples.",
+                hint="Push less hard, or correct the range in [load_cells].",
+            )
+    size = travel + np.sqrt(np.diag(noise))
+    ratio = size / np.median(size)
+    odd = [(name, part) for name, part in zip(names, ratio, strict=True) if not 1 / ODD < part < ODD]
+    if odd:
+        part = odd[0][1]
+        raise InputError(
+            f"{_listed([name for name, _ in odd])} moves {part:.3g} times as much as the other channels: "
+            "a column in another unit (mV instead of V).",
+            hint="State its unit in [load_cells] units, or write all voltages in V.",
+        )
+
+
+def check_directions(wrenches: Float[np.ndarray, "n 6"], reference: float) -> None:
+    """Raise a NotIdentifiable where wrenches, torques over `LENGTH`, do not span six directions; name those missing."""
+    _, values, directions = np.linalg.svd(wrenches, full_matrices=False)
+    _require(
+        values / np.sqrt(len(wrenches)) > max(LEAST_PUSH, AS_NOISE * reference),
+        directions,
+        "the log holds too few directions, for want of {}. "
+        "Slide the ball over the whole surface in directions that cross, so that friction pulls along x and y.",
+    )
+
+
+def check_response(white: Float[np.ndarray, "n m"], wrenches: Float[np.ndarray, "n 6"]) -> None:
+    """Raise a NotIdentifiable where the whitened voltages (n, m) answer nothing to a direction of the wrench."""
+    directions, values, _ = np.linalg.svd(np.linalg.lstsq(wrenches, white)[0])
+    _require(
+        values > LEAST_ANSWER,
+        directions.T,
+        "the voltages do not answer to {}: "
+        "cells in line cannot tell the moment about their line. Place one cell beside it.",
+    )
+
+
+def _require(known: Bool[np.ndarray, "6"], directions: Float[np.ndarray, "6 6"], said: str) -> None:
+    if known.all():
+        return
+    missing = tuple(wrench_direction(row) for row in directions[~known])
+    raise NotIdentifiable(said.format("; ".join(missing)), rank=int(known.sum()), missing=missing)
+
+
+def _listed(names: list[str]) -> str:
+    return "column " + ", ".join(map(repr, names))

@@ -1,0 +1,96 @@
+"""What a calibration of load cells knows well, and where it has not been: places, and directions of the force."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.sensors.load_cells._fit import Touches
+from palpate.sensors.load_cells.model import LoadCells
+from palpate.spatial.pose import skew
+
+__all__ = ["Coverage", "coverage"]
+
+PARTS = 3  # along x and along y into which the surface that was touched is cut
+FORCE, FRICTION = 1.0, 0.5  # N, and the sideways share of it, for which errors are predicted
+WANTED = 50e-6  # m: a predicted error of the calibration that is too much
+QUIET = 0.1  # of the normal force: less friction does not show the moment along the force
+
+
+@dataclass(frozen=True, eq=False)
+class Coverage:
+    """Where the calibration was, and how well it knows each place.
+
+    Attributes:
+        place: (9, 3) [m] middles of the parts of the surface; visits: (9,) blocks in each.
+        error: (9, 5) [m] predicted from the calibration alone, straight on and with friction along +-x, +-y.
+        friction: (2,) rms of the sideways share of the force along the two tangents.
+        notes: what is missing, one sentence each.
+    """
+
+    place: Float[np.ndarray, "p 3"]
+    visits: Float[np.ndarray, " p"]
+    error: Float[np.ndarray, "p 5"]
+    friction: Float[np.ndarray, "2"]
+    notes: tuple[str, ...]
+
+
+def coverage(data: Touches, cells: LoadCells) -> Coverage:
+    """From what was touched, and the covariance that came of it."""
+    low, high = data.contact[:, :2].min(axis=0), data.contact[:, :2].max(axis=0)
+    cell = np.minimum((PARTS * (data.contact[:, :2] - low) / np.maximum(high - low, 1e-9)).astype(int), PARTS - 1)
+    part = PARTS * cell[:, 0] + cell[:, 1]
+    visits = np.bincount(part, minlength=PARTS**2)
+    middle = low + (high - low) * (np.stack(np.divmod(np.arange(PARTS**2), PARTS), axis=1) + 0.5) / PARTS
+    nearest = np.array([np.argmin(np.sum((data.contact[:, :2] - spot) ** 2, axis=1)) for spot in middle])
+    error = np.array([_foretold(data, cells, int(k)) for k in nearest])
+    pressing = np.einsum("nk,nk->n", data.force, data.normal)
+    sideways = np.einsum("nak,nk->na", data.tangents, data.force) / pressing[:, None]
+    friction = np.sqrt(np.mean(sideways**2, axis=0))
+    notes = _notes(middle, visits, error, friction)
+    return Coverage(data.contact[nearest], visits.astype(float), error, friction, notes)
+
+
+def _foretold(data: Touches, cells: LoadCells, k: int) -> Float[np.ndarray, "5"]:
+    """RMS position error [m] that the calibration's covariance makes of a touch at block k."""
+    normal, tangents, at = data.normal[k], data.tangents[k], data.contact[k]
+    pushes = [-normal, *(-normal + sign * FRICTION * t for t in tangents for sign in (1, -1))]
+    out = list[float]()
+    for push in pushes:
+        force = FORCE * push
+        wrench = np.concatenate([force, np.cross(at, force)])
+        slopes = np.zeros((2, 6))  # of the point by the wrench, for a touch without torque
+        turned = tangents @ skew(normal) / (FORCE * (push @ normal))
+        slopes[:, :3], slopes[:, 3:] = -turned @ skew(at), turned
+        out.append(float(np.sqrt(np.trace(slopes @ cells.calibration_covariance(wrench) @ slopes.T))))
+    return np.array(out)
+
+
+def _notes(middle: np.ndarray, visits: np.ndarray, error: np.ndarray, friction: np.ndarray) -> tuple[str, ...]:
+    said = list[str]()
+    worst = error.max(axis=1)
+    empty = [_place(spot) for spot, count in zip(middle, visits, strict=True) if count == 0]
+    if empty:
+        said.append(f"Nothing was touched around {', '.join(empty)}: add a path there.")
+    unsure = [
+        f"{_place(spot)} ({1e6 * part:.0f} um)" for spot, part in zip(middle, worst, strict=True) if part > WANTED
+    ]
+    if unsure:
+        said.append(f"The calibration alone errs by more than {1e6 * WANTED:.0f} um around {', '.join(unsure)} at 1 N.")
+    weak = [
+        f"{part:.0%} of the normal force {axis}"
+        for axis, part in zip(("around", "along y"), friction, strict=True)
+        if part < QUIET
+    ]
+    if weak:
+        said.append(
+            f"Friction was small ({', '.join(weak)}): the moment along the force, and with it the torque about the "
+            "normal, is badly known. Slide along and across."
+        )
+    return tuple(said)
+
+
+def _place(spot: np.ndarray) -> str:
+    return f"x = {1e3 * spot[0]:.0f}, y = {1e3 * spot[1]:.0f} mm"

@@ -1,0 +1,429 @@
+"""Load cells as a sensor of wrenches: which cells and channels to believe, the zero, and what the calibration lacks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, Int8
+from numpy.typing import ArrayLike
+
+from palpate.calls import called_as
+from palpate.errors import InputError
+from palpate.sensors.load_cells.explanations import explanations
+from palpate.sensors.load_cells.faults import Fault, find_faults
+from palpate.sensors.load_cells.model import VOLTAGE, LoadCells
+from palpate.sensors.load_cells.zero import Zero, take_zero
+from palpate.signals.filters import Filter
+from palpate.signals.recording import LARGEST, Recording
+from palpate.signals.wrench_sensor import Placement, Tare
+from palpate.signals.zero_filter import Free, ZeroState
+from palpate.spatial._arrays import shaped
+from palpate.spatial.arguments import number, takes_arrays
+from palpate.spatial.pose import Pose
+
+__all__ = ["START", "LoadCellArray"]
+
+START = 0.5  # s at a start in which nothing is touched, where no tare said how long
+RESTART = 5.0  # s without a sample: what was switched off in between has another zero
+LANES = 8  # outputs of a product are a multiple of it: the compiler adds so many at a time
+KEPT = 20_000  # readings, evenly spread, that faults are looked for in
+LIVE = 16  # one of so many live readings is kept for them
+UPPER = np.triu_indices(6)
+
+
+class _Weighed(NamedTuple):
+    """As `Measured`; `which` explanation answered, `extra` covariance where several did, `slow` share of the zero."""
+
+    time: Float[np.ndarray, " n"]
+    wrench: Float[np.ndarray, "n 6"]
+    status: Int8[np.ndarray, " n"]
+    which: Int[np.ndarray, " n"]
+    extra: Float[np.ndarray, "n 6 6"]
+    slow: float
+
+    @classmethod
+    def of(cls, time: Float[np.ndarray, " n"], slow: float) -> _Weighed:
+        """To be filled."""
+        n = len(time)
+        return cls(time, np.empty((n, 6)), np.empty(n, np.int8), np.zeros(n, np.int64), np.zeros((n, 6, 6)), slow)
+
+
+@called_as("palpate.LoadCellArray(cells)")
+class LoadCellArray:
+    """The `WrenchSensor` of cells under a rigid frame; see `LoadCells` and `Explanations`.
+
+    A sample is answered from all channels or, where those contradict each other, without the channel or the cell that
+    explains it; where several explanations fit, by the mean of their wrenches with a covariance that covers them; where
+    none does, it is INVALID. A channel at its range is left out, or its cell; more make a sample SATURATED. What one
+    sample leaves to the next is how much each explanation was to blame.
+
+    The zero is that of the calibration until a `tare`. In a stream it is taken again wherever the log begins anew:
+    after a gap of 5 s, or where time runs back. A later start that is not at rest keeps the zero before it, and is
+    doubted.
+
+    Args:
+        cells: the model.
+        sound: (k,) cells or (3 k,) channels to use; None: all.
+        zero: what the cells read unloaded; None: as in the calibration.
+        names: of the channels, for messages.
+        seconds: [s] at a later start in which nothing is touched.
+
+    Raises:
+        NotIdentifiable: the sound cells tell no wrench.
+    """
+
+    channels = (VOLTAGE,)
+    loop = "palpate.sensors.load_cells._live.locate"
+
+    @takes_arrays
+    def __init__(
+        self,
+        cells: LoadCells,
+        sound: Bool[np.ndarray, " some"] | None = None,
+        zero: Zero | None = None,
+        names: tuple[str, ...] = (),
+        seconds: float = START,
+    ) -> None:
+        from palpate.sensors.load_cells import _kernels as _load_cells  # compiled: loaded when first needed
+
+        self.cells, self.names, self._shape = cells, names, (len(cells.matrix),)
+        self.sound = cells.channels(sound)
+        self._measure, self._place = _load_cells.measure, _load_cells.place
+        made = explanations(cells, self.sound)
+        self._covariances = self._noises = made.covariances
+        self._inverse, self._rest, self._corrections = made.inverse, made.rest, (made.corrections, made.directions)
+        self._mapping = _padded(np.concatenate([made.inverse, made.rest]).T)
+        self._ways, self._bounds = np.concatenate([made.corrections, made.directions], axis=2), made.bounds
+        channels, count = len(cells.matrix), len(made.directions)
+        self._channels = np.column_stack([np.zeros(channels), cells.limits])
+        self._channels[~self.sound, 1:] = -np.inf, np.inf
+        self._settings = np.concatenate([made.metric(), np.zeros((1, 6))])
+        self.state, self.held = np.zeros(count + 2 * channels), np.zeros(channels)
+        self._seconds, self.revision, self.zeros_taken, self._settled = seconds, 0, 0, 1.0
+        self._placement: Placement | None = None
+        self._seen_at: Placement | None = None
+        self._known, self._doubted = zero is not None, list[str]()
+        self.set_zero(Zero(cells.bias) if zero is None else zero)
+        self._kept, self._held, self._seen, self._stride, self._live = list[np.ndarray](), 0, 0, 1, 0
+        made = self._weighed(np.zeros(1), np.zeros((1, channels)))  # compiles, before anything is in a hurry
+        self.place(made, made.wrench, np.ones(1), Placement(Pose.identity()))
+        self.reset()
+
+    @property
+    def noise(self) -> Float[np.ndarray, "6 6"]:
+        """Of one reading."""
+        return self._noises[0]
+
+    def set_zero(self, zero: Zero) -> None:
+        """What the cells read unloaded; its variance goes into every covariance."""
+        self.zero = zero
+        self.zeros_taken += 1
+        self.follow(None)
+
+    def smoothed_by(self, filter: Filter | None, rate: float | None, share: float) -> None:
+        """Learn the least share of the noise's variance that a filter leaves; see `WrenchSensor.smoothed_by`."""
+        self._settled = share
+
+    def ready(self, blocks: Iterable[Recording]) -> Iterator[Recording]:
+        """The same rows, cut where the log begins anew, with the zero taken there."""
+        waiting, begun, last = list[Recording](), np.nan, np.nan
+        for block in blocks:
+            for part, fresh in _parts(block, last):
+                if fresh:
+                    yield from self._restarted(waiting, begun)
+                    begun = _first(part.time)
+                last = _last(part.time, last)
+                if np.isnan(begun):  # the zero of this start is known
+                    yield part
+                    continue
+                waiting.append(part)
+                if last > begun + self._seconds:
+                    yield from self._restarted(waiting, begun)
+                    begun = np.nan
+        yield from self._restarted(waiting, begun)
+
+    def measure(self, recording: Recording) -> _Weighed:
+        """Wrenches of voltages.
+
+        Raises:
+            InputError: the log has no voltages, or not three a cell.
+        """
+        voltages = self._voltages(recording)
+        self._keep(voltages)
+        return self._weighed(recording.time, voltages)
+
+    def single(
+        self,
+        time: float,
+        reading: ArrayLike,
+        rotation: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
+    ) -> _Weighed:
+        """Of one sample of voltages (3 k,)."""
+        if type(time) is not float:
+            time = number(time, "time")
+        self.hold(time, reading, rotation, acceleration)
+        return self._weighed(np.array([time], dtype=np.float64), self.held[None])
+
+    def hold(self, time: float, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None) -> None:
+        """The voltages of one sample into `held`."""
+        values = shaped(reading, (...,), "reading")
+        if values.shape != self._shape:
+            raise InputError(_SHAPE.format(self.cells.cells, *self._shape, values.shape))
+        self.held[:] = values
+        self._live += 1
+        if self._live % LIVE == 0:
+            self._keep(self.held[None])
+
+    @takes_arrays
+    def inputs(
+        self, time: Float[np.ndarray, " n"], readings: Float[np.ndarray, "n m"], beside: Mapping[str, np.ndarray]
+    ) -> Float[np.ndarray, " _"]:
+        """Of n samples what `hold` keeps of one, one behind the other; what there is beside makes no difference.
+
+        Raises:
+            InputError: readings of another shape.
+        """
+        if readings.shape[1:] != self._shape:
+            raise InputError(_SHAPE.format(self.cells.cells, *self._shape, readings.shape[1:]))
+        before, self._live = self._live, self._live + len(readings)
+        if before // LIVE != self._live // LIVE:
+            self._keep(readings[-1:])
+        return np.array(readings, dtype=np.float64).ravel()
+
+    def constants(self, placement: Placement) -> tuple[np.ndarray, ...]:
+        """What `measure` and `place` of the compiled loops take, in their order."""
+        made = self._channels, self._mapping, self._ways, self._covariances, self._bounds, self._settings
+        slow = np.array([self._slow])
+        return *made, slow, *self._seen_from(placement), placement.factor, placement.matrix
+
+    @takes_arrays
+    def place(
+        self,
+        measured: _Weighed,
+        wrenches: Float[np.ndarray, "n 6"],
+        share: Float[np.ndarray, " k"],
+        placement: Placement,
+    ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"]]:
+        """In the surface's frame; what zero, drift, calibration and mounting add stays whole."""
+        located, covariances = np.empty_like(wrenches), np.empty((len(wrenches), 6, 6))
+        self._place(
+            wrenches,
+            measured.which,
+            measured.extra,
+            share,
+            measured.slow,
+            *self._seen_from(placement),
+            placement.factor,
+            placement.matrix,
+            located,
+            covariances,
+        )
+        return located, covariances
+
+    def tare(self, recording: Recording) -> Tare:
+        """Take the zero from a window in which nothing touches, from now on.
+
+        Raises:
+            InputError: the window does not stand still, or is too short.
+        """
+        zero = take_zero(self.cells, self._voltages(recording), recording.source)
+        self._taken(zero)
+        time = recording.time[np.isfinite(recording.time)]
+        self._seconds, self._known = float(np.ptp(time)) if len(time) else START, True
+        return Tare(zero.said, "" if zero.touch is not None else zero.doubt, zero.touch)
+
+    coefficients = 0
+
+    def kept(self, recording: Recording) -> Float[np.ndarray, "n m"]:
+        """The voltages."""
+        return self._voltages(recording)
+
+    @takes_arrays
+    def kept_of(self, inputs: Float[np.ndarray, " _"], count: int) -> Float[np.ndarray, "n m"]:
+        """The same of live inputs."""
+        return inputs.reshape(count, -1).copy()
+
+    @takes_arrays
+    def free(self, kept: Float[np.ndarray, "n m"]) -> Free:
+        """The voltages, NaN in samples with a sound channel at its range or beyond sense."""
+        sound: Bool[np.ndarray, "n m"] = np.abs(kept) <= LARGEST
+        beyond: Bool[np.ndarray, "n m"] = (kept <= self._channels[:, 1]) | (kept >= self._channels[:, 2])
+        full = beyond & np.isfinite(self._channels[:, 1]) & sound
+        usable: Bool[np.ndarray, " n"] = np.all(sound[:, self.sound] & ~full[:, self.sound], axis=1)
+        values = np.where(usable[:, None], np.where(sound, kept, self.zero.voltage), np.nan)
+        return Free(values, np.zeros((*kept.shape, 0)), bool(full.any()))
+
+    @takes_arrays
+    def window_noise(
+        self, kept: Float[np.ndarray, "n m"], usable: Bool[np.ndarray, " n"]
+    ) -> tuple[Float[np.ndarray, "m m"], Float[np.ndarray, "m m"]]:
+        """The noise's, as many samples as tell something of their own."""
+        count = max(1.0, float(np.count_nonzero(usable)) / self.cells.correlation)
+        return self.cells.noise / count, np.zeros_like(self.cells.noise)
+
+    @takes_arrays
+    def as_wrench(
+        self, change: Float[np.ndarray, "n m"], covariance: Float[np.ndarray, "m m"]
+    ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "6 6"]]:
+        """By all sound channels; what the calibration is unsure of is that of the last."""
+        wrenches = change @ self._inverse.T
+        spread = self._inverse @ covariance @ self._inverse.T
+        return wrenches, spread + self.cells.calibration_covariance(wrenches[-1]) if len(wrenches) else spread
+
+    def start(self) -> tuple[float, ZeroState, Float[np.ndarray, "m q"]]:
+        """Of the zero that was taken last, whenever that was."""
+        spread = self.cells.noise * (self.zero.share + self.cells.drift**2)
+        return np.nan, ZeroState(np.array(self.zero.voltage), np.zeros(0), spread), np.zeros((len(spread), 0))
+
+    def follow(self, state: ZeroState | None) -> None:
+        """This zero and its covariance, whichever channels answer; None: the one that was taken.
+
+        A filter leaves a share of the noise, and all of the zero's error. The loops scale both by the share, so what
+        is handed to them is divided by the share of a filter that has settled: before, it counts for more.
+        """
+        voltage = self.zero.voltage if state is None else state.zero
+        spread = np.zeros_like(self.cells.noise) if state is None else state.covariance
+        slow = self.zero.share + self.cells.drift**2 if state is None else 0.0
+        self._channels[:, 0], self._slow = voltage, float(slow)
+        ways = self._inverse - np.einsum("sai,sak->sik", *self._corrections) @ self._rest
+        ways = np.concatenate([self._inverse[None], ways])
+        self._covariances = np.ascontiguousarray(self._noises + ways @ spread @ ways.swapaxes(1, 2) / self._settled)
+        rest = float(np.trace(self._rest @ spread @ self._rest.T)) / max(1, len(self._rest))
+        wanders = float(np.sqrt(self.cells.drift**2 + rest))
+        self._settings[6, :3] = wanders, self.cells.misfit, 1.0 + self._slow
+        self._placement, self.revision = None, self.revision + 1
+
+    def reset(self) -> None:
+        """Forget what was blamed; not the zero."""
+        (channels,) = self._shape
+        self.state[:] = 0.0
+        self.state[-2 * channels : -channels] = np.nan
+
+    def notes(self) -> tuple[str, ...]:
+        """Nothing that the tare did not say."""
+        return ()
+
+    def doubts(self) -> tuple[str, ...]:
+        """Of the zeros of later starts, and the faults of the cells."""
+        zero = () if self._known else ("no zero of the cells was taken: that of the calibration is used",)
+        return (*zero, *self._doubted, *(fault.said for fault in self.faults()))
+
+    def faults(self) -> list[Fault]:
+        """What is wrong with the cells, judged by some of the readings so far."""
+        kept = np.concatenate(self._kept) if self._kept else np.empty((0, *self._shape))
+        return find_faults(self.cells, kept, self.sound, self.names)
+
+    def _seen_from(self, placement: Placement) -> tuple[Float[np.ndarray, "t 6 6"], Float[np.ndarray, "21 q"]]:
+        """Covariances of the noise there, and that of E w, kept for the next time."""
+        if placement is not self._seen_at:
+            self._seen_at, self._unsure = placement, _unsure(self.cells, placement.matrix)
+            self._placement = None
+        if placement is not self._placement:
+            self._placement = placement
+            self._turned = placement.matrix @ self._covariances @ placement.matrix.T
+        return self._turned, self._unsure
+
+    def _weighed(self, time: Float[np.ndarray, " n"], voltages: Float[np.ndarray, "n m"]) -> _Weighed:
+        out = _Weighed.of(time, self._slow)
+        self._measure(
+            voltages,
+            self._channels,
+            self._mapping,
+            self._ways,
+            self._covariances,
+            self._bounds,
+            self._settings,
+            self.state,
+            out.wrench,
+            out.status,
+            out.which,
+            out.extra,
+        )
+        return out
+
+    def _voltages(self, recording: Recording) -> Float[np.ndarray, "n m"]:
+        """A copy, contiguous and writable, as the loops were compiled for."""
+        found = recording.channels.get(VOLTAGE)
+        if found is None:
+            raise InputError("the log has no voltages.", where=recording.source, hint="Name them in [load_cells].")
+        if found.shape[1:] != self._shape:
+            raise InputError(_SHAPE.format(self.cells.cells, *self._shape, found.shape[1:]), where=recording.source)
+        return np.array(found, dtype=np.float64, order="C")
+
+    def _taken(self, zero: Zero) -> None:
+        self.set_zero(zero)
+        self.reset()
+
+    def _restarted(self, waiting: list[Recording], begun: float) -> Iterator[Recording]:
+        """Those that waited for the zero of their start."""
+        if not waiting:
+            return
+        rest = [self._voltages(part)[part.time <= begun + self._seconds] for part in waiting]
+        try:
+            zero = take_zero(self.cells, np.concatenate(rest), waiting[0].source)
+        except InputError as problem:
+            self._doubted.append(
+                f"the start at {begun:.3f} s is not at rest, so the zero before it is kept ({problem.what})"
+            )
+        else:
+            self._taken(zero)
+            self._doubted += [zero.doubt] if zero.doubt else []
+        yield from waiting
+        waiting.clear()
+
+    def _keep(self, voltages: Float[np.ndarray, "n m"]) -> None:
+        first = -self._seen % self._stride
+        self._seen += len(voltages)
+        if first >= len(voltages):
+            return
+        self._kept.append(voltages[first :: self._stride] - self._channels[:, 0])
+        self._held += len(self._kept[-1])
+        while self._held > 2 * KEPT:  # every second one of those kept stays
+            self._kept = [np.concatenate(self._kept)[::2]]
+            self._held, self._stride = len(self._kept[0]), 2 * self._stride
+
+    def __repr__(self) -> str:
+        return f"LoadCellArray({self.cells!r}, {np.count_nonzero(self.sound)} of {len(self.sound)} channels sound)"
+
+
+_SHAPE = "{} cells give {} voltages a sample, and these have shape {}."
+
+
+def _padded(matrix: Float[np.ndarray, "n o"]) -> Float[np.ndarray, "n q"]:
+    """With columns of zeros to whole lanes."""
+    rows, width = matrix.shape
+    made = np.zeros((rows, -(-width // LANES) * LANES))
+    made[:, :width] = matrix
+    return made
+
+
+def _unsure(cells: LoadCells, matrix: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "21 q"]:
+    """In the surface's frame the covariance of E w, linear in the upper triangle of w w'."""
+    whole = np.einsum("pi,iajb,qj->paqb", matrix, cells.covariance.reshape(6, 6, 6, 6), matrix)
+    both = whole + whole.transpose(0, 3, 2, 1)  # of w_a w_b and w_b w_a
+    rows, columns = UPPER
+    unsure = both[rows[None], rows[:, None], columns[None], columns[:, None]]  # [of w w', of the covariance]
+    return _padded(unsure * np.where(rows == columns, 0.5, 1.0)[:, None])
+
+
+def _parts(block: Recording, last: float) -> Iterator[tuple[Recording, bool]]:
+    """A block cut where the log begins anew, and whether a part does."""
+    steps = np.diff(block.time, prepend=last)
+    fresh = np.flatnonzero((steps > RESTART) | (steps < 0))
+    edges = np.unique(np.concatenate([[0], fresh, [len(block)]]))
+    for begin, end in pairwise(edges.tolist()):
+        yield block.picked(slice(begin, end)), begin in fresh
+
+
+def _first(time: Float[np.ndarray, " n"]) -> float:
+    known = time[np.isfinite(time)]
+    return float(known[0]) if len(known) else -np.inf
+
+
+def _last(time: Float[np.ndarray, " n"], before: float) -> float:
+    known = time[np.isfinite(time)]
+    return float(known[-1]) if len(known) else before

@@ -1,0 +1,121 @@
+"""What may be wrong where load cells contradict each other: one channel, or one cell, and the wrench without it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from palpate.errors import NotIdentifiable
+from palpate.sensors.load_cells.model import LoadCells
+from palpate.spatial.arguments import takes_arrays
+
+__all__ = ["Explanations", "explanations"]
+
+CHANCE = 1e-6  # that sound channels leave more than the bound
+
+
+@takes_arrays
+@dataclass(frozen=True, eq=False)
+class Explanations:
+    """Of k cells: that cell e is wrong, e < k, or else channel e - k.
+
+    Readings u without zero are a wrench w = A u, and v = Q u that no wrench makes, of unit variance. A channel set J
+    that is left out has an error f of its own, v = Q_J f + noise. With U an orthonormal basis of Q_J, what is left of
+    |v|^2 is |v|^2 - |U v|^2, and the wrench without J is w - K U v with K = A_J Q_J^+ U'. So one product serves all.
+
+    Attributes:
+        cells: the model.
+        inverse: (6, m) A; rest: (r, m) Q.
+        directions: (s, 3, r) U, rows of zeros where J is smaller; corrections: (s, 3, 6) K'.
+        covariances: (1 + s, 6, 6) covariance of the wrench from a reading's noise: of all, then of each explanation.
+        bounds: (1 + s,) of what may be left of |v|^2; 0 where nothing is left to judge by; -1 where there would be no
+            wrench.
+    """
+
+    cells: LoadCells
+    inverse: Float[np.ndarray, "6 m"]
+    rest: Float[np.ndarray, "r m"]
+    directions: Float[np.ndarray, "s 3 r"]
+    corrections: Float[np.ndarray, "s 3 6"]
+    covariances: Float[np.ndarray, "t 6 6"]
+    bounds: Float[np.ndarray, " t"]
+
+    def metric(self) -> Float[np.ndarray, "6 6"]:
+        """Squared length of a wrench in whitened voltages, a degree of freedom of what is left."""
+        matrix = self.cells.matrix
+        return matrix.T @ np.linalg.solve(self.cells.noise, matrix) / max(1, len(matrix) - 6)
+
+    def channels(self, which: int) -> Bool[np.ndarray, " m"]:
+        """(m,) those that an explanation leaves out."""
+        count = self.cells.cells
+        numbers = np.arange(len(self.cells.matrix))
+        return numbers // 3 == which if which < count else numbers == which - count
+
+    def cell(self, which: int) -> int:
+        """Of which cell an explanation speaks."""
+        count = self.cells.cells
+        return which if which < count else (which - count) // 3
+
+    def fits(self, readings: Float[np.ndarray, "n m"]) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, "n s"]]:
+        """Whether all channels agree in a reading without zero, and under which explanations they do."""
+        metric = self.metric()
+        wrench, left = readings @ self.inverse.T, readings @ self.rest.T
+        square = np.sum(left**2, axis=1)
+        agree = square <= self.bounds[0] * self._expected(wrench, metric)
+        fits = np.zeros((len(readings), len(self.directions)), dtype=bool)
+        for e in np.flatnonzero(self.bounds[1:] > 0.0):
+            shares = left @ self.directions[e].T
+            expected = self._expected(wrench - shares @ self.corrections[e], metric)
+            fits[:, e] = square - np.sum(shares**2, axis=1) <= self.bounds[1 + e] * expected
+        return agree, fits
+
+    def simplest(self, fits: Bool[np.ndarray, "*batch s"]) -> Bool[np.ndarray, "*batch s"]:
+        """Without whole cells where a single channel explains it."""
+        kept = fits.copy()
+        kept[..., : self.cells.cells] &= ~fits[..., self.cells.cells :].any(axis=-1, keepdims=True)
+        return kept
+
+    def wrenches(self, readings: Float[np.ndarray, "n m"], which: int) -> Float[np.ndarray, "n 6"]:
+        """Of readings without zero, without what an explanation leaves out."""
+        shares = readings @ self.rest.T @ self.directions[which].T
+        return readings @ self.inverse.T - shares @ self.corrections[which]
+
+    def _expected(self, wrench: Float[np.ndarray, "n 6"], metric: Float[np.ndarray, "6 6"]) -> np.ndarray:
+        """Of the square of each v: noise, drift, and what the calibration does not explain of a load."""
+        load = np.einsum("ni,ij,nj->n", wrench, metric, wrench)
+        return 1.0 + self.cells.drift**2 + self.cells.misfit**2 * load
+
+
+@takes_arrays
+def explanations(cells: LoadCells, sound: Bool[np.ndarray, " some"] | None = None) -> Explanations:
+    """Prepared for sound cells (k,) or channels (3 k,); None: all.
+
+    Raises:
+        NotIdentifiable: they tell no wrench.
+    """
+    from scipy.special import chdtri  # here: scipy is slow to import, its stats most of all
+
+    kept = cells.channels(sound)
+    inverse, covariance, rest = cells.inverse(kept)
+    count, freedom = cells.cells + len(kept), len(rest)
+    directions, corrections = np.zeros((count, 3, freedom)), np.zeros((count, 3, 6))
+    covariances, bounds = np.tile(covariance, (1 + count, 1, 1)), -np.ones(1 + count)
+    bounds[0] = float(chdtri(freedom, CHANCE)) if freedom else np.inf
+    made = Explanations(cells, inverse, rest, directions, corrections, covariances, bounds)
+    for e in range(count):
+        out = made.channels(e) & kept
+        size = int(np.count_nonzero(out))
+        try:
+            cells.require_rank(kept & ~out)
+        except NotIdentifiable:
+            continue
+        if not size or size > freedom:
+            continue
+        basis, triangle = np.linalg.qr(rest[:, out])
+        directions[e, :size] = basis.T
+        corrections[e, :size] = np.linalg.solve(triangle.T, inverse[:, out].T)
+        covariances[1 + e] += corrections[e].T @ corrections[e]
+        bounds[1 + e] = float(chdtri(freedom - size, CHANCE)) if freedom > size else 0.0
+    return made

@@ -1,0 +1,266 @@
+"""Which cell or channel is wrong, and how: from what the others say that it should read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from palpate.sensors.load_cells.explanations import CHANCE, Explanations, explanations
+from palpate.sensors.load_cells.model import LoadCells
+from palpate.spatial.arguments import takes_arrays
+
+__all__ = ["Fault", "find_faults"]
+
+RARE = 0.002  # share of samples that may contradict
+AGREE = 0.9  # share of the contradicting samples that a cause must explain
+STILL = 0.02  # of what it should move: a cell that moves less is dead
+CLIPPED = 0.1  # share of samples that repeat the one before exactly
+SAME_GAIN = 0.1  # by which a drifting cell may still answer differently to load
+LAGS = 100  # parts of a log over which a cell's movement is looked at
+PREFIX = 300.0  # a gain so far off is a prefix of the unit
+PROPORTIONAL = 0.01  # of the squares of a channel in another unit that its multiple leaves, at most
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What is wrong.
+
+    Attributes:
+        cells: numbers from 0; kind: "dead", "stuck", "saturated", "swapped", "drifting", "unit", "gain", "unclear"
+            where each of the cells may be it, or "several".
+        share: of the samples in which it shows.
+        said: the sentence, with what to do.
+        channels: numbers from 0 of those that are wrong, or may be.
+    """
+
+    cells: tuple[int, ...]
+    kind: str
+    share: float
+    said: str
+    channels: tuple[int, ...] = ()
+
+
+@takes_arrays
+def find_faults(
+    cells: LoadCells,
+    readings: Float[np.ndarray, "n m"],
+    sound: Bool[np.ndarray, " some"] | None = None,
+    names: tuple[str, ...] = (),
+) -> list[Fault]:
+    """What is wrong with the cells of a log; nothing where they agree.
+
+    A wrench explains six of 3 k voltages. Where chi-square of the others is beyond its bound, each channel and each
+    cell in turn is left out, as an estimator does sample by sample (`Explanations`), then each pair of cells is
+    exchanged; what makes the samples agree is the cause, and how its readings differ from what the others predict is
+    its kind. A channel that repeats one voltage is saturated where the load lies beyond that, else stuck. Where several
+    make them agree, all are named. Three cells have none to spare, but perhaps a channel: else only a cell that stands
+    still or is at its range is named then, and an exchanged pair.
+
+    Args:
+        cells: the model.
+        readings: (n, m) [V] less the zero; rows of NaN are left out.
+        sound: (k,) cells or (3 k,) channels to judge; None: all.
+        names: of the channels, for messages.
+    """
+    kept = cells.channels(sound)
+    usable = readings[np.isfinite(readings).all(axis=1)]
+    if not len(usable):
+        return []
+    made = explanations(cells, kept)
+    agree, fits = made.fits(usable)
+    bad = ~agree
+    if bad.mean() <= RARE:
+        return []
+    share = float(bad.mean())
+    whole = np.asarray(kept.reshape(-1, 3).any(axis=1))
+    cause = _explained(made, usable, bad, fits, names) or _swapped(cells, usable[bad], whole, share)
+    if cause is None and int(whole.sum()) == 3:
+        cause = _still(cells, usable, whole, share)
+    return [cause or Fault((), "several", share, _several(share))]
+
+
+def _bound(freedom: int) -> float:
+    from scipy.special import chdtri  # here: scipy is slow to import, its stats most of all
+
+    return float(chdtri(freedom, CHANCE)) if freedom > 0 else np.inf
+
+
+def _explained(
+    made: Explanations, usable: np.ndarray, bad: np.ndarray, fits: np.ndarray, names: tuple[str, ...]
+) -> Fault | None:
+    """The channel or cell without which the others agree, or all that may be it."""
+    share = np.mean(fits[bad], axis=0)
+    if share.max() < AGREE:
+        return None
+    likely = made.simplest(share >= max(AGREE, share.max() - RARE))
+    candidates = np.flatnonzero(likely).tolist()
+    stuck = [e for e in np.flatnonzero(share >= AGREE).tolist() if _repeats(usable[:, made.channels(e)]).all()]
+    still = [e for e in stuck if e < made.cells.cells] or stuck  # the whole cell, where all of it stands still
+    odd = [e for e in candidates if _in_other_unit(*_beside(made, usable, e))]
+    for marked in (still, odd):
+        if len(marked) == 1:
+            candidates = marked
+    if len(candidates) > 1:
+        return _unclear(made, candidates, float(bad.mean()))
+    seen, due = _beside(made, usable, candidates[0])
+    return _named(made, candidates[0], seen, due, bad, names)
+
+
+def _beside(made: Explanations, usable: np.ndarray, which: int) -> tuple[np.ndarray, np.ndarray]:
+    """What an explanation's channels read, and what the others say that they should."""
+    out = made.channels(which)
+    return usable[:, out], made.wrenches(usable, which) @ made.cells.matrix[out].T
+
+
+def _in_other_unit(seen: np.ndarray, due: np.ndarray) -> bool:
+    """Whether a channel is a large multiple of what it should be, and nothing else."""
+    gains = np.sum(seen * due, axis=0) / np.maximum(np.sum(due**2, axis=0), 1e-300)
+    rest = np.sum((seen - gains * due) ** 2, axis=0) <= PROPORTIONAL * np.sum(seen**2, axis=0)
+    return bool(np.any(rest & _far(gains)))
+
+
+def _far(gains: np.ndarray) -> np.ndarray:
+    return (np.abs(gains) > PREFIX) | (np.abs(gains) < 1 / PREFIX)
+
+
+def _unclear(made: Explanations, candidates: list[int], share: float) -> Fault:
+    """Several that explain the same."""
+    count, cells = made.cells.cells, tuple(made.cell(e) for e in candidates)
+    axes = {"xyz"[(e - count) % 3] if e >= count else "" for e in candidates}
+    if len(axes) == 1:
+        axis, numbers = axes.pop(), ", ".join(str(cell + 1) for cell in cells)
+        which = f"channel {axis} of one of cells {numbers}" if axis else f"one of cells {numbers}"
+    else:
+        which = "one of " + ", ".join(_label(made, e) for e in candidates)
+    said = (
+        f"{which} is wrong: their readings cannot tell which. Contacts are the mean of what is found without each, and "
+        "their covariances hold all of them"
+    )
+    return Fault(cells, "unclear", share, said, _channels(made, candidates))
+
+
+def _channels(made: Explanations, candidates: list[int]) -> tuple[int, ...]:
+    return tuple(int(j) for e in candidates for j in np.flatnonzero(made.channels(e)))
+
+
+def _label(made: Explanations, which: int) -> str:
+    count = made.cells.cells
+    name = f"cell {made.cell(which) + 1}"
+    return name if which < count else f"channel {'xyz'[(which - count) % 3]} of {name}"
+
+
+def _named(
+    made: Explanations, which: int, seen: np.ndarray, due: np.ndarray, bad: np.ndarray, names: tuple[str, ...]
+) -> Fault:
+    """What the readings of a cell or channel say of its fault, beside what they should be."""
+    name, share, channels = _label(made, which), float(bad.mean()), _channels(made, [which])
+
+    def fault(kind: str, said: str) -> Fault:
+        return Fault((made.cell(which),), kind, share, said, channels)
+
+    rest = f"; the other {'cells' if len(channels) > 1 else 'channels'} go on without it, with wider covariances"
+    if np.all(_moves(seen) <= STILL * _moves(due).max()) or np.all(seen.std(axis=0) <= STILL * due.std(axis=0).max()):
+        return fault("dead", f"{name} is dead: it does not answer to load{rest}")
+    clipped = _clipped(seen, due, bad)
+    seen, due = seen[bad], due[bad]
+    gains = np.sum(seen * due, axis=0) / np.sum(due**2, axis=0)
+    odd = np.flatnonzero(_far(gains) & ~_repeats(seen, AGREE))
+    if len(odd):
+        channel = channels[int(odd[0])]
+        label = names[channel] if names else f"channel {'xyz'[channel % 3]} of cell {channel // 3 + 1}"
+        factor = abs(gains[odd[0]])
+        return fault("unit", f"{label} reads {factor:.3g} times what it should: is it in another unit (mV for V)?")
+    if _repeats(seen).any():
+        if clipped:
+            return fault("saturated", f"{name} is saturated: it goes no further than one voltage{rest}")
+        return fault("stuck", f"{name} is stuck: it stays at one voltage whatever the load{rest}")
+    off = seen - due
+    if np.all(np.abs(gains - 1.0) < SAME_GAIN) or _steady(off, due):
+        volts = float(np.abs(off.mean(axis=0)).max())
+        return fault("drifting", f"{name} drifts: it is off by {volts:.2g} V whatever the load{rest}")
+    return fault("gain", f"{name} answers differently to load than when it was calibrated{rest}")
+
+
+def _repeats(values: np.ndarray, share: float = CLIPPED) -> Bool[np.ndarray, " c"]:
+    """Which channels read exactly what they read before in more than a share of samples, as those at their range do."""
+    if len(values) < 2:
+        return np.zeros(int(values.shape[1]), dtype=bool)
+    return np.asarray(np.mean(np.diff(values, axis=0) == 0, axis=0) > share, dtype=bool)
+
+
+def _clipped(seen: np.ndarray, due: np.ndarray, bad: Bool[np.ndarray, " n"]) -> bool:
+    """Whether the load lies beyond readings that repeat themselves, away from zero, as at the end of a range.
+
+    Where that end is in these readings depends on the zero, which every start takes anew.
+    """
+    held = (np.diff(seen, axis=0, prepend=np.nan) == 0) & bad[:, None]
+    beyond = np.where(seen == 0, True, np.sign(seen) * (due - seen) >= 0)
+    return bool(np.count_nonzero(held & beyond) > 0.5 * np.count_nonzero(held))
+
+
+def _moves(values: np.ndarray) -> Float[np.ndarray, " c"]:
+    """How much each channel usually changes meanwhile; jumps between logs do not count."""
+    lag = max(1, len(values) // LAGS)
+    if len(values) <= lag:
+        return np.zeros(int(values.shape[1]))
+    return np.asarray(np.median(np.abs(values[lag:] - values[:-lag]), axis=0), dtype=np.float64)
+
+
+def _steady(off: np.ndarray, due: np.ndarray) -> bool:
+    """Whether what a cell is off by has little to do with its load."""
+    centred, load = off - off.mean(axis=0), due - due.mean(axis=0)
+    explained = np.sum(centred * load, axis=0) ** 2 / np.maximum(np.sum(load**2, axis=0), 1e-300)
+    return bool(np.sum(explained) < 0.1 * np.sum(off**2))
+
+
+def _swapped(cells: LoadCells, some: np.ndarray, kept: np.ndarray, share: float) -> Fault | None:
+    """The two cells that agree with the others when they are exchanged."""
+    best, least, bound = None, AGREE, _bound(3 * int(kept.sum()) - 6)
+    for one, other in combinations(np.flatnonzero(kept).tolist(), 2):
+        order = np.arange(len(some.T)).reshape(-1, 3)
+        order[[one, other]] = order[[other, one]]
+        agree = float(np.mean(cells.chi_square(some[:, order.reshape(-1)], kept) <= bound))
+        if agree > least:
+            best, least = (one, other), agree
+    if best is None:
+        return None
+    one, other = best
+    return Fault(
+        best,
+        "swapped",
+        share,
+        f"cells {one + 1} and {other + 1} are exchanged: exchange their columns in [load_cells] columns",
+    )
+
+
+def _still(cells: LoadCells, usable: np.ndarray, kept: np.ndarray, share: float) -> Fault | None:
+    """Of three cells, the one that does not move while the others do."""
+    size = np.sqrt(np.diag(cells.noise)).reshape(-1, 3)
+    moves = (usable.std(axis=0).reshape(-1, 3) / size).max(axis=1)
+    for cell in np.flatnonzero(kept):
+        beside = [other for other in np.flatnonzero(kept) if other != cell]
+        column = usable[:, 3 * cell : 3 * cell + 3]
+        if moves[cell] <= STILL * moves[beside].max() or moves[cell] < 0.1:
+            return Fault((int(cell),), "dead", share, f"cell {cell + 1} is dead, and of three none can be spared")
+        others = np.delete(usable, np.s_[3 * cell : 3 * cell + 3], axis=1)
+        if _repeats(column).any() and not _repeats(others).any():
+            kind = "saturated" if _leaves(column) else "stuck"
+            return Fault((int(cell),), kind, share, f"cell {cell + 1} is {kind}, and of three none can be spared")
+    return None
+
+
+def _leaves(column: np.ndarray) -> bool:
+    """Whether channels that repeat themselves mostly come back from it before the log ends, as from a range's end."""
+    held = np.diff(column, axis=0) == 0
+    last = np.logical_and.accumulate(held[::-1], axis=0)[::-1]
+    return bool(np.count_nonzero(held & ~last) > 0.5 * np.count_nonzero(held))
+
+
+def _several(share: float) -> str:
+    return (
+        f"the cells contradict each other in {share:.1%} of the samples, and no single cell explains it: "
+        "is this the calibration of these cells, and are the columns in the order in which they were calibrated?"
+    )

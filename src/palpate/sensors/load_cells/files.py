@@ -1,0 +1,79 @@
+"""How a model of load cells stands in a file."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.contact.indentation import Indentation
+from palpate.files.models.model import Lines, Model, span
+from palpate.files.schema import Form, Key
+from palpate.sensors.load_cells.model import LoadCells
+
+__all__ = ["LOAD_CELLS", "of_load_cells"]
+
+
+def of_load_cells(cells: LoadCells) -> Lines:
+    """Cells, what a reading tells, what it was calibrated with."""
+    known = np.isfinite(cells.positions).all(axis=1)
+    _, spread, _ = cells.inverse()
+    # k cells of S [N/V] share a force F, so that the lengths of their readings add up to F/S or a little more
+    sensitivity = 1.0 / np.linalg.norm(cells.matrix[:, :3].reshape(-1, 3, 3), axis=1).sum(axis=0)
+    law = cells.indentation
+    said = [
+        ("cells", f"{cells.cells}, {'places known' if known.all() else f'places of {known.sum()} known'}"),
+        ("noise", f"{span(np.sqrt(np.diag(cells.noise)))} V of a reading, {_mixed(spread)} of the wrench"),
+        ("range", _limits(cells.limits)),
+        ("sensitivity", f"({_listed(sensitivity)}) N/V a cell along x, y, z, roughly"),
+        ("misfit", f"{100 * cells.misfit:.2g} % of a reading"),
+        ("drift", f"of the zero: {cells.drift:.2g} standard deviations of a reading"),
+        ("samples", f"{cells.samples:,}, {cells.correlation:.3g} of which tell as much as one independent sample"),
+    ]
+    if law is not None:
+        said.append(("soft layer", f"indentation {1e3 * law.depth:.3f} mm at 1 N, growing as F^{law.exponent:.2f}"))
+    return said
+
+
+def _listed(values: Float[np.ndarray, " n"]) -> str:
+    return ", ".join(f"{value:.3g}" for value in values)
+
+
+def _limits(limits: Float[np.ndarray, "m 2"]) -> str:
+    known = np.asarray(np.isfinite(limits).all(axis=1))
+    if not known.any():
+        return "not known"
+    low, high = limits[known].min(axis=0)[0], limits[known].max(axis=0)[1]
+    said = f"{low:.4g} to {high:.4g} V"
+    return said if known.all() else f"{said}, of {known.sum()} of {len(known)} channels"
+
+
+def _mixed(covariance: Float[np.ndarray, "6 6"]) -> str:
+    """Force and torque of a wrench's noise."""
+    deviation = np.sqrt(np.diag(covariance))
+    return f"{1e3 * deviation[:3].max():.2g} mN and {1e3 * deviation[3:].max():.2g} N mm"
+
+
+LOAD_CELLS = Model(
+    LoadCells,
+    "a model of load cells",
+    "Cells under a rigid frame: u = C (I + E) w + b.",
+    "palpate calibrate load-cells",
+    of_load_cells,
+    {
+        LoadCells: Form(
+            {
+                "drift": Key("of the zero after it was taken, in standard deviations of a reading", least=0.0),
+                "misfit": Key("share of a reading that no wrench explains", least=0.0),
+                "correlation": Key("samples that tell as much as one independent sample", least=1.0),
+                "samples": Key("of the calibration", least=0.0),
+                "bias": Key("V, of each channel, in the calibration", required=True),
+                "positions": Key("m, of the cells; nan: not known", unknown=True),
+                "limits": Key("V, lowest and highest of each channel; inf: none", infinite=True, required=True),
+                "matrix": Key("C: V/N and V/(N m), channel by channel, force first"),
+                "noise": Key("V^2, covariance of one reading"),
+                "covariance": Key("of E, row by row: 36 x 36", required=True),
+            }
+        ),
+        Indentation: Form({"depth": Key("m, at 1 N"), "exponent": Key("of the force"), "covariance": Key("of both")}),
+    },
+)

@@ -1,0 +1,115 @@
+"""What load cells add to the page: the cells, coloured by what they carry."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.sensors.load_cells.model import LoadCells
+from palpate.spatial.arguments import takes_arrays
+from palpate.viewer.heat import colours
+from palpate.viewer.legend import bar
+from palpate.viewer.scene import Scene
+
+if TYPE_CHECKING:
+    from viser import BoxHandle, ClientHandle, GuiApi, LabelHandle, ViserServer
+
+__all__ = ["LoadCellLayer", "loads"]
+
+PULLED = 0.22  # sizes of the body by which cells are drawn below their places: else it would hide them
+BOX = 0.35  # of the distance between neighbours
+_STRONG = 0.95  # quantile of what counts as usual
+
+
+@takes_arrays
+def loads(
+    cells: LoadCells,
+    point: Float[np.ndarray, "*batch 3"],
+    normal: Float[np.ndarray, "*batch 3"],
+    force: Float[np.ndarray, "*batch 3"],
+    torque: Float[np.ndarray, "*batch"],
+) -> Float[np.ndarray, "*batch k"]:
+    """Lengths of the cells' readings [V] that a contact makes: what the model says, so that a dead cell has one too."""
+    wrench = np.concatenate([force, np.cross(point, force) + torque[..., None] * normal], axis=-1)
+    readings = wrench @ cells.matrix.T
+    return np.linalg.norm(readings.reshape(*readings.shape[:-1], -1, 3), axis=-1)
+
+
+class LoadCellLayer:
+    """A box for each cell whose place is known, pulled away from the body, darker where it carries more."""
+
+    def __init__(self, cells: LoadCells) -> None:
+        self.cells = cells
+        self._drawn: list[tuple[BoxHandle, LabelHandle]] = []
+        self._most: float | None = None  # V of a cell that is drawn darkest
+        self._met = 1e-12
+
+    @property
+    def covers(self) -> bool:
+        """Cells are drawn below the body."""
+        return False
+
+    @property
+    def places(self) -> Float[np.ndarray, "k 3"]:
+        """(k, 3) [m] of the cells, none where they are not known."""
+        return self.cells.positions[np.isfinite(self.cells.positions).all(axis=1)]
+
+    def draw(self, server: ViserServer | ClientHandle, scene: Scene) -> None:
+        """Boxes below the body; none where a place is not known."""
+        self._drawn = []  # anew: a copy of this layer may be drawn elsewhere
+        if len(self.places) < self.cells.cells:
+            return
+        carried = self._carried(scene, np.flatnonzero(scene.touched))
+        self._most = float(np.quantile(carried.max(axis=1), _STRONG)) if len(carried) else None
+        places = scene.placed(self.places)
+        down = places.mean(axis=0)
+        length = float(np.linalg.norm(down))
+        down = down / length if length > 0 else np.array([0.0, 0.0, -1.0])
+        apart = np.linalg.norm(places[:, None] - places, axis=2) + 10.0 * np.eye(len(places))
+        side = BOX * float(apart.min())
+        for number, place in enumerate(places + PULLED * down, start=1):
+            name = f"/load_cells/{number}"
+            box = server.scene.add_box(name, dimensions=(side, side, 0.6 * side), position=place)
+            self._drawn.append((box, server.scene.add_label(f"{name}/name", "", position=(0.0, 0.0, -side))))
+
+    def panel(self, gui: GuiApi) -> None:
+        """Nothing."""
+
+    def show(self, scene: Scene, index: int) -> None:
+        """Colour them for a sample."""
+        if not self._drawn:
+            return
+        carried = self._now(scene, index)
+        if self._most is None:  # nothing was touched when they were drawn: darkest is the most so far
+            self._met = max(self._met, float(carried.max()))
+        shades = colours(np.clip(carried / self._darkest, 0.0, 1.0))
+        for number, (box, label) in enumerate(self._drawn):
+            red, green, blue = shades[number].tolist()
+            box.color = (red, green, blue)
+            label.text = f"{number + 1}"
+
+    def rows(self, scene: Scene, index: int) -> list[tuple[str, str]]:
+        """What each cell carries, by the model: a cell whose place is not known has a row too."""
+        carried = self._now(scene, index)
+        return [(f"cell {number + 1}", f"{1e3 * volts:.1f} mV") for number, volts in enumerate(carried)]
+
+    def legend(self) -> list[str]:
+        """The reading of the darkest cell."""
+        return [bar("load cell", 1e3 * self._darkest, "mV")] if self._drawn else []
+
+    @property
+    def _darkest(self) -> float:
+        """[V] of a cell."""
+        return self._met if self._most is None else max(self._most, 1e-12)
+
+    def _now(self, scene: Scene, index: int) -> Float[np.ndarray, " k"]:
+        """[V] of each cell at a sample; 0 where nothing is located."""
+        row = scene.strongest[index : index + 1]
+        return self._carried(scene, row)[0] if scene.contacts[row].located[0] else np.zeros(self.cells.cells)
+
+    def _carried(self, scene: Scene, rows: np.ndarray) -> Float[np.ndarray, "n k"]:
+        found = scene.contacts
+        torque = np.nan_to_num(found.torque[rows])
+        return loads(self.cells, found.point[rows], found.normal[rows], found.force[rows], torque)

@@ -1,0 +1,203 @@
+"""What force cells can resolve at points of a surface, before anything is measured, or built."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy.typing import ArrayLike
+
+from palpate.errors import InputError
+from palpate.sensors.load_cells.model import LoadCells, single_wrench_map
+from palpate.spatial._arrays import shaped
+from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.pose import skew
+
+__all__ = ["WANTED", "Resolution", "nominal_cells", "position_slope", "resolution"]
+
+WANTED = 2e-3  # m: the accuracy that the paper asks for
+AZIMUTHS = 12  # of a force with friction, the worst of which counts
+
+
+@takes_arrays
+@dataclass(frozen=True)
+class Resolution:
+    """Root mean square errors at n points, in three dimensions, of a force that presses there.
+
+    The noise of the cells moves the point by so much less as the force is larger; what the calibration does not know,
+    by the same however large it is: e(F)^2 = (noise/F)^2 + calibration^2.
+
+    Attributes:
+        noise: [m N] of the position, by the noise of readings and bias, times the force.
+        calibration: [m] of the position, by the calibration.
+        force: [N] of the force vector, by the noise.
+        scale: of the force vector, by the calibration, as a share of the force.
+        torque: [N m] of the torque about the normal, by the noise; NaN for contacts without one.
+        largest: [N] pressing force at which the first cell leaves its range; inf where none is known.
+    """
+
+    noise: Float[np.ndarray, " n"]
+    calibration: Float[np.ndarray, " n"]
+    force: Float[np.ndarray, " n"]
+    scale: Float[np.ndarray, " n"]
+    torque: Float[np.ndarray, " n"]
+    largest: Float[np.ndarray, " n"]
+
+    def __post_init__(self) -> None:
+        for value in vars(self).values():
+            value.flags.writeable = False
+
+    def position(self, force: float) -> Float[np.ndarray, " n"]:
+        """[m] under a force [N]."""
+        return np.hypot(self.noise / force, self.calibration)
+
+    def smallest(self, accuracy: float) -> Float[np.ndarray, " n"]:
+        """[N] from which on the position errs by less than `accuracy` [m]; inf where the calibration alone does not."""
+        left = accuracy**2 - self.calibration**2
+        with np.errstate(divide="ignore"):
+            return np.where(left <= 0, np.inf, self.noise / np.sqrt(np.maximum(left, 0.0)))
+
+
+@takes_arrays
+def resolution(
+    cells: LoadCells,
+    points: Float[np.ndarray, "n 3"],
+    normals: Float[np.ndarray, "n 3"],
+    *,
+    forces: Float[np.ndarray, "n 3"] | None = None,
+    friction: float = 0.0,
+    tare: float = np.inf,
+    soft: bool = True,
+    sound: Bool[np.ndarray, " k"] | None = None,
+) -> Resolution:
+    """Resolution over a surface, to first order; with friction, in the worst direction of the force.
+
+    Args:
+        cells: calibrated, or `nominal_cells`; their drift since the bias was taken counts too.
+        points: (n, 3) [m] of the surface.
+        normals: (n, 3) outward unit normals.
+        forces: (n, 3) that press there, of any length; None: against the normals, and at this friction.
+        friction: tangent of the angle between force and normal.
+        tare: independent readings that the bias was taken from.
+        soft: whether a contact may have a torque about the normal; if not, that F . M = 0 is used.
+        sound: (k,) the cells that answer; None: all. The others still carry load.
+
+    Raises:
+        NotIdentifiable: those cells tell no wrench.
+    """
+    if not (tare > 0 and friction >= 0):  # NaN too
+        raise InputError("tare must be positive, and friction not negative.")
+    spread = (1.0 + 1.0 / tare + cells.drift**2) * cells.inverse(sound)[1]
+    pushes = _directions(normals, friction) if forces is None else [forces]
+    units = [push / np.linalg.norm(push, axis=1, keepdims=True) for push in pushes]
+    worst = [_at(cells, points, normals, unit, spread, soft) for unit in units]
+    largest = _largest(cells, worst, cells.channels(sound))
+    return Resolution(*(np.max([one[k] for one in worst], axis=0) for k in range(5)), largest=largest)
+
+
+@takes_arrays
+def position_slope(
+    point: Float[np.ndarray, "*batch 3"],
+    normal: Float[np.ndarray, "*batch 3"],
+    force: Float[np.ndarray, "*batch 3"],
+) -> Float[np.ndarray, "*batch 4 6"]:
+    """How point and torque of a soft finger answer to a change of the wrench, where there is no torque yet.
+
+    M = p x F + tau n gives with m = dM - p x dF, the change of the moment about the point,
+
+        dtau = m . F/(n . F),    dp = Q F x (m - dtau n)/|F|^2,    Q = 1 - F n'/(F . n)
+
+    as dp lies in the tangent plane.
+
+    Returns:
+        (*batch, 4, 6) d(p, tau)/d(F, M) [m/N, 1/N; m, 1].
+    """
+    moment = np.concatenate([-skew(point), np.broadcast_to(np.eye(3), (*point.shape[:-1], 3, 3))], axis=-1)
+    pressing = np.sum(force * normal, axis=-1)[..., None]
+    twist = np.einsum("...i,...ij->...j", force, moment) / pressing
+    across = moment - normal[..., :, None] * twist[..., None, :]
+    shift = skew(force) @ across / np.sum(force**2, axis=-1)[..., None, None]
+    out = np.einsum("...i,...ij->...j", normal, shift) / pressing
+    return np.concatenate([shift - force[..., :, None] * out[..., None, :], twist[..., None, :]], axis=-2)
+
+
+@takes_arrays
+def nominal_cells(
+    positions: ArrayLike, sensitivity: float, noise: float, limit: float = np.inf, *, drift: float = 0.0
+) -> LoadCells:
+    """Equal cells that have not been built: springs of one stiffness, without cross-coupling.
+
+    The frame's balance gives f_i = B_i' (sum B_j B_j')^-1 w with B_i = (1; [l_i]x).
+
+    Args:
+        positions: (k, 3) [m].
+        sensitivity: [N/V] of every axis.
+        noise: [V] of a reading, one standard deviation.
+        limit: [V] of a reading, to either side.
+        drift: [V] of a reading after its bias was taken, one standard deviation.
+    """
+    places = shaped(positions, (None, 3), "positions")
+    maps = np.concatenate([single_wrench_map(place) for place in places], axis=1)
+    balance = maps @ maps.T
+    if np.linalg.cond(balance / np.outer(_ARMS, _ARMS)) > _FLAT:
+        shares = np.zeros((maps.shape[1], 6))  # LoadCells says which direction is missing
+    else:
+        shares = np.linalg.solve(balance, maps).T
+    channels = len(shares)
+    limits = np.tile([-limit, limit], (channels, 1))
+    spread = np.full(channels, noise)
+    return LoadCells(shares / sensitivity, spread, limits=limits, positions=places, drift=drift / noise)
+
+
+_ARMS = np.array([1.0, 1.0, 1.0, 0.01, 0.01, 0.01])  # m: lengths of a fingertip
+_FLAT = 1e12
+
+_Part = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
+
+def _at(
+    cells: LoadCells, points: np.ndarray, normals: np.ndarray, force: np.ndarray, spread: np.ndarray, soft: bool
+) -> _Part:
+    """Of one force of 1 N at each point, as the fields of `Resolution`, and the readings that it makes."""
+    slope = position_slope(points, normals, force)
+    place = slope[:, :3]
+    wrench = np.concatenate([force, np.cross(points, force)], axis=1)
+    unsure = cells.calibration_covariance(wrench)
+    if not soft:  # the wrench nearest to the measured one without moment along the force
+        torsion = np.concatenate([wrench[:, 3:], wrench[:, :3]], axis=1)  # slope of F . M
+        moved = torsion @ spread / np.einsum("ni,ij,nj->n", torsion, spread, torsion)[:, None]
+        place = place - (place @ moved[..., None]) * torsion[:, None]
+    return (
+        _rms(place @ spread @ np.swapaxes(place, 1, 2)),
+        _rms(place @ unsure @ np.swapaxes(place, 1, 2)),
+        np.full(len(points), np.sqrt(np.trace(spread[:3, :3]))),
+        _rms(unsure[:, :3, :3]),
+        np.sqrt(np.einsum("ni,ij,nj->n", slope[:, 3], spread, slope[:, 3])) if soft else np.full(len(points), np.nan),
+        wrench @ cells.matrix.T,
+    )
+
+
+def _directions(normals: np.ndarray, friction: float) -> list[np.ndarray]:
+    """Unit forces that press at that friction."""
+    if friction == 0.0:
+        return [-normals]
+    first = np.cross(normals, np.eye(3)[np.argmin(np.abs(normals), axis=1)])
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    second = np.cross(normals, first)
+    turns = 2 * np.pi * np.arange(AZIMUTHS) / AZIMUTHS
+    return [
+        (friction * (np.cos(turn) * first + np.sin(turn) * second) - normals) / np.hypot(1.0, friction)
+        for turn in turns
+    ]
+
+
+def _largest(cells: LoadCells, parts: list[_Part], kept: Bool[np.ndarray, " m"]) -> Float[np.ndarray, " n"]:
+    """Readings grow with the force from the bias that they had; those of a dead cell go nowhere."""
+    room = np.stack([cells.bias - cells.limits[:, 0], cells.limits[:, 1] - cells.bias], axis=1)
+    least = [np.where(part[5] < 0, room[:, 0], room[:, 1]) / np.maximum(np.abs(part[5]), 1e-300) for part in parts]
+    return np.min(np.array(least)[..., kept], axis=(0, 2))
+
+
+def _rms(covariance: np.ndarray) -> np.ndarray:
+    return np.sqrt(np.maximum(np.trace(covariance, axis1=-2, axis2=-1), 0.0))

@@ -1,0 +1,280 @@
+"""Load cells under a body in a rig: their table, how a log of voltages is read, and what is built of it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import inf
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from palpate.errors import InputError
+from palpate.files.logs import LogContents
+from palpate.files.logs.layout import ArrayChannel, Layout
+from palpate.files.models import read_model
+from palpate.sensors.load_cells.array import START, LoadCellArray
+from palpate.sensors.load_cells.model import LoadCells, with_changes
+from palpate.sensors.load_cells.resolution import WANTED, nominal_cells, resolution
+from palpate.setup import guess
+from palpate.setup.body import Body
+from palpate.setup.kind import Guess, Prepared
+from palpate.setup.names import time_column, wrench_columns
+from palpate.setup.setup import SensorKind, SensorSection, Setup
+from palpate.setup.tables import Three, require_positive
+from palpate.setup.wrench import wrench_estimator
+from palpate.signals.recording import REFERENCE as REFERENCE_CHANNEL
+from palpate.signals.recording import VOLTAGE
+from palpate.surfaces import Surface
+
+__all__ = ["LOAD_CELLS", "VOLT_UNITS", "LoadCellSection", "RigLoadCells", "load_cells_layout"]
+
+_ORDER = "columns must be x, y, z of cell 1, then of cell 2, and so on, as they were calibrated"
+_CELL = re.compile(r"^(?P<head>u|v|ch|cell|volt(?:age)?s?|ai)[\W_]*\d+[\W_]*[xyz]?$", re.IGNORECASE)
+_MOST = 36  # channels: twelve cells; more are a skin
+_TEXT = """\
+[load_cells]
+{where}
+units = "V"                          # of the voltages: V, mV, uV
+# model = "load_cells.toml"          # written by: palpate calibrate load-cells
+# positions = [[0, 0, 0], ...]       # m, of each cell in the surface's frame, as far as they are known
+# range = 5.0                        # V: a reading at it is saturated
+
+"""
+VOLT_UNITS = {"V": 1.0, "mV": 1e-3, "uV": 1e-6}
+REFERENCE = ("ref_fx", "ref_fy", "ref_fz", "ref_x", "ref_y", "ref_z")
+
+
+@dataclass(frozen=True)
+class RigLoadCells:
+    """Cells under a rigid frame, and where the log keeps their voltages.
+
+    `model` is the file of `palpate calibrate load-cells`; `columns`, three a cell, or a `topic` of arrays with so many
+    numbers; `units` of them (one, or one each). What is known beforehand, for a calibration or a design: `positions`
+    [m] of the cells in the surface's frame, `noise` [V] of a reading, `range` [V], `sensitivity` [N/V]. `drift` [V] of
+    the zero within a session; `without` names bad cells, counted from 1; `accuracy` [m] wanted: what is less sure is
+    too_light.
+    For a calibration: `reference` columns of force [N] on the fingertip and of the ball's centre [m], the `ball`'s
+    diameter [m], and `indentation` true where the surface is soft.
+    """
+
+    model: str | None = None
+    columns: tuple[str, ...] = ()
+    topic: str | None = None
+    units: str | tuple[str, ...] = "V"
+    positions: tuple[Three, ...] | None = None
+    noise: float | None = None
+    range: float | None = None
+    sensitivity: float | None = None
+    drift: float | None = None
+    without: tuple[int, ...] = ()
+    accuracy: float | None = None
+    reference: tuple[str, str, str, str, str, str] = REFERENCE
+    ball: float = 4e-3
+    indentation: bool = False
+
+    def __post_init__(self) -> None:
+        if self.columns and (len(self.columns) < 9 or len(self.columns) % 3):
+            raise ValueError(f"columns must be three for each of at least three cells, not {len(self.columns)}")
+        if len(set(self.columns)) < len(self.columns):
+            twice = next(name for name in self.columns if self.columns.count(name) > 1)
+            raise ValueError(f"column {twice!r} is named twice")
+        if not isinstance(self.units, str) and len(self.units) != len(self.columns):
+            raise ValueError(f"units must be one, or one for each of the {len(self.columns)} columns")
+        stated = [self.units] if isinstance(self.units, str) else self.units
+        unknown = [unit for unit in stated if unit not in VOLT_UNITS]
+        if unknown:
+            raise ValueError(f"unit {unknown[0]!r} is not one of {', '.join(VOLT_UNITS)}")
+        require_positive(self, "noise", "range", "sensitivity", "drift", "accuracy", "ball")
+
+    def names(self, cells: int) -> tuple[str, ...]:
+        """Of the columns: u1x, u1y, u1z, u2x, ... where none are named."""
+        return self.columns or tuple(f"u{cell + 1}{axis}" for cell in range(cells) for axis in "xyz")
+
+    def count(self, model: LoadCells | None = None) -> int:
+        """How many cells: of the model, the columns or the positions; else the paper's four."""
+        if model is not None:
+            return model.cells
+        return len(self.columns) // 3 or (len(self.positions) if self.positions else 4)
+
+    def volts(self, cells: int) -> tuple[float, ...]:
+        """What one unit of each column is in V."""
+        units = [self.units] * (3 * cells) if isinstance(self.units, str) else self.units
+        return tuple(VOLT_UNITS[unit] for unit in units)
+
+    def places(self) -> np.ndarray | None:
+        """(k, 3) [m], if they are stated."""
+        return None if self.positions is None else np.array(self.positions)
+
+    def limits(self, cells: int) -> np.ndarray | None:
+        """(3 k, 2) [V], if the range is stated."""
+        return None if self.range is None else np.tile([-self.range, self.range], (3 * cells, 1))
+
+    def cells(self, folder: Path) -> LoadCells:
+        """The calibrated model, with what the rig states over it.
+
+        Raises:
+            InputError: no model is named, or it does not fit the rig.
+        """
+        if self.model is None:
+            raise InputError(
+                "the cells are not calibrated.",
+                where="load_cells.model",
+                hint="`palpate calibrate load-cells LOG --rig RIG -o fingertip.toml`, then name that file as model.",
+            )
+        path = folder / self.model
+        model = read_model(path, LoadCells)
+        if self.columns and len(self.columns) != len(model.matrix):
+            raise InputError(
+                f"names {len(self.columns)} columns, and {path.name} has {model.cells} cells.",
+                where="load_cells.columns",
+            )
+        unknown = [cell for cell in self.without if not 1 <= cell <= model.cells]
+        if unknown:
+            raise InputError(
+                f"cell {unknown[0]} is none of the {model.cells} (counted from 1).", where="load_cells.without"
+            )
+        noise = float(np.sqrt(np.median(np.diag(model.noise))))
+        changes: dict[str, object] = {}
+        if self.range is not None:
+            changes["limits"] = self.limits(model.cells)
+        if self.drift is not None:
+            changes["drift"] = self.drift / noise
+        if self.noise is not None:
+            changes["noise"] = np.full(len(model.matrix), self.noise)
+        return with_changes(model, **changes) if changes else model
+
+    def nominal(self) -> LoadCells:
+        """Return what positions, sensitivity and noise say that the calibrated model will be.
+
+        Raises:
+            InputError: one of them is not stated.
+        """
+        if self.positions is None or self.sensitivity is None or self.noise is None:
+            raise InputError(
+                "positions, sensitivity and noise must be stated where there is no model.",
+                where="load_cells",
+                hint="positions = [[x, y, z], ...] in m, sensitivity in N/V, noise in V.",
+            )
+        return nominal_cells(np.array(self.positions), self.sensitivity, self.noise, self.range or inf)
+
+
+class LoadCellSection(SensorSection):
+    """Load cells as a rig states them; the file of their calibration is read once."""
+
+    name: ClassVar[str] = "load_cells"
+    called: ClassVar[str] = "3-axis load cells under a body"
+    table: RigLoadCells
+
+    @cached_property
+    def cells(self) -> LoadCells:
+        """The calibrated model, with what the rig states over it; see `RigLoadCells.cells`."""
+        return self.table.cells(self.link.folder)
+
+    def nominal(self) -> LoadCells:
+        """Return the calibrated model, or what positions, sensitivity and noise say that it will be."""
+        return self.cells if self.table.model is not None else self.table.nominal()
+
+
+def load_cells_layout(setup: Setup, *, bench: bool = False) -> Layout:
+    """Return where a log keeps voltages and poses; of a bench, with the reference beside them."""
+    frame = setup.of(LoadCellSection)
+    table = frame.table
+    count = table.count(None if bench or table.model is None else frame.cells)
+    names = table.names(count)
+    arrays = [ArrayChannel(VOLTAGE, (len(names),), names, table.topic, table.volts(count), table="load_cells")]
+    if bench:
+        arrays.append(ArrayChannel(REFERENCE_CHANNEL, (6,), table.reference, table="load_cells"))
+    return Layout(wrench=None, arrays=tuple(arrays), **setup.common)
+
+
+def _build(setup: Setup) -> Prepared:
+    table, cells = setup.of(LoadCellSection).table, setup.of(LoadCellSection).cells
+    tare = setup.estimate.tare or START
+    sound = ~np.isin(np.arange(cells.cells) + 1, table.without)
+    array = LoadCellArray(cells, sound, names=table.names(cells.cells), seconds=tare)
+    soft = {"indentation": cells.indentation, "accuracy": table.accuracy}
+    drift = setup.followed(len(cells.matrix))
+    made = wrench_estimator(setup, array, tare=tare, mounted=False, drift=drift, **soft)
+    made.facts["without"] = table.without
+    made.said.append(_least(setup.link.surface(), cells, table))
+    made.doubted += [f"cell {cell} is left out, as the rig says" for cell in table.without]
+    return made
+
+
+def _least(surface: Surface, cells: LoadCells, table: RigLoadCells) -> str:
+    """From which force on a touch is located well enough."""
+    accuracy = table.accuracy or WANTED
+    above = surface.centre + np.array([0.0, 0.0, surface.size])
+    points, normals, _ = surface.project(above[None])
+    least = float(resolution(cells, points, normals).smallest(accuracy)[0])
+    return f"from {least:.2g} N a touch on the middle of the surface is located within {1e3 * accuracy:g} mm"
+
+
+def _guess(log: Path, contents: LogContents, body: Body | None) -> Guess | None:
+    """Three columns a cell of three or more, or arrays of so many numbers."""
+    if contents.topics:
+        return _guess_topic(log, contents)
+    there = list(contents.names)
+    names, time = _voltage_columns(there), time_column(there)
+    if names is None or time is None or wrench_columns(there) is not None:
+        return None
+    text = guess.time_table(time, guess.time_unit(time)) + _TEXT.format(where=f"columns = {guess.quoted(names)}")
+    orientation, remarks = guess.orientation_table(there)
+    why = f"{len(names)} columns {names[0]} to {names[-1]} look like three voltages for each of {len(names) // 3} cells"
+    layout = Layout(
+        time=time,
+        time_unit=guess.time_unit(time),
+        wrench=None,
+        arrays=(ArrayChannel(VOLTAGE, (len(names),), names, table="load_cells"),),
+    )
+    return Guess(why, layout, text + orientation, (*remarks, _ORDER))
+
+
+def _guess_topic(log: Path, contents: LogContents) -> Guess | None:
+    found = guess.array_topic(log, contents, lambda shape: len(shape) == 1 and _threes(shape[0]))
+    if found is None:
+        return None
+    topic, (count, *_) = found
+    text = _TEXT.format(where=f"topic = {guess.quoted(topic)}") + guess.pose_table(guess.topics_of(contents, "pose"))
+    why = f"topic {topic!r} holds arrays of {count} numbers, three for each of {count // 3} cells"
+    array = ArrayChannel(VOLTAGE, (count,), None, topic, table="load_cells")
+    return Guess(why, Layout(wrench=None, arrays=(array,)), text, (_ORDER,))
+
+
+def _voltage_columns(names: Sequence[str]) -> tuple[str, ...] | None:
+    """Columns named like voltages of cells, three each of at least three; None where there are none."""
+    heads: dict[str, list[str]] = {}
+    for name in names:
+        if match := _CELL.match(name):
+            heads.setdefault(match["head"].lower(), []).append(name)
+    found = max(heads.values(), key=len, default=list[str]())
+    return tuple(found) if _threes(len(found)) else None
+
+
+def _threes(count: int) -> bool:
+    return 9 <= count <= _MOST and count % 3 == 0
+
+
+_CALIBRATED = "the calibration of the cells says what they are"
+LOAD_CELLS = SensorKind(
+    name="load_cells",
+    called=LoadCellSection.called,
+    table=RigLoadCells,
+    section=LoadCellSection,
+    channels=(VOLTAGE,),
+    layout=load_cells_layout,
+    build=_build,
+    guess=_guess,
+    paths=("model",),
+    refused={
+        "payload": "the zero of the cells is taken at the start of the log, and nothing else hangs on them",
+        "noise": f"{_CALIBRATED}; noise in V may stand in the rig's [load_cells]",
+    },
+    view="palpate.sensors.load_cells.view.LoadCellView",
+    drift="palpate.sensors.load_cells.drift.voltage_drift",
+    start=lambda setup: setup.estimate.tare or START,
+)

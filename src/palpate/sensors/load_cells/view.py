@@ -1,0 +1,63 @@
+"""Show load cells under a body on the page and in the report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import cast
+
+import numpy as np
+
+from palpate.contact.wrench_estimator import WrenchEstimator
+from palpate.sensors.load_cells.array import LoadCellArray
+from palpate.sensors.load_cells.layer import LoadCellLayer
+from palpate.sensors.load_cells.model import LoadCells
+from palpate.sensors.load_cells.section import LoadCellSection
+from palpate.setup.setup import Setup
+from palpate.setup.view import Kept
+from palpate.setup.wrench_view import WrenchView
+from palpate.viewer.report import Section
+from palpate.viewer.run_report import Run
+from palpate.viewer.scene import Layer
+
+__all__ = ["LoadCellView", "load_cells"]
+
+
+class LoadCellView(WrenchView):
+    """Show where load cells are, and what is wrong with them."""
+
+    def layers(self, setup: Setup, kept: Kept, live: tuple[int, ...] | None) -> tuple[Layer, ...]:
+        """Return the cells under the body."""
+        return (LoadCellLayer(setup.of(LoadCellSection).cells),)
+
+    def uncertain(self, setup: Setup, estimator: WrenchEstimator) -> tuple[str, ...]:
+        """Return whose uncertainties beside the noise the ellipses hold."""
+        return (*super().uncertain(setup, estimator), "the calibration's")
+
+    def sections(self, run: Run, setup: Setup, estimator: WrenchEstimator) -> Run:
+        """Return the run with a section of the cells."""
+        sensor = cast("LoadCellArray", estimator.sensor)
+        left_out = (1 + np.flatnonzero(~sensor.sound)).tolist()
+        section = load_cells(sensor.cells, left_out=left_out, said=sensor.notes(), faults=sensor.doubts())
+        return replace(run, sections=(section, *run.sections))
+
+
+def load_cells(cells: LoadCells, *, left_out: Sequence[int], said: Sequence[str], faults: Sequence[str]) -> Section:
+    """Return the section of the cells: which are not used, the zero, faults, and the smallest force that is located.
+
+    Args:
+        cells: the model.
+        left_out: numbers from 1 of cells that are not used.
+        said: of the zero and the smallest force, a sentence each.
+        faults: that were found, a sentence each.
+    """
+    noise = np.sqrt(np.diag(cells.noise))
+    unused = ", ".join(f"cell {number}" for number in left_out)
+    facts = (
+        ("cells", f"{cells.cells}, calibrated with {cells.samples:,} samples"),
+        ("left out", unused or "none"),
+        ("noise", f"{1e3 * noise.mean():.3g} mV of a reading (one standard deviation, mean of the channels)"),
+        ("drift of the zero", f"{1e3 * cells.drift * noise.mean():.3g} mV (one standard deviation)"),
+        ("soft layer", "none" if cells.indentation is None else f"{1e3 * cells.indentation.depth:.3g} mm deep at 1 N"),
+    )
+    return Section("Load cells", facts=facts, points=(*said, *faults, *cells.notes))

@@ -1,0 +1,340 @@
+"""The camera of a marker ring: its lens from pictures of a chessboard, its place from the ring itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+
+from palpate.calibration.left_out import LeftOut, leave_out, pseudo_inverse
+from palpate.errors import InputError, NotIdentifiable
+from palpate.opencv import opencv
+from palpate.optical.fisheye import Fisheye, RingView
+from palpate.spatial._arrays import Value, frozen, shaped
+from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.pose import Pose
+
+__all__ = ["BoardFit", "RingFit", "calibrate_board", "fit_lens", "fit_ring_view", "fit_rings"]
+
+HEIGHT = 0.04  # m, of the camera above the ring, where nothing better is known
+_FACING = np.diag([1.0, -1.0, -1.0])  # x_c = x, y_c = -y, z_c = -z
+_FEWEST_BOARDS = 3
+_FAR, _FAR_PIXELS = 4.0, 1.0  # times the usual rms of a picture, and px: one that is farther off is left out
+_LEAST_INFORMATION = 1e-9  # smallest eigenvalue of the scaled information of a lens that is determined
+_UNSURE = 0.02  # of the focal length: a lens that is not known better is none
+
+
+@dataclass(frozen=True)
+class BoardFit:
+    """A lens and the pictures that it comes from.
+
+    Attributes:
+        camera: the lens.
+        residual: rms [px] of what it leaves of the corners.
+        used: numbers of the pictures that were used.
+        far: of those that show the board, but contradict the others.
+        deviation: of the focal length [px/rad], across or along the picture, whichever is known less.
+        left_out: how corners of pictures lie that the fit had not seen.
+    """
+
+    camera: Fisheye
+    residual: float
+    used: tuple[int, ...]
+    far: tuple[int, ...]
+    deviation: float
+    left_out: LeftOut
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class RingFit(Value):
+    """Where the camera stands, and where the markers rest.
+
+    Attributes:
+        view: with the measured angle of every marker.
+        order: (m,) which of the given pixels is marker i; marker 0 is the one nearest to angle 0.
+        plane: (m, 2) where markers rest as measured [m], in that order: the irregularities of the ring are in it.
+        start: angle at which the even ring begins [rad].
+        residual: rms of a marker's distance from an even ring [px].
+        covariance: (6, 6) of the tilts about x and y [rad], the place x, y, z [m] and the start angle [rad]; with
+            `focal_fitted`, z is exchanged for the logarithm of the focal length.
+        focal_fitted: the focal length was fitted and the height held.
+    """
+
+    view: RingView
+    order: Int[np.ndarray, " m"]
+    plane: Float[np.ndarray, "m 2"]
+    start: float
+    residual: float
+    covariance: Float[np.ndarray, "6 6"]
+    focal_fitted: bool
+
+    @takes_arrays
+    def __init__(self, view: RingView, order: np.ndarray, plane: np.ndarray, **rest: Any) -> None:
+        order = np.array(order, dtype=np.int64)
+        order.flags.writeable = False
+        rest["covariance"] = frozen(rest["covariance"], tail=(6, 6))
+        for name, value in {"view": view, "order": order, "plane": frozen(plane, tail=(2,)), **rest}.items():
+            object.__setattr__(self, name, value)
+
+
+@takes_arrays
+def calibrate_board(
+    images: Sequence[UInt8[np.ndarray, "h w 3"]], board: tuple[int, int] = (9, 6), square: float = 0.01
+) -> BoardFit:
+    """The lens from pictures of a chessboard.
+
+    Args:
+        images: of one size; those that do not show the whole board are passed over.
+        board: inner corners, columns and rows.
+        square: side of a square [m]; only the place of the board depends on it.
+
+    Raises:
+        InputError: fewer than three pictures show the board; OpenCV is missing.
+    """
+    cv2 = opencv()
+    corners, shown, size = list[np.ndarray](), list[int](), (0, 0)
+    for number, image in enumerate(images):
+        grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image
+        size = grey.shape[::-1]
+        found, pixels = cv2.findChessboardCornersSB(grey, board)
+        if found:
+            corners.append(pixels.reshape(-1, 2).astype(np.float64))
+            shown.append(number)
+    if len(corners) < _FEWEST_BOARDS:
+        hint = f"At least {_FEWEST_BOARDS} pictures must show all {board[0]} x {board[1]} inner corners."
+        raise InputError(f"{len(corners)} of {len(images)} pictures show the board.", hint=hint)
+    fit = fit_lens(corners, board, square, size)
+    return replace(fit, used=tuple(shown[k] for k in fit.used), far=tuple(shown[k] for k in fit.far))
+
+
+@takes_arrays
+def fit_lens(
+    corners: Sequence[Float[np.ndarray, "c 2"]], board: tuple[int, int], square: float, size: tuple[int, int]
+) -> BoardFit:
+    """Fit a lens to a chessboard's corners [px], picture by picture, row by row; `size` is the image's width, height.
+
+    Pictures whose corners lie far from the fit, such as those of a board more than a right angle aside, are left out.
+
+    Raises:
+        InputError: the corners do not determine a lens; OpenCV is missing.
+    """
+    columns, rows = np.meshgrid(np.arange(board[0]), np.arange(board[1]))
+    grid = square * np.stack([columns, rows, 0 * rows], axis=-1).reshape(1, -1, 3).astype(np.float64)
+    seen = [np.asarray(each, dtype=np.float64).reshape(1, -1, 2) for each in corners]
+    used, lens = list(range(len(seen))), _Lens.fitted(grid, seen, size)
+    while len(used) > _FEWEST_BOARDS:
+        off = np.array([np.sqrt(np.mean(lens.residual(k) ** 2)) for k in range(len(used))])
+        sound = off <= max(_FAR * float(np.median(off)), _FAR_PIXELS)
+        if sound.all() or np.count_nonzero(sound) < _FEWEST_BOARDS:
+            break
+        used = [number for number, kept in zip(used, sound, strict=True) if kept]
+        lens = _Lens.fitted(grid, [seen[number] for number in used], size)
+    every = np.concatenate([lens.residual(k) for k in range(len(used))])
+    variance = float(np.sum(every**2)) / max(2 * len(every) - 8 - 6 * len(used), 1)
+    normals = [lens.normal(k) for k in range(len(used))]
+    squares, rights = np.stack([each[0] for each in normals]), np.stack([each[1] for each in normals])
+    unit = np.sqrt(np.diag(squares.sum(axis=0)))
+    focal, deviation = lens.camera[:2], np.inf
+    if unit.all() and np.linalg.eigvalsh(scaled := squares.sum(axis=0) / np.outer(unit, unit))[0] > _LEAST_INFORMATION:
+        spread: Float[np.ndarray, "8"] = np.diag(pseudo_inverse(scaled)) * variance
+        deviation = float(np.max(np.sqrt(spread[:2]) / unit[:2]))
+    if not (focal.min() > 0 and deviation < _UNSURE * focal.min()):
+        raise _undetermined(f": the focal length is {focal[0]:.4g} +- {deviation:.2g} px/rad")
+
+    def predict(left: Bool[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
+        rest = _Lens.fitted(grid, [seen[number] for number, out in zip(used, left, strict=True) if not out], size)
+        own, others = squares[left].sum(axis=0), squares[~left].sum(axis=0)
+        error = rights[left].sum(axis=0) - own @ (rest.camera - lens.camera)
+        return error, variance * (own + own @ pseudo_inverse(others) @ own)
+
+    left = leave_out(len(used), predict)
+    far = tuple(number for number in range(len(seen)) if number not in used)
+    fx, fy, cx, cy, k1, k2, k3, k4 = lens.camera.tolist()
+    camera = Fisheye(fx, fy, cx, cy, k1, k2, k3, k4, *size)
+    return BoardFit(camera, float(np.sqrt(2.0 * np.mean(every**2))), tuple(used), far, deviation, left)
+
+
+@dataclass(frozen=True)
+class _Lens:
+    """A lens, fx, fy, cx, cy, k1 to k4, with the pose of the board in each picture."""
+
+    camera: Float[np.ndarray, "8"]
+    grid: Float[np.ndarray, "1 c 3"]
+    seen: Sequence[Float[np.ndarray, "1 c 2"]]
+    poses: Sequence[tuple[np.ndarray, np.ndarray]]
+
+    @staticmethod
+    def fitted(grid: np.ndarray, seen: Sequence[np.ndarray], size: tuple[int, int]) -> _Lens:
+        """Fit the lens and the boards' poses by OpenCV."""
+        cv2, start = opencv(), Fisheye.equidistant(*size)
+        matrix = np.array([[start.fx, 0.0, start.cx], [0.0, start.fy, start.cy], [0.0, 0.0, 1.0]])
+        names = cv2 if hasattr(cv2, "CALIB_RECOMPUTE_EXTRINSIC") else cv2.fisheye  # OpenCV 5, 4
+        flags = names.CALIB_RECOMPUTE_EXTRINSIC | names.CALIB_FIX_SKEW | names.CALIB_USE_INTRINSIC_GUESS
+        try:
+            grids = [grid] * len(seen)
+            _, matrix, bent, turns, places = cv2.fisheye.calibrate(grids, seen, size, matrix, np.zeros(4), flags=flags)
+        except cv2.error as problem:
+            raise _undetermined() from problem
+        camera = np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *bent.ravel()[:4]])
+        if not np.isfinite(camera).all():
+            raise _undetermined()
+        return _Lens(camera, grid, seen, list(zip(turns, places, strict=True)))
+
+    def _projected(self, k: int) -> tuple[np.ndarray, np.ndarray]:
+        """Corners of picture k [px], and their derivatives by the lens (8) and by the pose (6)."""
+        fx, fy, cx, cy, *bent = self.camera.tolist()
+        matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+        turn, place = (np.asarray(each, dtype=np.float64).reshape(3, 1) for each in self.poses[k])
+        pixels, slopes = opencv().fisheye.projectPoints(self.grid, turn, place, matrix, np.array(bent))[:2]
+        return pixels.reshape(-1, 2), slopes
+
+    def residual(self, k: int) -> Float[np.ndarray, "c 2"]:
+        """Return what is left of the corners of picture k [px]."""
+        return self.seen[k].reshape(-1, 2) - self._projected(k)[0]
+
+    def normal(self, k: int) -> tuple[Float[np.ndarray, "8 8"], Float[np.ndarray, "8"]]:
+        """Return J^T J and J^T r of picture k for the lens, whatever the board's pose."""
+        slopes = self._projected(k)[1]
+        of_lens, of_pose = slopes[:, :8], slopes[:, 8:14]
+        across = of_lens - of_pose @ np.linalg.lstsq(of_pose, of_lens, rcond=None)[0]
+        return across.T @ across, across.T @ self.residual(k).ravel()
+
+
+def _undetermined(found: str = "") -> InputError:
+    hint = "Tilt the board to all sides, and bring it to the edges of the picture."
+    return InputError(f"the pictures of the board do not determine a lens{found}.", hint=hint)
+
+
+@takes_arrays
+def fit_ring_view(
+    rest_pixels: Float[np.ndarray, "m 2"],
+    radius: float,
+    *,
+    camera: Fisheye | None = None,
+    height: float = HEIGHT,
+    size: tuple[int, int] = (640, 480),
+) -> RingFit:
+    """Where the camera stands above a ring of evenly spaced markers, from where they rest in the picture.
+
+    Tilt, offset, height and start angle by least squares of pixels against the even ring; the camera's turn about the
+    axis is left at its nominal value, because the ring's x axis is where the camera's is. What is uneven about the
+    markers stays in the measured rest places. One ring only: `fit_rings` is for markers at several heights.
+
+    One flat ring does not tell the focal length from the height: without a `camera` an equidistant lens with its
+    middle in the picture's middle is taken, `height` is held and the focal length fitted.
+
+    Args:
+        rest_pixels: all markers of the ring, in any order.
+        radius: of the ring of markers [m].
+        camera: the lens, as a board gave it.
+        height: of the camera above the ring [m]: a guess, or held.
+        size: of the picture, where no camera is given.
+
+    Raises:
+        InputError: fewer than six markers, or some that are not finite.
+        NotIdentifiable: the pixels are not those of an even ring about the picture's middle.
+    """
+    pixels = np.asarray(rest_pixels, dtype=np.float64)
+    if pixels.ndim != 2 or len(pixels) < 6 or pixels.shape[1] != 2 or not np.isfinite(pixels).all():
+        raise InputError("rest_pixels must be six or more finite pixels (m, 2).")
+    lens, focal_fitted = camera or Fisheye.equidistant(*size), camera is None
+    even = 2 * np.pi * np.arange(len(pixels)) / len(pixels)
+    order, start = _around(pixels, even)
+    seen = pixels[order]
+
+    def view(x: np.ndarray) -> RingView:
+        tilt = Pose.from_rotation_vector([x[0], x[1], 0.0], np.zeros(3)).rotation
+        focal = np.exp(x[4]) if focal_fitted else 1.0
+        place = [x[2] * height, x[3] * height, height if focal_fitted else height * np.exp(x[4])]
+        bent = replace(lens, fx=lens.fx * focal, fy=lens.fy * focal)
+        return RingView(bent, Pose(_FACING @ tilt, place), radius, even + start + x[5])
+
+    solution = _solved(view, seen)
+    fitted = view(solution.x)
+    places = fitted.to_plane(seen)
+    measured = replace_angles(fitted, np.arctan2(places[:, 1], places[:, 0]))
+    scale = np.diag([1, 1, height, height, 1 if focal_fitted else fitted.pose.translation[2], 1])
+    freedom = max(2 * len(seen) - 6, 1)
+    jacobian: np.ndarray = solution.jac
+    spread = scale @ np.linalg.pinv(jacobian.T @ jacobian) @ scale * (2 * solution.cost / freedom)
+    residual = float(np.sqrt(2 * solution.cost / len(seen)))
+    found = {"residual": residual, "covariance": spread, "focal_fitted": focal_fitted}
+    return RingFit(measured, order, places, start=start + float(solution.x[5]), **found)
+
+
+@takes_arrays
+def fit_rings(
+    rest_pixels: Float[np.ndarray, "m 2"], radius: float, rings: Sequence[float], **camera: Any
+) -> tuple[RingView, Int[np.ndarray, " m"]]:
+    """`fit_ring_view` of the first of several rings, and which of the given pixels is marker i, ring by ring.
+
+    Args:
+        rest_pixels: as many of each ring, in any order.
+        radius: of the first ring [m].
+        rings: heights of the rings [m]; the first is 0.
+        camera: what is known of it, as `fit_ring_view` takes it.
+
+    Raises:
+        InputError: as `fit_ring_view`; the rings do not lie one round the other in the picture.
+    """
+    pixels = np.asarray(rest_pixels, dtype=np.float64)
+    rings = tuple(shaped(rings, (None,), "rings").tolist())
+    if not rings or len(pixels) % len(rings):
+        raise InputError(f"{len(pixels)} markers are not as many in each of {len(rings)} rings.")
+    if len(rings) == 1:
+        fitted = fit_ring_view(pixels, radius, **camera)
+        return fitted.view, fitted.order
+    inmost = np.split(np.argsort(np.linalg.norm(pixels - pixels.mean(axis=0), axis=1)), len(rings))
+    owned = dict(zip(np.argsort(rings).tolist(), inmost, strict=True))  # the nearer, the larger in the picture
+    fitted = fit_ring_view(pixels[owned[0]], radius, **camera)
+    order, angles = [owned[0][fitted.order]], [fitted.view.angles]
+    for ring in range(1, len(rings)):
+        x, y = fitted.view.to_plane(pixels[owned[ring]], np.asarray(rings, dtype=np.float64)[ring : ring + 1]).T
+        turn: Float[np.ndarray, " m"] = np.sort(np.arctan2(y, x))
+        gaps: Float[np.ndarray, " m"] = np.append(turn[1:], turn[0] + 2.0 * np.pi) - turn
+        usual = 2.0 * np.pi / len(turn)
+        if not (gaps.min() > 0.5 * usual and gaps.max() < 1.5 * usual):
+            said = "the rings of markers do not lie one round the other in the picture."
+            raise InputError(said, where="marker_ring.rings", hint="State the height of each ring above the first.")
+        order.append(owned[ring][np.argsort(np.arctan2(y, x))])
+        angles.append(turn)
+    view = fitted.view
+    return RingView(view.camera, view.pose, radius, np.concatenate(angles), rings), np.concatenate(order)
+
+
+def replace_angles(view: RingView, angles: Float[np.ndarray, " m"]) -> RingView:
+    """The same view of markers that rest elsewhere."""
+    return RingView(view.camera, view.pose, view.radius, angles)
+
+
+def _around(pixels: np.ndarray, even: np.ndarray) -> tuple[np.ndarray, float]:
+    """The pixels in order of rising angle, and the angle of the first, which is the one nearest to 0.
+
+    About the middle of the circle through them: their mean, which is right where the ring is whole.
+    """
+    middle = pixels.mean(axis=0)
+    angle = np.arctan2(middle[1] - pixels[:, 1], pixels[:, 0] - middle[0])
+    order = np.argsort(angle)
+    first = int(np.argmin(np.abs(angle[order])))
+    order = np.roll(order, -first)
+    gap = angle[order] - even
+    return order, float(np.arctan2(np.sin(gap).mean(), np.cos(gap).mean()))
+
+
+def _solved(view: Any, seen: np.ndarray) -> Any:
+    from scipy.optimize import least_squares  # here: it takes a while to import
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        this = view(x)
+        return np.nan_to_num(this.from_plane(this.rest) - seen, nan=1e3).ravel()
+
+    bounds = np.array([0.6, 0.6, 0.8, 0.8, 1.2, np.inf])
+    solution = least_squares(residual, np.zeros(6), bounds=(-bounds, bounds), x_scale=[0.1] * 6)
+    gap = np.linalg.norm(seen - np.roll(seen, 1, axis=0), axis=1)
+    if not np.sqrt(2 * solution.cost / len(seen)) < 0.25 * np.median(gap):
+        missing = ("the camera's place",)
+        raise NotIdentifiable("the markers are no even ring about the middle of the picture", rank=0, missing=missing)
+    return solution

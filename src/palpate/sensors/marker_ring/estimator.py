@@ -1,0 +1,270 @@
+"""Images of a soft ring's markers become contacts: several at once, each with angle, force, depth, width and shear."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import nan
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy.typing import ArrayLike
+
+from palpate.calls import called_as
+from palpate.contact.estimate import ROW, Status
+from palpate.contact.estimator import Answered, Channels, ContactEstimator, Counts, Known, Rows, Times, instant, rows_of
+from palpate.errors import InputError
+from palpate.optical.markers import Frame, MarkerTracker
+from palpate.optical.ring_response import ring_basis
+from palpate.sensors.marker_ring.locator import RingFound, RingLocator, RingSettings
+from palpate.sensors.marker_ring.model import MarkerRing
+from palpate.signals.recording import IMAGE, Recording
+from palpate.signals.wrench_sensor import Tare
+from palpate.spatial._arrays import shaped
+from palpate.spatial.pose import Pose
+
+__all__ = ["FEATURES", "RingEstimator"]
+
+UINT8 = np.dtype(np.uint8)
+FEATURES = ("angle", "depth", "width", "shear", "angle_sd", "force_sd", "depth_sd", "markers")
+_SEEN = ROW.length + len(FEATURES) - 1  # the column of how many markers were seen
+_UNBELIEVABLE = 4.0  # deviations that the displacements are off, on the whole, from what contacts can make
+_HEIGHT = 2e-3  # m: along the barrel's axis contacts are taken for the ring's own height
+_STEADY = 3.0  # times the calibration's jitter: a tare in which markers move more is refused
+
+
+@called_as('palpate.load_rig("rig.toml").estimator()')
+class RingEstimator(ContactEstimator):
+    """Locate the contacts in each image of a marker ring, by where markers and contacts were in the one before.
+
+    A reading is an image (height, width, 3), uint8; orientation and acceleration make no difference. The
+    place is that of the centre of pressure on the outer surface, at the height of the markers; the force is what the
+    environment presses with, inwards and along the ring; the torque is NaN. IMPLAUSIBLE: located, but the markers move
+    as no few contacts can make them. INVALID: a black, frozen or unfitting frame, or fewer than half of the markers.
+
+    Features: `angle` [rad] about the ring's axis; `depth` [m] of the indenter's foremost point; `width` [m], half of
+    the dent's width at half of its depth; `shear` [N] along rising angles, NaN where it was not calibrated; `angle_sd`
+    [rad], `force_sd` [N], `depth_sd` [m] standard deviations; `markers`, how many were seen.
+
+    Args:
+        ring: calibrated.
+        settings: how contacts are found.
+        mount: T_sensor_surface.
+    """
+
+    def __init__(self, ring: MarkerRing, settings: RingSettings | None = None, *, mount: Pose | None = None) -> None:
+        from palpate.contact import _track  # compiled: loaded when first needed
+        from palpate.sensors.marker_ring import _kernels as _ring
+
+        super().__init__((IMAGE,), FEATURES, _ring.MOST, mount, dtype=UINT8)
+        self.ring, self.settings = ring, settings or RingSettings()
+        self._tared: Tare | None = None
+        self._scratch, self._nothing = self.empty(_ring.MOST), self.empty()
+        self._nothing[:_SEEN] = np.nan
+        self._nothing[ROW.candidates] = 0.0
+        self._tracks = np.full((_track.TRACKS, _track.TRACK), -1.0), np.ones(1, dtype=np.int64)
+        self._bad = dict.fromkeys(Frame, 0)
+        self._know(ring)
+
+    def _know(self, ring: MarkerRing) -> None:
+        self.ring = ring
+        skin = ring.radius, ring.view.radius
+        self.locator = RingLocator(ring.response, ring.view.angles, ring.noise(), self.settings, skin)
+        self.tracker = MarkerTracker(ring.view, ring.colour, ring.rest, ring.area)
+        self._widths = _dent_widths(ring)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what frames left: places of markers, contacts, identities."""
+        super().reset()
+        self.locator.reset()
+        self.tracker.reset()
+        self._tracks[0][:], self._tracks[1][:] = -1.0, 1
+        self._bad = dict.fromkeys(Frame, 0)
+
+    def tare(self, recording: Recording) -> Tare:
+        """Take where the markers are in a window for their rest from now on; see `ContactEstimator.tare`."""
+        pixels, _ = self.markers(recording)
+        self.reset()
+        seen = np.count_nonzero(np.isfinite(pixels[..., 0]), axis=0)
+        gone = np.flatnonzero(seen < max(1, 0.5 * len(recording))).tolist()
+        if not len(recording) or gone:
+            lost = ", ".join(map(str, gone[:5]))
+            raise InputError(
+                f"markers {lost or 'of no frame'} are not seen while the rest is taken.",
+                where=recording.source,
+                hint="Let all of the ring be in view, untouched, at the start.",
+            )
+        spread: np.ndarray = np.nanvar(pixels, axis=0)
+        rest, jitter = np.nanmean(pixels, axis=0), float(np.sqrt(np.mean(spread)))
+        if jitter > _STEADY * self.ring.jitter:
+            raise InputError(
+                f"the markers are not steady while the rest is taken: they move by {jitter:.2g} px, "
+                f"{self.ring.jitter:.2g} px in the calibration.",
+                where=recording.source,
+                hint="Tare while nothing touches the ring.",
+            )
+        moved = np.linalg.norm(rest - self.ring.rest, axis=1)
+        off = np.abs(moved - np.median(moved)).max() > 5.0 * self.ring.jitter
+        doubt = (
+            f"markers rest up to {moved.max():.1f} px from where they were calibrated, as under a touch" if off else ""
+        )
+        self._know(replace(self.ring, rest=rest))
+        said = (
+            f"tare over {len(recording)} frames: markers rest {np.median(moved):.2g} px from where they were calibrated"
+        )
+        self._tared = Tare(said, doubt)
+        return self._tared
+
+    def markers(self, recording: Recording) -> tuple[Float[np.ndarray, "n m 2"], Int[np.ndarray, " n"]]:
+        """Places [px] of the markers in each frame, NaN where one is not seen, and each frame's `Frame`.
+
+        Raises:
+            InputError: the recording has no images.
+        """
+        if IMAGE not in recording.channels:
+            raise InputError("has no images.", where=recording.source)
+        frames = recording.channels[IMAGE]
+        pixels, states = np.full((len(frames), len(self.ring), 2), np.nan), np.zeros(len(frames), dtype=np.int64)
+        for n, frame in enumerate(frames):
+            states[n] = self._track(frame, pixels[n])
+        return pixels, states
+
+    def _track(self, image: np.ndarray, pixels: Float[np.ndarray, "m 2"]) -> int:
+        """Places of one frame's markers into `pixels`, and the frame's `Frame`."""
+        self.tracker.track(image, pixels)
+        return int(self.tracker.frame)
+
+    def answer(self, block: Recording, watched: bool = False) -> Answered:
+        """Answer the frames of a block, with the places of the markers."""
+        pixels, states = self.markers(block)
+        found, seen = self._found(pixels, states.tolist())
+        counts = np.maximum(found.counts, 1)
+        rows, first = self.empty(int(counts.sum())), 0
+        for n, when in enumerate(block.time.tolist()):
+            first += self._frame(when, found, n, seen[n], rows[first:])
+        return Answered(block, rows, counts, pixels)
+
+    def update_markers_into(
+        self,
+        time: ArrayLike,
+        pixels: ArrayLike,
+        out: Float[np.ndarray, "*rows width"],
+        frame: Frame = Frame.OK,
+    ) -> int:
+        """`update_into` for whoever knows where the markers are, by a tracker or by a simulation.
+
+        Args:
+            time: [s] of the frame.
+            pixels: of every marker, NaN where it is not seen.
+            out: rows of `empty`.
+            frame: what is the matter with it, as `MarkerTracker.frame` says.
+        """
+        pixels = shaped(pixels, (len(self.ring), 2), "pixels")
+        if not any(frame is each for each in Frame):
+            raise InputError(f"frame must be a Frame, not {frame!r:.60}.")
+        return self._write(instant(time), pixels, int(frame), rows_of(out, self._width))
+
+    def _write(self, time: float, pixels: np.ndarray, state: int, rows: np.ndarray) -> int:
+        """One frame's contacts into rows: how many."""
+        found, seen = self._found(pixels[None], [state])
+        count = self._frame(float(time), found, 0, seen[0], self._scratch)
+        fits = min(count, len(rows))
+        rows[:fits] = self._scratch[:fits]
+        return fits
+
+    def _single(self, time: float, reading: ArrayLike, out: Rows, rotation: Known, acceleration: Known) -> int:
+        image = reading if type(reading) is np.ndarray else shaped(reading, (..., 3), "reading", UINT8)
+        pixels = np.empty((len(self.ring), 2))
+        return self._write(time, pixels, self._track(image, pixels), out)
+
+    def _arrays(self, time: Times, readings: np.ndarray, beside: Channels, out: Rows, counts: Counts) -> int:
+        used = 0
+        for n, (when, image) in enumerate(zip(time.tolist(), readings, strict=True)):
+            if used + self.most > len(out):
+                return n
+            counts[n] = self._single(when, image, out[used:], None, None)
+            used += int(counts[n])
+        return len(time)
+
+    def notes(self) -> tuple[str, ...]:
+        """Return what was met so far, one sentence each."""
+        said = [*self.ring.notes, *([self._tared.said] if self._tared else [])]
+        what = {
+            Frame.LOST: "show fewer than half of the markers",
+            Frame.BLACK: "are black",
+            Frame.FROZEN: "repeat the one before",
+            Frame.WRONG_SIZE: "are of another size than the calibration's",
+        }
+        said += [f"{count} frames {what[why]}" for why, count in self._bad.items() if count and why in what]
+        return tuple(said)
+
+    def doubts(self) -> tuple[str, ...]:
+        """Return what may be wrong, one sentence each."""
+        return (self._tared.doubt,) if self._tared and self._tared.doubt else ()
+
+    def _found(self, pixels: np.ndarray, states: list[int]) -> tuple[RingFound, list[float]]:
+        lost = [n for n, state in enumerate(states) if state != Frame.OK]
+        if lost:
+            for n in lost:
+                self._bad[Frame(states[n])] += 1
+            pixels = pixels.copy()
+            pixels[lost] = np.nan
+        found, seen = self.locator.run_pixels(pixels, self.ring)
+        return found, seen.astype(np.float64).tolist()
+
+    def _frame(self, time: float, found: RingFound, n: int, seen: float, rows: np.ndarray) -> int:
+        """The rows of one frame, at least one: how many."""
+        count = int(found.counts[n])
+        if count < 1:
+            rows[0] = self._nothing
+            rows[0, ROW.status] = Status.INVALID if count < 0 else Status.NO_CONTACT
+            rows[0, _SEEN] = seen
+            return 1
+        states, off = found.states[n, :count], float(found.residual[n])
+        angle, z = states[:, 0], states[:, 2]
+        columns = (np.cos(angle), np.sin(angle), self.locator.depth(states), np.interp(z, *self._widths))
+        more = zip(*(each.tolist() for each in columns), strict=True)
+        rows[:count] = [self._row(state, each, off, seen) for state, each in zip(states.tolist(), more, strict=True)]
+        self._identify(time, rows[:count])
+        return count
+
+    def _row(self, state: list[float], more: tuple[float, ...], off: float, seen: float) -> list[float]:
+        """One contact, without its identity: plain numbers, as arrays of one to six cost more than what is computed.
+
+        Args:
+            state: of `RingFound`.
+            more: cosine and sine of the angle, depth [m], width [m].
+            off: what is left of the frame, in deviations.
+            seen: markers.
+        """
+        c, s, depth, width = more
+        angle, force, _, t, angle_sd, force_sd, depth_sd, _ = state
+        radius, shears = self.ring.radius, self.ring.response.shears
+        shear, off_side = force * t if shears else 0.0, radius * angle_sd
+        out, along, sideways = (c, s, 0.0), (-s, c, 0.0), off_side * off_side
+        covariance = [sideways * a * b for a in along for b in along]
+        covariance[8] += _HEIGHT**2
+        status = float(Status.IMPLAUSIBLE if off > _UNBELIEVABLE else Status.CONTACT)
+        said = [angle, depth, width, shear if shears else nan, angle_sd, force_sd, depth_sd, seen]
+        push = [-force * a + shear * b for a, b in zip(out, along, strict=True)]
+        place = [radius * a for a in out]
+        return [*place, *out, *push, nan, *covariance, off, 1.0, status, *said, 0.0]  # in the order of ROW, features
+
+    def _identify(self, time: float, rows: np.ndarray) -> None:
+        """Identities into the last column."""
+        from palpate.contact import _track
+
+        set_, count = self.settings, len(rows)
+        identity, points = np.zeros(count, dtype=np.int64), np.ascontiguousarray(rows[:, ROW.point])
+        reach, speed, patience = map(float, (set_.reach, set_.speed, set_.patience))
+        _track.follow(time, points, count, *self._tracks, reach, speed, patience, identity)
+        rows[:, -1] = identity
+
+
+def _dent_widths(ring: MarkerRing) -> tuple[np.ndarray, np.ndarray]:
+    """Half of a dent's width at half of its depth [m], over the width coordinate z of the response."""
+    z, delta = np.linspace(-3.0, 3.0, 25), np.linspace(0.0, np.pi / 2, 181)
+    mean = ring.response.coefficients[:3, 0, :, 0] @ ring_basis(delta, ring.response.orders[0]).T
+    inward = -(mean[0] + np.multiply.outer(z, mean[1]) + np.multiply.outer(z * z, mean[2]))
+    half = np.argmax(inward < 0.5 * inward[:, :1], axis=1)
+    return z, ring.radius * delta[half]

@@ -1,0 +1,109 @@
+"""A soft ring of markers that a fisheye camera watches: what calibration finds, and what estimates are made with."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.errors import InputError
+from palpate.optical.fisheye import STEPS, Fisheye, RingView, flat_pixels
+from palpate.optical.markers import MarkerColour
+from palpate.optical.ring_response import RingResponse
+from palpate.spatial._arrays import Value, frozen
+from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.shown import one_line
+
+__all__ = ["MarkerRing", "RingBody"]
+
+
+@dataclass(frozen=True)
+class RingBody:
+    """What is known of a unit before it is calibrated.
+
+    Attributes:
+        radius: [m] of the outer surface at the markers. thickness: [m] of the skin. markers: how many, in each ring.
+        camera: lens; None: of an equidistant lens, whose focal length is fitted.
+        height: [m] of the camera above the markers, roughly.
+        colour: of the markers; None: found.
+        rings: [m] heights of the rings of markers, towards the camera; the first is 0: the one that radius is of.
+    """
+
+    radius: float
+    thickness: float
+    markers: int
+    camera: Fisheye | None = None
+    height: float = 0.04
+    colour: MarkerColour | None = None
+    rings: tuple[float, ...] = (0.0,)
+
+
+@takes_arrays
+@dataclass(frozen=True, eq=False, repr=False)
+class MarkerRing(Value):
+    """One unit.
+
+    Attributes:
+        radius: [m] of the skin's outer surface at the markers.
+        view: the camera, its place in the ring, and the angles at which markers rest on the inner surface.
+        colour: how markers are told from the skin.
+        rest: (m, 2) [px] places of the markers at rest. area: (m,) [px] sizes.
+        jitter: [px] deviation of a marker's place along each axis from frame to frame.
+        response: how markers move.
+        notes: what a user should know. provenance: of the calibration.
+    """
+
+    radius: float
+    view: RingView
+    colour: MarkerColour
+    rest: Float[np.ndarray, "m 2"]
+    area: Float[np.ndarray, " m"]
+    jitter: float
+    response: RingResponse
+    notes: tuple[str, ...] = ()
+    provenance: Mapping[str, str] = field(default_factory=lambda: {})
+
+    def __post_init__(self) -> None:
+        count = len(self.view.angles)
+        if self.response.rings != len(self.view.rings):
+            raise InputError(f"the response is of {self.response.rings} rings, the view of {len(self.view.rings)}.")
+        object.__setattr__(self, "rest", frozen(self.rest, tail=(2,), name="rest"))
+        object.__setattr__(self, "area", frozen(self.area, name="area"))
+        if self.rest.shape != (count, 2) or self.area.shape != (count,):
+            raise InputError(f"rest and area must be of {count} markers, not {self.rest.shape} and {self.area.shape}.")
+        if not (self.radius > self.view.radius > 0 and self.jitter > 0):
+            raise InputError("radius must be larger than that of the markers, and jitter positive.")
+
+    def __len__(self) -> int:
+        return len(self.view.angles)
+
+    def displacements(self, pixels: Float[np.ndarray, "*batch m 2"]) -> Float[np.ndarray, "*batch m 2"]:
+        """[m] of markers at pixels from where they rest, outwards and along rising angles; NaN stays."""
+        from palpate.optical._fisheye import displaced  # compiled: loaded when first needed
+
+        flat, out = flat_pixels(pixels), np.empty(np.shape(pixels))
+        lens, pose, heights, resting, axes = self.numbers
+        displaced(flat, lens, pose, heights, STEPS, resting, axes, out.reshape(-1, 2))
+        return out
+
+    @cached_property
+    def numbers(self) -> tuple[np.ndarray, ...]:
+        """Lens and place of the camera; heights of the markers, where they rest in their planes [m], and `axes`."""
+        resting = self.view.to_plane(self.rest, self.view.heights)
+        return *self.view.numbers, self.view.heights, resting, np.ascontiguousarray(self.axes())
+
+    def axes(self) -> Float[np.ndarray, "m 2 2"]:
+        """Directions outwards and along rising angles at each marker, in the ring's plane: the columns."""
+        c, s = np.cos(self.view.angles), np.sin(self.view.angles)
+        return np.stack([np.stack([c, s], axis=-1), np.stack([-s, c], axis=-1)], axis=-1)
+
+    def noise(self) -> Float[np.ndarray, "m 2"]:
+        """[m] deviation of each displacement that `jitter` makes."""
+        along = np.swapaxes(self.axes(), -1, -2) @ self.view.to_plane_with_slope(self.rest, self.view.heights)[1]
+        return self.jitter * np.linalg.norm(along, axis=-1)
+
+    def __repr__(self) -> str:
+        return one_line(self)

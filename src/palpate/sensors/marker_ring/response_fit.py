@@ -1,0 +1,380 @@
+"""The response of a ring's markers, by regression on presses of known angle, depth and force."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from palpate.errors import InputError
+from palpate.optical.ring_response import RingResponse, ring_basis
+from palpate.sensors.marker_ring.locator import RingLocator, RingSettings, turned
+from palpate.spatial._arrays import shaped
+from palpate.spatial.arguments import takes_arrays
+
+__all__ = ["RingPresses", "fit_response"]
+
+ORDERS = (16, 2)  # of the angle between marker and contact, and of the contact's own angle
+PARTS = 48  # of a turn, in which misfits are told
+_BLOCK = 256  # presses at once
+_LEAST = 8  # presses that a fit needs
+_PLAIN = 0.02  # of the force, taken for what a gauge beside a ring tells shear to: a judgement, not measured
+_TURNS = 200  # of expectation and maximisation
+_STEEPEST = 2.0  # shear / force: of silicone on anything it is below
+_ASTRAY, _WRONG = 0.35, 0.5  # rad, share: presses left out that are found so far off were not understood
+_SHEAR = 0.15  # usual shear / force where none was calibrated
+_NEW_SKIN = 1.0, 4.0, 0.03  # numbers of `_deviations` that the search for the likeliest begins with: of a new kind,
+_NEW_UNIT = 0.1, 4.0, 0.3  # and of another unit of a known kind, once its stiffness is taken off
+
+
+@takes_arrays
+@dataclass(frozen=True, eq=False)
+class RingPresses:
+    """Single contacts of known truth with what the markers did.
+
+    Attributes:
+        angle: (n,) [rad] of the centre of pressure. depth: (n,) [m]. force: (n,) [N] radial, positive inwards.
+        shear: (n,) [N] along rising angles; NaN: not known.
+        displacements: (n, m, 2) [m] outwards and along; NaN: not seen.
+        markers: (m,) [rad] at rest, ring by ring, as many in each. noise: (m, 2) [m] deviation of a displacement.
+        rings: of markers.
+    """
+
+    angle: Float[np.ndarray, " n"]
+    depth: Float[np.ndarray, " n"]
+    force: Float[np.ndarray, " n"]
+    shear: Float[np.ndarray, " n"]
+    displacements: Float[np.ndarray, "n m 2"]
+    markers: Float[np.ndarray, " m"]
+    noise: Float[np.ndarray, "m 2"]
+    rings: int = 1
+
+    def __len__(self) -> int:
+        return len(self.angle)
+
+    def picked(self, rows: Bool[np.ndarray, " n"]) -> RingPresses:
+        """Some of them."""
+        rows = shaped(rows, self.angle.shape, "rows", np.dtype(np.bool_))
+        names = ("angle", "depth", "force", "shear", "displacements")
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+
+    def by_ring(self) -> list[RingPresses]:
+        """What each ring saw of them."""
+        if self.rings == 1:
+            return [self]
+        own = [np.split(each, self.rings) for each in (np.swapaxes(self.displacements, 0, 1), self.markers, self.noise)]
+        return [
+            replace(self, displacements=np.swapaxes(moved, 0, 1), markers=markers, noise=noise, rings=1)
+            for moved, markers, noise in zip(*own, strict=True)
+        ]
+
+
+def fit_response(presses: RingPresses, before: RingResponse | None = None) -> RingResponse:
+    """The response that explains presses, with what it leaves unexplained on presses that were left out.
+
+    A regression on v0, v1, v2 and s with a prior: smooth in the angle from the contact, nearly the same all round the
+    ring; how smooth and how nearly, the presses say: a looser prior learns the pixels' noise, and two contacts near to
+    each other pay for that. With the response of another unit the prior is that one, times a stiffness of its own all
+    round: tens of presses then do.
+
+    Args:
+        presses: all round, of two widths at least; of shear, too, where it is known.
+        before: of another unit.
+
+    Raises:
+        InputError: too few presses, or only on a part of the ring; shear that no friction makes; or presses that are
+            left out are not found by what the others tell.
+    """
+    _require_presses(presses, before)
+    whole = _fitted(presses, before)
+    judged = replace(whole, **_left_out(presses, before, whole))
+    angle, _, force, _ = judged.left_out.tolist()
+    if not (angle <= _ASTRAY and force <= _WRONG):  # NaN too: hardly one is found
+        raise InputError(
+            f"presses that were left out are {_off(angle, force)}: the markers do not move as angle, depth and force "
+            "say.",
+            where="truth",
+            hint="Does every row stand beside its frame? Is angle_deg in degrees, depth_mm in mm, force_n in N?",
+        )
+    return judged
+
+
+def _off(angle: float, force: float) -> str:
+    if np.isnan(angle):
+        return "mostly not found"
+    return f"found {np.degrees(angle):.0f} degrees and {force:.0%} of their force off"
+
+
+def _require_presses(presses: RingPresses, before: RingResponse | None) -> None:
+    if len(presses) < _LEAST:
+        raise InputError(f"{len(presses)} presses are too few: the fit needs {_LEAST} at least.", where="truth")
+    if before is not None and before.rings != presses.rings:
+        raise InputError(f"the other unit has {before.rings} rings of markers, this one {presses.rings}.")
+    share = np.abs(presses.shear / presses.force)[presses.force >= np.median(presses.force)]
+    steep = float(np.nanquantile(share, 0.95)) if np.isfinite(share).any() else 0.0
+    if steep > _STEEPEST:
+        raise InputError(
+            f"the shear is up to {steep:.1f} times the force, and no friction makes more than {_STEEPEST:g} of it.",
+            where="truth",
+            hint="shear_n is in N, along rising angles; leave the column out where it was not measured.",
+        )
+    angles = np.sort(np.mod(presses.angle, 2.0 * np.pi))
+    gap = np.degrees(np.diff(angles, append=angles[0] + 2.0 * np.pi).max())
+    if gap > 60.0 + 60.0 * (before is not None):
+        raise InputError(
+            f"no press stands in {gap:.0f} degrees of the ring.", where="truth", hint="Press all round the ring."
+        )
+
+
+def _fitted(presses: RingPresses, before: RingResponse | None) -> RingResponse:
+    """Without knowledge of its errors."""
+    if before is None:
+        ratio = presses.depth / presses.force
+        sheared = bool(np.isfinite(presses.shear).all() and np.ptp(presses.shear / presses.force) > 0.1)
+        weight = presses.force**2
+        mean = float(np.average(ratio, weights=weight))
+        width = np.array([mean, max(float(np.sqrt(np.average((ratio - mean) ** 2, weights=weight))), 0.02 * mean)])
+        start = np.zeros((3 + sheared, 2 * presses.rings, 2 * ORDERS[0] + 1, 2 * ORDERS[1] + 1))
+        usual, grip = _usual(presses, width, sheared)
+        dragged = _dragged(presses.shear / presses.force) if sheared else np.zeros(3)
+    else:
+        start, width = _rescaled(presses, before)
+        usual, grip, dragged = before.usual, before.grip, before.dragged
+    each = zip(presses.by_ring(), np.split(start, presses.rings, axis=1), strict=True)
+    found = [_regression(seen, own, width, known=before is not None) for seen, own in each]
+    coefficients = np.concatenate(found, axis=1)
+    largest = np.array([presses.depth.max(), presses.force.max()])
+    nothing = np.zeros((2 * presses.rings, PARTS))
+    return RingResponse(coefficients, width, nothing, np.zeros(2), largest, usual, grip, dragged)
+
+
+def _usual(presses: RingPresses, width: np.ndarray, sheared: bool) -> tuple[Float[np.ndarray, "3"], float]:
+    """`usual` and `grip` of a `RingResponse`; grip of the heavier half: light presses tell more of the gauge."""
+    z = (presses.depth / presses.force - width[0]) / width[1]
+    if not sheared:
+        return np.array([z.mean(), z.std(), _SHEAR]), 0.0
+    share = presses.shear / presses.force
+    grip = float(np.abs(share[presses.force >= np.median(presses.force)]).max())
+    return np.array([z.mean(), z.std(), float(np.sqrt(np.mean(share**2)))]), grip
+
+
+def _dragged(share: Float[np.ndarray, " n"]) -> Float[np.ndarray, "3"]:
+    """`dragged` of a `RingResponse`: two normal distributions about 0, by expectation and maximisation.
+
+    Zeros where one distribution explains shear / force as well, by Schwarz's criterion [Bishop 2006, 4.4.1 and 9.2.2].
+    """
+    square, deviations = share**2, np.maximum([np.median(np.abs(share)), np.abs(share).max()], _PLAIN)
+    weights = np.array([0.5, 0.5])
+
+    def likely(weights: np.ndarray, deviations: np.ndarray) -> Float[np.ndarray, "n k"]:
+        return weights / deviations * np.exp(-0.5 * square[:, None] / deviations**2) + 1e-300
+
+    for _ in range(_TURNS):
+        each = likely(weights, deviations)
+        each /= each.sum(axis=1, keepdims=True)
+        weights = each.mean(axis=0)
+        deviations = np.maximum(np.sqrt(square @ each / np.maximum(each.sum(axis=0), 1e-300)), _PLAIN)
+    two = np.log(likely(weights, deviations).sum(axis=1)).sum()
+    one = np.log(likely(np.ones(1), np.maximum(np.sqrt(square.mean(keepdims=True)), _PLAIN))).sum()
+    if two - one < np.log(len(share)):  # two numbers more
+        return np.zeros(3)
+    return np.array([weights[1], *deviations])
+
+
+def _terms(presses: RingPresses, width: np.ndarray, terms: int) -> Float[np.ndarray, "n b"]:
+    """What multiplies v0, v1, v2 and s."""
+    force, z = presses.force, (presses.depth / presses.force - width[0]) / width[1]
+    columns = [force, force * z, force * z * z]
+    if terms == 4:
+        columns.append(np.nan_to_num(presses.shear))
+    return np.stack(columns, axis=1)
+
+
+def _rescaled(presses: RingPresses, before: RingResponse) -> tuple[np.ndarray, np.ndarray]:
+    """Another unit's response, softer or stiffer all round: u = g(phi) u_before, depth / F = g width_before."""
+    g, gain = np.ones(len(presses)), np.array([1.0, 0.0, 0.0, 0.0, 0.0])
+    for _ in range(3):
+        terms = _terms(presses, before.width * np.mean(g), len(before.coefficients))
+        guess = _predicted(presses, before.coefficients, terms)
+        seen = np.isfinite(presses.displacements)
+        basis = ring_basis(presses.angle, 2)
+        there, wanted = np.where(seen, guess, 0.0), np.where(seen, presses.displacements, 0.0)
+        normal = np.einsum("na,nb,nmc->ab", basis, basis, there**2) + np.diag([0.0, *([1e-2] * 4)]) * (there**2).sum()
+        right: np.ndarray = np.einsum("na,nmc,nmc->a", basis, there, wanted)
+        gain = np.asarray(np.linalg.solve(normal, right), dtype=np.float64)
+        g = np.maximum(basis @ gain, 0.2)
+    return _times(before.coefficients, gain, before.orders[1]), before.width * float(np.mean(g))
+
+
+def _times(coefficients: np.ndarray, gain: np.ndarray, order: int) -> np.ndarray:
+    """Coefficients of a response times a series in the contact's angle, cut off at the response's own order."""
+    phi = 2.0 * np.pi * np.arange(64) / 64
+    of_phi = ring_basis(phi, order)
+    values = np.einsum("bckm,am->bcka", coefficients, of_phi) * (ring_basis(phi, 2) @ gain)
+    back: np.ndarray = np.asarray(np.linalg.pinv(of_phi))
+    return np.einsum("bcka,ma->bckm", values, back)
+
+
+def _predicted(presses: RingPresses, coefficients: np.ndarray, terms: np.ndarray) -> Float[np.ndarray, "n m 2"]:
+    orders = coefficients.shape[2] // 2, coefficients.shape[3] // 2
+    of_phi, found = ring_basis(presses.angle, orders[1]), list[np.ndarray]()
+    for seen, own in zip(presses.by_ring(), np.split(coefficients, presses.rings, axis=1), strict=True):
+        of_delta = ring_basis(seen.markers[None, :] - seen.angle[:, None], orders[0])
+        found.append(np.einsum("nb,bckm,nik,nm->nic", terms, own, of_delta, of_phi, optimize=True))
+    return np.concatenate(found, axis=1)
+
+
+def _regression(presses: RingPresses, start: np.ndarray, width: np.ndarray, *, known: bool) -> np.ndarray:
+    """Ridge regression of one ring's response towards `start`, with the prior that its evidence chooses."""
+    shape, usual = start.shape, float(np.sqrt(np.nanmean((presses.displacements / presses.force[:, None, None]) ** 2)))
+    normal, right = _sums(presses, start, width, usual)
+    scale = _most_likely(normal, right, shape, usual, _NEW_UNIT if known else _NEW_SKIN)
+    found: np.ndarray = np.linalg.solve(normal + np.diag(scale**-2.0), right)
+    return start + np.moveaxis(found.reshape(shape[0], shape[2], shape[3], 2), 3, 1)
+
+
+def _sums(
+    presses: RingPresses, start: np.ndarray, width: np.ndarray, usual: float
+) -> tuple[Float[np.ndarray, "size size"], Float[np.ndarray, "size 2"]]:
+    """The normal matrix and its right sides, outwards and along, of what `start` leaves."""
+    terms, shape = _terms(presses, width, len(start)), start.shape
+    size = shape[0] * shape[2] * shape[3]
+    normal, right = np.zeros((size, size)), np.zeros((size, 2))
+    noise = float(np.sqrt(np.mean(presses.noise**2)))
+    left = presses.displacements - _predicted(presses, start, terms)
+    for first in range(0, len(presses), _BLOCK):
+        rows = slice(first, first + _BLOCK)
+        delta = presses.markers[None, :] - presses.angle[rows, None]
+        of_delta, of_phi = ring_basis(delta, shape[2] // 2), ring_basis(presses.angle[rows], shape[3] // 2)
+        design = np.einsum("nb,nik,nm->nibkm", terms[rows], of_delta, of_phi, optimize=True)
+        weight = 1.0 / np.sqrt(noise**2 + (0.03 * usual * presses.force[rows]) ** 2)
+        seen = np.asarray(np.isfinite(left[rows]).all(axis=2), dtype=bool)
+        scaled = np.where(seen, weight[:, None], 0.0)
+        flat = (design * scaled[:, :, None, None, None]).reshape(-1, size)
+        normal += flat.T @ flat
+        right += flat.T @ (np.where(seen[..., None], left[rows], 0.0) * scaled[..., None]).reshape(-1, 2)
+    return normal, right
+
+
+def _most_likely(
+    normal: np.ndarray, right: np.ndarray, shape: tuple[int, ...], usual: float, first: tuple[float, float, float]
+) -> Float[np.ndarray, " size"]:
+    """Deviations of the coefficients under the prior whose evidence is largest [Bishop 2006, 3.5.1].
+
+    log p(u) = sum over both axes of (log|P| - log|N + P| + r' (N + P)^-1 r) / 2 + what no prior changes, P the
+    precision, N the normal matrix, r its right side.
+
+    Args:
+        normal: of the regression.
+        right: its right sides.
+        shape: of the coefficients.
+        usual: displacement of a newton [m/N].
+        first: numbers of `_deviations` to begin with.
+    """
+    from scipy.linalg import cho_factor, cho_solve  # here: they take a while to import
+    from scipy.optimize import minimize
+
+    start = np.log(first)
+
+    def deviations(x: np.ndarray) -> Float[np.ndarray, " size"]:
+        return usual * _deviations(shape, *np.exp(np.clip(x, start - 4.0, start + 4.0)).tolist())
+
+    def unlikely(x: np.ndarray) -> float:
+        precision = deviations(x) ** -2.0
+        factor = cho_factor(normal + np.diag(precision), lower=True, check_finite=False)
+        spread = np.sum(np.log(precision)) - 2.0 * np.sum(np.log(np.diag(factor[0])))
+        return float(-spread - 0.5 * np.sum(right * cho_solve(factor, right)))
+
+    simplex = start + np.concatenate([np.zeros((1, 3)), 0.5 * np.eye(3)])
+    options: Any = {"initial_simplex": simplex, "xatol": 0.05, "fatol": 0.5, "maxfev": 200}
+    return deviations(minimize(unlikely, start, method="Nelder-Mead", options=options).x)
+
+
+def _deviations(shape: tuple[int, ...], size: float, smooth: float, uneven: float) -> Float[np.ndarray, " size"]:
+    """Of coefficients under the prior, beside those of the start; the usual displacement of a newton is 1.
+
+    Args:
+        shape: of the coefficients.
+        size: of all of them.
+        smooth: order in delta from which on they fall.
+        uneven: share of the first order in phi.
+    """
+    of_term = np.array([1.0, 0.5, 0.25, 1.0])[: shape[0]]
+    k = np.repeat(np.arange(1, shape[2] // 2 + 1), 2)
+    of_delta = np.concatenate([[1.0], 1.0 / (1.0 + (k / smooth) ** 3)])
+    m = np.repeat(np.arange(1, shape[3] // 2 + 1), 2)
+    of_phi = np.concatenate([[1.0], uneven / m])
+    return size * np.einsum("b,k,m->bkm", of_term, of_delta, of_phi).reshape(-1)
+
+
+def _left_out(presses: RingPresses, before: RingResponse | None, whole: RingResponse) -> dict[str, np.ndarray]:
+    """Misfit and spread, from two fits to halves of the angles, each judged on the other."""
+    _, which = np.unique(np.round(np.mod(presses.angle, 2.0 * np.pi), 2), return_inverse=True)
+    folds = which % 2 if min(np.bincount(which % 2, minlength=2)) >= _LEAST else np.arange(len(presses)) % 2
+    judged = list[np.ndarray]()
+    fits = [_fitted(presses.picked(folds != fold), before) for fold in (0, 1)]
+    parts = [presses.picked(folds == fold) for fold in (0, 1)]
+    square, number = np.zeros((2, 2 * presses.rings, PARTS))
+    for fit, part in zip(fits, parts, strict=True):
+        _add_misfit(fit, part, square, number)
+    misfit = np.sqrt(np.maximum(square, 0.0) / np.maximum(number, 1e-30))
+    for fit, part in zip(fits, parts, strict=True):
+        judged.append(_errors(replace(fit, misfit=misfit), part))
+    every = np.concatenate(judged)
+    spread, shares = _beside(every), np.stack([np.ones(len(every)), every[:, 4]])
+    found: Float[np.ndarray, "4"] = np.full(4, np.nan)
+    for e in range(2 if 2 * len(every) >= len(presses) else 0):  # else NaN: most are not found
+        off, stated = (every[:, [e, 2 + e]] / shares[e][:, None]).T.tolist()
+        found[2 * e : 2 * e + 2] = _rms(off), np.hypot(_rms(stated), spread[e])
+    return {"misfit": misfit, "spread": spread, "left_out": found}
+
+
+def _rms(values: Sequence[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def _add_misfit(fit: RingResponse, part: RingPresses, square: np.ndarray, number: np.ndarray) -> None:
+    """Squares of what a fit leaves of presses, per newton, less what noise explains."""
+    left = part.displacements - _predicted(part, fit.coefficients, _terms(part, fit.width, len(fit.coefficients)))
+    delta = np.mod(part.markers[None, :] - part.angle[:, None], 2.0 * np.pi)
+    where = np.minimum((delta / (2.0 * np.pi) * PARTS).astype(np.int64), PARTS - 1)
+    ring = np.arange(len(part.markers)) // (len(part.markers) // part.rings)
+    for row in range(len(square)):
+        seen = np.isfinite(left[..., row % 2]) & (ring == row // 2)
+        over = np.where(seen, left[..., row % 2] ** 2 - part.noise[None, :, row % 2] ** 2, 0.0)
+        square[row] += np.bincount(where[seen], over[seen], PARTS)
+        number[row] += np.bincount(where[seen], np.broadcast_to(part.force[:, None] ** 2, where.shape)[seen], PARTS)
+
+
+def _errors(fit: RingResponse, part: RingPresses) -> Float[np.ndarray, "n 5"]:
+    """Errors of angle and force with their deviations, and the force, of presses that were not fitted."""
+    locator = RingLocator(fit, part.markers, part.noise, RingSettings())
+    rows = list[list[float]]()
+    for k in range(len(part)):
+        locator.reset()
+        found = locator.run(part.displacements[k : k + 1])
+        if found.counts[0] != 1:
+            continue
+        angle, force, _, _, angle_sd, force_sd = found.states[0, 0, :6]
+        off = float(turned(np.asarray(angle - part.angle[k])))
+        rows.append([off, force - part.force[k], angle_sd, force_sd, part.force[k]])
+    return np.array(rows).reshape(-1, 5)
+
+
+def _beside(errors: Float[np.ndarray, "n 5"]) -> Float[np.ndarray, "2"]:
+    """Deviations that, beside the stated ones, make 95 % of the errors lie within 1.96."""
+    found = np.zeros(2)
+    if not len(errors):
+        return found
+    for e, scale in enumerate((np.ones(len(errors)), errors[:, 4])):
+        off, known = np.abs(errors[:, e]), errors[:, 2 + e]
+        lower, upper = 0.0, 1.0
+        for _ in range(40):
+            middle = 0.5 * (lower + upper)
+            inside = np.mean(off <= 1.96 * np.sqrt(known**2 + (middle * scale) ** 2))
+            lower, upper = (lower, middle) if inside >= 0.95 else (middle, upper)
+        found[e] = upper if upper > 1e-9 else 0.0
+    return found

@@ -1,0 +1,188 @@
+"""A ring of markers that a camera watches, in a rig: its table, how images are read, and what is built of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from palpate.errors import InputError
+from palpate.files.logs import LogContents, image_size
+from palpate.files.logs.layout import ImageChannel, Layout
+from palpate.files.models import load_toml, read_model
+from palpate.files.schema import parse
+from palpate.optical.fisheye import Fisheye
+from palpate.sensors.marker_ring.estimator import RingEstimator
+from palpate.sensors.marker_ring.locator import RingSettings
+from palpate.sensors.marker_ring.model import MarkerRing, RingBody
+from palpate.setup import guess
+from palpate.setup.body import Body
+from palpate.setup.kind import Guess, Prepared
+from palpate.setup.setup import SensorKind, SensorSection, Setup
+from palpate.setup.tables import require_path, require_positive
+from palpate.setup.wrench import first_seconds
+from palpate.signals.recording import IMAGE
+from palpate.spatial.pose import Pose
+from palpate.surfaces import Surface
+from palpate.surfaces.quadric import Cylinder
+
+__all__ = ["MARKER_RING", "MarkerRingSection", "RigMarkerRing"]
+
+_TEXT = """\
+[marker_ring]
+# model = "ring.toml"                # written by: palpate calibrate marker-ring
+radius = 0.055                       # m, of the skin's outer surface at the markers: measure it
+thickness = 0.004                    # m, of the skin
+markers = 24                         # round the ring
+# rings = [0.0, 0.01]                # m, heights of several rings of as many markers, towards the camera; first 0
+# camera = "camera.toml"             # lens: fx, fy, cx, cy, k1, k2, k3, k4, width, height of a fisheye calibration
+{where}# tare = 1.0                         # s: the log starts so long untouched
+
+"""
+_NO_WRENCH = "a camera measures no wrench"
+
+
+@dataclass(frozen=True)
+class RigMarkerRing:
+    """The ring, its model, and where a log keeps its images.
+
+    `model` is a file of `palpate calibrate marker-ring`. For a calibration: `radius` [m] of the outer surface at the
+    markers, `thickness` [m] of the skin, how many `markers`, the `camera`'s lens as a file, its `height` [m] above the
+    markers; `rings` [m], the heights of several rings of as many markers each, the first 0. `topic` of a log with
+    topics; `tare` [s]: the log starts untouched for so long; `contacts`: how contacts are found.
+    """
+
+    model: str | None = None
+    radius: float | None = None
+    thickness: float | None = None
+    markers: int | None = None
+    rings: tuple[float, ...] = (0.0,)
+    camera: str | None = None
+    height: float = 0.04
+    topic: str | None = None
+    tare: float | None = None
+    contacts: RingSettings = field(default_factory=RingSettings)
+
+    def __post_init__(self) -> None:
+        for name in ("model", "camera"):
+            require_path(name, getattr(self, name))
+        require_positive(self, "radius", "thickness", "height", "tare")
+        if self.markers is not None and self.markers < 6:
+            raise ValueError(f"markers must be 6 at least, not {self.markers}")
+        heights = np.array(self.rings, dtype=np.float64)
+        if not len(heights) or heights[0] != 0 or not (np.isfinite(heights) & (np.abs(heights) < self.height)).all():
+            raise ValueError(f"rings must be heights [m] within the camera's {self.height:g}, the first 0")
+        if len(set(self.rings)) < len(self.rings):
+            raise ValueError("no two rings can have the same height")
+        if self.radius is not None and self.thickness is not None and self.thickness >= self.radius:
+            raise ValueError("thickness must be less than radius")
+
+
+class MarkerRingSection(SensorSection):
+    """A ring of markers as a rig states it; its files are read once."""
+
+    name: ClassVar[str] = "marker_ring"
+    called: ClassVar[str] = "a ring of markers watched by a camera"
+    table: RigMarkerRing
+
+    @cached_property
+    def ring(self) -> MarkerRing:
+        """The calibrated ring.
+
+        Raises:
+            InputError: no model is named, or it cannot be read.
+        """
+        if self.table.model is None:
+            raise InputError(
+                "the rig's [marker_ring] has no model.",
+                where="marker_ring.model",
+                hint="`palpate calibrate marker-ring` makes one from presses: name what it writes, model = FILE.",
+            )
+        return read_model(self.link.folder / self.table.model, MarkerRing)
+
+    def body(self) -> RingBody:
+        """Return what the rig says of a unit that is to be calibrated.
+
+        Raises:
+            InputError: it says too little, or the camera's file cannot be read.
+        """
+        table = self.table
+        if table.radius is None or table.thickness is None or table.markers is None:
+            lacking = [name for name in ("radius", "thickness", "markers") if getattr(table, name) is None]
+            raise InputError(
+                f"does not say {' and '.join(lacking)}.",
+                where="marker_ring",
+                hint="Measure the ring: radius of the outer surface [m], thickness of the skin [m], number of markers.",
+            )
+        camera = None if table.camera is None else _camera(self.link.folder / table.camera)
+        return RingBody(table.radius, table.thickness, table.markers, camera, table.height, rings=table.rings)
+
+    def surface(self) -> Surface:
+        """Return a cylinder as large as the ring, to draw it on where the rig has no [surface]."""
+        radius, upright = self.ring.radius, np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+        return Cylinder(radius, 0.6 * radius).transformed(Pose(upright, np.zeros(3)))  # its own axis is y
+
+
+def _camera(path: Path) -> Fisheye:
+    """Of `palpate calibrate camera`, or the same keys by another hand, without its kind."""
+    table = load_toml(path)
+    return read_model(path, Fisheye) if "kind" in table else parse(table, Fisheye, file=str(path))
+
+
+def _layout(setup: Setup) -> Layout:
+    topic = setup.of(MarkerRingSection).table.topic
+    return Layout(wrench=None, images=ImageChannel(topic, table="marker_ring"), **setup.common)
+
+
+def _build(setup: Setup) -> Prepared:
+    table, ring, head = setup.of(MarkerRingSection).table, setup.of(MarkerRingSection).ring, setup.head
+    estimator = RingEstimator(ring, table.contacts, mount=setup.link.mount)
+    made = Prepared(estimator, facts=dict(vars(table.contacts)))
+    tare = setup.estimate.tare or table.tare
+    if tare is not None and head is not None:
+        made.tared(estimator.tare(first_seconds(head, tare)))
+    return made
+
+
+def _guess(log: Path, contents: LogContents, body: Body | None) -> Guess | None:
+    """A video, a folder of frames, or a topic of colour images."""
+    size = image_size(log)
+    if size is None:
+        return None
+    topics = guess.topics_of(contents, "image")
+    where = f"topic = {guess.quoted(topics[0])}\n" if topics else ""
+    layout = Layout(wrench=None, images=ImageChannel(topics[0] if topics else None, table="marker_ring"))
+    why = f"it holds images of {size[1]} x {size[0]}"
+    remarks = ("measure the ring's radius and thickness, and count its markers",)
+    return Guess(why, layout, _TEXT.format(where=where), remarks)
+
+
+MARKER_RING = SensorKind(
+    name="marker_ring",
+    called=MarkerRingSection.called,
+    table=RigMarkerRing,
+    section=MarkerRingSection,
+    channels=(IMAGE,),
+    layout=_layout,
+    build=_build,
+    guess=_guess,
+    paths=("model", "camera"),
+    refused={
+        "payload": f"{_NO_WRENCH}, so no payload is in its images",
+        "noise": f"{_NO_WRENCH}: the noise of the markers is found in the calibration",
+        "method": "contacts are where the ring is dented: there is no line of action to locate",
+        "friction": "the ring's own contacts.friction says what shear is usual",
+        "torsion": "markers in one ring feel no torque about the normal",
+        "contact": "thresholds are those of the markers: on and off in [marker_ring.contacts], in deviations of noise",
+        "crease": "contacts are placed on the ring, not on a mesh",
+        "mesh": "contacts are placed on the ring, not on a mesh",
+        "filter": "images are not filtered",
+        "cutoff": "images are not filtered",
+    },
+    needs_surface=False,
+    view="palpate.sensors.marker_ring.view.MarkerRingView",
+    start=lambda setup: setup.estimate.tare or setup.of(MarkerRingSection).table.tare or 0.0,
+)

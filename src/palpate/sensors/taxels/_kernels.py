@@ -1,0 +1,709 @@
+"""Compiled: frames of taxels to contacts: rest, force, areas, the split of areas, centroids, identities.
+
+Cells know their neighbours by a table. `at` is where a cell of an area lies, in cells: row and column on a sheet, which
+run on over the seam of a ring; else about the hardest pressed cell, in its tangent plane.
+"""
+
+# pyright: basic
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.contact._track import follow
+from palpate.sensors.taxels._fit import fit_touch, lift
+from palpate.signals._filters import smooth
+from palpate.surfaces._jit import inner, released
+
+__all__ = [
+    "AREA",
+    "BASELINE",
+    "CURVE",
+    "FORCE",
+    "GOOD",
+    "HELD",
+    "LABEL",
+    "LAST",
+    "LIMIT",
+    "MOST",
+    "NEVER",
+    "NOISE",
+    "NUMBERS",
+    "SLOTS",
+    "TOUCHED",
+    "TURNS",
+    "VARIANCE",
+    "WHOLE",
+    "WRAPPED",
+    "frames",
+    "prepare",
+]
+
+MOST = 64  # contacts of a frame
+PARTS = 16  # of an area
+AREA = 22  # where the numbers behind a row of an estimate begin
+NO_CONTACT, SATURATED, INVALID = 2, 6, 7  # palpate.contact.estimate.Status
+# numbers of a cell: what is known of it, what the last frame left (rest, reading, one that was a number), and a frame's
+NOISE, LIMIT, BASELINE, LAST, HELD, FORCE, Z, SPREAD = 0, 1, 2, 3, 4, 5, 6, 7
+ERROR, USED, OWN, VARIANCE, AT, NUMBERS = 8, 9, 10, 11, 12, 14
+# and whole ones: the same; how often around its range it is, and how often it went over an end; the window in which it
+# was last touched
+GOOD, CURVE, TURNS, WRAPPED, LABEL, LIVE, CELLS, PARENT, TOUCHED, WHOLE = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9
+# of a rest that is followed by a Kalman filter, as `contact.zero_follower` does for wrenches
+WINDOW = 0.1  # s whose mean is taken
+DELAY = 10  # windows that one waits for a touch that shows late
+AFTER = 5  # windows after a touch that are left out
+SLOTS = DELAY + 1
+NEVER = -(1 << 60)
+_HELD = 4.0  # deviations above the rest beyond which a window is of a touch below the thresholds
+_ROUNDS = 8  # of expectation maximisation
+_NARROW = 0.12  # squared cells: no contact is seen narrower than its cell
+# what the edges of cells make of a centroid, in cells: see `_narrow`
+_SMALLER = 1.0 / 3.0  # mean of (1 - w)^2 over all widths w of touches narrower than a cell
+# the others are measured on discs without noise, Hertz's and flat
+_ALIKE = 0.025  # the same of touches one to one and a half cells wide: 0.001 to 0.055
+_ONE_ROW = 0.02  # squared cells: the second moment below which a touch lies in one row of cells
+_WIDE = 0.0045  # deviation times the second moment, of touches wider than that: 0.0027 (Hertz's) to 0.0062 (flat)
+_LEAST_WIDE = 0.2  # squared cells
+
+
+@inner
+def _force(counts, table, step):
+    """[N] of counts above rest: straight between the entries, and on with the first and the last slope."""
+    at = counts / step
+    k = min(max(int(at), 0), len(table) - 2)
+    return table[k] + (at - k) * (table[k + 1] - table[k])
+
+
+@inner
+def _wraps(raw, rest, noise, neighbours, turn, last, turns, wrapped):
+    """Readings that went over one end of their range and came out at the other, alone: a touch moves neighbours too.
+
+    Below 0 only where a cell rests that low; over the top only while a neighbour is pressed.
+    """
+    for k in range(len(raw)):
+        moved = raw[k] - (last[k] if np.isfinite(last[k]) else rest[k])
+        jumped, quiet, pressed = abs(moved) > 0.85 * turn, True, False
+        if jumped or turns[k] != 0:
+            for j in neighbours[k]:
+                if j < 0:
+                    continue
+                past = abs(raw[j] - (last[j] if np.isfinite(last[j]) else rest[j]))
+                quiet = quiet and (past < 0.25 * turn or past > 0.85 * turn)  # those may wrap themselves
+                pressed = pressed or abs(raw[j] - rest[j]) > 0.1 * turn
+        if jumped and quiet:
+            low = raw[k] - turn > rest[k] - 6.0 * noise[k] - 1.0
+            if moved < 0.0 or low or turns[k] > 0:
+                turns[k] = min(1, max(-1, turns[k] + (1 if moved < 0.0 else -1)))
+        if (turns[k] < 0 and raw[k] < 0.85 * turn) or (turns[k] > 0 and not pressed):
+            turns[k] = 0
+        wrapped[k] += jumped and turns[k] != 0
+
+
+@inner
+def _take(raw, rest, neighbours, turn, numbers, whole, value):
+    """Readings to work on: put right where they wrapped, held where they are no numbers; False: too few are."""
+    last, held, good, turns = numbers[LAST], numbers[HELD], whole[GOOD], whole[TURNS]
+    missing, count = 0, 0
+    for k in range(len(raw)):
+        count += good[k]
+        missing += good[k] != 0 and not np.isfinite(raw[k])
+    if 4 * missing > count:
+        return False
+    if turn > 0.0:
+        _wraps(raw, rest, numbers[NOISE], neighbours, turn, last, turns, whole[WRAPPED])
+    for k in range(len(raw)):
+        last[k] = raw[k]
+        value[k] = raw[k] + turns[k] * turn
+        if not np.isfinite(value[k]):
+            value[k] = held[k]
+        held[k] = value[k]
+    return True
+
+
+@inner
+def _fill(z, force, live, neighbours, between):
+    """Cells that are no good take the mean of the good ones that touch them, if there are two."""
+    for k in range(len(force)):
+        if live[k]:
+            continue
+        count, total, level = 0, 0.0, 0.0
+        for m in range(neighbours.shape[1]):
+            j = neighbours[k, m]
+            if j >= 0 and between[k, m, 0] < 0 and live[j]:
+                count += 1
+                total += force[j]
+                level += z[j]
+        force[k] = total / count if count >= 2 else 0.0
+        z[k] = level / count if count >= 2 else 0.0
+
+
+@inner
+def _grow(seed, name, z, off, columns, neighbours, steps, label, at, cells):
+    """The cells joined to a seed; returns how many."""
+    label[seed], cells[0] = name, seed
+    at[0, seed], at[1, seed] = seed // columns, seed % columns
+    done, count = 0, 1
+    while done < count:
+        k = cells[done]
+        done += 1
+        for m in range(neighbours.shape[1]):
+            j = neighbours[k, m]
+            if j >= 0 and label[j] == 0 and z[j] > off:
+                label[j] = name
+                at[0, j], at[1, j] = at[0, k] + steps[k, m, 0], at[1, k] + steps[k, m, 1]
+                cells[count] = j
+                count += 1
+    return count
+
+
+@inner
+def _rim(name, count, live, neighbours, steps, label, at, cells):
+    """The cells around an area, behind it in `cells`: what is below the threshold there is force all the same."""
+    end = count
+    for i in range(count):
+        k = cells[i]
+        for m in range(neighbours.shape[1]):
+            j = neighbours[k, m]
+            if j >= 0 and label[j] == 0 and live[j]:
+                label[j] = -name
+                at[0, j], at[1, j] = at[0, k] + steps[k, m, 0], at[1, k] + steps[k, m, 1]
+                cells[end] = j
+                end += 1
+    return end
+
+
+@inner
+def _chart(cells, end, origin, place, at):
+    """Where cells lie about one of them, in its tangent plane, as far as the way along an arc between both normals."""
+    positions, normals, tangents, spacing = place[0][0], place[0][1], place[0][2], place[1][1]
+    for i in range(end):
+        k = cells[i]
+        ahead, aside, chord, cosine = 0.0, 0.0, 0.0, 0.0
+        for c in range(3):
+            a, b = (c + 1) % 3, (c + 2) % 3
+            away = positions[k, c] - positions[origin, c]
+            ahead += away * tangents[origin, c]
+            aside += away * (
+                normals[origin, a] * tangents[origin, b] - normals[origin, b] * tangents[origin, a]
+            )  # fmt: skip
+            chord += away * away
+            cosine += normals[k, c] * normals[origin, c]
+        half = 0.5 * np.arccos(min(max(cosine, -1.0), 1.0))
+        way = np.sqrt(chord) * (half / np.sin(half) if half > 1e-6 else 1.0)
+        flat = np.sqrt(ahead * ahead + aside * aside)
+        scale = way / flat / spacing[origin] if flat > 0.0 else 0.0
+        at[0, k], at[1, k] = ahead * scale, aside * scale
+
+
+@inner
+def _root(parent, k):
+    while parent[k] != k:
+        k = parent[k]
+    return k
+
+
+@inner
+def _split(cells, count, name, force, spread, neighbours, between, sure, share, label, parent):
+    """Basins of an area: a peak counts that stands higher over its saddle than noise and unequal cells can make it.
+
+    Cells are taken from the hardest pressed down. Where two basins meet, the lower is given up unless it stands out;
+    across a corner, the saddle is the higher of the two cells between. Afterwards parent[k] is the peak of each cell's
+    basin.
+    """
+    order = np.argsort(-force[cells[:count]])
+    for i in range(count):
+        parent[cells[i]] = -1
+    for i in range(count):
+        k = cells[order[i]]
+        parent[k] = k
+        for corner in range(2):  # sides first
+            for m in range(neighbours.shape[1]):
+                j = neighbours[k, m]
+                if j < 0 or (between[k, m, 0] >= 0) != (corner == 1) or label[j] != name or parent[j] < 0:
+                    continue
+                saddle = force[k]
+                if corner:
+                    saddle = min(saddle, max(force[between[k, m, 0]], force[between[k, m, 1]]))
+                high, low = _root(parent, k), _root(parent, j)
+                if force[low] > force[high]:
+                    high, low = low, high
+                if force[low] - saddle < max(sure * spread[low], share * force[low]):
+                    parent[low] = high
+    for i in range(count):
+        parent[cells[i]] = _root(parent, cells[i])
+
+
+@inner
+def _mixture(cells, count, force, at, parent, parts):
+    """Shares of an area's contacts: round Gaussians fitted to its force; parts (p, 5): place, variance, weight."""
+    number = 0
+    for i in range(count):
+        k = cells[i]
+        if parent[k] == k and number < PARTS:
+            parts[number, 0], parts[number, 1] = at[0, k], at[1, k]
+            parts[number, 2], parts[number, 3], parts[number, 4] = 0.5, force[k], k
+            number += 1
+    sums = np.empty((PARTS, 4))
+    share = np.empty(PARTS)
+    for step in range(_ROUNDS if number > 1 else 0):
+        sums[:] = 0.0
+        for i in range(count):
+            k = cells[i]
+            weight = max(force[k], 0.0)
+            row, column = at[0, k], at[1, k]
+            if step == 0:  # begin with the basins
+                for p in range(number):
+                    share[p] = 1.0 if parent[k] == int(parts[p, 4]) else 0.0
+            else:
+                _shares(row, column, parts, number, share)
+            for p in range(number):
+                own = weight * share[p]
+                sums[p, 0] += own
+                sums[p, 1] += own * row
+                sums[p, 2] += own * column
+                sums[p, 3] += own * (row * row + column * column)
+        for p in range(number):
+            if sums[p, 0] > 0.0:
+                row, column = sums[p, 1] / sums[p, 0], sums[p, 2] / sums[p, 0]
+                parts[p, 0], parts[p, 1], parts[p, 3] = row, column, sums[p, 0]
+                parts[p, 2] = max(0.5 * (sums[p, 3] / sums[p, 0] - row * row - column * column), _NARROW)
+    return number
+
+
+@inner
+def _shares(row, column, parts, number, share):
+    """How much of a cell belongs to each contact."""
+    least = np.inf
+    for p in range(number):
+        square = ((row - parts[p, 0]) ** 2 + (column - parts[p, 1]) ** 2) / parts[p, 2]
+        share[p] = 0.5 * square - np.log(parts[p, 3] / parts[p, 2])
+        least = min(least, share[p])
+    total = 0.0
+    for p in range(number):
+        share[p] = np.exp(least - share[p])
+        total += share[p]
+    for p in range(number):
+        share[p] /= total
+
+
+@inner
+def _cubic(t, weights):
+    """Catmull and Rom's weights of four values around t in [0, 1]."""
+    s, q = t * t, t * t * t
+    weights[0] = 0.5 * (-t + 2.0 * s - q)
+    weights[1] = 0.5 * (2.0 - 5.0 * s + 3.0 * q)
+    weights[2] = 0.5 * (t + 4.0 * s - 3.0 * q)
+    weights[3] = 0.5 * (-s + q)
+
+
+@inner
+def _between_cells(grid, row, column, out):
+    """Position and normal (not yet unit) between cell centres; `grid` has two more cells at each end."""
+    i = min(max(int(np.floor(row)), -1), grid.shape[0] - 5)
+    j = min(max(int(np.floor(column)), -1), grid.shape[1] - 5)
+    u, v = np.empty(4), np.empty(4)
+    _cubic(row - i, u)
+    _cubic(column - j, v)
+    out[:] = 0.0
+    for a in range(4):
+        for b in range(4):
+            weight = u[a] * v[b]
+            for c in range(6):
+                out[c] += weight * grid[i + 1 + a, j + 1 + b, c]
+
+
+@inner
+def _on_sheet(grid, row, column, here, ways):
+    """Position and unit normal of a place on a sheet, and the ways (2, 3) of a row and of a column there."""
+    there = np.empty(6)
+    _between_cells(grid, row, column, here)
+    here[3:] /= np.sqrt(here[3] ** 2 + here[4] ** 2 + here[5] ** 2)
+    for axis in range(2):
+        _between_cells(grid, row + 0.25 * (axis == 0), column + 0.25 * (axis == 1), there)
+        ways[axis] = there[:3]
+        _between_cells(grid, row - 0.25 * (axis == 0), column - 0.25 * (axis == 1), there)
+        ways[axis] = 2.0 * (ways[axis] - there[:3])
+
+
+@inner
+def _write(here, ways, moments, variances, out, first):
+    """Where a contact lies and what its place is worth; from `first` the axes of its pressure [m] and their angle."""
+    out[:6] = here
+    sizes = np.zeros(2)
+    for a in range(3):
+        sizes[0] += ways[0, a] ** 2
+        sizes[1] += ways[1, a] ** 2
+        for b in range(3):
+            out[10 + 3 * a + b] = (
+                variances[0] * ways[0, a] * ways[0, b]
+                + variances[1] * ways[1, a] * ways[1, b]
+                + variances[2] * (ways[0, a] * ways[1, b] + ways[1, a] * ways[0, b])
+            )
+    out[9], out[19], out[20] = np.nan, 0.0, 1.0
+    one, other, both = moments[0] * sizes[0], moments[1] * sizes[1], moments[2] * np.sqrt(sizes[0] * sizes[1])
+    mean, half = 0.5 * (one + other), 0.5 * (one - other)
+    root = np.sqrt(half * half + both * both)
+    out[first], out[first + 1] = np.sqrt(max(mean + root, 0.0)), np.sqrt(max(mean - root, 0.0))
+    out[first + 2] = 0.5 * np.arctan2(2.0 * both, one - other)
+
+
+@inner
+def _add_places(cells, count, own, force, inside, covariances, out):
+    """Adds what is not known of where the taxels are to the covariance of a contact, in its tangent plane.
+
+    The errors d of taxels side by side are mostly alike, as of one module. Whatever they have in common, the centroid's
+    covariance is at most the mean of theirs, since E (sum w d) (sum w d)' <= sum w E d d' [Jensen, for shares w], and
+    just that if they are the same.
+    """
+    known, half = np.zeros((3, 3)), np.zeros((3, 3))
+    for i in range(count):
+        share = own[i] * force[cells[i]] / inside
+        for a in range(3):
+            for b in range(3):
+                known[a, b] += share * covariances[cells[i], a, b]
+    normal = out[3:6]
+    for a in range(3):
+        across = known[a, 0] * normal[0] + known[a, 1] * normal[1] + known[a, 2] * normal[2]
+        for b in range(3):
+            half[a, b] = known[a, b] - across * normal[b]
+    for b in range(3):
+        across = normal[0] * half[0, b] + normal[1] * half[1, b] + normal[2] * half[2, b]
+        for a in range(3):
+            out[10 + 3 * a + b] += half[a, b] - normal[a] * across
+
+
+@inner
+def _narrow(moment, least):
+    """Variance of a centroid along an axis, because a cell does not tell where in it the force is; squared cells.
+
+    A touch w < 1 wide lies across an edge with a share q of its force: it is (1/2 - q) (1 - w) from where the centroid
+    says, whose square is (1/4 - m) (1 - w)^2 with the second moment m = q (1 - q). Only a touch that lies within one
+    row of cells, along this axis or the other (`least`, the smallest moment), may be of any such width.
+    """
+    inside = max(0.25 - moment, 0.0) * (_ALIKE + _SMALLER * np.exp(-max(least, 0.0) / _ONE_ROW))
+    return inside + (_WIDE / max(moment, _LEAST_WIDE)) ** 2
+
+
+@inner
+def _vary(cells, end, own, error, inside, at, row, column, moments, out):
+    """Variances of a centroid along both axes, and their product, into out (3,), of cells and of where in them."""
+    out[:] = 0.0
+    for i in range(end):
+        k = cells[i]
+        a, b = at[0, k] - row, at[1, k] - column
+        square = (own[i] * error[k] / inside) ** 2
+        out[0] += square * a * a
+        out[1] += square * b * b
+        out[2] += square * a * b
+    rr, cc, rc = moments
+    least = 0.5 * (rr + cc) - np.sqrt(0.25 * (rr - cc) ** 2 + rc * rc)
+    out[0] += _narrow(rr, least)
+    out[1] += _narrow(cc, least)
+
+
+@inner
+def _deviation(noise, variance):
+    """Of a reading above its rest, whose own variance is 0 where it is not followed by a Kalman filter."""
+    return noise if variance == 0.0 else np.sqrt(noise * noise + variance)
+
+
+@inner
+def _errors(cells, count, end, scale, curves, settings, value, numbers, whole):
+    """What the centroid takes for the force of each cell of an area and its rim, and by how much that may be off [N].
+
+    By its noise, and by that and its gain. Cells of the rim may hold anything up to the threshold: their readings
+    shrink by 1 - (n - 2) / sum z^2 [James and Stein, 1961], so that of a sharp edge hardly noise is taken, and of a
+    wide and light touch what is below the threshold. What is left out is off by (off spread)^2 / 12.
+    """
+    off, sign, unequal = settings[1], settings[4], settings[5]
+    tables, gaps = curves
+    noise, baseline, spread, error = numbers[NOISE], numbers[BASELINE], numbers[SPREAD], numbers[ERROR]
+    force, z, used, variance = numbers[FORCE], numbers[Z], numbers[USED], numbers[VARIANCE]
+    which, live = whole[CURVE], whole[LIVE]
+    squares = 0.0
+    for i in range(count, end):
+        squares += z[cells[i]] ** 2
+    taken = max(1.0 - (end - count - 2) / squares, 0.0) if end - count > 2 and squares > 0.0 else 0.0
+    left = np.sqrt(taken + (1.0 - taken) * off * off / 12.0)
+    for i in range(end):
+        k = cells[i]
+        above = max(sign * (value[k] - baseline[k]), 0.0) if live[k] else 0.0
+        curve, gap = tables[which[k]], gaps[which[k]]
+        slope = (_force(above + gap, curve, gap) - _force(above, curve, gap)) / gap
+        spread[k] = _deviation(noise[k] * scale, variance[k]) * slope
+        gain = unequal * above * slope
+        used[k] = force[k] if i < count else taken * force[k]
+        error[k] = np.sqrt(spread[k] ** 2 + gain**2) if i < count else left * spread[k]
+
+
+@inner
+def _measure(cells, count, end, part, number, parts, raw, value, numbers, sign, place, origin, out):
+    """One contact of an area: sums over its share of each cell; the centroid is divided by the sum of the forces."""
+    force, error, used = numbers[FORCE], numbers[ERROR], numbers[USED]
+    own, limit, at = numbers[OWN], numbers[LIMIT], numbers[AT:]
+    vectors, sizes, grid, ring, covariances = place
+    normals, areas = vectors[1], sizes[0]
+    share = np.empty(PARTS)
+    share[0] = 1.0
+    total, row, column, push, covered, peak, held, full = 0.0, 0.0, 0.0, np.zeros(3), 0.0, 0.0, 0.0, False
+    inside, pressed = 0.0, 0.0
+    for i in range(end):
+        k = cells[i]
+        if number > 1:
+            _shares(at[0, k], at[1, k], parts, number, share)
+        own[i] = share[part]
+        total += own[i] * force[k]
+        for c in range(3):
+            push[c] -= own[i] * force[k] * normals[k, c]
+        row += own[i] * used[k] * at[0, k]
+        column += own[i] * used[k] * at[1, k]
+        inside += own[i] * used[k]
+        if i < count:
+            pressed += own[i] * force[k]
+            covered += own[i] * areas[k]
+            held += own[i]
+            if own[i] > 0.5:
+                peak = max(peak, force[k] / areas[k])
+                full = full or sign * value[k] >= sign * limit[k] or sign * raw[k] >= sign * limit[k]
+    if inside <= 0.0 or pressed <= 0.0 or total <= 0.0:
+        return False
+    row, column = row / inside, column / inside
+    rr, cc, rc = 0.0, 0.0, 0.0
+    for i in range(count):
+        k = cells[i]
+        a, b = at[0, k] - row, at[1, k] - column
+        rr += own[i] * force[k] * a * a
+        cc += own[i] * force[k] * b * b
+        rc += own[i] * force[k] * a * b
+    moments = np.array([rr / pressed, cc / pressed, rc / pressed])
+    here, ways, first, fitted = np.empty(6), np.empty((2, 3)), AREA, np.empty(5)
+    if len(grid) > 0:
+        _vary(cells, end, own, error, inside, at, row, column, moments, fitted[2:])
+        column = column % ring if ring > 0 else column
+        _on_sheet(grid, row, column, here, ways)
+        out[AREA], out[AREA + 1], first = row, column, AREA + 2
+    else:
+        fit_touch(cells, count, end, own, (force, numbers[SPREAD], error), at, np.array([row, column]), fitted)
+        lift(cells, end, own, used, inside, origin, at, fitted[0], fitted[1], place, here, ways)
+    _write(here, ways, moments, fitted[2:], out, first + 4)
+    if len(covariances) > 0:
+        _add_places(cells, end, own, used, inside, covariances, out)
+    out[6:9] = push
+    out[21] = SATURATED if full else 0.0
+    out[first], out[first + 1], out[first + 2], out[first + 3] = covered, total, peak, pressed / covered
+    out[first + 7] = held
+    return True
+
+
+@inner
+def _sense(raw, value, scale, curves, sign, numbers, whole, neighbours, between):
+    """How far each cell stands above its rest, in deviations and in newtons."""
+    tables, gaps = curves
+    baseline, noise, z, force = numbers[BASELINE], numbers[NOISE], numbers[Z], numbers[FORCE]
+    variance = numbers[VARIANCE]
+    good, which, label, live = whole[GOOD], whole[CURVE], whole[LABEL], whole[LIVE]
+    lacking = False
+    for k in range(len(raw)):
+        live[k] = good[k] != 0 and np.isfinite(raw[k])
+        lacking = lacking or not live[k]
+        above = sign * (value[k] - baseline[k]) if live[k] else 0.0
+        z[k] = above / _deviation(noise[k] * scale, variance[k])
+        force[k] = _force(above, tables[which[k]], gaps[which[k]])
+        label[k] = 0
+    if lacking:
+        _fill(z, force, live, neighbours, between)
+
+
+@inner
+def _enter_window(time, walk, sign, zeros, numbers, whole):
+    """The rests at a frame of a new window: all may have wandered, and what by now is known to be free is taken in."""
+    sums, slots, clock = zeros
+    now = np.floor(time / WINDOW)
+    if now == clock[0] or np.isnan(time):
+        return
+    passed = time - clock[1] if clock[1] == clock[1] else 0.0
+    if passed < 0.0:
+        slots[:, 1] = 0.0  # time runs back: what waited is of no use
+    variance = numbers[VARIANCE]
+    for k in range(sums.shape[1]):
+        variance[k] += walk * walk * max(passed, 0.0)
+    clock[0], clock[1] = now, time
+    waiting, frames = numbers[OWN], 0.0
+    waiting[:] = 0.0
+    for i in range(SLOTS):
+        if slots[i, 1] > 0.0:
+            waiting += sums[i]
+            frames += slots[i, 1]
+    waiting /= max(frames, 1.0)
+    for step in range(1, SLOTS + 1):
+        i = (int(now) + step) % SLOTS
+        if slots[i, 1] > 0.0 and slots[i, 0] <= now - DELAY:
+            _take_in(time, walk, sign, sums[i], slots[i], frames, numbers, whole)
+    i = int(now) % SLOTS
+    slots[i, 0], slots[i, 1], slots[i, 2] = now, 0.0, 0.0
+    sums[i] = 0.0
+
+
+@inner
+def _take_in(time, walk, sign, total, slot, frames, numbers, whole):
+    """A window's mean into the rest of each cell that was not touched about then: a Kalman filter of a random walk.
+
+    Variances are those of now, the mean is that of a second ago: between them lies the walk. The mean of all `frames`
+    that wait, in numbers[OWN], tells of a touch below the thresholds.
+    """
+    baseline, noise, variance, waiting = numbers[BASELINE], numbers[NOISE], numbers[VARIANCE], numbers[OWN]
+    good, touched, count = whole[GOOD], whole[TOUCHED], slot[1]
+    since = walk * walk * max(time - slot[2] / count, 0.0)
+    for k in range(len(total)):
+        if not good[k] or touched[k] > slot[0] - AFTER:
+            continue
+        before, reads = max(variance[k] - since, 0.0), noise[k] * noise[k] / count
+        off = total[k] / count - baseline[k]
+        if sign * (waiting[k] - baseline[k]) > _HELD * np.sqrt(variance[k] + noise[k] * noise[k] / frames):
+            continue
+        gain = before / (before + reads)
+        baseline[k] += gain * off
+        variance[k] = (1.0 - gain) * before + since
+    slot[1] = 0.0
+
+
+@inner
+def _keep_window(time, value, zeros, whole):
+    """A frame for its window, and which cells were touched in it, or their rims were."""
+    sums, slots, _ = zeros
+    if np.isnan(time):
+        return
+    now = int(np.floor(time / WINDOW))
+    label, live, touched = whole[LABEL], whole[LIVE], whole[TOUCHED]
+    i = now % SLOTS
+    for k in range(len(value)):
+        sums[i, k] += value[k]
+        if label[k] != 0 or not live[k]:
+            touched[k] = now
+    slots[i, 1] += 1.0
+    slots[i, 2] += time
+
+
+@inner
+def _contacts(raw, value, scale, drift, place, table, curves, settings, numbers, whole, out):
+    """The contacts of a frame in rows of `out`, and how many; the rest of cells that nothing touches follows them."""
+    on, off, sure, share, sign = settings[:5]
+    neighbours, steps, between, columns = table
+    baseline, z, force, spread = numbers[BASELINE], numbers[Z], numbers[FORCE], numbers[SPREAD]
+    label, live, cells, parent = whole[LABEL], whole[LIVE], whole[CELLS], whole[PARENT]
+    at = numbers[AT:]
+    _sense(raw, value, scale, curves, sign, numbers, whole, neighbours, between)
+    parts = np.empty((PARTS, 5))
+    found, name, most = 0, 0, min(MOST, len(out))
+    for seed in range(len(raw)):
+        if z[seed] <= on or label[seed] != 0 or not live[seed]:
+            continue
+        name += 1
+        count = _grow(seed, name, z, off, columns, neighbours, steps, label, at, cells)
+        origin = seed
+        for i in range(count):
+            k = cells[i]
+            origin = k if force[k] > force[origin] else origin
+        end = _rim(name, count, live, neighbours, steps, label, at, cells)
+        _errors(cells, count, end, scale, curves, settings, value, numbers, whole)
+        _split(cells, count, name, force, spread, neighbours, between, sure, share, label, parent)
+        if len(place[2]) == 0:
+            _chart(cells, end, origin, place, at)
+        parts_found = _mixture(cells, count, force, at, parent, parts)
+        for part in range(parts_found):
+            if found < most and _measure(cells, count, end, part, parts_found, parts, raw, value, numbers, sign,
+                                         place, origin, out[found]):  # fmt: skip
+                found += 1
+    for k in range(len(raw)):
+        if label[k] == 0 and live[k]:
+            baseline[k] += drift * (value[k] - baseline[k])
+    return found
+
+
+@released(
+    """
+    raw n m, rest m, neighbours int64 m d, turn float, numbers out 14 m, whole out int64 9 m, values out n m,
+    status out int8 n
+    """
+)
+def prepare(raw, rest, neighbours, turn, numbers, whole, values, status):
+    """The first step of frames (n, k) for a filter that looks ahead: `values` (n, k) to filter, and status (n,)."""
+    for i in range(len(raw)):
+        status[i] = -1 if _take(raw[i], rest, neighbours, turn, numbers, whole, values[i]) else INVALID
+
+
+@released(
+    """
+    time n, raw n m, values out k m, status out int8 k, left out w, place (3 m 3, 2 m, a b 6, int, c 3 3), table
+    (int64 m d, m d 2, int64 m d 2, int), curves (e 2048, e), settings 13*float, smoothing (out f 6, out f 2, out
+    g, float, out 2, out h p, out q), clock out 2, zeros (out 11 m, out 11 3, out 2), numbers out 14 m, whole out
+    int64 9 m, tracks out 128 8, following out int64 1, out out r s, rows out int64 n, forces out t m
+    """
+)
+def frames(time, raw, values, status, left, place, table, curves, settings, smoothing, clock, zeros, numbers, whole,
+           tracks, following, out, rows, forces):  # fmt: skip
+    """Frames to contacts: rows in `out`, at least one a frame; (how many frames, how many rows).
+
+    It stops before a frame for which `out` could be too short, unless that is the first.
+
+    time, raw: (n,) [s] and (n, k) readings.
+    values, status, left: (n, k), (n,), (n,) of frames that are filtered already, and the share of the variance of their
+        noise that is left; (1, k), (1,) to work on and (0,) where not.
+    place: (3, k, 3) positions, normals and tangents, (2, k) areas and spacings, grid (0, 0, 6 if none), columns of a
+        ring (0: none), (k, 3, 3) covariances of the positions ((0, 3, 3): not known).
+    table: neighbours, steps, between, columns (1 if no sheet).
+    curves: (c, t) forces [N], (c,) counts between two.
+    settings: on, off, sure, share, sign, unequal, drift [s], turn (0: none), share of the noise's variance in the
+        rest, reach, speed, patience, walk [counts/sqrt(s)] (0: the rest is followed exponentially, within `drift`).
+    smoothing: sections, start, gains, gap, clock, state of `sensors._filters.smooth`, and shares by age ((0,) if there
+        is no filter).
+    clock: (2,) time of the last frame and how many were of no use: changed, as all that follows.
+    zeros: of rests with a walk, what waits: sums of readings (SLOTS, k), of each window its number, how many frames and
+        the sum of their times (SLOTS, 3), and (2,) number of the last window and when it began (NaN: none).
+    numbers, whole: (NUMBERS, k) and (WHOLE, k) of the cells.
+    tracks, following: of `contact._track.follow`.
+    out: (r, w) rows: of an estimate, then features, then identity. rows: (n,) of each frame.
+    forces: (n, k) [N] of each cell; (0, k): not wanted.
+    """
+    drift, turn, resting, reach, speed, patience, walk = settings[6:]
+    sections, start, gains, gap, since, state, shares = smoothing
+    age, identity = np.empty(1, dtype=np.int64), np.empty(MOST, dtype=np.int64)
+    used = 0
+    for i in range(len(time)):
+        if i > 0 and len(out) - used < MOST:
+            return i, used
+        passed, follows = time[i] - clock[0], 0.0
+        if passed == passed and drift < np.inf and walk == 0.0:  # no NaN
+            follows = 1.0 - np.exp(-min(max(passed, 0.0), drift) / drift)
+        if time[i] == time[i]:
+            clock[0] = time[i]
+        which = i if len(left) > 0 else 0
+        value, scale = values[which], 1.0
+        if len(left) > 0:
+            scale = np.sqrt(left[i] + resting)
+        else:
+            status[0] = -1 if _take(raw[i], numbers[BASELINE], table[0], turn, numbers, whole, value) else INVALID
+            if len(shares) > 0:
+                smooth(time[i : i + 1], status, values, sections, start, gains, gap, since, state, age)
+                scale = np.sqrt(shares[min(max(age[0], 0), len(shares) - 1)] + resting)
+        here, found = out[used:], 0
+        if status[which] < 0:
+            if walk > 0.0:
+                _enter_window(time[i], walk, settings[4], zeros, numbers, whole)
+            found = _contacts(raw[i], value, scale, follows, place, table, curves, settings, numbers, whole, here)
+            if walk > 0.0:
+                _keep_window(time[i], value, zeros, whole)
+            follow(time[i], here[:, :3], found, tracks, following, reach, speed, patience, identity)
+            here[:found, -1] = identity[:found]
+        else:
+            numbers[FORCE] = 0.0
+            clock[1] += 1.0
+        if found == 0:
+            here[0] = np.nan
+            here[0, 20], here[0, -1] = 0.0, 0.0
+            here[0, 21] = NO_CONTACT if status[which] < 0 else INVALID
+        if len(forces) > 0:
+            forces[i] = numbers[FORCE]
+        rows[i] = max(found, 1)
+        used += rows[i]
+    return len(time), used

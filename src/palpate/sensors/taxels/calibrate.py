@@ -1,0 +1,338 @@
+"""The curve from intensity to force of a taxel, from presses whose force a load cell knows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from palpate.calibration.left_out import LeftOut, leave_out
+from palpate.errors import InputError, NotIdentifiable
+from palpate.sensors.taxels.curve_kinds import FEWEST, chosen
+from palpate.sensors.taxels.intensity import Curve, Intensity
+from palpate.spatial.arguments import takes_arrays
+
+__all__ = ["identify_curve", "identify_intensity", "identify_resistive", "tells"]
+
+BLOCKS = 20  # of rows, dealt out to the parts that are left out in turn
+_FLAT = 0.1  # of the slope below it: a curve that rises less to its end saturates
+
+
+@takes_arrays
+def identify_curve(
+    force: Float[np.ndarray, " n"],
+    intensity: Float[np.ndarray, " n"],
+    *,
+    kind: str = "auto",
+    degree: int | None = None,
+    top: float | None = None,
+) -> Curve:
+    """One curve I - I0 = f(F), by least squares in the intensity: the load cell is the better of the two.
+
+    The unloaded intensity I0 is fitted along and left out: on a sheet it is each cell's baseline. Rows at the sensor's
+    range say nothing but that, and are left out; so are those beyond the force at which the curve goes flat.
+
+    Args:
+        force: (n,) [N], not negative.
+        intensity: (n,) raw.
+        kind: of `sensors.intensity.Curve` but "resistive", or "auto": the one that predicts held-out blocks best.
+        degree: of the polynomial; None: the best of 1 to 5, in the same way.
+        top: raw reading at the end of the range (255); None: found where readings stop rising.
+
+    Raises:
+        NotIdentifiable: too few rows, or forces that hardly differ.
+        InputError: the fit does not rise with force.
+    """
+    return _identified(force, intensity, kind, degree, top)[0]
+
+
+def _identified(
+    force: Float[np.ndarray, " n"], intensity: Float[np.ndarray, " n"], kind: str, degree: int | None, top: float | None
+) -> tuple[Curve, str, LeftOut]:
+    """Return the curve of `identify_curve`, why it is a straight line where it could be another, and how it holds."""
+    force, intensity, dropped = _sound(force, intensity)
+    _require_spread(force, dropped)
+    if not np.ptp(intensity) > 0:
+        raise NotIdentifiable("the reading never changes: is it the cell that was pressed?", rank=0, missing=("curve",))
+    falling = bool(np.corrcoef(force, intensity)[0, 1] < 0)
+    signed = -intensity if falling else intensity
+    limit = _limit(force, signed, None if top is None else (-top if falling else top))
+    below = signed < limit
+    _require_spread(force[below], dropped)
+    end, reading = _goes_flat(force[below], signed[below])
+    limit, below = min(limit, reading), below & (force <= end)
+    curve, why = chosen(kind, degree, force[below], signed[below])
+    saturation = float("nan") if np.isinf(limit) else (-limit if falling else limit)
+    hysteresis = _hysteresis(curve, force[below], signed[below])
+    left = _left_out(curve, force[below], signed[below])
+    covariance = left.widening * curve.covariance
+    found = replace(curve, covariance=covariance, saturation=saturation, falling=falling, hysteresis=hysteresis)
+    return found, why, left
+
+
+def _left_out(curve: Curve, force: Float[np.ndarray, " n"], signed: Float[np.ndarray, " n"]) -> LeftOut:
+    """Compare presses that were left out with a curve of the same kind that the others give.
+
+    By their normal equations, J^T r: readings of one press err alike, which the covariance of a fit does not know.
+    """
+    degree, rounding = len(curve.parameters) if curve.kind == "polynomial" else None, 1e-6 * float(np.ptp(signed))
+
+    def predict(left: Bool[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
+        rest = chosen(curve.kind, degree, force[~left], signed[~left])[0]
+        zero = float(np.median(signed[~left] - rest.intensity(force[~left])))
+        seen = left & (force <= rest.largest)  # beyond it no curve is meant to hold
+        slopes = rest.jacobian(force[seen])
+        square = slopes.T @ slopes
+        error = slopes.T @ (signed[seen] - zero - rest.intensity(force[seen]))
+        return error, (curve.residual**2 + rounding**2) * square + square @ rest.covariance @ square
+
+    return leave_out(len(force), predict, blocks=BLOCKS)
+
+
+@takes_arrays
+def tells(curve: Curve, force: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+    """Whether one reading at a force [N] says more of it than that it lies within the range, largest / sqrt(12)."""
+    return curve.deviation(force, curve.residual) < curve.largest / np.sqrt(12.0)
+
+
+def _goes_flat(force: Float[np.ndarray, " n"], signed: Float[np.ndarray, " n"]) -> tuple[float, float]:
+    """[N] The force from which on a taxel saturates, and a reading that 98 % of those there exceed; inf if it does not.
+
+    A curve straight between knots is fitted, and again to what lies below, whose knots are closer.
+    """
+    end = limit = np.inf
+    for _ in range(4):
+        below = force <= end
+        curve = chosen("monotone", None, force[below], signed[below])[0]
+        last = _end(curve)
+        if not last < curve.largest or np.count_nonzero(force <= last) < FEWEST:
+            break
+        end, limit = last, float(np.quantile(signed[force > last], 0.02))
+    return end, limit
+
+
+def _end(curve: Curve) -> float:
+    """[N] The force from which on no reading tells it and the curve hardly rises; else the largest."""
+    forces = curve.largest * np.arange(1, 257) / 256.0
+    known = np.flatnonzero(tells(curve, forces))
+    last = float(forces[known[-1]]) if len(known) else curve.largest
+    if not last < curve.largest:
+        return curve.largest
+    low, high = curve.intensity(np.array([last, curve.largest])).tolist()
+    flat = (high - low) / (curve.largest - last) < _FLAT * low / last
+    return last if flat else curve.largest
+
+
+@takes_arrays
+def identify_intensity(
+    force: Float[np.ndarray, " n"],
+    intensity: Float[np.ndarray, " n"],
+    cell: Int[np.ndarray, "n 2"] | None = None,
+    *,
+    shape: tuple[int, int] | None = None,
+    kind: str = "auto",
+    degree: int | None = None,
+    top: float | None = None,
+    provenance: Mapping[str, str] | None = None,
+) -> Intensity:
+    """Curves of a sheet: one shape for all cells, and a gain of its own for each cell that was pressed.
+
+    I = I0_k + g_k f(F) for cell k: shape and gains are fitted in turn, so that forty presses a cell are enough.
+
+    Args:
+        force: (n,) [N], as of `identify_curve`.
+        intensity: (n,) raw.
+        cell: (n, 2) row and column of the cell that was pressed; None: the presses stand for all cells.
+        shape: rows and columns of the sheet; None: as many as were pressed.
+        kind: of the curve, as of `identify_curve`.
+        degree: of a polynomial.
+        top: raw reading at the end of the range.
+        provenance: where the log came from.
+    """
+    common, why, left = _identified(force, intensity, kind, degree, top)
+    if cell is None:
+        record = {"left_out": str(left), **(provenance or {})}
+        return Intensity((common,), provenance=record, notes=(*_remarks(common, why), *left.notes))
+    rows, columns = shape or tuple(int(last) + 1 for last in cell.max(axis=0))
+    pressed, number = np.unique(cell, axis=0, return_inverse=True)
+    if (pressed < 0).any() or (pressed >= [rows, columns]).any():
+        raise InputError(f"a press names a cell that is not on the sheet of {rows} x {columns}.", where="intensity")
+    which, number = np.zeros((rows, columns), np.int64), number.ravel()
+    use = _below(common, intensity)
+    zero, gain, error = _gains(common, force, intensity, number, len(pressed))
+    for _ in range(2):
+        own = use & (gain > 0)[number]
+        mine = number[own]
+        alike = (intensity[own] - zero[mine]) / gain[mine]
+        terms = len(common.parameters) if common.kind == "polynomial" else None
+        refit, _, left = _identified(force[own], alike, common.kind, terms, np.inf)
+        common = replace(refit, saturation=common.saturation, falling=common.falling)
+        zero, gain, error = _gains(common, force, intensity, number, len(pressed))
+    notes, curves = _remarks(common, why), [common]
+    for (row, column), own, spread in zip(pressed.tolist(), gain.tolist(), error.tolist(), strict=True):
+        if own > 0:
+            values = common.parameters
+            covariance = own**2 * common.covariance + spread**2 * np.outer(values, values)
+            curves.append(replace(common, parameters=own * values, covariance=covariance))
+            which[row, column] = len(curves) - 1
+    if len(curves) - 1 < which.size:
+        notes.append(f"{which.size - len(curves) + 1} of {which.size} cells have no gain of their own: too few presses")
+    notes.append(f"gains of cells differ by {100 * float(np.std(gain[gain > 0])):.1f} %")
+    record = {"left_out": str(left), **(provenance or {})}
+    return Intensity(tuple(curves), which, provenance=record, notes=(*notes, *left.notes))
+
+
+def _below(common: Curve, intensity: np.ndarray) -> Bool[np.ndarray, " n"]:
+    """Which readings are numbers and below the end of the range."""
+    sign = -1.0 if common.falling else 1.0
+    limit = np.inf if np.isnan(common.saturation) else sign * common.saturation
+    return np.isfinite(intensity) & (sign * intensity < limit)
+
+
+def _gains(
+    common: Curve, force: np.ndarray, intensity: np.ndarray, number: Int[np.ndarray, " n"], count: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Reading at rest, gain and its standard deviation of each cell, by a straight line; a gain of 0: not known."""
+    sign = -1.0 if common.falling else 1.0
+    use = np.isfinite(force) & _below(common, intensity)
+    x, y = sign * common.intensity(np.maximum(force, 0.0)), intensity
+    zero, gain, error = np.zeros(count), np.zeros(count), np.zeros(count)
+    for k in range(count):
+        mine = use & (number == k)
+        if np.count_nonzero(mine) < 4 or not np.ptp(x[mine]) > 0:
+            continue
+        centred = x[mine] - x[mine].mean()
+        square = float(centred @ centred)
+        slope = float(centred @ y[mine]) / square
+        left = y[mine] - y[mine].mean() - slope * centred
+        if slope > 0:
+            zero[k], gain[k] = y[mine].mean() - slope * x[mine].mean(), slope
+            error[k] = np.sqrt(float(left @ left) / max(np.count_nonzero(mine) - 2, 1) / square)
+    return zero, gain, error
+
+
+@takes_arrays
+def identify_resistive(
+    force: Float[np.ndarray, " n"],
+    reading: Float[np.ndarray, " n"],
+    *,
+    scale: float,
+    reference: Float[np.ndarray, " n"],
+    layer: Int[np.ndarray, " n"],
+    floor: float = 0.0,
+) -> tuple[Curve, ...]:
+    """A sheet of resistive taxels: reading = max(floor, s (1 - R / (2 S / F + R_i))), S common, R_i of each layer.
+
+    Args:
+        force: (n,) [N].
+        reading: (n,) of the ADC, falling with force.
+        scale: s, the reading without load.
+        reference: (n,) R of the divider, in any unit of resistance; S and R_i come out in it.
+        layer: (n,) from 0, which series resistance a row has.
+        floor: the lowest reading.
+
+    Returns:
+        One curve for each layer, of the reference that its rows have; their covariance is that of (S, R_i).
+
+    Raises:
+        NotIdentifiable: too few rows, or forces that hardly differ.
+    """
+    from scipy.optimize import least_squares
+
+    _require_spread(force, 0)
+    count = int(layer.max()) + 1
+    pushed = np.maximum(force, 0.0)
+
+    def model(values: np.ndarray) -> np.ndarray:
+        return np.maximum(floor, scale * (1 - reference * pushed / (2 * values[0] + values[1:][layer] * pushed)))
+
+    half = float(np.median(pushed[pushed > 0] * reference[pushed > 0]))
+    start = np.concatenate([[half], np.full(count, float(np.median(reference)))])
+    found = least_squares(lambda values: model(values) - reading, start, bounds=(1e-12, np.inf), x_scale=start)
+    freedom = max(len(force) - count - 1, 1)
+    variance = float(np.sum(found.fun**2)) / freedom
+    jacobian = np.asarray(found.jac, dtype=np.float64)
+    covariance: Float[np.ndarray, "p p"] = variance * np.linalg.pinv(jacobian.T @ jacobian)
+    curves: list[Curve] = []
+    for k in range(count):
+        mine, pair = layer == k, [0, k + 1]
+        told = mine & (reading > floor)
+        curves.append(
+            Curve(
+                "resistive",
+                found.x[pair],
+                covariance[np.ix_(pair, pair)],
+                largest=float(pushed[told if told.any() else mine].max()),
+                saturation=floor,
+                falling=True,
+                reference=float(reference[mine][0]),
+                scale=scale,
+                residual=float(np.sqrt(np.mean(found.fun[mine] ** 2))),
+            )
+        )
+    return tuple(curves)
+
+
+def _sound(force: np.ndarray, intensity: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+    """Rows with both numbers."""
+    known = np.isfinite(force) & np.isfinite(intensity)
+    if known.any() and float(force[known].min()) < -0.05 * float(np.ptp(force[known])):
+        raise InputError(
+            "some forces are negative: a load cell that pulls, or one that was not tared.",
+            hint="Give forces that grow as the taxel is pressed, zero without load.",
+        )
+    return np.maximum(force[known], 0.0), intensity[known], int(np.count_nonzero(~known))
+
+
+def _require_spread(force: np.ndarray, dropped: int) -> None:
+    if len(force) < FEWEST:
+        raise NotIdentifiable(
+            f"{len(force)} rows are too few for a curve (at least {FEWEST}"
+            f"{f'; {dropped} rows had no number' if dropped else ''}): press with more forces.",
+            rank=len(force),
+            missing=("curve",),
+        )
+    if not np.ptp(force) > 1e-6 * max(float(np.abs(force).max()), 1e-12):
+        raise NotIdentifiable(
+            f"all presses have the same force ({force[0]:.3g} N): a curve needs several.", rank=1, missing=("curve",)
+        )
+
+
+def _limit(force: Float[np.ndarray, " n"], signed: Float[np.ndarray, " n"], stated: float | None) -> float:
+    """The reading at the end of the range: as stated, or the highest, if it stays while the force grows by a tenth."""
+    if stated is not None:
+        return stated
+    top = signed.max()
+    at_top: Bool[np.ndarray, " n"] = signed >= top
+    if np.count_nonzero(at_top) >= 5 and np.ptp(force[at_top]) > 0.1 * np.ptp(force):
+        return float(top)
+    return np.inf
+
+
+def _hysteresis(curve: Curve, force: np.ndarray, signed: np.ndarray) -> float:
+    """Difference between readings as the force grows and as it falls, over the span; NaN where it does only one."""
+    span = float(np.ptp(signed))
+    trend = np.sign(np.convolve(np.gradient(force), np.ones(5) / 5, mode="same"))
+    left = signed - curve.intensity(force)
+    edges = np.linspace(0.0, float(force.max()), 9)
+    found: list[float] = []
+    for low, high in pairwise(edges.tolist()):
+        inside = (force > low) & (force <= high)
+        up, down = inside & (trend > 0), inside & (trend < 0)
+        if np.count_nonzero(up) >= 3 and np.count_nonzero(down) >= 3:
+            found.append(abs(float(np.mean(left[down]) - np.mean(left[up]))))
+    return max(found) / span if found and span > 0 else float("nan")
+
+
+def _remarks(curve: Curve, why: str = "") -> list[str]:
+    said = [why] if why else []
+    if curve.falling:
+        said.append("the reading falls as the force grows")
+    if np.isfinite(curve.saturation):
+        said.append(f"readings stop at {curve.saturation:g}: what is there is saturated")
+    if np.isfinite(curve.hysteresis):
+        said.append(f"loading and unloading differ by up to {100 * curve.hysteresis:.1f} % of the span")
+    return said

@@ -1,0 +1,178 @@
+"""Kinds of intensity curves that a least squares fit can try, and which predicts best what it has not seen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.errors import InputError, NotIdentifiable
+from palpate.sensors.taxels.intensity import Curve
+from palpate.spatial.arguments import takes_arrays
+
+__all__ = ["FEWEST", "chosen"]
+
+FEWEST = 8  # rows that a curve needs
+_DEGREES = (1, 2, 3, 4, 5)
+_FOLDS = 5
+_Matrix = Callable[[np.ndarray], np.ndarray]
+_Make = Callable[[np.ndarray, np.ndarray], Curve]
+
+
+@dataclass(frozen=True)
+class _Linear:
+    """A curve that is linear in its parameters, beside the intensity at rest."""
+
+    kind: str
+    design: _Matrix
+    fields: Mapping[str, object]
+    rising: bool = False
+
+    def __call__(self, force: Float[np.ndarray, " n"], signed: Float[np.ndarray, " n"]) -> Curve:
+        matrix = np.column_stack([np.ones(len(force)), self.design(force)])
+        values = _increasing(matrix, signed) if self.rising else np.linalg.lstsq(matrix, signed, rcond=None)[0]
+        left = signed - matrix @ values
+        variance = float(left @ left) / max(len(force) - matrix.shape[1], 1)
+        covariance = variance * np.linalg.pinv(matrix.T @ matrix)
+        turn = np.eye(len(values))
+        if self.rising:  # steps to values
+            turn[1:, 1:] = np.tril(np.ones((len(values) - 1, len(values) - 1)))
+        values, covariance = turn @ values, turn @ covariance @ turn.T
+        return Curve(
+            self.kind,
+            values[1:],
+            covariance[1:, 1:],
+            largest=float(force.max()),
+            residual=float(np.sqrt(np.mean(left**2))),
+            **self.fields,  # pyright: ignore[reportArgumentType] - knots or joint, as the kind has
+        )
+
+
+def _polynomial(degree: int) -> _Linear:
+    return _Linear("polynomial", lambda force: force[:, None] ** np.arange(1, degree + 1), {})
+
+
+def _two_range(joint: float) -> _Linear:
+    def design(force: np.ndarray) -> np.ndarray:
+        low = np.minimum(force, joint)
+        return np.column_stack([low, low**2, force - low])
+
+    return _Linear("two_range", design, {"joint": joint})
+
+
+def _monotone(knots: Float[np.ndarray, " k"]) -> _Linear:
+    """Steps from knot to knot, none of them downward."""
+
+    def design(force: np.ndarray) -> np.ndarray:
+        edges = np.concatenate([[0.0], knots])
+        return np.clip((force[:, None] - edges[:-1]) / np.diff(edges), 0.0, 1.0)
+
+    return _Linear("monotone", design, {"knots": knots}, rising=True)
+
+
+def _increasing(matrix: np.ndarray, signed: np.ndarray) -> np.ndarray:
+    from scipy.optimize import lsq_linear
+
+    least = 1e-6 * float(np.ptp(signed))
+    low = np.concatenate([[-np.inf], np.full(matrix.shape[1] - 1, least)])
+    return lsq_linear(matrix, signed, bounds=(low, np.inf), tol=1e-12).x
+
+
+def _best_joint(force: np.ndarray, signed: np.ndarray) -> Curve:
+    """Two ranges, joined where the fit is best."""
+    joints: Float[np.ndarray, " j"] = np.quantile(force[force > 0], np.linspace(0.02, 0.95, 48))
+    best = _best(joints, force, signed)
+    for _ in range(2):  # finer, to either side
+        at = int(np.argmin(np.abs(joints - best.joint)))
+        low, high = float(joints[max(at - 1, 0)]), float(joints[min(at + 1, len(joints) - 1)])
+        joints = np.linspace(low, high, 17)
+        best = _best(joints, force, signed)
+    return best
+
+
+def _best(joints: np.ndarray, force: np.ndarray, signed: np.ndarray) -> Curve:
+    fits: list[Curve] = []
+    for joint in joints:
+        try:
+            fits.append(_two_range(float(joint))(force, signed))
+        except InputError:  # it does not rise
+            continue
+    if not fits:
+        raise InputError("no two ranges that rise with force fit the log.", where="intensity")
+    return min(fits, key=lambda fit: fit.residual)
+
+
+@takes_arrays
+def chosen(
+    kind: str, degree: int | None, force: Float[np.ndarray, " n"], signed: Float[np.ndarray, " n"]
+) -> tuple[Curve, str]:
+    """The curve that predicts presses held out best, and why it is a straight line where it could be another.
+
+    Args:
+        kind: of `Curve`, or "auto".
+        degree: of a polynomial; None: the best.
+        force: (n,) [N].
+        signed: (n,) readings that grow with it.
+    """
+    choice = _choices(kind, degree, force, signed)
+    errors = [_held_out(make, force, signed) for make in choice] if len(choice) > 1 else [0.0]
+    curve = choice[int(np.argmin(errors))](force, signed)
+    if len(choice) == 1 or curve.kind != "polynomial" or len(curve.parameters) > 1:
+        return curve, ""
+    if np.isinf(errors[0]):
+        reason = f"{len(force)} presses are too few to hold some out, and nothing else could be judged"
+    elif np.isinf(errors[1:]).all():
+        reason = "no other curve rises with force"
+    else:
+        reason = "it predicts presses held out best"
+    return curve, f"the curve is a straight line, a polynomial of degree 1: {reason}"
+
+
+def _choices(kind: str, degree: int | None, force: np.ndarray, signed: np.ndarray) -> list[_Make]:
+    """What may be tried."""
+    known: dict[str, list[_Make]] = {
+        "polynomial": [_polynomial(each) for each in (_DEGREES if degree is None else (degree,))],
+        "two_range": [_best_joint],
+        "monotone": [_monotone(_knots(force, signed))],
+    }
+    if kind == "auto":
+        return [each for some in known.values() for each in some]
+    if kind not in known:
+        raise InputError(f"no kind of curve is called {kind!r}.", hint=f"There is auto, {', '.join(known)}.")
+    return known[kind]
+
+
+def _knots(force: np.ndarray, signed: np.ndarray) -> np.ndarray:
+    """Up to twelve forces, equally far apart along the curve: dense where it is steep."""
+    count = int(np.clip(len(force) // 8, 2, 12))
+    order = np.argsort(force, kind="stable")
+    window = max(len(force) // 40, 1)
+    smooth = np.convolve(signed[order], np.ones(window) / window, mode="valid")
+    middle = np.convolve(force[order], np.ones(window) / window, mode="valid")
+    risen = np.maximum.accumulate(smooth)
+    way = (middle - middle[0]) / max(float(np.ptp(middle)), 1e-12)
+    way = way + (risen - risen[0]) / max(float(np.ptp(risen)), 1e-12)
+    steps = np.linspace(0.0, float(way[-1]), count + 1)[1:-1]
+    knots: Float[np.ndarray, " k"] = np.interp(steps, way, middle)
+    return np.unique(np.append(knots[knots > 0], force.max()))
+
+
+def _held_out(make: _Make, force: np.ndarray, signed: np.ndarray) -> float:
+    """Mean squared error over blocks of neighbouring forces that the fit has not seen; inf where it cannot be made."""
+    order = np.argsort(force, kind="stable")
+    fold = np.empty(len(force), dtype=np.int64)
+    fold[order] = np.arange(len(force)) // max(len(force) // (4 * _FOLDS), 1) % _FOLDS
+    total = 0.0
+    for k in range(_FOLDS):
+        train, test = fold != k, fold == k
+        if np.count_nonzero(train) < FEWEST or not test.any():
+            return np.inf
+        try:
+            curve = make(force[train], signed[train])
+        except (InputError, NotIdentifiable, ValueError):
+            return np.inf
+        zero = float(np.median(signed[train] - curve.intensity(force[train])))
+        total += float(np.sum((signed[test] - zero - curve.intensity(force[test])) ** 2))
+    return total

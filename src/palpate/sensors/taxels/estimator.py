@@ -1,0 +1,272 @@
+"""Readings of taxels become contacts: several at once, each with place, force, pressure, area, axes and identity."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from itertools import chain
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy.typing import ArrayLike
+
+from palpate.calls import called_as
+from palpate.contact.contacts import Contacts
+from palpate.contact.estimator import Answered, Channels, ContactEstimator, Counts, Known, Rows, Times
+from palpate.contact.taxel_settings import TaxelSettings
+from palpate.errors import InputError
+from palpate.sensors.taxels.frames import TaxelFrames
+from palpate.sensors.taxels.health import FEWEST, Health, examine, tared
+from palpate.sensors.taxels.intensity import Intensity
+from palpate.sensors.taxels.model import TaxelBody
+from palpate.signals.filters import Filter
+from palpate.signals.recording import CELLS, LARGEST, Recording
+from palpate.signals.smoothing import BothWays, Forward, known_rate, require_forward
+from palpate.signals.wrench_sensor import Tare
+from palpate.spatial._arrays import shaped
+from palpate.spatial.pose import Pose
+
+__all__ = ["FEATURES", "TaxelEstimator"]
+
+FEATURES = ("area", "load", "peak", "pressure", "axis_long", "axis_short", "angle", "cells")
+HEAD = 2048  # frames from which rest, noise and faults are taken
+_ROWS = 1024  # of a piece of answers
+
+
+@called_as(
+    "palpate.TaxelEstimator(palpate.TaxelBody.anywhere(positions, normals))",
+    update="skin.update(time, readings)",
+    run='skin.run(palpate.Recording(times, {"cells": readings}))',
+    tare='skin.tare(palpate.Recording(times, {"cells": readings}))',
+    estimate='skin.run(palpate.Recording(times, {"cells": readings}))',
+)
+class TaxelEstimator(ContactEstimator):
+    """Locate the contacts of each frame of taxels, by what the frames before it left: rest, identities, filter.
+
+    A reading is raw, rows x columns or one a taxel; another size, or many that are no number, is INVALID. Orientation
+    and acceleration make no difference.
+
+    A cell's reading is taken from its rest, which follows drift while nothing touches it, and turned into force before
+    anything is summed. Contacts are connected cells; one whose pressure has two peaks with a saddle between them is
+    two, whose cells are shared out by a mixture of two round Gaussians. The place on a sheet is the centroid, divided
+    by the sum of the forces [skin map, (1) corrected], on the map between cell centres. Of taxels anywhere it is the
+    middle of a round Gaussian that is fitted to their readings, so that an edge of the skin or a hole does not pull it,
+    lifted onto the body. Its covariance holds that of the taxels' own places, where the body has one, as if those of a
+    contact erred alike. The force is the sum over the cells, each along its own normal; the torque about the normal is
+    NaN, because cells feel no shear. SATURATED: located, but the force is a lower bound.
+
+    Features: on a sheet `row`, `column` between cell centres, which have whole numbers; `area` [m^2] of the cells that
+    are pressed; `load` [N], the sum of the cells' forces along their own normals, on a curved body more than the force;
+    `peak` [Pa] of one cell; `pressure` [Pa], the mean; `axis_long`, `axis_short` [m], deviations of the pressure along
+    its principal axes; `angle` [rad] of the long one, from the direction of rising rows towards that of rising columns,
+    or anticlockwise from `TaxelBody.tangents`; `cells`, how many.
+
+    Rest, noise and bad cells are `health`, or found in the first 2,048 frames that `run`, `pairs` or `stream` are
+    given; `tare` states the rest, and `update` needs it or `health`.
+
+    Args:
+        body: where the cells are.
+        intensity: what their readings mean; None: a count is taken for a newton.
+        health: from `palpate.sensors.taxels.health.examine`.
+        settings: how contacts are found.
+        filter: of each cell's reading; None: none. One of zero phase works in `pairs` and `stream` only.
+        rate: [Hz] of the frames; a filter needs it.
+        mount: T_sensor_surface.
+
+    Raises:
+        InputError: body, curves and health are not of one size, no cell is good, or a filter has no rate.
+    """
+
+    def __init__(
+        self,
+        body: TaxelBody,
+        intensity: Intensity | None = None,
+        health: Health | None = None,
+        *,
+        settings: TaxelSettings | None = None,
+        filter: Filter | None = None,
+        rate: float | None = None,
+        mount: Pose | None = None,
+    ) -> None:
+        from palpate.sensors.taxels._kernels import MOST  # compiled: loaded when first needed
+
+        super().__init__((CELLS,), ("row", "column", *FEATURES) if body.rows else FEATURES, MOST, mount, filter)
+        self.body, self.settings, self.rate, self.intensity = body, settings or TaxelSettings(), rate, intensity
+        self.health: Health | None = None
+        self._tared, self._looked = Tare("", ""), health is not None
+        self._ahead = filter is not None and filter.zero_phase
+        self._recursion = None if filter is None else filter.recursion(known_rate(rate, "frames"))
+        forward = None
+        if self._recursion is not None and not self._ahead:
+            forward = Forward(self._recursion, known_rate(rate, "frames"), len(body))
+        self._frames = TaxelFrames(body, intensity, self.settings, forward, filtered=filter is not None)
+        self._one = np.zeros(1), np.zeros((1, len(body))), np.zeros(1, dtype=np.int64)
+        if health is not None:
+            self._know(health)
+        time, raw, counts = self._one
+        if self._ahead:
+            self._frames.prepare(raw)  # compiles, before anything is in a hurry
+        self._frames.run(time, raw, self.empty(1), counts, self._frames.no_forces)  # compiles
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what frames left: the drift of the rest, readings that wrapped around, the filter, identities."""
+        super().reset()
+        self._frames.reset()
+
+    @property
+    def force(self) -> Float[np.ndarray, "*cells"]:
+        """[N] of each cell in the last frame, below the thresholds too; a view that the next frame overwrites."""
+        return self._frames.force.reshape(self.body.shape)
+
+    @property
+    def rest(self) -> tuple[Float[np.ndarray, "*cells"], Float[np.ndarray, "*cells"]]:
+        """[counts] of each cell after the last frame, and its deviation: 0 where no `walk` is stated."""
+        rest, deviation = self._frames.rest
+        return rest.reshape(self.body.shape), deviation.reshape(self.body.shape)
+
+    @property
+    def label(self) -> Int[np.ndarray, "*cells"]:
+        """Which area each cell belongs to in the last frame, from 1; 0: none, negative: the rim of that area."""
+        return self._frames.label.reshape(self.body.shape)
+
+    @property
+    def wrapped(self) -> Int[np.ndarray, "*cells"]:
+        """How often each cell's reading went over an end of its range and came out at the other."""
+        return self._frames.wrapped.reshape(self.body.shape)
+
+    def tare(self, recording: Recording) -> Tare:
+        """Take the mean reading of each cell in a window as its rest from now on; see `ContactEstimator.tare`."""
+        rest, self._tared = tared(
+            recording, self.body, self.health, pressed=3.0 * self.settings.on, falling=self._frames.falling
+        )
+        self._know(rest)
+        return self._tared
+
+    def answer(
+        self, block: Recording, watched: bool = False, filtered: tuple[np.ndarray, ...] | None = None
+    ) -> Answered:
+        """Answer the frames of a block, with the force of each taxel if `watched`; see `TaxelFrames.run`."""
+        raw, count = self.body.readings(block), len(block)
+        counts, out = np.zeros(count, dtype=np.int64), self.empty(_ROWS)
+        forces = np.zeros((count, len(self.body))) if watched else self._frames.no_forces
+        parts, done = [self.empty(0)], 0
+        while done < count:
+            values = None if filtered is None else tuple(part[done:] for part in filtered)
+            step, used = self._frames.run(block.time[done:], raw[done:], out, counts[done:], forces[done:], values)
+            parts.append(out[:used].copy())
+            done += step
+        return Answered(block, np.concatenate(parts), counts, forces if watched else None)
+
+    def answers(self, blocks: Iterable[Recording], watched: bool = False) -> Iterator[Answered]:
+        """Answer the blocks of a log, from its start: its first frames say what is not known of rest and bad cells."""
+        blocks = self._examined(iter(blocks))
+        if not self._ahead or self._recursion is None:
+            yield from super().answers(blocks, watched)
+            return
+        both = BothWays(self._recursion, known_rate(self.rate, "frames"), len(self.body))
+        for (block, status), values, share in both.through(self._prepared(block) for block in blocks):
+            yield self.answer(block, watched, (values, status, share))
+
+    def run(self, recording: Recording) -> Contacts:
+        """Return the contacts of a block; its first frames say what is not known of rest and bad cells."""
+        require_forward(self.filter)
+        self.look(recording)
+        return super().run(recording)
+
+    def notes(self) -> tuple[str, ...]:
+        """Return what was met so far, one sentence each."""
+        said = list(self.body.notes)
+        if self.intensity is None:
+            said.append("no intensity model: a count is taken for a newton (palpate calibrate intensity makes one)")
+        if self.health is None:
+            return tuple(said)
+        said += [*self.health.notes, *([self._tared.said] if self._tared.said else [])]
+        drifted = np.abs(self._frames.rest[0] - self.health.baseline) / self.health.noise
+        if drifted.max() > self.settings.on:
+            cell = self.body.name(int(np.argmax(drifted)))
+            moved = f"{drifted.max():.0f} deviations of its noise, most at cell {cell}"
+            said.append(f"the rest of cells drifted by up to {moved}; it was followed where nothing touched")
+        if self._frames.unusable:
+            said.append(f"{self._frames.unusable} frames could not be used (another size, or no numbers)")
+        wrapped = [self.body.name(cell) for cell in np.flatnonzero(self._frames.wrapped).tolist()]
+        if wrapped:
+            cells = f"{', '.join(wrapped[:5])}{', ...' if len(wrapped) > 5 else ''}"
+            said.append(
+                f"readings of {len(wrapped)} cells went over the end of the range and came out at the other "
+                f"({cells}): they were put right where it was clear"
+            )
+        return tuple(said)
+
+    def doubts(self) -> tuple[str, ...]:
+        """Return what may be wrong, one sentence each: cells that are dead or stuck, a tare that looks like a touch."""
+        found = () if self.health is None else self.health.doubts
+        return (*found, self._tared.doubt) if self._tared.doubt else found
+
+    def _single(self, time: float, reading: ArrayLike, out: Rows, rotation: Known, acceleration: Known) -> int:
+        self.require_rest()
+        frame = self.body.picked(shaped(reading, (...,), "reading"))
+        fits = frame.shape == self.body.shape or frame.shape == (len(self.body),)
+        when, raw, counts = self._one
+        when[0] = time
+        raw[0] = frame.reshape(-1) if fits else np.nan
+        raw[np.abs(raw) > LARGEST] = np.nan  # a fault of the sensor
+        return self._frames.run(when, raw, out, counts, self._frames.no_forces)[1]
+
+    def _arrays(self, time: Times, readings: np.ndarray, beside: Channels, out: Rows, counts: Counts) -> int:
+        self.require_rest()
+        if not len(out):
+            return 0
+        raw = self.body.readings(Recording(time, {CELLS: readings}, source="the stream"))
+        return self._frames.run(time, raw, out, counts, self._frames.no_forces)[0]
+
+    def _know(self, health: Health) -> None:
+        """Take rest, noise and bad cells from now on."""
+        if health.baseline.shape != (len(self.body),):
+            raise InputError(
+                f"the frames examined are of {health.baseline.size} cells, the body has {self.body.named()}.",
+                where="taxels",
+            )
+        if not (self.body.usable & health.good).any():
+            raise InputError("no cell is good: all are masked, dead or stuck.", where="taxels")
+        self.health = health
+        self._frames.know(health)
+        self.reset()
+
+    def look(self, recording: Recording) -> None:
+        """Find what is not known of rest, noise and bad cells in the first frames of a log."""
+        if self._looked or not len(recording) or (self.health is not None and len(recording) < FEWEST):
+            return
+        found, known = examine(recording.picked(slice(HEAD)), self.body, falling=self._frames.falling), self.health
+        if known is not None:
+            found = replace(found, baseline=known.baseline, noise=known.noise, frames=known.frames)
+        else:
+            rest = "cells at rest are found in the log itself; a tare says when nothing touches"
+            found = replace(found, notes=(*found.notes, rest))
+        self._looked = True
+        self._know(found)
+
+    def _examined(self, blocks: Iterator[Recording]) -> Iterator[Recording]:
+        """Return the same blocks, once the first frames are looked at."""
+        head, count = list[Recording](), 0
+        while not self._looked and count < HEAD and (block := next(blocks, None)) is not None:
+            head.append(block)
+            count += len(block)
+        if count:
+            cells = np.concatenate([self.body.readings(block) for block in head])
+            time = np.concatenate([block.time for block in head])
+            self.look(Recording(time, {CELLS: cells}, source=head[0].source))
+        return chain(head, blocks)
+
+    def _prepared(self, block: Recording) -> tuple[tuple[Recording, np.ndarray], np.ndarray, np.ndarray, np.ndarray]:
+        """Return a block on its way through a filter of zero phase; see `BothWays.through`."""
+        values, status = self._frames.prepare(self.body.readings(block))
+        return (block, status), block.time, status, values
+
+    def require_rest(self) -> None:
+        """Raise an InputError where the rest of the cells is not known."""
+        if self.health is None:
+            raise InputError(
+                "what the cells read at rest is not known.",
+                hint="Give health=examine(...), or call tare with a recording in which nothing touches.",
+            )

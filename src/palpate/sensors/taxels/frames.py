@@ -1,0 +1,187 @@
+"""The compiled loop over frames of taxels, with what one frame leaves to the next."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import ModuleType
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from palpate.contact.taxel_settings import TaxelSettings
+from palpate.sensors.taxels.health import Health
+from palpate.sensors.taxels.intensity import Curve, Intensity
+from palpate.sensors.taxels.model import TaxelBody
+from palpate.signals.smoothing import Forward
+
+__all__: list[str] = []
+
+_UNKNOWN, _CALIBRATED = 0.1, 0.02  # shares by which gains differ: of cells as they are made, and of calibrated ones
+_PLAIN = Intensity((Curve("polynomial", np.ones(1), np.zeros((1, 1)), largest=1.0),), unit="newtons")
+
+
+class TaxelFrames:
+    """Answer frames of raw readings with rows of contacts.
+
+    Args:
+        body: where the cells are.
+        intensity: what their readings mean; None: a count is taken for a newton.
+        settings: how contacts are found.
+        forward: the filter of the readings; None: none, or they come filtered.
+        filtered: whether any filter is used.
+    """
+
+    def __init__(
+        self,
+        body: TaxelBody,
+        intensity: Intensity | None,
+        settings: TaxelSettings,
+        forward: Forward | None,
+        *,
+        filtered: bool,
+    ) -> None:
+        from palpate.contact import _track  # compiled: loaded when first needed
+        from palpate.sensors.taxels import _kernels as _taxels
+
+        self._health: Health | None = None
+        self._settings, self._forward, self._filtered = settings, forward, filtered
+        self._gains = (_UNKNOWN if intensity is None else _CALIBRATED) if settings.unequal is None else settings.unequal
+        curves = intensity or _PLAIN
+        self.falling = curves.curves[0].falling
+        which, count = curves.numbers(body.shape), len(body)
+        limits = np.array([curve.saturation for curve in curves.curves])
+        limits = np.where(np.isnan(limits), -np.inf if self.falling else body.top, limits)
+        self._curves = curves.tables()
+        grid = np.zeros((0, 0, 6)) if body.grid is None else body.grid.copy()
+        vectors = np.stack([body.positions, body.normals, body.tangents])
+        known = np.zeros((0, 3, 3)) if body.covariance is None else body.covariance.copy()
+        self._place = (vectors, np.stack([body.areas, body.spacing]), grid, body.turn, known)
+        tables = (body.neighbours.copy(), body.steps.copy(), body.between.copy())
+        self._table = (*tables, max(body.columns, 1))
+        self._usable = body.usable
+        self._clock = np.zeros(2)
+        self._zeros = np.zeros((_taxels.SLOTS, count)), np.zeros((_taxels.SLOTS, 3)), np.full(2, np.nan)
+        self._turn = 0.0 if body.bits is None else body.top + 1.0
+        self._numbers = np.ones((_taxels.NUMBERS, count))
+        self._whole = np.zeros((_taxels.WHOLE, count), dtype=np.int64)
+        self._numbers[_taxels.LIMIT], self._whole[_taxels.CURVE] = limits[which], which
+        self._tracks = np.full((_track.TRACKS, _track.TRACK), -1.0), np.ones(1, dtype=np.int64)
+        self._unfiltered = np.zeros((1, count)), np.zeros(1, dtype=np.int8), np.zeros(0)
+        self.no_forces = np.zeros((0, count))
+        self._same = self._fixed()
+
+    @property
+    def _kernels(self) -> ModuleType:
+        from palpate.sensors.taxels import _kernels as _taxels  # no attribute: a module cannot be pickled
+
+        return _taxels
+
+    def know(self, health: Health) -> None:
+        """Take rest, noise and bad cells, of which one is good at least; `reset` puts them in force."""
+        self._health = health
+        self._whole[self._kernels.GOOD], self._numbers[self._kernels.NOISE] = self._usable & health.good, health.noise
+        self._same = self._fixed()
+
+    def reset(self) -> None:
+        """Forget what frames left: the drift of the rest, readings that wrapped around, the filter, identities."""
+        kernels, health = self._kernels, self._health
+        if health is not None:
+            self._numbers[[kernels.BASELINE, kernels.HELD]] = health.baseline
+            walks = self._settings.walk > 0.0
+            self._numbers[kernels.VARIANCE] = health.noise**2 / max(1, health.frames) if walks else 0.0
+        self._zeros[1][:], self._zeros[2][:] = 0.0, np.nan
+        self._whole[kernels.TOUCHED] = kernels.NEVER
+        self._numbers[kernels.LAST] = np.nan
+        self._whole[[kernels.TURNS, kernels.WRAPPED]] = 0
+        self._clock[:] = np.nan, 0.0
+        self._tracks[0][:], self._tracks[1][:] = -1.0, 1
+        if self._forward is not None:
+            self._forward.reset()
+
+    @property
+    def force(self) -> Float[np.ndarray, " k"]:
+        """[N] of each cell in the last frame; a view that the next frame overwrites."""
+        return self._numbers[self._kernels.FORCE]
+
+    @property
+    def rest(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+        """[counts] of each cell after the last frame, and its deviation: 0 where no walk is stated."""
+        return self._numbers[self._kernels.BASELINE].copy(), np.sqrt(self._numbers[self._kernels.VARIANCE])
+
+    @property
+    def label(self) -> Int[np.ndarray, " k"]:
+        """Which area each cell belongs to in the last frame, from 1; 0: none, negative: the rim of that area."""
+        return self._whole[self._kernels.LABEL]
+
+    @property
+    def wrapped(self) -> Int[np.ndarray, " k"]:
+        """How often each cell's reading went over an end of its range and came out at the other."""
+        return self._whole[self._kernels.WRAPPED]
+
+    @property
+    def unusable(self) -> int:
+        """Frames of another size, or without numbers."""
+        return int(self._clock[1])
+
+    def run(
+        self,
+        time: Float[np.ndarray, " n"],
+        raw: Float[np.ndarray, "n k"],
+        out: Float[np.ndarray, "r width"],
+        counts: Int[np.ndarray, " n"],
+        forces: Float[np.ndarray, "_ k"],
+        filtered: tuple[np.ndarray, ...] | None = None,
+    ) -> tuple[int, int]:
+        """Answer as many frames as have room.
+
+        Args:
+            time: [s].
+            raw: readings.
+            out: rows to write into.
+            counts: how many rows each frame has; written.
+            forces: (n, k) [N] of each cell; written. `no_forces`: not asked for.
+            filtered: readings, statuses and shares of the noise, where a filter of zero phase was used.
+
+        Returns:
+            how many frames were answered, and how many rows they have.
+        """
+        loop: Callable[..., tuple[int, int]] = self._kernels.frames
+        values = self._unfiltered if filtered is None else filtered
+        return loop(_constant(time), _constant(raw), *values, *self._same, out, counts, forces)
+
+    def prepare(self, raw: Float[np.ndarray, "n k"]) -> tuple[Float[np.ndarray, "n k"], np.ndarray]:
+        """Return readings for a filter of zero phase, put right where they wrapped around, and a status each."""
+        values, status = np.empty(raw.shape), np.empty(len(raw), dtype=np.int8)
+        rest = np.zeros(raw.shape[1]) if self._health is None else self._health.baseline
+        known = (self._table[0], self._turn, self._numbers, self._whole)
+        self._kernels.prepare(_constant(raw), _constant(rest), *known, values, status)
+        return values, status
+
+    def _fixed(self) -> tuple[object, ...]:
+        """Return what the loop takes that is the same from frame to frame, or goes on from it."""
+        set_, forward = self._settings, self._forward
+        resting = 1.0 / self._health.frames if self._filtered and self._health is not None else 0.0
+        sign = -1.0 if self.falling else 1.0
+        numbers = (set_.on, set_.off, set_.sure, set_.share, sign, self._gains, set_.drift, self._turn, resting)
+        settings = tuple(map(float, (*numbers, set_.reach, set_.speed, set_.patience, set_.walk)))
+        smoothing = _NO_FILTER if forward is None else (*forward.parts, forward.shares)
+        known = (self._place, self._table, self._curves, settings, smoothing)
+        return (*known, self._clock, self._zeros, self._numbers, self._whole, *self._tracks)
+
+
+def _constant(values: np.ndarray) -> np.ndarray:
+    """Return a view that cannot be written to: the loops are compiled once, for those."""
+    view = values.view()
+    view.flags.writeable = False
+    return view
+
+
+_NO_FILTER = (
+    np.zeros((0, 6)),
+    np.zeros((0, 2)),
+    np.zeros(0),
+    0.0,
+    np.zeros(2),
+    np.zeros((1, 1)),
+    np.zeros(0),
+)

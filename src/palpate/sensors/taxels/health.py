@@ -1,0 +1,270 @@
+"""What taxels are worth: at rest, dead, stuck, wrapped around."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from palpate.errors import InputError
+from palpate.sensors.taxels.model import TaxelBody
+from palpate.signals.recording import Recording
+from palpate.signals.wrench_sensor import Tare
+from palpate.spatial._arrays import frozen
+from palpate.spatial.arguments import takes_arrays
+
+__all__ = ["Health", "at_rest", "examine", "resting", "tared"]
+
+SCATTER = 4.0  # times the noise, in a tare
+FEWEST = 8  # frames from which anything can be said of a cell
+CLOSE = 4.0  # deviations about the resting value that still are rest
+SILENT = 5  # frames in which a cell said nothing between neighbours that were pressed
+PRESSED = 0.25  # of the largest excursion in the log: then a cell is pressed
+AFTER, LEFT = 0.5, 0.03  # s behind a touch, and the share of a reading that may be left then
+OPPOSITE = -0.8  # cosine between the ways to two neighbours
+WRAP = 0.85  # of the range: a step of a cell alone that is no touch
+_QUANTUM = 12**-0.5  # deviation of what is rounded to whole numbers
+
+
+@takes_arrays
+@dataclass(frozen=True, eq=False)
+class Health:
+    """What the cells are at rest, and which are no good.
+
+    Attributes:
+        baseline: (k,) reading without a touch.
+        noise: (k,) standard deviation of it.
+        dead: (k,) silent between neighbours that were pressed.
+        stuck: (k,) at one value that is not that of the others' rest.
+        frames: from which the rest was taken.
+        notes, doubts: what was met, and what may be wrong, one sentence each.
+        hysteresis: what is left of a reading `AFTER` seconds behind a touch, as a share of its height (median over
+            releases); NaN where the start of the log holds none.
+    """
+
+    baseline: Float[np.ndarray, " k"]
+    noise: Float[np.ndarray, " k"]
+    dead: Bool[np.ndarray, " k"]
+    stuck: Bool[np.ndarray, " k"]
+    frames: int = 1_000
+    notes: tuple[str, ...] = field(default=())
+    doubts: tuple[str, ...] = field(default=())
+    hysteresis: float = float("nan")
+
+    @property
+    def good(self) -> Bool[np.ndarray, " k"]:
+        """Cells to be used."""
+        return ~(self.dead | self.stuck)
+
+
+def examine(recording: Recording, body: TaxelBody, *, seconds: float | None = None, falling: bool = False) -> Health:
+    """Rest, noise and faults of every cell, from the start of a log; it may hold touches.
+
+    A cell rests where its readings crowd at their end away from load: within `CLOSE` deviations of it, whatever
+    touches do beyond.
+
+    Args:
+        recording: at least `FEWEST` frames.
+        body: whose.
+        seconds: at the start, in which nothing was touched; None: not known.
+        falling: readings fall under load.
+
+    Raises:
+        InputError: too few frames, or no cell ever moves from a value that is not rest.
+    """
+    raw = body.readings(recording)
+    known = np.isfinite(raw).all(axis=1)
+    cells, time = -raw[known] if falling else raw[known], recording.time[known]
+    if len(cells) < FEWEST:
+        raise InputError(
+            f"{len(cells)} frames of {body.named()} could be read of {len(raw)}; "
+            f"at least {FEWEST} are needed to know the cells at rest.",
+            where=recording.source,
+            hint="Does the rig state rows and columns as the log has them?",
+        )
+    cells, wrapped = _unwrapped(cells, body)
+    rest = cells
+    if seconds is not None:
+        rest = cells[time <= time[0] + seconds]
+        if len(rest) < FEWEST:
+            raise InputError(f"{len(rest)} frames are too few to tare with ({seconds:g} s).", where=recording.source)
+    baseline, noise = resting(rest, whole=body.bits is not None)
+    still = np.ptp(cells, axis=0) == 0
+    stuck = _stuck(baseline, still, body)
+    if stuck.all() or (still.all() and np.ptp(baseline) > 0 and body.bits is not None):
+        raise InputError(
+            f"every cell keeps its value in the first {len(cells):,} frames: all cells are stuck.",
+            where=recording.source,
+            hint="Are the taxels connected, and are the columns those of their readings?",
+        )
+    dead = _dead(cells - baseline, noise, still, stuck, body)
+    hysteresis = _hysteresis(time, np.where(stuck | dead, 0.0, cells - baseline), noise)
+    notes = _named("wrapped around (readings jump from one end of the range to the other)", wrapped, body)
+    if still.all():
+        notes.append(f"no cell moves in the first {len(cells):,} frames")
+    doubts = [
+        *_named("dead: silent between cells that are pressed", dead, body),
+        *_named("stuck at one value", stuck, body),
+    ]
+    if hysteresis > LEFT:
+        share = f"{100 * hysteresis:.0f} % of a reading remains {AFTER:g} s after a touch"
+        doubts.append(f"{share}: hysteresis, or slow recovery, by which forces are too large for a while")
+    baseline = -baseline if falling else baseline
+    return Health(frozen(baseline), frozen(noise), dead, stuck, len(rest), tuple(notes), tuple(doubts), hysteresis)
+
+
+def at_rest(recording: Recording, body: TaxelBody, *, falling: bool = False) -> Health:
+    """Rest and noise of every cell, from a window in which nothing touches: its mean.
+
+    Raises:
+        InputError: too few frames, or cells that do not keep still.
+    """
+    health = examine(recording, body, seconds=np.inf, falling=falling)
+    raw = body.readings(recording)
+    off = raw[np.isfinite(raw).all(axis=1)] - health.baseline
+    if body.bits is not None:
+        off -= (body.top + 1.0) * np.rint(off / (body.top + 1.0))
+    moved = np.maximum(off.std(axis=0), SCATTER * np.abs(off[: len(off) // 2].mean(axis=0)))
+    restless = body.usable & ~health.stuck & (moved > SCATTER * health.noise)
+    if restless.any():
+        cell = int(np.argmax(np.where(restless, moved / health.noise, 0.0)))
+        raise InputError(
+            f"the cells were not at rest during the tare: cell {body.name(cell)} reads up to "
+            f"{np.abs(off[:, cell]).max():.3g} from its rest, and its noise is {health.noise[cell]:.2g}.",
+            where=recording.source,
+            hint="Let nothing touch them meanwhile, or mask a cell that never keeps still.",
+        )
+    return health
+
+
+def tared(
+    recording: Recording, body: TaxelBody, before: Health | None, *, pressed: float, falling: bool = False
+) -> tuple[Health, Tare]:
+    """Return the rest of every cell by a tare, and what it took, with a warning where it could be a touch.
+
+    Args:
+        recording: steady and untouched.
+        body: where the cells are.
+        before: what was known of the cells; which are bad stays.
+        pressed: deviations of its noise above its rest at which a cell looks pressed.
+        falling: readings fall under load.
+
+    Raises:
+        InputError: too few frames, or cells that do not keep still.
+    """
+    rest = at_rest(recording, body, falling=falling)
+    noise = float(np.median(rest.noise))
+    said = f"tare over {rest.frames} frames: cells rest at {np.median(rest.baseline):.3g}, with noise of {noise:.2g}"
+    usual = np.median(rest.baseline) if before is None else before.baseline
+    above = (-1.0 if falling else 1.0) * (rest.baseline - usual)
+    scatter = 0.0 if before is not None else 14.8 * float(np.median(np.abs(above - np.median(above))))
+    high = np.flatnonzero(body.usable & (above > scatter + pressed * rest.noise))
+    doubt = ""
+    if len(high) and len(high) < 0.5 * len(body):
+        where = ", ".join(body.name(cell) for cell in high[:5].tolist())
+        doubt = f"cells {where} rest high, as under a steady touch: make sure that nothing touched them"
+    if before is not None:
+        rest = replace(rest, dead=before.dead, stuck=before.stuck, notes=before.notes, doubts=before.doubts)
+    return rest, Tare(said, doubt)
+
+
+def _hysteresis(
+    time: Float[np.ndarray, " n"], above: Float[np.ndarray, "n k"], noise: Float[np.ndarray, " k"]
+) -> float:
+    """Median over releases of cells whose surroundings were let go too; NaN where there is none."""
+    limit = 0.25 * float(above.max(initial=0.0))
+    if not limit > 20 * float(np.median(noise)):
+        return float("nan")
+    pressed = above > limit
+    later = np.searchsorted(time, time + AFTER)  # of sorted times
+    found: list[float] = []
+    for start, cell in np.argwhere(pressed[:-1] & ~pressed[1:]).tolist():
+        end = int(later[start])
+        if end < len(above) and not pressed[start + 1 : end + 1].any() and abs(time[end] - time[start] - AFTER) < AFTER:
+            found.append(float(above[end, cell] / above[max(start - 5, 0) : start + 1, cell].max()))
+    return float(np.median(found)) if found else float("nan")
+
+
+@takes_arrays
+def resting(cells: Float[np.ndarray, "n k"], *, whole: bool) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+    """Mean and deviation of the crowd at each cell's lower end."""
+    steps = np.abs(np.diff(cells, axis=0))
+    low = np.quantile(cells, 0.1, axis=0)
+    rough = np.maximum(np.median(steps, axis=0) / 0.954, 1.0 if whole else 1e-12 + 1e-6 * np.ptp(cells))
+    near = np.abs(cells - low) <= 2 * CLOSE * rough
+    middle = np.nanmedian(np.where(near, cells, np.nan), axis=0)
+    near = np.abs(cells - middle) <= CLOSE * rough
+    count = near.sum(axis=0)
+    baseline = np.where(near, cells, 0.0).sum(axis=0) / count
+    variance = np.where(near, (cells - baseline) ** 2, 0.0).sum(axis=0) / np.maximum(count - 1, 1)
+    least = _QUANTUM if whole else 1e-9 + 1e-3 * float(np.median(np.sqrt(variance)))
+    return baseline, np.sqrt(np.maximum(variance, least**2))
+
+
+def _stuck(baseline: Float[np.ndarray, " k"], still: Bool[np.ndarray, " k"], body: TaxelBody) -> Bool[np.ndarray, " k"]:
+    """Never moves, away from where the others rest."""
+    usual = np.median(baseline)
+    spread = 1.4826 * np.median(np.abs(baseline - usual))
+    far = max(10 * float(spread), 0.05 * body.top if body.bits else 0.05 * float(np.ptp(baseline)), 1e-12)
+    return still & (np.abs(baseline - usual) > far)
+
+
+def _dead(
+    above: Float[np.ndarray, "n k"],
+    noise: Float[np.ndarray, " k"],
+    still: Bool[np.ndarray, " k"],
+    stuck: Bool[np.ndarray, " k"],
+    body: TaxelBody,
+) -> Bool[np.ndarray, " k"]:
+    """Cells that say nothing in frames in which both of two opposite neighbours are pressed hard."""
+    above = np.where(stuck, 0.0, np.abs(above))
+    hard = above > max(PRESSED * float(above.max(initial=0.0)), 10 * float(np.median(noise)))
+    between = np.zeros_like(hard)
+    for one, other in _opposite(body):
+        both = (one >= 0) & (other >= 0)
+        between[:, both] |= hard[:, one[both]] & hard[:, other[both]]
+    silent = above <= CLOSE * np.maximum(noise, np.median(noise))
+    said_nothing = (between & silent).sum(axis=0)
+    answered = (between & ~silent).sum(axis=0)
+    never = above.max(axis=0) <= 2 * CLOSE * np.maximum(noise, np.median(noise))
+    return ((said_nothing >= SILENT) & (answered == 0) & (never | still)) & ~stuck
+
+
+def _opposite(body: TaxelBody) -> Iterator[tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]]:
+    """Neighbours that touch a cell at opposite sides; -1 where there are none."""
+    beside = np.where(body.between[..., 0] < 0, body.neighbours, -1)
+    for a in range(beside.shape[1]):
+        for b in range(a):
+            one, other = body.steps[:, a], body.steps[:, b]
+            size = np.linalg.norm(one, axis=1) * np.linalg.norm(other, axis=1)
+            apart = (one * other).sum(axis=1) < OPPOSITE * size
+            if (apart & (beside[:, a] >= 0) & (beside[:, b] >= 0)).any():
+                yield np.where(apart, beside[:, a], -1), beside[:, b]
+
+
+def _unwrapped(
+    cells: Float[np.ndarray, "n k"], body: TaxelBody
+) -> tuple[Float[np.ndarray, "n k"], Bool[np.ndarray, " k"]]:
+    """At rest a whole-number reading that falls below 0 comes out at the top: such readings, put where they belong."""
+    if body.bits is None or cells.min() < 0:  # floats, or turned: rest is at the top, and falls
+        return cells, np.zeros(len(body), dtype=bool)
+    turn = body.top + 1.0
+    noise = np.median(np.abs(np.diff(cells, axis=0)), axis=0) if len(cells) > 1 else np.zeros(len(body))
+    rest = np.quantile(cells, 0.25, axis=0)
+    below = (cells > WRAP * turn) & (rest <= 1.0 + 3.0 * noise)  # noise takes no other rest below 0
+    if below.any():
+        high = cells > 0.25 * turn
+        for beside in body.neighbours.T:  # a touch presses neighbours too
+            below &= ~(high[:, beside] & (beside >= 0))
+    return np.where(below, cells - turn, cells), np.asarray(below.any(axis=0))
+
+
+def _named(what: str, which: Bool[np.ndarray, " k"], body: TaxelBody) -> list[str]:
+    """A sentence that names some cells."""
+    found = [body.name(cell) for cell in np.flatnonzero(which).tolist()]
+    if not found:
+        return []
+    cells = f"cell{'s' if len(found) > 1 else ''} {', '.join(found[:6])}{', ...' if len(found) > 6 else ''}"
+    return [f"{len(found)} of {which.size} cells {what}: {cells}"]

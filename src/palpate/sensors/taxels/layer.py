@@ -1,0 +1,193 @@
+"""What taxels add to the page: every cell as a patch of the colour of its force, and a sheet unrolled as a picture."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float, Float32, Int, UInt8
+
+from palpate.errors import InputError
+from palpate.sensors.taxels.model import TaxelBody
+from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.pose import quaternion_from_rotation
+from palpate.spatial.shown import three_digits
+from palpate.viewer.heat import colours, linear
+from palpate.viewer.legend import bar
+from palpate.viewer.marker import FORCE
+from palpate.viewer.samples import sheet_places
+from palpate.viewer.scene import Scene
+
+if TYPE_CHECKING:
+    from viser import BatchedMeshHandle, ClientHandle, GuiApi, GuiImageHandle, ViserServer
+
+__all__ = ["TaxelLayer", "cell_mesh", "patches", "unrolled"]
+
+PIXELS = 18  # of a cell of the unrolled sheet
+LIFT = 3e-4  # m: cells stand out from the body
+GAP = 0.94  # of a cell's side is drawn
+CLEAR = 0.9  # of the way to the nearest cell that one anywhere on a body is wide
+_CORNERS = 0.5 * np.array([(-1.0, -1.0, 0.0), (1.0, -1.0, 0.0), (1.0, 1.0, 0.0), (-1.0, 1.0, 0.0)])
+_FACES = np.array([(0, 1, 2), (0, 2, 3)])
+
+
+@takes_arrays
+class TaxelLayer:
+    """Cells anywhere on a body, each a patch in its tangent plane.
+
+    Args:
+        body: of the k cells.
+        forces: (n, k) [N] of each cell, a row a sample of the log; None: not known, as of a file of contacts.
+        live: they are fed as they come.
+    """
+
+    def __init__(
+        self,
+        body: TaxelBody,
+        forces: Float[np.ndarray, "n k"] | Float32[np.ndarray, "n k"] | None = None,
+        live: bool = False,
+    ) -> None:
+        if forces is not None and (forces.ndim != 2 or forces.shape[1] != len(body)):
+            raise InputError(f"forces must have shape (n, {len(body)}), not {forces.shape}.")
+        self._body, self._forces = body, forces
+        self._fed = np.zeros(len(body)) if live else None
+        strong = 0.0 if forces is None or not len(forces) else float(np.quantile(forces.max(axis=1), 0.99))
+        self.most = max(strong, 1e-6)
+        """[N] that is drawn darkest."""
+        self._sheet: GuiImageHandle | None = None
+
+    @property
+    def covers(self) -> bool:
+        """Cells lie on the body."""
+        return True
+
+    @property
+    def places(self) -> Float[np.ndarray, "k 3"]:
+        """(k, 3) [m] of the cells."""
+        return self._body.positions
+
+    def draw(self, server: ViserServer | ClientHandle, scene: Scene) -> None:
+        """All cells as instances of one square, seen from both sides."""
+        rotations, sides = patches(self._body)
+        if not self._body.rows and len(self._body) > 1:  # places and areas are measured: squares could overlap
+            from scipy.spatial import KDTree
+
+            away = np.asarray(KDTree(self._body.positions).query(self._body.positions, k=2)[0])
+            sides = np.minimum(sides, CLEAR * away[:, 1:])
+        self._cells: BatchedMeshHandle = server.scene.add_batched_meshes_simple(
+            "/taxels",
+            _CORNERS,
+            _FACES,
+            batched_wxyzs=np.roll(quaternion_from_rotation(rotations), 1, axis=1),
+            batched_positions=scene.placed(self._body.positions + LIFT * self._body.normals),
+            batched_scales=GAP * sides / scene.size,
+            batched_colors=self._colours(np.zeros(len(self._body))),
+            side="double",
+            lod="off",
+            cast_shadow=False,
+        )
+
+    def panel(self, gui: GuiApi) -> None:
+        """A box that hides the cells, and the sheet unrolled."""
+        seen = gui.add_checkbox("cells", True, hint="hide them to see the body below")
+        seen.on_update(lambda event: setattr(self._cells, "visible", seen.value))
+        if self._body.rows and self._known:
+            flat = unrolled(np.zeros((self._body.rows, self._body.columns)), self.most, np.zeros((0, 2)))
+            self._sheet = gui.add_image(flat, label="sheet, unrolled, row 0 below; ring: contact")
+
+    def feed(self, force: Float[np.ndarray, " k"]) -> None:
+        """What the cells carry now [N]; darkest is the largest force so far."""
+        self._fed, self.most = force, max(self.most, float(np.nan_to_num(force).max(initial=0.0)))
+
+    def show(self, scene: Scene, index: int) -> None:
+        """Colour them for a sample."""
+        if not self._known:
+            return
+        force = self._force(scene, index)
+        self._cells.batched_colors = self._colours(force)
+        if self._sheet is not None:
+            self._sheet.image = unrolled(force.reshape(self._body.rows, -1), self.most, _dots(scene, index))
+
+    def rows(self, scene: Scene, index: int) -> list[tuple[str, str]]:
+        """Sums of the cells."""
+        if not self._known:
+            return []
+        force = self._force(scene, index)
+        return [
+            ("all cells, sum", f"{three_digits(force.sum())} N"),
+            ("strongest cell", f"{three_digits(force.max())} N"),
+        ]
+
+    def legend(self) -> list[str]:
+        """The force of the darkest cell."""
+        return [bar("cell", self.most, "N")] if self._known else []
+
+    @property
+    def _known(self) -> bool:
+        return self._forces is not None or self._fed is not None
+
+    def _force(self, scene: Scene, index: int) -> Float[np.ndarray, " k"]:
+        """[N] of each cell; 0 where the log has no such sample."""
+        if self._fed is not None:
+            return self._fed
+        sample = int(scene.contacts.sample[scene.starts[index]])
+        if self._forces is None or sample >= len(self._forces):
+            return np.zeros(len(self._body))
+        return self._forces[sample].astype(np.float64)
+
+    def _colours(self, force: Float[np.ndarray, " k"]) -> UInt8[np.ndarray, "k 3"]:
+        return linear(colours(np.clip(np.nan_to_num(force) / self.most, 0.0, 1.0)))
+
+
+def _dots(scene: Scene, index: int) -> Float[np.ndarray, "c 2"]:
+    """Row and column of each contact of a sample."""
+    places = sheet_places(scene.contacts[scene.rows(index)])
+    return np.zeros((0, 2)) if places is None else places[np.isfinite(places).all(axis=1)]
+
+
+def patches(body: TaxelBody) -> tuple[Float[np.ndarray, "k 3 3"], Float[np.ndarray, "k 3"]]:
+    """Frames (third column outward) and sides (length, width, 1) [m] of rectangles that have the cells' areas.
+
+    On a sheet the first side lies along its rows and is as long as from row to row; else cells are squares.
+    """
+    normals, side = body.normals, np.sqrt(body.areas)
+    along = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
+    if body.rows > 1:
+        steps = np.asarray(np.gradient(body.positions.reshape(body.rows, -1, 3), axis=0)).reshape(-1, 3)
+        length: Float[np.ndarray, " k"] = np.linalg.norm(steps, axis=1)
+        usable = length > 0
+        side, along = np.where(usable, length, side), np.where(usable[:, None], steps, along)
+    across = np.cross(normals, along)
+    across = across / np.linalg.norm(across, axis=1, keepdims=True)
+    frames = np.stack([np.cross(across, normals), across, normals], axis=2)
+    return frames, np.column_stack([side, body.areas / side, np.ones(len(side))])
+
+
+def cell_mesh(body: TaxelBody) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
+    """All cells as vertices [m] and faces, two a cell: a body to draw on where there is no other."""
+    frames, sides = patches(body)
+    corners = body.positions[:, None] + np.einsum("kij,kcj->kci", frames, _CORNERS * sides[:, None])
+    faces = 4 * np.arange(len(body))[:, None, None] + _FACES
+    return corners.reshape(-1, 3), faces.reshape(-1, 3).astype(np.int64)
+
+
+@takes_arrays
+def unrolled(
+    force: Float[np.ndarray, "rows columns"], most: float, contacts: Float[np.ndarray, "c 2"]
+) -> UInt8[np.ndarray, "h w 3"]:
+    """The sheet as a picture, the last row on top, with a dark dot where each contact is.
+
+    Args:
+        force: [N] of each cell.
+        most: [N] that is drawn darkest.
+        contacts: row and column of each.
+    """
+    shade = colours(np.clip(np.nan_to_num(force.ravel()) / most, 0.0, 1.0)).reshape(*force.shape, 3)
+    picture = np.repeat(np.repeat(shade, PIXELS, axis=0), PIXELS, axis=1)
+    picture[::PIXELS], picture[:, ::PIXELS] = 255, 255
+    down, across = np.indices(picture.shape[:2])
+    for row, column in contacts:
+        away = (down / PIXELS - 0.5 - row) ** 2 + (across / PIXELS - 0.5 - column) ** 2
+        picture[away < 0.1] = 255
+        picture[away < 0.05] = FORCE
+    return picture[::-1].copy()

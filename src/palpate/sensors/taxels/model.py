@@ -1,0 +1,383 @@
+"""A body of taxels: where its cells sit and which lie beside which, on a sheet or anywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from numpy.typing import ArrayLike
+
+from palpate.calls import called_as
+from palpate.errors import InputError
+from palpate.sensors.taxels.skin_map.model import SkinMap
+from palpate.signals.recording import CELLS, LARGEST, Recording
+from palpate.spatial._arrays import shaped
+from palpate.spatial.arguments import takes_arrays
+
+__all__ = ["TaxelBody"]
+
+_AROUND = np.array([(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1) if a or b])  # of a cell on a sheet
+_CORNERS, _SIDES = [0, 2, 5, 7], [[1, 3], [1, 4], [6, 3], [6, 4]]  # of _AROUND: corners, and the two sides at each
+_SHORTEST_RING = 6  # columns: fewer cannot go round a link
+_SEAM = 1.6  # pitches between the ends of a sheet that are neighbours
+_REACH = 1.6  # spacings within which taxels are neighbours: the corners of a square are, every other cell is not
+_NEAR = 16  # taxels among which the nearest that face the same way are looked for
+_CROSSED = 1.1  # of a distance squared: taxels whose squared distances to both ends sum to less lie between them
+_COVERED = 0.93  # squared spacings that a cell covers: 0.87 on a lattice of triangles, 1 on one of squares
+
+
+@called_as(
+    "palpate.TaxelBody.anywhere(positions, normals)",
+    sheet="palpate.TaxelBody.sheet(palpate.map_skin(mesh, sheet, ...))",
+    anywhere="palpate.TaxelBody.anywhere(positions, normals)",
+)
+@takes_arrays
+@dataclass(frozen=True, eq=False)
+class TaxelBody:
+    """Cells of a sheet, row by row, or taxels anywhere on a body, in the body's own frame.
+
+    Made by `sheet` and `anywhere`.
+
+    Attributes:
+        positions: (k, 3) [m]; normals: (k, 3) outward, unit; areas: (k,) [m^2].
+        spacing: (k,) [m] to the cells around; tangents: (k, 3) where angles on the body count from.
+        neighbours: (k, m) their numbers, -1 for none.
+        steps: (k, m, 2) to each neighbour, in cells: rows and columns of a sheet, whole numbers; else in the tangent
+            plane, the first along `tangents`.
+        between: (k, m, 2) the cells that lie between a cell and a neighbour across a corner; -1 where they touch.
+        usable: (k,) neither masked nor, on a sheet, over or under others.
+        bits: 1 to 16 of a whole-number reading; None: readings are floats and cannot wrap.
+        rows, columns: of a sheet; 0 for taxels anywhere.
+        grid: (rows + 4, columns + 4, 6) of a sheet: positions and normals, with two more cells at each end.
+        turn: columns after which a sheet closes to a ring; 0: never.
+        notes: what to know, a sentence each.
+        numbers: (k,) which number of a frame each taxel is; None: they are all of them, in their order.
+        frame: how many numbers a frame has then.
+        covariance: (k, 3, 3) [m^2] of the positions, 0 of one that is not known; None: of none is.
+    """
+
+    positions: Float[np.ndarray, "k 3"]
+    normals: Float[np.ndarray, "k 3"]
+    areas: Float[np.ndarray, " k"]
+    spacing: Float[np.ndarray, " k"]
+    tangents: Float[np.ndarray, "k 3"]
+    neighbours: Int[np.ndarray, "k m"]
+    steps: Float[np.ndarray, "k m 2"]
+    between: Int[np.ndarray, "k m 2"]
+    usable: Bool[np.ndarray, " k"]
+    bits: int | None = None
+    rows: int = 0
+    columns: int = 0
+    grid: Float[np.ndarray, "r c 6"] | None = None
+    turn: int = 0
+    notes: tuple[str, ...] = ()
+    numbers: Int[np.ndarray, " k"] | None = None
+    frame: int = 0
+    covariance: Float[np.ndarray, "k 3 3"] | None = None
+
+    def __post_init__(self) -> None:
+        if self.bits is not None and not 1 <= self.bits <= 16:
+            raise InputError(f"bits must lie between 1 and 16, not {self.bits}.", where="taxels")
+        for value in vars(self).values():
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
+
+    def __reduce__(self) -> tuple[type[TaxelBody], tuple[object, ...]]:
+        """Copies are read-only too."""
+        return TaxelBody, tuple(vars(self).values())
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    @classmethod
+    @takes_arrays
+    def sheet(cls, place: SkinMap, *, bits: int | None = 8, masked: Sequence[tuple[int, int]] = ()) -> TaxelBody:
+        """A sheet on a link: a cell has eight neighbours; where the sheet closes round the link, over the seam too.
+
+        Columns that lie over others are left out: a press there is felt twice.
+
+        Args:
+            place: where its cells sit.
+            bits: of a reading.
+            masked: (row, column) of cells that are not to be used.
+
+        Raises:
+            InputError: a masked cell that is not on it, or bits that cannot be.
+        """
+        rows, columns = place.rows, place.columns
+        if rows * columns < 2:
+            raise InputError(f"a sheet of {rows} x {columns} cells is none.", where="taxels")
+        used = _columns_used(place)
+        ring = _is_ring(place, used)
+        row, column = (part[:, None] for part in np.divmod(np.arange(rows * columns), columns))
+        up, across = row + _AROUND[:, 0], column + _AROUND[:, 1]
+        across = np.where(column < used, np.mod(across, used), -1) if ring else across
+        inside = (up >= 0) & (up < rows) & (across >= 0) & (across < used) & (column < used)
+        neighbours = np.where(inside, up * columns + across, -1)
+        between = np.full((len(row), 8, 2), -1)
+        between[:, _CORNERS] = np.where(inside[:, _CORNERS, None], neighbours[:, _SIDES], -1)
+        usable = column.ravel() < used
+        for cell in masked:
+            if not (0 <= cell[0] < rows and 0 <= cell[1] < columns):
+                raise InputError(
+                    f"cell {tuple(cell)} is masked, but there are {rows} x {columns}, counted from 0.", where="taxels"
+                )
+            usable[cell[0] * columns + cell[1]] = False
+        notes = list(place.notes)
+        if used < columns:
+            notes.append(
+                f"the last {columns - used} of {columns} columns lie over others and are left out: a press there is "
+                "felt twice"
+            )
+        if ring:
+            notes.append("the sheet closes around the link: touches cross the seam")
+        steps = np.broadcast_to(_AROUND.astype(np.float64), (len(row), 8, 2)).copy()
+        flat = (place.centres.reshape(-1, 3).copy(), place.normals.reshape(-1, 3).copy(), place.areas.ravel().copy())
+        unit = np.ones(len(row)), np.zeros((len(row), 3))  # steps are in cells; the grid says where they lead
+        grid, turn = _padded(place, used, ring), used if ring else 0
+        return cls(*flat, *unit, neighbours, steps, between, usable, bits, rows, columns, grid, turn, tuple(notes))
+
+    @classmethod
+    @takes_arrays
+    def anywhere(
+        cls,
+        positions: ArrayLike,
+        normals: ArrayLike,
+        areas: ArrayLike | None = None,
+        *,
+        reach: float | None = None,
+        bits: int | None = None,
+        masked: Sequence[int] = (),
+    ) -> TaxelBody:
+        """Taxels anywhere on a body: neighbours are near along it and face the same way within 90 degrees.
+
+        Angles count from the direction from the first taxel to the last.
+
+        Args:
+            positions: (k, 3) [m].
+            normals: (k, 3) outward.
+            areas: (k,) [m^2] that each senses; None: as on a lattice.
+            reach: [m] between neighbours; None: 1.6 times how far apart they are there.
+            bits: of a reading.
+            masked: numbers of taxels that are not to be used.
+
+        Raises:
+            InputError: arrays that do not belong together, or two taxels at one place.
+        """
+        points, outward, count = _placed(positions, normals)
+        spacing, pairs = _paired(points, outward, reach)
+        both = np.concatenate([pairs, pairs[:, ::-1]])
+        both = both[np.lexsort((both[:, 1], both[:, 0]))]
+        degree = np.bincount(both[:, 0], minlength=count)
+        slot = np.arange(len(both)) - np.repeat(np.cumsum(degree) - degree, degree)
+        neighbours = np.full((count, max(int(degree.max(initial=0)), 2)), -1)
+        neighbours[both[:, 0], slot] = both[:, 1]
+        tangents = _tangents(outward, points[-1] - points[0])
+        away = np.where(neighbours[..., None] < 0, 0.0, points[neighbours] - points[:, None])
+        frame = np.stack([tangents, np.cross(outward, tangents)], axis=1)
+        steps = np.einsum("kmc,kac->kma", away, frame) / spacing[:, None, None]
+        covered = _COVERED * spacing**2 if areas is None else np.array(areas, dtype=np.float64)
+        if covered.shape != (count,) or not (covered > 0).all():
+            raise InputError(f"areas must be {count} positive numbers.", where="taxels")
+        usable = np.ones(count, dtype=bool)
+        for taxel in masked:
+            if not 0 <= taxel < count:
+                raise InputError(f"taxel {taxel} is masked, but there are {count}, from 0.", where="taxels")
+            usable[taxel] = False
+        between = _between(neighbours, away, points)
+        return cls(points, outward, covered, spacing, tangents, neighbours, steps, between, usable, bits)
+
+    @classmethod
+    @takes_arrays
+    def placed(
+        cls,
+        positions: ArrayLike,
+        normals: ArrayLike,
+        *,
+        covariance: ArrayLike | None = None,
+        bits: int | None = None,
+        masked: Sequence[int] = (),
+    ) -> TaxelBody:
+        """Taxels `anywhere` of a skin at some of whose numbers there is none: NaN, and left out.
+
+        Args:
+            positions: (n, 3) [m], a row a number of a frame.
+            normals: (n, 3) outward.
+            covariance: (n, 3, 3) [m^2] of the positions, NaN where it is not known.
+            bits: of a reading.
+            masked: numbers of a frame that are not to be used.
+
+        Raises:
+            InputError: as `anywhere`; or a normal is not known of a taxel that is there.
+        """
+        points = shaped(positions, (None, 3), "positions")
+        outward = shaped(normals, points.shape, "normals")
+        numbers = np.flatnonzero(np.isfinite(points).all(axis=1))
+        for taxel in masked:
+            if not 0 <= taxel < len(points):
+                raise InputError(f"taxel {taxel} is masked, but there are {len(points)}, from 0.", where="taxels")
+        left = np.flatnonzero(np.isin(numbers, masked)).tolist()
+        body = cls.anywhere(points[numbers], outward[numbers], bits=bits, masked=left)
+        if covariance is not None:
+            body = replace(body, covariance=_known(np.asarray(covariance, dtype=np.float64)[numbers]))
+        return body if len(numbers) == len(points) else replace(body, numbers=numbers, frame=len(points))
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of a frame, without numbers that are no taxel: rows and columns, or how many taxels."""
+        return (self.rows, self.columns) if self.rows else (len(self),)
+
+    @property
+    def top(self) -> float:
+        """The largest reading; inf for floats."""
+        return np.inf if self.bits is None else 2.0**self.bits - 1.0
+
+    def name(self, cell: int) -> str:
+        """As messages name it."""
+        cell = cell if self.numbers is None else int(self.numbers[cell])
+        return f"({cell // self.columns}, {cell % self.columns})" if self.rows else str(cell)
+
+    def named(self) -> str:
+        """The whole, as messages name it."""
+        return f"{self.rows} x {self.columns} cells" if self.rows else f"{len(self)} taxels"
+
+    def picked(self, frames: np.ndarray) -> np.ndarray:
+        """Frames (..., n) without the numbers at which there is no taxel; others as they are."""
+        if self.numbers is None or frames.shape[-1:] != (self.frame,):
+            return frames
+        return frames[..., self.numbers]
+
+    def readings(self, recording: Recording) -> Float[np.ndarray, "n k"]:
+        """A recording's frames, a row each, in the order of memory that compiled loops want; read-only.
+
+        Raises:
+            InputError: there are none, or they are of another size.
+        """
+        if CELLS not in recording.channels:
+            raise InputError("has no readings of taxels.", where=recording.source)
+        cells = self.picked(recording.channels[CELLS])
+        if cells.shape[1:] not in (self.shape, (len(self),)):
+            size = " x ".join(map(str, cells.shape[1:]))
+            raise InputError(f"holds frames of {size} cells; the body has {self.named()}.", where=recording.source)
+        rows = np.ascontiguousarray(cells).reshape(len(cells), -1).view()
+        if np.nanmax(np.abs(rows), initial=0.0) > LARGEST:  # a fault of the log
+            rows = np.where(np.abs(rows) <= LARGEST, rows, np.nan)
+        rows.flags.writeable = False
+        return rows
+
+    def __repr__(self) -> str:
+        size = " x ".join(f"{1e3 * side:.4g}" for side in np.ptp(self.positions, axis=0)) if len(self) else "0 x 0 x 0"
+        layout = f"{self.rows} x {self.columns}, " if self.rows else ""
+        return f"TaxelBody({layout}{len(self):,} taxels, {np.count_nonzero(self.usable):,} usable, {size} mm)"
+
+
+def _known(covariance: Float[np.ndarray, "k 3 3"]) -> Float[np.ndarray, "k 3 3"] | None:
+    """0 of those that are not known; None: of none is."""
+    known = np.asarray(np.isfinite(covariance).all(axis=(1, 2)), dtype=bool)
+    return np.where(known[:, None, None], covariance, 0.0) if known.any() else None
+
+
+def _columns_used(place: SkinMap) -> int:
+    """Columns before those that lie over others: where a sheet overlaps itself a press is felt in both layers."""
+    over = place.overlap.mean(axis=0) > 0.5
+    over[: place.columns // 2] = False
+    last = np.flatnonzero(over)
+    return int(last[0]) if len(last) and over[last[0] :].all() else place.columns
+
+
+def _is_ring(place: SkinMap, used: int) -> bool:
+    """Whether the last column in use lies beside the first."""
+    if used < _SHORTEST_RING:
+        return False
+    gap = np.linalg.norm(place.centres[:, 0] - place.centres[:, used - 1], axis=-1)
+    return bool(np.median(gap) < _SEAM * place.pitch[1])
+
+
+def _padded(place: SkinMap, used: int, ring: bool) -> Float[np.ndarray, "r c 6"]:
+    """Centres and normals with two more cells at each end: over the seam of a ring, else as a parabola goes on."""
+    values = np.concatenate([place.centres, place.normals], axis=2)
+    columns = (
+        np.concatenate([values[:, used - 2 : used], values[:, :used], values[:, :2]], axis=1)
+        if ring
+        else _continued(_continued(values.swapaxes(0, 1)))
+    )
+    if not ring:
+        columns = columns.swapaxes(0, 1)
+    return np.ascontiguousarray(_continued(_continued(columns)))
+
+
+def _continued(values: Float[np.ndarray, "n k 6"]) -> Float[np.ndarray, "m k 6"]:
+    """One more at each end."""
+    if len(values) == 1:
+        return np.concatenate([values, values, values])
+    if len(values) == 2:
+        return np.concatenate([2 * values[:1] - values[1:], values, 2 * values[1:] - values[:1]])
+    before = 3 * values[0] - 3 * values[1] + values[2]
+    after = 3 * values[-1] - 3 * values[-2] + values[-3]
+    return np.concatenate([before[None], values, after[None]])
+
+
+def _placed(positions: ArrayLike, normals: ArrayLike) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"], int]:
+    """Positions, unit normals, and how many."""
+    points, outward = np.array(positions, dtype=np.float64), np.array(normals, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1:] != (3,) or points.shape != outward.shape or len(points) < 2:
+        raise InputError(f"positions {points.shape} and normals {outward.shape} must both be (k, 3).", where="taxels")
+    length = np.linalg.norm(outward, axis=1, keepdims=True)
+    if not (np.isfinite(points).all() and np.isfinite(length).all() and (length > 0).all()):
+        raise InputError("positions and normals must be numbers, and no normal 0.", where="taxels")
+    return points, outward / length, len(points)
+
+
+def _paired(
+    points: Float[np.ndarray, "k 3"], normals: Float[np.ndarray, "k 3"], reach: float | None
+) -> tuple[Float[np.ndarray, " k"], Int[np.ndarray, "p 2"]]:
+    """How far apart taxels are around each, and the pairs that are neighbours."""
+    from scipy.spatial import cKDTree  # here: scipy is slow to import
+
+    tree = cKDTree(points)
+    query: tuple[Any, Any] = tree.query(points, k=min(_NEAR, len(points)))
+    far, which = query
+    if not np.isfinite(far).all():
+        raise InputError("the taxels lie too far apart to know neighbours: positions are in metres.", where="taxels")
+    if (far[:, 1] == 0).any():
+        raise InputError(f"two taxels are at one place: {int(which[far[:, 1] == 0][0, 0])}.", where="taxels")
+    facing = np.einsum("kc,kjc->kj", normals, normals[which]) > 0
+    near = np.sort(np.where(facing & (far > 0), far, np.inf), axis=1)[:, 1:3]  # the second and the third
+    alike = np.isfinite(near).all(axis=1)
+    usual = float(np.median(near[alike].mean(axis=1))) if alike.any() else float(np.median(far[:, 1]))
+    spacing = np.where(alike, np.where(np.isfinite(near), near, 0.0).mean(axis=1), usual)
+    limit = np.full(len(points), reach) if reach is not None else _REACH * spacing
+    pairs = tree.query_pairs(float(limit.max()), output_type="ndarray")
+    one, other = pairs.T
+    cosine = np.einsum("pc,pc->p", normals[one], normals[other])
+    way = np.linalg.norm(points[one] - points[other], axis=1) / np.sinc(np.arccos(np.clip(cosine, -1, 1)) / 2 / np.pi)
+    return spacing, pairs[(cosine > 0) & (way <= 0.5 * (limit[one] + limit[other]))]
+
+
+def _tangents(normals: Float[np.ndarray, "k 3"], axis: Float[np.ndarray, "3"]) -> Float[np.ndarray, "k 3"]:
+    """Unit vectors along the body, as near as can be to an axis; where the normal lies along it, to its next one."""
+    along = axis / max(float(np.linalg.norm(axis)), 1e-300)
+    first = along - (normals @ along)[:, None] * normals
+    lying = np.linalg.norm(first, axis=1) < 1e-3
+    first[lying] = np.cross(normals[lying], np.roll(normals[lying], 1, axis=1) + np.arange(1.0, 4.0))
+    return first / np.linalg.norm(first, axis=1, keepdims=True)
+
+
+def _between(
+    neighbours: Int[np.ndarray, "k m"], away: Float[np.ndarray, "k m 3"], points: Float[np.ndarray, "k 3"]
+) -> Int[np.ndarray, "k m 2"]:
+    """The neighbours of a cell that lie between it and another: inside the ball that both span, or about on it."""
+    square = np.where(neighbours < 0, np.inf, (away**2).sum(axis=2))
+    across = ((away[:, :, None] - away[:, None]) ** 2).sum(axis=3)  # from neighbour to neighbour
+    round_about = square[:, None, :] + across + np.where(np.eye(neighbours.shape[1], dtype=bool), np.inf, 0.0)
+    nearest = np.argsort(round_about, axis=2, kind="stable")[:, :, :2]
+    found = (
+        np.take_along_axis(round_about, nearest, axis=2)
+        <= _CROSSED * np.where(square == np.inf, 0.0, square)[..., None]
+    )
+    cells = np.take_along_axis(np.broadcast_to(neighbours[:, None], round_about.shape), nearest, axis=2)
+    cells = np.where(found, cells, cells[..., :1])
+    return np.where(found[..., :1], cells, -1)

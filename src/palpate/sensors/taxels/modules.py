@@ -1,0 +1,134 @@
+"""Rigid modules of taxels: where each taxel lies on the flat module that carries it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from palpate.errors import InputError
+from palpate.sensors.taxels.places import TaxelPlaces
+from palpate.spatial._arrays import Value, frozen
+from palpate.spatial.arguments import takes_arrays
+
+__all__ = ["LAYOUTS", "ModuleLayout"]
+
+_SPACING = 6.533e-3  # m, between neighbours of the lattice of iCub's later triangles
+_TELLING, _ROUNDS = 6, 3  # taxels that say how a module is bent; turns until its middle is level
+_STEP = 6.0e-3  # m, between neighbours along the edge of its earlier ones
+_MOST = 10_000  # modules of a skin
+
+
+@takes_arrays
+@dataclass(frozen=True, eq=False)
+class ModuleLayout(Value):
+    """k taxels on modules.
+
+    Attributes:
+        places: (k, 2) [m] in the plane of each one's module, about its middle; NaN of a number without a taxel.
+        module: (k,) which module each is on; -1: none.
+    """
+
+    places: Float[np.ndarray, "k 2"]
+    module: Int[np.ndarray, " k"]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "places", frozen(self.places, tail=(2,), name="places"))
+        module = np.array(self.module, dtype=np.int64)
+        module.flags.writeable = False
+        object.__setattr__(self, "module", module)
+        if len(module) != len(self.places):
+            raise InputError(f"{len(self.places)} places and {len(module)} modules differ.", where="layout")
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+    @property
+    def modules(self) -> int:
+        """How many."""
+        return int(self.module.max(initial=-1)) + 1
+
+    @classmethod
+    def repeated(cls, places: Float[np.ndarray, "t 2"], modules: int) -> ModuleLayout:
+        """So many modules alike, numbered one after the other."""
+        if not 0 <= modules <= _MOST:
+            raise InputError(f"modules must be at most {_MOST:,}, not {modules}.")
+        return cls(np.tile(places, (modules, 1)), np.repeat(np.arange(modules), len(places)))
+
+    @classmethod
+    def of(cls, places: TaxelPlaces, *, bent: bool = False) -> ModuleLayout:
+        """As taxels lie in the plane that is nearest to each module, as of CAD.
+
+        Args:
+            places: with modules.
+            bent: modules follow their link, as far as these places do: laid flat they are longer than seen from above.
+        """
+        flat = np.full((len(places), 2), np.nan)
+        module = np.where(places.there, places.module, -1)
+        for number in range(places.modules):
+            rows = np.flatnonzero(module == number)
+            if not len(rows):
+                continue
+            away = places.positions[rows] - places.positions[rows].mean(axis=0)
+            outward = np.nan_to_num(places.normals[rows]).sum(axis=0)
+            axes = np.linalg.svd(away, full_matrices=True)[2]
+            axes[2] *= np.sign(axes[2] @ outward) or 1.0
+            axes[1] = np.cross(axes[2], axes[0])
+            flat[rows] = _unbent(away, axes) if bent and len(rows) >= _TELLING else away @ axes[:2].T
+        return cls(flat, module)
+
+
+def _unbent(away: Float[np.ndarray, "t 3"], axes: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "t 2"]:
+    """Flat places of points about the origin of a bent sheet, which is fitted: p + (p' K p) K p / 6, K its curvature.
+
+    To fourth order: along x the arc of K x^2 / 2 is x + K^2 x^3 / 6, and across it nothing is longer.
+    """
+    for _ in range(_ROUNDS):  # until the third axis is normal to the sheet in the middle
+        lean, _ = _bend(away @ axes.T)
+        outward: Float[np.ndarray, "3"] = axes[2] - lean @ axes[:2]
+        along: Float[np.ndarray, "3"] = axes[0] - (axes[0] @ outward) / (outward @ outward) * outward
+        frame = np.stack([along, np.cross(outward, along), outward])
+        axes = frame / np.linalg.norm(frame, axis=1, keepdims=True)
+    flat = away @ axes[:2].T
+    pull = flat @ _bend(away @ axes.T)[1]
+    return flat + (flat * pull).sum(axis=1, keepdims=True) * pull / 6.0
+
+
+def _bend(points: Float[np.ndarray, "t 3"]) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2 2"]]:
+    """Slope and curvature [1/m] in the origin of the height that is nearest to points, of second degree."""
+    x, y, height = points.T
+    forms = np.column_stack([np.ones_like(x), x, y, x * x / 2, x * y, y * y / 2])
+    scale = np.abs(forms).max(axis=0)
+    found = np.asarray(np.linalg.lstsq(forms / scale, height, rcond=1e-6)[0], dtype=np.float64) / scale
+    return found[1:3], found[np.array([[3, 4], [4, 5]])]
+
+
+def _ring() -> Float[np.ndarray, "12 2"]:
+    """Twelve along the edge of a triangle, each beside the next: iCub's earlier modules."""
+    angle = np.pi / 2 + 2 * np.pi / 3 * np.arange(4)
+    corners = 4 * _STEP / np.sqrt(3) * np.column_stack([np.cos(angle), np.sin(angle)])
+    share = np.arange(4)[:, None] / 4
+    return np.concatenate([corners[k] + share * (corners[k + 1] - corners[k]) for k in range(3)])
+
+
+def _lattice() -> Float[np.ndarray, "10 2"]:
+    """Ten on a triangular lattice, four to a side: iCub's later modules."""
+    rows = [(column - row / 2, -row * np.sqrt(3) / 2) for row in range(4) for column in range(row + 1)]
+    places = _SPACING * np.array(rows)
+    return places - places.mean(axis=0)
+
+
+def _alive(places: Float[np.ndarray, "t 2"], dead: tuple[int, ...]) -> Float[np.ndarray, "s 2"]:
+    """With numbers among them at which there is no taxel: those of thermal pads."""
+    full = np.full((len(places) + len(dead), 2), np.nan)
+    full[[k for k in range(len(full)) if k not in dead]] = places
+    return full
+
+
+LAYOUTS: dict[str, Float[np.ndarray, "t 2"]] = {
+    "ring12": _ring(),
+    "triangle10": _lattice(),
+    "triangle10+2": _alive(_lattice(), (6, 10)),
+}
+"""Name -> places [m] of the taxels of one module, NaN of a number that is none."""

@@ -1,0 +1,309 @@
+"""Files of where taxels sit: the model, iCub's positions, tables, fixed frames of a URDF; told by what is in them.
+
+What is written is told by the suffix: .toml (the model, all that is known), .txt (iCub), .csv or .urdf.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from palpate.errors import InputError
+from palpate.files.atomic import write_text
+from palpate.files.models import read_model, write_model
+from palpate.files.tables.lines import open_input, read_some
+from palpate.files.tables.stated import Stated
+from palpate.files.units import split_unit
+from palpate.sensors.taxels.places import TaxelPlaces
+from palpate.sensors.taxels.skin_map.files import fixed_frame
+from palpate.surfaces.mesh import UNITS
+
+__all__ = ["SUFFIXES", "holds_taxels", "read_taxel_places", "write_taxel_places"]
+
+_PLACES = ("x", "y", "z")
+_NORMALS = ("nx", "ny", "nz")
+_MODULE = 12  # numbers of a module in iCub's files
+_PAD, _NONE = -2, -1  # in taxel2Repr: a thermal pad, no module
+_REPRESENTS = 3  # which taxel of a module stands for it there
+_LARGEST = 10.0  # m: no skin of a robot is larger
+_FLAT = 1e-3  # m: taxels that face one way lie in one plane, or the normals are not meant
+_NUMBER = rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_PLAIN = re.compile(rb"\s*" + rb"\s+".join([_NUMBER] * 6) + rb"\s*")
+_NAMED = re.compile(rb"\s*(?:name\s|spatial_sampling\s|taxel2Repr\b|\[calibration\])")
+
+
+def read_taxel_places(path: str | Path) -> TaxelPlaces:
+    """Read where taxels sit, in metres, whatever the file: the model, iCub's positions, a table, a URDF's frames.
+
+    A table has columns x, y, z and, where they are known, nx, ny, nz and module; one that states a unit (`x [mm]`,
+    `x_mm`) is converted. In iCub's files rows of zeros are numbers without a taxel, and normals that are zero, or the
+    same all over a body that is not flat, are not known.
+
+    Raises:
+        InputError: none of these, or something in it cannot be meant.
+    """
+    path = Path(path)
+    with open_input(path) as file:
+        content = read_some(file, path, -1).removeprefix(b"\xef\xbb\xbf")
+    first = next((line for line in content.splitlines() if line.strip()), b"")
+    if not first:
+        raise InputError("is empty.", where=str(path))
+    if path.suffix.lower() == ".toml" or re.match(rb"#|kind\s*=", first):
+        places = read_model(path, TaxelPlaces)
+    elif first.lstrip().startswith(b"<"):
+        places = _read_urdf(content, path)
+    elif _NAMED.match(first) or _PLAIN.fullmatch(first):
+        places = _read_icub(content, path)
+    else:
+        places = _read_table(path)
+    return _checked(places, path)
+
+
+def holds_taxels(path: Path) -> bool:
+    """Whether a file that is no TOML looks like places of taxels, and not like a log."""
+    with open_input(path) as file:
+        head = read_some(file, path, 1 << 20).removeprefix(b"\xef\xbb\xbf")
+    lines = [line for line in head.splitlines() if line.strip()]
+    if not lines or b"\0" in head[:4096]:
+        return False
+    if lines[0].lstrip().startswith(b"<"):
+        return b"<robot" not in head and re.search(rb"_taxel_\d+\"", head) is not None
+    if _NAMED.match(lines[0]):
+        return b"[calibration]" in head
+    if all(_PLAIN.fullmatch(line) for line in lines[:_MODULE]):
+        try:
+            rows = _rows(head.decode(errors="replace"), 0, path)
+        except InputError:
+            return False
+        length = np.linalg.norm(rows[:, 3:], axis=1)
+        return bool(len(rows) % _MODULE == 0 and ((length == 0) | (np.abs(length - 1.0) < 0.6)).all())
+    names = {split_unit(name.strip())[0].lower() for name in re.split(r"[,;\t]", lines[0].decode(errors="replace"))}
+    return {*_PLACES} <= names <= {*_PLACES, *_NORMALS, "module"}
+
+
+def write_taxel_places(path: str | Path, places: TaxelPlaces, *, name: str = "skin") -> None:
+    """Write where taxels sit in the format of the suffix; all but the model keep places, normals and modules alone.
+
+    Args:
+        path: .toml, .txt, .csv or .urdf.
+        places: of the taxels.
+        name: of the skin's part, in iCub's file and of the URDF's links; "" for iCub's bare rows.
+
+    Raises:
+        InputError: another suffix, or it cannot be written.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        hint = f"Use {', '.join(SUFFIXES)}."
+        raise InputError(f"cannot write places of taxels as {path.suffix!r}.", where=str(path), hint=hint)
+    if suffix == ".toml":
+        write_model(path, places)
+    else:
+        write_text(path, _WRITERS[suffix](places, name))
+
+
+def _checked(places: TaxelPlaces, path: Path) -> TaxelPlaces:
+    """A skin, and no larger than a robot."""
+    there = places.positions[places.there]
+    if not len(there):
+        raise InputError("holds no taxel.", where=str(path))
+    across = float(np.ptp(there, axis=0).max())
+    if across > _LARGEST:
+        raise InputError(
+            f"holds taxels that are up to {across:.3g} m apart.",
+            where=str(path),
+            hint="Are the numbers in mm? They are taken for metres; a table states another unit as x [mm].",
+        )
+    return places
+
+
+def _read_icub(content: bytes, path: Path) -> TaxelPlaces:
+    """Both forms: bare rows, and rows below [calibration] with what each taxel is represented by above them."""
+    text = content.decode("utf-8", errors="replace")
+    head, named, body = text.partition("[calibration]")
+    offset = len(head.splitlines()) if named else 0
+    rows = _rows(body if named else text, offset, path)
+    match = re.search(r"taxel2Repr\s*\(([^)]*)\)", head) if named else None
+    there = (rows[:, :3] != 0).any(axis=1)
+    if match is None:
+        groups = np.where(there, np.arange(len(rows)) // _MODULE, -1)
+    else:
+        try:
+            groups = np.array([int(part) for part in match[1].split()], dtype=np.int64)
+        except ValueError as problem:
+            raise InputError("taxel2Repr holds something else than whole numbers.", where=str(path)) from problem
+        if len(groups) < len(rows) or (groups[len(rows) :] >= 0).any():  # it may go on with numbers of no taxel
+            raise InputError(f"has {len(rows)} rows, and taxel2Repr {len(groups)} numbers.", where=str(path))
+        groups = groups[: len(rows)]
+        there &= groups >= 0
+    positions = np.where(there[:, None], rows[:, :3], np.nan)
+    module = _numbered(np.where(there, groups, -1), own=match is not None)
+    normals, notes = _unit_normals(positions, np.where(there[:, None], rows[:, 3:], np.nan))
+    return TaxelPlaces(positions, normals, module=module, notes=notes)
+
+
+def _rows(text: str, offset: int, path: Path) -> Float[np.ndarray, "k 6"]:
+    """Six numbers a line, until the next section."""
+    found = list[list[float]]()
+    for number, line in enumerate(text.splitlines(), start=offset + (0 if offset else 1)):
+        parts = line.split("#", 1)[0].split()
+        if not parts:
+            continue
+        if parts[0].startswith("["):
+            break
+        try:
+            values = [float(part) for part in parts]
+        except ValueError:
+            values = []
+        if len(values) != 6 or not np.isfinite(values).all():
+            raise InputError("is not x y z nx ny nz.", where=f"{path}, line {number}")
+        found.append(values)
+    return np.array(found, dtype=np.float64).reshape(-1, 6)
+
+
+def _numbered(groups: Int[np.ndarray, " k"], *, own: bool) -> Int[np.ndarray, " k"]:
+    """Modules from 0 in the order of the file; `own`: a taxel that stands for itself alone is on none."""
+    known = np.unique(groups[groups >= 0])
+    if own:
+        alone = [group for group in known.tolist() if group < len(groups) and (groups == group).sum() == 1]
+        known = np.setdiff1d(known, [group for group in alone if groups[group] == group])
+    module = np.searchsorted(known, groups)
+    return np.where(np.isin(groups, known), module, -1)
+
+
+def _unit_normals(
+    positions: Float[np.ndarray, "k 3"], normals: Float[np.ndarray, "k 3"]
+) -> tuple[Float[np.ndarray, "k 3"], tuple[str, ...]]:
+    """Of length 1; NaN where there is none, or where one stands for all."""
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    unit = np.divide(normals, length, out=np.full_like(normals, np.nan), where=length > 0)
+    known = np.isfinite(unit).all(axis=1)
+    if np.count_nonzero(known) > 1:
+        one = unit[known][0]
+        deep = float(np.ptp(positions[known] @ one))
+        if np.abs(unit[known] - one).max() < 1e-9 and deep > _FLAT:
+            said = f"all normals are ({', '.join(f'{part + 0.0:g}' for part in one)})"
+            why = f"though the taxels lie {1e3 * deep:.3g} mm deep along it: they are not used"
+            return np.full_like(unit, np.nan), (f"{said}, {why}",)
+    return unit, ()
+
+
+def _read_table(path: Path) -> TaxelPlaces:
+    """x, y, z[, nx, ny, nz][, module], a row a taxel."""
+    from palpate.files.tables.table import read_table  # here: it loads polars
+
+    table = read_table(path)
+    columns = {split_unit(name)[0].strip().lower(): name for name in reversed(table.names)}
+    if not columns.keys() >= set(_PLACES):
+        raise InputError(
+            f"holds no places of taxels: there is {', '.join(table.names[:12])}.",
+            where=str(path),
+            hint="x,y,z[,nx,ny,nz][,module], iCub's x y z nx ny nz, or a model of `palpate calibrate taxels`.",
+        )
+    stated = Stated.of_dialect(table.dialect).units
+    units = [stated.get(columns[name], "") or "m" for name in _PLACES]
+    if len({*units}) > 1 or units[0] not in UNITS:
+        hint = f"One of {', '.join(UNITS)}, for all three."
+        raise InputError(f"x, y, z are in {', '.join(units)}.", where=str(path), hint=hint)
+    positions = UNITS[units[0]] * table.numbers([columns[name] for name in _PLACES], strict=True)[0]
+    normals = np.full_like(positions, np.nan)
+    if columns.keys() >= set(_NORMALS):
+        normals = table.numbers([columns[name] for name in _NORMALS], strict=True)[0]
+    module = np.full(len(positions), -1)
+    if "module" in columns:
+        given = np.nan_to_num(table.numbers([columns["module"]], strict=True)[0][:, 0], nan=-1.0)
+        if (given != np.round(given)).any() or (given < -1).any():
+            table.refuse(int(np.argmax((given != np.round(given)) | (given < -1))), "module must be a whole number")
+        module = given.astype(np.int64)
+    normals, notes = _unit_normals(positions, normals)
+    return TaxelPlaces(positions, normals, module=module, notes=notes)
+
+
+def _read_urdf(content: bytes, path: Path) -> TaxelPlaces:
+    """Fixed frames below one link, in the order of the file, z outward; of a fragment, or of a robot's."""
+    try:
+        root = ElementTree.fromstring(b"<fragment>" + re.sub(rb"<\?xml.*?\?>", b"", content) + b"</fragment>")
+    except ElementTree.ParseError as problem:
+        raise InputError(f"is no XML that can be read ({problem}).", where=str(path)) from problem
+    numbered, modules = dict[int, np.ndarray](), dict[int, int]()
+    for joint in root.iter("joint"):
+        child, origin = joint.find("child"), joint.find("origin")
+        match = re.fullmatch(r".*?(?:_module_(\d+))?_taxel_(\d+)", "" if child is None else child.get("link", ""))
+        if joint.get("type") != "fixed" or match is None or origin is None:
+            continue
+        try:
+            six = [float(part) for key in ("xyz", "rpy") for part in origin.get(key, "0 0 0").split()]
+            numbered[int(match[2])] = np.array(six).reshape(2, 3)
+            modules[int(match[2])] = int(match[1] or -1)
+        except ValueError as problem:
+            raise InputError(f"joint {joint.get('name')!r} has no such origin.", where=str(path)) from problem
+    if not numbered:
+        raise InputError("holds no frames of taxels.", where=str(path), hint="They are links named ..._taxel_0, ...")
+    positions, normals = np.full((2, max(numbered) + 1, 3), np.nan)
+    for number, (xyz, (roll, pitch, yaw)) in numbered.items():
+        positions[number] = xyz
+        cosine, sine = np.cos([roll, pitch, yaw]), np.sin([roll, pitch, yaw])
+        normals[number] = (
+            cosine[2] * sine[1] * cosine[0] + sine[2] * sine[0],
+            sine[2] * sine[1] * cosine[0] - cosine[2] * sine[0],
+            cosine[1] * cosine[0],
+        )
+    normals, notes = _unit_normals(positions, normals)
+    module = np.array([modules.get(number, -1) for number in range(len(positions))])
+    return TaxelPlaces(positions, normals, module=module, notes=notes)
+
+
+def _icub(places: TaxelPlaces, name: str) -> str:
+    """[calibration] of iCub's skinManager; rows of zeros are numbers without a taxel."""
+    table = np.nan_to_num(np.concatenate([places.positions, places.normals], axis=1))
+    table[~places.there] = 0.0
+    rows = [" ".join(f"{number:.9f}" for number in row) for row in table]
+    if not name:
+        return "\n".join([*rows, ""])
+    numbers = " ".join(map(str, _represented(places).tolist()))
+    head = [f"name {name}", "spatial_sampling taxel", f"taxel2Repr ({numbers})", "[calibration]"]
+    return "\n".join([*head, *rows, ""])
+
+
+def _represented(places: TaxelPlaces) -> Int[np.ndarray, " k"]:
+    """Which taxel stands for each one's module; a taxel on none stands for itself."""
+    module = np.where(places.there, places.module, -1)
+    found = np.where(places.there, np.arange(len(places)), _NONE)
+    for number in range(places.modules):
+        rows = np.flatnonzero(module == number)
+        if len(rows):
+            found[rows] = rows[min(_REPRESENTS, len(rows) - 1)]
+    whole = np.arange(len(places)) // _MODULE
+    inside = np.isin(whole, np.unique(whole[places.there & (places.module >= 0)]))
+    return np.where((found == _NONE) & inside, _PAD, found)
+
+
+def _csv(places: TaxelPlaces, name: str) -> str:
+    header = ",".join([*_PLACES, *_NORMALS, "module"])
+    rows = [
+        ",".join(repr(float(number)) for number in (*point, *normal)) + f",{module}"
+        for point, normal, module in zip(places.positions, places.normals, places.module.tolist(), strict=True)
+    ]
+    return "\n".join([header, *rows, ""])
+
+
+def _urdf(places: TaxelPlaces, name: str) -> str:
+    """A fixed frame for every taxel, z along its normal, below a link to be named."""
+    lines = [f"<!-- Taxels of {name}: put these into the robot and name the link that carries them. -->"]
+    for number in np.flatnonzero(places.there).tolist():
+        normal = places.normals[number]
+        normal = normal if np.isfinite(normal).all() else np.array([0.0, 0.0, 1.0])
+        along = np.eye(3)[np.argmin(np.abs(normal))]
+        module = f"_module_{places.module[number]}" if places.module[number] >= 0 else ""
+        lines += fixed_frame(f"{name}{module}_taxel_{number}", places.positions[number], normal, along)
+    return "\n".join([*lines, ""])
+
+
+_WRITERS: Mapping[str, Callable[[TaxelPlaces, str], str]] = {".csv": _csv, ".txt": _icub, ".urdf": _urdf}
+SUFFIXES = (".toml", *_WRITERS)

@@ -1,0 +1,6 @@
+"""Where each taxel of a skin sits, from the wrenches of pokes."""
+
+from palpate.sensors.taxels.poking.calibrate import METHODS, TaxelCalibration, calibrate_taxels
+from palpate.sensors.taxels.poking.priors import Priors
+
+__all__ = ["METHODS", "Priors", "TaxelCalibration", "calibrate_taxels"]

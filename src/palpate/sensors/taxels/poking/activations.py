@@ -1,0 +1,225 @@
+"""Frames of taxels become answers: which taxel stands how far above its rest, in which frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from palpate.errors import InputError
+from palpate.sensors.taxels.health import resting
+from palpate.spatial.arguments import takes_arrays
+
+__all__ = ["AnswerReader", "Answers", "Block", "read_answers"]
+
+HEAD = 2048  # frames from which rest and noise are taken
+FEWEST = 16  # frames of a log
+TOLD = 1 << 21  # readings of those frames that tell the rest: of many taxels every few frames are enough
+ABOVE = 6.0  # deviations of noise that an answer stands above rest
+PIECE = 64  # frames in which a rest is taken as one
+KEPT, OF_KEPT = 0.9, 0.789  # of steps, and what the deviation of a Gaussian is without the others
+SPARSE = 8  # frames of a piece from which its rest is followed
+DRIFT = 3.0  # s in which the rest of a taxel that does not answer is followed
+STUCK = 0.9  # of all frames in which a taxel answers: it is no poke
+NEVER_BACK = 0.2  # of the log, at its end, through which a taxel answers without a pause
+FELL, FALLEN = 0.5, 0.25  # of a threshold below the first rest, and of the log so long: it was pressed when it began
+
+Block = tuple[Float[np.ndarray, "..."], np.ndarray]
+
+
+@takes_arrays
+@dataclass(frozen=True, eq=False)
+class Answers:
+    """m answers in n frames of k taxels.
+
+    Attributes:
+        time: (n,) [s] rising.
+        frame, taxel: (m,) which, frame by frame; above: (m,) how far above its rest.
+        highest: (m,) the reading is at the end of its range.
+        stuck: (k,) answers nearly always or never returns: its answers are left out.
+        threshold: that of a usual taxel.
+        notes: what was met, a sentence each.
+    """
+
+    time: Float[np.ndarray, " n"]
+    frame: Int[np.ndarray, " m"]
+    taxel: Int[np.ndarray, " m"]
+    above: Float[np.ndarray, " m"]
+    highest: Bool[np.ndarray, " m"]
+    stuck: Bool[np.ndarray, " k"]
+    threshold: float
+    notes: tuple[str, ...] = ()
+
+
+def read_answers(
+    frames: Iterable[Block], *, threshold: float | None = None, top: float = np.inf, falling: bool = False
+) -> Answers:
+    """What stands above its rest; the rest of each taxel follows its readings while it does not answer.
+
+    Args:
+        frames: times (n,) [s] and readings (n, k) of any number type, in blocks of one log.
+        threshold: above rest; None: six deviations of each taxel's noise, or of a usual one's if that is more.
+        top: the largest reading.
+        falling: readings fall under load.
+
+    Raises:
+        InputError: too few frames, or one that does not fit the others.
+    """
+    reader = AnswerReader(threshold, top=top, falling=falling)
+    for time, values in frames:
+        reader.take(np.asarray(time), values)
+    return reader.finish()
+
+
+@takes_arrays
+class AnswerReader:
+    """Keeps rest and answers while blocks go by; arguments as those of `read_answers`."""
+
+    def __init__(self, threshold: float | None = None, *, top: float = np.inf, falling: bool = False) -> None:
+        self._given, self._top, self._sign = threshold, top, -1.0 if falling else 1.0
+        self._head = list[tuple[np.ndarray, np.ndarray]]()
+        self._rest: Float[np.ndarray, " k"] = np.zeros(0)
+        self._first: Float[np.ndarray, " k"] = np.zeros(0)
+        self._delta: Float[np.ndarray, " k"] = np.zeros(0)
+        self._times, self._parts = list[np.ndarray](), list[tuple[np.ndarray, ...]]()
+        self._count = self._back = 0
+        self._latest, self._started = -np.inf, False
+
+    def take(self, time: Float[np.ndarray, " n"], values: np.ndarray) -> None:
+        """More frames."""
+        values = values.reshape(len(time), -1)
+        later = np.maximum.accumulate(np.concatenate([[self._latest], np.nan_to_num(time, nan=-np.inf)]))
+        good = time > later[:-1]
+        if not good.all():
+            self._back += int(np.count_nonzero(~good))
+            time, values = time[good], values[good]
+        if not len(time):
+            return
+        self._latest = float(time[-1])
+        if not self._started:
+            self._head.append((time, values))
+            if sum(len(each) for each, _ in self._head) >= HEAD:
+                self._start()
+        else:
+            self._read(time, values)
+
+    def finish(self) -> Answers:
+        """All of them."""
+        if not self._started:
+            self._start()
+        time = np.concatenate(self._times)
+        frame, taxel, above, highest = (np.concatenate(each) for each in zip(*self._parts, strict=True))
+        stuck = _stuck(frame, taxel, len(time), len(self._rest))
+        if 2 * np.count_nonzero(stuck) > len(stuck):
+            raise InputError(
+                f"{np.count_nonzero(stuck)} of {len(stuck)} taxels answer nearly always, or never return to rest.",
+                where="frames",
+                hint="Is the threshold in the rig's [pokes] too low, or do readings fall under load (falling curves)?",
+            )
+        kept = ~stuck[taxel]
+        fell = self._first - self._rest > FELL * self._delta
+        return Answers(
+            time,
+            frame[kept],
+            taxel[kept],
+            above[kept],
+            highest[kept],
+            stuck,
+            float(np.quantile(self._delta, 0.5)),
+            tuple(self._notes(stuck, fell)),
+        )
+
+    def _start(self) -> None:
+        """Rest and noise from the first frames, then these frames themselves."""
+        count = sum(len(each) for each, _ in self._head)
+        if count < FEWEST:
+            raise InputError(f"has {count} frames of taxels; at least {FEWEST} are needed.", where="frames")
+        values = np.concatenate([each for _, each in self._head])[:HEAD]
+        whole = values.dtype.kind in "iu" or bool((values == np.rint(values)).all())
+        cells = self._sign * values.astype(np.float64)
+        known = np.isfinite(cells).all(axis=1)
+        if np.count_nonzero(known) < FEWEST:
+            raise InputError("hardly any of the first frames of taxels can be read.", where="frames")
+        cells = cells[known]
+        self._rest, _ = resting(cells[:: 1 + cells.size // TOLD], whole=whole)
+        noise = _noise(cells, whole=whole)
+        self._first = self._rest.copy()
+        usual = ABOVE * float(np.median(noise))
+        found = np.maximum(ABOVE * noise, usual)
+        self._delta = np.full(len(noise), self._given) if self._given is not None else found
+        self._started, head = True, self._head
+        self._head = []
+        for time, each in head:
+            self._read(time, each)
+
+    def _read(self, time: Float[np.ndarray, " n"], values: np.ndarray) -> None:
+        if values.shape[1] != len(self._rest):
+            what = f"frames of {values.shape[1]} taxels follow frames of {len(self._rest)}."
+            raise InputError(what, where="frames")
+        for start in range(0, len(time), PIECE):
+            piece = slice(start, min(start + PIECE, len(time)))
+            self._piece(time[piece], values[piece])
+
+    def _piece(self, time: Float[np.ndarray, " n"], values: np.ndarray) -> None:
+        """Answers of some frames, against one rest; then the rest follows those that do not answer."""
+        limit = self._rest + self._delta
+        rising, kind = self._sign > 0, values.dtype
+        hit = values > _as(np.floor(limit), kind) if rising else values < _as(np.ceil(-limit), kind)
+        row, taxel = np.divmod(np.flatnonzero(hit), hit.shape[1])
+        reading = values[row, taxel].astype(np.float64)
+        highest = reading >= self._top if rising else reading <= 0
+        above = self._sign * reading - self._rest[taxel]
+        self._parts.append((row + self._count, taxel, above, highest & np.isfinite(self._top)))
+        self._times.append(time)
+        self._count += len(time)
+        sparse = slice(None, None, max(1, len(values) // SPARSE))
+        quiet, few = ~hit[sparse], values[sparse]
+        quiet &= np.isfinite(few) if kind.kind == "f" else True
+        sums = np.where(quiet, few, 0).sum(axis=0, dtype=np.float64)
+        count = quiet.sum(axis=0)
+        share = 1.0 - np.exp(-(time[-1] - time[0]) / DRIFT)
+        self._rest = self._rest + share * (self._sign * sums - count * self._rest) / np.maximum(count, 1)
+
+    def _notes(self, stuck: Bool[np.ndarray, " k"], fell: Bool[np.ndarray, " k"]) -> list[str]:
+        said = list[str]()
+        if stuck.any():
+            who = _listed(np.flatnonzero(stuck).tolist())
+            said.append(f"taxel {who} answers nearly all the time, or never returns to rest, and is left out")
+        if fell.any() and not stuck.all():
+            who = _listed(np.flatnonzero(fell).tolist())
+            said.append(f"the rest of taxel {who} falls after the log begins: was it touched then?")
+        if self._back:
+            said.append(f"{self._back} frames of taxels are not later than those before them, and are left out")
+        return said
+
+
+def _as(limit: Float[np.ndarray, " k"], kind: np.dtype) -> np.ndarray:
+    """A bound in the type of the readings, so that they need not be converted."""
+    if kind.kind in "iu":
+        ends = np.iinfo(kind)
+        return np.clip(limit, ends.min, ends.max).astype(kind)
+    return limit.astype(kind)
+
+
+def _noise(cells: Float[np.ndarray, "n k"], *, whole: bool) -> Float[np.ndarray, " k"]:
+    """Of each taxel by the steps from frame to frame, without the tenth that is largest: touches are in it."""
+    steps = np.sort(np.abs(np.diff(cells, axis=0)), axis=0)[: max(1, int(KEPT * (len(cells) - 1)))]
+    spread = np.sqrt((steps**2).mean(axis=0) / 2.0) / OF_KEPT
+    least = 12**-0.5 if whole else 1e-9 + 1e-3 * float(spread.max())  # of what is rounded steps tell too little
+    return np.hypot(spread, least)
+
+
+def _stuck(
+    frame: Int[np.ndarray, " m"], taxel: Int[np.ndarray, " m"], frames: int, taxels: int
+) -> Bool[np.ndarray, " k"]:
+    """Answers in nearly all frames, or without a pause to the end of the log."""
+    counts = np.bincount(taxel, minlength=taxels)
+    stuck = counts > STUCK * frames
+    tail = frame >= frames - max(int(NEVER_BACK * frames), 1)
+    return stuck | (np.bincount(taxel[tail], minlength=taxels) >= max(int(NEVER_BACK * frames), 1))
+
+
+def _listed(numbers: list[int]) -> str:
+    return ", ".join(map(str, numbers[:8])) + (", ..." if len(numbers) > 8 else "")

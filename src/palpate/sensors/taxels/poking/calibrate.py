@@ -1,0 +1,301 @@
+"""From pokes to the places of taxels, by the method that is named."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.calibration.left_out import LeftOut
+from palpate.errors import InputError, NotIdentifiable
+from palpate.sensors.taxels.modules import ModuleLayout
+from palpate.sensors.taxels.places import TaxelPlaces
+from palpate.sensors.taxels.poking import paper
+from palpate.sensors.taxels.poking.pokes import Pokes
+from palpate.sensors.taxels.poking.priors import Priors
+from palpate.sensors.taxels.poking.rigid_groups import Units, fitted, single
+from palpate.sensors.taxels.poking.solve import Solution, left_out, solve
+from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.pose import quaternion_from_rotation
+from palpate.surfaces.surface import Surface
+
+__all__ = ["METHODS", "TaxelCalibration", "calibrate_taxels"]
+
+METHODS = ("free", "weighted", "surface", "taxels", "modules")
+FEWEST = 3  # pokes of a module that nothing else is known of
+ENOUGH = 10  # pokes in all
+NAMED = 12  # taxels in a sentence
+NOISIER, ASTRAY = 1.3, 20.0  # times what noise explains: of which a person is told, and which no places explain
+MIRRORED = 0.5  # of the squared distance from the layout as stated: 0.04 to 0.42 the other way round, if it is right
+
+
+@takes_arrays
+@dataclass(frozen=True, eq=False)
+class TaxelCalibration:
+    """What pokes tell.
+
+    Attributes:
+        places: of the taxels, with covariance.
+        residual: (n, 3) [N m] of each poke's torque, NaN of those that were not used.
+        used: how many pokes were.
+        noise: how many times larger the residuals are than their covariance explains.
+        nuisances: name -> what was estimated with the taxels: frames and bias (configurations, 6), common (6,),
+            cross_talk (6, 6); none by the paper's methods.
+        left_out: how pokes lie that a fit had not seen; nothing by the paper's methods.
+        notes: what was found; doubts: what may be wrong, a sentence each.
+    """
+
+    places: TaxelPlaces
+    residual: Float[np.ndarray, "n 3"]
+    used: int
+    noise: float
+    nuisances: dict[str, np.ndarray] = field(default_factory=lambda: {})
+    left_out: LeftOut = field(default_factory=LeftOut)
+    notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+
+
+def calibrate_taxels(
+    pokes: Pokes,
+    *,
+    method: str = "modules",
+    surface: Surface | None = None,
+    start: TaxelPlaces | None = None,
+    layout: ModuleLayout | None = None,
+    priors: Priors | None = None,
+) -> TaxelCalibration:
+    """Places of taxels, in the link's frame.
+
+    Args:
+        pokes: of all configurations.
+        method: "free", "weighted", "surface": the paper's, each taxel for itself, all answers alike (5), weighted (K),
+            or weighted and on the surface (II-B). "taxels": taxel by taxel, but all at once, with the sensor's bias
+            and the errors of frames. "modules": the modules that carry them, with cross-talk and a model of the taxels'
+            responses, too.
+        surface: of the link, in its frame: "surface" needs one, "taxels" and "modules" are better with one.
+        start: where taxels are thought to be (CAD), believed as far as the priors say; None: nothing is known.
+        layout: of modules; None: that of the start.
+        priors: of the start and of the errors.
+
+    Raises:
+        InputError: an unknown method, or it needs what is not given.
+        NotIdentifiable: too few pokes; what cannot be known is named.
+    """
+    if method not in METHODS:
+        raise InputError(f"there is no method {method!r}.", where="method", hint=f"Use one of {', '.join(METHODS)}.")
+    for name, given in (("layout", layout), ("start", start)):
+        if given is not None and len(given) != pokes.taxels:
+            raise InputError(
+                f"the {name} has {len(given)} taxels, the pokes are of {pokes.taxels}: it is of another skin.",
+                where=name,
+            )
+    believed = int(np.count_nonzero(pokes.weight > 0))
+    if believed < ENOUGH:
+        raise NotIdentifiable(
+            f"{believed} pokes can be used; {ENOUGH} are the least.", rank=believed, missing=("places of taxels",)
+        )
+    if method in ("taxels", "modules"):
+        return _together(pokes, method == "modules", surface, start, layout, priors or Priors())
+    if method == "surface" and surface is None:
+        raise InputError("this method needs the link's surface.", where="method", hint="Give one, or use 'weighted'.")
+    return _each(pokes, method, surface)
+
+
+def _each(pokes: Pokes, method: str, surface: Surface | None) -> TaxelCalibration:
+    """The paper's methods, of all configurations together."""
+    equations = paper.normal_equations(pokes, weighted=method != "free")
+    points = paper.free(equations) if method != "surface" or surface is None else paper.on_surface(equations, surface)
+    rows = np.isfinite(points).all(axis=1)
+    normals = np.full(points.shape, np.nan)
+    if surface is not None and rows.any():
+        normals[rows] = surface.project(points[rows])[1]
+    force, torque = paper.in_link(pokes)
+    size = np.linalg.norm(force, axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        gap = (torque[pokes.poke] - np.cross(points[pokes.taxel], force[pokes.poke])) / size[pokes.poke][:, None]
+    share = np.where(np.isfinite(gap).all(axis=1), pokes.weight[pokes.poke], 0.0)
+    square = np.bincount(pokes.taxel, share * np.nan_to_num((gap**2).sum(axis=1)), pokes.taxels)
+    count = np.bincount(pokes.taxel, share, pokes.taxels)
+    variance = square / np.maximum(2.0 * count - 3.0, 1.0)  # two rows an answer tell of a place, and three are taken
+    covariance = np.full((pokes.taxels, 3, 3), np.nan)
+    values, axes = np.linalg.eigh(equations.matrix[rows])
+    inverse = 1.0 / np.maximum(values, 1e-6 * np.maximum(values[:, -1:], 1e-12))
+    covariance[rows] = np.einsum("k,kia,ka,kja->kij", variance[rows], axes, inverse, axes)
+    places = TaxelPlaces(points, normals, covariance, pokes=pokes.counts())
+    doubt = "covariances are of each taxel for itself: errors that all pokes share are not in them"
+    residual = np.full((len(pokes), 3), np.nan)
+    used = int(np.count_nonzero(pokes.weight > 0))
+    return TaxelCalibration(places, residual, used, 1.0, notes=_untouched(places), doubts=(doubt,))
+
+
+def _together(
+    pokes: Pokes,
+    modules: bool,
+    surface: Surface | None,
+    start: TaxelPlaces | None,
+    layout: ModuleLayout | None,
+    priors: Priors,
+) -> TaxelCalibration:
+    """All at once: units from a start or from the paper's way, then with everything that is estimated."""
+    if modules:
+        layout = layout if layout is not None or start is None else ModuleLayout.of(start, bent=True)
+        if layout is None or not layout.modules:
+            raise InputError(
+                "modules need a layout.", where="method", hint="Give one, or a start with modules, or use 'taxels'."
+            )
+        _require_unmirrored(pokes, layout, surface)
+        begun = None if start is None else fitted(layout, start.positions, surface)
+        units = begun or _found(pokes, layout, surface)
+    else:
+        points, outward, _ = _guessed(pokes, surface)
+        begun = None if start is None else single(start.positions, surface, _facing(start.normals, outward))
+        units = begun or single(points, surface, outward)
+    priors = priors if modules else priors.of_single_taxels()
+    deviations = None if begun is None else units.each(priors.start, priors.start_angle)
+    solution = solve(pokes, units, priors, start=begun, deviations=deviations)
+    if solution.noise > ASTRAY:
+        raise InputError(
+            f"torques are {solution.noise:.0f} times farther off than noise explains, wherever the taxels are.",
+            where="pokes",
+            hint="Look at axes, signs and units of the wrench, and at the link's frame in the sensor's.",
+        )
+    left = left_out(pokes, solution, priors, start=begun, deviations=deviations)
+    solution = replace(solution, covariance=left.widening * solution.covariance)
+    places = _placed(pokes, solution)
+    nuisances = {name: getattr(solution.nuisances, name) for name in ("frames", "common", "bias", "cross_talk")}
+    used = solution.weight > 0
+    residual = np.where(used[:, None], solution.residual, np.nan)
+    notes, doubts = _untouched(places), _doubts(pokes, solution)
+    return TaxelCalibration(
+        places, residual, int(used.sum()), solution.noise, nuisances, left, notes, (*doubts, *left.notes)
+    )
+
+
+def _guessed(
+    pokes: Pokes, surface: Surface | None
+) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]]:
+    """Places by the paper's way, outward directions against the forces, and how many answers each is made of."""
+    equations = paper.normal_equations(pokes, weighted=True)
+    points = paper.free(equations) if surface is None else paper.on_surface(equations, surface)
+    return points, -equations.pressing, equations.weight
+
+
+def _facing(normals: Float[np.ndarray, "k 3"], outward: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 3"]:
+    """Normals where they are known, else outward; where neither is, that of the others."""
+    found = np.where(np.isfinite(normals).all(axis=1, keepdims=True), normals, outward)
+    return np.where(
+        np.abs(found).max(axis=1, keepdims=True) > 0, found, found.sum(axis=0) + np.array([0.0, 0.0, 1e-12])
+    )
+
+
+def _found(pokes: Pokes, layout: ModuleLayout, surface: Surface | None) -> Units:
+    """Modules from nothing: laid where the paper's way puts their taxels."""
+    points, _, weight = _guessed(pokes, surface)
+    known = np.isfinite(points).all(axis=1) & np.isfinite(layout.places).all(axis=1) & (layout.module >= 0)
+    count = np.bincount(layout.module[known], minlength=layout.modules)
+    lacking = [str(number) for number in np.flatnonzero(count < FEWEST).tolist()]
+    if lacking:
+        raise NotIdentifiable(
+            f"fewer than {FEWEST} taxels answered on modules {', '.join(lacking[:NAMED])}: where they are cannot be "
+            "known. Poke them, or start from CAD.",
+            rank=layout.modules - len(lacking),
+            missing=tuple(f"module {number}" for number in lacking),
+        )
+    return fitted(layout, points, surface, weight)
+
+
+def _require_unmirrored(pokes: Pokes, layout: ModuleLayout, surface: Surface | None) -> None:
+    """Raise an InputError where taxels lie, by the paper's way, as on the layout seen from the other side."""
+    points, _, weight = _guessed(pokes, surface)
+    known = np.isfinite(points).all(axis=1) & np.isfinite(layout.places).all(axis=1) & (layout.module >= 0)
+    if np.bincount(layout.module[known], minlength=layout.modules).min() < FEWEST:
+        return
+    ways = layout, ModuleLayout(layout.places * [1.0, -1.0], layout.module)
+    away = [np.nan_to_num(fitted(way, points, surface, weight).places()[0] - points) for way in ways]
+    stated, mirrored = (float(np.average(np.sum(each**2, axis=1), weights=weight * known)) for each in away)
+    if mirrored < MIRRORED * stated:
+        raise InputError(
+            f"the layout of the modules is mirrored: taxels lie {1e3 * stated**0.5:.1f} mm from it (rms), and "
+            f"{1e3 * mirrored**0.5:.1f} mm from the same seen from the other side.",
+            where="layout",
+            hint="Layouts are seen from outside: change the sign of one of their coordinates.",
+        )
+
+
+def _placed(pokes: Pokes, solution: Solution) -> TaxelPlaces:
+    units = solution.units
+    points, normals = units.places()
+    if units.surface is None:
+        normals = np.where(np.isfinite(points), normals, np.nan)
+    absolute, relative = spreads(units, solution.covariance)
+    module = np.where(np.isfinite(points).all(axis=1), -1 if units.alone else units.layout.module, -1)
+    noise = np.sqrt(np.diag(pokes.noise)) * solution.noise
+    reach = np.nan if solution.response is None else solution.response.reach
+    return TaxelPlaces(points, normals, absolute, module, pokes.counts(), relative, reach, _poses(pokes), noise)
+
+
+def _poses(pokes: Pokes) -> Float[np.ndarray, "d 8"]:
+    """The pose of each configuration, and how many pokes were believed in it."""
+    found = np.zeros((pokes.configurations, 8))
+    for number in range(pokes.configurations):
+        rows = np.flatnonzero((pokes.configuration == number) & (pokes.weight > 0))
+        if len(rows):
+            middle = rows[len(rows) // 2]
+            found[number, :3] = pokes.origin[middle]
+            found[number, 3:7] = quaternion_from_rotation(pokes.rotation[middle])
+            found[number, 7] = len(rows)
+    return found[found[:, 7] > 0]
+
+
+def spreads(
+    units: Units, covariance: Float[np.ndarray, "p p"]
+) -> tuple[Float[np.ndarray, "k 3 3"], Float[np.ndarray, " k"]]:
+    """Covariance [m^2] of each taxel, and its deviation [m] once one rigid motion of all is taken off; NaN of none."""
+    rows, size = units.taxels, units.freedom
+    points, by = units.places()[0][rows], units.jacobian()[rows]
+    unit = units.layout.module[rows]
+    known = covariance[: len(units) * size, : len(units) * size]
+    blocks = known.reshape(len(units), size, len(units), size)[unit, :, unit, :]
+    absolute = np.full((len(units.layout), 3, 3), np.nan)
+    absolute[rows] = np.einsum("kif,kfg,kjg->kij", by, blocks, by)
+    relative = np.full(len(units.layout), np.nan)
+    away = points - points.mean(axis=0)
+    turn = np.stack([np.cross(axis, away) for axis in np.eye(3)], axis=2)
+    rigid = np.concatenate([np.tile(np.eye(3), (len(rows), 1, 1)), turn / max(np.abs(away).max(), 1e-9)], axis=2)
+    basis = np.linalg.qr(rigid.reshape(-1, 6))[0].reshape(-1, 3, 6)
+    # with F the derivatives, K the covariance and B the basis: the diagonal of (1 - B B') F K F' (1 - B B')
+    moved = np.zeros((len(units), 6, size))
+    np.add.at(moved, unit, np.einsum("kia,kif->kaf", basis, by))
+    moved = np.moveaxis(moved, 1, 0).reshape(6, -1)  # B' F
+    both = moved @ known
+    own = np.einsum("afk,kif->kia", both.reshape(6, len(units), size)[:, unit].transpose(0, 2, 1), by)
+    square = np.trace(absolute[rows], axis1=1, axis2=2) - 2.0 * np.einsum("kia,kia->k", basis, own)
+    square += np.einsum("kia,ab,kib->k", basis, both @ moved.T, basis)
+    relative[rows] = np.sqrt(square.clip(0.0))
+    return absolute, relative
+
+
+def _untouched(places: TaxelPlaces) -> tuple[str, ...]:
+    """Taxels that no poke reached, by name."""
+    rows = np.flatnonzero((places.pokes == 0) & (places.there | (places.module < 0))).tolist()
+    if not rows:
+        return ()
+    listed = ", ".join(map(str, rows[:NAMED])) + (", ..." if len(rows) > NAMED else "")
+    what = "they are placed by their modules" if places.there[rows].any() else "they have no place"
+    return (f"{len(rows)} of {len(places)} taxels never answered, {what}: {listed}",)
+
+
+def _doubts(pokes: Pokes, solution: Solution) -> tuple[str, ...]:
+    said = list[str]()
+    if pokes.configurations < 2:
+        said.append(
+            "there is one arm configuration only: the sensor's bias and the error of the link's frame cannot be told "
+            "from a shift of all taxels; places to each other are as good as before"
+        )
+    if solution.noise > NOISIER:
+        said.append(
+            f"torques are {solution.noise:.1f} times farther off than noise explains: check that one tip touched at a "
+            "time, the link's frame, the surface and the layout of the modules"
+        )
+    return tuple(said)

@@ -1,0 +1,266 @@
+"""`palpate calibrate taxels`: from pokes to where each taxel of a skin sits."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from tyro.conf import arg
+
+from palpate.console.calibration import Calibration, Found
+from palpate.console.console import Figure, progress, wait
+from palpate.console.options import FileOption, Log, Output, RigFile, Scalar
+from palpate.errors import InputError
+from palpate.files.logs import contents
+from palpate.sensors.taxels.modules import LAYOUTS, ModuleLayout
+from palpate.sensors.taxels.place_formats import SUFFIXES, read_taxel_places, write_taxel_places
+from palpate.sensors.taxels.places import TaxelPlaces
+from palpate.sensors.taxels.places_file import of_taxels
+from palpate.sensors.taxels.poking import Priors, TaxelCalibration, calibrate_taxels
+from palpate.sensors.taxels.poking.activations import Block
+from palpate.sensors.taxels.poking.evaluate_command import is_taxel_file
+from palpate.sensors.taxels.poking.files import holds_pokes, read_pokes
+from palpate.sensors.taxels.poking.logs import WRENCH, open_pokes
+from palpate.sensors.taxels.poking.module_placement import place_modules
+from palpate.sensors.taxels.poking.plausibility import believed
+from palpate.sensors.taxels.poking.pokes import Pokes
+from palpate.sensors.taxels.poking.segmentation import PokeSearch, find_pokes
+from palpate.sensors.taxels.section import SkinSection
+from palpate.setup.pokes import RigPokes
+from palpate.setup.setup import Setup
+from palpate.setup.tables import RigForceTorque
+from palpate.signals.recording import Recording
+from palpate.surfaces import Surface
+
+__all__ = ["CalibrateTaxels"]
+
+METHOD = Literal["modules", "taxels", "surface", "weighted", "free"]
+
+
+@dataclass(frozen=True)
+class CalibrateTaxels(Calibration):
+    """Find where each taxel of a skin sits, from the wrenches of pokes in several arm configurations.
+
+    Begin with a second in which nothing touches; poke with a small tip, a second each, over the whole skin, with pauses
+    between; move the arm and poke again, in three configurations or more.
+
+    Args:
+        log: of wrenches, taxels and joint states, /tf or poses; or a table with one row a poke: configuration, fx,fy,
+            fz,tx,ty,tz, qx,qy,qz,qw,x,y,z of the link in the sensor's frame, t0,t1,...; or places of taxels that were
+            found elsewhere, which modules are laid on.
+        rig: TOML with [skin], [force_torque], [pokes] and, as a rule, [surface].
+        output: where they sit: .toml (all that is known), .txt (iCub), .csv or .urdf.
+        method: modules: rigid modules of known layout, with the errors of sensor and robot; taxels: each for itself,
+            with bias and frames; surface, weighted, free: as published, each for itself.
+        start: file of where they are thought to be (CAD), in place of the rig's.
+        layout: of modules, in place of the rig's: ring12, triangle10, triangle10+2, or a file of taxels.
+        threshold: above its rest, at which a taxel answers; found where it is not given.
+    """
+
+    log: Log
+    rig: RigFile
+    output: Output
+    method: Annotated[METHOD, arg(metavar="NAME")] = "modules"
+    start: FileOption = None
+    layout: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None
+    threshold: Scalar = None
+
+    @cached_property
+    def reads(self) -> dict[str, Path]:
+        """The log, the rig, and where taxels are thought to be, by option or rig."""
+        stated = self.stated.pokes
+        start = self.start or (None if stated is None or stated.start is None else self.stated.folder / stated.start)
+        layout = None if self.layout is None or self.layout in LAYOUTS else Path(self.layout)
+        named = {"pokes": self.log, "rig": self.rig, "start": start, "layout": layout}
+        return {name: path for name, path in named.items() if path is not None}
+
+    def identify(self) -> Found:
+        """Find the taxels by pokes, or lay modules on places that were found elsewhere."""
+        if self.output.suffix.lower() not in SUFFIXES:
+            hint, kind = f"Use {', '.join(SUFFIXES)}.", self.output.suffix
+            raise InputError(f"cannot write places of taxels as {kind!r}.", where=str(self.output), hint=hint)
+        setup = replace(self.stated.resolve(), pokes=_over(self.stated.pokes or RigPokes(), self.threshold))
+        surface = None if setup.link.stated is None else setup.link.surface()
+        return self._placed(setup, surface) if is_taxel_file(self.log) else self._poked(setup, surface)
+
+    def write(self, found: Found) -> None:
+        """Write where the taxels sit, with where that comes from and what was noted."""
+        record = {**self.record(method=self.method), **({} if self.layout is None else {"layout": self.layout})}
+        notes = (*found.model.notes, *found.notes)
+        write_taxel_places(self.output, replace(found.model, provenance=record, notes=notes))
+
+    def _poked(self, setup: Setup, surface: Surface | None) -> Found:
+        start = self.reads.get("start")
+        places = None if start is None else read_taxel_places(start)
+        pokes, table = _pokes(self.log, setup, places), setup.pokes or RigPokes()
+        modules, said = _layout(self.layout, setup, places, pokes) if self.method == "modules" else (None, [])
+        wait("loading the compiled loops (the first time they are compiled, which takes a while) ...")
+        found = calibrate_taxels(
+            pokes,
+            method=self.method,
+            surface=surface if self.method not in ("free", "weighted") else None,
+            start=places,
+            layout=modules,
+            priors=Priors(**table.priors.stated()),
+        )
+        return Found(
+            _figures(pokes, found),
+            found.places,
+            notes=[*pokes.notes, *said, *found.notes],
+            warnings=[*found.doubts, *_one_configuration(pokes, found)],
+            next=_next(setup, self.output, surface),
+        )
+
+    def _placed(self, setup: Setup, surface: Surface | None) -> Found:
+        """Lay modules where their taxels come nearest to places."""
+        if self.method != "modules":
+            raise InputError("places of taxels can only be made better as those of modules.", where="--method")
+        places = read_taxel_places(self.log)
+        modules, said = _layout(self.layout, setup, places, None)
+        found = place_modules(places, modules, surface)
+        return Found(of_taxels(found.places), found.places, notes=[*said, *found.notes], warnings=found.doubts)
+
+
+def _over(table: RigPokes, threshold: float | None) -> RigPokes:
+    try:
+        return table if threshold is None else replace(table, threshold=threshold)
+    except ValueError as problem:
+        raise InputError(f"{problem}.", where="--threshold") from problem
+
+
+def _pokes(log: Path, setup: Setup, start: TaxelPlaces | None) -> Pokes:
+    """Return the pokes of a table, or those found in a log."""
+    table, there = setup.pokes or RigPokes(), setup.sensors.get(WRENCH)
+    wrench = RigForceTorque() if there is None else there.table
+    noise, limits = wrench.noise, wrench.range
+    if holds_pokes(list(contents(log).names)):
+        covariance = None if noise is None else np.diag(noise.six() ** 2)
+        return believed(read_pokes(log, threshold=table.threshold or 0.0, noise=covariance), start=start)
+    if SkinSection.name not in setup.sensors:
+        hint = "Add a [skin] with count = N, or taxels = FILE, and where the log keeps their readings."
+        raise InputError("the rig does not say what the taxels of the log are.", where="rig", hint=hint)
+    bits, curves = setup.of(SkinSection).table.bits, setup.of(SkinSection).intensity
+    search = PokeSearch(
+        threshold=table.threshold,
+        pose=None if table.pose is None else table.pose.pose(),
+        top=2.0**bits - 1.0 if bits else np.inf,
+        falling=curves is not None and curves.curves[0].falling,
+        limits=None if limits is None else limits.six(),
+        start=start,
+    )
+    wrenches, frames, parts = open_pokes(log, setup)
+
+    def counted() -> Iterator[Recording | Block]:
+        done = 0
+        for part in parts:
+            if isinstance(part, Recording):
+                done += len(part)
+                progress(done, wrenches.position / max(wrenches.size, 1))
+            yield part
+
+    found = find_pokes(counted(), search)
+    torn = [said for said in (wrenches.torn, frames.torn) if said]
+    said = dict.fromkeys((*torn, *wrenches.notes(), *frames.notes(), *found.notes))
+    return replace(found, notes=tuple(said))
+
+
+def _layout(
+    name: str | None, setup: Setup, start: TaxelPlaces | None, pokes: Pokes | None
+) -> tuple[ModuleLayout | None, list[str]]:
+    """Of the modules: by name or file; None: that of the start. Without a start those that never answered are left out.
+
+    Raises:
+        InputError: no such layout, or it does not fit the taxels.
+    """
+    chosen = name or (setup.pokes.layout if setup.pokes is not None else None)
+    if chosen is None:
+        return None, []
+    if chosen not in LAYOUTS:
+        path = Path(chosen) if name is not None else setup.link.folder / chosen
+        if not path.exists():
+            hint = f"Use {', '.join(LAYOUTS)}, or a file of taxels."
+            raise InputError(f"there is no layout {chosen!r}.", where="layout", hint=hint)
+        return ModuleLayout.of(read_taxel_places(path), bent=True), []
+    places = LAYOUTS[chosen]
+    taxels = len(start or ()) if pokes is None else pokes.taxels
+    count, left = divmod(taxels, len(places))
+    if left:
+        raise InputError(f"{taxels} taxels are not modules of {len(places)}, as {chosen} has them.", where="layout")
+    whole = ModuleLayout.repeated(places, count)
+    there = np.ones(taxels, dtype=bool) if start is None else start.there
+    if start is None and pokes is not None:
+        there = _answered(whole, pokes)
+    flat, module = np.where(there[:, None], whole.places, np.nan), np.where(there, whole.module, -1)
+    known = np.isfinite(flat).all(axis=1)
+    kept = np.unique(module[known & (module >= 0)])
+    module = np.where(known, np.searchsorted(kept, module), -1)
+    absent = sorted(set(range(count)) - set(kept.tolist()))
+    said = f"modules {', '.join(map(str, absent[:12]))} never answered: they are left out, as if they were not there"
+    return ModuleLayout(flat, module), [said] if absent and start is None else []
+
+
+def _answered(layout: ModuleLayout, pokes: Pokes) -> np.ndarray:
+    """Taxels of modules of which one at least answered."""
+    count = np.bincount(layout.module, pokes.counts(), minlength=layout.modules)
+    return count[layout.module] > 0
+
+
+def _figures(pokes: Pokes, found: TaxelCalibration) -> list[tuple[str, object]]:
+    rejected, weighed = int((pokes.weight == 0).sum()), int(((pokes.weight > 0) & (pokes.weight < 1)).sum())
+    counted = {"found": len(pokes), "used": found.used, "rejected": rejected, "weighed down": weighed}
+    answers = len(pokes.taxel) / max(len(pokes), 1)
+    deviation = np.sqrt(np.diag(pokes.noise))
+    said = f"{1e3 * deviation[:3].max():.3g} mN, {1e3 * deviation[3:].max():.3g} N mm of a poke's wrench"
+    facts: list[tuple[str, object]] = [
+        ("pokes", Figure(", ".join(f"{count} {what}" for what, count in counted.items()), counted)),
+        ("configurations", f"{pokes.configurations}"),
+        ("answers", f"{answers:.1f} taxels a poke, above {pokes.threshold:.3g}"),
+        ("noise", f"{said}; residuals are {found.noise:.2f} times what is explained"),
+        *of_taxels(found.places),
+        *([("left out", str(found.left_out))] if found.left_out.parts else []),
+    ]
+    return [*facts, *_nuisances(found)]
+
+
+def _nuisances(found: TaxelCalibration) -> list[tuple[str, object]]:
+    """The largest of each kind of error of sensor and robot."""
+    said = list[tuple[str, object]]()
+    for name, words in (("frames", "of each configuration"), ("common", "of all")):
+        if (value := found.nuisances.get(name)) is not None and value.size:
+            six = value.reshape(-1, 6)
+            text = f"up to {_most(six[:, :3], 1e3)} mm, {_most(six[:, 3:], 180 / np.pi)} degrees"
+            said.append((f"frame {words}", Figure(text, value)))
+    if (value := found.nuisances.get("bias")) is not None and value.size:
+        text = f"up to {_most(value[:, :3], 1.0)} N, {_most(value[:, 3:], 1e3)} N mm"
+        said.append(("bias", Figure(text, value)))
+    if (value := found.nuisances.get("cross_talk")) is not None and value.size:
+        same = max(float(np.abs(value[:3, :3]).max()), float(np.abs(value[3:, 3:]).max()))
+        said.append(("cross-talk", Figure(f"up to {100 * same:.2g} % among forces, or among torques", value)))
+    return said
+
+
+def _most(rows: np.ndarray, scale: float) -> str:
+    return f"{scale * float(np.linalg.norm(rows, axis=-1).max(initial=0.0)):.3g}"
+
+
+def _one_configuration(pokes: Pokes, found: TaxelCalibration) -> list[str]:
+    """What the paper's methods cannot tell then; the others say it themselves."""
+    if pokes.configurations > 1 or any("one arm configuration" in doubt for doubt in found.doubts):
+        return []
+    return [
+        "there is one arm configuration only: the sensor's bias and the error of the link's frame cannot be told from "
+        "a shift of all taxels"
+    ]
+
+
+def _next(setup: Setup, output: Path, surface: Surface | None) -> list[str]:
+    said = [f'name it in the rig: taxels = "{output.name}" under [skin]']
+    if surface is None:
+        said.append("with the link's mesh as [surface] the taxels are known better")
+    if setup.pokes is not None and setup.pokes.start is None:
+        said.append("start = FILE of where they are by CAD, in [pokes], makes places absolute")
+    return said

@@ -1,0 +1,136 @@
+"""Places of taxels against others: absolute, and once one rigid motion of the whole skin is taken off."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from palpate.errors import InputError
+from palpate.evaluation.errors import ErrorSummary
+from palpate.sensors.taxels.places import TaxelPlaces
+from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.pose import Pose
+
+__all__ = ["CHI2_95_3", "TaxelErrors", "compare_places"]
+
+CHI2_95_3 = 7.814727903251179  # of three degrees of freedom
+_CHI2_95 = {1: 3.841458820694124, 2: 5.991464547107979, 3: CHI2_95_3}
+_FLAT = 1e-6  # of the largest variance: below it a direction has none
+FEWEST = 3  # taxels that a rigid motion is found from
+
+
+@takes_arrays
+@dataclass(frozen=True, eq=False)
+class TaxelErrors:
+    """k taxels of which both places are known.
+
+    Attributes:
+        number: (k,) of each; module: (k,) -1: none; touched: (k,) by a poke, all where that is not known.
+        estimate, truth: (k, 3) [m].
+        absolute: (k,) [m]; relative: (k,) [m] once `motion` is taken off, NaN of too few.
+        motion: of the estimate to the truth; None of too few.
+        inside: (k,) whether the 95 % ellipsoid holds the truth; known: (k,) whether there is one.
+        lacking: numbers at which only one of both has a taxel.
+    """
+
+    number: Int[np.ndarray, " k"]
+    module: Int[np.ndarray, " k"]
+    touched: Bool[np.ndarray, " k"]
+    estimate: Float[np.ndarray, "k 3"]
+    truth: Float[np.ndarray, "k 3"]
+    absolute: Float[np.ndarray, " k"]
+    relative: Float[np.ndarray, " k"]
+    motion: Pose | None
+    inside: Bool[np.ndarray, " k"]
+    known: Bool[np.ndarray, " k"]
+    lacking: int
+
+    @property
+    def coverage(self) -> float:
+        """Share of the ellipsoids that hold the truth; NaN: there are none."""
+        return float(self.inside[self.known].mean()) if self.known.any() else float("nan")
+
+    def summaries(self) -> list[tuple[str, ErrorSummary]]:
+        """Of all, by module, and of those never touched."""
+        rows: list[tuple[str, np.ndarray, np.ndarray]] = [
+            ("absolute", self.absolute, np.ones(len(self.absolute), dtype=bool)),
+            ("one rigid motion taken off", self.relative, np.ones(len(self.absolute), dtype=bool)),
+        ]
+        if not self.touched.all():
+            rows += [("of those touched", self.absolute, self.touched)]
+            rows += [("of those never touched", self.absolute, ~self.touched)]
+        rows += [
+            (f"module {number}", self.absolute, self.module == number)
+            for number in np.unique(self.module).tolist()
+            if number >= 0
+        ]
+        made = [(name, ErrorSummary.of(values[mask])) for name, values, mask in rows]
+        return [(name, summary) for name, summary in made if summary is not None]
+
+
+def compare_places(estimate: TaxelPlaces, truth: TaxelPlaces) -> TaxelErrors:
+    """Taxel by taxel, by their numbers.
+
+    Raises:
+        InputError: of another number of taxels, or none has both places.
+    """
+    if len(estimate) != len(truth):
+        raise InputError(
+            f"one is of {len(estimate)} taxels, the other of {len(truth)}: they are not of one skin.", where="taxels"
+        )
+    both = estimate.there & truth.there
+    if not both.any():
+        raise InputError("no taxel has a place in both.", where="taxels")
+    number = np.flatnonzero(both)
+    one, other = estimate.positions[both], truth.positions[both]
+    motion = _motion(one, other)
+    relative = np.full(len(one), np.nan)
+    if motion is not None:
+        relative = np.linalg.norm(motion.apply(one) - other, axis=1)
+    inside, known = _held(one - other, estimate.covariance[both])
+    pokes = estimate.pokes[both]
+    module = np.where(estimate.module[both] >= 0, estimate.module[both], truth.module[both])
+    return TaxelErrors(
+        number=number,
+        module=module,
+        touched=pokes > 0 if pokes.any() else np.ones(len(number), dtype=bool),
+        estimate=one,
+        truth=other,
+        absolute=np.linalg.norm(one - other, axis=1),
+        relative=relative,
+        motion=motion,
+        inside=inside,
+        known=known,
+        lacking=int(np.count_nonzero(estimate.there ^ truth.there)),
+    )
+
+
+def _motion(one: Float[np.ndarray, "k 3"], other: Float[np.ndarray, "k 3"]) -> Pose | None:
+    """The rigid motion that brings one set nearest to the other, in squares; None of too few."""
+    from scipy.spatial.transform import Rotation  # here: scipy is slow to import
+
+    if len(one) < FEWEST:
+        return None
+    middle, target = one.mean(axis=0), other.mean(axis=0)
+    turned, _ = Rotation.align_vectors(other - target, one - middle)[:2]
+    rotation = turned.as_matrix()
+    return Pose(rotation, target - rotation @ middle)
+
+
+def _held(
+    away: Float[np.ndarray, "k 3"], covariance: Float[np.ndarray, "k 3 3"]
+) -> tuple[Bool[np.ndarray, " k"], Bool[np.ndarray, " k"]]:
+    """Whether d' C^+ d is below the 95 % quantile of as many degrees of freedom as C has directions with variance.
+
+    On a surface C has two: what d has along the normal is the surface's own error.
+    """
+    known = np.asarray(np.isfinite(covariance).all(axis=(1, 2)))
+    values, axes = np.linalg.eigh(np.where(known[:, None, None], covariance, np.eye(3)))
+    free = values > _FLAT * values[:, -1:]
+    known &= values[:, -1] > 0
+    along = np.einsum("kij,ki->kj", axes, away)
+    square = np.where(free, along**2 / np.where(free, values, 1.0), 0.0).sum(axis=1)
+    limit = np.array([np.inf, *_CHI2_95.values()])[free.sum(axis=1)]
+    return np.asarray(square <= limit) & known, known

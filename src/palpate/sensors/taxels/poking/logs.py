@@ -1,0 +1,98 @@
+"""How a log of pokes is read: wrenches with the pose of the link in the sensor's frame, and frames of taxels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from palpate.errors import InputError
+from palpate.files.logs import Log, Stored, contents, open_log
+from palpate.files.logs.layout import ArrayChannel, Layout
+from palpate.files.logs.topics import NONE
+from palpate.files.urdf import Kinematics, Urdf
+from palpate.sensors.taxels.section import SKIN
+from palpate.setup.pokes import RigPokes
+from palpate.setup.setup import Setup
+from palpate.signals.recording import ORIENTATION, POSITION, Recording
+
+__all__ = ["WRENCH", "cells_layout", "open_pokes", "wrench_layout"]
+
+WRENCH = "force_torque"  # name of the sensor that measures the pokes
+_JOINTS = "joints"
+
+
+def wrench_layout(setup: Setup) -> Layout:
+    """Return how wrenches are read, with poses of the link in the sensor's frame where a Layout has the sensor's.
+
+    Raises:
+        InputError: the wrench is not in the sensor's frame.
+    """
+    table, there = setup.pokes or RigPokes(), setup.sensors.get(WRENCH)
+    if there is not None and there.table.frame != "sensor":
+        raise InputError(
+            "wrenches of pokes must be in the sensor's frame, which the link is known in.",
+            where="force_torque.frame",
+            hint='Log the wrench as the sensor reads it, and state frame = "sensor".',
+        )
+    return replace(
+        Layout(**setup.common) if there is None else there.kind.layout(setup),
+        orientation=table.columns,
+        position=table.position,
+        orientation_topic=NONE if table.pose is not None else table.topic,
+        frames=None if table.sensor is None or table.link is None else (table.sensor, table.link),
+        urdf=None if table.urdf is None else setup.link.folder / table.urdf,
+        joints_topic=table.joints,
+        acceleration=None,
+        acceleration_topic=None,
+        offset=table.offset,
+        max_gap=table.max_gap,
+    )
+
+
+def open_pokes(path: Path, setup: Setup) -> tuple[Log, Log, Iterator[Recording | Stored]]:
+    """Open a log for its wrenches and for its frames of taxels, and both: wrenches with the link where the log says it.
+
+    Of a table with a `urdf`, the joints between sensor and link are columns of their names [rad].
+
+    Raises:
+        InputError: the log cannot be read, or a joint is missing or in degrees.
+    """
+    layout, frames = wrench_layout(setup), open_log(path, cells_layout(setup))
+    if layout.urdf is None or layout.frames is None or not contents(path).names:
+        log = open_log(path, layout)
+        return log, frames, log.beside(frames)
+    kinematics = Kinematics(Urdf(layout.urdf), *layout.frames)
+    joints = ArrayChannel(_JOINTS, (len(kinematics.joints),), kinematics.joints, table="pokes")
+    log = open_log(path, replace(layout, frames=None, urdf=None, joints_topic=None, arrays=(joints,)))
+    parts = (_posed(part, kinematics) if isinstance(part, Recording) else part for part in log.beside(frames))
+    return log, frames, parts
+
+
+def _posed(block: Recording, kinematics: Kinematics) -> Recording:
+    """With poses in place of joints."""
+    values = block.channels[_JOINTS]
+    known = np.isfinite(values).all(axis=1)
+    kinematics.require_radians(values[known], block.source)
+    quaternion, position = np.full((len(block), 4), np.nan), np.full((len(block), 3), np.nan)
+    if known.any():
+        quaternion[known], position[known] = kinematics.poses(values[known])
+    kept = {name: each for name, each in block.channels.items() if name != _JOINTS}
+    return replace(block, channels={**kept, ORIENTATION: quaternion, POSITION: position})
+
+
+def cells_layout(setup: Setup) -> Layout:
+    """Return how frames of taxels are read, without poses."""
+    return replace(
+        SKIN.layout(setup),
+        orientation=None,
+        position=None,
+        orientation_topic=NONE,
+        frames=None,
+        urdf=None,
+        joints_topic=None,
+        acceleration=None,
+        acceleration_topic=None,
+    )

@@ -1,0 +1,110 @@
+"""Places that are known already, made better: rigid modules laid on the link where their taxels come nearest."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.errors import InputError
+from palpate.sensors.taxels.modules import ModuleLayout
+from palpate.sensors.taxels.places import TaxelPlaces
+from palpate.sensors.taxels.poking.calibrate import TaxelCalibration
+from palpate.sensors.taxels.poking.rigid_groups import fitted
+from palpate.surfaces.surface import Surface
+
+__all__ = ["common_layout", "place_modules"]
+
+_ROUNDS = 20  # of turning modules onto their mean
+FEWEST = 3  # taxels of a module
+
+
+def common_layout(places: TaxelPlaces, surface: Surface | None = None, *, spacing: float | None = None) -> ModuleLayout:
+    """One layout for all modules: the mean of how their taxels lie in their planes, each turned onto the others.
+
+    Args:
+        places: of modules that are alike, with as many numbers each.
+        surface: which says where outward is, where the places do not.
+        spacing: [m] to which the mean distance of taxels that follow each other is scaled; None: it stays.
+
+    Raises:
+        InputError: modules of different sizes, or none.
+    """
+    own = ModuleLayout.of(_outward(places, surface))
+    size = int(np.bincount(own.module[own.module >= 0], minlength=1).max())
+    slots = np.arange(len(places)).reshape(-1, size) if size and len(places) % size == 0 else np.zeros((0, 1), np.int64)
+    slots = slots[(own.module[slots] >= 0).any(axis=1)]
+    alike = own.module[slots].max(axis=1, keepdims=True, initial=-1)
+    if not len(slots) or ((own.module[slots] != alike) & (own.module[slots] >= 0)).any():
+        raise InputError(
+            "a common layout needs modules of as many taxels each, numbered one after the other.", where="layout"
+        )
+    flat = own.places[slots]
+    whole = flat[np.isfinite(flat).all(axis=(1, 2))]
+    mean = _mean(whole if len(whole) else flat)
+    if spacing is not None:
+        mean = mean * spacing / np.linalg.norm(mean - np.roll(mean, 1, axis=0), axis=1).mean()
+    found = np.full((len(places), 2), np.nan)
+    found[slots] = np.where((own.module[slots] >= 0)[..., None], mean, np.nan)
+    return ModuleLayout(found, own.module)
+
+
+def _mean(flat: Float[np.ndarray, "m t 2"]) -> Float[np.ndarray, "t 2"]:
+    """Of modules turned onto it."""
+    mean = flat[0]
+    for _ in range(_ROUNDS):
+        both = np.einsum("mta,tb->mab", flat, mean)
+        angle = np.arctan2(both[:, 0, 1] - both[:, 1, 0], both[:, 0, 0] + both[:, 1, 1])
+        turn = np.stack([np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)], axis=1).reshape(-1, 2, 2)
+        mean = np.einsum("mab,mtb->mta", turn, flat).mean(axis=0)
+    return mean
+
+
+def place_modules(
+    places: TaxelPlaces, layout: ModuleLayout | None = None, surface: Surface | None = None
+) -> TaxelCalibration:
+    """Modules laid where their taxels come nearest to places, in the sense of least squares.
+
+    Args:
+        places: where taxels are thought to be, with the module of each.
+        layout: of the modules; None: `common_layout` of the places themselves.
+        surface: of the link, on which they lie; None: modules are flat.
+
+    Raises:
+        InputError: a layout of another skin, or a module with fewer than three taxels.
+    """
+    known = _outward(places, surface)
+    layout = common_layout(known, surface) if layout is None else layout
+    if len(layout) != len(places):
+        raise InputError(
+            f"the layout has {len(layout)} taxels, the places are {len(places)}: it is of another skin.", where="layout"
+        )
+    usable = places.there & (layout.module >= 0)
+    count = np.bincount(layout.module[usable], minlength=layout.modules)
+    if not len(count) or count.min() < FEWEST:
+        few = ", ".join(map(str, np.flatnonzero(count < FEWEST).tolist()))
+        raise InputError(f"modules {few} have fewer than {FEWEST} taxels with a place.", where="places")
+    units = fitted(layout, places.positions, surface)
+    points, normals = units.places()
+    away = np.linalg.norm(points - places.positions, axis=1)
+    made = replace(
+        places,
+        positions=points,
+        normals=np.where(np.isfinite(points), normals, np.nan),
+        covariance=np.full((len(places), 3, 3), np.nan),
+        relative=np.full(len(places), np.nan),
+        module=np.where(np.isfinite(points).all(axis=1), layout.module, -1),
+    )
+    said = f"taxels moved by {1e3 * np.nanmean(away):.2f} mm on average, {1e3 * np.nanmax(away):.2f} mm at most"
+    return TaxelCalibration(made, np.zeros((0, 3)), 0, 1.0, notes=(said,))
+
+
+def _outward(places: TaxelPlaces, surface: Surface | None) -> TaxelPlaces:
+    """With the normals of the surface where they have none."""
+    rows = places.there & ~np.isfinite(places.normals).all(axis=1)
+    if surface is None or not rows.any():
+        return places
+    normals: Float[np.ndarray, "k 3"] = places.normals.copy()
+    normals[rows] = surface.project(places.positions[rows])[1]
+    return replace(places, normals=normals)

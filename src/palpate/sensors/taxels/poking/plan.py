@@ -1,0 +1,259 @@
+"""Where to poke next: the pokes that shrink the largest covariances of taxels most, and how many more it takes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import radians
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from palpate.errors import InputError
+from palpate.sensors.taxels.modules import ModuleLayout
+from palpate.sensors.taxels.places import TaxelPlaces
+from palpate.sensors.taxels.poking.pokes import Pokes
+from palpate.sensors.taxels.poking.priors import Priors
+from palpate.sensors.taxels.poking.rigid_groups import Units, fitted, single
+from palpate.sensors.taxels.poking.solve import Before
+from palpate.sensors.taxels.poking.systematic_errors import Nuisances, predicted
+from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.pose import Pose
+from palpate.surfaces.surface import Surface
+
+__all__ = ["Candidates", "Plan", "after_calibration", "candidates", "known_after", "plan_pokes"]
+
+FORCE = 10.0  # N of a planned poke
+TILT = radians(20.0)  # of the directions that are looked at beside the normal
+PLACED = 0.7e-3  # m: how well taxels tell where a poke was
+LOOKED = 3000  # candidates that are looked at for a poke
+MOST = 2000  # pokes of a plan
+KEEN = 8.0  # power of a taxel's variance in how much it counts beside the worst one; 3 to 200 serve as well
+
+Vectors = Float[np.ndarray, "n 3"]
+
+
+@takes_arrays
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """Pokes that could be made, c of them.
+
+    Attributes:
+        point: (c, 3) [m] and direction: (c, 3) of the force on the body, unit, in the link's frame.
+        configuration: (c,) of the arm; taxel: (c,) that it is on.
+        rows: (c, 3, p) change of the whitened torque with the unknowns: units, then `Nuisances.vector`.
+    """
+
+    point: Vectors
+    direction: Vectors
+    configuration: Int[np.ndarray, " c"]
+    taxel: Int[np.ndarray, " c"]
+    rows: Float[np.ndarray, "c 3 p"]
+
+
+@takes_arrays
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What to do next.
+
+    Attributes:
+        chosen: (m,) of the candidates, in order; worst: (m + 1,) [m] the largest deviation of a taxel before, and after
+            each of them.
+        reached: whether the wanted accuracy is; needed: pokes until then, as far as was looked.
+    """
+
+    chosen: Int[np.ndarray, " m"]
+    worst: Float[np.ndarray, " m1"]
+    reached: bool
+
+    @property
+    def needed(self) -> int:
+        """How many pokes the plan has."""
+        return len(self.chosen)
+
+
+@takes_arrays
+def candidates(
+    units: Units,
+    poses: Pose,
+    noise: Float[np.ndarray, "6 6"],
+    *,
+    reachable: Float[np.ndarray, " k"] | None = None,
+    nuisances: Nuisances | None = None,
+    force: float = FORCE,
+) -> Candidates:
+    """A poke on each taxel, along its normal and leaning to four sides, in each configuration.
+
+    Args:
+        units: where taxels are.
+        poses: (d,) T_sensor_link of the configurations.
+        noise: covariance of a wrench.
+        reachable: (k,) [rad] how far a poke on a taxel may lean; negative: it cannot be reached. None: by 20
+            degrees, all of them.
+        nuisances: as they are known.
+        force: [N].
+    """
+    points, normals = units.places()
+    lean = np.full(len(points), TILT) if reachable is None else np.minimum(reachable, TILT)
+    rows = units.taxels[lean[units.taxels] >= 0]
+    if not len(rows):
+        raise InputError("no taxel can be reached.", where="plan")
+    count = len(poses.translation)
+    first = np.cross(normals[rows], np.eye(3)[np.argmin(np.abs(normals[rows]), axis=1)])
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    second = np.cross(normals[rows], first)
+    aside = np.tan(lean[rows])[:, None] * np.stack([0 * first, first, -first, second, -second])  # (5, r, 3)
+    ways = -normals[rows] + aside
+    ways = ways / np.linalg.norm(ways, axis=2, keepdims=True)
+    taxel = np.tile(rows, 5 * count)
+    direction = np.tile(ways.reshape(-1, 3), (count, 1))
+    configuration: Int[np.ndarray, " c"] = np.repeat(np.arange(count), 5 * len(rows))
+    return _with_rows(units, poses, noise, nuisances, points[taxel], direction, configuration, taxel, force)
+
+
+def _with_rows(
+    units: Units,
+    poses: Pose,
+    noise: Float[np.ndarray, "6 6"],
+    nuisances: Nuisances | None,
+    point: Vectors,
+    direction: Vectors,
+    configuration: Int[np.ndarray, " c"],
+    taxel: Int[np.ndarray, " c"],
+    force: float,
+) -> Candidates:
+    turn, origin = poses.rotation[configuration], poses.translation[configuration]
+    known = Nuisances.none(len(poses.translation)) if nuisances is None else nuisances
+    pressed = force * np.einsum("nij,nj->ni", turn, direction)
+    torque = np.cross(np.einsum("nij,nj->ni", turn, point) + origin, pressed)
+    many = len(point)
+    alike = (np.arange(many + 1), taxel, np.ones(many), len(units.layout), noise, np.ones(many), np.zeros(many))
+    pokes = Pokes(np.concatenate([pressed, torque], axis=1), turn, origin, configuration, *alike)
+    said = predicted(pokes, point, known)
+    read = np.eye(6)[3:] - said.by_wrench
+    spread = read @ noise @ np.swapaxes(read, 1, 2) + PLACED**2 * said.by_point @ np.swapaxes(said.by_point, 1, 2)
+    root = np.swapaxes(np.linalg.cholesky(np.linalg.inv(spread)), 1, 2)
+    size, count = len(units) * units.freedom, len(known.frames)
+    rows = np.zeros((many, 3, size + 12 * count + 42))
+    each = np.arange(many)[:, None]
+    unit = units.layout.module[taxel][:, None] * units.freedom + np.arange(units.freedom)
+    own = root @ (said.by_point @ units.jacobian()[taxel])
+    d = 6 * configuration[:, None] + np.arange(6)
+    by = root @ said.by_nuisance
+    at = {0: (size + d), 6: size + 6 * count + np.arange(6)[None], 12: size + 6 * count + 6 + d}
+    for axis in range(3):
+        rows[each, axis, unit] = own[:, axis]
+        for start, columns in at.items():
+            rows[each, axis, columns] = by[:, axis, start : start + 6]
+        rows[:, axis, -36:] = by[:, axis, 18:]
+    return Candidates(point, direction, configuration, taxel, rows)
+
+
+def after_calibration(
+    places: TaxelPlaces, surface: Surface | None, priors: Priors, *, start: bool = False
+) -> tuple[Units, Float[np.ndarray, "p p"], Candidates]:
+    """What a calibration left to be known, from its result: units, covariance of all unknowns, and what can be done.
+
+    The pokes themselves are not kept: each counts as one along the normal or leaning, on the taxel that it touched
+    most, in a configuration of the arm by how many pokes were made there.
+
+    Args:
+        places: a result of `calibrate_taxels` by modules or taxel by taxel.
+        surface: as in the calibration.
+        priors: the same.
+        start: whether it began from CAD.
+
+    Raises:
+        InputError: of a result that does not say with which configurations and noise it was made.
+    """
+    if not len(places.configurations) or len(places.noise) != 6:
+        raise InputError(
+            "does not say in which configurations it was made.",
+            where="skin",
+            hint="Plan from a .toml that palpate calibrate taxels wrote with method modules or taxels.",
+        )
+    if places.modules:
+        units = fitted(ModuleLayout.of(places, bent=True), places.positions, surface)
+    else:
+        units, priors = single(places.positions, surface, places.normals), priors.of_single_taxels()
+    rows = places.configurations
+    poses, share = Pose.from_quaternion(rows[:, 3:7], rows[:, :3]), rows[:, 7] / rows[:, 7].sum()
+    options = candidates(units, poses, np.diag(places.noise**2))
+    answers = np.maximum(places.pokes, 0) * rows[:, 7].sum() / max(int(places.pokes.sum()), 1)  # a poke, some answers
+    made = answers[options.taxel] * share[options.configuration] / (len(options.taxel) / len(units.taxels) / len(rows))
+    deviations = units.each(priors.start, priors.start_angle) if start else None
+    return units, known_after(units, options, made, priors, len(rows), deviations), options
+
+
+@takes_arrays
+def known_after(
+    units: Units,
+    options: Candidates,
+    made: Float[np.ndarray, " c"],
+    priors: Priors,
+    configurations: int,
+    deviations: Float[np.ndarray, " f"] | None = None,
+) -> Float[np.ndarray, "p p"]:
+    """Covariance of all unknowns once each candidate was made so many times, (c,), under what is believed before."""
+    rows = options.rows[made > 0] * np.sqrt(made[made > 0])[:, None, None]
+    flat = rows.reshape(-1, options.rows.shape[2])
+    before = Before(units, None, deviations, Nuisances.deviations(priors, configurations))
+    return before.covariance(flat.T @ flat)
+
+
+@takes_arrays
+def plan_pokes(
+    units: Units,
+    covariance: Float[np.ndarray, "p p"],
+    options: Candidates,
+    *,
+    wanted: float = 0.0,
+    pokes: int = 50,
+    seed: int = 0,
+) -> Plan:
+    """Pokes one after the other, each the one that takes most from the covariances of the taxels that are worst.
+
+    By the worst one alone a poke would be chosen as if others, nearly as bad, were not there, which many pokes improve,
+    too. So each taxel above `wanted` counts, by the power `KEEN` of its variance over the largest.
+
+    Args:
+        units: where taxels are.
+        covariance: of all unknowns, as `Solution.covariance` or `known_after` has it.
+        options: what can be done.
+        wanted: [m] largest deviation (root of the trace) of a taxel at which it is enough.
+        pokes: at most.
+        seed: where there are many candidates, of those that are looked at for each poke.
+    """
+    taxels, size = units.taxels, units.freedom
+    unit = units.layout.module[taxels]
+    columns = unit[:, None] * size + np.arange(size)
+    by = units.jacobian()[taxels]
+    square = np.swapaxes(by, 1, 2) @ by
+    rng = np.random.default_rng(seed)
+    known: Float[np.ndarray, "p p"] = covariance.copy()
+    chosen, worst = list[int](), [0.0]
+    for turn in range(min(pokes, MOST) + 1):
+        blocks = known[columns[:, :, None], columns[:, None]]
+        traces = np.einsum("kif,kfg,kig->k", by, blocks, by)
+        j = int(np.argmax(traces))
+        worst[-1] = float(np.sqrt(traces[j]))
+        if worst[-1] <= wanted or turn == min(pokes, MOST):
+            break
+        few = np.arange(len(options.taxel))
+        if len(few) > LOOKED:
+            own = units.layout.module[options.taxel] == unit[j]
+            few = np.unique(np.concatenate([few[own], rng.choice(few, LOOKED, replace=False)]))
+        rows = options.rows[few]
+        spread: Float[np.ndarray, "c 3 p"] = rows @ known  # (c, 3, p)
+        seen: Float[np.ndarray, "c 3 3"] = spread @ np.swapaxes(rows, 1, 2) + np.eye(3)
+        counts = (traces / traces[j]) ** KEEN * (traces > wanted**2)
+        pull = np.zeros((len(units), size, size))
+        np.add.at(pull, unit, counts[:, None, None] * square)
+        own = spread[:, :, : len(units) * size].reshape(len(few), 3, len(units), size)
+        inverse = np.linalg.inv(seen)
+        gain = np.einsum("cab,cauf,cbuf->c", inverse, own, (own[..., None, :] @ pull)[..., 0, :], optimize=True)
+        best = int(np.argmax(gain))
+        known = known - spread[best].T @ (inverse[best] @ spread[best])
+        known = 0.5 * (known + known.T)
+        chosen.append(int(few[best]))
+        worst.append(0.0)
+    return Plan(np.array(chosen, dtype=np.int64), np.array(worst), bool(worst[-1] <= wanted))

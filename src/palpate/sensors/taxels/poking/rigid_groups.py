@@ -1,0 +1,247 @@
+"""What moves as one: rigid modules with their taxels, or single taxels, on a surface or free in space."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from palpate.sensors.taxels.modules import ModuleLayout
+from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.pose import Pose, skew
+from palpate.surfaces.geodesic import walk
+from palpate.surfaces.surface import Surface
+
+__all__ = ["Units", "fitted", "frame_about", "single"]
+
+_STEP = np.array([2e-5, 2e-5, 1e-3])  # m, m, rad: of the differences that stand for derivatives
+_ROUNDS = 25  # of the fit of modules to places
+_STILL = 1e-9  # m
+_CIRCLING = 1e-4, 0.9  # m, rad: steps so short that shrink by less go round about an edge between two facets
+_FAR = 1e-3  # m, rad: of a step after which derivatives are taken anew
+
+Vectors = Float[np.ndarray, "k 3"]
+
+
+@takes_arrays
+@dataclass(frozen=True, eq=False)
+class Units:
+    """u units and the k taxels on them; a taxel without a unit has no place.
+
+    On a surface a unit has three unknowns, along its heading, across it and about its normal [m, m, rad], and a flat
+    module is laid on the surface by geodesics from its middle, so that it does not stretch. Without one it has six:
+    its middle's x, y, z [m] and a rotation vector [rad] about it. Single taxels do not turn: two or three.
+
+    Attributes:
+        layout: where taxels lie on their units.
+        centre: (u, 3) [m]; frame: (u, 3, 3), columns heading, across, outward.
+        surface: that they lie on; None: none.
+    """
+
+    layout: ModuleLayout
+    centre: Float[np.ndarray, "u 3"]
+    frame: Float[np.ndarray, "u 3 3"]
+    surface: Surface | None = None
+
+    def __len__(self) -> int:
+        return len(self.centre)
+
+    @property
+    def alone(self) -> bool:
+        """Whether every unit is a single taxel."""
+        return len(self.taxels) == len(self)
+
+    @property
+    def freedom(self) -> int:
+        """Unknowns of a unit."""
+        return (2 if self.alone else 3) if self.surface is not None else (3 if self.alone else 6)
+
+    def each(self, length: float, angle: float) -> Float[np.ndarray, " f"]:
+        """One number for each unknown of a unit: of lengths, or of angles."""
+        lengths = 2 if self.surface is not None else 3
+        return np.array([length] * lengths + [angle] * (self.freedom - lengths))
+
+    @property
+    def taxels(self) -> Int[np.ndarray, " t"]:
+        """Numbers of the taxels that have a place."""
+        return np.flatnonzero((self.layout.module >= 0) & np.isfinite(self.layout.places).all(axis=1))
+
+    def places(self) -> tuple[Vectors, Vectors]:
+        """(k, 3) [m] and outward normals; NaN of a taxel without a unit."""
+        return self._places
+
+    @cached_property
+    def _places(self) -> tuple[Vectors, Vectors]:
+        rows = self.taxels
+        unit, flat = self.layout.module[rows], self.layout.places[rows]
+        points, normals = np.full((2, len(self.layout), 3), np.nan)
+        ways = np.einsum("kij,kj->ki", self.frame[unit][:, :, :2], flat)
+        if self.surface is None or self.alone:
+            points[rows], normals[rows] = self.centre[unit] + ways, self.frame[unit][:, :, 2]
+        else:
+            points[rows], normals[rows], _ = walk(self.surface, self.centre[unit], ways)
+        points.flags.writeable = normals.flags.writeable = False
+        return points, normals
+
+    def moved(self, by: Float[np.ndarray, "u f"]) -> Units:
+        """Each unit moved by its unknowns."""
+        if self.surface is None:
+            centre = self.centre + by[:, :3]
+            if self.alone:
+                return replace(self, centre=centre)
+            return replace(
+                self, centre=centre, frame=Pose.from_rotation_vector(by[:, 3:], by[:, :3]).rotation @ self.frame
+            )
+        ways = np.einsum("uij,uj->ui", self.frame[:, :, :2], by[:, :2])
+        centre, normals, heading = walk(self.surface, self.centre, ways)
+        still = ~np.asarray(np.isfinite(heading).all(axis=1), dtype=bool)
+        turned = np.arctan2(by[:, 1], by[:, 0])  # the heading arrives as it left, turned against the way it went
+        if not self.alone:
+            turned = turned - by[:, 2]
+        along = np.where(still[:, None], self.frame[:, :, 0], heading)
+        angle = np.where(still, 0.0 if self.alone else -by[:, 2], turned)
+        frame = frame_about(normals, along)
+        first = np.cos(angle)[:, None] * frame[:, :, 0] - np.sin(angle)[:, None] * frame[:, :, 1]
+        return replace(self, centre=centre, frame=frame_about(normals, first))
+
+    def jacobian(self) -> Float[np.ndarray, "k 3 f"]:
+        """(k, 3, freedom) of each taxel's place by the unknowns of its unit; 0 of a taxel without one."""
+        return self._jacobian
+
+    @cached_property
+    def _jacobian(self) -> Float[np.ndarray, "k 3 f"]:
+        found = np.zeros((len(self.layout), 3, self.freedom))
+        rows = self.taxels
+        unit = self.layout.module[rows]
+        if self.alone:
+            found[rows] = self.frame[unit][:, :, : self.freedom] if self.surface is not None else np.eye(3)
+            return found
+        if self.surface is None:
+            found[rows, :, :3] = np.eye(3)
+            found[rows, :, 3:] = -skew(self.places()[0][rows] - self.centre[unit])
+            return found
+        steps = np.concatenate([np.diag(_STEP), -np.diag(_STEP)])  # all at once: a walk costs by the call
+        ends = self._repeated(6).moved(np.repeat(steps, len(self), axis=0)).places()[0].reshape(6, -1, 3)[:, rows]
+        found[rows] = np.moveaxis((ends[:3] - ends[3:]) / (2.0 * _STEP)[:, None, None], 0, 2)
+        return found
+
+    def _repeated(self, times: int) -> Units:
+        """So many of the same, one after the other."""
+        shift = np.repeat(np.arange(times), len(self.layout)) * len(self)
+        module = np.tile(self.layout.module, times)
+        layout = ModuleLayout(np.tile(self.layout.places, (times, 1)), np.where(module >= 0, module + shift, -1))
+        return replace(
+            self, layout=layout, centre=np.tile(self.centre, (times, 1)), frame=np.tile(self.frame, (times, 1, 1))
+        )
+
+    def away(self, start: Units) -> Float[np.ndarray, "u f"]:
+        """By which unknowns each unit has moved from a start, to first order."""
+        gap = self.centre - start.centre
+        if self.surface is None:
+            if self.alone:
+                return gap
+            turn = self.frame @ np.swapaxes(start.frame, 1, 2)
+            return np.concatenate([gap, Pose(turn, np.zeros((len(self), 3))).rotation_vector()], axis=1)
+        flat = np.einsum("uij,ui->uj", start.frame[:, :, :2], gap)
+        if self.alone:
+            return flat
+        seen = frame_about(self.frame[:, :, 2], start.frame[:, :, 0])
+        heading = np.einsum("uij,ui->uj", seen[:, :, :2], self.frame[:, :, 0])
+        return np.concatenate([flat, np.arctan2(heading[:, 1], heading[:, 0])[:, None]], axis=1)
+
+
+@takes_arrays
+def frame_about(normals: Vectors, along: Vectors) -> Float[np.ndarray, "k 3 3"]:
+    """Frames whose third column is the normal and whose first lies nearest to a direction, or anywhere across."""
+    outward = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    first = along - np.einsum("kc,kc->k", along, outward)[:, None] * outward
+    length = np.linalg.norm(first, axis=1, keepdims=True)
+    other: Vectors = np.cross(outward, np.eye(3)[np.argmin(np.abs(outward), axis=1)])
+    other /= np.linalg.norm(other, axis=1, keepdims=True)
+    first = np.where(length > 1e-9, first / np.maximum(length, 1e-9), other)
+    return np.stack([first, np.cross(outward, first), outward], axis=2)
+
+
+@takes_arrays
+def single(places: Vectors, surface: Surface | None, outward: Vectors | None = None) -> Units:
+    """Every taxel that has a place as a unit of its own; `outward` (k, 3) says where there is no surface."""
+    rows = np.flatnonzero(np.isfinite(places).all(axis=1))
+    module = np.full(len(places), -1)
+    module[rows] = np.arange(len(rows))
+    flat = np.where((module >= 0)[:, None], 0.0, np.full((len(places), 2), np.nan))
+    centre, normals = places[rows], np.tile([0.0, 0.0, 1.0], (len(rows), 1)) if outward is None else outward[rows]
+    if surface is not None and len(rows):
+        centre, normals, _ = surface.project(centre)
+    frame = frame_about(normals, np.tile([1.0, 0.0, 0.0], (len(rows), 1)))
+    return Units(ModuleLayout(flat, module), centre, frame, surface)
+
+
+@takes_arrays
+def fitted(
+    layout: ModuleLayout, places: Vectors, surface: Surface | None, weights: Float[np.ndarray, " k"] | None = None
+) -> Units:
+    """Modules where their taxels come nearest to places, in the sense of least squares.
+
+    Args:
+        layout: of the modules; each must have three places at least that are not NaN.
+        places: (k, 3) [m], NaN of a taxel that is not known.
+        surface: that modules lie on; None: none.
+        weights: (k,) how far each place is to be believed; None: alike.
+    """
+    known = np.isfinite(places).all(axis=1) & np.isfinite(layout.places).all(axis=1) & (layout.module >= 0)
+    share = np.where(known, 1.0 if weights is None else np.maximum(weights, 0.0), 0.0)
+    units = _start(layout, places, surface, share)
+    matrix, far, before = np.zeros(0), True, np.inf
+    for _ in range(_ROUNDS):
+        gap = np.nan_to_num(places - units.places()[0])
+        matrix = units.jacobian() if far else matrix
+        step = _solved(units, matrix, gap, share)
+        units, longest = units.moved(step), float(np.abs(step).max(initial=0.0))
+        far = longest > _FAR
+        if longest < _STILL or _CIRCLING[1] * before < longest < _CIRCLING[0]:
+            break
+        before = longest
+    return units
+
+
+def _solved(
+    units: Units, matrix: Float[np.ndarray, "k 3 f"], gap: Vectors, share: Float[np.ndarray, " k"]
+) -> Float[np.ndarray, "u f"]:
+    """The step of each unit that brings its taxels nearest to their places."""
+    size, rows = units.freedom, units.taxels
+    square, right = np.zeros((len(units), size, size)), np.zeros((len(units), size))
+    unit = units.layout.module[rows]
+    np.add.at(square, unit, np.einsum("k,kia,kib->kab", share[rows], matrix[rows], matrix[rows]))
+    np.add.at(right, unit, np.einsum("k,kia,ki->ka", share[rows], matrix[rows], gap[rows]))
+    scale = np.trace(square, axis1=1, axis2=2)[:, None, None] * 1e-12 + 1e-30
+    raised: Float[np.ndarray, "u f f"] = square + scale * np.eye(size)
+    return np.linalg.solve(raised, right[..., None])[..., 0]
+
+
+def _start(layout: ModuleLayout, places: Vectors, surface: Surface | None, share: Float[np.ndarray, " k"]) -> Units:
+    """Modules by the rotation that fits best, seen from outside."""
+    centre, frame = np.zeros((layout.modules, 3)), np.tile(np.eye(3), (layout.modules, 1, 1))
+    for number in range(layout.modules):
+        rows = np.flatnonzero((layout.module == number) & (share > 0))
+        weight = share[rows][:, None] / share[rows].sum()
+        flat, seen = layout.places[rows], places[rows]
+        middle, origin = (weight * seen).sum(axis=0), (weight * flat).sum(axis=0)
+        solid = np.column_stack([flat - origin, np.zeros(len(rows))])
+        both = (seen - middle).T @ (weight * solid)
+        if surface is not None:
+            onto, normal, _ = surface.project(middle[None])
+            middle = onto[0]
+            base = frame_about(normal, np.array([[1.0, 0.0, 0.0]]))[0]
+            small = base[:, :2].T @ both[:, :2]
+            angle = np.arctan2(small[1, 0] - small[0, 1], small[0, 0] + small[1, 1])
+            first = np.cos(angle) * base[:, 0] + np.sin(angle) * base[:, 1]
+            frame[number] = frame_about(normal, first[None])[0]
+        else:
+            left, _, right = np.linalg.svd(both)
+            frame[number] = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+        centre[number] = middle - frame[number][:, :2] @ origin
+    if surface is not None:
+        centre = surface.project(centre)[0]
+    return Units(layout, centre, frame, surface)

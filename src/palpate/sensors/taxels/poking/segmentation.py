@@ -1,0 +1,454 @@
+"""Pokes in a log: stretches in which taxels answer, each with its wrench, its pose and how far it is to be believed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from palpate.errors import InputError
+from palpate.sensors.taxels.places import TaxelPlaces
+from palpate.sensors.taxels.poking.activations import AnswerReader, Answers, Block
+from palpate.sensors.taxels.poking.plausibility import believed
+from palpate.sensors.taxels.poking.pokes import Pokes
+from palpate.signals.correlation import correlation_time
+from palpate.signals.recording import ORIENTATION, POSITION, Recording
+from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.pose import Pose, rotation_from_quaternion
+
+__all__ = ["PokeSearch", "find_pokes"]
+
+HELD = 0.7  # of a poke's own 90th percentile of strength: leaves the ramps out, as in `calibration.presses`
+PAUSE = 0.05  # s: taxels that answer again sooner answer to the same poke
+SHORTEST = 0.05  # s of a poke's steady part
+SETTLE = 0.1  # s around a poke that are neither poke nor free motion: a tool may press before a taxel answers
+FREE = 0.5  # s of free motion beside a poke that say what the sensor reads without it
+LEAST = 5  # samples of a mean
+GAP = 0.25  # s without frames that end a poke
+TURNED, SHIFTED = np.radians(0.5), 2e-3  # rad, m: an arm that moves less stays
+NEAREST = 3  # pokes before and behind that a rest may be taken over from
+AROUND = 4  # means of free motion before and behind that one is compared with
+OUTLYING = 6.0  # deviations of a mean of free motion from the others': something touched
+FEW = 4  # pokes in each stretch in which the arm stays, on average, or poses are what counts
+NULLS = 12  # pairs of free means from which their scatter is taken
+ROWS = 1 << 12  # that are summed up at once: they stay in the processor's cache
+
+
+@takes_arrays
+@dataclass(frozen=True)
+class PokeSearch:
+    """How pokes are looked for.
+
+    Args:
+        threshold: above rest; None: found from the noise of the taxels.
+        pose: T_sensor_link where the log has none, because it stays.
+        top: largest reading of a taxel.
+        falling: readings fall under load.
+        limits: (6,) of the sensor [N, N m]: beyond them it tells nothing.
+        start: where taxels are thought to be: whether answers hang together is then told by distance.
+    """
+
+    threshold: float | None = None
+    pose: Pose | None = None
+    top: float = np.inf
+    falling: bool = False
+    limits: Float[np.ndarray, "6"] | None = None
+    start: TaxelPlaces | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Samples:
+    """Wrenches (n, 6), quaternions (n, 4) and positions (n, 3) of one log, as running sums of the rows that are known.
+
+    Attributes:
+        time: (n,) rising; sums: (n + 1, w) of wrench, quaternion, position and its squares; known: (n + 1,) rows.
+    """
+
+    time: Float[np.ndarray, " n"]
+    sums: Float[np.ndarray, "n1 16"]
+    known: Int[np.ndarray, " n1"]
+    wrench: Float[np.ndarray, "n 6"]
+    shift: Float[np.ndarray, "3"]
+
+    def windows(self, spans: Float[np.ndarray, "w 2"]) -> tuple[Float[np.ndarray, "w 16"], Int[np.ndarray, " w"]]:
+        """Means over each [start, end], and of how many rows."""
+        first = np.searchsorted(self.time, spans[:, 0])
+        last = np.maximum(np.searchsorted(self.time, np.nextafter(spans[:, 1], np.inf)), first)
+        count = self.known[last] - self.known[first]
+        return (self.sums[last] - self.sums[first]) / np.maximum(count, 1)[:, None], count
+
+
+def find_pokes(parts: Iterable[Recording | Block], search: PokeSearch | None = None) -> Pokes:
+    """Pokes of one log, whose wrenches and taxels come at their own times on one clock.
+
+    A poke is a stretch in which some taxel stands above its rest. Its wrench is the mean over its steady part less that
+    of the free motion beside it in the same arm configuration, straight between before and after. The noise is that of
+    such a difference in free motion.
+
+    Args:
+        parts: blocks with force and torque in the sensor's frame, orientation and position the link's in it, and blocks
+            of times and readings of the taxels; each kind in its order, whichever comes first.
+        search: how they are looked for.
+
+    Raises:
+        InputError: nothing answers, no free motion before the first poke, no pose, or no time in common.
+    """
+    search = search or PokeSearch()
+    samples, answers, said = _read(parts, search)
+    spans, active = _stretches(answers)
+    _require_sense(samples, answers, active)
+    free = _free(samples, active)
+    rows, poke_spans, dropped = _measured(samples, spans, free)
+    if not len(rows):
+        why = ", ".join(f"{count} {what}" for what, count in dropped.items() if count)
+        raise InputError(f"none of {len(spans)} pokes can be used: {why}.", where="pokes")
+    noise = _noise(samples, free, poke_spans)
+    pokes = replace(_cut(answers, poke_spans, rows, noise), configuration=_configurations(samples, rows, poke_spans))
+    said += [*answers.notes, *_dropped(dropped, len(spans))]
+    pokes = replace(pokes, notes=tuple(said), threshold=answers.threshold)
+    highest = _highest(answers, poke_spans)
+    return believed(pokes, start=search.start, saturated=highest)
+
+
+def _read(parts: Iterable[Recording | Block], search: PokeSearch) -> tuple[_Samples, Answers, list[str]]:
+    """Frames of many taxels do not fit in memory: what answers in them is kept, beside the whole log of wrenches."""
+    reader = AnswerReader(search.threshold, top=search.top, falling=search.falling)
+    wrenches = list[tuple[np.ndarray, ...]]()
+    for part in parts:
+        if isinstance(part, Recording):
+            wrenches.append((part.time, part.wrenches(), *_poses(part, search.pose)))
+        else:
+            reader.take(*part)
+    samples, said = _samples(wrenches, search.limits)
+    return samples, reader.finish(), said
+
+
+def _samples(
+    parts: Sequence[tuple[np.ndarray, ...]], limits: Float[np.ndarray, "6"] | None
+) -> tuple[_Samples, list[str]]:
+    """Of blocks of times, wrenches, quaternions and positions, without rows that run back in time."""
+    columns = [np.concatenate(each) for each in zip(*parts, strict=True)]
+    later = np.maximum.accumulate(np.concatenate([[-np.inf], np.nan_to_num(columns[0], nan=-np.inf)]))
+    good, said = columns[0] > later[:-1], list[str]()
+    if not good.all():
+        back = np.count_nonzero(~good)
+        said.append(f"{back} wrenches are not later than those before them, and are left out: did the clock jump?")
+        columns = [each[good] for each in columns]
+    time, wrench, quaternion, position = columns
+    if not len(time):
+        raise InputError("has no wrench with a time.", where="wrenches")
+    if limits is not None:
+        wrench = np.where((np.abs(wrench) >= limits).any(axis=1, keepdims=True), np.nan, wrench)
+    quaternion = _aligned(quaternion)
+    shift = np.nanmean(position, axis=0) if np.isfinite(position).any() else np.zeros(3)
+    sums, known = np.zeros((len(time) + 1, 16)), np.zeros(len(time) + 1, dtype=np.int64)
+    for start in range(0, len(time), ROWS):
+        rows, after = slice(start, start + ROWS), slice(start + 1, start + 1 + ROWS)
+        away = position[rows] - shift
+        table = np.concatenate([wrench[rows], quaternion[rows], away, away**2], axis=1)
+        sound = np.isfinite(table).all(axis=1)
+        table[~sound] = 0.0
+        table[0] += sums[start]
+        np.cumsum(table, axis=0, out=sums[after])
+        known[after] = known[start] + np.cumsum(sound)
+    return _Samples(time, sums, known, wrench, shift), said
+
+
+def _poses(block: Recording, pose: Pose | None) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 3"]]:
+    """Of the link in the sensor's frame."""
+    if pose is not None:
+        count = len(block)
+        return np.tile(pose.quaternion(), (count, 1)), np.tile(pose.translation, (count, 1))
+    if ORIENTATION not in block.channels or POSITION not in block.channels:
+        raise InputError(
+            "does not say where the link is in the sensor's frame.",
+            where=block.source,
+            hint="Name sensor and link (frames of /tf, or links of a urdf), columns and position, or a pose in the "
+            "rig's [pokes].",
+        )
+    return block.channels[ORIENTATION], block.channels[POSITION]
+
+
+def _aligned(quaternion: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4"]:
+    """With signs by which each is near to the one before, so that means mean something."""
+    known = np.flatnonzero(np.isfinite(quaternion).all(axis=1))
+    turned = (quaternion[known[1:]] * quaternion[known[:-1]]).sum(axis=1) < 0
+    sign = np.ones(len(quaternion))
+    sign[known[1:]] = np.cumprod(np.where(turned, -1.0, 1.0))
+    return quaternion * sign[:, None]
+
+
+def _stretches(answers: Answers) -> tuple[Float[np.ndarray, "p 2"], Float[np.ndarray, "q 2"]]:
+    """[s] from when to when the steady part of each poke lasts, and each stretch in which a taxel answers at all.
+
+    Raises:
+        InputError: none ever does.
+    """
+    time = answers.time
+    strength = np.bincount(answers.frame, answers.above, minlength=len(time))
+    on = np.flatnonzero(strength > 0)
+    if not len(on):
+        raise InputError(
+            f"no taxel ever answers: none stands more than {answers.threshold:.3g} above its rest.",
+            where="frames",
+            hint="Give a lower threshold in the rig's [pokes], if they were touched at all.",
+        )
+    step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+    apart = (np.diff(time[on]) > max(PAUSE, 1.5 * step)) | (np.diff(time[on]) > max(GAP, 5 * step))
+    first, last = on[np.r_[True, apart]], on[np.r_[apart, True]]
+    active = np.column_stack([time[first], time[last]])
+    rows, owner, ends = _runs(first, last)
+    held = strength[rows] >= HELD * _most(strength[rows], owner, ends)[owner]
+    begin = np.minimum.reduceat(np.where(held, rows, len(time)), ends[:-1])
+    end = np.maximum.reduceat(np.where(held, rows, -1), ends[:-1])
+    long = (time[end] - time[begin] >= SHORTEST) & (end > begin)
+    return np.column_stack([time[begin], time[end]])[long], active
+
+
+def _runs(
+    first: Int[np.ndarray, " p"], last: Int[np.ndarray, " p"]
+) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"], Int[np.ndarray, " p1"]]:
+    """All numbers from first to last of each run, the run that each is of, and where runs begin and end among them."""
+    ends: Int[np.ndarray, " p1"] = np.concatenate([[0], np.cumsum(last - first + 1)])
+    owner: Int[np.ndarray, " n"] = np.repeat(np.arange(len(first)), np.diff(ends))
+    rows: Int[np.ndarray, " n"] = np.arange(int(ends[-1])) + (first - ends[:-1])[owner]
+    return rows, owner, ends
+
+
+def _most(
+    values: Float[np.ndarray, " n"], owner: Int[np.ndarray, " n"], ends: Int[np.ndarray, " p1"]
+) -> Float[np.ndarray, " p"]:
+    """The 90th percentile of each run, as NumPy's own has it, which is slow for so many."""
+    ordered = values[np.lexsort((values, owner))]
+    most = np.diff(ends) - 1
+    low = (0.9 * most).astype(np.int64)
+    under, over = ordered[ends[:-1] + low], ordered[ends[:-1] + np.minimum(low + 1, most)]
+    return under + (0.9 * most - low) * (over - under)
+
+
+def _require_sense(samples: _Samples, answers: Answers, active: Float[np.ndarray, "q 2"]) -> None:
+    """Wrenches and taxels of one time, and nothing touched at first."""
+    begin, end = samples.time[0], samples.time[-1]
+    if answers.time[-1] < begin or end < answers.time[0]:
+        raise InputError(
+            f"wrenches ({begin:.3f} to {end:.3f} s) and taxels ({answers.time[0]:.3f} to {answers.time[-1]:.3f} s) "
+            "have no time in common.",
+            where="time",
+        )
+    if not np.count_nonzero(np.diff(samples.known)):
+        raise InputError(
+            "no wrench has a pose of the link in the sensor's frame.",
+            where="pokes",
+            hint="Are all joints of the urdf between sensor and link in the log, or both frames in /tf?",
+        )
+    first = active[0, 0] - max(answers.time[0], begin)
+    if first < SETTLE + PAUSE:
+        raise InputError(
+            f"there is no free motion before the first poke: a taxel answers {max(first, 0.0):.2g} s after the log "
+            "begins, so what the sensor reads untouched is not known.",
+            where="pokes",
+            hint=f"Record at least {SETTLE + FREE:g} s in which nothing touches.",
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Free:
+    """Means over free motion: (w,) time [s] of each, its rows, samples, gap between pokes, and start and end [s]."""
+
+    time: Float[np.ndarray, " w"]
+    mean: Float[np.ndarray, "w 16"]
+    count: Int[np.ndarray, " w"]
+    gap: Int[np.ndarray, " w"]
+    ends: Float[np.ndarray, "w 2"]
+
+
+def _free(samples: _Samples, active: Float[np.ndarray, "q 2"]) -> _Free:
+    """At both ends of every gap between stretches in which taxels answer."""
+    starts = np.concatenate([[samples.time[0] - SETTLE], active[:, 1]]) + SETTLE
+    ends = np.concatenate([active[:, 0], [samples.time[-1] + SETTLE]]) - SETTLE
+    long = ends - starts > 2 * FREE
+    first = np.column_stack([starts, np.where(long, starts + FREE, ends)])
+    second = np.column_stack([ends - FREE, ends])
+    gap = np.concatenate([np.arange(len(starts)), np.flatnonzero(long)])
+    order = np.argsort(gap, kind="stable")
+    gap, spans = gap[order], np.concatenate([first, second[long]])[order]
+    mean, count = samples.windows(spans)
+    good = (count >= LEAST) & (spans[:, 1] > spans[:, 0]) & (_spread(mean) <= 1.0)
+    if not good.any():
+        raise InputError("there is no free motion between pokes in which the arm stays.", where="pokes")
+    return _untouched(_Free(spans[good].mean(axis=1), mean[good], count[good], gap[good], spans[good]))
+
+
+def _untouched(free: _Free) -> _Free:
+    """Without those in which something touched although no taxel answered: they are far from those around them."""
+    about, there = _around(np.arange(len(free.time)), range(-AROUND, AROUND + 1), len(free.time))
+    same = there & (_apart(free.mean[about], free.mean[:, None]) <= 1.0)
+    ordered = np.sort(np.where(same[..., None], free.mean[about, :3], np.inf), axis=1)
+    count, row = same.sum(axis=1), np.arange(len(about))
+    median = (ordered[row, (count - 1) // 2] + ordered[row, count // 2]) / 2.0
+    off = np.linalg.norm(free.mean[:, :3] - median, axis=1)
+    usual = 1.4826 * float(np.median(off[off > 0])) if (off > 0).any() else 0.0
+    kept = off <= max(OUTLYING * usual, 1e-9)
+    return _Free(*(each[kept] for each in (free.time, free.mean, free.count, free.gap, free.ends)))
+
+
+def _around(
+    at: Int[np.ndarray, " n"], steps: range, count: int
+) -> tuple[Int[np.ndarray, "n s"], Bool[np.ndarray, "n s"]]:
+    """Entries so many steps from others, of `count` in all, and whether there are such."""
+    about = at[:, None] + np.array(steps)
+    return np.clip(about, 0, count - 1), (about >= 0) & (about < count)
+
+
+def _spread(mean: Float[np.ndarray, "n 16"]) -> Float[np.ndarray, " n"]:
+    """How far the link moved meanwhile, rms, in parts of what counts as staying."""
+    turned = np.sqrt(8.0 * np.maximum(1.0 - np.linalg.norm(mean[:, 6:10], axis=1), 0.0))
+    shifted = np.sqrt(np.maximum((mean[:, 13:16] - mean[:, 10:13] ** 2).sum(axis=1), 0.0))
+    return np.maximum(turned / TURNED, shifted / SHIFTED)
+
+
+def _apart(one: Float[np.ndarray, "*n 16"], other: Float[np.ndarray, "*m 16"]) -> Float[np.ndarray, "*k"]:
+    """How far poses are from another one, or each from its own, in parts of what counts as staying."""
+    both = np.abs((one[..., 6:10] * other[..., 6:10]).sum(axis=-1))
+    cosine = both / np.linalg.norm(one[..., 6:10], axis=-1) / np.linalg.norm(other[..., 6:10], axis=-1)
+    turned = 2.0 * np.arccos(np.clip(cosine, 0.0, 1.0))
+    shifted = np.linalg.norm(one[..., 10:13] - other[..., 10:13], axis=-1)
+    return np.maximum(turned / TURNED, shifted / SHIFTED)
+
+
+def _groups(means: Float[np.ndarray, "n 16"]) -> list[Int[np.ndarray, " m"]]:
+    """Rows of one arm configuration each, in the order in which configurations first occur."""
+    left, found = np.arange(len(means)), list[np.ndarray]()
+    while len(left):
+        same = _apart(means[left], means[left[0]]) <= 1.0
+        found.append(left[same])
+        left = left[~same]
+    return found
+
+
+def _measured(
+    samples: _Samples, spans: Float[np.ndarray, "p 2"], free: _Free
+) -> tuple[Float[np.ndarray, "n 16"], Float[np.ndarray, "n 2"], dict[str, int]]:
+    """Means of those pokes that can be used, less what the sensor reads without them; their times; why others not."""
+    dropped = {"the arm moves": 0, "no wrench or pose": 0, "no free motion in this configuration": 0}
+    step = float(np.median(np.diff(samples.time))) if len(samples.time) > 1 else 0.0
+    means, counts = samples.windows(spans)
+    lacking = counts < np.maximum(LEAST, 0.5 * np.diff(spans, axis=1)[:, 0] / max(step, 1e-9))
+    moving = ~lacking & (_spread(means) > 1.0)
+    dropped["no wrench or pose"], dropped["the arm moves"] = int(lacking.sum()), int(moving.sum())
+    rows, kept = (each[~(lacking | moving)] for each in (means, spans))
+    rest = _rests(free, rows, kept.mean(axis=1))
+    known = np.isfinite(rest).all(axis=1)
+    dropped["no free motion in this configuration"] = int((~known).sum())
+    rows[:, :6] -= rest
+    rows[:, 10:13] += samples.shift
+    return rows[known], kept[known], dropped
+
+
+def _rests(free: _Free, means: Float[np.ndarray, "n 16"], time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 6"]:
+    """What the sensor reads untouched, straight between the free motion before and behind in the same pose, or NaN."""
+    reach = 2 * NEAREST
+    about, there = _around(np.searchsorted(free.time, time), range(-reach, reach), len(free.time))
+    same = there & (_apart(free.mean[about], means[:, None]) <= 1.0)
+    before, after = same[:, :reach].any(axis=1), same[:, reach:].any(axis=1)
+    row = np.arange(len(means))
+    one = about[row, reach - 1 - np.argmax(same[:, reach - 1 :: -1], axis=1)]
+    other = about[row, reach + np.argmax(same[:, reach:], axis=1)]
+    one, other = np.where(before, one, other), np.where(after, other, one)
+    share = (time - free.time[one]) / np.maximum(free.time[other] - free.time[one], 1e-9)
+    share = np.where(before & after, share, 0.0)[:, None]
+    rest = (1.0 - share) * free.mean[one, :6] + share * free.mean[other, :6]
+    found = np.asarray(before | after, dtype=bool)
+    return np.where(found[:, None], rest, np.nan)
+
+
+def _noise(samples: _Samples, free: _Free, spans: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "6 6"]:
+    """Covariance of a poke's wrench: of means over so many samples of free motion, as these are correlated.
+
+    var = S tau (1/n + 1/(2 n_f)), S of one sample and tau its correlation time, n samples of a poke and n_f of each
+    free mean; more where free means of one gap differ by more than S tau says.
+    """
+    ends = np.searchsorted(samples.time, free.ends)
+    longest = np.argsort(np.diff(ends, axis=1)[:, 0])[-64:]
+    pieces = [samples.wrench[slice(*ends[k])] for k in longest.tolist()]
+    pieces = [piece[np.isfinite(piece).all(axis=1)] for piece in pieces]
+    pieces = [piece - piece.mean(axis=0) for piece in pieces if len(piece) >= LEAST]
+    pieces = sorted(pieces, key=lambda piece: float(piece.var(axis=0)[:3].sum()))[: len(pieces) // 2 + 1]  # no motion
+    freedom = max(sum(len(piece) - 1 for piece in pieces), 1)
+    single = sum((piece.T @ piece for piece in pieces), np.zeros((6, 6))) / freedom
+    tau = float(np.median([correlation_time(piece).mean() for piece in pieces])) if pieces else 1.0
+    counts = np.diff(np.searchsorted(samples.time, spans), axis=1)
+    usual, beside = float(np.median(np.maximum(counts, 1))), float(np.median(free.count))
+    scale = 1.0
+    pairs = np.flatnonzero(np.diff(free.gap) == 0)
+    if len(pairs) >= NULLS:
+        seen = np.median((free.mean[pairs + 1, :6] - free.mean[pairs, :6]) ** 2, axis=0) / 0.455  # of a chi-square of 1
+        told = 2.0 * np.diag(single) * tau / beside
+        scale = max(1.0, float(np.mean(seen / np.maximum(told, 1e-300))))
+    floor = 1e-12 * np.diag([1.0, 1.0, 1.0, 1e-2, 1e-2, 1e-2])
+    return single * tau * scale * (1.0 / usual + 0.5 / beside) + floor
+
+
+def _cut(
+    answers: Answers, spans: Float[np.ndarray, "n 2"], rows: Float[np.ndarray, "n 16"], noise: Float[np.ndarray, "6 6"]
+) -> Pokes:
+    """Mean responses of the taxels that answer in half of the frames of a poke's steady part at least."""
+    taxels = len(answers.stuck)
+    poke, frames = _of_poke(answers, spans)
+    inside = poke >= 0
+    key = poke[inside] * taxels + answers.taxel[inside]
+    pairs, where = np.unique(key, return_inverse=True)
+    count = np.bincount(where, minlength=len(pairs))
+    mean = np.bincount(where, answers.above[inside], minlength=len(pairs)) / np.maximum(count, 1)
+    kept = 2 * count >= frames[pairs // taxels]
+    which, taxel = np.divmod(pairs[kept], taxels)
+    return Pokes(
+        rows[:, :6],
+        rotation_from_quaternion(rows[:, 6:10] / np.linalg.norm(rows[:, 6:10], axis=1, keepdims=True)),
+        rows[:, 10:13],
+        np.zeros(len(rows), dtype=np.int64),
+        np.searchsorted(which, np.arange(len(rows) + 1)),
+        taxel,
+        mean[kept],
+        taxels,
+        noise,
+        np.ones(len(rows)),
+        spans.mean(axis=1),
+    )
+
+
+def _configurations(
+    samples: _Samples, rows: Float[np.ndarray, "n 16"], spans: Float[np.ndarray, "n 2"]
+) -> Int[np.ndarray, " n"]:
+    """Another one whenever the arm moved, even if it came back; by poses where it moves for each poke."""
+    moved = np.zeros(len(rows), dtype=bool)
+    between, count = samples.windows(np.column_stack([spans[:-1, 1], spans[1:, 0]]))
+    moved[1:] = (_apart(rows[1:], rows[:-1]) > 1.0) | ((count > 0) & (_spread(between) > 1.0))
+    if np.count_nonzero(moved) + 1 <= max(len(rows) / FEW, 1):
+        return np.cumsum(moved)
+    configuration = np.zeros(len(rows), dtype=np.int64)
+    for number, group in enumerate(_groups(rows)):
+        configuration[group] = number
+    return configuration
+
+
+def _of_poke(answers: Answers, spans: Float[np.ndarray, "n 2"]) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " n"]]:
+    """In the steady part of which poke each answer is (-1: of none), and how many frames each has."""
+    ends = np.searchsorted(answers.time, spans)
+    ends[:, 1] = np.searchsorted(answers.time, spans[:, 1], side="right")
+    number = np.full(len(answers.time), -1)
+    for k, (first, last) in enumerate(ends.tolist()):
+        number[first:last] = k
+    return number[answers.frame], np.diff(ends, axis=1)[:, 0]
+
+
+def _highest(answers: Answers, spans: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
+    """Pokes in which a taxel reads all that it can."""
+    poke, _ = _of_poke(answers, spans)
+    return np.bincount(poke[(poke >= 0) & answers.highest], minlength=len(spans)) > 0
+
+
+def _dropped(dropped: dict[str, int], found: int) -> Sequence[str]:
+    return [f"{count} of {found} pokes are left out: {why}" for why, count in dropped.items() if count]

@@ -1,0 +1,433 @@
+"""Taxels, or the modules that carry them, together with the errors of sensor and robot, from all pokes at once.
+
+The most likely values under the priors, by Gauss-Newton steps whose weights fall for pokes that fit badly; the
+covariance is the inverse of the information at the end.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from palpate.calibration.left_out import LeftOut
+from palpate.sensors.taxels.poking.neighbour_prior import tied
+from palpate.sensors.taxels.poking.pokes import Pokes
+from palpate.sensors.taxels.poking.priors import Priors
+from palpate.sensors.taxels.poking.response import Response, Seen, centred, charted, learned, seen_among, tangents
+from palpate.sensors.taxels.poking.rigid_groups import Units
+from palpate.sensors.taxels.poking.systematic_errors import Nuisances, predicted
+from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.pose import skew
+
+__all__ = ["Solution", "left_out", "solve"]
+
+TAIL = 5.0  # degrees of freedom of the residuals: pokes that fit badly count less
+_STEPS = 40
+_FRESH = 5  # steps after which the derivatives of the taxels' places are taken anew
+_STILL = 1e-5  # m: the steps that end it
+_LONGEST = 1e-2, 0.4  # m, rad: of one step of a unit
+DENSER = 2.0  # deviation of the log of how dense pokes are, from one taxel to the next: nobody pokes evenly
+LEAST = 1.0  # 1/m^2, 1/rad^2: nothing is known of a unit, but that it is within a metre
+HALVES = 20  # blocks of pokes that follow each other, dealt out to both halves, so that each has all configurations
+_WELL, _MOST_WELL = 2.366, 4.642  # median and 80 % quantile of chi-square with three degrees of freedom
+
+
+@takes_arrays
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What fits best.
+
+    Attributes:
+        units: where they are; nuisances: the errors; response: how taxels answer, None of single ones.
+        covariance: of all unknowns, units one after the other, then `Nuisances.vector`; 0 of what is not estimated.
+        residual: (n, 3) [N m] measured minus predicted; weight: (n,) with which each poke counted, 0: not used.
+        noise: how many times larger the residuals are than their covariance.
+    """
+
+    units: Units
+    nuisances: Nuisances
+    response: Response | None
+    covariance: Float[np.ndarray, "p p"]
+    residual: Float[np.ndarray, "n 3"]
+    weight: Float[np.ndarray, " n"]
+    noise: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Linear:
+    """Residuals and how they change, about a state: of the pokes that are used."""
+
+    residual: Float[np.ndarray, "n 3"]
+    spread: Float[np.ndarray, "n 3 3"]
+    unit: Int[np.ndarray, "n w"]  # of each taxel about the poke; -1: none
+    by_unit: Float[np.ndarray, "n w 3 f"]
+    by_nuisance: Float[np.ndarray, "n 3 54"]
+    by_point: Float[np.ndarray, "n 3 3"]
+
+
+@takes_arrays
+def solve(
+    pokes: Pokes,
+    units: Units,
+    priors: Priors,
+    *,
+    start: Units | None = None,
+    deviations: Float[np.ndarray, " f"] | None = None,
+) -> Solution:
+    """Fit units and nuisances.
+
+    Args:
+        pokes: of all configurations.
+        units: from where it begins.
+        priors: of the nuisances.
+        start: where units are believed to be; None: nothing is known.
+        deviations: (freedom,) [m, rad] by how much they may be off from the start along each unknown.
+    """
+    nuisances = Nuisances.none(max(pokes.configurations, 1))
+    before = Before(units, start, deviations, Nuisances.deviations(priors, max(pokes.configurations, 1)))
+    chart = None if units.alone else charted(pokes, units)
+    response = None if chart is None else learned(chart)
+    seen = centred(pokes, units) if chart is None or response is None else seen_among(chart, response)
+    size, by_place = len(units) * units.freedom, units.jacobian()
+    for turn in range(_STEPS):
+        if turn % _FRESH == 0:
+            by_place = units.jacobian()
+        linear = _linear(pokes, units, by_place, seen, nuisances)
+        weight, noise = _weights(pokes, seen, linear)
+        step = before.step(*_all(linear, weight / noise**2, units, pokes, priors), units, nuisances)
+        by = step[:size].reshape(len(units), -1)
+        share = 1.0 / max(float(np.abs(by / units.each(*_LONGEST)).max(initial=1.0)), 1.0)
+        units, nuisances = units.moved(share * by), nuisances.moved(share * step[size:])
+        if share == 1.0 and np.abs(by[:, :2]).max(initial=0.0) < _STILL:
+            break
+    linear = _linear(pokes, units, units.jacobian(), seen, nuisances)
+    weight, noise = _weights(pokes, seen, linear)
+    told = _worth(weight, pokes.weight) * weight / noise**2
+    covariance = before.covariance(_all(linear, told, units, pokes, priors)[0])
+    if chart is not None:
+        covariance = covariance + _shared(linear, told, pokes, units, seen, covariance, DENSER / chart.spacing)
+    return Solution(units, nuisances, response, covariance, linear.residual, weight, noise)
+
+
+@takes_arrays
+def left_out(
+    pokes: Pokes,
+    solution: Solution,
+    priors: Priors,
+    *,
+    start: Units | None = None,
+    deviations: Float[np.ndarray, " f"] | None = None,
+) -> LeftOut:
+    """Compare the torques of pokes that were left out with what the other half of them predicts.
+
+    By the squared distance that four of five are within, as some pokes fit badly and hardly count.
+
+    Args:
+        pokes: of all configurations.
+        solution: of all pokes; the halves begin there.
+        priors: of the nuisances.
+        start: where units are believed to be; None: nothing is known.
+        deviations: as of `solve`.
+    """
+    half = np.arange(len(pokes)) * HALVES // max(len(pokes), 1) % 2 == 0
+    squares, count = list[float](), 0
+    size, freedom = len(solution.units), solution.units.freedom
+    for left in (half, ~half):
+        rest = replace(pokes, weight=np.where(left, 0.0, pokes.weight))
+        found = solve(rest, solution.units, priors, start=start, deviations=deviations)
+        seen = centred(pokes, found.units)
+        if found.response is not None:
+            seen = seen_among(charted(pokes, found.units), found.response)
+        linear = _linear(pokes, found.units, found.units.jacobian(), seen, found.nuisances)
+        used = np.asarray(left & (pokes.weight > 0) & seen.found & np.isfinite(linear.residual).all(axis=1), dtype=bool)
+        rows, root = _roots(linear, used / found.noise**2)
+        if not len(rows):
+            continue
+        lines, columns, _ = _lines(linear, rows, root, size, freedom, pokes)
+        lines = np.where(columns[:, None] >= 0, lines, 0.0)
+        known = found.covariance[columns[:, :, None], columns[:, None]]
+        spread = np.eye(3) + lines @ known @ np.swapaxes(lines, 1, 2)
+        distances = _square(np.einsum("nij,nj->ni", root, linear.residual[rows]), spread)
+        squares.append(float(np.quantile(distances, 0.8)) / _MOST_WELL)
+        count += len(rows)
+    return LeftOut(float(np.mean(squares)), len(squares), count) if squares else LeftOut()
+
+
+def _weights(pokes: Pokes, seen: Seen, linear: _Linear) -> tuple[Float[np.ndarray, " n"], float]:
+    """How far each poke counts, 0: not at all; and how many times larger the residuals are than their covariance."""
+    distance = _square(linear.residual, linear.spread)
+    used = seen.found & (pokes.weight > 0) & np.isfinite(distance)
+    noise = max(1.0, float(np.sqrt(np.median(distance[used]) / _WELL))) if used.any() else 1.0
+    return np.where(used, pokes.weight * (TAIL + 3.0) / (TAIL + np.nan_to_num(distance) / noise**2), 0.0), noise
+
+
+def _worth(weight: Float[np.ndarray, " n"], believed: Float[np.ndarray, " n"]) -> float:
+    """What J' W J must be multiplied by to be the information of pokes that count less where they fit badly.
+
+    With d the squared residual of p = 3 numbers and w = (T + p) / (T + d), the equations have the variance b =
+    E[w^2 d] / p and the slope a = E[w] - 2 b / (T + p), in units of J' S^-1 J: an information of a^2 / b (Huber and
+    Ronchetti, Robust Statistics, 2009, 6.3), where J' W J has E[w]. With normal residuals this is 1 / 1.16.
+
+    Args:
+        weight: of each poke, w times
+        believed: how far it was believed before.
+    """
+    used = weight > 0
+    if not used.any():
+        return 1.0
+    share = weight[used] / believed[used]
+    varied = share * (TAIL + 3.0 - TAIL * share) / 3.0  # w^2 d / p
+    mean, varied = (float(np.average(each, weights=believed[used])) for each in (share, varied))
+    return min((mean - 2.0 * varied / (TAIL + 3.0)) ** 2 / (varied * mean), 1.0) if varied > 0 else 1.0
+
+
+@takes_arrays
+class Before:
+    """What is believed before a poke is made: precisions of all unknowns, and where units are believed to be."""
+
+    def __init__(
+        self,
+        units: Units,
+        start: Units | None,
+        deviations: Float[np.ndarray, " f"] | None,
+        nuisances: Float[np.ndarray, " q"],
+    ) -> None:
+        size = np.zeros(units.freedom) if deviations is None else _precision(deviations)
+        size = np.maximum(size, LEAST)
+        self.start = start
+        self.units = np.tile(size, len(units))
+        self.free = np.concatenate([np.ones(len(self.units), dtype=bool), nuisances > 0])
+        self.nuisances = _precision(nuisances)
+
+    def step(
+        self, square: np.ndarray, right: np.ndarray, units: Units, nuisances: Nuisances
+    ) -> Float[np.ndarray, " p"]:
+        """The step to the most likely values."""
+        away = np.zeros(len(self.units)) if self.start is None else units.away(self.start).ravel()
+        gap = np.concatenate([self.units * away, self.nuisances * nuisances.vector()])
+        matrix, wanted = self._raised(square), (right - gap)[self.free]
+        found = np.zeros(len(right))
+        found[self.free] = (
+            np.linalg.solve(matrix, wanted)  # a poke hangs on several
+            if units.alone
+            else eliminated(matrix, wanted, len(units), units.freedom)
+        )
+        return found
+
+    def covariance(self, square: np.ndarray) -> Float[np.ndarray, "p p"]:
+        """Of all unknowns."""
+        found = np.zeros_like(square)
+        found[np.ix_(self.free, self.free)] = np.linalg.inv(self._raised(square))
+        return found
+
+    def _raised(self, square: np.ndarray) -> np.ndarray:
+        matrix = square + np.diag(np.concatenate([self.units, self.nuisances]))
+        matrix = matrix[np.ix_(self.free, self.free)]
+        scale = np.diag(matrix).copy()
+        return matrix + np.diag(1e-12 * scale)
+
+
+@takes_arrays
+def eliminated(
+    matrix: Float[np.ndarray, "p p"], right: Float[np.ndarray, " p"], units: int, size: int
+) -> Float[np.ndarray, " p"]:
+    """What solves it, of units that do not touch each other: each is eliminated for itself, then what they share.
+
+    Args:
+        matrix: positive; units of `size` unknowns each come first.
+        right: of the equations.
+        units: how many.
+        size: of each.
+    """
+    rows, each = slice(None, units * size), np.arange(units)
+    own = matrix[rows, rows].reshape(units, size, units, size)[each, :, each]
+    cross, rest = matrix[rows, units * size :], slice(units * size, None)
+    told = np.concatenate([cross, right[rows, None]], axis=1).reshape(units, size, -1)
+    told = np.linalg.solve(own, told).reshape(units * size, -1)
+    common = np.linalg.solve(matrix[rest, rest] - cross.T @ told[:, :-1], right[rest] - cross.T @ told[:, -1])
+    return np.concatenate([told[:, -1] - told[:, :-1] @ common, common])
+
+
+def _precision(deviations: Float[np.ndarray, " q"]) -> Float[np.ndarray, " q"]:
+    with np.errstate(divide="ignore"):
+        return np.where(np.isfinite(deviations) & (deviations > 0), 1.0 / deviations**2, 0.0)
+
+
+def _linear(
+    pokes: Pokes,
+    units: Units,
+    by_place: Float[np.ndarray, "k 3 f"],
+    seen: Seen,
+    nuisances: Nuisances,
+) -> _Linear:
+    """Residuals, and their derivatives where the force most likely was, and the contact is expected.
+
+    A measured force is the true one and noise. Derivatives at it would hold the same noise as the residuals: their
+    product does not vanish on average, and pulls gains towards 0, which slides everything (errors in variables). Where
+    a contact was, is the mean of all that its answers allow: the true one lies about it, not it about the true one, so
+    that derivatives there do not hold what it is off by (errors as Berkson has them, Two regressions, 1950), and those
+    at the likeliest contact would: they shrank the whole skin.
+    """
+    points, axes = seen.points(units)
+    said = predicted(pokes, points, nuisances)
+    residual = pokes.wrench[:, 3:] - said.torque
+    read = np.eye(6)[3:] - said.by_wrench  # from the noise of a wrench to the residual
+    beside = said.by_point @ axes
+    force = pokes.wrench[:, :3]
+    spread = read @ pokes.noise @ np.swapaxes(read, 1, 2) + beside @ seen.covariance @ np.swapaxes(beside, 1, 2)
+    twist = _twist(force, residual, spread, seen.found & (pokes.weight > 0))
+    spread = spread + twist**2 * np.einsum("ni,nj->nij", force, force)
+    sound = np.asarray(np.isfinite(residual).all(axis=1), dtype=bool)
+    spread = np.where(sound[:, None, None], spread, np.eye(3))
+    told = np.linalg.solve(spread, residual[..., None])
+    noise = (pokes.noise @ np.swapaxes(read, 1, 2) @ told)[..., 0]
+    likely = predicted(replace(pokes, wrench=pokes.wrench - noise), points, nuisances)
+    unit, by_unit = _by_unit(units, by_place, seen, axes, likely.by_point)
+    return _Linear(residual, spread, unit, by_unit, likely.by_nuisance, likely.by_point)
+
+
+def _by_unit(
+    units: Units,
+    by_place: Float[np.ndarray, "k 3 f"],
+    seen: Seen,
+    axes: Float[np.ndarray, "n 3 2"],
+    by_point: Float[np.ndarray, "n 3 3"],
+) -> tuple[Int[np.ndarray, "n w"], Float[np.ndarray, "n w 3 f"]]:
+    """Which units a contact hangs on, and the torque's derivative by their unknowns.
+
+    What lies in the tangent plane of `axes` beside the taxels' places turns with a module.
+    """
+    about = np.maximum(seen.taxels, 0)
+    unit = np.where(seen.shares != 0, units.layout.module[about], -1)
+    if units.alone:
+        return unit, np.einsum("nij,nw,nwjf->nwif", by_point, seen.shares, by_place[about])
+    moved = np.einsum("nw,nwjf->njf", seen.shares, by_place[about])  # all on one module
+    turned = -skew(np.einsum("nca,na->nc", axes, seen.beside))
+    if units.surface is not None:
+        turned = turned @ np.cross(axes[:, :, 0], axes[:, :, 1])[..., None]
+    moved[..., -turned.shape[2] :] += turned
+    return unit.max(axis=1, keepdims=True), (by_point @ moved)[:, None]
+
+
+def _square(residual: Float[np.ndarray, "n 3"], spread: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, " n"]:
+    """Squared residuals in units of their covariance; NaN where there is none."""
+    found = np.full(len(residual), np.nan)
+    sound = np.isfinite(residual).all(axis=1) & np.isfinite(spread).all(axis=(1, 2))
+    half = np.linalg.solve(spread[sound], residual[sound][..., None])[..., 0]
+    found[sound] = np.einsum("ni,ni->n", residual[sound], half)
+    return found
+
+
+def _normal(
+    linear: _Linear, weight: Float[np.ndarray, " n"], units: int, freedom: int, pokes: Pokes
+) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
+    """J' W J and J' W r of the pokes that count."""
+    from palpate.sensors.taxels.poking._normal_equations import add_squares  # compiled: loaded when first needed
+
+    rows, root = _roots(linear, weight)
+    values, columns, size = _lines(linear, rows, root, units, freedom, pokes)
+    square, vector = np.zeros((size, size)), np.zeros(size)
+    residual = np.einsum("nij,nj->ni", root, linear.residual[rows])
+    add_squares(values, residual, columns, square, vector)
+    return np.triu(square) + np.triu(square, 1).T, vector
+
+
+def _all(
+    linear: _Linear, weight: Float[np.ndarray, " n"], units: Units, pokes: Pokes, priors: Priors
+) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
+    """J' W J and J' W r of the pokes, and of what single taxels are believed to be to each other."""
+    square, right = _normal(linear, weight, len(units), units.freedom, pokes)
+    more, along = tied(units, priors)
+    square[: len(more), : len(more)] += more
+    right[: len(along)] += along
+    return square, right
+
+
+def _roots(
+    linear: _Linear, weight: Float[np.ndarray, " n"]
+) -> tuple[Int[np.ndarray, " r"], Float[np.ndarray, "r 3 3"]]:
+    """Rows that count, and what makes their residuals unit ones."""
+    rows = np.flatnonzero(weight > 0)
+    root = np.linalg.cholesky(np.linalg.inv(linear.spread[rows])) * np.sqrt(weight[rows])[:, None, None]
+    return rows, np.swapaxes(root, 1, 2)
+
+
+def _lines(
+    linear: _Linear,
+    rows: Int[np.ndarray, " r"],
+    root: Float[np.ndarray, "r 3 3"],
+    units: int,
+    freedom: int,
+    pokes: Pokes,
+) -> tuple[Float[np.ndarray, "r 3 l"], Int[np.ndarray, "r l"], int]:
+    """The whitened lines of J, the columns of their entries, -1: none, and how many columns there are."""
+    size, count = units * freedom, max(pokes.configurations, 1)
+    by_unit = np.einsum("nij,nwjf->niwf", root, linear.by_unit[rows]).reshape(len(rows), 3, -1)
+    values = np.concatenate([by_unit, root @ linear.by_nuisance[rows]], axis=2)
+    unit = linear.unit[rows][..., None]
+    where = np.where(unit >= 0, unit * freedom + np.arange(freedom), -1).reshape(len(rows), -1)
+    d = 6 * pokes.configuration[rows][:, None]
+    common = size + 6 * count  # where each begins in `Nuisances.vector`
+    bias, cross = common + 6, common + 6 + 6 * count
+    own = [size + d + np.arange(6), np.full_like(d, common) + np.arange(6), bias + d + np.arange(6)]
+    own.append(np.full_like(d, cross) + np.arange(36))
+    return values, np.concatenate([where, *own], axis=1), cross + 36
+
+
+def _shared(
+    linear: _Linear,
+    weight: Float[np.ndarray, " n"],
+    pokes: Pokes,
+    units: Units,
+    seen: Seen,
+    covariance: Float[np.ndarray, "p p"],
+    denser: float,
+) -> Float[np.ndarray, "p p"]:
+    """What the covariance lacks, since contacts about one taxel err alike and do not average out.
+
+    Where a poke was is told with all places alike before. If pokes get denser to one side as exp(g . x), those about a
+    taxel all lie off by S g to first order, S the covariance of each: far at the edge of a module, where little is
+    known of a place, hardly between taxels. g has the deviation `denser` [1/m] along each axis, its own at each taxel.
+    """
+    rows, root = _roots(linear, weight)
+    values, columns, size = _lines(linear, rows, root, len(units), units.freedom, pokes)
+    axes = tangents(units, units.places()[1], seen.origin[rows])
+    beside = root @ linear.by_point[rows] @ axes @ seen.covariance[rows]  # (r, 3, 2)
+    along = np.einsum("ril,ria->rla", values, beside)
+    used, taxel = np.unique(seen.origin[rows], return_inverse=True)
+    first, freedom = len(units) * units.freedom, units.freedom
+    wide = freedom + size - first  # a taxel's lines touch its own unit, and what all share
+    local, sound = np.where(columns < first, columns % freedom, columns - first + freedom), columns >= 0
+    own = units.layout.module[used][:, None] * freedom + np.arange(freedom)
+    told = np.zeros((size, size))
+    for way in range(2):
+        where = (taxel[:, None] * wide + local)[sound]
+        lines = np.bincount(where, along[sound, way], wide * len(used)).reshape(-1, wide)
+        mine, rest = lines[:, :freedom], lines[:, freedom:]
+        np.add.at(told, (own[:, :, None], own[:, None]), mine[:, :, None] * mine[:, None])
+        np.add.at(told[:, first:], own, mine[:, :, None] * rest[:, None])
+        told[first:, first:] += rest.T @ rest
+    told[first:, :first] = told[:first, first:].T
+    return denser**2 * covariance @ told @ covariance
+
+
+def _twist(
+    force: Float[np.ndarray, "n 3"],
+    residual: Float[np.ndarray, "n 3"],
+    spread: Float[np.ndarray, "n 3 3"],
+    used: Bool[np.ndarray, " n"],
+) -> float:
+    """[m] Residual torque along the force over the force, beyond what noise makes: friction under a tip that turns.
+
+    F . M is the same whatever the frame, and 0 for a pure force [taxel poking, (3)]: once bias and cross-talk are
+    known. As they are measured they vary with the direction of the force, by millimetres that are no friction.
+    """
+    rows = used & np.isfinite(residual).all(axis=1) & (force != 0).any(axis=1)
+    if not rows.any():
+        return 0.0
+    along = force[rows] / (force[rows] ** 2).sum(axis=1, keepdims=True)
+    found = 1.4826 * np.median(np.abs(np.einsum("ni,ni->n", along, residual[rows])))
+    noise = np.median(np.einsum("ni,nij,nj->n", along, spread[rows], along))
+    return float(np.sqrt(max(found**2 - noise, 0.0)))

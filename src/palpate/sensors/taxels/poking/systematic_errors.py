@@ -1,0 +1,128 @@
+"""Errors of sensor and robot that pokes carry: bias, frames, cross-talk; and the torque that a poke predicts with them.
+
+Forwards: what is measured stays as it is, and the torque that it should show is computed from the contact. (To correct
+the measurement by a free cross-talk shrinks the residual with the measurement, and diverges.)
+
+    w_measured = (I + C) [f, c x f] + b,    c = R (Exp(phi) p + rho) + o
+
+with p the contact in the link's frame, (R, o) the link's reported pose, rho and phi the error of this pose: that of all
+configurations and that of this one together.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.sensors.taxels.poking.pokes import Pokes
+from palpate.sensors.taxels.poking.priors import Priors
+from palpate.spatial._arrays import Value
+from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.pose import Pose, skew
+
+__all__ = ["Nuisances", "Predicted", "predicted"]
+
+
+@takes_arrays
+@dataclass(frozen=True, eq=False)
+class Nuisances(Value):
+    """What is estimated beside the taxels, for d configurations.
+
+    Attributes:
+        frames: (d, 6) of each configuration and common: (6,) of all, rho [m] then phi [rad].
+        bias: (d, 6) [N, N m].
+        cross_talk: (6, 6).
+    """
+
+    frames: Float[np.ndarray, "d 6"]
+    common: Float[np.ndarray, "6"]
+    bias: Float[np.ndarray, "d 6"]
+    cross_talk: Float[np.ndarray, "6 6"]
+
+    @classmethod
+    def none(cls, configurations: int) -> Nuisances:
+        """No errors."""
+        return cls(np.zeros((configurations, 6)), np.zeros(6), np.zeros((configurations, 6)), np.zeros((6, 6)))
+
+    def vector(self) -> Float[np.ndarray, " q"]:
+        """All of them in a row: frames, common, bias, cross-talk."""
+        parts = (self.frames, self.common, self.bias, self.cross_talk)
+        return np.concatenate([np.ravel(part) for part in parts])
+
+    def moved(self, by: Float[np.ndarray, " q"]) -> Nuisances:
+        """With these added."""
+        count = 6 * len(self.frames)
+        ends = np.cumsum([count, 6, count])
+        frames, common, bias, cross = np.split(by, ends)
+        return replace(
+            self,
+            frames=self.frames + frames.reshape(-1, 6),
+            common=self.common + common,
+            bias=self.bias + bias.reshape(-1, 6),
+            cross_talk=self.cross_talk + cross.reshape(6, 6),
+        )
+
+    @staticmethod
+    def deviations(priors: Priors, configurations: int) -> Float[np.ndarray, " q"]:
+        """Standard deviation of each, as believed before; 0: it is not estimated."""
+        frame = [priors.frame] * 3 + [priors.frame_angle] * 3
+        common = [priors.common] * 3 + [priors.common_angle] * 3
+        bias = [priors.bias_force] * 3 + [priors.bias_torque] * 3
+        cross = np.full((6, 6), priors.cross_talk)
+        cross[:3, 3:] /= priors.lever
+        cross[3:, :3] *= priors.lever
+        return np.concatenate([np.tile(frame, configurations), common, np.tile(bias, configurations), cross.ravel()])
+
+
+@takes_arrays
+@dataclass(frozen=True, eq=False)
+class Predicted:
+    """The torque that pokes should show, and how it changes.
+
+    Attributes:
+        torque: (n, 3) [N m].
+        by_point: (n, 3, 3) with the contact in the link's frame.
+        by_nuisance: (n, 3, 54) with frame, common, bias of the poke's configuration and cross-talk, in this order.
+        by_wrench: (n, 3, 6) with the measured wrench, through the force.
+    """
+
+    torque: Float[np.ndarray, "n 3"]
+    by_point: Float[np.ndarray, "n 3 3"]
+    by_nuisance: Float[np.ndarray, "n 3 54"]
+    by_wrench: Float[np.ndarray, "n 3 6"]
+
+
+@takes_arrays
+def predicted(pokes: Pokes, points: Float[np.ndarray, "n 3"], nuisances: Nuisances) -> Predicted:
+    """The torque of pokes at points of the link, (n, 3) [m] in its frame."""
+    d, cross = pokes.configuration, nuisances.cross_talk
+    error, bias = nuisances.frames[d] + nuisances.common, nuisances.bias[d]
+    turn = Pose.from_rotation_vector(error[:, 3:], error[:, :3])
+    turned = turn.rotate(points)
+    place = np.einsum("nij,nj->ni", pokes.rotation, turned + error[:, :3]) + pokes.origin
+    back = np.linalg.inv(np.eye(6) + cross)
+    true = (pokes.wrench - bias) @ back.T
+    force, gain = true[:, :3], np.eye(3) + cross[3:, 3:]
+    moment = np.cross(place, force)
+    found = moment @ gain.T + force @ cross[3:, :3].T + bias[:, 3:]
+    by_force = gain @ skew(place) + cross[3:, :3]
+    by_link = -gain @ skew(force) @ pokes.rotation
+    by_wrench = by_force @ back[:3]
+    rows = np.zeros((len(points), 3, 54))
+    rows[..., :3] = rows[..., 6:9] = by_link
+    rows[..., 3:6] = rows[..., 9:12] = -by_link @ skew(turned) @ _left_jacobian(error[:, 3:])
+    rows[..., 12:18] = -by_wrench
+    rows[..., 15:18] += np.eye(3)
+    # entries of the cross-talk row by row: all of them act through the true force, those of torques also directly
+    rows[..., 18:54] = np.einsum("nil,nk->nilk", -by_wrench, true).reshape(-1, 3, 36)
+    direct = np.einsum("il,nk->nilk", np.eye(3), np.concatenate([force, moment], axis=1))
+    rows[..., 36:54] += direct.reshape(-1, 3, 18)
+    return Predicted(found, by_link @ turn.rotation, rows, by_wrench)
+
+
+def _left_jacobian(phi: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
+    """How Exp(phi) turns, on the left, as phi changes: to third order, as angles are small."""
+    cross = skew(phi)
+    return np.eye(3) + cross / 2.0 + cross @ cross / 6.0

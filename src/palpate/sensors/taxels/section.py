@@ -1,0 +1,334 @@
+"""A skin in a rig, a sheet or taxels anywhere: its table, how a log of frames is read, and what is built of it."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar, cast
+
+import numpy as np
+
+from palpate.errors import InputError
+from palpate.files.logs import LogContents
+from palpate.files.logs.layout import ArrayChannel, Layout
+from palpate.files.models import read_model
+from palpate.sensors.taxels.estimator import TaxelEstimator
+from palpate.sensors.taxels.health import examine
+from palpate.sensors.taxels.intensity import Intensity
+from palpate.sensors.taxels.model import TaxelBody
+from palpate.sensors.taxels.place_formats import read_taxel_places
+from palpate.sensors.taxels.places import TaxelPlaces
+from palpate.sensors.taxels.skin_map.files import read_skin_map
+from palpate.sensors.taxels.skin_map.model import SkinMap
+from palpate.setup import guess
+from palpate.setup.body import Body
+from palpate.setup.kind import Guess, Prepared
+from palpate.setup.names import orientation_columns, position_columns, time_column, wrench_columns
+from palpate.setup.setup import SensorKind, SensorSection, Setup
+from palpate.setup.tables import require_path, require_positive
+from palpate.setup.wrench import first_seconds, noted_filter
+from palpate.signals.recording import CELLS
+
+__all__ = ["SKIN", "RigSkin", "SkinSection", "guess_beside", "skin_tare"]
+
+RATE = 100.0  # Hz
+FEWEST = 16  # cells: fewer columns of numbers can be anything
+_TEXT = """\
+[skin]
+map = "skin_map.toml"                # written by: palpate map skin MESH --sheet {rows}x{columns} ...
+rows = {rows}
+columns = {columns}
+bits = {bits}                             # of a whole-number reading; 0: readings are floats
+# intensity = "intensity.toml"       # written by: palpate calibrate intensity; without it a count is taken for 1 N
+{where}# tare = 1.0                         # s: the log starts so long untouched
+
+[contacts]
+on = 6.0                             # a touch begins where a cell stands so many deviations of its noise above its rest
+off = 3.0                            # and reaches as far as cells that stand so many above
+# unequal = 0.02                     # share by which a cell's gain may be off from its curve: it widens the ellipses
+
+"""
+REST = 5.0  # s of a stream from which the same is taken, where no tare says how long
+HEAD = 2048  # frames of the start of a log from which rest, noise and bad cells are taken
+
+
+@dataclass(frozen=True)
+class RigSkin:
+    """The sheet, its map and its curves, or taxels anywhere, and where a log keeps its frames.
+
+    `map` is a file of `palpate map skin`, `taxels` one of `palpate calibrate taxels` or another one of where taxels
+    sit; `count`: of the numbers of a frame, where nothing is known of them yet. `intensity` is a file of `palpate
+    calibrate intensity`; without it intensities are taken for forces. `bits` 0: readings are floats. `cells` names the
+    columns of a table, of a sheet row by row; `masked` cells [row, column], or taxels by their numbers, are not used;
+    `tare` [s]: the log starts untouched for so long.
+    """
+
+    map: str | None = None
+    taxels: str | None = None
+    count: int | None = None
+    rows: int | None = None
+    columns: int | None = None
+    bits: int = 8
+    intensity: str | None = None
+    cells: tuple[str, ...] | None = None
+    topic: str | None = None
+    rate: float | None = None
+    masked: tuple[int, ...] | tuple[tuple[int, int], ...] = ()
+    tare: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("map", "taxels"):
+            require_path(name, getattr(self, name))
+        if self.map is not None and (self.taxels is not None or self.count is not None):
+            raise ValueError("map is of a sheet, taxels and count are of taxels anywhere: state one of them")
+        if self.map is None and self.taxels is None and self.count is None:
+            raise ValueError("map is missing: a file of where the cells of a sheet sit; or taxels, a file of taxels")
+        if self.map is None and (self.rows or self.columns):
+            raise ValueError("rows and columns are of a sheet, which needs a map")
+        if self.count is not None and self.count < 1:
+            raise ValueError("count must be positive")
+        if any(isinstance(cell, int) == (self.map is not None) for cell in self.masked):
+            raise ValueError("masked cells are [row, column] of a sheet, and numbers of taxels")
+        if not 0 <= self.bits <= 16:
+            raise ValueError(f"bits must lie between 1 and 16, or be 0 for floats, not {self.bits}")
+        require_positive(self, "rate", "tare")
+
+
+class SkinSection(SensorSection):
+    """A skin as a rig states it; each of its files is read once."""
+
+    name: ClassVar[str] = "skin"
+    called: ClassVar[str] = "a skin of taxels"
+    table: RigSkin
+
+    @cached_property
+    def map(self) -> SkinMap:
+        """Where the cells of a sheet sit.
+
+        Raises:
+            InputError: the map cannot be read, or is of another sheet than `rows` and `columns` say.
+        """
+        if self.table.map is None:
+            raise InputError("the rig's [skin] is no sheet: it has no map.", where="skin.map")
+        path = self.link.folder / self.table.map
+        found = read_skin_map(path)
+        rows, columns = self.table.rows or found.rows, self.table.columns or found.columns
+        if (rows, columns) != (found.rows, found.columns):
+            raise InputError(
+                f"maps {found.rows} x {found.columns} cells, but the rig's [skin] says {rows} x {columns}.",
+                where=str(path),
+                hint="Make the map for this sheet with palpate map skin --sheet.",
+            )
+        return found
+
+    @cached_property
+    def _read(self) -> TaxelPlaces:
+        """Where taxels sit, as the file says."""
+        return read_taxel_places(self.link.folder / str(self.table.taxels))
+
+    @cached_property
+    def taxels(self) -> TaxelPlaces:
+        """Where taxels that are on no sheet sit, each with its normal: its own, or that of the rig's [surface].
+
+        Raises:
+            InputError: the file cannot be read, is of another number of taxels than `count`, or nothing says the
+                normals.
+        """
+        table, link = self.table, self.link
+        if table.taxels is None:
+            raise InputError(
+                "the rig's [skin] says how many taxels there are, but not where.",
+                where="skin.taxels",
+                hint="`palpate calibrate taxels` finds that from pokes: name what it writes, taxels = FILE.",
+            )
+        path, places = link.folder / table.taxels, self._read
+        if table.count not in (None, len(places)):
+            raise InputError(f"is of {len(places)} taxels, but count = {table.count} in [skin].", where=str(path))
+        lacking = places.there & ~np.isfinite(places.normals).all(axis=1)
+        if not lacking.any():
+            return places
+        if link.stated is None:
+            raise InputError(
+                f"does not say which way {np.count_nonzero(lacking)} of {np.count_nonzero(places.there)} taxels face.",
+                where=str(path),
+                hint="Name the link's mesh in [surface]: its normals are taken then.",
+            )
+        normals = places.normals.copy()
+        normals[lacking] = link.surface().project(places.positions[lacking])[1]
+        return replace(places, normals=normals)
+
+    @cached_property
+    def intensity(self) -> Intensity | None:
+        """What readings mean; None: a count is taken for a newton."""
+        name = self.table.intensity
+        return None if name is None else read_model(self.link.folder / name, Intensity)
+
+    @cached_property
+    def body(self) -> TaxelBody:
+        """The cells of the sheet, or the taxels, on the link."""
+        masked, bits = cast("Any", self.table.masked), self.table.bits or None
+        if self.table.map is not None:
+            return TaxelBody.sheet(self.map, bits=bits, masked=masked)
+        places = self.taxels
+        return TaxelBody.placed(
+            places.positions, places.normals, covariance=places.covariance, bits=bits, masked=masked
+        )
+
+    def shape(self) -> tuple[int, ...]:
+        """Return rows and columns of a frame, or how many taxels it has."""
+        table = self.table
+        if table.map is not None:
+            if table.rows and table.columns:  # as the map says too, or `map` refuses it
+                return table.rows, table.columns
+            return self.map.rows, self.map.columns
+        return (int(table.count or 0),) if table.taxels is None else (len(self._read),)
+
+
+def _layout(setup: Setup) -> Layout:
+    skin = setup.of(SkinSection)
+    cells = ArrayChannel(CELLS, skin.shape(), skin.table.cells, skin.table.topic, table="skin")
+    made = Layout(wrench=None, arrays=(cells,), **setup.common)
+    return made if skin.table.rate is None else replace(made, rate=skin.table.rate)
+
+
+def _build(setup: Setup) -> Prepared:
+    skin, head = setup.of(SkinSection), setup.head
+    body, intensity, tare = skin.body, skin.intensity, skin_tare(setup)
+    health = None
+    if head is not None:
+        first = max(HEAD, 0 if tare is None else len(first_seconds(head, tare)))
+        falling = intensity is not None and intensity.curves[0].falling
+        health = examine(head.picked(slice(0, first)), body, seconds=tare, falling=falling)
+    smooth, rate = setup.smoothing()
+    estimator = TaxelEstimator(
+        body,
+        intensity,
+        health,
+        settings=setup.contacts,
+        filter=smooth.filter(),
+        rate=rate,
+        mount=setup.link.mount,
+    )
+    made = Prepared(estimator, said=noted_filter(smooth, rate), facts=dict(vars(setup.contacts)))
+    if tare is None:
+        made.said.append(
+            "cells at rest are found in the log itself; tare = seconds in [skin] says when nothing touches"
+        )
+    return made
+
+
+def skin_tare(setup: Setup) -> float | None:
+    """Return the seconds [s] at the start of a log in which nothing touches; None where the rig does not say."""
+    return setup.estimate.tare or setup.of(SkinSection).table.tare
+
+
+def _guess(log: Path, contents: LogContents, body: Body | None) -> Guess | None:
+    """Images, arrays of frames, or many columns of numbers beside a time."""
+    if contents.topics:
+        return _of_topic(log, contents)
+    frames = [(name, shape) for name, shape in contents.names.items() if math.prod(shape) >= FEWEST]
+    if frames:
+        name, shape = frames[0]
+        return _of_array(name, _sheet(shape))
+    there = list(contents.names)
+    time = time_column(there)
+    known = {time, *(orientation_columns(there) or ()), *(position_columns(there) or ())}
+    cells = tuple(name for name in there if name not in known)
+    if time is None or len(cells) < FEWEST or wrench_columns(there) is not None:
+        return None
+    shape = _sheet((len(cells),))
+    orientation, _ = guess.orientation_table(there)
+    named = "" if len(known) == 1 else f"cells = {guess.quoted(cells)}\n"
+    layout = Layout(
+        time=time,
+        time_unit=guess.time_unit(time),
+        wrench=None,
+        arrays=(ArrayChannel(CELLS, shape, cells, table="skin"),),
+    )
+    why = f"{len(cells)} columns beside the time look like cells"
+    return _guessed(shape, why, layout, named, (guess.time_table(time, guess.time_unit(time)), orientation))
+
+
+def guess_beside(log: Path, contents: LogContents) -> Guess | None:
+    """Frames in a log that has wrenches too: an array topic, or columns that are numbered alike."""
+    if contents.topics:
+        arrays = tuple(topic for topic in contents.topics if topic.kind.endswith("MultiArray"))
+        return _of_topic(log, replace(contents, topics=arrays)) if arrays else None
+    there = list(contents.names)
+    known = {time_column(there), *(wrench_columns(there) or ())}
+    known |= {*(orientation_columns(there) or ()), *(position_columns(there) or ())}
+    kinds = Counter(_NUMBERS.sub("#", name) for name in there if name not in known)
+    alike, count = kinds.most_common(1)[0] if kinds else ("", 0)
+    if count < FEWEST or "#" not in alike:
+        return None
+    cells = tuple(name for name in there if name not in known and _NUMBERS.sub("#", name) == alike)
+    layout = Layout(wrench=None, arrays=(ArrayChannel(CELLS, _sheet((count,)), cells, table="skin"),))
+    why = f"{count} columns that are numbered alike look like cells"
+    return _guessed(_sheet((count,)), why, layout, f"cells = {guess.quoted(cells)}\n", ("", ""))
+
+
+def _of_array(name: str, shape: tuple[int, int]) -> Guess:
+    array = ArrayChannel(CELLS, shape, table="skin")
+    layout = Layout(wrench=None, arrays=(array,), rate=RATE)
+    where = f"rate = {RATE:g}                        # Hz, of frames without times: it is not known, correct it\n"
+    return _guessed(shape, f"array {name!r} holds frames", layout, where, ("", ""))
+
+
+def _of_topic(log: Path, contents: LogContents) -> Guess | None:
+    found = guess.array_topic(log, contents, lambda shape: math.prod(shape) >= FEWEST)
+    if found is None:
+        return None
+    topic, size = found
+    shape, poses = _sheet(size), guess.topics_of(contents, "pose")
+    layout = Layout(wrench=None, arrays=(ArrayChannel(CELLS, shape, None, topic, table="skin"),))
+    why = f"topic {topic!r} holds {'images' if len(size) == 2 else 'arrays'} of {' x '.join(map(str, size))} numbers"
+    return _guessed(shape, why, layout, f"topic = {guess.quoted(topic)}\n", ("", guess.pose_table(poses)))
+
+
+def _guessed(shape: tuple[int, int], why: str, layout: Layout, where: str, around: tuple[str, str]) -> Guess:
+    rows, columns = shape
+    text = around[0] + _TEXT.format(rows=rows, columns=columns, bits=8, where=where) + around[1]
+    return Guess(
+        why, layout, text, (f"check the sheet's {rows} rows and {columns} columns, and the bits of a reading",)
+    )
+
+
+def _sheet(shape: tuple[int, ...]) -> tuple[int, int]:
+    """Rows and columns; of so many numbers in a row, as near to a square as can be."""
+    if len(shape) == 2:
+        return shape[0], shape[1]
+    count = math.prod(shape)
+    rows = next(k for k in range(int(count**0.5), 0, -1) if count % k == 0)
+    return rows, count // rows
+
+
+_NUMBERS = re.compile(r"\d+")
+_NO_WRENCH = "cells measure no wrench"
+SKIN = SensorKind(
+    name="skin",
+    called=SkinSection.called,
+    table=RigSkin,
+    section=SkinSection,
+    channels=(CELLS,),
+    layout=_layout,
+    build=_build,
+    guess=_guess,
+    paths=("map", "taxels", "intensity"),
+    refused={
+        "payload": f"{_NO_WRENCH}, so no payload is in their readings",
+        "noise": f"{_NO_WRENCH}: the noise of each cell is taken from the log",
+        "method": "contacts are where cells are pressed: there is no line of action to locate",
+        "friction": "cells feel no shear, so there is no friction to bound",
+        "torsion": "cells feel no torque about the normal",
+        "contact": "thresholds are those of each cell: on and off in [contacts], in deviations of its noise",
+        "crease": "contacts are placed on the map of the sheet, not on a mesh",
+        "mesh": "contacts are placed on the map of the sheet, not on a mesh",
+    },
+    needs_surface=False,
+    view="palpate.sensors.taxels.view.TaxelView",
+    start=lambda setup: skin_tare(setup) or REST,
+)

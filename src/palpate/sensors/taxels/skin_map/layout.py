@@ -1,0 +1,366 @@
+"""A sheet that does not stretch, laid on a surface: geodesics first, then the least squared Green strain.
+
+The edge from the origin along the heading becomes a geodesic, and so does every line of the sheet across it. In these
+coordinates the surface's metric is J^2 dx^2 + dy^2 with J_yy = -K J, J = 1 and J_y = 0 on the edge: where the Gaussian
+curvature K is zero, on every developable surface, J stays 1 and the sheet has unrolled exactly. Elsewhere its lines
+give way: parameters over the sheet, cubic splines in x and y (beside the geodesics where these are nearly right), are
+found by Gauss-Newton so that
+
+    W = integral |E|^2 dx dy,   E = (F'F - I)/2,   F = [r_x r_y]
+
+is least. The sheet's corner stays where it was put, and its first edge leaves along the heading: two cells on it meets
+the geodesic again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import inf, isfinite
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.calls import called_as
+from palpate.errors import InputError
+from palpate.spatial.arguments import takes_arrays
+from palpate.surfaces.bspline import basis_matrices, greville, open_knots, solve_tangent
+
+__all__ = ["Bounds", "Layout", "Parametric", "Sheet"]
+
+_STEP = 2e-3  # m, of the geodesics' Runge-Kutta
+_MOST_ELEMENTS = 64  # along either side of the sheet: a cell of a fine one is smaller than what it has to follow
+_FLAT = 1e-7  # rms strain of a sheet that lies without any
+_BENT = 2e-3  # rms strain of the geodesics from which the splines alone carry the sheet: geodesics echo every dent
+_ROUNDS = 12
+_PER = 2  # elements a cell, along either side
+_HELD = 2  # cells from the corner to where the first edge meets its geodesic
+_EVERYWHERE = ((-inf, inf), (-inf, inf))
+_HANGING = 0.01  # weight of what hangs beyond the surface beside what lies on it
+
+
+Bounds = tuple[tuple[float, float], tuple[float, float]]
+Grid = Float[np.ndarray, "a b 2"]  # control points or parameters, on a lattice
+_Anchor = tuple[Float[np.ndarray, " b"], Float[np.ndarray, "2"]]
+
+
+@runtime_checkable
+class Parametric(Protocol):
+    """What a sheet can be laid on."""
+
+    def derivatives(self, uv: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 6 3"]:
+        """Position, r_u, r_v, r_uu, r_uv and r_vv; r_u x r_v points out."""
+        ...
+
+    def geodesics(self, begin: Float[np.ndarray, "m 6"], step: float, steps: int) -> tuple[np.ndarray, np.ndarray]:
+        """States and slopes (steps + 1, m, 6) along geodesics, as of `BSplineSurface.geodesics`."""
+        ...
+
+
+@called_as("palpate.Sheet(6, 22, (0.01, 0.01))")
+@dataclass(frozen=True)
+class Sheet:
+    """A flat sheet of cells before it is laid.
+
+    Attributes:
+        rows: of cells.
+        columns: of cells.
+        pitch: between rows, and between columns [m].
+        thickness: of what lies between the link and the sensing layer [m].
+        flip: rows increase to the right of the heading, seen from outside; else to the left.
+        stretch: by which it is pulled along its columns of cells (across rows), and along its rows; 1 is none.
+    """
+
+    rows: int
+    columns: int
+    pitch: tuple[float, float]
+    thickness: float = 0.0
+    flip: bool = False
+    stretch: tuple[float, float] = (1.0, 1.0)
+
+    def __post_init__(self) -> None:
+        if min(self.rows, self.columns) < 1:
+            raise InputError(f"a sheet of {self.rows} x {self.columns} cells has none.", where="sheet")
+        for name, values in {"cell": self.pitch, "stretch": self.stretch}.items():
+            if not all(isfinite(value) and value > 0 for value in values):
+                raise InputError(f"must be two positive numbers, not {values}.", where=name)
+        if not isfinite(self.thickness):
+            raise InputError(f"must be a number, not {self.thickness}.", where="thickness")
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Across rows and along them, as laid [m]."""
+        return self.rows * self.pitch[0] * self.stretch[0], self.columns * self.pitch[1] * self.stretch[1]
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Where the lattice of a sheet lies, and how much it had to give.
+
+    Attributes:
+        uv: (2 r + 1, 2 c + 1, 2) parameters of cells' corners (even numbers), centres (odd) and the middles of sides.
+        rms: root mean square of the principal strains over the sheet.
+        worst: the principal strain that is farthest from 0.
+        rounds: of Gauss-Newton.
+    """
+
+    uv: Grid
+    rms: float
+    worst: float
+    rounds: int
+
+
+@takes_arrays
+def lay(
+    surface: Parametric,
+    start: Float[np.ndarray, "2"],
+    heading: Float[np.ndarray, "3"],
+    sheet: Sheet,
+    *,
+    bounds: Bounds = _EVERYWHERE,
+    elements: int = _MOST_ELEMENTS,
+    look: Callable[[Grid], None] | None = None,
+) -> Layout:
+    """Lay a sheet with its corner at `start`.
+
+    Args:
+        surface: what it is laid on.
+        start: parameters of the outer corner of cell (0, 0).
+        heading: (3,) the direction of increasing column there; its part along the surface counts.
+        sheet: that is laid; its thickness has no say.
+        bounds: of u and of v, beyond which there is no surface to follow: there strain hardly counts.
+        look: is shown the lattice along geodesics before anything is worked out, and may raise.
+        elements: of the displacement's spline, along either side at most.
+    """
+    size, cells = sheet.size, (sheet.rows, sheet.columns)
+    sign = -1.0 if sheet.flip else 1.0
+    coarse, fine = (_Grid(size, [max(2, min(per * count, elements)) for count in cells]) for per in (1, _PER))
+    lattice = [np.linspace(0.0, length, 2 * count + 1) for length, count in zip(size, cells, strict=True)]
+    y, x = (np.unique(np.concatenate(places)) for places in zip(fine.gauss, coarse.nodes, lattice, strict=True))
+
+    def at(places: list[Float[np.ndarray, " _"]]) -> Float[np.ndarray, "_ _ 6"]:
+        return fan[np.ix_(np.searchsorted(y, places[0]), np.searchsorted(x, places[1]))]
+
+    fan = _fan(surface, start, heading, x, y, sign)
+    if look is not None:
+        look(at(lattice)[..., :2])
+    held = lattice[1][2 * min(_HELD, cells[1])]
+    side = _across(surface, fan[0, np.searchsorted(x, held)])
+    problem, laid = _Problem(surface, bounds, fine, at(fine.gauss)), at(lattice)[..., :2]
+    control = np.zeros((*fine.shape, 2))
+    strain, _, _, weights = problem.strain(control)
+    if np.sqrt(_energy(strain, weights)) > _BENT:  # without geodesics, and first on elements as large as cells
+        first = _Problem(surface, bounds, coarse, None)
+        control, _ = first.solve(coarse.through(at(coarse.nodes)[..., :2]), (coarse.along(held), side), 0.2)
+        control = fine.through(coarse.at(control, fine.nodes))
+        problem, laid = _Problem(surface, bounds, fine, None), np.zeros_like(laid)
+    control, rounds = problem.solve(control, (fine.along(held), side))
+    strain, _, _, weights = problem.strain(control)
+    return Layout(laid + fine.at(control, lattice), *_principal(strain, weights), rounds)
+
+
+class _Grid:
+    """Cubic splines over the sheet: their knots, the Gauss points of their elements, and where they can be read off."""
+
+    def __init__(self, size: tuple[float, float], spans: list[int]) -> None:
+        sides = list(zip(size, spans, strict=True))
+        self.knots = [open_knots(np.linspace(0.0, length, count + 1)) for length, count in sides]
+        self.gauss = [_gauss(length, count) for length, count in sides]
+        self.nodes = [greville(knots, 3) for knots in self.knots]
+        self.bases = [basis_matrices(knots, 3, places) for knots, places in zip(self.knots, self.gauss, strict=True)]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Of the control points."""
+        return len(self.nodes[0]), len(self.nodes[1])
+
+    def through(self, values: Grid) -> Grid:
+        """Control points of the spline with these values at the nodes."""
+        left, right = (np.linalg.inv(basis_matrices(k, 3, n)[0]) for k, n in zip(self.knots, self.nodes, strict=True))
+        return _spread(left, values, right)
+
+    def at(self, control: Grid, places: list[Float[np.ndarray, " _"]]) -> Float[np.ndarray, "n m 2"]:
+        """Values of the spline on a lattice."""
+        left, right = (basis_matrices(k, 3, p)[0] for k, p in zip(self.knots, places, strict=True))
+        return _spread(left, control, right)
+
+    def along(self, place: float) -> Float[np.ndarray, " b"]:
+        """What the first edge's control points have to say at a place on it."""
+        return basis_matrices(self.knots[1], 3, np.array([place]))[0][0]
+
+
+def _across(surface: Parametric, state: Float[np.ndarray, "6"]) -> Float[np.ndarray, "2"]:
+    """How far steps in u and in v go across the edge."""
+    at = surface.derivatives(state[:2])
+    side = np.cross(np.cross(at[1], at[2]), state[2:4] @ at[1:3])
+    return at[1:3] @ (side / np.linalg.norm(side))
+
+
+def _gauss(length: float, spans: int) -> Float[np.ndarray, " n"]:
+    """Two places in each span, at which polynomials up to the third degree are integrated exactly."""
+    step = length / spans
+    return ((np.arange(spans)[:, None] + 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3.0)) * step).reshape(-1)
+
+
+def _fan(
+    surface: Parametric,
+    start: Float[np.ndarray, "2"],
+    heading: Float[np.ndarray, "3"],
+    x: Float[np.ndarray, " m"],
+    y: Float[np.ndarray, " n"],
+    sign: float,
+) -> Float[np.ndarray, "n m 6"]:
+    """Parameters, and their derivatives along x and along y, where geodesics from a geodesic edge reach y."""
+    at = surface.derivatives(start)
+    along = solve_tangent(at[1:3], heading)
+    along /= np.linalg.norm(along @ at[1:3])
+    edge = _geodesic(surface, np.concatenate([start, along, [1.0, 0.0]])[None], x)[:, 0]
+    found = surface.derivatives(edge[:, :2])
+    across = solve_tangent(found[:, 1:3], sign * np.cross(_normals(found), _pushed(edge[:, 2:4], found)))
+    begin = np.concatenate([edge[:, :2], across, np.ones((len(x), 1)), np.zeros((len(x), 1))], axis=1)
+    fan = _geodesic(surface, begin, y)
+    found = surface.derivatives(fan[..., :2])
+    turned = np.cross(_pushed(fan[..., 2:4], found), _normals(found))
+    sideways = solve_tangent(found[..., 1:3, :], sign * fan[..., 4:5] * turned)
+    return np.concatenate([fan[..., :2], sideways, fan[..., 2:4]], axis=-1)
+
+
+def _normals(found: Float[np.ndarray, "*batch 6 3"]) -> Float[np.ndarray, "*batch 3"]:
+    normal = np.cross(found[..., 1, :], found[..., 2, :])
+    return normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+
+
+def _pushed(
+    steps: Float[np.ndarray, "*batch 2"], found: Float[np.ndarray, "*batch 6 3"]
+) -> Float[np.ndarray, "*batch 3"]:
+    """Steps in u and v as vectors in space."""
+    return np.einsum("...k,...kd->...d", steps, found[..., 1:3, :])
+
+
+def _geodesic(
+    surface: Parametric, begin: Float[np.ndarray, "m 6"], places: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, "n m 6"]:
+    """States (u, v, u', v', J, J') along geodesics of unit speed, at lengths that rise from 0: Runge-Kutta's fourth.
+
+    Steps are of one length; between them the cubic through their ends and slopes.
+    """
+    steps = max(1, int(np.ceil(places[-1] / _STEP)))
+    h = places[-1] / steps
+    y, k = surface.geodesics(begin, h, steps)
+    number = np.clip((places / h).astype(np.int64), 0, steps - 1)
+    t = (places / h - number)[:, None, None]
+    k = k * h
+    a, b, p, q = y[number], y[number + 1], k[number], k[number + 1]
+    return a + t * (p + t * (3 * (b - a) - 2 * p - q + t * (2 * (a - b) + p + q)))
+
+
+class _Problem:
+    """The strain at Gauss points as a function of the displacement's control points, and its least square."""
+
+    def __init__(
+        self,
+        surface: Parametric,
+        bounds: Bounds,
+        grid: _Grid,
+        fan: Float[np.ndarray, "n m 6"] | None,
+    ) -> None:
+        self.surface, self.bounds = surface, np.array(bounds)
+        (self.by, self.dy), (self.bx, self.dx) = grid.bases
+        self.fan = np.zeros((len(self.by), len(self.bx), 6)) if fan is None else fan
+
+    def strain(self, control: Grid) -> tuple[np.ndarray, ...]:
+        """E_xx, E_yy and E_xy (n, m, 3); the surface there; how its parameters grow along x and y; weights."""
+        uv = self.fan[..., :2] + _spread(self.by, control, self.bx)
+        ux = self.fan[..., 2:4] + _spread(self.by, control, self.dx)
+        uy = self.fan[..., 4:6] + _spread(self.dy, control, self.bx)
+        found = self.surface.derivatives(uv)
+        rx, ry = _pushed(ux, found), _pushed(uy, found)
+        xx, yy, xy = (0.5 * np.einsum("...d,...d->...", *pair) for pair in ((rx, rx), (ry, ry), (rx, ry)))
+        there = np.all((uv >= self.bounds[:, 0]) & (uv <= self.bounds[:, 1]), axis=-1)
+        weights = np.where(there, 1.0, _HANGING)
+        return np.stack([xx - 0.5, yy - 0.5, xy], axis=-1), found, np.stack([ux, uy], axis=2), weights
+
+    def solve(
+        self,
+        control: Grid,
+        anchor: _Anchor,
+        enough: float = 1e-3,
+    ) -> tuple[Grid, int]:
+        """Gauss-Newton, until a step gains less than `enough` of what is left; a step that does not help is halved."""
+        state = self.strain(control)
+        energy = _energy(state[0], state[3])
+        for rounds in range(_ROUNDS):
+            if np.sqrt(energy) < _FLAT:
+                return control, rounds
+            step = self._step(state, anchor)
+            for _ in range(8):
+                trial = self.strain(control + step)
+                fresh = _energy(trial[0], trial[3])
+                if fresh < energy:
+                    break
+                step *= 0.5
+            else:
+                return control, rounds
+            control, state, gained, energy = control + step, trial, energy - fresh, fresh
+            if gained < enough * energy:
+                return control, rounds + 1
+        return control, _ROUNDS
+
+    def _step(self, state: tuple[np.ndarray, ...], anchor: _Anchor) -> Grid:
+        """What makes the linearised strain least: normal equations in a band as wide as the sheet's shorter side."""
+        from palpate.sensors.taxels.skin_map import _strain  # compiled: loaded when first needed
+        from palpate.surfaces import _band
+
+        rows, columns = self.by.shape[1], self.bx.shape[1]
+        strides = (1, rows) if rows <= columns else (columns, 1)
+        band = np.zeros((2 * rows * columns, 2 * (3 * min(rows, columns) + 3) + 2))
+        step = np.zeros(len(band))
+        local = [part for base in ((self.by, self.dy), (self.bx, self.dx)) for part in _narrow(*base)]
+        _strain.normal_equations(*state, *local, *strides, band, step)
+        _hold(band, anchor, strides[1])
+        if not _band.solve_band(band, step):
+            raise np.linalg.LinAlgError("the strain does not determine the layout")
+        return step.reshape(rows, columns, 2) if rows > columns else np.swapaxes(step.reshape(columns, rows, 2), 0, 1)
+
+
+def _hold(band: Float[np.ndarray, "k n"], anchor: _Anchor, stride: int) -> None:
+    """Stiff springs: on the sheet's corner, and across the heading on a point of the first edge."""
+    share, side = anchor
+    stiff = 1e6 * float(band[:, 0].max())
+    band[:2, 0] += stiff
+    near = np.flatnonzero(np.abs(share) > 1e-9)
+    near = near[near > 0]  # the first control point is held already
+    number = (2 * stride * near[:, None] + np.arange(2)).reshape(-1)
+    row = (share[near, None] * side).reshape(-1) / np.abs(side).max()
+    for i, a in zip(number, row, strict=True):
+        for j, b in zip(number, row, strict=True):
+            if i >= j:
+                band[j, i - j] += stiff * a * b
+
+
+def _spread(
+    left: Float[np.ndarray, "n a"], control: Grid, right: Float[np.ndarray, "m b"]
+) -> Float[np.ndarray, "n m 2"]:
+    return np.moveaxis(left @ np.moveaxis(control, -1, 0) @ right.T, 0, -1)
+
+
+def _narrow(values: Float[np.ndarray, "n a"], slopes: Float[np.ndarray, "n a"]) -> tuple[np.ndarray, ...]:
+    """The four cubics that are not zero at each place: the number of the first, their values and slopes."""
+    first = np.argmax(values != 0.0, axis=1)
+    first = np.minimum(first, values.shape[1] - 4)
+    near = first[:, None] + np.arange(4)
+    return first, np.take_along_axis(values, near, axis=1), np.take_along_axis(slopes, near, axis=1)
+
+
+def _energy(strain: Float[np.ndarray, "n m 3"], weights: Float[np.ndarray, "n m"]) -> float:
+    """Mean |E|^2, which is the mean of the squared principal strains, both added."""
+    return float(np.sum(weights * (np.square(strain) @ np.array([1.0, 1.0, 2.0]))) / np.sum(weights))
+
+
+def _principal(strain: Float[np.ndarray, "n m 3"], weights: Float[np.ndarray, "n m"]) -> tuple[float, float]:
+    """Root mean square of the principal strains, and the one that is farthest from 0."""
+    xx, yy, xy = np.moveaxis(strain, -1, 0)
+    middle, radius = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
+    both = np.stack([middle - radius, middle + radius]) * (weights == 1.0)
+    return float(np.sqrt(0.5 * _energy(strain, weights))), float(both.reshape(-1)[np.argmax(np.abs(both))])

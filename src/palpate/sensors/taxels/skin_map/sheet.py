@@ -1,0 +1,304 @@
+"""From a mesh and a sheet's corner to where every cell sits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from math import inf
+from typing import Any, cast
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from numpy.typing import ArrayLike
+
+from palpate.calls import called_as
+from palpate.errors import InputError, PalpateError
+from palpate.sensors.taxels.skin_map.layout import Layout, Sheet, lay
+from palpate.sensors.taxels.skin_map.model import SkinMap
+from palpate.sensors.taxels.skin_map.shell import Mode, Planes, Shell, Site, shell
+from palpate.spatial.arguments import takes_arrays
+from palpate.surfaces.mesh import Mesh
+
+__all__ = ["Sheet", "fit_stretch", "map_skin", "mapped", "placed"]
+
+_HELD = 0.10  # strain beyond which no sheet lies by itself
+_ASTRAY = 0.25  # of the cells may seem to lie beside the surface along geodesics: the layout may bring them back
+
+
+@called_as("palpate.map_skin(mesh, palpate.Sheet(6, 22, (0.01, 0.01)), origin=corner, heading=[0, 1, 0])")
+@takes_arrays
+def map_skin(
+    mesh: Mesh,
+    sheet: Sheet,
+    *,
+    origin: ArrayLike,
+    heading: ArrayLike,
+    mode: Mode | None = None,
+    planes: Planes | None = None,
+    control: int = 200,
+    provenance: Mapping[str, str] | None = None,
+) -> SkinMap:
+    """Where every cell of a sheet sits on a link, and which way it faces.
+
+    A B-spline is fitted to the outside of the mesh (`shell`) and the sheet is laid on it without stretching (`lay`).
+
+    Args:
+        mesh: of the link [m], as it comes: soup, open, with doubled facets and inner bodies.
+        sheet: what is laid.
+        origin: (3,) outer corner of cell (0, 0) [m], on the mesh.
+        heading: (3,) direction of increasing column there; its part along the surface counts.
+        mode: "facets" follows the mesh as it is, "vertices" the smooth shape whose samples its vertices are; chosen by
+            the mesh, and said in the notes, if None.
+        planes: that cut the mesh; found from the shape's axis if None.
+        control: points of the spline at most, along facets.
+        provenance: to keep with the map.
+
+    Raises:
+        InputError: the origin is off the surface, the heading is along the normal, or a whole cell or more has no
+            surface under it.
+        GeometryError: the mesh cannot be cut by two families of planes about the origin.
+    """
+    site = placed(mesh, sheet, origin, heading)
+    point = np.asarray(origin, dtype=np.float64)
+    signed = (-sheet.size[0] if sheet.flip else sheet.size[0]), sheet.size[1]
+    others = len(mesh.faces) - len(site.facets)
+    notes = (f"{others} facets of other bodies than the origin's passed over",) if others else ()
+
+    def on(here: Site) -> SkinMap:
+        return mapped(shell(here, signed, mode=mode, planes=planes, control=control), sheet, point, site.heading)
+
+    try:
+        result = on(site)
+    except PalpateError:
+        result = _else(on, replace(site, facets=np.arange(len(mesh.faces)))) if others else None
+        if result is None:
+            raise
+        notes = ("the outermost of all bodies is taken: the origin's alone does not carry the sheet",)
+    return replace(result, notes=(*notes, *result.notes), provenance=dict(provenance or {}))
+
+
+@takes_arrays
+def placed(mesh: Mesh, sheet: Sheet, origin: ArrayLike, heading: ArrayLike) -> Site:
+    """The sheet's corner on the mesh, its heading there, the outward normal, and the facets of the body it lies on.
+
+    Raises:
+        InputError: the origin is off the surface, or the heading along the normal.
+    """
+    point, direction = _vector(origin, "origin"), _vector(heading, "heading")
+    feet, normals, facets = mesh.project(point[None])
+    foot, facet = feet[0], int(facets[0])
+    off = float(np.linalg.norm(foot - point))
+    if off > 0.5 * min(sheet.pitch):
+        raise InputError(
+            f"lies {1e3 * off:.1f} mm off the surface.",
+            where="origin",
+            hint=f"The nearest point of the mesh is {','.join(f'{x:.5f}' for x in foot)} m; is the unit right?",
+        )
+    normal = normals[0] * _side(mesh, foot, normals[0])
+    along = direction - normal * (direction @ normal)
+    if not np.linalg.norm(along) > 1e-2 * np.linalg.norm(direction):
+        raise InputError("points along the normal of the surface.", where="heading", hint="Give one along it.")
+    return Site(mesh, _body(mesh, facet), foot, along / np.linalg.norm(along), normal)
+
+
+def _else(on: Callable[[Site], SkinMap], site: Site) -> SkinMap | None:
+    """Patches that share no vertex may be one link all the same, if the sheet then lies well."""
+    try:
+        result = on(site)
+    except PalpateError:
+        return None
+    return result if abs(result.strain[1]) < _HELD else None
+
+
+@takes_arrays
+def mapped(found: Shell, sheet: Sheet, origin: Float[np.ndarray, "3"], heading: Float[np.ndarray, "3"]) -> SkinMap:
+    """Lay a sheet on a shell.
+
+    Raises:
+        InputError: a whole cell or more is without surface.
+    """
+    begin = found.surface.nearest(origin[None], found.chart.coordinates(origin[None])[:, :2])[0]
+    domain = found.surface.domain
+    try:
+        layout = lay(
+            found.surface,
+            begin,
+            heading,
+            sheet,
+            bounds=(domain[0], (-inf, inf) if found.surface.periodic else domain[1]),
+            look=lambda uv: _refuse_bare(found, uv, sheet, allowed=_ASTRAY * sheet.rows * sheet.columns),
+        )
+    except np.linalg.LinAlgError as problem:
+        raise _too_large(sheet, "it would have to fold") from problem
+    _refuse_bare(found, layout.uv, sheet)
+    centres, normals = found.surface.at(layout.uv[1::2, 1::2])
+    overlap = _overlap(layout.uv, 2 * np.pi) if found.surface.periodic else np.zeros(centres.shape[:2], dtype=bool)
+    return SkinMap(
+        centres=centres + sheet.thickness * normals,
+        normals=normals,
+        areas=_areas(found, layout, sheet),
+        pitch=sheet.pitch,
+        overlap=overlap,
+        surface=found.surface,
+        uv=layout.uv[1::2, 1::2],
+        strain=(layout.rms, layout.worst),
+        distance=found.distance,
+        notes=(*found.notes, *_notes(found, layout, overlap)),
+    )
+
+
+@takes_arrays
+def fit_stretch(
+    mesh: Mesh,
+    sheet: Sheet,
+    known: Mapping[tuple[int, int], ArrayLike],
+    *,
+    origin: ArrayLike,
+    heading: ArrayLike,
+    mode: Mode | None = None,
+    planes: Planes | None = None,
+) -> Sheet:
+    """The sheet with the stretch that brings some cells nearest to where they are known to be.
+
+    Args:
+        mesh: as for `map_skin`, and so on.
+        sheet: as it was before it was stretched.
+        known: (row, column) to the cell's centre (3,) [m].
+        origin: as for `map_skin`.
+        heading: as for `map_skin`.
+        mode: as for `map_skin`.
+        planes: as for `map_skin`.
+
+    Raises:
+        InputError: no cell is known, or one that the sheet does not have.
+    """
+    from scipy.optimize import least_squares
+
+    where = {cell: _vector(point, f"cell {cell}") for cell, point in known.items()}
+    for row, column in where:
+        if not (0 <= row < sheet.rows and 0 <= column < sheet.columns):
+            raise InputError(f"there is no cell ({row}, {column}) on a sheet of {sheet.rows} x {sheet.columns}.")
+    if not where:
+        raise InputError("no cell is known: stretch cannot be fitted.", where="known")
+    cells = tuple(np.array(list(where)).T)
+    points = np.stack(list(where.values()))
+
+    def off(stretch: Float[np.ndarray, "2"]) -> Float[np.ndarray, " k"]:
+        tried = replace(sheet, stretch=(float(stretch[0]), float(stretch[1])))
+        found = map_skin(mesh, tried, origin=origin, heading=heading, mode=mode, planes=planes)
+        return (found.centres[cells] - points).reshape(-1)
+
+    best = least_squares(off, np.array(sheet.stretch), diff_step=[1e-3], xtol=1e-6, x_scale=0.05)
+    return replace(sheet, stretch=(float(best.x[0]), float(best.x[1])))
+
+
+def _vector(values: ArrayLike, name: str) -> Float[np.ndarray, "3"]:
+    vector = np.asarray(values, dtype=np.float64)
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        raise InputError("must be three finite numbers.", where=name)
+    return vector
+
+
+def _side(mesh: Mesh, origin: Float[np.ndarray, "3"], normal: Float[np.ndarray, "3"]) -> float:
+    """1 where the normal leaves the body, -1 where it enters it: what winding says, unless the line there does not."""
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    ab, ac, ao = b - a, c - a, origin - a
+    across = np.cross(normal, ac)
+    size = np.einsum("fi,fi->f", ab, across)
+    crossed = np.abs(size) > 1e-12 * mesh.areas
+    size = np.where(crossed, size, 1.0)
+    first = np.einsum("fi,fi->f", ao, across) / size
+    turned = np.cross(ao, ab)
+    second = turned @ normal / size
+    far = np.einsum("fi,fi->f", ac, turned) / size
+    crossed &= (first >= 0) & (second >= 0) & (first + second <= 1)
+    near = 1e-6 * mesh.size
+    ahead, behind = np.count_nonzero(crossed & (far > near)), np.count_nonzero(crossed & (far < -near))
+    return -1.0 if behind < ahead else 1.0
+
+
+def _body(mesh: Mesh, facet: int) -> Int[np.ndarray, " f"]:
+    """The facets that hang together with one of them by their vertices."""
+    import trimesh
+
+    edges = mesh.faces[:, [0, 1, 1, 2]].reshape(-1, 2)
+    labels = cast("Any", trimesh.graph).connected_component_labels(edges, node_count=len(mesh.vertices))
+    body: np.ndarray = labels[mesh.faces[:, 0]]
+    return np.flatnonzero(body == body[facet])
+
+
+def _cell_blocks(lattice: Float[np.ndarray, "a b ..."]) -> Float[np.ndarray, "r c 3 3 ..."]:
+    """The nine lattice points of every cell."""
+    rows, columns = (lattice.shape[0] - 1) // 2, (lattice.shape[1] - 1) // 2
+    i, j = (cast("Any", np.arange(3) + 2 * np.arange(count)[:, None]) for count in (rows, columns))
+    return lattice[i[:, None, :, None], j[None, :, None, :]]
+
+
+def _refuse_bare(found: Shell, uv: Float[np.ndarray, "a b 2"], sheet: Sheet, allowed: float = 0.0) -> None:
+    """No cell may lie where there is no surface at all; before the layout is worked out some may seem to."""
+    if not np.isfinite(uv).all():
+        raise _too_large(sheet, "it would have to fold")
+    bare = ~found.there(_cell_blocks(uv)).any(axis=(2, 3))
+    if np.count_nonzero(bare) <= allowed:
+        return
+    rows, columns = (np.unique(numbers) for numbers in np.nonzero(bare))
+    place = f"rows {rows[0]} to {rows[-1]}, columns {columns[0]} to {columns[-1]}"
+    raise _too_large(sheet, f"{np.count_nonzero(bare)} of {bare.size} cells have no surface under them ({place})")
+
+
+def _too_large(sheet: Sheet, what: str) -> InputError:
+    height, length = sheet.size
+    hint = "Move the origin, turn the heading, flip the rows, or check the sheet's size and the mesh's unit."
+    size = f"{1e3 * height:.0f} x {1e3 * length:.0f} mm"
+    return InputError(f"a sheet of {size} does not fit here: {what}.", where="sheet", hint=hint)
+
+
+def _areas(found: Shell, layout: Layout, sheet: Sheet) -> Float[np.ndarray, "r c"]:
+    """By Simpson's rule over each cell."""
+    height, length = sheet.size
+    steps = height / (2 * sheet.rows), length / (2 * sheet.columns)
+    by_y, by_x = (np.gradient(layout.uv, step, axis=axis, edge_order=2) for axis, step in enumerate(steps))
+    tangents = found.surface.derivatives(layout.uv)[..., 1:3, :]
+    across = np.linalg.norm(np.cross(tangents[..., 0, :], tangents[..., 1, :]), axis=-1)
+    density = across * np.abs(by_y[..., 0] * by_x[..., 1] - by_y[..., 1] * by_x[..., 0])
+    weights = np.outer([1.0, 4.0, 1.0], [1.0, 4.0, 1.0]) / 36.0
+    cell = height * length / (sheet.rows * sheet.columns)
+    return cell * np.einsum("rcij,ij->rc", _cell_blocks(density), weights)
+
+
+def _overlap(uv: Float[np.ndarray, "a b 2"], period: float) -> Bool[np.ndarray, "r c"]:
+    """Which cells lie under the sheet when it comes round again."""
+    blocks = _cell_blocks(uv)
+    middle = blocks[:, :, 1:2, 1:2]
+    points = (middle + 0.9 * (blocks - middle)).reshape(-1, 2)  # neighbours that touch do not overlap
+    edge = np.concatenate([uv[0, :-1], uv[:-1, -1], uv[-1, :0:-1], uv[:0:-1, 0]])
+    turns = int(np.ceil(np.ptp(edge[:, 1]) / period))
+    covered = np.zeros(len(points), dtype=bool)
+    for turn in range(1, turns + 1):
+        for shift in (turn * period, -turn * period):
+            covered |= _inside(points + np.array([0.0, shift]), edge)
+    return np.any(covered.reshape(*blocks.shape[:2], 9), axis=2)
+
+
+def _inside(points: Float[np.ndarray, "n 2"], edge: Float[np.ndarray, "k 2"]) -> Bool[np.ndarray, " n"]:
+    """Points from which a ray meets a polygon an odd number of times."""
+    (au, av), (bu, bv) = edge.T[:, None, :], np.roll(edge, -1, axis=0).T[:, None, :]
+    u, v = points[:, 0, None], points[:, 1, None]
+    straddles = (av > v) != (bv > v)
+    rise = np.where(straddles, bv - av, 1.0)
+    return np.count_nonzero(straddles & (u < au + (v - av) / rise * (bu - au)), axis=1) % 2 == 1
+
+
+def _notes(found: Shell, layout: Layout, overlap: Bool[np.ndarray, "r c"]) -> tuple[str, ...]:
+    notes: list[str] = []
+    covered = found.there(_cell_blocks(layout.uv))
+    partly = int(np.count_nonzero(~covered.all(axis=(2, 3))))
+    if partly:
+        notes.append(f"{partly} cells reach beyond the surface; there it is continued")
+    if overlap.any():
+        notes.append(
+            f"{np.count_nonzero(overlap)} cells lie over or under another: the sheet goes round and meets itself"
+        )
+    if abs(layout.worst) > _HELD:
+        notes.append(f"the sheet would have to stretch by {100 * layout.worst:.0f} %: does it lie on this shape?")
+    return tuple(notes)

@@ -1,0 +1,141 @@
+"""Show a skin of taxels on the page and in the report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import ClassVar, cast
+
+import numpy as np
+
+from palpate.contact.contacts import Contacts
+from palpate.contact.estimate import ROW, Status
+from palpate.contact.estimator import ContactEstimator
+from palpate.errors import InputError
+from palpate.files.logs.samples import Samples
+from palpate.sensors.taxels.estimator import TaxelEstimator
+from palpate.sensors.taxels.layer import TaxelLayer, cell_mesh
+from palpate.sensors.taxels.section import SkinSection
+from palpate.setup.setup import Setup
+from palpate.setup.view import TRACKED, Facts, Feed, Kept, SensorView, Words
+from palpate.signals.recording import CELLS, Recording
+from palpate.viewer.maps import sheet_map
+from palpate.viewer.report import Section, picture
+from palpate.viewer.run_report import Run
+from palpate.viewer.samples import sheet_places
+from palpate.viewer.scene import Layer
+
+__all__ = ["TaxelView", "taxels"]
+
+REST = 50  # frames from which the page takes the rest of cells
+
+
+class TaxelView(SensorView):
+    """Show the forces of taxels, and how they are at rest."""
+
+    words: ClassVar[Mapping[str, Words]] = {
+        **TRACKED,
+        "sure": ("two peaks are two contacts from", 1.0, "deviations between them"),
+        "share": ("and from", 1e2, "% of the lower peak"),
+        "unequal": ("gains of cells differ by", 1e2, "%"),
+        "drift": ("the rest is followed within", 1.0, "s"),
+        "walk": ("drift of the rest", 1.0, "counts/√s"),
+    }
+
+    def skin(self, setup: Setup) -> Setup:
+        """Return the setup of the skin alone."""
+        return setup
+
+    def layers(self, setup: Setup, kept: Kept, live: tuple[int, ...] | None) -> tuple[Layer, ...]:
+        """Return the taxels with their forces."""
+        return (TaxelLayer(setup.of(SkinSection).body, kept.joined(), live is not None),)
+
+    def feed(self, setup: Setup, tares: Callable[[], int], layers: tuple[Layer, ...]) -> Feed:
+        """Return what takes the readings of a stream to the taxels."""
+        if layers and isinstance(layers[0], TaxelLayer):
+            made = self.skin(setup).prepared().estimator
+            if isinstance(made, TaxelEstimator):
+                return _Cells(tares, setup, made, layers[0])
+        return super().feed(setup, tares, layers)
+
+    def report(self, run: Run, setup: Setup, estimator: ContactEstimator) -> Run:
+        """Return the run with the body of cells and how they are."""
+        made = cast("TaxelEstimator", estimator)
+        body, health = made.body, made.health
+        shape = (body.rows, body.columns) if body.rows else None
+        drawn = cell_mesh(body)
+        if setup.link.stated is not None:
+            mesh = setup.link.surface().drawn()
+            drawn = (mesh.vertices, mesh.faces)
+        facts = [("cells", f"{len(body)}, of which {int(body.usable.sum())} are used")]
+        if health is not None:
+            facts.append(
+                (
+                    "at rest",
+                    f"{np.median(health.baseline):.3g} counts, noise {np.median(health.noise):.2g} counts (medians)",
+                )
+            )
+            facts.append(("dead, stuck", f"{int(health.dead.sum())}, {int(health.stuck.sum())}"))
+        section = taxels(run.kept.contacts, tuple(facts), shape, () if health is None else health.notes)
+        uncertainties = ("the cells' noise", "where in a cell a touch may be")
+        return replace(run, body=drawn, uncertainties=uncertainties, sections=(section,))
+
+
+class _Cells:
+    """Forces of cells, by an estimator of the page's own: a stream has contacts, and no forces of cells.
+
+    It takes the rest from frames in which nothing touches, again after each tare.
+    """
+
+    def __init__(self, tares: Callable[[], int], setup: Setup, made: TaxelEstimator, layer: TaxelLayer) -> None:
+        self._tares, self._layer = tares, layer
+        self._estimator = TaxelEstimator(made.body, made.intensity, made.health, settings=made.settings)
+        self._samples, self._cells = Samples(setup.layout(), Path("the stream")), len(made.body)
+        self._rows = self._estimator.empty(self._estimator.most)
+        self._done, self._free = tares(), list[np.ndarray]()
+        self._rested = made.health is not None
+
+    def __call__(self, slots: np.ndarray, watched: bool) -> None:
+        if self._tares() != self._done:
+            self._done, self._rested = self._tares(), False
+            self._free.clear()
+        readings = np.array(self._samples.readings(slots["values"].copy()))
+        readings = readings.reshape(len(readings), -1)[:, : self._cells]  # a wrench may stand behind them
+        if not self._rested:
+            self._rest(readings, slots)
+        elif watched:
+            self._estimator.update_into(1e-9 * float(slots["stamp"][-1]), readings[-1], self._rows)
+            self._layer.feed(self._estimator.force.reshape(-1).copy())
+
+    def _rest(self, readings: np.ndarray, slots: np.ndarray) -> None:
+        free = (slots["ready"] > 0) & (slots["contacts"][:, 0, ROW.status] == Status.NO_CONTACT)
+        self._free = [*self._free, *readings[free]][-REST:]
+        if len(self._free) < REST:
+            return
+        frames, self._free = np.stack(self._free), list[np.ndarray]()
+        try:
+            self._estimator.tare(Recording(np.arange(float(REST)), {CELLS: frames}, source="the stream"))
+        except InputError:  # not steady: the next ones are tried; the receiver says what is the matter
+            return
+        self._rested = True
+
+
+def taxels(contacts: Contacts, facts: Facts, shape: tuple[int, int] | None = None, said: Sequence[str] = ()) -> Section:
+    """Cells at rest and dead, and where on the unrolled sheet contacts were.
+
+    Args:
+        contacts: downsampled; with features row and column where the taxels are a sheet.
+        facts: of the body of cells, such as how many are dead.
+        shape: rows and columns of the sheet.
+        said: of its health, a sentence each.
+    """
+    places, pictures = sheet_places(contacts), ()
+    if shape is not None and places is not None:
+        force = np.linalg.norm(contacts.force, axis=1)
+        rows = np.flatnonzero(contacts.located & np.isfinite(places[:, 0]))
+        rows = rows[np.argsort(force[rows], kind="stable")]  # the strongest on top
+        if len(rows):
+            drawn = sheet_map(places[rows], force[rows], "force [N]", shape)
+            pictures = (picture(drawn, "Where contacts were on the unrolled sheet, and how hard."),)
+    return Section("Taxels", facts=facts, points=tuple(said), pictures=pictures)

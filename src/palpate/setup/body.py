@@ -1,0 +1,148 @@
+"""What is touched, as `palpate rig new` is given it: a mesh file whose unit is guessed, or a link of a URDF."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from palpate.errors import InputError
+from palpate.files.urdf import Urdf
+from palpate.setup.guess import PLAUSIBLE, mesh_size, quoted
+from palpate.spatial.pose import Pose
+
+__all__ = ["Body"]
+
+_MESH = """\
+[surface]
+mesh = {mesh}
+unit = "{unit}"                        # of the mesh file: m, cm, mm, um, in; it makes the surface {size:.4g} mm across
+"""
+_LINK = """\
+[surface]
+urdf = {urdf}
+link = {link}{packages}
+geometry = "{geometry}"              # or "{other}"; as it stands the surface is {size:.4g} mm across
+"""
+_BOTH = """\
+crease = 30                          # degrees: normals are smooth within it, split across it; 0 is faceted
+{how}
+pose = {{ xyz = {xyz}, quaternion_xyzw = {turn} }}
+# region = {{ box = [[-0.01, -0.01, 0], [0.01, 0.01, 0.02]] }}   # m: if only a part of the mesh can be touched
+
+"""
+_DRAWN = (
+    "# Where the surface sits in the sensor's frame, from a drawing; `palpate calibrate mounting` makes it right.",
+    "[0, 0, 0]",
+    "[0, 0, 0, 1]",
+)
+
+
+@dataclass(frozen=True)
+class Body:
+    """A mesh, or a link.
+
+    Attributes:
+        path: of the file.
+        unit: of its numbers.
+        size: across [m].
+        urdf, link: None and "": it is a mesh.
+        geometry: of the link.
+        folder: of the rig, in which paths are relative to it.
+    """
+
+    path: Path
+    unit: str
+    size: float
+    urdf: Urdf | None = None
+    link: str = ""
+    geometry: str = ""
+    folder: Path = Path()
+
+    @classmethod
+    def of(cls, path: Path, link: str | None = None, packages: Mapping[str, Path] | None = None) -> Body:
+        """What a file holds.
+
+        Args:
+            path: a mesh, or a URDF.
+            link: of the URDF.
+            packages: name -> folder, where the URDF's meshes are in packages that are not found.
+
+        Raises:
+            InputError: it cannot be read, or which link is meant is not said.
+        """
+        if path.suffix.lower() not in (".urdf", ".xacro", ".xml"):
+            if link is not None or packages:
+                raise InputError("is a mesh: it has no links and no packages.", where=str(path), hint="Name a URDF.")
+            return cls(path, *mesh_size(path))
+        urdf = Urdf(path, packages)
+        if link is None:
+            shaped = ", ".join(urdf.shaped()[:12]) or "none with a geometry"
+            raise InputError("has several links.", where=str(path), hint=f"Name one with --link: {shaped}.")
+        made = urdf.body(link)
+        across = float(np.linalg.norm(np.ptp(made.vertices, axis=0)))
+        return cls(path, "m", across, urdf, link, made.geometry)
+
+    def text(self, frame: str) -> str:
+        """[surface] of a rig, for a sensor whose frame has a name in the log, or ""."""
+        path = self.relative(self.path)
+        if self.urdf is None:
+            how, xyz, turn = _DRAWN
+            return _MESH.format(mesh=path, unit=self.unit, size=1e3 * self.size) + _BOTH.format(
+                how=how, xyz=xyz, turn=turn
+            )
+        pairs = [f"{quoted(name)} = {self.relative(where)}" for name, where in self.urdf.packages.items()]
+        first = _LINK.format(
+            urdf=path,
+            link=quoted(self.link),
+            packages=f"\npackages = {{ {', '.join(pairs)} }}" if pairs else "",
+            geometry=self.geometry,
+            other="collision" if self.geometry == "visual" else "visual",
+            size=1e3 * self.size,
+        )
+        pose = self.mounting(frame)
+        if pose is None:
+            return first + _BOTH.format(how=_DRAWN[0], xyz=_DRAWN[1], turn=_DRAWN[2])
+        how = f"# Of the link in the sensor's frame ({_comment(frame)}), by the URDF (`palpate calibrate mounting`)."
+        return first + _BOTH.format(how=how, xyz=pose.translation.tolist(), turn=pose.quaternion().tolist())
+
+    def relative(self, path: Path) -> str:
+        """A file as the rig names it, in quotes."""
+        return quoted(Path(os.path.relpath(path.resolve(), self.folder.resolve())).as_posix())
+
+    def mounting(self, frame: str) -> Pose | None:
+        """T_sensor_surface, where fixed joints join the sensor's frame and the link."""
+        if self.urdf is None or frame not in self.urdf.links:
+            return None
+        try:
+            quaternion, position = self.urdf.fixed().path(frame, self.link).at(np.zeros(1))
+        except InputError:
+            return None
+        return Pose.from_quaternion(quaternion[0], position[0])
+
+    def remarks(self, frame: str) -> list[str]:
+        """What the reader should check."""
+        if self.urdf is None:
+            if self.unit == "m":
+                return []
+            return [f"the mesh is taken to be in {self.unit}, which makes it {self.size * 1e3:.4g} mm across"]
+        said = [f"the surface is the {self.geometry} geometry of link {self.link!r}, {self.size * 1e3:.4g} mm across"]
+        if not PLAUSIBLE[0] <= self.size <= PLAUSIBLE[1]:
+            said.append("that is no size of a robot's link: is the scale of its mesh right in the URDF (0.001 for mm)?")
+        if self.mounting(frame) is not None:
+            return [*said, f"where it sits in the sensor ({frame!r}) is taken from the URDF's fixed joints"]
+        if not frame:
+            why = "the log does not name the sensor's frame"
+        elif frame not in self.urdf.links:
+            why = f"the sensor's frame {frame!r} is no link of the URDF"
+        else:
+            why = f"no fixed joints join the sensor's frame {frame!r} and link {self.link!r}"
+        return [*said, f"{why}: write where the link sits in the sensor as pose in [surface]"]
+
+
+def _comment(name: str) -> str:
+    """A name as it can stand in a comment."""
+    return "".join(letter if letter.isprintable() else "?" for letter in name)

@@ -1,0 +1,104 @@
+"""The pieces of a rig's text that follow from a log for any sensor."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from palpate.files.logs import LogContents, topic_shapes
+from palpate.files.logs.decoding import role
+from palpate.files.logs.layout import ORIENTATION_COLUMNS
+from palpate.files.logs.topics import RESULTS
+from palpate.files.units import TIME_UNITS, known_unit, split_unit
+from palpate.setup.names import orientation_columns, position_columns
+from palpate.surfaces.mesh import UNITS, Mesh
+
+__all__ = [
+    "PLAUSIBLE",
+    "array_topic",
+    "commented",
+    "mesh_size",
+    "orientation_table",
+    "pose_table",
+    "quoted",
+    "time_table",
+    "time_unit",
+    "topics_of",
+]
+
+PLAUSIBLE = (2e-3, 5.0)  # m: from a fingertip to a robot's link
+
+
+def quoted(value: str | Sequence[str]) -> str:
+    """Text or a list of texts; JSON's strings are TOML's, but for DEL."""
+    return json.dumps(value if isinstance(value, str) else list(value), ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def topics_of(contents: LogContents, wanted: str) -> list[str]:
+    """Names of topics with messages that hold "wrench", "pose", "acceleration" or "array"; contacts are none."""
+    there = [topic for topic in contents.topics if topic.count and role(topic.kind) == wanted]
+    return [topic.name for topic in there if not topic.name.startswith(RESULTS)]
+
+
+def array_topic(
+    log: Path, contents: LogContents, fits: Callable[[tuple[int, ...]], bool]
+) -> tuple[str, tuple[int, ...]] | None:
+    """The first topic of arrays or images that have a fitting shape, of those that are considered, and that shape."""
+    there = {topic.name for topic in contents.topics}
+    return next(((name, shape) for name, shape in topic_shapes(log).items() if name in there and fits(shape)), None)
+
+
+def commented(line: str, comment: str) -> str:
+    """A line of a rig with what is said of it, in its column."""
+    return f"{line:<36} # {comment}"
+
+
+def time_table(column: str, unit: str = "s", rate: float | None = None) -> str:
+    """[time]; "" as a column: there is none, and the samples come at the rate [Hz]."""
+    lines = [f"column = {quoted(column)}", commented(f'unit = "{unit}"', "s, ms, us, ns, samples")] if column else []
+    if rate is not None:
+        lines.append(commented(f"rate = {rate:.15g}", "Hz of the samples"))
+    return "\n".join(["[time]", *lines]) + "\n\n"
+
+
+def time_unit(column: str) -> str:
+    """That the name of a column of times states; s, where it states none."""
+    return known_unit(split_unit(column)[1], TIME_UNITS) or "s"
+
+
+def pose_table(topics: Sequence[str]) -> str:
+    """[orientation] from a topic of poses; a comment where there is none."""
+    lines = [
+        "[orientation]",
+        f"topic = {quoted(topics[0] if topics else '/pose')}   # poses of the sensor in the base",
+        "offset = 0.0                         # s added to their stamps; written by `palpate calibrate clock`",
+    ]
+    return "".join(f"{'' if topics else '# '}{line}\n" for line in lines)
+
+
+def orientation_table(names: Sequence[str]) -> tuple[str, list[str]]:
+    """[orientation] from columns, as a comment where only their names are like it; and what to check."""
+    quaternion, position = orientation_columns(names), position_columns(names)
+    if quaternion is None:
+        return '# [orientation]\n# columns = ["qx", "qy", "qz", "qw"]   # sensor in base: a payload needs it\n', []
+    lines = ["[orientation]", f"columns = {quoted(quaternion)}   # sensor in base: x, y, z, w"]
+    remarks: list[str] = []
+    if position is not None and re.search(r"[\[(_ ](?:mm|cm|um|in)[\])]?$", position[0]):
+        remarks.append(f"{position[0]!r} ... are not read: positions must be metres")
+    elif position is not None:
+        lines.append(f"position = {quoted(position)}   # sensor in base [m]: only for --frame base")
+    if quaternion == ORIENTATION_COLUMNS:
+        return "\n".join(lines) + "\n", remarks
+    remark = f"{quaternion[0]!r} ... may be the sensor's orientation: it stands in the rig as a comment"
+    return "\n".join(f"# {line}" for line in lines) + "\n", [remark, *remarks]
+
+
+def mesh_size(path: Path) -> tuple[str, float]:
+    """The unit that makes the body as large as a body is, millimetres before others, and its size [m]."""
+    raw = Mesh.load(path, unit="m").size
+    for unit in ("mm", "m", "cm", "um"):
+        if PLAUSIBLE[0] <= raw * UNITS[unit] <= (2.0 if unit == "mm" else PLAUSIBLE[1]):
+            return unit, raw * UNITS[unit]
+    return "m", raw

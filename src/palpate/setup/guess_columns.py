@@ -1,0 +1,177 @@
+"""What a table of forces and torques looks like: which columns, in which units and frame, and what is odd."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.errors import InputError
+from palpate.files.logs import LogContents
+from palpate.files.logs.layout import Layout
+from palpate.files.tables.stated import Stated
+from palpate.files.units import ACCELERATION_UNITS, FORCE_UNITS, TORQUE_UNITS, known_unit, split_unit, to_si
+from palpate.setup.guess import commented, orientation_table, quoted
+from palpate.setup.guess_time import TimeGuess, guess_time
+from palpate.setup.names import acceleration_columns, made_up, orientation_columns, wrench_frame, wrenches
+from palpate.signals.acceleration import kind_of_acceleration
+from palpate.signals.recording import ACCELERATION, Recording
+
+__all__ = ["Found", "columns_guess"]
+
+_COUNTS = 50.0  # in whole numbers up to less than this, forces may have been rounded
+
+
+@dataclass(frozen=True)
+class Found:
+    """What looks like a wrench, before its numbers are looked at.
+
+    Attributes:
+        why: what looks like this sensor.
+        layout: how to read it.
+        fields: of a rig's text; "torque_unit" is not among them where nothing states it.
+        remarks: what the reader should check.
+        time: of a table.
+        acceleration: its columns, where there are any.
+    """
+
+    why: str
+    layout: Layout
+    fields: Mapping[str, str]
+    remarks: tuple[str, ...] = ()
+    time: TimeGuess | None = None
+    acceleration: tuple[str, ...] = ()
+
+    def looked_at(self, recording: Recording, stated: Stated) -> Found:
+        """The same of a table, with what its numbers say: the unit of the time, accelerations, counts."""
+        fields, remarks, layout = dict(self.fields), list(self.remarks), self.layout
+        time = None if self.time is None else self.time.judged(recording.time)
+        if time is not None:
+            layout = replace(layout, time=time.column or "time", time_unit=time.unit, rate=time.rate)
+            fields["time"] = time.text()
+            remarks[:0] = time.remarks
+        if whole := _counted(recording.wrenches(), fields):
+            fields["unsure"] = "# "  # in counts: without it, it is taken from the log by the units that will stand here
+            remarks.append(whole)
+        if self.acceleration:
+            fields["acceleration"], doubt = _acceleration_table(self.acceleration, stated, recording)
+            remarks.append(doubt)
+        return replace(self, layout=layout, fields=fields, remarks=tuple(remarks), time=time)
+
+
+def _counted(values: Float[np.ndarray, "n 6"], fields: Mapping[str, str]) -> str:
+    """What to say of forces in whole numbers, as a sensor's counts are, where no unit is stated; "" of others."""
+    known = values[np.isfinite(values)]
+    if fields["force_unit"] != "N" or not len(known) or np.abs(known).max() < _COUNTS or (known % 1.0).any():
+        return ""
+    return (
+        f"all numbers of the wrench are whole, up to {np.abs(known).max():,.0f}: if they are counts, write so many "
+        'to a unit in [force_torque], as units = { force = "N/1000000", torque = "N m/1000000" }'
+    )
+
+
+def columns_guess(log: Path, contents: LogContents) -> Found | None:
+    """By names and by what the table states.
+
+    Raises:
+        InputError: a unit that is not known, or two units of one thing.
+    """
+    names = list(contents.names)
+    found = wrenches(names)
+    if not found:
+        return None
+    wrench, others = found[0], found[1:]
+    time = guess_time(contents, wrench)
+    force = _unit(wrench[:3], "force", FORCE_UNITS, contents)
+    torque = _unit(wrench[3:], "torque", TORQUE_UNITS, contents)
+    frame, whose = wrench_frame(wrench)
+    orientation, remarks = orientation_table(names)
+    fields = {"wrench": f"columns = {quoted(wrench)}", "force_unit": force or "N", "orientation": orientation}
+    fields |= {"frame": frame} | ({"torque_unit": torque} if torque else {})
+    remarks = [*_said(wrench, others, whose, frame, names), *remarks]
+    acceleration = acceleration_columns([name for name in names if name not in wrench]) or ()
+    layout = Layout(
+        time=time.column or "time",
+        time_unit=time.unit or "s",
+        rate=time.rate,
+        wrench=wrench,
+        force_unit=force or "N",
+        torque_unit=torque or "N m",
+        frame=frame,
+        acceleration=acceleration or None,
+        acceleration_unit=_acceleration_unit(acceleration, contents.stated) or "m/s^2",
+    )
+    why = f"columns {', '.join(wrench)} look like forces and torques"
+    return Found(why, layout, fields, tuple(remarks), time, acceleration)
+
+
+def _acceleration_unit(columns: Sequence[str], stated: Stated) -> str | None:
+    """That the log states, where it is known."""
+    return known_unit(stated.unit(columns[0]), ACCELERATION_UNITS) if columns else None
+
+
+def _unit(columns: Sequence[str], kind: str, table: Mapping[str, float], contents: LogContents) -> str:
+    """The unit that the log states for three columns, "" where it states none."""
+    units = {stated: name for name in columns if (stated := contents.stated.unit(name, kind))}
+    if len({_scale(unit, table, name, contents) for unit, name in units.items()}) > 1:
+        both = ", ".join(f"{name!r} in {unit!r}" for unit, name in units.items())
+        raise InputError(f"one {kind} has several units: {both}.", where=str(contents.path), hint="Correct the header.")
+    unit = next(iter(units), "")
+    bare, slash, count = unit.partition("/")
+    return f"{known_unit(bare, table) or bare}{slash}{count}"
+
+
+def _scale(unit: str, table: Mapping[str, float], name: str, contents: LogContents) -> float:
+    try:
+        return to_si(unit, table, where=f"{contents.path}, column {name!r}")
+    except InputError as problem:
+        hint = f"{problem.hint} Of counts write so many to a unit, `N/1000`, in the header or in a rig."
+        raise InputError(problem.what, where=f"{contents.path}, column {name!r}", hint=hint) from None
+
+
+def _said(
+    wrench: Sequence[str], others: Sequence[Sequence[str]], whose: str, frame: str, names: Sequence[str]
+) -> list[str]:
+    said: list[str] = []
+    if made_up(names):
+        said.append("without names force and torque are taken in the order x, y, z, x, y, z")
+    for name in wrench:
+        unknown = re.findall(r"\(([^()]*[^()\W\d_xyz][^()]*)\)", split_unit(name)[0])
+        if unknown:
+            said.append(f"{unknown[-1]!r} in {name!r} is not read as a unit: check [force_torque] units")
+            break
+    if whose:
+        said.append(f"{wrench[0]!r} ... is the wrench {whose}: frame = {frame!r}")
+    if frame == "base" and orientation_columns(names) is None:
+        needs = "a wrench in the base frame needs the sensor's orientation (columns qx, qy, qz, qw)"
+        said.append(f'{needs}; frame = "sensor" is right only while the sensor keeps the axes of the base')
+    if others:
+        more = "; ".join(f"{columns[0]} ... {columns[-1]}" for columns in others)
+        taken = f"{wrench[0]} ... {wrench[-1]} is taken, not {more}"
+        said.append(f"{len(others) + 1} wrenches are there: {taken}; [force_torque] columns chooses another one")
+    return said
+
+
+def _acceleration_table(columns: tuple[str, ...], stated: Stated, recording: Recording) -> tuple[str, str]:
+    """[acceleration] of a rig, by what is in the numbers, and what is to be said of it."""
+    unit = _acceleration_unit(columns, stated)
+    values = recording.channels[ACCELERATION]  # in m/s^2 if the unit is known, else as recorded
+    kind, unit, length = kind_of_acceleration(values, unit)
+    means = {
+        "imu": f"gravity is in it: {length:.3g} {unit} at the median",
+        "motion": f"no gravity is in it: {length:.3g} {unit} at the median",
+        "none": f"{length:.3g} at the median is neither gravity nor motion, so it is not used",
+    }
+    lines = [
+        "[acceleration]",
+        commented(f"columns = {quoted(columns)}", "of the sensor, along its axes"),
+        commented(f'kind = "{kind}"', f'{means[kind]}; or "imu" (with gravity), "motion" (without), "none"'),
+        commented(f'unit = "{unit}"', "m/s^2, g, mg"),
+    ]
+    named = f"{columns[0]!r} ... are taken for " if kind != "none" else f"{columns[0]!r} ... are not used: "
+    what = {"imu": "an IMU's", "motion": "the acceleration of the motion"}.get(kind, "")
+    return "\n".join(["", *lines, ""]), f"{named}{what}{', ' if what else ''}{means[kind]}: check [acceleration] kind"

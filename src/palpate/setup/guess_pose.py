@@ -1,0 +1,151 @@
+"""Where a log of topics may say how the sensor lies in the base: the tree of /tf, joint states, a topic of poses."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from palpate.errors import InputError
+from palpate.files.logs.layout import Layout
+from palpate.files.logs.survey import Survey
+from palpate.files.logs.topics import NONE
+from palpate.files.units import near
+from palpate.setup.body import Body
+from palpate.setup.guess import pose_table, quoted
+
+__all__ = ["PoseGuess", "guess_pose"]
+
+_OTHERS = re.compile(
+    r"camera|object|marker|apriltag|aruco|target|goal|detect|human|person|head|odom|map\b|initialpose|cloud",
+    re.IGNORECASE,
+)
+_OFFSET = "offset = 0.0                         # s added to their stamps; written by `palpate calibrate clock`\n"
+_FRAMES = """\
+# base = "base_link"                 # in place of topic: two frames of /tf
+# sensor = "ft_sensor"
+"""
+
+
+@dataclass(frozen=True)
+class PoseGuess:
+    """Of a log: how to read it, [orientation] as TOML, and what to check."""
+
+    layout: Layout
+    text: str
+    remarks: list[str]
+
+
+def guess_pose(survey: Survey, layout: Layout, body: Body | None) -> PoseGuess:
+    """The tree of /tf where it holds the wrench's frame, else joint states, else a topic of poses that may be its own.
+
+    Args:
+        survey: of the log.
+        layout: that names the topic of the wrench.
+        body: that is touched; its URDF moves with the joint states.
+    """
+    frame, _ = survey.named.get(str(layout.wrench_topic), ("", ""))
+    joints = _joints(survey, frame, body)
+    found, remarks = _tree(survey, frame)
+    if found is not None:
+        if joints is not None:
+            remarks.append("joint states could give it too; /tf is taken")
+        unused = [name for name in survey.poses if name]
+        if unused:
+            remarks.append(f"topics of poses are not used: {', '.join(unused)}")
+        base, sensor = found
+        text = f"[orientation]\nbase = {quoted(base)}\nsensor = {quoted(sensor)}   # frames of /tf\n{_OFFSET}"
+        return PoseGuess(replace(layout, frames=found), text, remarks)
+    if joints is not None:
+        return replace(
+            joints, layout=replace(joints.layout, wrench_topic=layout.wrench_topic), remarks=[*remarks, *joints.remarks]
+        )
+    made = _topic(survey, layout, frame)
+    frames = _FRAMES if survey.frames.edges else ""
+    return replace(made, text=made.text + frames, remarks=[*remarks, *made.remarks])
+
+
+def _tree(survey: Survey, frame: str) -> tuple[tuple[str, str] | None, list[str]]:
+    """Base and sensor, and what is to be said of them."""
+    if not survey.frames.edges:
+        return None, []
+    tree, wrench = survey.frames.tree(), f"the wrench's frame {frame!r}"
+    if frame not in tree.frames:
+        why = f"{wrench} is not in it" if frame else "the wrench's header names no frame"
+        return None, [
+            f"/tf is not used: {why}; name the sensor's frame, and a base, in [orientation]. {near(frame, tree.frames)}"
+        ]
+    try:
+        up = tree.up(frame)
+    except InputError as problem:
+        return None, [f"/tf is not used: {problem}"]
+    if len(up) == 1:
+        return None, [
+            f"/tf is not used: {wrench} is the root of its tree. If the wrench is written in the base, set frame = "
+            f'"base" in [force_torque], and name the sensor\'s frame and the base in [orientation]'
+        ]
+    base = up[len(up) - 1]
+    others = f"; another base can be {', '.join(up[1:-1])}" if len(up) > 2 else ""
+    said = [f"the sensor is {wrench}, the base {base!r}, the root of its tree in /tf{others} (base in [orientation])"]
+    if not survey.frames.moving(up):
+        said.append(f"nothing between {base!r} and {frame!r} moves in /tf: is that the sensor's frame?")
+    return (base, frame), said
+
+
+def _joints(survey: Survey, frame: str, body: Body | None) -> PoseGuess | None:
+    """The URDF moved by joint states, where all joints up to its root are in a topic."""
+    if body is None or body.urdf is None or frame not in body.urdf.links:
+        return None
+    try:
+        root = body.urdf.root(frame)
+        needed = {joint.mimics or joint.name for joint in body.urdf.chain(root, frame)}
+    except InputError:
+        return None
+    topics = [name for name, there in survey.joints.items() if needed and needed <= {*there}]
+    if not topics:
+        return None
+    topic = topics[0]
+    text = (
+        f"[orientation]\nbase = {quoted(root)}\nsensor = {quoted(frame)}   # links of the URDF\n"
+        f"urdf = {body.relative(body.path)}\njoints = {quoted(topic)}   # joint states\n{_OFFSET}"
+    )
+    said = f"the sensor is link {frame!r} of the URDF, the base its root {root!r}, the joints those of {topic!r}"
+    several = f"{len(topics)} topics move these joints: {', '.join(topics)}; the first is taken (see joints)"
+    remarks = [said, *([several] if len(topics) > 1 else [])]
+    return PoseGuess(Layout(frames=(root, frame), urdf=body.path, joints_topic=topic), text, remarks)
+
+
+def _topic(survey: Survey, layout: Layout, frame: str) -> PoseGuess:
+    doubts = {name: list(_doubts(survey, name, frame)) for name in survey.poses}
+    fitting = [name for name, why in doubts.items() if not why]
+    foreign = [f"{name!r} ({'; '.join(why)})" for name, why in doubts.items() if why]
+    if fitting:
+        fitting.sort(key=lambda name: not survey.poses[name].moves)  # what moves first
+        remarks = [f"{foreign[0]} is probably not of the sensor"] if len(foreign) == 1 else []
+        if len(foreign) > 1:
+            remarks = [f"{', '.join(foreign)} are probably not of the sensor"]
+        if len(fitting) > 1:
+            remarks.append(f"{len(fitting)} topics hold poses: {', '.join(fitting)}; the first is taken")
+        if not survey.poses[fitting[0]].moves and survey.poses[fitting[0]].count > 1:
+            remarks.append(f"the pose on {fitting[0]!r} never moves: is it the sensor's?")
+        return PoseGuess(replace(layout, orientation_topic=fitting[0]), pose_table(fitting), remarks)
+    if not doubts:
+        return PoseGuess(layout, pose_table([]), [])
+    text = f'[orientation]\ntopic = "{NONE}"                       # of poses of the sensor in the base\n'
+    said = (
+        f"no topic of poses is taken: {', '.join(foreign)}; if one is of the sensor, name it as topic in [orientation]"
+    )
+    return PoseGuess(replace(layout, orientation_topic=NONE), text, [said])
+
+
+def _doubts(survey: Survey, name: str, frame: str) -> Iterator[str]:
+    """Why the poses of a topic are probably of something else."""
+    parent, child = survey.named.get(name, ("", ""))
+    for what, text in (("its name", name), ("its frame", parent), ("its child frame", child)):
+        if match := _OTHERS.search(text):
+            yield f"{what} says {match[0]!r}"
+            return
+    if frame and child and child != frame:
+        yield f"it is of {child!r}, the wrench of {frame!r}"
+    elif frame and parent == frame:
+        yield "it is written in the sensor's own frame"

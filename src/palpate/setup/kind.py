@@ -1,0 +1,56 @@
+"""What building a sensor from a rig, or guessing one from a log, results in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from palpate.contact.estimator import ContactEstimator
+from palpate.files.logs.layout import Layout
+from palpate.signals.wrench_sensor import Tare
+
+__all__ = ["FIRST", "Guess", "Prepared"]
+
+FIRST = 1.0  # s of a stream from which is taken what the rig does not state, where no tare says how long
+
+
+@dataclass
+class Prepared:
+    """An estimator, with notes and warnings about how it was made.
+
+    Attributes:
+        estimator: ready for the first sample.
+        said: what was done or assumed, one sentence each.
+        doubted: what may be wrong about it.
+        facts: settings in force, for the record beside a result and for the report.
+    """
+
+    estimator: ContactEstimator
+    said: list[str] = field(default_factory=list[str])
+    doubted: list[str] = field(default_factory=list[str])
+    facts: dict[str, object] = field(default_factory=dict[str, object])
+
+    def tared(self, tare: Tare) -> None:
+        """Keep what a tare took, and what may be wrong about it."""
+        self.said.append(tare.said)
+        self.doubted += [tare.doubt] if tare.doubt else []
+
+
+@dataclass(frozen=True)
+class Guess:
+    """What a log looks like to one kind of sensor.
+
+    Attributes:
+        why: the sentence that says what in the log looks like this sensor.
+        layout: how to read it.
+        text: the tables of a rig, as TOML with comments.
+        remarks: what the reader should check.
+        lacking: what must be known before a rig can be written, or "".
+        frame: of the sensor, as the log's messages name it; "" where they do not.
+    """
+
+    why: str
+    layout: Layout
+    text: str
+    remarks: tuple[str, ...] = ()
+    lacking: str = ""
+    frame: str = ""

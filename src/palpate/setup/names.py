@@ -1,0 +1,180 @@
+"""Which columns of a log are what, by their names; units in the names do not matter."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+
+from palpate.files.logs.layout import ACCELERATION_COLUMNS, ORIENTATION_COLUMNS, POSITION_COLUMNS, WRENCH_COLUMNS
+from palpate.files.units import TIME_UNITS, known_unit, split_unit
+
+__all__ = [
+    "acceleration_columns",
+    "counter_column",
+    "made_up",
+    "orientation_columns",
+    "position_columns",
+    "split_stamp",
+    "time_column",
+    "wrench_columns",
+    "wrench_frame",
+    "wrenches",
+]
+
+
+def _axes(words: str, axes: str = "[xyz]") -> re.Pattern[str]:
+    return re.compile(rf"^(?P<head>.*?)(?:{words})[\W_]*(?P<axis>{axes})(?P<tail>(?:[^a-z].*)?)$", re.IGNORECASE)
+
+
+def _axes_first(words: str) -> re.Pattern[str]:
+    return re.compile(rf"^(?P<head>(?:.*[\W_])?)(?P<axis>[xyz])[\W_]*(?:{words})(?P<tail>\W*)$", re.IGNORECASE)
+
+
+_FORCE = (_axes("force|kraft|f"), _axes_first("force|kraft"), _axes("force", "[0-3]"))
+_TORQUE = (
+    _axes("torque|drehmoment|moment|tau|t|m"),
+    _axes_first("torque|drehmoment|moment"),
+    _axes("torque|moment", "[0-3]"),
+)
+_SIX = re.compile(
+    r"^(?P<head>.*?(?:wrench|f_ext_hat_k|force_torque|tcp_force|fts?)(?:_?data|_?raw)?)[\W_]*(?P<axis>\d)\W*$", re.I
+)
+_QUATERNION = (_axes("orientation|rotation|quaternion|quat|rot|q", "[xyzw]"),)
+_POSITION = (_axes("position|translation|pos|p"),)
+_ACCELERATION = (_axes("linear[\\W_]*acceleration|acceleration|accel|acc|beschleunigung|(?<![a-z])a"),)
+_TIME = (
+    *("time", "timestamp", "t", "stamp", "time_s", "seconds", "sec", "s", "zeit", "x_value", "duration"),
+    *("elapsed", "millis", "ms", "micros", "us"),
+)
+_DERIVED = re.compile(  # what is no measured wrench, where there is another one
+    r"(?:^|[\W_])(?:desired|des|command\w*|cmd|target|set_?point|ref|reference|bias|offset|std|sigma|error|noise)(?=[\W_]|$)",
+    re.IGNORECASE,
+)
+_COUNTER = re.compile(
+    r"^(?:.*[\W_])?(?:samples?|seq|sequence|index|idx|counter|count|frame|packet|no|nr|n|#)\.?$", re.I
+)
+_PARTS = re.compile(r"^(?P<head>.*?)(?P<part>secs?|seconds?|nsecs?|nanosecs?|nanoseconds?)$", re.IGNORECASE)
+_FRAMES = (  # names that say in which frame a wrench is: whose they are, frame, what it is
+    (r"O_F_ext_hat_K", "base", "of a Franka arm in its base frame O"),
+    (r"K_F_ext_hat_K", "sensor", "of a Franka arm in its stiffness frame K, which is taken as the sensor's"),
+    (r"actual_TCP_force", "base", "of a UR arm at its tool, along the axes of its base"),
+)
+
+
+def wrenches(names: Sequence[str]) -> list[tuple[str, ...]]:
+    """Six columns, force first, of each sensor that has all six, those that are in the sensor's frame first."""
+    found: list[tuple[str, ...]] = []
+    if set(WRENCH_COLUMNS) <= set(names):
+        found.append(WRENCH_COLUMNS)
+    for tails in (True, False):  # Fx_left, Fx_right; but also Fx 1, Fy 2, and units that are not known
+        forces, torques = _groups(names, _FORCE, "xyz", tails=tails), _groups(names, _TORQUE, "xyz", tails=tails)
+        pairs = [(*force, *torques[head]) for head, force in forces.items() if head in torques]
+        if pairs:
+            found += pairs
+            break
+    found += _groups(names, (_SIX,), "012345").values()
+    if made_up(names) and len(names) % 6 < 2:
+        first = len(names) % 6
+        found += [tuple(names[k : k + 6]) for k in range(first, len(names), 6)]
+    return sorted(dict.fromkeys(found), key=lambda six: (wrench_frame(six)[0] == "base", bool(_DERIVED.search(six[0]))))
+
+
+def wrench_columns(names: Sequence[str]) -> tuple[str, ...] | None:
+    """Six columns, force first, of the first sensor that has all six; None where there is none."""
+    return next(iter(wrenches(names)), None)
+
+
+def wrench_frame(columns: Sequence[str]) -> tuple[str, str]:
+    """The frame of a wrench, "sensor" or "base", and what its names say of it, or ""."""
+    for pattern, frame, said in _FRAMES:
+        if re.search(pattern, columns[0], re.IGNORECASE):
+            return frame, said
+    return "sensor", ""
+
+
+def time_column(names: Sequence[str]) -> str | None:
+    """The column of the time, None where no name says so, or only of parts of it."""
+    split = split_stamp(names)
+    whole = [name for name in names if name not in split]
+    lower: dict[str, str] = {}
+    for name in reversed(whole):
+        bare, unit = split_unit(name)
+        if not unit or len(bare) > 1 or known_unit(unit, TIME_UNITS):  # T [degC] is a temperature
+            lower |= {bare.lower(): name, name.lower(): name}
+    for usual in _TIME:
+        if usual in lower:
+            return lower[usual]
+    return next((name for name in whole if any(word in name.lower() for word in ("time", "stamp", "zeit"))), None)
+
+
+def split_stamp(names: Sequence[str]) -> tuple[str, ...]:
+    """Seconds and nanoseconds of one stamp in two columns; () where there are none."""
+    parts = [
+        (match["head"].lower(), match["part"].lower()[0] == "n", name)
+        for name in names
+        if (match := _PARTS.match(name))
+    ]
+    for head, nano, name in parts:
+        for other, more, beside in parts:
+            if head == other and not nano and more:
+                return name, beside
+    return ()
+
+
+def counter_column(names: Sequence[str]) -> str | None:
+    """A column that counts the samples."""
+    return next((name for name in names if _COUNTER.match(split_unit(name)[0])), None)
+
+
+def orientation_columns(names: Sequence[str]) -> tuple[str, ...] | None:
+    """Four columns x, y, z, w of a quaternion."""
+    if set(ORIENTATION_COLUMNS) <= set(names):
+        return ORIENTATION_COLUMNS
+    return next(iter(_groups(names, _QUATERNION, "xyzw").values()), None)
+
+
+def position_columns(names: Sequence[str]) -> tuple[str, ...] | None:
+    """Three columns of a position."""
+    if set(POSITION_COLUMNS) <= set(names):
+        return POSITION_COLUMNS
+    return next(iter(_groups(names, _POSITION, "xyz").values()), None)
+
+
+def acceleration_columns(names: Sequence[str]) -> tuple[str, ...] | None:
+    """Three columns of an acceleration."""
+    if set(ACCELERATION_COLUMNS) <= set(names):
+        return ACCELERATION_COLUMNS
+    return next(iter(_groups(names, _ACCELERATION, "xyz").values()), None)
+
+
+def made_up(names: Iterable[str]) -> bool:
+    """Whether the file had no names."""
+    return all(re.fullmatch(r"column_\d+", name) for name in names)
+
+
+def _groups(
+    names: Iterable[str], patterns: Sequence[re.Pattern[str]], axes: str, *, tails: bool = False
+) -> dict[tuple[str, str], tuple[str, ...]]:
+    """What comes before the word, and with `tails` after it -> its columns by axis, where all axes are there."""
+    found: dict[tuple[str, str], dict[str, str]] = {}
+    for name in names:
+        bare = split_unit(name)[0]
+        for pattern in patterns:
+            if match := pattern.match(bare):
+                tail = (match.groupdict().get("tail") or "").lower() if tails else ""
+                found.setdefault((match["head"].lower(), tail), {}).setdefault(match["axis"].lower(), name)
+                break
+    counted = {head: _from_zero(group) for head, group in found.items()}
+    if axes == "xyz":
+        counted = {
+            head: {"xyz"[int(key)] if key in "012" else key: name for key, name in group.items()}
+            for head, group in counted.items()
+        }
+    return {head: tuple(group[axis] for axis in axes) for head, group in counted.items() if set(axes) <= set(group)}
+
+
+def _from_zero(group: dict[str, str]) -> dict[str, str]:
+    """Numbered from 0 where it was numbered from 1."""
+    if not all(key.isdigit() for key in group) or "0" in group:
+        return group
+    return {str(int(key) - 1): name for key, name in group.items()}

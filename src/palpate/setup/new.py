@@ -1,0 +1,180 @@
+"""A commented rig to start from, guessed from a log and a mesh; what was guessed is said."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from palpate.errors import InputError
+from palpate.files.logs import LogContents, contents
+from palpate.files.logs.decoding import role
+from palpate.files.models import printable
+from palpate.files.units import near
+from palpate.setup.body import Body
+from palpate.setup.kind import Guess
+from palpate.setup.kinds import KINDS
+from palpate.setup.rig import check_rig
+from palpate.setup.setup import SensorKind
+
+__all__ = ["Proposal", "guess_sensor", "propose_rig"]
+
+_NO_SURFACE = """\
+[surface]                            # no mesh was given: say what is touched, lengths in m
+kind = "sphere"                      # or mesh, plane, cylinder, elliptic_cylinder, ellipsoid, paraboloid, superquadric
+radius = 0.01
+
+"""
+_REST = """
+# [filter]                           # `palpate inspect LOG --spectrum spectrum.html` proposes one
+# kind = "butterworth"               # or "kalman" (q, r), or "zero_phase" for logs
+# cutoff = 10                        # Hz
+"""
+_ESTIMATE = """
+[estimate]
+method = "soft_finger"
+friction = 1.0                       # bounds the tangent of the angle between force and normal
+torsion = 0.005                      # m: bounds |torque about the normal| / |normal force|
+# contact = { on = 0.5, off = 0.3 }  # N; without it both follow from the noise
+# tare = 1.0                         # s: the log starts so long unloaded, and its mean is taken off
+"""
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A rig's text, which sensor it is for and why, and what its reader should check."""
+
+    text: str
+    called: str
+    why: str
+    remarks: tuple[str, ...]
+
+
+def guess_sensor(
+    log: Path,
+    body: Body | None = None,
+    *,
+    sensor: str | None = None,
+    topic: str | None = None,
+    rate: float | None = None,
+) -> tuple[SensorKind, Guess] | None:
+    """The first kind of sensor that a log looks like; None where it looks like none.
+
+    Args:
+        log: of any sensor.
+        body: that is touched.
+        sensor: the only kind that is looked for.
+        topic: the only one of its role that is looked at.
+        rate: [Hz] of the samples, where it is known.
+
+    Raises:
+        InputError: it is no log, or has no such topic, or its names contradict each other.
+    """
+    there = _only(contents(log), topic)
+    if rate is not None and there.topics:
+        raise InputError(
+            "is a log of messages, which have stamps.", where=str(log), hint="--rate is for tables without times."
+        )
+    if rate is not None:
+        there = replace(there, stated=replace(there.stated, rate=rate))
+    for kind in KINDS.values():
+        if sensor in (None, kind.name) and (guess := kind.guess(log, there, body)) is not None:
+            return kind, guess
+    return None
+
+
+def _only(there: LogContents, name: str | None) -> LogContents:
+    """Without the other topics of the role that a topic has."""
+    if name is None:
+        return there
+    if not there.topics:
+        raise InputError("is a table, and has no topics.", where=str(there.path), hint="Leave --topic out.")
+    named = next((topic for topic in there.topics if topic.name == name), None)
+    if named is None:
+        hint = near(name, [topic.name for topic in there.topics])
+        raise InputError(f"there is no topic {name!r}.", where=str(there.path), hint=hint)
+    if role(named.kind) not in ("wrench", "array"):
+        raise InputError(
+            f"topic {name!r} holds {named.kind}, which no sensor's readings are in.",
+            where=str(there.path),
+            hint="Wrenches are geometry_msgs/Wrench or WrenchStamped; voltages and frames are arrays or images.",
+        )
+    kept = [topic for topic in there.topics if topic.name == name or role(topic.kind) != role(named.kind)]
+    return replace(there, topics=tuple(kept))
+
+
+def propose_rig(
+    log: Path,
+    body: Body | Path | None,
+    folder: Path,
+    *,
+    sensor: str | None = None,
+    topic: str | None = None,
+    rate: float | None = None,
+) -> Proposal:
+    """Guess a rig that will stand in `folder`.
+
+    Args:
+        log: of any sensor.
+        body: that is touched; a path is that of a mesh.
+        folder: of the rig.
+        sensor: see `guess_sensor`.
+        topic: the same.
+        rate: the same.
+
+    Raises:
+        InputError: the log cannot be read, or nothing in it looks like a sensor, or the rig would not load.
+    """
+    body = Body.of(body) if isinstance(body, Path) else body
+    body = None if body is None else replace(body, folder=folder)
+    found = guess_sensor(log, body, sensor=sensor, topic=topic, rate=rate)
+    if found is None:
+        raise InputError(
+            f"looks like none of {', '.join(kind.called for kind in KINDS.values())}: {_listed(log)}.",
+            where=str(log),
+            hint="Name columns time, fx, fy, fz, tx, ty, tz, or write the rig by hand.",
+        )
+    kind, guess = found
+    if guess.lacking:
+        raise InputError(
+            f"{guess.lacking}.", where=str(log), hint="Add --rate HZ, of the samples, if they come evenly."
+        )
+    text = "".join(_parts(log, body, kind, guess))
+    _require_sound(text, folder / "rig.toml")
+    written = contents(log).written
+    remarks = [*([f"the table is {written}"] if written else []), *guess.remarks]
+    remarks += [] if body is None else body.remarks(guess.frame)
+    return Proposal(text, kind.called, guess.why, tuple(remarks))
+
+
+def _listed(log: Path) -> str:
+    """What it has, in short."""
+    there = contents(log)
+    names = [*there.names, *(f"{topic.name} ({topic.kind})" for topic in there.topics)]
+    return ", ".join(names[:12]) + (", ..." if len(names) > 12 else "") if names else "it is empty"
+
+
+def _parts(log: Path, body: Body | None, kind: SensorKind, guess: Guess) -> Iterator[str]:
+    of = printable(log.name) + ("" if body is None else f" and {printable(body.path.name)}")
+    yield f"# A Palpate rig, guessed by `palpate rig new` from {of}. Check every line; lengths are metres.\n"
+    yield f"# Taken for {kind.called}: {printable(guess.why)}.\n"
+    if body is not None:
+        yield body.text(guess.frame)
+    elif kind.needs_surface:
+        yield _NO_SURFACE
+    yield guess.text
+    yield _REST
+    if kind.needs_surface:
+        yield _ESTIMATE
+
+
+def _require_sound(text: str, path: Path) -> None:
+    """Before it is written: odd names of files or columns must not make a rig that does not load."""
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as problem:
+        raise InputError(
+            f"a name of a column or of the mesh cannot stand in a rig ({problem}).", where=str(path), hint="Rename it."
+        ) from problem
+    check_rig(table, path)

@@ -1,0 +1,100 @@
+"""Pokes of a skin in a rig: where the link is in the sensor's frame, and what is known of the taxels before."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import radians
+from pathlib import Path
+
+from palpate.files.schema import INFINITE
+from palpate.setup.surface import RigPose
+from palpate.setup.tables import require_path, require_positive
+
+__all__ = ["RigPokes", "RigPriors"]
+
+
+@dataclass(frozen=True)
+class RigPriors:
+    """Standard deviations of errors of sensor and robot: see `palpate.sensors.taxels.poking.Priors`; angles in degrees.
+
+    What is left out has its default there.
+    """
+
+    bias_force: float | None = None
+    bias_torque: float | None = None
+    frame: float | None = None
+    frame_angle: float | None = None
+    common: float | None = None
+    common_angle: float | None = None
+    cross_talk: float | None = None
+    lever: float | None = None
+    start: float | None = field(default=None, metadata=INFINITE)
+    start_angle: float | None = field(default=None, metadata=INFINITE)
+    smooth: float | None = field(default=None, metadata=INFINITE)
+    neighbours: float | None = None
+    spacing: float | None = field(default=None, metadata=INFINITE)
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if value is not None and not value >= 0:
+                raise ValueError(f"{name} must not be negative")
+        require_positive(self, "lever")
+
+    def stated(self) -> dict[str, float]:
+        """Those that are, with angles in radians."""
+        known = {name: value for name, value in vars(self).items() if value is not None}
+        return {name: radians(value) if name.endswith("angle") else value for name, value in known.items()}
+
+
+@dataclass(frozen=True)
+class RigPokes:
+    """The link in the sensor's frame, and what pokes start from.
+
+    `sensor` and `link` are frames of /tf, or links of a `urdf` that is moved by the `joints` of a topic of joint
+    states, or by columns of their names in a table. Else `columns` (quaternion x, y, z, w) and `position` of a table, a
+    `topic` of poses, or a `pose` that stays say where the link is in the sensor's frame. `offset` and `max_gap` [s] are
+    as in [orientation].
+
+    `threshold`: a taxel answers where it stands so far above its rest; found where it is left out. `layout` of the
+    modules: a name such as "ring12", or a file of taxels; `start`: a file of where taxels are thought to be (CAD).
+    """
+
+    sensor: str | None = None
+    link: str | None = None
+    urdf: str | None = None
+    joints: str | None = None
+    columns: tuple[str, str, str, str] | None = None
+    position: tuple[str, str, str] | None = None
+    topic: str | None = None
+    pose: RigPose | None = None
+    offset: float = 0.0
+    max_gap: float = 0.25
+    threshold: float | None = None
+    layout: str | None = None
+    start: str | None = None
+    priors: RigPriors = field(default_factory=RigPriors)
+
+    def __post_init__(self) -> None:
+        require_positive(self, "max_gap", "threshold")
+        for name in ("urdf", "start", "layout"):
+            require_path(name, getattr(self, name))
+        if (self.sensor is None) != (self.link is None):
+            raise ValueError("sensor and link belong together: two frames, one of them in the other")
+        if self.urdf is not None and self.link is None:
+            raise ValueError("urdf needs sensor and link: two of its links")
+        if self.joints is not None and self.urdf is None:
+            raise ValueError("joints needs a urdf, which says what they move")
+        ways = {"sensor and link": self.link, "columns": self.columns, "topic": self.topic, "pose": self.pose}
+        given = [name for name, value in ways.items() if value is not None]
+        if len(given) > 1:
+            raise ValueError(f"{' and '.join(given)} exclude each other: the link has one pose in the sensor's frame")
+        if (self.columns is None) != (self.position is None):
+            raise ValueError("columns and position belong together: the link's orientation and its place")
+
+    def files(self, folder: Path) -> Mapping[str, Path]:
+        """What it names: what each is -> where."""
+        named = {"kinematics": self.urdf, "start": self.start}
+        if self.layout is not None and Path(self.layout).suffix:
+            named["layout"] = self.layout
+        return {name: folder / path for name, path in named.items() if path is not None}

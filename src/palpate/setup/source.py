@@ -1,0 +1,74 @@
+"""Where live samples come from: the [source] of a rig."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+
+from palpate.setup.tables import require_positive
+
+__all__ = ["SOURCE_KINDS", "RigSource"]
+
+SOURCE_KINDS = ("netft", "serial", "ros2", "camera", "replay")
+FRAMINGS = ("cobs", "lines")
+_MORE = {  # what a reader may want to say beside kind and address
+    "netft": "# port = 49152                      # of samples\n# web = 80                          # of its page\n",
+    "serial": '# baud = 115200\n# framing = "cobs"                  # or "lines" of numbers\n',
+    "ros2": '# domain = 0\n# interface = "eth0"                # of the network; without it this machine alone\n',
+    "camera": "# rate = 30                         # Hz\n",
+    "replay": "# speed = 1.0                       # 0: as fast as it goes\n# loop = false\n",
+}
+
+
+@dataclass(frozen=True)
+class RigSource:
+    """A device, or what stands for one.
+
+    `address`: name or address of a Net F/T; file of a serial port; number or file of a camera; log to replay. Empty for
+    ROS 2, whose topics stand with the sensor and in [orientation].
+    `rate` [Hz] that is asked of the device, or at which a log without times is replayed.
+    Net F/T: `port` of its samples (RDT), `web` of its page. Serial: `baud`, and `framing`: "cobs" (frames with COBS and
+    CRC-32) or "lines" of numbers; `columns`: which of the numbers of a line, from 0. ROS 2: `domain`, and `interface`
+    of the network. Replay: `speed` (0: as fast as it goes), `loop`.
+    `wrench`: of a rig with a skin and a force/torque sensor, where wrenches come from, [source.wrench]; frames come
+    from the [source] itself. None: wrenches come from there too.
+    """
+
+    kind: str
+    address: str = ""
+    rate: float | None = None
+    port: int = 49152
+    web: int = 80
+    baud: int = 115200
+    framing: str = "cobs"
+    columns: tuple[int, ...] | None = None
+    domain: int = 0
+    interface: str = ""
+    speed: float = 1.0
+    loop: bool = False
+    wrench: RigSource | None = None
+
+    def __post_init__(self) -> None:
+        if self.kind not in SOURCE_KINDS:
+            raise ValueError(f"kind must be one of {', '.join(SOURCE_KINDS)}, not {self.kind!r}")
+        if self.framing not in FRAMINGS:
+            raise ValueError(f"framing must be one of {', '.join(FRAMINGS)}, not {self.framing!r}")
+        if not self.address and self.kind != "ros2":
+            raise ValueError(f"a {self.kind} needs an address")
+        if not (0 < self.port < 2**16 and 0 < self.web < 2**16):
+            raise ValueError("ports lie between 1 and 65535")
+        if not 0 <= self.domain <= 232:
+            raise ValueError("domain must lie between 0 and 232")
+        if self.speed < 0:
+            raise ValueError("speed must not be negative; 0 is as fast as it goes")
+        if self.columns is not None and (not self.columns or min(self.columns) < 0):
+            raise ValueError("columns are counted from 0")
+        if self.wrench is not None and "replay" in (self.kind, self.wrench.kind):
+            raise ValueError("a log that is replayed has wrenches and frames of its own: leave [source.wrench] out")
+        require_positive(self, "rate", "baud")
+
+    def text(self) -> str:
+        """As TOML, with a comment on what else may be said."""
+        address = f"address = {json.dumps(self.address)}\n" if self.address else ""
+        head = "\n[source]                             # of `palpate live`\n"
+        return f'{head}kind = "{self.kind}"\n{address}{_MORE[self.kind]}'

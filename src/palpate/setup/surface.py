@@ -1,0 +1,196 @@
+"""The surface of a rig: a mesh from a file, or an equation by its lengths."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from math import inf, radians
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.errors import InputError
+from palpate.files.schema import covariance_matrix
+from palpate.files.urdf import GEOMETRIES, LinkBody, Urdf
+from palpate.setup.tables import Four, Three, require_path, require_positive
+from palpate.spatial.pose import Pose
+from palpate.surfaces import (
+    UNITS,
+    Cylinder,
+    Ellipsoid,
+    EllipticCylinder,
+    Mesh,
+    Paraboloid,
+    Sphere,
+    Surface,
+    plane,
+    superquadric,
+)
+from palpate.surfaces.mesh import plausible_size
+
+__all__ = ["EQUATIONS", "RigPose", "RigRegion", "RigSurface"]
+
+EQUATIONS: dict[str, tuple[Callable[..., Surface], tuple[str, ...]]] = {
+    "sphere": (Sphere, ("radius",)),
+    "ellipsoid": (Ellipsoid, ("axes",)),
+    "cylinder": (Cylinder, ("radius", "half_length", "upper")),
+    "elliptic_cylinder": (EllipticCylinder, ("a", "b", "half_length", "upper")),
+    "paraboloid": (Paraboloid, ("radii", "height")),
+    "superquadric": (superquadric, ("axes", "exponents")),
+}
+_KINDS = ("mesh", "plane", *EQUATIONS)
+_LENGTHS = tuple(dict.fromkeys(name for _, names in EQUATIONS.values() for name in names))
+
+
+@dataclass(frozen=True)
+class RigPose:
+    """Of the surface in the sensor's frame [m]."""
+
+    xyz: Three = (0.0, 0.0, 0.0)
+    quaternion_xyzw: Four = (0.0, 0.0, 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        if not abs(np.linalg.norm(self.quaternion_xyzw) - 1.0) <= 0.01:  # NaN too
+            raise ValueError(
+                f"quaternion_xyzw {list(self.quaternion_xyzw)} is not of length 1 (the order is x, y, z, w)"
+            )
+
+    def pose(self) -> Pose:
+        """As a value."""
+        return Pose.from_quaternion(self.quaternion_xyzw, self.xyz)
+
+
+@dataclass(frozen=True)
+class RigRegion:
+    """The part of the mesh that can be touched: a box in the mesh's frame [m], or facets counted from 0."""
+
+    box: tuple[Three, Three] | None = None
+    facets: tuple[int, ...] | None = None
+
+
+@dataclass(frozen=True)
+class RigSurface:
+    """What is touched: `mesh` with its `unit`, a `link` of a `urdf`, or another `kind`, its lengths in metres.
+
+    Of a link all meshes and primitives are taken, in the link's frame: its `geometry` is "visual" where it has one,
+    else "collision". `packages` says where a package:// of the URDF is, where it is not found.
+
+    `covered` = true: facets of the mesh that cannot be reached from outside give contacts too.
+
+    plane: a `point`, a `normal` and a `half_width`. sphere: `radius`. ellipsoid: `axes` (three half-lengths).
+    cylinder, along y: `radius` and `half_length`. elliptic_cylinder: half-axes `a` along x and `b` along z, and
+    `half_length`; `upper` = true for its half with z >= 0. paraboloid: `radii` of curvature at its apex along x and y,
+    and `height`. superquadric: `axes` and `exponents`. See `palpate.surfaces`.
+
+    `placement` [m]: what touches err by beside what their wrenches explain, see `palpate.contact.WrenchEstimator`.
+    """
+
+    kind: str = "mesh"
+    mesh: str | None = None
+    unit: str | None = None
+    urdf: str | None = None
+    link: str | None = None
+    geometry: str | None = None
+    packages: Mapping[str, str] = field(default_factory=lambda: {}, hash=False)
+    crease: float = 30.0
+    region: RigRegion = field(default_factory=RigRegion)
+    covered: bool = False
+    point: Three = (0.0, 0.0, 0.0)
+    normal: Three = (0.0, 0.0, 1.0)
+    half_width: float = 1.0
+    radius: float | None = None
+    axes: Three | None = None
+    a: float | None = None
+    b: float | None = None
+    half_length: float | None = None
+    upper: bool = False
+    radii: tuple[float, float] | None = None
+    height: float | None = None
+    exponents: tuple[float, float] | None = None
+    pose: RigPose = field(default_factory=RigPose)
+    pose_covariance: tuple[tuple[float, ...], ...] | None = None
+    placement: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.kind not in _KINDS:
+            raise ValueError(f"kind must be one of {', '.join(_KINDS)}, not {self.kind!r}")
+        require_path("mesh", self.mesh)
+        require_path("urdf", self.urdf)
+        if self.urdf is not None:
+            self._require_link()
+        elif self.link is not None or self.geometry is not None or self.packages:
+            raise ValueError("link, geometry and packages belong to a urdf, which is missing")
+        elif self.kind == "mesh" and self.mesh is None:
+            raise ValueError("mesh is missing: the file of the surface")
+        elif self.kind == "mesh" and self.unit not in UNITS:
+            raise ValueError(f"unit of the mesh must be one of {', '.join(UNITS)}, not {self.unit!r}")
+        if not 0 <= self.crease <= 180:
+            raise ValueError(f"crease must lie between 0 and 180 degrees, not {self.crease:g}")
+        require_positive(self, "half_width")
+        if not 0 < np.linalg.norm(self.normal) < inf:
+            raise ValueError("normal must not be zero")
+        if not 0 <= self.placement <= 1:  # NaN too
+            raise ValueError(f"placement must be a standard deviation [m] from 0 to 1, not {self.placement:g}")
+        if self.pose_covariance is not None:
+            covariance_matrix(self.pose_covariance, 6, "pose_covariance")
+        self._require_lengths()
+
+    def _require_link(self) -> None:
+        if self.kind != "mesh" or self.mesh is not None or self.unit is not None:
+            raise ValueError("a urdf says what is touched and in which unit (m): mesh, unit and kind do not go with it")
+        if self.link is None:
+            raise ValueError("link is missing: which link of the urdf is touched")
+        if self.geometry is not None and self.geometry not in GEOMETRIES:
+            raise ValueError(f"geometry must be one of {', '.join(GEOMETRIES)}, not {self.geometry!r}")
+
+    def _body(self, folder: Path) -> LinkBody:
+        packages = {name: folder / path for name, path in self.packages.items()}
+        return Urdf(folder / str(self.urdf), packages).body(str(self.link), self.geometry)
+
+    def files(self, folder: Path) -> dict[str, Path]:
+        """What it is read from, as far as that is there: what each is -> where."""
+        if self.urdf is None:
+            return {} if self.mesh is None else {"mesh": folder / self.mesh}
+        found = {"urdf": folder / self.urdf}
+        with suppress(InputError):  # which `load` says
+            for k, file in enumerate(self._body(folder).files):
+                found["mesh" if k == 0 else f"mesh_{k + 1}"] = file
+        return found
+
+    def _require_lengths(self) -> None:
+        needed = EQUATIONS[self.kind][1] if self.kind in EQUATIONS else ()
+        for name in ("mesh", "covered", *_LENGTHS) if needed else _LENGTHS:
+            if name not in needed and getattr(self, name) not in (None, False):
+                raise ValueError(f"{name} does not belong to kind = {self.kind!r}")
+        given: dict[str, Any] = {name: getattr(self, name) for name in needed}
+        for name, value in given.items():
+            if value is None:
+                raise ValueError(f"{name} is missing: a {self.kind} needs {', '.join(needed)} (in metres)")
+            if not np.all((np.asarray(value) > 0) & (np.asarray(value) < inf)) and name != "upper":
+                raise ValueError(f"{name} must be positive and finite, not {value}")
+
+    def load(self, folder: Path) -> Surface:
+        """The surface, in metres; a relative path starts at `folder`.
+
+        Raises:
+            InputError: the mesh, or the URDF, cannot be read.
+            GeometryError: there is nothing usable in it, or no such surface.
+        """
+        if self.kind == "plane":
+            return plane(self.point, self.normal, self.half_width)
+        if self.kind in EQUATIONS:
+            return self._equation()
+        region = self.region.box if self.region.box is not None else self.region.facets
+        options: dict[str, Any] = {"crease": radians(self.crease), "region": region, "covered": self.covered}
+        if self.urdf is not None:
+            return self._body(folder).mesh(f"link {self.link!r} of {self.urdf}", **options)
+        return Mesh.load(folder / str(self.mesh), unit=str(self.unit), **options)
+
+    def _equation(self) -> Surface:
+        make, names = EQUATIONS[self.kind]
+        lengths = {name: getattr(self, name) for name in names}
+        size = make(**lengths).size
+        doubt = f"the {self.kind.replace('_', ' ')} is {size:.4g} m across: are its lengths in metres?"
+        return make(**lengths, notes=() if plausible_size(size) else (doubt,))

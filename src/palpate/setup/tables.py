@@ -1,0 +1,245 @@
+"""The tables of a rig, each as a person writes it: plain values, checked one by one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import inf
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.files.schema import INFINITE
+from palpate.files.units import ACCELERATION_UNITS, SAMPLES, known_unit
+from palpate.signals.filters import Butterworth, Kalman
+
+__all__ = [
+    "RigAcceleration",
+    "RigEstimate",
+    "RigFilter",
+    "RigForceTorque",
+    "RigNoise",
+    "RigOrientation",
+    "RigPair",
+    "RigThresholds",
+    "RigTime",
+    "RigUnits",
+    "require_path",
+    "require_positive",
+]
+
+Three = tuple[float, float, float]
+Four = tuple[float, float, float, float]
+Six = tuple[str, str, str, str, str, str]
+_SMALLEST = 1e-15  # N, N m: below any sensor, and its square is still a number
+
+
+@dataclass(frozen=True)
+class RigUnits:
+    """Units of the log."""
+
+    force: str = "N"
+    torque: str = "N m"
+
+
+@dataclass(frozen=True)
+class RigPair:
+    """One figure for the three forces [N] and one for the three torques [N m], or three each."""
+
+    force: float | Three
+    torque: float | Three
+
+    def __post_init__(self) -> None:
+        if not np.all((self.six() > _SMALLEST) & (self.six() < inf)):  # NaN too
+            raise ValueError(f"force and torque must be positive (above {_SMALLEST:g})")
+
+    def six(self) -> Float[np.ndarray, "6"]:
+        """Force first."""
+        return np.concatenate([np.broadcast_to(self.force, 3), np.broadcast_to(self.torque, 3)])
+
+
+@dataclass(frozen=True)
+class RigNoise(RigPair):
+    """Standard deviations of one reading; `corner` [Hz]: below it the noise is as 1/f, None: as the log's is."""
+
+    corner: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_positive(self, "corner")
+
+
+@dataclass(frozen=True)
+class RigForceTorque:
+    """How the wrench stands in the log, and what the sensor is; see `palpate.ForceTorque`."""
+
+    columns: Six = ("fx", "fy", "fz", "tx", "ty", "tz")
+    topic: str | None = None
+    units: RigUnits = field(default_factory=RigUnits)
+    axes: tuple[str, str, str] = ("x", "y", "z")
+    left_handed: bool = False
+    frame: str = "sensor"
+    noise: RigNoise | None = None
+    range: RigPair | None = None
+    gain_error: float = 0.0
+    drift: RigPair | None = None
+    payload: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.frame not in ("sensor", "base"):
+            raise ValueError(f"frame must be 'sensor' or 'base', not {self.frame!r}")
+        if not 0 <= self.gain_error < 1:
+            raise ValueError(f"gain_error is a share of the force, at least 0 and below 1, not {self.gain_error:g}")
+        require_path("payload", self.payload)
+
+
+@dataclass(frozen=True)
+class RigTime:
+    """The column of the time and its unit; `rate` [Hz] where it is a counter ("samples"), or there is no column."""
+
+    column: str = "time"
+    unit: str = "s"
+    rate: float | None = None
+
+    def __post_init__(self) -> None:
+        require_positive(self, "rate")
+        if self.unit == SAMPLES and self.rate is None:
+            raise ValueError("a time in samples needs their rate [Hz]")
+
+
+@dataclass(frozen=True)
+class RigOrientation:
+    """The sensor in the base: columns (quaternion x, y, z, w; position [m]), a topic of poses, or two frames.
+
+    A `topic` of "none" is none. `base` and `sensor` are frames of /tf, or links of a `urdf` that is moved by the
+    `joints` of a topic of joint states.
+
+    `offset` [s] is added to the stamps of the poses to put them on the wrenches' clock; between poses further apart
+    than `max_gap` [s] there is no orientation.
+    """
+
+    columns: tuple[str, str, str, str] | None = None
+    position: tuple[str, str, str] | None = None
+    topic: str | None = None
+    base: str | None = None
+    sensor: str | None = None
+    urdf: str | None = None
+    joints: str | None = None
+    offset: float = 0.0
+    max_gap: float = 0.25
+
+    def __post_init__(self) -> None:
+        require_positive(self, "max_gap")
+        require_path("urdf", self.urdf)
+        if (self.base is None) != (self.sensor is None):
+            raise ValueError("base and sensor belong together: two frames, one of them in the other")
+        if self.base is not None and self.topic is not None:
+            raise ValueError("topic and frames (base, sensor) exclude each other: the sensor has one pose")
+        if self.urdf is not None and self.base is None:
+            raise ValueError("urdf needs base and sensor: two of its links")
+        if self.joints is not None and self.urdf is None:
+            raise ValueError("joints needs a urdf, which says what they move")
+
+    def frames(self) -> tuple[str, str] | None:
+        """Base and sensor, where they are named."""
+        return None if self.base is None or self.sensor is None else (self.base, self.sensor)
+
+
+@dataclass(frozen=True)
+class RigAcceleration:
+    """The sensor's acceleration in its own frame, as columns or a topic, or from the poses.
+
+    `kind` says what is recorded: "motion" (zero at rest) or "imu" (what an accelerometer reads: 1 g upward at rest);
+    "none": it is not used. `unit` is "m/s^2", "g" or "mg".
+    `from_poses` differentiates positions and orientations over `window` [s].
+    """
+
+    columns: tuple[str, str, str] | None = None
+    topic: str | None = None
+    kind: str = "motion"
+    unit: str = "m/s^2"
+    from_poses: bool = False
+    window: float = 0.2
+
+    def __post_init__(self) -> None:
+        if self.kind not in ("motion", "imu", "none"):
+            raise ValueError(f"kind must be 'motion', 'imu' or 'none', not {self.kind!r}")
+        if known_unit(self.unit, ACCELERATION_UNITS) is None:
+            raise ValueError(f"unit must be one of {', '.join(ACCELERATION_UNITS)}, not {self.unit!r}")
+        require_positive(self, "window")
+        if self.from_poses and (self.columns or self.topic):
+            raise ValueError("from_poses and recorded acceleration exclude each other")
+
+
+@dataclass(frozen=True)
+class RigFilter:
+    """What smooths the compensated wrench before it is located: see `palpate.signals.filters`.
+
+    kind: "none"; "kalman" with `q` and `r` (variances [N^2] of one step of the contact and of one reading);
+    "butterworth" with `cutoff` [Hz] and `order`; "zero_phase", the same forward and backward, for logs only.
+    `rate` [Hz] of the log; measured where it is not given.
+    """
+
+    kind: str = "none"
+    q: float = 1e-6
+    r: float = 2e-4
+    cutoff: float = 10.0
+    order: int = 2
+    rate: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.kind not in ("none", "kalman", "butterworth", "zero_phase"):
+            raise ValueError(f"kind must be 'none', 'kalman', 'butterworth' or 'zero_phase', not {self.kind!r}")
+        require_positive(self, "q", "r", "cutoff", "rate")
+        if not 1 <= self.order <= 8:
+            raise ValueError("order must lie between 1 and 8")
+
+    def filter(self) -> Kalman | Butterworth | None:
+        """As a value."""
+        if self.kind == "none":
+            return None
+        if self.kind == "kalman":
+            return Kalman(self.q, self.r)
+        return Butterworth(self.cutoff, self.order, zero_phase=self.kind == "zero_phase")
+
+
+@dataclass(frozen=True)
+class RigThresholds:
+    """Force [N] at which a contact begins, and below which it ends."""
+
+    on: float
+    off: float
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.off <= self.on < inf:
+            raise ValueError(f"off ({self.off:g}) must lie between 0 and on ({self.on:g}), and on must be finite")
+
+
+@dataclass(frozen=True)
+class RigEstimate:
+    """How contacts are located: see `palpate.Locator`. `tare` [s]: the log starts unloaded for so long."""
+
+    method: str = "soft_finger"
+    friction: float = 1.0
+    torsion: float = field(default=5e-3, metadata=INFINITE)
+    contact: RigThresholds | None = None
+    tare: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.tare is not None and not self.tare > 0:
+            raise ValueError("tare must be a positive time [s]")
+        if not (0 < self.friction < inf and self.torsion >= 0):
+            raise ValueError("friction must be positive and finite, and torsion not negative")
+
+
+def require_positive(table: object, *names: str) -> None:
+    """ValueError unless each of these fields is positive and finite, or left out."""
+    for name in names:
+        value = getattr(table, name)
+        if value is not None and not 0 < value < inf:
+            raise ValueError(f"{name} must be positive")
+
+
+def require_path(key: str, path: str | None) -> None:
+    """ValueError unless it can name a file, or is left out."""
+    if path is not None and (not path.strip() or "\0" in path):
+        raise ValueError(f"{key} must name a file, not {path!r}")

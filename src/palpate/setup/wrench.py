@@ -1,0 +1,112 @@
+"""What all sensors of wrenches have in common when they are built from a rig: locator, mounting, filter, tare."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from palpate.contact.locate import Locator
+from palpate.contact.wrench_estimator import WrenchEstimator
+from palpate.errors import InputError
+from palpate.setup.kind import Prepared
+from palpate.setup.setup import Setup
+from palpate.setup.tables import RigFilter
+from palpate.signals.drift import Drift
+from palpate.signals.recording import Recording
+from palpate.signals.wrench_sensor import WrenchSensor
+from palpate.surfaces import Mesh
+
+__all__ = ["first_seconds", "noted_filter", "wrench_estimator"]
+
+
+def wrench_estimator(
+    setup: Setup,
+    sensor: WrenchSensor,
+    *,
+    tare: float | None,
+    mounted: bool = True,
+    drift: Drift | None = None,
+    **options: Any,
+) -> Prepared:
+    """Return the estimator of a sensor of wrenches on the link's surface, tared where the log begins unloaded.
+
+    Args:
+        setup: of the link.
+        sensor: prepared.
+        tare: [s] at the start of the log in which nothing is touched; None: no tare.
+        mounted: wrenches are about the sensor's frame; not where they were calibrated about the surface's.
+        drift: of the sensor's zero, which is followed while nothing is touched; None: it is not.
+        options: of `Locator`, such as a soft layer.
+    """
+    surface, link, head = setup.link.surface(), setup.link, setup.head
+    surface.prepared()  # once for all logs of a rig
+    settings, contact = setup.estimate, setup.estimate.contact
+    locator = Locator(
+        surface,
+        method=settings.method,
+        friction=settings.friction,
+        torsion=settings.torsion,
+        noise=sensor.noise,
+        on=None if contact is None else contact.on,
+        off=None if contact is None else contact.off,
+        **options,
+    )
+    table, rate = setup.smoothing()
+    estimator = WrenchEstimator(
+        locator,
+        sensor,
+        link.mount,
+        link.mount_covariance,
+        mounted=mounted,
+        filter=table.filter(),
+        rate=rate,
+        live=head is None,
+        placement=link.placement,
+        drift=drift,
+    )
+    made = Prepared(estimator, said=noted_filter(table, rate), facts=_facts(setup, estimator, table, rate))
+    if isinstance(surface, Mesh) and surface.coverage and surface.touchable is None:
+        made.said.append(f"{surface.coverage} cannot be reached from outside: no contacts there (inspect MESH)")
+    if head is not None and tare is not None:
+        made.tared(estimator.tare(first_seconds(head, tare)))
+    if contact is None:
+        made.said.append(
+            f"a contact begins at {locator.on:.3g} N and ends at {locator.off:.3g} N, or more where payload, motion, "
+            "tare or mounting are less certain than the noise"
+        )
+    if mounted and link.mount_covariance is None and sensor.noise is not None:
+        made.said.append("where the surface sits is taken as exact in the ellipses (calibrate mounting)")
+    return made
+
+
+def noted_filter(table: RigFilter, rate: float | None) -> list[str]:
+    """What the filter does at this rate."""
+    made = table.filter()
+    return [] if made is None or rate is None else [made.describe(rate)]
+
+
+def first_seconds(head: Recording, seconds: float) -> Recording:
+    """The start of a log.
+
+    Raises:
+        InputError: it has no times.
+    """
+    known = head.time[np.isfinite(head.time)]
+    if not len(known):
+        raise InputError("has no times, so its first seconds are not known.", where=head.source)
+    return head.picked(head.time <= known[0] + seconds)
+
+
+def _facts(setup: Setup, estimator: WrenchEstimator, table: RigFilter, rate: float | None) -> dict[str, object]:
+    """What was in force, as it stands in OUTPUT.toml."""
+    drift = estimator.drift
+    locator, smooth = estimator.locator, table.filter()
+    return {
+        **vars(setup.estimate),
+        "contact": f"on {locator.on:g} N, off {locator.off:g} N",
+        "crease": setup.link.settings.get("crease"),
+        "filter": "none" if smooth is None or rate is None else f"{smooth} at {rate:.6g} Hz",
+        "drift": None if drift is None else f"walk {np.array2string(drift.walk, precision=3)} a root second",
+        "noise": None if locator.noise is None else np.sqrt(np.diag(locator.noise)).tolist(),
+    }

@@ -1,0 +1,119 @@
+"""Show any sensor of wrenches in the report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import ClassVar, cast
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from palpate.contact.estimator import ContactEstimator
+from palpate.contact.locate import Locator
+from palpate.contact.wrench_estimator import WrenchEstimator
+from palpate.setup.setup import Setup
+from palpate.setup.view import Facts, SensorView, Words
+from palpate.signals.zero_filter import ZeroHistory, ZeroStatus
+from palpate.surfaces.mesh import Mesh
+from palpate.viewer.report import Section, percent, picture
+from palpate.viewer.run_report import Run
+from palpate.viewer.zero_plot import zeros
+
+__all__ = ["WrenchView", "wrench_settings", "zero_section"]
+
+_LISTED = ("crease", "noise_source")  # settings that `wrench_settings` does not have
+
+
+class WrenchView(SensorView):
+    """Show on which surface and by which settings wrenches were located, and how the zero went."""
+
+    words: ClassVar[Mapping[str, Words]] = {"crease": ("edges are sharp from", 1.0, "°")}
+
+    def settings(self, facts: Mapping[str, object]) -> Facts:
+        """Return those settings in words that `wrench_settings` does not have."""
+        return super().settings({name: facts[name] for name in _LISTED if name in facts})
+
+    def report(self, run: Run, setup: Setup, estimator: ContactEstimator) -> Run:
+        """Return the run with surface, settings, uncertainties, and sections of the sensor and its zero."""
+        made = cast("WrenchEstimator", estimator)
+        smooth, sensor, rate = made.filter, made.sensor, made.rate
+        filtered = "none" if smooth is None or rate is None else smooth.describe(rate)
+        drawn, method = made.locator.surface.drawn(), setup.estimate.method.replace("_", " ")
+        run = replace(
+            run,
+            method=f"compensated {self.compensated(made)}, and located on {setup.link.name} by the {method} method",
+            body=(drawn.vertices, drawn.faces),
+            settings=(*wrench_settings(setup, made.locator, sensor.noise, filtered), *run.settings),
+            uncertainties=("the sensor's noise", *(f"{name} uncertainty" for name in self.uncertain(setup, made))),
+            sections=zero_section(made.zero_history()),
+        )
+        return self.sections(run, setup, made)
+
+    def compensated(self, estimator: WrenchEstimator) -> str:
+        """Return how wrenches were compensated, in words."""
+        return "without a payload model"
+
+    def uncertain(self, setup: Setup, estimator: WrenchEstimator) -> tuple[str, ...]:
+        """Return whose uncertainties beside the noise the ellipses hold."""
+        return () if setup.link.mount_covariance is None else ("the mounting's",)
+
+    def sections(self, run: Run, setup: Setup, estimator: WrenchEstimator) -> Run:
+        """Return the run with what only this sensor has."""
+        return run
+
+
+def zero_section(history: ZeroHistory | None) -> tuple[Section, ...]:
+    """How the zero went, where it was followed; nothing where it was not."""
+    if history is None or not len(history.time):
+        return ()
+    held: Bool[np.ndarray, " n"] = history.status != ZeroStatus.FREE
+    drawn = zeros(history.time, history.zero, history.deviation, held)
+    caption = (
+        "How far the zero has gone since the start, with 95 % bands. Below, green: followed, as nothing touched; grey: "
+        "held, as something touched or may have, while the band grows."
+    )
+    facts = (
+        ("held", f"{percent(float(np.mean(held)))} of the time"),
+        ("unsure", f"at most by {_spread(history.deviation)} (one standard deviation of one channel)"),
+    )
+    return (Section("Zero", pictures=(picture(drawn, caption),), facts=facts),)
+
+
+def _spread(deviation: Float[np.ndarray, "n m"]) -> str:
+    """The largest, of forces and torques or of voltages."""
+    most = np.max(deviation, axis=0)
+    if len(most) != 6:
+        return f"{1e3 * float(most.max()):.2g} mV"
+    return f"{float(most[:3].max()):.2g} N and {1e3 * float(most[3:].max()):.2g} N mm"
+
+
+def wrench_settings(
+    setup: Setup, locator: Locator, noise: Float[np.ndarray, "6 6"] | None, filtered: str = "none"
+) -> Facts:
+    """What the answers of any sensor of wrenches depend on, defaults included.
+
+    Args:
+        setup: with the options of the command line in it.
+        locator: on the surface.
+        noise: covariance of a reading.
+        filtered: the filter in words.
+    """
+    surface = locator.surface
+    facets = f", {len(surface.faces):,} facets" if isinstance(surface, Mesh) else ""
+    facts = [
+        ("method", setup.estimate.method.replace("_", " ")),
+        ("friction, at most", f"{setup.estimate.friction:g} (tangent of the angle between force and normal)"),
+        ("torsion, at most", f"{1e3 * setup.estimate.torsion:g} mm (torque about the normal over normal force)"),
+        ("a contact", f"begins at {locator.on:.3g} N, ends at {locator.off:.3g} N"),
+        ("noise of a reading", "not known" if noise is None else _noise(np.sqrt(np.diag(noise)))),
+        ("filter", filtered),
+        ("surface", f"{setup.link.name}{facets}, {1e3 * surface.size:.4g} mm across"),
+    ]
+    if setup.estimate.tare is not None:
+        facts.append(("tare", f"over the first {setup.estimate.tare:g} s"))
+    return tuple(facts)
+
+
+def _noise(deviation: np.ndarray) -> str:
+    return f"{deviation[:3].max():.3g} N and {deviation[3:].max():.3g} N m (one standard deviation, largest axis)"

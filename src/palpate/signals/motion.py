@@ -1,0 +1,238 @@
+"""What the sensor's motion adds to a reading: accelerations from recorded ones or from poses, or what is left out."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from palpate.errors import InputError
+from palpate.signals._curvature import Curvature, Settings, curvature, part_of, pose_period, settings_of
+from palpate.signals.recording import ACCELERATION, ORIENTATION, POSITION, UNSTEADY, Recording
+from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.pose import rotation_from_quaternion
+
+__all__ = ["Motion"]
+
+SOURCES = ("none", "poses", "motion", "imu")
+CHUNK = 8192  # rows worked on at a time, counted from the first of the log: answers know nothing of its blocks
+SCALES = (
+    0.5,
+    1.5,
+)  # times the window, in which an arm is seen to move: long ones see slow motion, short ones quick motion
+SEEN = 4.0  # times the deviation of the acceleration's length: at rest less than one in a million windows
+ARM = 0.5  # m from the sensor to where the arm turns, where only orientations are recorded
+UNKNOWN = 10.0  # m/s^2: about 1 g, for the rows where the acceleration should be known and is not
+
+
+@takes_arrays
+class Motion:
+    """Adds to a recording, row for row, how its sensor is accelerated, and how well that is known.
+
+    | source | ACCELERATION [m/s^2], sensor frame, without gravity | UNSTEADY [m/s^2] |
+    |---|---|---|
+    | none | none: at rest | size of what is left out, where the poses show any; 0 at rest |
+    | poses | second derivative of the lever's path p + R c | of the derivative's noise |
+    | motion | as recorded, and of the lever, R c added | of what was added |
+    | imu | as recorded, a specific force: f + R^T g, and of the lever, R c added | of what was added |
+
+    Derivatives are those of a parabola through nine parts of a window, see `palpate.signals._curvature`. Near the ends
+    of the log and of gaps, the nearest acceleration is held, and is as unsure as it is large; where there is none, it
+    is 0 and UNSTEADY about 1 g. Whether the arm moves is looked at in windows of half and of one and a half times
+    the length.
+
+    Args:
+        source: where the acceleration comes from, one of the table.
+        window: [s] over which paths are fitted. What swings at f loses (pi f window)^2 / 14 of its acceleration.
+        gravity: (3,) [m/s^2] in the base; an IMU needs it (`Payload.gravity`).
+        lever: (3,) [m] c, the payload's centre of mass in the sensor's frame; None: the sensor's origin.
+
+    Raises:
+        InputError: an unknown source, or an IMU without gravity.
+    """
+
+    def __init__(
+        self,
+        source: str = "none",
+        *,
+        window: float = 0.2,
+        gravity: Float[np.ndarray, "3"] | None = None,
+        lever: Float[np.ndarray, "3"] | None = None,
+    ) -> None:
+        if source not in SOURCES:
+            raise InputError(f"no source of acceleration is called {source!r}", hint=f"Known: {', '.join(SOURCES)}.")
+        if source == "imu" and (gravity is None or not np.isfinite(gravity).all()):
+            raise InputError("an IMU feels gravity too, and no payload says where that points.", where="acceleration")
+        self.source, self.gravity = source, gravity
+        self.window = window
+        self.lever = np.zeros(3) if lever is None else np.asarray(lever, dtype=np.float64)
+        self._placed = True  # positions are recorded
+        self._forget()
+
+    def stream(self, blocks: Iterator[Recording]) -> Iterator[Recording]:
+        """The same rows with ACCELERATION and UNSTEADY, or as they are where there are no poses to tell from.
+
+        Blocks come as they were cut, delayed by up to 16,384 rows.
+
+        Raises:
+            InputError: the channels that the source needs are not there.
+        """
+        self._forget()
+        waiting: deque[Recording] = deque()
+        ready = np.zeros((0, 4))
+        for found in self._answers(self._taken(blocks, waiting)):
+            ready = np.concatenate([ready, found])
+            while waiting and len(ready) >= len(waiting[0]):
+                block = waiting.popleft()
+                yield self._with_channels(block, ready[: len(block)])
+                ready = ready[len(block) :]
+        for block in waiting:  # without rows
+            yield self._with_channels(block, ready)
+
+    def notes(self, mass: float | None = None) -> tuple[str, ...]:
+        """What a user should know of the rows so far, one sentence each; in newtons where the mass [kg] is given."""
+        if not self._rows:
+            return ()
+        size = f"{self._largest:.2g} m/s^2" if mass is None else f"{mass * self._largest:.2g} N"
+        share = self._moving / self._rows
+        said: list[str] = []
+        if self.source == "none" and share:
+            assumed = "" if self._placed else f" (without positions, for an arm of {ARM:g} m)"
+            said.append(
+                f"moving in {share:.1%} of the samples without acceleration: "
+                f"covariances widened by up to {size}{assumed}"
+            )
+        elif self.source != "none" and self._largest:
+            said.append(f"accelerations from poses: covariances widened by up to {size}")
+        if said and self._span > 1.5 * self.window:
+            said.append(f"poses come slowly: motion is seen over {self._span:.2g} s, and what is quicker is not")
+        if self._unknown:
+            said.append(f"{self._unknown} samples near ends or gaps of the poses have no acceleration from them")
+        return tuple(said)
+
+    def _forget(self) -> None:
+        self._rows = self._moving = self._unknown = 0
+        self._largest = self._span = 0.0
+
+    def _taken(self, blocks: Iterator[Recording], waiting: deque[Recording]) -> Iterator[Float[np.ndarray, "n 8"]]:
+        """Time, quaternion and position of each block, which is kept until its answers are there."""
+        for block in blocks:
+            waiting.append(block)
+            self._require(block)
+            missing = np.full((len(block), 3), np.nan)
+            poses = block.channels.get(ORIENTATION, np.full((len(block), 4), np.nan))
+            yield np.column_stack([block.time, poses, block.channels.get(POSITION, missing)])
+
+    def _require(self, block: Recording) -> None:
+        has = set(block.channels)
+        if self.source in ("motion", "imu") and ACCELERATION not in has:
+            raise InputError(
+                "the log has no acceleration.",
+                where=block.source,
+                hint="Name its columns or topic in the rig's [acceleration], or use from_poses.",
+            )
+        if self.source == "poses" and not {ORIENTATION, POSITION} <= has:
+            raise InputError(
+                "accelerations from poses need positions and orientations.",
+                where=block.source,
+                hint="Add columns x, y, z and qx, qy, qz, qw, or name them or a topic of poses in [orientation].",
+            )
+        if self.source == "imu" and ORIENTATION not in has:
+            raise InputError("an IMU feels gravity too, and the log has no orientation.", where=block.source)
+
+    def _answers(self, pieces: Iterator[Float[np.ndarray, "n 8"]]) -> Iterator[Float[np.ndarray, "m 4"]]:
+        """Acceleration and unsteadiness, chunk by chunk, each with the rows before and after that its windows need."""
+        settings: Settings | None = None
+        before, rows = np.zeros((0, 8)), np.zeros((0, 8))
+        for piece, last in _gathered(pieces):
+            rows = np.concatenate([rows, piece])
+            if settings is None and (last or len(rows) >= CHUNK):
+                settings = settings_of(rows[:CHUNK, 0], self.window, SCALES[-1], CHUNK)
+                self._placed = bool(np.isfinite(rows[:CHUNK, 5:]).any())
+            while settings is not None and len(rows) and (last or len(rows) >= CHUNK + settings.reach):
+                near = np.concatenate([before, rows[: CHUNK + settings.reach]])
+                done = slice(len(before), len(before) + min(CHUNK, len(rows)))
+                yield self._of_chunk(near, done, settings)
+                before = near[: done.stop][-settings.reach :]
+                rows = rows[CHUNK:]
+
+    def _of_chunk(self, near: Float[np.ndarray, "n 8"], done: slice, settings: Settings) -> Float[np.ndarray, "m 4"]:
+        rotations = rotation_from_quaternion(np.where(near[:, 1:5].any(axis=1, keepdims=True), near[:, 1:5], np.nan))
+        path = rotations @ self.lever
+        if self.source == "none" and not self._placed:
+            path = rotations.reshape(-1, 9)
+        elif self.source in ("none", "poses"):
+            path = path + near[:, 5:]
+        choices = [(scale, 0.5) for scale in SCALES] if self.source == "none" else [(1.0, 2.0)]
+        period = pose_period(near, settings)
+        parts = {part_of(period, settings, *choice) for choice in choices}
+        found = [curvature(near[:, 0], path, settings, *part) for part in sorted(parts)]
+        answers = self._left_out(found) if self.source == "none" else self._felt(found[0], rotations)
+        self._span = max(self._span, 2 * found[0].half * settings.step)
+        unknown = ~np.isfinite(found[0].value[:, 0])
+        self._count(answers[done], unknown[done], np.isfinite(path[done, 0]))
+        return answers[done]
+
+    def _left_out(self, scales: list[Curvature]) -> Float[np.ndarray, "n 4"]:
+        """No acceleration; as unsteady as it is, where it is seen."""
+        size = np.zeros(len(scales[0].value))
+        for found in scales:
+            length = np.linalg.norm(found.value, axis=1)
+            seen = length > SEEN * np.maximum(found.noise, found.usual)  # not NaN
+            size = np.maximum(
+                size, np.where(_widened(seen, found.half), length, 0.0), where=np.isfinite(length), out=size
+            )
+        # |a| / sqrt 3 is a's deviation along an axis. Of R'' = A R, |A d| is |A| |d| / sqrt 3 for a d of any direction.
+        share = 1.0 / 3**0.5 if self._placed else ARM / 3.0
+        return np.column_stack([np.zeros((len(size), 3)), share * size])
+
+    def _felt(self, found: Curvature, rotations: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 4"]:
+        """The acceleration in the sensor's frame, and its noise; held beyond the last window as large as it is."""
+        value, lost = found.value, ~np.isfinite(found.value[:, 0])
+        unsure = np.where(found.held, np.hypot(np.linalg.norm(value, axis=1), found.noise), found.noise) / 3**0.5
+        inside = np.einsum("nji,nj->ni", rotations, np.where(lost[:, None], 0.0, value))
+        inside[~np.isfinite(inside).all(axis=1)] = 0.0  # no pose: the row gets no answer anyway
+        unknown = UNKNOWN if self.source == "poses" else UNKNOWN * float(np.linalg.norm(self.lever)) / ARM
+        return np.column_stack([inside, np.where(lost, unknown, unsure)])
+
+    def _count(self, answers: np.ndarray, unknown: np.ndarray, posed: np.ndarray) -> None:
+        self._rows += len(answers)
+        self._moving += int(np.count_nonzero(answers[:, 3]))
+        self._unknown += int(np.count_nonzero(unknown & posed)) if self.source != "none" else 0
+        self._largest = max(self._largest, float(answers[:, 3].max(initial=0.0, where=~unknown)))
+
+    def _with_channels(self, block: Recording, answers: Float[np.ndarray, "n 4"]) -> Recording:
+        channels = dict(block.channels)
+        acceleration, unsteady = answers[:, :3], answers[:, 3:]
+        if self.source == "none":
+            channels.pop(ACCELERATION, None)
+            return replace(block, channels={**channels, UNSTEADY: unsteady})
+        if self.source in ("motion", "imu") and (not self.lever.any() or ORIENTATION not in channels):
+            acceleration, unsteady = np.zeros_like(acceleration), np.zeros_like(unsteady)
+        if self.source in ("motion", "imu"):
+            acceleration = channels[ACCELERATION] + acceleration
+        if self.source == "imu" and self.gravity is not None:
+            rotations = rotation_from_quaternion(channels[ORIENTATION])
+            acceleration = acceleration + np.einsum("nji,j->ni", rotations, self.gravity)
+        return replace(block, channels={**channels, ACCELERATION: acceleration, UNSTEADY: unsteady})
+
+
+def _widened(seen: Bool[np.ndarray, " n"], half: int) -> Bool[np.ndarray, " n"]:
+    """Also what is seen half a window before or after: while it swings, an acceleration passes through zero."""
+    counts = np.concatenate([np.zeros(half + 1, dtype=int), np.cumsum(seen), np.full(half, np.count_nonzero(seen))])
+    return counts[2 * half + 1 :] > counts[: -2 * half - 1]
+
+
+def _gathered(pieces: Iterator[np.ndarray]) -> Iterator[tuple[np.ndarray, bool]]:
+    """Pieces put together until they are worth a look, and whether they are the last."""
+    small, count = [np.zeros((0, 8))], 0
+    for piece in pieces:
+        small.append(piece)
+        count += len(piece)
+        if count >= CHUNK // 8:
+            yield np.concatenate(small), False
+            small, count = [piece[:0]], 0
+    yield np.concatenate(small), True

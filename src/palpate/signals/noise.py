@@ -1,0 +1,294 @@
+"""How noisy a log is, from the log itself: the deviation of a reading, and how slowly the noise moves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from palpate.errors import InputError
+from palpate.signals.filters import Filter
+from palpate.spatial._arrays import Value, frozen
+from palpate.spatial.arguments import takes_arrays
+
+__all__ = ["Noise", "NoiseSpectrum", "estimate_noise", "resolution_of", "rest_noise", "wrong_noise"]
+
+WINDOW = 32  # samples in which a log is steady or is not
+FEWEST = 10  # samples that tell anything
+QUIET = 0.1  # of the windows are taken as quiet, to begin with
+SPREAD = 2.5  # times the variance of the quiet ones: of noise alone, one window in 100,000 has more
+MOST_HELD = 10  # readings that repeat one another
+NEAR = 5.0  # deviations: a contact begins at ten
+SEGMENTS = 8  # that a spectrum is averaged over, at least
+LONGEST = 2048  # samples of a segment
+HARMONICS = 3  # of the error of a quantised reading; the next is below 1 % of its variance
+WRONG = 2.0  # times too large or too small: said
+
+
+@takes_arrays
+@dataclass(frozen=True, eq=False)
+class NoiseSpectrum(Value):
+    """How the variance of a reading is spread over frequencies.
+
+    Args:
+        frequency: (k,) [cycles a sample]; 0 for what wanders more slowly than was looked at.
+        power: (k, c) shares of the variance of each channel, which sum to 1.
+    """
+
+    frequency: Float[np.ndarray, " k"]
+    power: Float[np.ndarray, "k c"]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "frequency", frozen(self.frequency))
+        object.__setattr__(self, "power", frozen(self.power))
+
+    @classmethod
+    def of_corner(cls, corner: float, rate: float) -> NoiseSpectrum:
+        """Of white noise and noise as 1/f beside it: S(f) = S (1 + corner/f), from 10^-6 of the rate on.
+
+        Args:
+            corner: [Hz] where both are equal.
+            rate: [Hz] of the samples.
+
+        Raises:
+            InputError: they are not positive.
+        """
+        if not (corner > 0 and rate > 0):
+            raise InputError(f"the corner ({corner:g} Hz) of the noise and the rate ({rate:g} Hz) must be positive.")
+        edges = np.geomspace(1e-6, 0.5, 400)
+        middle: np.ndarray = np.sqrt(edges[1:] * edges[:-1])
+        power = np.diff(edges) + corner / rate * np.diff(np.log(edges))
+        return cls(middle, np.repeat(power[:, None] / power.sum(), 6, axis=1))
+
+    def kept(self, made: Filter, rate: float) -> Float[np.ndarray, " c"]:
+        """Of each channel's variance, what a settled filter leaves: the sum of power |H|^2."""
+        return made.gain(self.frequency * rate, rate) ** 2 @ self.power
+
+    def of_mean(self, count: int) -> Float[np.ndarray, " c"]:
+        """Of each channel's variance, what is left in the mean of so many samples (Dirichlet's kernel, squared)."""
+        angle = np.pi * np.maximum(self.frequency, 1e-12)
+        return (np.sin(count * angle) / (count * np.sin(angle))) ** 2 @ self.power
+
+
+@takes_arrays
+@dataclass(frozen=True, eq=False)
+class Noise(Value):
+    """What a log at rest says.
+
+    Args:
+        deviation: (c,) of one reading [unit of the channel], all that wanders in the log included.
+        spectrum: of it.
+    """
+
+    deviation: Float[np.ndarray, " c"]
+    spectrum: NoiseSpectrum
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "deviation", frozen(self.deviation))
+
+
+@takes_arrays
+def estimate_noise(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"] | None:
+    """Standard deviations of one reading, in the quiet parts of a log; None where fewer than ten samples are finite.
+
+    The log is cut into windows of 32 samples, each less its own straight line, so that slow motion does not count.
+    The quietest tenth of them begin; those of at most 2.5 times their mean variance join them, until none does: so
+    touches are left out and noise is not, and there is no bias from having chosen the least. What wanders more slowly
+    than a window is not in it (`rest_noise`). A reading is never better than its resolution q allows, q / sqrt(12).
+
+    Args:
+        readings: (n, 6) [N, N m] as logged, or other readings (n, k).
+    """
+    usable = _unheld(readings[np.isfinite(readings).all(axis=1)])
+    if len(usable) < FEWEST:
+        return None
+    _, variance, quiet = _judged(usable)
+    return _deviation(variance, quiet, resolution_of(usable))
+
+
+@takes_arrays
+def rest_noise(readings: Float[np.ndarray, "n k"], *, wander: bool = True) -> Noise | None:
+    """Deviation and spectrum of the noise where a log rests at one level; None where it hardly does.
+
+    Rest is where every channel is quiet (`estimate_noise`) and within 5 deviations of the level before, starting from
+    the commonest level: a press that is held is quiet, but elsewhere. Periodograms [welch] of what rests tell the
+    noise within a segment; the variance of the segments' means is the wander from one to the other, and stands at
+    frequency 0: no filter takes it off, and no tare.
+
+    The error of a reading of resolution q that hardly moves is the same in every sample; of its variance q^2/12,
+    sum over k of q^2/(2 pi^2 k^2) exp(-4 pi^2 k^2 s^2/q^2) stays so under noise of deviation s, and stands at 0 too
+    [Widrow 1996].
+
+    Args:
+        readings: (n, 6) [N, N m] as logged, or other readings (n, k), evenly spaced.
+        wander: whether a zero that wanders counts too, which it does not where it is followed: each segment is then
+            taken less its straight line, and its mean does not matter.
+    """
+    usable = readings[np.isfinite(readings).all(axis=1)]
+    if len(usable) < 2 * WINDOW:
+        return None
+    resolution = resolution_of(usable)
+    resting, window = _resting(usable, resolution)
+    segments = _segments(usable, resting, window)
+    if segments is None:
+        return None
+    length = segments.shape[1]
+    taper = np.hanning(length)
+    middle = segments.mean(axis=1, keepdims=True)
+    left = segments - middle if wander else _straightened(segments)
+    waves = np.fft.rfft(left * taper[:, None], axis=1)[:, 1:]
+    density = 2.0 * np.mean(np.abs(waves) ** 2, axis=0) / (length * np.sum(taper**2))
+    density[-1] /= 2.0  # at half the rate two sides are one
+    within, between = density.sum(axis=0), _wander(middle[:, 0], density) if wander else density[0] / 2.0
+    stays = _stuck(within, resolution)
+    total = np.maximum(within + between, resolution**2 / 12.0)
+    moves = np.where(within > 0, np.maximum(total - between - stays, 0.0) / np.where(within > 0, within, 1.0), 0.0)
+    power = np.concatenate([(total - moves * within)[None], density * moves])
+    power[0, total <= 0] = 1.0
+    frequency = np.fft.rfftfreq(length)
+    return Noise(np.sqrt(total), NoiseSpectrum(frequency, power / np.where(total > 0, total, 1.0)))
+
+
+@takes_arrays
+def wrong_noise(stated: Float[np.ndarray, "6"], seen: Float[np.ndarray, "6"]) -> str:
+    """Where stated deviations of a wrench are wrong by two or more against those of a log, a sentence; else ""."""
+    wrong: list[str] = []
+    for part, unit in ((slice(0, 3), "N"), (slice(3, 6), "N m")):
+        said, found = (float(np.sqrt(np.mean(values[part] ** 2))) for values in (stated, seen))
+        if found > 0 and not 1 / WRONG < found / said < WRONG:
+            ratio = f"{found / said:.2g} times less" if found > said else f"{said / found:.2g} times more"
+            wrong.append(f"{said:.2g} {unit} is {ratio} than the {found:.2g} {unit}")
+    if not wrong:
+        return ""
+    return f"the noise stated is not that of the log: {' and '.join(wrong)} seen in it; the ellipses are as wrong"
+
+
+def _unheld(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "m k"]:
+    """Without the repetitions of a driver that repeats each reading: every so manieth."""
+    changes = np.flatnonzero((np.diff(readings, axis=0) != 0).any(axis=1))
+    held = int(np.median(np.diff(changes))) if len(changes) > FEWEST else 1
+    return readings[:: min(max(held, 1), MOST_HELD)]
+
+
+def _windows(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "w l k"]:
+    """As many whole windows as there are, shorter ones in a short log."""
+    length = int(np.clip(len(readings) // 20, min(FEWEST, len(readings)), WINDOW))
+    count = len(readings) // length
+    return readings[: count * length].reshape(count, length, readings.shape[1])
+
+
+def _straightened(windows: Float[np.ndarray, "w l k"]) -> Float[np.ndarray, "w l k"]:
+    """Less the straight line of each."""
+    line: Float[np.ndarray, "l 1"] = np.ones((windows.shape[1], 1))
+    line = np.cumsum(line, axis=0) - (len(line) + 1) / 2
+    slope: Float[np.ndarray, "w k"] = np.einsum("lz,wlk->wk", line, windows) / float(np.einsum("lz,lz->", line, line))
+    return windows - windows.mean(axis=1, keepdims=True) - slope[:, None] * line
+
+
+def _judged(
+    readings: Float[np.ndarray, "n k"],
+) -> tuple[Float[np.ndarray, "w l k"], Float[np.ndarray, "w k"], Bool[np.ndarray, "w k"]]:
+    """Windows, their variances, and where they hold noise alone: in all channels, or where none does, in each."""
+    windows = _windows(readings)
+    variance = np.sum(_straightened(windows) ** 2, axis=1) / (windows.shape[1] - 2)
+    least = np.maximum(resolution_of(readings) ** 2 / 12.0, 1e-30)
+    quiet = np.stack([_quiet(column) for column in (variance + least).T], axis=1)
+    whole = np.all(quiet, axis=1, keepdims=True)
+    return windows, variance, np.repeat(whole, quiet.shape[1], axis=1) if whole.mean() >= QUIET else quiet
+
+
+def _quiet(variance: Float[np.ndarray, " w"]) -> Bool[np.ndarray, " w"]:
+    """Which windows are of one kind with the quietest."""
+    quiet = variance <= np.quantile(variance, QUIET)
+    while True:
+        more = variance <= SPREAD * variance[quiet].mean()
+        if np.count_nonzero(more) <= np.count_nonzero(quiet):
+            return quiet
+        quiet = more
+
+
+def _deviation(
+    variance: Float[np.ndarray, "w k"], quiet: Bool[np.ndarray, "w k"], resolution: Float[np.ndarray, " k"]
+) -> Float[np.ndarray, " k"]:
+    """Of the quiet windows, and no less than the resolution's."""
+    mean = np.mean(variance, axis=0, where=quiet)
+    return np.sqrt(np.maximum(mean, resolution**2 / 12.0))
+
+
+@takes_arrays
+def resolution_of(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"]:
+    """The step of which all differences are multiples; 0 where there is none."""
+    return np.array([_step(np.unique(column)) for column in readings.T])
+
+
+def _step(levels: Float[np.ndarray, " m"]) -> float:
+    gaps = np.diff(levels)
+    gaps = gaps[gaps > 1e-9 * np.abs(levels).max()]  # else rounding of the same reading
+    if not len(gaps):
+        return 0.0
+    step = float(gaps.min())
+    multiples = gaps / step
+    whole = np.abs(multiples - np.round(multiples)) < 0.05
+    return float(np.sum(gaps) / np.sum(np.round(multiples))) if whole.mean() > 0.95 else 0.0
+
+
+def _resting(
+    readings: Float[np.ndarray, "n k"], resolution: Float[np.ndarray, " k"]
+) -> tuple[Bool[np.ndarray, " w"], int]:
+    """Which windows lie at rest, every channel quiet and near the level of those before; samples of a window."""
+    windows, variance, quiet = _judged(readings)
+    resting: Bool[np.ndarray, " w"] = np.asarray(np.all(quiet, axis=1))
+    deviation = np.maximum(_deviation(variance, quiet, resolution), 1e-15)
+    level = windows.mean(axis=1) / (NEAR * deviation)
+    among = np.flatnonzero(resting)
+    if not len(among):
+        return resting, windows.shape[1]
+    some = np.arange(0, len(among), max(1, len(among) // 400))
+    near = [np.count_nonzero(np.abs(level[among[some]] - level[among[k]]).max(axis=1) <= 1.0) for k in some]
+    start = int(some[int(np.argmax(np.array(near)))])
+    for order in (among[start:], among[start::-1]):  # a wander is followed, step by step
+        last = level[among[start]]
+        for k in order:
+            if np.abs(level[k] - last).max() <= 1.0:
+                last = level[k]
+            else:
+                resting[k] = False
+    return resting, windows.shape[1]
+
+
+def _segments(
+    readings: Float[np.ndarray, "n k"], resting: Bool[np.ndarray, " w"], window: int
+) -> Float[np.ndarray, "s l k"] | None:
+    """Stretches of rest, all of one length: the longest of which there are enough."""
+    edges = np.diff(np.concatenate([[0], resting.astype(np.int8), [0]]))
+    starts, ends = np.flatnonzero(edges == 1) * window, np.flatnonzero(edges == -1) * window
+    length = LONGEST
+    while length > window // 2 and np.sum((ends - starts) // length) < SEGMENTS:
+        length //= 2
+    first = _first(starts, ends, length)
+    if len(first) < 2 or length < FEWEST:
+        return None
+    return np.stack([readings[k : k + length] for k in first])
+
+
+def _first(starts: Int[np.ndarray, " r"], ends: Int[np.ndarray, " r"], length: int) -> Int[np.ndarray, " s"]:
+    counts = (ends - starts) // length
+    before = np.repeat(np.cumsum(counts) - counts, counts)
+    each: Int[np.ndarray, " s"] = np.repeat(starts, counts)
+    return each + length * (np.arange(len(before)) - before)
+
+
+def _wander(means: Float[np.ndarray, "s k"], density: Float[np.ndarray, "l k"]) -> Float[np.ndarray, " k"]:
+    """Variance of the segments' means; where there are few, at least that of noise as 1/f below the lowest bin."""
+    seen = means.var(axis=0, ddof=1)
+    return np.maximum(seen, density[0] / 2.0)
+
+
+def _stuck(within: Float[np.ndarray, " k"], resolution: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+    """What of the variance of a quantised reading is the same in every sample."""
+    step = np.where(resolution > 0, resolution, 1.0)
+    moving = np.maximum(within / step**2 - 1.0 / 12.0, 0.0)
+    order = np.arange(1, HARMONICS + 1)[:, None]
+    share = np.sum(np.exp(-4 * np.pi**2 * order**2 * moving) / (2 * np.pi**2 * order**2), axis=0)
+    return np.where(resolution > 0, share * step**2, 0.0)

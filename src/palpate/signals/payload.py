@@ -1,0 +1,210 @@
+"""The payload of a force/torque sensor: what must be taken off a reading to leave the contact."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from os import PathLike
+from types import MappingProxyType
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+
+from palpate.calls import by_name, called_as
+from palpate.errors import InputError
+from palpate.signals.recording import LARGEST
+from palpate.spatial._arrays import Value, frozen
+from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.pose import skew
+from palpate.spatial.shown import vector
+
+__all__ = ["STANDARD_GRAVITY", "Payload"]
+
+STANDARD_GRAVITY = 9.80665  # m/s^2
+
+
+@called_as(
+    "palpate.Payload(mass=0.4, center_of_mass=[0, 0, 0.05])",
+    load='palpate.Payload.load("payload.toml")',
+    save='payload.save("payload.toml")',
+    compensate="payload.compensate(wrenches, rotations)",
+)
+@takes_arrays
+@dataclass(frozen=True, eq=False, init=False)
+class Payload(Value):
+    """What hangs on the sensor, and the sensor's zero.
+
+    With R the sensor's orientation in the base, w the weight, c its centre, f0 and m0 the biases [probe, (1)]:
+
+        F_s = R^T w + f0 + F_contact
+        M_s = c x (R^T w) + m0 + M_contact
+
+    Poses determine the weight only; mass is the weight over a stated |g|.
+
+    Args:
+        weight: (3,) [N] of the payload, in the base frame; None: by `mass`, along -z.
+        force_bias: (3,) [N], in the sensor frame, as the other two. None of these three is zero.
+        center_of_mass: (3,) [m].
+        torque_bias: (3,) [N m].
+        covariance: (12, 12) of weight, force_bias, center_of_mass, torque_bias in this order. Finite; rank deficient
+            where something was given (gravity's direction).
+        magnitude: of gravity [m/s^2].
+        residual: (2,) rms of the fit's force [N] and torque [N m], per axis.
+        samples: how many wrenches were used.
+        provenance: where it came from: input hashes, version, options.
+        notes: what a user should know about the fit, one sentence each.
+        mass: [kg] in place of the weight, in a base whose z axis points up.
+
+    Raises:
+        InputError: numbers that no payload has, or a weight and a mass.
+    """
+
+    weight: Float[np.ndarray, "3"]
+    force_bias: Float[np.ndarray, "3"]
+    center_of_mass: Float[np.ndarray, "3"]
+    torque_bias: Float[np.ndarray, "3"]
+    covariance: Float[np.ndarray, "12 12"]
+    magnitude: float
+    residual: Float[np.ndarray, "2"]
+    samples: int
+    provenance: Mapping[str, str]
+    notes: tuple[str, ...]
+
+    def __init__(
+        self,
+        weight: ArrayLike | None = None,
+        force_bias: ArrayLike | None = None,
+        center_of_mass: ArrayLike | None = None,
+        torque_bias: ArrayLike | None = None,
+        covariance: ArrayLike | None = None,
+        magnitude: float = STANDARD_GRAVITY,
+        residual: ArrayLike | None = None,
+        samples: int = 0,
+        provenance: Mapping[str, str] = MappingProxyType({}),
+        notes: Sequence[str] = (),
+        *,
+        mass: float | None = None,
+    ) -> None:
+        if not 1 / LARGEST <= magnitude <= LARGEST:  # NaN too
+            bounds = f"{1 / LARGEST:g} and {LARGEST:g} m/s^2"
+            raise InputError(f"magnitude of gravity must lie between {bounds}, not {magnitude}", where="payload")
+        if mass is not None:
+            if weight is not None or not mass >= 0:
+                raise InputError(f"a mass ({mass}) must be >= 0, and takes the place of a weight", where="payload")
+            weight = np.array([0.0, 0.0, -mass * magnitude])
+        vars(self).update(
+            weight=_finite("weight", weight, (3,)),
+            force_bias=_finite("force_bias", force_bias, (3,)),
+            center_of_mass=_finite("center_of_mass", center_of_mass, (3,)),
+            torque_bias=_finite("torque_bias", torque_bias, (3,)),
+            covariance=_finite("covariance", covariance, (12, 12), LARGEST**2),
+            magnitude=magnitude,
+            residual=_finite("residual", residual, (2,)),
+            samples=samples,
+            provenance=MappingProxyType(dict(provenance)),
+            notes=tuple(notes),
+        )
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> Payload:
+        """Read one that `save` or `palpate calibrate payload` wrote.
+
+        Raises:
+            InputError: not there, or not a payload.
+        """
+        return by_name("palpate.files.models.read_model")(path, cls)
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write it as TOML, every number to the last bit."""
+        by_name("palpate.files.models.write_model")(path, self)
+
+    def __reduce__(self) -> tuple[type[Payload], tuple[object, ...]]:
+        """Read-only arrays and mappings come back as such."""
+        values = {**vars(self), "provenance": dict(self.provenance)}
+        return Payload, tuple(values[name.name] for name in fields(self))
+
+    def __repr__(self) -> str:
+        held = f"{self.mass:.4g} kg at {vector(1e3 * self.center_of_mass, 1)} mm" if self.weight.any() else "no weight"
+        bias = f"bias {vector(self.force_bias)} N, {vector(self.torque_bias, 4)} N m"
+        return f"Payload({held}, {bias}{f', from {self.samples:,} samples' if self.samples else ''})"
+
+    @property
+    def mass(self) -> float:
+        """[kg], the weight over `magnitude`."""
+        return float(np.linalg.norm(self.weight)) / self.magnitude
+
+    @property
+    def gravity(self) -> Float[np.ndarray, "3"]:
+        """[m/s^2] in the base frame, of the stated magnitude; NaN without weight."""
+        if not self.weight.any():
+            return np.full(3, np.nan)
+        return self.weight * (self.magnitude / float(np.linalg.norm(self.weight)))
+
+    def compensate(
+        self,
+        wrenches: Float[np.ndarray, "*batch 6"],
+        rotations: Float[np.ndarray, "*batch 3 3"] | None,
+        accelerations: Float[np.ndarray, "*batch 3"] | None = None,
+    ) -> tuple[Float[np.ndarray, "*batch 6"], Float[np.ndarray, "*batch 6 6"]]:
+        """The contact's share of a reading, and the covariance that the payload's uncertainty adds to it.
+
+        Newton for the payload, which gravity, the contact and the sensor (by -F_s) push: m a = m g + F_contact - F_s.
+        So an accelerated payload weighs u = R^T w - m a, and
+
+            F_contact = F_s - f0 - u,    M_contact = M_s - m0 - c x u.
+
+        `a` should be the acceleration of the payload's centre. The sensor's origin is taken for it, and the payload's
+        own rotational inertia is left out: off by m (alpha x c + omega x (omega x c)) in force.
+
+        Args:
+            wrenches: (*batch, 6) [N, N m] in the sensor frame.
+            rotations: (*batch, 3, 3), sensor in base; a NaN in one gives a NaN wrench. None for a payload without
+                weight only (a tare).
+            accelerations: (*batch, 3) [m/s^2] of the sensor's origin in the sensor frame, without gravity: what an
+                accelerometer reads, plus g. None: at rest. Beyond 1e9 it gives a NaN wrench.
+
+        Returns:
+            Wrenches (*batch, 6) in the sensor frame and covariances (*batch, 6, 6). The error of the bias and weight
+            is the same in every sample: averaging samples does not reduce it.
+        """
+        transposed = self._base_in_sensor(wrenches, rotations)
+        weight = transposed @ self.weight
+        jacobian_weight = transposed
+        if accelerations is not None:
+            accelerations = np.where(np.abs(accelerations) <= LARGEST, accelerations, np.nan)
+            weight = weight - self.mass * accelerations
+            direction = self.gravity / self.magnitude if self.weight.any() else np.zeros(3)
+            jacobian_weight = transposed - accelerations[..., :, None] * (direction / self.magnitude)
+        load = np.concatenate([weight + self.force_bias, np.cross(self.center_of_mass, weight) + self.torque_bias], -1)
+        jacobian = np.zeros((*wrenches.shape[:-1], 6, 12))  # of the load; the contact's is its negative
+        jacobian[..., :3, :3] = jacobian_weight
+        jacobian[..., 3:, :3] = skew(self.center_of_mass) @ jacobian_weight
+        jacobian[..., :3, 3:6] = np.eye(3)
+        jacobian[..., 3:, 6:9] = -skew(weight)
+        jacobian[..., 3:, 9:] = np.eye(3)
+        return wrenches - load, jacobian @ self.covariance @ np.swapaxes(jacobian, -1, -2)
+
+    def _base_in_sensor(self, wrenches: np.ndarray, rotations: np.ndarray | None) -> np.ndarray:
+        """R^T, with every entry NaN where one is."""
+        if rotations is None:
+            if self.weight.any() or self.covariance[:3, :3].any():
+                newtons = float(np.linalg.norm(self.weight))
+                raise InputError(
+                    f"the payload weighs {newtons:.3g} N, so the orientation of the sensor is needed",
+                    where="payload",
+                    hint="Record the orientation, or use a payload without weight (a tare).",
+                )
+            rotations = np.broadcast_to(np.eye(3), (*wrenches.shape[:-1], 3, 3))
+        lost = ~np.isfinite(rotations).all(axis=(-2, -1), keepdims=True)
+        return np.where(lost, np.nan, np.swapaxes(rotations, -1, -2))
+
+
+def _finite(
+    name: str, values: ArrayLike | None, shape: tuple[int, ...], largest: float = LARGEST
+) -> Float[np.ndarray, "..."]:
+    """A read-only copy of exactly this shape, without NaN and whatever would overflow; zero where nothing is given."""
+    array = frozen(np.zeros(shape) if values is None else values, tail=shape, name=name)
+    if array.shape != shape or not np.all(np.abs(array) <= largest):
+        raise InputError(f"{name} must be {shape} finite numbers, at most {largest:g}", where="payload")
+    return array

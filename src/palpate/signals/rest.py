@@ -1,0 +1,85 @@
+"""Is a window of samples unloaded, and what does it read?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.errors import InputError
+from palpate.signals.noise import estimate_noise
+from palpate.spatial.arguments import takes_arrays
+
+__all__ = ["Rest", "at_rest"]
+
+FEWEST = 10  # samples
+SCATTER = 3.0  # times the noise: a motor that hums is at rest, an arm that moves with its load is not
+DRIFT = 5.0  # standard errors between the halves, and at least
+LEAST_DRIFT = 1.0  # times the noise: sensors warm up
+
+
+@takes_arrays
+@dataclass(frozen=True, eq=False)
+class Rest:
+    """What a steady window reads.
+
+    Attributes:
+        mean: (6,) [N, N m]; deviation: (6,) of one sample; samples: how many.
+    """
+
+    mean: Float[np.ndarray, "6"]
+    deviation: Float[np.ndarray, "6"]
+    samples: int
+
+    @property
+    def said(self) -> str:
+        """What a tare takes off, as a sentence."""
+        force, torque = _sizes(self.mean)
+        return f"tare over {self.samples} samples: {force:.3g} N and {torque:.3g} N m are taken off from now on"
+
+
+@takes_arrays
+def at_rest(wrenches: Float[np.ndarray, "n 6"], noise: Float[np.ndarray, "6 6"] | None, where: str) -> Rest:
+    """The mean of wrenches that stand still: their scatter is noise, and both halves agree.
+
+    Args:
+        wrenches: (n, 6) compensated; NaN where there is none.
+        noise: of one reading; None takes it from the steps of the wrenches.
+        where: they came from.
+
+    Raises:
+        InputError: too few, or not still.
+    """
+    usable = wrenches[np.isfinite(wrenches).all(axis=1)]
+    if len(usable) < FEWEST:
+        raise InputError(
+            f"a tare needs at least {FEWEST} samples, and has {len(usable)} that can be used.",
+            where=where,
+            hint="Let the log begin unloaded, with an orientation if there is a payload; or tare over a longer time.",
+        )
+    deviation = usable.std(axis=0)
+    known = estimate_noise(usable) if noise is None else np.sqrt(np.diag(noise))
+    sigma = deviation if known is None else known
+    first, second = np.array_split(usable, 2)
+    drift = np.abs(second.mean(axis=0) - first.mean(axis=0))
+    allowed = np.maximum(DRIFT * sigma * 2.0 / np.sqrt(len(usable)), LEAST_DRIFT * sigma)
+    _require_less("scatters by", deviation, SCATTER * sigma, sigma, where)
+    _require_less("changes between the two halves by", drift, allowed, sigma, where)
+    return Rest(usable.mean(axis=0), deviation, len(usable))
+
+
+def _require_less(what: str, seen: np.ndarray, allowed: np.ndarray, sigma: np.ndarray, where: str) -> None:
+    if np.all(seen <= allowed + 1e-12 * np.abs(seen)):
+        return
+    (force, torque), (noise, twist) = _sizes(seen), _sizes(sigma)
+    raise InputError(
+        f"the sensor was not at rest during the tare: the wrench {what} {force:.3g} N and {torque:.3g} N m, "
+        f"and its noise is {noise:.3g} N and {twist:.3g} N m.",
+        where=where,
+        hint="Keep the robot still and untouched meanwhile, leave the tare out, or state the noise if it is larger.",
+    )
+
+
+def _sizes(wrench: Float[np.ndarray, "6"]) -> tuple[float, float]:
+    return float(np.linalg.norm(wrench[:3])), float(np.linalg.norm(wrench[3:]))

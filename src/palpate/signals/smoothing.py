@@ -1,0 +1,227 @@
+"""Running a filter over a stream of wrenches or cells: forward as they come, or forward and backward a little later."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator
+from typing import TypeVar
+
+import numpy as np
+from jaxtyping import Float, Int8
+
+from palpate.errors import InputError
+from palpate.signals.filters import Filter, Recursion
+from palpate.spatial.arguments import takes_arrays
+
+__all__ = ["BothWays", "Forward", "known_rate", "require_forward"]
+
+GAP_PERIODS, LEAST_GAP = 5, 0.05  # samples and s: clocks that stamp on arrival make smaller gaps of their own
+SEGMENT = 4096  # wrenches that are filtered backward at a time, at least; of wider samples as many values
+
+Values = Float[np.ndarray, "_ _"]
+Numbers = Float[np.ndarray, " _"]
+Status = Int8[np.ndarray, " _"]
+T = TypeVar("T")
+
+
+def known_rate(rate: float | None, of: str) -> float:
+    """[Hz] of samples that a filter is to smooth; `of`: what they are called.
+
+    Raises:
+        InputError: None is given.
+    """
+    if rate is None:
+        raise InputError(f"a filter needs the rate of the {of}.", hint="Give rate in Hz.")
+    return rate
+
+
+def require_forward(filter: Filter | None) -> None:
+    """Raise an InputError where a filter cannot answer sample by sample."""
+    if filter is not None and filter.zero_phase:
+        raise InputError(
+            "a filter of zero phase looks ahead, so it cannot answer sample by sample.",
+            hint="Use stream on a log, or a Butterworth filter without zero_phase.",
+        )
+
+
+class Forward:
+    """Filters samples as they come, each by those before it: what a piece gives does not depend on how it was cut.
+
+    It starts afresh where time steps back, or forward by more than 5 periods and 0.05 s. Samples that are none pass it
+    by. Samples in between count as evenly spaced.
+
+    Args:
+        recursion: of a filter at a rate.
+        rate: [Hz] of the samples.
+        width: values of a sample.
+    """
+
+    def __init__(self, recursion: Recursion, rate: float, width: int = 6) -> None:
+        from palpate.signals import _filters  # compiled: loaded when first needed
+
+        self._smooth, self.shares = _filters.smooth, recursion.share.copy()
+        self._made = tuple(part.copy() for part in (recursion.sections, recursion.start, recursion.gains))  # writable
+        self._gap = max(GAP_PERIODS / rate, LEAST_GAP)
+        self._state = np.zeros((max(1, 2 * len(recursion.sections)), width))
+        self._clock = np.zeros(2)
+        self.reset()
+
+    @property
+    def parts(self) -> tuple[object, ...]:
+        """What `_filters.smooth` takes behind its samples, but for the ages."""
+        return (*self._made, self._gap, self._clock, self._state)
+
+    def reset(self) -> None:
+        """The next sample is the first."""
+        self._clock[:] = -1.0, np.nan
+
+    def __call__(self, time: Float[np.ndarray, " n"], status: Int8[np.ndarray, " n"], values: Values) -> np.ndarray:
+        """Filter samples whose status is below 0, in place; returns ages (n,), 0 at a start, -1 for the others."""
+        age = np.empty(len(values), dtype=np.int64)
+        self._smooth(time, status, values, *self.parts, age)
+        return age
+
+    @takes_arrays
+    def starts(self, time: Float[np.ndarray, " n"], status: Int8[np.ndarray, " n"]) -> np.ndarray:
+        """The ages that samples will have."""
+        clock, state = self._clock.copy(), self._state.copy()
+        age = self(time, status, np.zeros((len(time), self._state.shape[1])))
+        self._clock[:], self._state[:] = clock, state
+        return age
+
+    @takes_arrays
+    def share(self, age: np.ndarray) -> Float[np.ndarray, " n"]:
+        """Of the noise's variance, what is left at an age; means nothing for samples that were passed by."""
+        return self.shares[np.minimum(age, len(self.shares) - 1)]
+
+    @takes_arrays
+    def held(self, value: Float[np.ndarray, " _"], count: int) -> Values:
+        """What would come out if the last sample stayed; leaves the filter there."""
+        values = np.repeat(value[None], count, axis=0)
+        self(np.full(count, np.nan), np.full(count, -1, np.int8), values)
+        return values
+
+
+class BothWays:
+    """Filters forward and backward, as if the first and last sample of a run had been there for ever.
+
+    A run ends where the forward filter starts afresh. Its samples are filtered backward in segments counted from its
+    first, each begun a settled response later, so that nothing depends on how the stream was cut; memory is flat.
+
+    With r the autocorrelation of the forward response, sample k of a run 0 ... e is the sum of r_{k-i} x_i, the first
+    and last x carrying all of the weight beyond them: a share of sum r^2 + edge(k) + edge(e - k) of the noise is left,
+    edge(m) = (sum of r_j, j >= m)^2 - (sum of r_j^2, j >= m).
+
+    Args:
+        recursion, rate, width: as of `Forward`.
+    """
+
+    def __init__(self, recursion: Recursion, rate: float, width: int = 6) -> None:
+        from scipy.signal import correlate
+
+        self._forward, self._backward = (Forward(recursion, rate, width) for _ in range(2))
+        response = recursion.response
+        self._settled = len(response)
+        self._segment = max(SEGMENT * 6 // width, self._settled)
+        both = correlate(response, response)[self._settled - 1 :]
+        squares = both**2
+        self._inside = float(2.0 * squares.sum() - squares[0])
+        self._edge = np.append(both[::-1].cumsum()[::-1] ** 2 - squares[::-1].cumsum()[::-1], 0.0)
+        self._last = np.zeros(width)
+        self._parts: list[Values] = []  # of the run, filtered forward
+        self._emitted = 0  # samples of the run that are done
+        self._done = [np.zeros((0, width + 1))]  # values, and share of the noise
+
+    @property
+    def least(self) -> float:
+        """Of white noise, the least that is left in any sample of a run."""
+        return self._inside + 2.0 * min(float(self._edge.min()), 0.0)
+
+    def through(self, items: Iterable[tuple[T, Numbers, Status, Values]]) -> Iterator[tuple[T, Values, Numbers]]:
+        """Filter items in their order, each yielded once all of its samples are filtered.
+
+        Args:
+            items: anything, with the times, statuses and values of its samples; those whose status is below 0 are
+                filtered in place.
+
+        Yields:
+            the same thing, its values, and the share of the noise's variance that is left in each.
+        """
+        waiting = deque[tuple[T, Status, Values]]()
+        for what, time, status, values in items:
+            self.push(time, status, values)
+            waiting.append((what, status, values))
+            yield from self._served(waiting)
+        self.finish()
+        yield from self._served(waiting)
+
+    def _served(self, waiting: deque[tuple[T, Status, Values]]) -> Iterator[tuple[T, Values, Numbers]]:
+        while waiting and self.ready >= np.count_nonzero(waiting[0][1] < 0):
+            what, status, values = waiting.popleft()
+            good, share = status < 0, np.ones(len(status))
+            values[good], share[good] = self.take(int(np.count_nonzero(good)))
+            yield what, values, share
+
+    def push(self, time: Float[np.ndarray, " n"], status: Int8[np.ndarray, " n"], values: Values) -> None:
+        """More samples; only those whose status is below 0 count."""
+        good = status < 0
+        time, status, values = time[good], status[good], values[good]
+        for part in np.split(np.arange(len(time)), np.flatnonzero(self._forward.starts(time, status) == 0)):
+            if len(part):
+                self._extend(time[part], status[part], values[part])
+
+    def finish(self) -> None:
+        """No more samples come, in this run at least."""
+        if not self._parts:
+            return
+        rows = np.concatenate(self._parts)
+        after = self._forward.held(self._last, self._settled)
+        done = self._reversed(np.concatenate([rows, after]))[: len(rows)]
+        left = np.arange(len(rows))[::-1]
+        share = np.ones(1) if self._emitted + len(rows) == 1 else self._share(len(rows)) + self._edges(left)
+        self._add(done, share)
+        self._parts, self._emitted = [], 0
+
+    @property
+    def ready(self) -> int:
+        """How many samples can be taken."""
+        return sum(map(len, self._done))
+
+    def take(self, count: int) -> tuple[Values, Float[np.ndarray, " n"]]:
+        """The next that are done, in order: values (n, width) and the share of the noise left in them (n,)."""
+        done = self._done[0] if len(self._done) == 1 else np.concatenate(self._done)
+        self._done = [done[count:]]
+        return done[:count, :-1], done[:count, -1]
+
+    def _extend(self, time: np.ndarray, status: np.ndarray, values: Values) -> None:
+        """Samples of one run."""
+        if self._forward.starts(time[:1], status[:1])[0] == 0:
+            self.finish()
+        self._last = values[-1].copy()
+        self._forward(time, status, values)
+        self._parts.append(values)
+        needed = self._segment + self._settled
+        if sum(map(len, self._parts)) >= needed:
+            rows = np.concatenate(self._parts)
+            while len(rows) >= needed:
+                self._add(self._reversed(rows[:needed])[: self._segment], self._share(self._segment))
+                rows = rows[self._segment :]
+                self._emitted += self._segment
+            self._parts = [rows]
+
+    def _add(self, values: Values, share: Float[np.ndarray, " n"]) -> None:
+        self._done.append(np.column_stack([values, share]))
+
+    def _reversed(self, rows: Values) -> Values:
+        """Filtered from the last to the first."""
+        self._backward.reset()
+        turned = rows[::-1].copy()
+        self._backward(np.zeros(len(rows)), np.full(len(rows), -1, np.int8), turned)
+        return turned[::-1]
+
+    def _share(self, count: int) -> Float[np.ndarray, " n"]:
+        """Of the next samples of the run, while its end is far."""
+        return self._inside + self._edges(self._emitted + np.arange(count))
+
+    def _edges(self, steps: np.ndarray) -> Float[np.ndarray, " n"]:
+        return self._edge[np.minimum(steps, self._settled)]

@@ -1,0 +1,191 @@
+"""How fast a signal moves: its spectrum, and the frequency above which it is noise only."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import cos, pi
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from palpate.errors import InputError
+from palpate.signals.filters import Butterworth, Kalman
+from palpate.signals.recording import LARGEST
+from palpate.spatial.arguments import takes_arrays
+
+__all__ = ["Cutoff", "Spectrum", "propose_cutoff", "spectrum", "steady_stretches"]
+
+EVEN = 0.5  # of the usual step: what a step may differ by in a stretch that counts as evenly sampled
+SHORTEST, LONGEST = 32, 8192  # samples of one of Welch's segments
+RESOLUTION = 0.25  # Hz that a log of an arm deserves, where it is long enough
+ABOVE = 2.0  # times the floor: below it, a band holds more noise than signal
+TOP = (0.6, 0.95)  # of the Nyquist frequency: the band whose median is the floor
+NARROW: float = 2 ** (1 / 3)  # the ratio of the ends of the band that each figure is the median of: a hum is no signal
+HIGHEST = 0.2  # of the rate: above it a filter takes off too little to be worth its lag
+
+
+@takes_arrays
+@dataclass(frozen=True)
+class Spectrum:
+    """Welch's estimate of power spectral densities, one-sided.
+
+    Attributes:
+        frequency: (k,) [Hz].
+        density: (k, c) [unit^2/Hz] of each channel; its integral is the variance.
+        rate: [Hz] of the samples.
+        samples: how many were used; segments: how many periodograms were averaged.
+        stretches: how many pieces of even steps without NaN they came from.
+    """
+
+    frequency: Float[np.ndarray, " k"]
+    density: Float[np.ndarray, "k c"]
+    rate: float
+    samples: int
+    segments: int
+    stretches: int
+
+
+@takes_arrays
+@dataclass(frozen=True)
+class Cutoff:
+    """What a spectrum proposes.
+
+    Attributes:
+        frequency: [Hz]; None where no filter is proposed.
+        floor: (c,) [unit^2/Hz] of the noise in each channel.
+        sentence: what was found.
+        settings: the filters with this cut-off, a sentence each, where the channels are forces.
+    """
+
+    frequency: float | None
+    floor: Float[np.ndarray, " c"]
+    sentence: str
+    settings: tuple[str, ...] = ()
+
+
+@takes_arrays
+def spectrum(time: Float[np.ndarray, " n"], values: Float[np.ndarray, "n c"]) -> Spectrum:
+    """Spectra of all channels, from the stretches in which steps are even and no value is NaN [welch].
+
+    Nothing is resampled: interpolation is a filter, and would colour the very floor that is looked for.
+
+    Args:
+        time: (n,) [s].
+        values: (n, c) in their unit; NaN where there is none (not answered); as such counts what is beyond `LARGEST`.
+
+    Raises:
+        InputError: no stretch is long enough: the log is short, or its rate wanders.
+    """
+    from scipy.signal import welch
+
+    values = np.where(np.abs(values) <= LARGEST, values, np.nan)
+    step = _usual_step(time)
+    pieces = list(steady_stretches(time, values, step))
+    lengths = np.array([piece.stop - piece.start for piece in pieces], dtype=np.int64)
+    segment = _segment(lengths, 1 / step, len(time))
+    used = [piece for piece, length in zip(pieces, lengths, strict=True) if length >= segment]
+    rate = _mean_rate(time, used)
+    total: Float[np.ndarray, "k c"] = np.zeros((segment // 2 + 1, values.shape[1]))
+    frequency, weight = np.empty(0), 0
+    for piece in used:
+        frequency, density = map(np.asarray, welch(values[piece], fs=rate, nperseg=segment, axis=0))
+        count = 1 + (piece.stop - piece.start - segment) // (segment - segment // 2)
+        total, weight = total + count * density, weight + count
+    samples = sum(piece.stop - piece.start for piece in used)
+    inner = slice(1, -1)  # the mean is taken off at 0, and at half the rate two sides are one
+    return Spectrum(frequency[inner], total[inner] / weight, rate, samples, weight, len(used))
+
+
+@takes_arrays
+def steady_stretches(time: Float[np.ndarray, " n"], values: Float[np.ndarray, "n c"], step: float) -> Iterator[slice]:
+    """Pieces of at least `SHORTEST` samples, every value finite and every step within `EVEN` of the usual one."""
+    good = np.isfinite(time) & np.isfinite(values).all(axis=1)
+    joined = good[1:] & good[:-1] & (np.abs(np.diff(time) - step) <= EVEN * step)
+    edges = np.diff(np.concatenate([[False], joined, [False]]).astype(np.int8))
+    for start, end in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True):
+        if end + 1 - start >= SHORTEST:
+            yield slice(int(start), int(end) + 1)
+
+
+def propose_cutoff(found: Spectrum, unit: str = "N") -> Cutoff:
+    """Where the signal sinks into the noise for good.
+
+    Each channel is divided by its floor, the median of its top band; the mean over the channels is smoothed by a
+    median over a third of an octave. The cut-off is where that stays below twice the floor; above a fifth of the rate
+    none is proposed.
+
+    Args:
+        found: of `spectrum`, force channels [N] as a rule.
+        unit: of the channels; settings of filters are given for forces [N].
+    """
+    nyquist = found.rate / 2
+    top = (found.frequency >= TOP[0] * nyquist) & (found.frequency <= TOP[1] * nyquist)
+    floor = np.median(found.density[top], axis=0)
+    alive = floor > 0
+    if not alive.any():
+        return Cutoff(None, floor, "No cut-off: the top of the spectrum is empty, there is no noise to take off.")
+    ratio = _smoothed(found.frequency, np.mean(found.density[:, alive] / floor[alive], axis=1))
+    loud = np.flatnonzero(ratio > ABOVE)
+    if not len(loud):
+        return Cutoff(None, floor, "No cut-off: the spectrum is white, no frequency stands out of the noise.")
+    edge = float(found.frequency[min(loud[-1] + 1, len(ratio) - 1)])
+    if edge > HIGHEST * found.rate:
+        return Cutoff(None, floor, _too_fast(edge, found.rate))
+    noise = float(floor[alive].mean()) * nyquist
+    said = f"Above {edge:.3g} Hz there is noise only, {noise**0.5:.3g} {unit} in each reading."
+    return Cutoff(edge, floor, said, _settings(edge, found.rate, noise) if unit == "N" else ())
+
+
+def _too_fast(edge: float, rate: float) -> str:
+    return (
+        f"No cut-off: the signal stands above the noise up to {edge:.3g} Hz, more than a fifth of the rate "
+        f"({rate:.4g} Hz); or the log has been filtered before and shows no floor."
+    )
+
+
+def _settings(cutoff: float, rate: float, noise: float) -> tuple[str, ...]:
+    """The two filters that have this cut-off [Hz], for readings of variance `noise`.
+
+    A Kalman filter of identity transition, once steady, is a low-pass that is 3 dB down where 2 (1 - cos w) = q / r.
+    """
+    q = noise * 2 * (1 - cos(2 * pi * cutoff / rate))
+    return Butterworth(cutoff, 2).describe(rate), Kalman(q, noise).describe(rate)
+
+
+def _usual_step(time: Float[np.ndarray, " n"]) -> float:
+    known = time[np.isfinite(time)]
+    steps = np.diff(known)
+    usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
+    if usual <= 0:
+        raise InputError("a spectrum needs times that increase.", where="time")
+    return usual
+
+
+def _segment(lengths: Int[np.ndarray, " k"], rate: float, count: int) -> int:
+    """A power of two: fine enough, and such that stretches as long hold half of what the longest could."""
+    if not len(lengths):
+        raise InputError(
+            f"no {SHORTEST} consecutive samples of {count} have values and even steps: a spectrum needs a steady rate.",
+            hint="Stamp samples where they are measured, not where they arrive in bursts; or give a longer log.",
+        )
+    ordered = np.sort(lengths)[::-1]
+    half = int(ordered[np.searchsorted(np.cumsum(ordered), ordered.sum() / 2)])
+    finest = min(LONGEST, 2 ** int(np.ceil(np.log2(rate / RESOLUTION))), max(SHORTEST, int(ordered.sum()) // 8))
+    return max(SHORTEST, 2 ** int(np.log2(min(half, finest))))
+
+
+def _mean_rate(time: Float[np.ndarray, " n"], pieces: list[slice]) -> float:
+    """Steps over time: a median step is as coarse as the clock that stamped it."""
+    steps = sum(piece.stop - 1 - piece.start for piece in pieces)
+    return steps / float(sum(time[piece.stop - 1] - time[piece.start] for piece in pieces))
+
+
+def _smoothed(frequency: Float[np.ndarray, " k"], values: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+    """The median over a band around each frequency, at least three wide where there are as many."""
+    here = np.arange(len(values))
+    below: Float[np.ndarray, " k"] = frequency / NARROW**0.5
+    above: Float[np.ndarray, " k"] = frequency * NARROW**0.5
+    low, high = np.searchsorted(frequency, below), np.searchsorted(frequency, above, side="right")
+    first, end = np.minimum(low, (here - 1).clip(min=0)), np.maximum(high, here + 2)
+    return np.array([np.median(values[a:b]) for a, b in zip(first, end, strict=True)])

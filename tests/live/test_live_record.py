@@ -1,0 +1,490 @@
+"""The recorder of `palpate live`: what it writes is read again to the last bit, and outlives its writers."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.exceptions import McapError
+from mcap.reader import NonSeekingReader, make_reader
+
+import palpate
+from palpate.errors import InputError
+from palpate.files.atomic import part
+from palpate.files.contacts import read_contacts
+from palpate.files.contacts.mcap_regain import regained
+from palpate.files.logs import Layout, read_recording
+from palpate.live.record import Recorder, only_one, record, require_record, ring_of
+from palpate.live.recover import cut_short, recover
+from palpate.live.source import Batch
+from palpate.live.stream_buffer import READERS, Form, Ring
+from palpate.setup import load_rig
+from palpate.signals.recording import ACCELERATION, ORIENTATION, POSITION, Recording
+from tests.support.kill_recorder import BEGIN, FORM, RATE, answers, batch, numbers
+
+ROOT = Path(__file__).resolve().parents[2]
+FOREVER = float("inf")
+RIG = '[surface]\nkind = "sphere"\nradius = 0.05\n[force_torque]\n'
+
+
+@pytest.fixture
+def output(tmp_path: Path) -> Path:
+    return tmp_path / "run.mcap"
+
+
+def _ring(output: Path, form: Form = FORM, size: int = 1 << 22) -> Ring:
+    return Ring.make(ring_of(output), form, size)
+
+
+def _feed(ring: Ring, count: int, *, answered: bool = True, made: Batch | None = None) -> None:
+    """So many more samples, with a contact each."""
+    first = ring["received"]
+    ring.take_in(made or batch(first, count, ring.form.shape), count, np.zeros(count))
+    if answered:
+        ring.answer(answers(first, count), np.ones(count, dtype=np.int64))
+
+
+def _recorded(ring: Ring, output: Path, blocks: Iterator[int] | list[int], split: float = FOREVER) -> Recorder:
+    """A recorder that was fed, not ended."""
+    recorder = Recorder(ring, output, split)
+    for count in blocks:
+        _feed(ring, count)
+        recorder.step()
+    return recorder
+
+
+def _events(path: Path) -> list[str]:
+    with path.open("rb") as file:
+        messages = list(make_reader(file, validate_crcs=True).iter_messages(topics=["/palpate/live/events"]))
+    return [_sentence(message.data) for _, _, message in messages]
+
+
+def _sentence(data: bytes) -> str:
+    """The second string of an rcl_interfaces/msg/Log, by CDR's rules."""
+    at = 4 + 8 + 1 + 3
+    length = int.from_bytes(data[at : at + 4], "little")
+    at += 4 + length
+    at += -(at - 4) % 4
+    length = int.from_bytes(data[at : at + 4], "little")
+    return data[at + 4 : at + 3 + length].decode()
+
+
+def _known(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Stamps and values of the first samples."""
+    made = batch(0, count)
+    return made.stamp, made.values
+
+
+def test_a_log_of_the_same_rig_reads_readings_times_and_contacts_again(output: Path) -> None:
+    ring = _ring(output)
+    ring.say("the sensor was found")
+    _recorded(ring, output, [300] * 10).finish()
+    stamps, values = _known(3000)
+    found = read_recording(output)
+    np.testing.assert_array_equal(found.wrenches(), values)
+    np.testing.assert_array_equal(found.time, [stamp // 10**9 + stamp % 10**9 / 1e9 for stamp in stamps.tolist()])
+    assert not any("no stamps" in note for note in found.notes)
+    contacts = read_contacts(output)
+    np.testing.assert_array_equal(contacts.sample, np.arange(3000))
+    np.testing.assert_array_equal(contacts.point[:, 0], np.arange(3000))
+    np.testing.assert_array_equal(contacts.time, found.time)
+    assert _events(output) == ["the sensor was found"]
+    assert (ring["recorded"], ring["bytes"]) == (3000, output.stat().st_size)
+    assert not part(output).exists()
+
+
+def test_what_estimate_makes_of_the_record_is_what_it_makes_of_the_samples(output: Path) -> None:
+    (output.parent / "rig.toml").write_text(RIG)
+    rig, rng = load_rig(output.parent / "rig.toml"), np.random.default_rng(3)
+    made = batch(0, 900)
+    direction = rng.normal(size=(900, 3))
+    made.values[:, :3] = 10.0 * direction
+    made.values[:, 3:] = 0.01 * rng.normal(size=(900, 3))
+    ring = _ring(output)
+    _feed(ring, 900, made=made)
+    Recorder(ring, output, FOREVER).finish()
+    with palpate.open_log(output, rig) as log:
+        found = [contacts for _, contacts in rig.estimator().pairs(log)]
+    time = np.array([stamp // 10**9 + stamp % 10**9 / 1e9 for stamp in made.stamp.tolist()])
+    channels = {"force": made.values[:, :3].copy(), "torque": made.values[:, 3:].copy()}
+    known = rig.estimator().run(Recording(time, channels))
+    for name in ("point", "normal", "force", "torque", "covariance", "status"):
+        there = np.concatenate([getattr(each.estimate, name) for each in found])
+        np.testing.assert_array_equal(there, getattr(known.estimate, name))
+
+
+@pytest.mark.parametrize("topic", ["", "/ft/wrench"])
+def test_the_readings_are_under_the_name_that_the_rig_says(output: Path, topic: str) -> None:
+    """And the wrenches of the contacts are never taken for readings."""
+    ring = _ring(output, replace(FORM, topic=topic))
+    _recorded(ring, output, [50]).finish()
+    found = read_recording(output, Layout(wrench_topic=topic or None))
+    np.testing.assert_array_equal(found.wrenches(), _known(50)[1])
+
+
+@pytest.mark.parametrize("shape", [(12,), (6, 22)])
+def test_arrays(output: Path, shape: tuple[int, ...]) -> None:
+    from palpate.files.logs import ArrayChannel
+
+    ring = _ring(output, replace(FORM, sensor="skin", shape=shape, wrenches=False))
+    _recorded(ring, output, [50]).finish()
+    layout = Layout(wrench=None, arrays=(ArrayChannel("cells", shape, table="skin"),))
+    found = read_recording(output, layout)
+    np.testing.assert_array_equal(found.channels["cells"], batch(0, 50, shape).values)
+    assert found.time[1] == (BEGIN + 10**9 // RATE) // 10**9 + (BEGIN + 10**9 // RATE) % 10**9 / 1e9
+
+
+def test_images(output: Path) -> None:
+    pytest.importorskip("cv2", reason="OpenCV reads images (pip install 'palpate[camera]')")
+    from palpate.files.logs import ImageChannel
+
+    form = replace(FORM, sensor="marker_ring", shape=(5, 7, 3), images=True, wrenches=False)
+    made = Batch(form.shape, 20, np.uint8)
+    made.values[:] = np.random.default_rng(1).integers(0, 256, made.values.shape, dtype=np.uint8)
+    made.stamp[:] = batch(0, 20).stamp
+    ring = _ring(output, form)
+    _feed(ring, 20, made=made)
+    Recorder(ring, output, FOREVER).finish()
+    found = read_recording(output, Layout(wrench=None, images=ImageChannel()))
+    np.testing.assert_array_equal(found.channels["image"], made.values)
+
+
+def test_poses_and_accelerations_stand_where_they_were_known_and_nowhere_between(output: Path) -> None:
+    made, rng = batch(0, 400), np.random.default_rng(2)
+    quaternion = rng.normal(size=(400, 4))
+    made.orientation[:] = quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
+    made.position[:], made.acceleration[:] = rng.normal(size=(2, 400, 3))
+    made.orientation[100:110] = made.acceleration[300:320] = np.nan
+    ring = _ring(output, replace(FORM, poses=True))
+    _feed(ring, 400, made=made)
+    Recorder(ring, output, FOREVER).finish()
+    made.position[100:110] = np.nan
+    found = read_recording(output, Layout(frames=("base", "tool"), offset=0.5))  # of /tf in other logs of this rig
+    np.testing.assert_array_equal(found.channels[ORIENTATION], made.orientation)
+    np.testing.assert_array_equal(found.channels[POSITION], made.position)
+    np.testing.assert_array_equal(found.channels[ACCELERATION], made.acceleration)
+
+
+def _decoded(path: Path) -> dict[str, list[Any]]:
+    """Messages of each topic as rosbags reads them, by the definitions in the file alone."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.EMPTY)
+    found: dict[str, list[Any]] = {}
+    with path.open("rb") as file:
+        for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
+            assert schema is not None
+            if schema.name not in store.fielddefs:
+                store.register(get_types_from_msg(schema.data.decode(), schema.name))
+            found.setdefault(channel.topic, []).append(store.deserialize_cdr(message.data, schema.name))
+    return found
+
+
+def test_messages_are_what_their_definitions_say(output: Path) -> None:
+    """As Foxglove reads them: it knows nothing but the file."""
+    pytest.importorskip("rosbags", reason="rosbags reads the messages (pip install 'palpate[ros]')")
+    made = batch(0, 3, (2, 5))
+    made.lost[1] = 4
+    made.orientation[:], made.position[:], made.acceleration[:] = (0.0, 0.0, 0.6, 0.8), (1.0, 2.0, 3.0), (4.0, 5.0, 6.0)
+    ring = _ring(output, replace(FORM, sensor="skin", shape=(2, 5), wrenches=False))
+    ring.say("über all")
+    _feed(ring, 3, made=made)
+    Recorder(ring, output, FOREVER).finish()
+    there = _decoded(output)
+    array = there["/palpate/live/readings"][2]
+    np.testing.assert_array_equal(array.data, made.values[2].ravel())
+    labels = [(each.label, each.size, each.stride) for each in array.layout.dim]
+    assert labels == [("row", 2, 10), ("column", 5, 5)]
+    pose, acceleration = there["/palpate/live/pose"][0], there["/palpate/live/acceleration"][1]
+    assert (pose.pose.position.z, pose.pose.orientation.w, pose.header.frame_id) == (3.0, 0.8, "base")
+    assert (acceleration.vector.x, acceleration.vector.z) == (4.0, 6.0)
+    assert (pose.header.stamp.sec, pose.header.stamp.nanosec) == divmod(BEGIN, 10**9)
+    lost, said = sorted(there["/palpate/live/events"], key=lambda each: each.level, reverse=True)
+    assert (lost.level, lost.msg) == (30, "4 samples are missing before sample 1")
+    assert (said.level, said.msg, said.name, said.line) == (20, "über all", "palpate live", 0)
+    assert [contact.sample for contact in there["/palpate/contact/estimate"]] == [0, 1, 2]
+
+
+def test_images_are_what_their_definition_says(output: Path) -> None:
+    pytest.importorskip("rosbags", reason="rosbags reads the messages (pip install 'palpate[ros]')")
+    made = Batch((3, 7, 3), 2, np.uint8)
+    made.values[:] = np.arange(126, dtype=np.uint8).reshape(2, 3, 7, 3)
+    ring = _ring(output, replace(FORM, sensor="marker_ring", shape=(3, 7, 3), images=True, wrenches=False))
+    _feed(ring, 2, made=made)
+    Recorder(ring, output, FOREVER).finish()
+    image = _decoded(output)["/palpate/live/image"][1]
+    assert (image.height, image.width, image.encoding, image.step, image.is_bigendian) == (3, 7, "bgr8", 21, 0)
+    np.testing.assert_array_equal(image.data, made.values[1].ravel())
+
+
+def test_lost_samples_are_said(output: Path) -> None:
+    made = batch(0, 100)
+    made.lost[40] = 7
+    ring = _ring(output)
+    _feed(ring, 100, made=made)
+    Recorder(ring, output, FOREVER).finish()
+    assert _events(output) == ["7 samples are missing before sample 40"]
+
+
+def test_a_file_that_is_large_enough_gives_way_to_the_next_and_each_opens_on_its_own(output: Path) -> None:
+    ring = _ring(output)
+    recorder = _recorded(ring, output, [1024] * 12, split=4e5)
+    recorder.finish()
+    files = [output, *(output.with_name(f"run.{k}.mcap") for k in range(1, ring["file"]))]
+    assert len(files) > 2
+    assert sorted(files) == sorted(output.parent.glob("*.mcap"))
+    found = [read_recording(file).wrenches()[:, 0] for file in files]
+    np.testing.assert_array_equal(np.concatenate(found), np.arange(12 * 1024))
+    np.testing.assert_array_equal(np.concatenate([read_contacts(file).sample for file in files]), np.arange(12 * 1024))
+    assert ring["bytes"] == sum(file.stat().st_size for file in files)
+    ring_of(output).unlink()
+    with pytest.raises(InputError, match="the first of several files"):
+        require_record(output)
+
+
+def test_a_recorder_that_is_started_again_goes_on_where_the_file_ends(output: Path) -> None:
+    ring = _ring(output)
+    ring.say("first")
+    _recorded(ring, output, [2048, 100])  # of which the second waits for more, and the process is killed
+    with part(output).open("ab") as file:
+        file.write(b"\x06" + bytes(50))  # a chunk that was not written to its end
+    ring.say("second")
+    _feed(ring, 30)
+    _recorded(ring, output, [200]).finish()
+    np.testing.assert_array_equal(read_recording(output).wrenches(), _known(2378)[1])
+    assert _events(output) == ["first", "second"]
+
+
+def test_before_its_end_the_file_is_read_by_others_too(output: Path) -> None:
+    _recorded(_ring(output), output, [2048, 2048])
+    with part(output).open("rb") as file:
+        streamed = NonSeekingReader(file, validate_crcs=True).iter_messages(log_time_order=False)
+        topics = list[str]()
+        with pytest.raises(McapError):  # at its end, where no footer is yet
+            topics.extend(channel.topic for _, channel, _ in streamed)
+    assert topics.count("/palpate/live/wrench") == 4096
+
+
+def test_a_reader_that_was_lapped_says_how_many_are_not_recorded(output: Path) -> None:
+    ring = _ring(output, size=1)  # as few slots as there may be
+    recorder = _recorded(ring, output, [100])
+    for _ in range(20):
+        _feed(ring, 100)
+    recorder.finish()
+    found = read_recording(output).wrenches()[:, 0]
+    assert ring["missed"] == 2100 - len(found) > 0
+    assert found[-1] == 2099
+    assert np.all(np.diff(found) > 0)
+    assert _events(output)[0].startswith(f"{ring['missed']} samples from sample")
+
+
+def test_readings_are_recorded_even_if_answers_do_not_come(output: Path) -> None:
+    """Before the ring goes over them."""
+    ring = _ring(output)
+    recorder, count = Recorder(ring, output, FOREVER), 0
+    while count < 3 * len(ring.slots):
+        _feed(ring, 500, answered=False)
+        recorder.step()
+        count += 500
+    recorder.finish()
+    np.testing.assert_array_equal(read_recording(output).wrenches()[:, 0], np.arange(count))
+    assert ring["missed"] == 0
+
+
+def test_recover_puts_file_and_ring_together_twice(output: Path) -> None:
+    ring = _ring(output)
+    _recorded(ring, output, [2048, 700])
+    _feed(ring, 30, answered=False)
+    ring.close()
+    assert "2,048 samples in run.mcap.part, 730 more in run.mcap.ring" in cut_short(output)
+    said = recover(output)
+    assert (
+        "2,048 samples were recorded, 730 more were in the ring (30 of them without contacts); none is missing" in said
+    )
+    np.testing.assert_array_equal(read_recording(output).wrenches(), _known(2778)[1])
+    assert len(read_contacts(output)) == 2748
+    assert numbers([output]) == (list(range(2778)), list(range(2748)))
+    raw = output.read_bytes()
+    assert "nothing to recover" in recover(output)
+    assert output.read_bytes() == raw
+    assert [file.name for file in output.parent.iterdir()] == [output.name]
+    assert not cut_short(output)
+
+
+def test_recover_goes_on_wherever_another_was_killed(output: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ring = _ring(output)
+    _recorded(ring, output, [2048, 700])
+    ring.close()
+    for name in ("ftruncate", "pwrite", "fdatasync", "fsync", "unlink"):
+
+        def killed(*_: object) -> None:
+            raise KeyboardInterrupt
+
+        with monkeypatch.context() as patched:
+            patched.setattr(os, name, killed)
+            with pytest.raises(KeyboardInterrupt):
+                recover(output)
+    recover(output)
+    np.testing.assert_array_equal(read_recording(output).wrenches(), _known(2748)[1])
+
+
+def test_recover_is_refused_while_it_is_written(output: Path) -> None:
+    import time
+
+    ring = _ring(output)
+    _recorded(ring, output, [2048])
+    ring["alive"] = time.time_ns()
+    with pytest.raises(InputError, match="is being written"):
+        recover(output)
+    ring["alive"] = 0
+    with only_one(ring.path), pytest.raises(InputError, match="another process"):
+        recover(output)
+    recover(output)
+    with pytest.raises(InputError, match="nothing to recover"):
+        recover(output.with_name("other.mcap"))
+
+
+def test_a_part_cut_anywhere_is_made_whole_from_the_ring(output: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("palpate.live.record.CHUNK", 100)
+    ring = _ring(output)
+    ring.say("begun")
+    _recorded(ring, output, [100] * 6)
+    raw, head = part(output).read_bytes(), ring_of(output).read_bytes()
+    cuts = np.random.default_rng(4).integers(0, len(raw), 30)
+    for cut in [0, len(raw), *cuts.tolist()]:
+        part(output).write_bytes(raw[:cut])
+        ring_of(output).write_bytes(head)
+        recover(output)
+        np.testing.assert_array_equal(read_recording(output).wrenches(), _known(600)[1])
+        np.testing.assert_array_equal(read_contacts(output).sample, np.arange(600))
+        assert _events(output) == ["begun"]
+        output.unlink()
+
+
+def test_a_part_without_a_ring_keeps_every_whole_chunk(output: Path) -> None:
+    _recorded(_ring(output), output, [2048, 2048])
+    ring_of(output).unlink()
+    raw = part(output).read_bytes()
+    part(output).write_bytes(raw[: len(raw) - 100])
+    assert "2,048 samples were recorded" in recover(output)
+    assert numbers([output])[0] == list(range(2048))
+
+
+def test_slots_that_never_reached_the_disk_are_left_out(output: Path) -> None:
+    """As when the power is cut: the head of the ring is on the disk, a page of it is not."""
+    ring = _ring(output)
+    _recorded(ring, output, [1024, 500])
+    ring.slots["number"][1200:1210] = 0
+    said = recover(output)
+    assert "324 of the ring were torn" in said
+    assert numbers([output])[0] == list(range(1200))
+
+
+FULL = """
+import resource, sys
+from pathlib import Path
+import tests.live.test_live_record as t
+from palpate.live.record import Recorder
+output = Path(sys.argv[1])
+ring = t._ring(output)
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), resource.RLIM_INFINITY))
+recorder = t._recorded(ring, output, [1024] * 12)
+assert recorder.full
+recorder.step()
+recorder.finish()
+"""
+
+
+def test_a_full_disk_ends_the_record_and_keeps_what_was_written(output: Path) -> None:
+    _recorded(_ring(output), output, [1024] * 4).finish()
+    limit = output.stat().st_size - 4000  # so that neither all chunks nor, behind three of them, the summary have room
+    output.unlink()
+    run = [sys.executable, "-c", FULL, str(output), str(max(limit, ring_of(output).stat().st_size // 64))]
+    subprocess.run(run, cwd=ROOT, check=True, timeout=120)
+    count = len(numbers([output])[0])
+    assert count % 1024 == 0
+    assert count >= 1024
+    ring = Ring(ring_of(output))
+    said = [text for _, text in ring.said(0)[0]]
+    assert len(said) == 1
+    assert f"recording has stopped: run.mcap cannot be written (File too large); the {count:,} samples" in said[0]
+
+
+def test_the_process_ends_when_the_ring_says_stop_or_the_parent_is_gone(output: Path) -> None:
+    ring = _ring(output)
+    _feed(ring, 500)
+    ring["stop"] = READERS
+    record(ring.path, output, FOREVER, os.getppid())
+    assert numbers([output])[0] == list(range(500))
+    other = output.with_name("other.mcap")
+    ring = _ring(other)
+    _feed(ring, 500)
+    record(ring.path, other, FOREVER, -1)
+    assert numbers([other])[0] == list(range(500))
+
+
+def test_nothing_that_was_received_is_lost_by_kills(tmp_path: Path) -> None:
+    """Of the writer, of the recorder, of both; `kill_recorder 200` is the same for longer."""
+    script = ROOT / "tests/support/kill_recorder.py"
+    run = [sys.executable, "-m", "tests.support.kill_recorder", "6"]
+    assert script.exists()
+    done = subprocess.run(run, cwd=ROOT, env={**os.environ, "TMPDIR": str(tmp_path)}, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "2 records put together: all of" in done.stdout
+
+
+def test_memory_of_a_chunk_is_small(output: Path) -> None:
+    """What the index keeps of a chunk until the file is split: a few hundred bytes."""
+    recorder = _recorded(_ring(output), output, [2048])
+    assert recorder.file is not None
+    found = regained(part(output))
+    assert found is not None
+    entry = found.writer.chunks[-1].entry
+    assert sys.getsizeof(entry) < 300
+
+
+def test_a_record_that_cannot_begin_is_refused(output: Path) -> None:
+    require_record(output)
+    with pytest.raises(InputError, match=r"no record ends in '\.csv'"):
+        require_record(output.with_suffix(".csv"))
+    part(output).write_bytes(b"")
+    with pytest.raises(InputError, match="cut short"):
+        require_record(output)
+    part(output).write_bytes(bytes(1 << 15))
+    ring = _ring(output)
+    with pytest.raises(InputError, match=r"no file of `palpate live`"):
+        Recorder(ring, output, FOREVER)
+    with pytest.raises(SystemExit):
+        record(ring.path, output, FOREVER, -1)
+    assert "nothing is recorded any more" in ring.said(0)[0][0][1]
+
+
+def test_inspect_says_what_was_cut_short_and_changes_nothing(output: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from palpate.cli.inspect import inspect
+    from palpate.cli.recover import recover as command
+
+    ring = _ring(output)
+    recorder = _recorded(ring, output, [1024] * 4, split=2e5)
+    recorder.step()
+    ring.close()
+    before = {file.name: file.read_bytes() for file in output.parent.iterdir()}
+    assert {"run.mcap", "run.mcap.ring"} < set(before)
+    inspect(output)
+    assert "writing was cut short" in (said := "".join(capsys.readouterr()))
+    assert f"palpate recover {output}" in said.replace("\n", " ").replace("  ", " ")
+    with pytest.raises(InputError, match="writing was cut short"):
+        inspect(ring_of(output))
+    assert {file.name: file.read_bytes() for file in output.parent.iterdir()} == before
+    command(output)
+    assert "none is missing" in "".join(capsys.readouterr())
+    inspect(output)
+    said = "".join(capsys.readouterr())
+    assert "cut short" not in said
+    assert "/palpate/live/wrench" in said

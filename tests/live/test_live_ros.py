@@ -1,0 +1,655 @@
+"""ROS 2 without ROS: messages both ways over loopback, topics as a source, contacts published, errors said."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from itertools import count
+from pathlib import Path
+from subprocess import PIPE
+from threading import Thread
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.contact import ContactEstimate, Contacts, Status
+from palpate.errors import InputError
+from palpate.files.logs.layout import ArrayChannel, ImageChannel, Layout
+from palpate.live.dds import Node, Reader, Writer
+from palpate.live.device import Device
+from palpate.live.publish_ros import TARE, TOPICS, RosPublisher
+from palpate.live.ros2 import RosTopics
+from palpate.live.ros_device import RosDevice
+from palpate.live.ros_poses import RosPoses
+from palpate.live.ros_types import DEFINITIONS
+from palpate.live.source import Batch, Source
+from palpate.live.sources import source_of
+from palpate.setup.rig import Rig
+from palpate.setup.source import RigSource
+from palpate.setup.tables import RigForceTorque, RigOrientation
+from tests.support.ros_kinds import ROS2, TYPES, drawn, full, members, packed, read
+
+pytest.importorskip("cyclonedds", reason="ROS 2 is reached through cyclonedds")
+
+_tests = count()
+ROOT = Path(__file__).resolve().parents[2]
+SECOND = 10**9
+PATIENCE = 30.0  # s: on a busy machine two processes take seconds to hear of each other
+
+
+@pytest.fixture
+def domain() -> int:
+    """Of each test of each process another; ports of higher ones belong to others, too."""
+    return 1 + (13 * os.getpid() + next(_tests)) % 100
+
+
+@pytest.fixture
+def ends(domain: int) -> Iterator[tuple[Node, Node]]:
+    """Two participants, with the loopback interface between them."""
+    pair = Node(domain), Node(domain)
+    for node in pair:
+        assert node.open() == ""
+    yield pair
+    for node in pair:
+        node.close()
+
+
+def _until(holds: Callable[[], Any]) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while not holds():
+        assert time.monotonic() < deadline, "it never came"
+        time.sleep(0.005)
+
+
+def _join(writer: Writer | None, reader: Reader | None) -> None:
+    assert writer is not None
+    assert reader is not None
+    _until(lambda: writer.readers and reader.publishers)
+
+
+def _received(reader: Reader, wanted: int = 1) -> list[bytes]:
+    found: list[bytes] = []
+    deadline = time.monotonic() + PATIENCE
+    while len(found) < wanted and time.monotonic() < deadline:
+        reader.wait(0.5)
+        some = reader.take()
+        found += [some.data[a : a + n] for a, n in zip(some.start.tolist(), some.length.tolist(), strict=True)]
+    assert len(found) == wanted
+    return found
+
+
+def _gathered(source: RosTopics, wanted: int, batch: Batch | None = None) -> tuple[np.ndarray, np.ndarray, int]:
+    """Stamps, values and how many were lost."""
+    batch = Batch(source.shape, dtype=source.dtype) if batch is None else batch
+    stamps, values, lost = [np.zeros(0, dtype=int)], [np.zeros((0, *source.shape))], 0
+    deadline = time.monotonic() + PATIENCE
+    while sum(map(len, stamps)) < wanted and time.monotonic() < deadline:
+        found = source.receive(batch, 0.2)
+        stamps.append(batch.stamp[:found].copy())
+        values.append(batch.values[:found].copy())
+        lost += int(batch.lost[:found].sum())
+    return np.concatenate(stamps), np.concatenate(values), lost
+
+
+def test_types_are_those_of_ros() -> None:
+    for kind, definition in DEFINITIONS.items():
+        said = [(name, what) for what, name in (member.split(" ") for member in definition.split(", "))]
+        assert said == members(kind)
+
+
+def test_every_message_arrives_as_it_was_sent(ends: tuple[Node, Node]) -> None:
+    rng = np.random.default_rng(1)
+    for number, kind in enumerate(sorted(DEFINITIONS)):
+        writer, reader = ends[0].writer(f"all{number}", kind), ends[1].reader(f"/all{number}", kind)
+        _join(writer, reader)
+        sent = [packed(kind, drawn(full(kind), rng)) for _ in range(5)]
+        for data in sent:
+            assert writer.write(data + bytes(-len(data) % 4))
+        for data, found in zip(sent, _received(reader, 5), strict=True):
+            assert found[4 : len(data)] == data[4:]
+
+
+def test_nothing_listens_beyond_loopback(ends: tuple[Node, Node]) -> None:
+    table = Path("/proc/net/udp")
+    if not table.exists():
+        pytest.skip("this system does not list its sockets")
+    rows = [line.split() for line in table.read_text().splitlines()[1:]]
+    address = {row[9]: row[1].split(":")[0] for row in rows}
+    found = 0
+    for name in os.listdir("/proc/self/fd"):
+        try:
+            inode = os.readlink(f"/proc/self/fd/{name}").removeprefix("socket:[").removesuffix("]")
+        except OSError:  # the folder itself
+            continue
+        if inode in address:
+            found += 1
+            with socket.socket(fileno=os.dup(int(name))) as own:
+                bound = own.getsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, 16).rstrip(b"\0")
+            assert bound == b"lo" or address[inode] == "0100007F"
+    assert found >= 2 * len(ends)  # each receives what is said to all, and to it
+
+
+def test_who_comes_late_hears_what_holds(ends: tuple[Node, Node]) -> None:
+    kind = "std_msgs/Float64MultiArray"
+    message = packed(kind, drawn(full(kind), np.random.default_rng(2)))
+    latched, plain = (ends[0].writer(name, kind, latched=name == "held") for name in ("held", "gone"))
+    for writer in (latched, plain):
+        assert writer.write(message)
+    held, gone = ends[1].reader("held", kind, latched=True), ends[1].reader("gone", kind)
+    _join(plain, gone)
+    assert _received(held) == [message]
+    assert plain.write(message[:4] + bytes(len(message) - 4))
+    assert _received(gone) == [message[:4] + bytes(len(message) - 4)]  # only what came after it
+
+
+def _meet(device: RosDevice, source: RosTopics, publishers: int = 1) -> None:
+    """Both ends know of each other: what is sent before the reader knows its writer is dropped, and never counted."""
+    _until(lambda: device._writer is not None and device._writer.readers)
+    _until(lambda: source._reader is not None and source._reader.publishers == publishers)
+
+
+def _opened(
+    domain: int, shape: tuple[int, ...] = (6,), topic: str = "/ft", layout: Layout | None = None
+) -> tuple[RosDevice, RosTopics]:
+    device = RosDevice(topic, shape, domain)
+    device.open()
+    source = RosTopics(Layout(wrench_topic=topic) if layout is None else layout, Node(domain))
+    source.open()
+    nothing = np.zeros((0, int(np.prod(shape))))
+    _meet(device, source)
+    assert device.send(np.zeros(0, dtype=int), nothing) == 0
+    return device, source
+
+
+def test_a_thousand_samples_a_second_arrive_to_the_last_bit(domain: int) -> None:
+    device, source = _opened(domain)
+    assert isinstance(device, Device)
+    assert isinstance(source, Source)
+    rng, wanted = np.random.default_rng(3), 1500
+    stamp, values = np.arange(wanted) * 10**6, rng.normal(size=(wanted, 6))  # a log may begin at 0
+    batch, found = Batch((6,)), [np.zeros((0, 7))]
+    begun = time.monotonic()
+    for k in range(wanted):
+        assert device.send(stamp[k : k + 1], values[k : k + 1]) == 1
+        time.sleep(max(0.0, begun + 1e-3 * (k + 1) - time.monotonic()))
+        if k % 3 == 0 and (n := source.receive(batch, 0.0)):
+            assert not batch.lost[:n].any()
+            found.append(np.column_stack([batch.stamp[:n], batch.values[:n]]))
+    have = sum(map(len, found))
+    stamps, rest, lost = _gathered(source, wanted - have, batch)
+    assert lost == 0
+    found.append(np.column_stack([stamps, rest]))
+    assert np.array_equal(np.concatenate(found), np.column_stack([stamp, values]))
+    source.close()
+    device.close()
+    source.close()
+
+
+def test_wrenches_of_any_make_are_read_alike(domain: int) -> None:
+    node, source = Node(domain), RosTopics(Layout(wrench_topic="/ft"), Node(domain))
+    node.open()
+    kind, rng = "geometry_msgs/WrenchStamped", np.random.default_rng(9)
+    writer = node.writer("/ft", kind)
+    source.open()
+    _join(writer, source._reader)
+    sent: list[np.ndarray] = []
+    for frame_id in ["sensor"] * 3 + ["s"] * 2 + ["sensor_"] * 2 + ["tensor"] * 2:  # of one length, of another
+        message = drawn(full(kind), rng)
+        message.header.frame_id = frame_id
+        message.header.stamp = TYPES["builtin_interfaces/msg/Time"](len(sent) + 1, len(sent))
+        if len(sent) in (1, 6):
+            message.wrench.torque.y = np.nan
+        sent.append(np.array(_numbers(message.wrench.force) + _numbers(message.wrench.torque)))
+        big = len(sent) == 3
+        data = bytes(ROS2.serialize_cdr(message, full(kind), little_endian=not big))
+        assert writer.write(data)
+        if len(sent) < 6:  # one by one, then several at once
+            stamps, values, _ = _gathered(source, 1)
+            assert stamps.tolist() == [len(sent) * SECOND + len(sent) - 1]
+            assert np.array_equal(values, sent[-1:], equal_nan=True)
+    stamps, values, lost = _gathered(source, 4)
+    assert np.array_equal(values, sent[5:], equal_nan=True)
+    assert lost == 0
+    source.close()
+    node.close()
+
+
+def test_what_has_no_room_is_counted(domain: int) -> None:
+    device, source = _opened(domain)
+    sent = 0
+    for _ in range(18):
+        sent += device.send(1 + np.arange(1000), np.zeros((1000, 6)))
+        time.sleep(0.02)
+    batch, stamps, lost = Batch((6,)), 0, 0
+    while found := source.receive(batch, 0.3):
+        stamps, lost = stamps + found, lost + int(batch.lost[:found].sum())
+    sent += device.send(np.array([SECOND]), np.zeros((1, 6)))
+    assert sent == 18_001
+    more, _, rest = _gathered(source, 1)
+    assert stamps + len(more) + lost + rest == sent
+    assert lost + rest > 0  # how many depends on what was still under way when reading began
+    source.close()
+    device.close()
+
+
+def test_arrays_and_images_come_in_their_shape(domain: int) -> None:
+    rng = np.random.default_rng(4)
+    cells = Layout(wrench=None, arrays=(ArrayChannel("cells", (6, 22), topic="/skin"),))
+    device, source = _opened(domain, (6, 22), "/skin", cells)
+    sent = rng.normal(size=(4, 132))
+    begun = time.time_ns()
+    assert device.send(np.arange(4), sent) == 4
+    stamps, values, _ = _gathered(source, 4)
+    assert np.array_equal(values, sent.reshape(4, 6, 22))
+    assert ((stamps >= begun - SECOND) & (stamps <= time.time_ns() + SECOND)).all()
+    assert "have no stamps: the times at which they were sent" in " ".join(source.said())
+    other = RosDevice("/skin", (5,), domain)
+    other.open()
+    _meet(other, source, publishers=2)
+    assert other.send(np.zeros(1, dtype=int), np.zeros((1, 5))) == 1
+    assert device.send(np.arange(1), sent[:1]) == 1
+    _, values, lost = _gathered(source, 1)
+    source.receive(Batch(source.shape), 0.3)
+    assert np.array_equal(values, sent[:1].reshape(1, 6, 22))
+    assert lost in (0, 1)  # the odd one may come behind
+    assert ["that do not hold 6 x 22 numbers are left out" in said for said in source.said()] == [True]
+    for each in (source, device, other):
+        each.close()
+
+
+def test_images_come_as_they_were_sent(domain: int) -> None:
+    pytest.importorskip("cv2", reason="images need OpenCV")
+    image = np.random.default_rng(5).integers(0, 255, (48, 64, 3), dtype=np.uint8)
+    device = RosDevice("/camera", image.shape, domain)
+    device.open()
+    layout = Layout(wrench=None, images=ImageChannel("/camera", "marker_ring"))
+    with pytest.raises(InputError, match="no image that can be read came on '/camera'"):
+        RosTopics(layout, Node(domain), patience=0.3).open()
+    source = RosTopics(layout, Node(domain))
+    stop = False
+
+    def show() -> None:
+        while not stop:
+            device.send(np.array([SECOND]), image.reshape(1, -1).astype(float))
+            time.sleep(0.02)
+
+    sender = Thread(target=show)
+    sender.start()
+    try:
+        source.open()
+        assert source.shape == image.shape
+        stamps, values, _ = _gathered(source, 2)
+    finally:
+        stop = True
+        sender.join()
+        source.close()
+        device.close()
+    assert (values == image).all()
+    assert (stamps == SECOND).all()
+
+
+class _Knowing(Node):
+    """It is open once it has heard of these topics: how long that takes depends on what else the machine does."""
+
+    def __init__(self, domain: int, *names: str) -> None:
+        super().__init__(domain)
+        self._names = set(names)
+
+    def open(self) -> str:
+        said = super().open()
+        _until(lambda: self._names <= {topic.name for topic in self.topics()})
+        return said
+
+
+def test_the_only_fitting_topic_is_found_and_others_are_named(domain: int) -> None:
+    devices = [RosDevice(topic, shape, domain) for topic, shape in (("/ft", (6,)), ("/skin", (5,)))]
+    for device in devices:
+        device.open()
+    publisher = RosPublisher("base", domain=domain)  # wrenches of contacts are no sensor
+    publisher.open()
+    known = ("/ft", "/skin", *TOPICS)
+    found = RosTopics(Layout(), _Knowing(domain, *known), patience=0.0)
+    found.open()
+    assert found.topic.name == "/ft"
+    found.close()
+    for layout, said in (
+        (Layout(wrench_topic="/fz"), "nobody publishes '/fz'. Seen: .*/ft .geometry_msgs/WrenchStamped.*Did you mean"),
+        (Layout(wrench_topic="skin"), "'/skin' holds std_msgs/Float64MultiArray.*Wrenches are read from"),
+    ):
+        with pytest.raises(InputError, match=said):
+            RosTopics(layout, _Knowing(domain, *known), patience=0.0).open()
+    for topic, said in (("/ft", "'/ft' holds geometry_msgs/WrenchStamped"), ("/no", "nobody publishes '/no'")):
+        node = _Knowing(domain, *known)
+        node.open()
+        with pytest.raises(InputError, match=said):
+            RosPoses(RigOrientation(topic=topic), node, patience=0.0).open()
+        node.close()
+    devices.append(RosDevice("/second", domain=domain))
+    devices[-1].open()
+    with pytest.raises(InputError, match="2 topics hold a wrench: /ft, /second"):
+        RosTopics(Layout(), _Knowing(domain, *known, "/second"), patience=0.0).open()
+    for each in (*devices, publisher):
+        each.close()
+    with pytest.raises(InputError, match="'a b' cannot be a topic of ROS"):
+        RosDevice("a b", domain=domain).open()
+    with pytest.raises(InputError, match="there is no network interface 'nowhere'"):
+        Node(domain, "nowhere").open()
+
+
+def test_silence_return_and_jumping_stamps_are_said(domain: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("palpate.live.ros2.SILENT", 0.1)
+    device, source = _opened(domain)
+    batch = Batch((6,))
+    device.send(np.array([SECOND]), np.zeros((1, 6)))
+    _gathered(source, 1, batch)
+    time.sleep(0.15)
+    assert source.receive(batch, 0.0) == 0
+    assert [said.startswith("no message on '/ft' for 0.1 s; one node publishes it") for said in source.said()] == [True]
+    for stamp, jump in ((2 * SECOND, ""), (100 * SECOND, "+98 s"), (50 * SECOND, "-50 s")):
+        device.send(np.array([stamp]), np.zeros((1, 6)))
+        _gathered(source, 1, batch)
+        jumped = [said for said in source.said() if "jumped" in said]
+        assert jumped == ([] if not jump else [f"the stamps of '/ft' jumped by {jump}"])
+    device.close()
+    _until(lambda: source.receive(batch, 0.0) == 0 and any("nobody publishes it now" in said for said in source.said()))
+    device.open()
+    _until(lambda: device.send(np.array([51 * SECOND]), np.ones((1, 6))))
+    assert _gathered(source, 1, batch)[1].tolist() == [[1.0] * 6]
+    assert [said.startswith("messages on '/ft' again, after ") for said in source.said()][:1] == [True]
+    source.close()
+    device.close()
+
+
+def test_a_rig_says_what_is_heard(domain: int) -> None:
+    device = RosDevice("/arm/ft", domain=domain)
+    assert f"domain = {domain}" in device.open()
+    rig = Rig(
+        sensors={"force_torque": RigForceTorque(topic="/arm/ft")}, orientation=RigOrientation(base="base", sensor="ft")
+    )
+    source = source_of(RigSource("ros2", domain=domain), rig.resolve())
+    assert isinstance(source, RosTopics)
+    source.open()
+    node = Node(domain)
+    node.open()
+    static, moving = (node.writer(name, "tf2_msgs/TFMessage", latched=name != "tf") for name in ("tf", "tf_static"))
+    moving, static = static, moving
+    _until(lambda: static.readers and moving.readers)
+    assert source._poses is not None
+    heard = source._poses._readers
+    _until(lambda: all(reader.publishers for reader in heard))
+    now = time.time_ns()
+    assert static.write(_tree(now, ("tool", "ft", [0.0, 0.0, 0.1], [0.0, 0.0, 0.0, 1.0])))
+    for k in range(4):
+        assert moving.write(_tree(now + k * 10**7, ("base", "tool", [0.1 * k, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])))
+    _meet(device, source)
+    time.sleep(0.2)
+    device.send(np.array([now + 15 * 10**6, now + 5 * 10**7, now + SECOND]), np.zeros((3, 6)))
+    batch = Batch((6,))
+    time.sleep(0.5)  # all are there then, and come as one batch
+    stamps, _, _ = _gathered(source, 3, batch)
+    assert len(stamps) == 3
+    assert np.allclose(batch.orientation[:2], [1.0, 0.0, 0.0, 0.0])
+    assert np.allclose(batch.position[:2], [[0.15, 0.0, -0.1], [0.5, 0.0, -0.1]])  # between two, and ahead of the last
+    assert np.isnan(batch.orientation[2]).all()  # too old
+    assert source.posed is not None
+    assert np.allclose(source.posed.age, [0.0, 0.02, 0.97])
+    assert "the sensor's pose is that of base -> tool -> ft in the tree of /tf" in source.said()
+    for each in (source, device, node):
+        each.close()
+
+
+def _tree(stamp: int, *edges: tuple[str, str, list[float], list[float]]) -> bytes:
+    time_, header = TYPES["builtin_interfaces/msg/Time"], TYPES["std_msgs/msg/Header"]
+    vector, turn = TYPES["geometry_msgs/msg/Vector3"], TYPES["geometry_msgs/msg/Quaternion"]
+    made = [
+        TYPES["geometry_msgs/msg/TransformStamped"](
+            header(time_(*divmod(stamp, SECOND)), parent),
+            child,
+            TYPES["geometry_msgs/msg/Transform"](vector(*position), turn(*quaternion)),
+        )
+        for parent, child, position, quaternion in edges
+    ]
+    return packed("tf2_msgs/TFMessage", TYPES["tf2_msgs/msg/TFMessage"](made))
+
+
+def test_poses_of_a_topic_stand_for_any_source(domain: int) -> None:
+    node = Node(domain)
+    node.open()
+    rng = np.random.default_rng(6)
+    for number, kind in enumerate(("PoseStamped", "PoseWithCovarianceStamped", "TransformStamped")):
+        kind, name = f"geometry_msgs/{kind}", f"/pose{number}"
+        writer = node.writer(name, kind)
+        orientation = RigOrientation(topic=name[1:])
+        poses = RosPoses.of(orientation, RigSource("netft", "nobody", domain=domain))
+        assert poses is not None
+        poses.open()
+        _until(lambda writer=writer: writer.readers)
+        message = drawn(full(kind), rng)
+        message.header.stamp = TYPES["builtin_interfaces/msg/Time"](7, 0)
+        body = message.transform if hasattr(message, "transform") else getattr(message.pose, "pose", message.pose)
+        turned = body.rotation if hasattr(body, "rotation") else body.orientation
+        turned.x, turned.y, turned.z, turned.w = 0.0, 0.6, 0.0, 0.8
+        data = packed(kind, message)
+        writer.write(data)
+        _until(lambda poses=poses: np.isfinite(poses.at(np.array([7 * SECOND])).quaternion).all())
+        assert poses.at(np.array([7 * SECOND])).quaternion[0].tolist() == [0.0, 0.6, 0.0, 0.8]
+        poses.close()
+    assert RosPoses.of(RigOrientation(), None) is None
+    with pytest.raises(InputError, match=r"robot_state_publisher puts them on /tf"):
+        RosPoses.of(RigOrientation(urdf="arm.urdf", base="base", sensor="ft"), None)
+    node.close()
+
+
+def _contacts(samples: int, each: int, seed: int = 7) -> Contacts:
+    """So many contacts in every sample, 1 ms apart."""
+    rng, rows = np.random.default_rng(seed), samples * each
+    root = 1e-3 * rng.normal(size=(rows, 3, 3))
+    normal = rng.normal(size=(rows, 3))
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    covariance = root @ np.swapaxes(root, 1, 2)
+    covariance = (covariance + np.swapaxes(covariance, 1, 2)) / 2
+    numbers = [rng.normal(size=(rows, 3)), normal, rng.normal(size=(rows, 3)), rng.normal(size=rows), covariance]
+    status = np.zeros(rows, dtype=np.int8)
+    estimate = ContactEstimate(*numbers, np.zeros(rows), np.ones(rows, dtype=np.int64), status)
+    features = {"area": rng.normal(size=rows), "depth": rng.normal(size=rows)}
+    sample, time_ = np.arange(rows) // each, 1.7e9 + np.arange(rows) // each * 1e-3
+    return Contacts(sample, time_, np.arange(rows) % each, estimate, features)
+
+
+@pytest.mark.parametrize("frame_id", ["base", "a", "", "tool0"])
+def test_contacts_are_published_as_they_are(domain: int, frame_id: str) -> None:
+    publisher, node = RosPublisher(frame_id, ("area", "depth"), domain=domain), Node(domain)
+    publisher.open()
+    node.open()
+    readers = {name: node.reader(name, kind) for name, kind in TOPICS.items()}
+    for name, reader in readers.items():
+        _join(publisher._writers[name], reader)
+    contacts = _contacts(1, 3)
+    assert publisher.publish(contacts) == 1
+    found = {name: read(TOPICS[name], _received(reader)[0]) for name, reader in readers.items()}
+    assert {message.header.frame_id for name, message in found.items() if "markers" not in name} == {frame_id}
+    strongest = int(np.argmax(np.linalg.norm(contacts.force, axis=1)))
+    pose, wrench, markers, array = (found[name] for name in TOPICS)
+    assert _numbers(pose.pose.pose.position) == contacts.point[strongest].tolist()
+    assert np.array_equal(pose.pose.covariance.reshape(6, 6)[:3, :3], contacts.covariance[strongest])
+    assert _numbers(wrench.wrench.force) == contacts.force[strongest].tolist()
+    assert array.features == ["area", "depth"]
+    assert np.array_equal(
+        np.reshape(array.values, (3, 2)), np.column_stack([contacts.features[name] for name in ("area", "depth")])
+    )
+    for k, one in enumerate(array.contacts):
+        assert (one.sample, one.contact, one.time, one.status) == (0, k, contacts.time[k], int(Status.CONTACT))
+        for name in ("point", "normal", "force"):
+            assert _numbers(getattr(one, name)) == getattr(contacts, name)[k].tolist()
+        assert np.array_equal(one.covariance.reshape(3, 3), contacts.covariance[k])
+    assert [(marker.ns, marker.action) for marker in markers.markers] == [("", 3)] + [("force", 0), ("point", 0)] * 3
+    for k, (arrow, ball) in enumerate(zip(markers.markers[1::2], markers.markers[2::2], strict=True)):
+        assert _numbers(arrow.points[1]) == contacts.point[k].tolist()
+        shaft = np.subtract(_numbers(arrow.points[1]), _numbers(arrow.points[0]))
+        assert np.allclose(np.cross(shaft, contacts.force[k]), 0.0)
+        assert shaft @ contacts.force[k] > 0  # it pushes with its tip
+        assert _numbers(ball.pose.position) == contacts.point[k].tolist()
+        axes = _matrix(ball.pose.orientation)
+        seen = np.sqrt(np.clip(np.diag(axes.T @ contacts.covariance[k] @ axes), 0, None)) * 2 * 2.796
+        assert np.allclose(_numbers(ball.scale), seen.clip(0.002, 0.05), atol=1e-6)
+    publisher.close()
+    node.close()
+
+
+def _numbers(message: Any) -> list[float]:
+    return [message.x, message.y, message.z]
+
+
+def _matrix(turn: Any) -> np.ndarray:
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).as_matrix()
+
+
+def test_publishing_is_limited_by_the_times_of_the_contacts(domain: int) -> None:
+    publisher, node = RosPublisher("base", ("area", "depth"), 100.0, domain), Node(domain)
+    publisher.open()
+    node.open()
+    kinds = {name: TOPICS[name] for name in ("/palpate/contact/contacts", "/palpate/contact/markers")}
+    readers = [node.reader(name, kind) for name, kind in kinds.items()]
+    for name, reader in zip(kinds, readers, strict=True):
+        _join(publisher._writers[name], reader)
+    contacts = _contacts(1000, 2)
+    published = 0
+    for start in range(0, 2000, 14):
+        published += publisher.publish(contacts[start : start + 14])
+        time.sleep(1e-3)
+    assert published == 100
+    assert len(_received(readers[0], 100)) == 100
+    assert len(_received(readers[1], 30)) == 30
+    gone = ContactEstimate(
+        *np.full((3, 1, 3), np.nan), np.full(1, np.nan), np.full((1, 3, 3), np.nan), np.full(1, np.nan),
+        np.zeros(1, dtype=np.int64), np.full(1, int(Status.NO_CONTACT), dtype=np.int8),
+    )  # fmt: skip
+    assert publisher.publish(Contacts.single(np.array([1.7e9 + 2.0]), gone)) == 1
+    last = read(kinds["/palpate/contact/markers"], _received(readers[1])[0])
+    assert [marker.action for marker in last.markers] == [3]
+    assert publisher.publish(Contacts.single(np.array([5.0]), gone)) == 1  # another clock
+    assert not publisher.tare_asked()
+    asks = node.writer(TARE, "std_msgs/Empty")
+    _until(lambda: asks.readers)
+    asks.write(packed("std_msgs/Empty", drawn("std_msgs/msg/Empty", np.random.default_rng(0))) + bytes(3))
+    _until(publisher.tare_asked)
+    assert not publisher.tare_asked()
+    assert publisher.said() == []
+    publisher.close()
+    node.close()
+
+
+WITHOUT_WHEELS = ("tf2_msgs", "palpate_msgs")
+PACKAGES = ("rclpy", "rmw-fastrtps-cpp", "geometry-msgs", "nav-msgs", "sensor-msgs", "std-msgs", "visualization-msgs")
+LOOPBACK_ONLY = """<?xml version="1.0" encoding="UTF-8" ?>
+<dds xmlns="http://www.eprosima.com"><profiles>
+<transport_descriptors><transport_descriptor><transport_id>lo</transport_id><type>UDPv4</type>
+<interfaceWhiteList><address>127.0.0.1</address></interfaceWhiteList></transport_descriptor></transport_descriptors>
+<participant profile_name="lo" is_default_profile="true"><rtps>
+<userTransports><transport_id>lo</transport_id></userTransports>
+<useBuiltinTransports>false</useBuiltinTransports></rtps></participant>
+</profiles></dds>
+"""
+
+
+@pytest.fixture(scope="session")
+def rclpy() -> Path:
+    """The interpreter of an environment with the real ROS 2 client, made once and kept in .cache."""
+    folder = ROOT / ".cache" / f"rclpy-{sys.version_info.major}.{sys.version_info.minor}"
+    python, done = folder / "bin" / "python", folder / "complete"
+    if done.exists():
+        return python
+    uv = shutil.which("uv", path=os.pathsep.join([str(ROOT / ".tools" / "bin"), os.environ.get("PATH", "")]))
+    if uv is None:
+        pytest.skip("real ROS 2: there is no uv to install rclpy with")
+    for command in (
+        [uv, "venv", "--clear", "--python", sys.executable, str(folder)],
+        [uv, "pip", "install", "--python", str(python), *(f"ros-{name}" for name in PACKAGES)],
+    ):
+        try:
+            made = subprocess.run(command, capture_output=True, text=True, timeout=180, check=False)
+        except subprocess.TimeoutExpired:
+            pytest.skip("real ROS 2: installing rclpy takes too long here")
+        if made.returncode:
+            pytest.skip(f"real ROS 2: rclpy cannot be installed here: {made.stderr.strip().splitlines()[-1]}")
+    done.touch()
+    return python
+
+
+@pytest.fixture
+def echo(rclpy: Path, domain: int, tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], list[str]]]:
+    """A node of the real ROS 2 that sends every message back, and of which types."""
+    kinds = [kind for kind in sorted(DEFINITIONS) if not kind.startswith(WITHOUT_WHEELS)]
+    profile = tmp_path / "loopback.xml"
+    profile.write_text(LOOPBACK_ONLY)
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"} | {
+        "ROS_DOMAIN_ID": str(domain),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "FASTDDS_DEFAULT_PROFILES_FILE": str(profile),
+        "ROS_LOG_DIR": str(tmp_path),
+    }
+    command = [str(rclpy), str(ROOT / "tests" / "support" / "ros_echo.py"), *kinds]
+    with subprocess.Popen(command, stdin=PIPE, stdout=PIPE, stderr=PIPE, text=True, env=environment) as process:
+        yield process, kinds
+        process.kill()
+
+
+def test_every_message_goes_both_ways_with_the_real_ros(
+    echo: tuple[subprocess.Popen[str], list[str]], domain: int
+) -> None:
+    process, kinds = echo
+    assert process.stdin is not None
+    assert process.stdout is not None
+    node, rng, held_kind = Node(domain), np.random.default_rng(8), "std_msgs/Float64MultiArray"
+    node.open()
+    holds = packed(held_kind, drawn(full(held_kind), rng))
+    assert node.writer("/to_ros/held", held_kind, latched=True, depth=1).write(holds)
+    if process.stdout.readline() != "ready\n":
+        process.kill()
+        pytest.fail(process.communicate()[1])
+    names = {kind: kind.replace("/", "_") for kind in kinds}
+    writers = {kind: node.writer(f"/to_ros/{name}", kind) for kind, name in names.items()}
+    readers = {kind: node.reader(f"/from_ros/{name}", kind) for kind, name in names.items()}
+    _until(lambda: all(writers[kind].readers and readers[kind].publishers for kind in kinds))
+    for kind in kinds:
+        sent = drawn(full(kind), rng)
+        if kind == "std_msgs/Empty":
+            sent.structure_needs_at_least_one_member = 0  # of which rclpy knows nothing
+        data = packed(kind, sent)
+        found: list[bytes] = []
+        for _ in range(20):  # who has just met may miss the first
+            assert writers[kind].write(data + bytes(-len(data) % 4))
+            if readers[kind].wait(0.5):
+                found = _received(readers[kind])
+                break
+        assert [packed(kind, read(kind, one)) for one in found] == [data], kind
+    for name, data in (("held", packed(held_kind, _three())), ("held_again", holds)):  # each came before it was asked
+        reader = node.reader(f"/from_ros/{name}", held_kind, latched=True)
+        assert [packed(held_kind, read(held_kind, one)) for one in _received(reader)] == [data]
+    assert {address for address, port in _ports(process.pid) if 0 <= port - 7400 - 250 * domain < 250} == {"0100007F"}
+    process.stdin.close()
+    counts = json.loads(process.stdout.read())
+    assert set(counts) == {*kinds, "held"}
+    node.close()
+
+
+def _three() -> Any:
+    layout = TYPES["std_msgs/msg/MultiArrayLayout"]([], 0)
+    return TYPES["std_msgs/msg/Float64MultiArray"](layout, np.array([1.0, 2.0, 3.0]))
+
+
+def _ports(process: int) -> list[tuple[str, int]]:
+    """Address, as the system writes it, and port of each UDP socket of a process."""
+    rows = [line.split() for line in Path("/proc/net/udp").read_text().splitlines()[1:]]
+    table = {f"socket:[{row[9]}]": row[1].split(":") for row in rows}
+    names = [os.readlink(link) for link in Path(f"/proc/{process}/fd").iterdir()]
+    return [(table[name][0], int(table[name][1], 16)) for name in names if name in table]

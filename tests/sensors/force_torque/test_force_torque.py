@@ -1,0 +1,141 @@
+"""Compensation takes off a reading what a payload puts on it; its covariance is first order in the payload's errors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from palpate.errors import InputError
+from palpate.sensors.force_torque import ForceTorque
+from palpate.signals import Payload
+
+MASS, GRAVITY = 1.3, np.array([0.0, 0.0, -9.81])
+CENTER, FORCE_BIAS, TORQUE_BIAS = np.array([0.01, -0.02, 0.05]), np.array([1.0, -2.0, 3.0]), np.array([0.1, 0.2, -0.3])
+NAMES = ("weight", "force_bias", "center_of_mass", "torque_bias")
+
+
+def a_payload(covariance: np.ndarray | None = None) -> Payload:
+    covariance = np.zeros((12, 12)) if covariance is None else covariance
+    return Payload(MASS * GRAVITY, FORCE_BIAS, CENTER, TORQUE_BIAS, covariance, magnitude=9.81)
+
+
+def rotations(count: int) -> np.ndarray:
+    return Rotation.random(count, random_state=5).as_matrix()
+
+
+def test_a_static_payload_leaves_nothing_and_a_contact_stays() -> None:
+    turned, contact = rotations(20), np.random.default_rng(1).normal(size=(20, 6))
+    reading = contact.copy()
+    for row, rotation in enumerate(
+        turned
+    ):  # statics body by body, in the base: gravity at the centre, moved to the origin
+        force, arm = MASS * GRAVITY, rotation @ CENTER
+        reading[row, :3] += rotation.T @ force + FORCE_BIAS
+        reading[row, 3:] += rotation.T @ np.cross(arm, force) + TORQUE_BIAS
+    got, covariance = a_payload().compensate(reading, turned)
+    np.testing.assert_allclose(got, contact, atol=1e-12)  # rounding of sums of 20 N
+    assert not covariance.any()
+
+
+def test_inertia_is_newton_for_the_payload_swung_on_a_sensor() -> None:
+    """The sensor translates along a path; the payload's centre follows, differentiated numerically: m a = m g - F_s."""
+    rotation, step = rotations(1)[0], 1e-4
+
+    def center(time: float) -> np.ndarray:  # in the base; the sensor does not turn
+        return np.array([0.3 * np.sin(5 * time), 0.1 * time**3, 0.2 * np.cos(3 * time)]) + rotation @ CENTER
+
+    acceleration = (center(0.7 + step) - 2 * center(0.7) + center(0.7 - step)) / step**2
+    on_sensor = MASS * GRAVITY - MASS * acceleration  # the payload presses on the sensor by what does not accelerate it
+    torque = np.cross(rotation @ CENTER, on_sensor)  # its line passes through the centre, as it does not spin
+    reading = np.concatenate([rotation.T @ on_sensor + FORCE_BIAS, rotation.T @ torque + TORQUE_BIAS])
+    got, _ = a_payload().compensate(reading, rotation, rotation.T @ acceleration)
+    np.testing.assert_allclose(got, 0.0, atol=1e-10)
+
+
+def test_free_fall_weighs_nothing() -> None:
+    rotation = rotations(1)[0]
+    bias = np.concatenate([FORCE_BIAS, TORQUE_BIAS])
+    np.testing.assert_allclose(a_payload().compensate(bias, rotation, rotation.T @ GRAVITY)[0], 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_covariance_is_the_finite_difference_of_compensation(moving: bool) -> None:
+    rng = np.random.default_rng(2)
+    spread = rng.normal(size=(12, 12)) * 0.01
+    payload, turned, reading = a_payload(spread @ spread.T), rotations(4), rng.normal(size=(4, 6))
+    swing = rng.normal(size=(4, 3)) if moving else None
+    theta, step = np.concatenate([getattr(payload, name) for name in NAMES]), 1e-6
+    jacobian = np.empty((4, 6, 12))
+    for column in range(12):
+        ends = []
+        for sign in (1, -1):
+            moved = theta + sign * step * np.eye(12)[column]
+            changed = replace(payload, **dict(zip(NAMES, moved.reshape(4, 3), strict=True)))
+            ends.append(changed.compensate(reading, turned, swing)[0])
+        jacobian[..., column] = (ends[0] - ends[1]) / (2 * step)
+    expected = jacobian @ payload.covariance @ jacobian.swapaxes(1, 2)
+    np.testing.assert_allclose(payload.compensate(reading, turned, swing)[1], expected, rtol=1e-6, atol=1e-9)
+
+
+def test_one_sample_is_a_batch_of_one() -> None:
+    payload, turned, reading = a_payload(np.eye(12) * 1e-4), rotations(3), np.ones((3, 6))
+    together = payload.compensate(reading, turned)
+    alone = payload.compensate(reading[1], turned[1])
+    assert alone[0].shape == (6,)
+    assert alone[1].shape == (6, 6)
+    for batch, one in zip(together, alone, strict=True):
+        np.testing.assert_allclose(batch[1], one, rtol=1e-14)
+
+
+def test_a_lost_orientation_loses_its_sample_only() -> None:
+    turned = rotations(3)
+    turned[1, 0, 2] = np.nan
+    got, covariance = a_payload(np.eye(12)).compensate(np.zeros((3, 6)), turned)
+    assert np.isnan(got[1]).all()
+    assert np.isnan(covariance[1]).any()
+    assert np.isfinite(got[[0, 2]]).all()
+
+
+def test_without_orientation_only_a_tare() -> None:
+    tare = replace(a_payload(), weight=np.zeros(3))
+    np.testing.assert_allclose(
+        tare.compensate(np.zeros((2, 6)), None)[0], np.tile(-np.concatenate([FORCE_BIAS, TORQUE_BIAS]), (2, 1))
+    )
+    assert np.isnan(tare.gravity).all()
+    with pytest.raises(InputError, match="orientation"):
+        a_payload().compensate(np.zeros((2, 6)), None)
+
+
+def test_mass_and_gravity_follow_from_the_weight() -> None:
+    assert a_payload().mass == pytest.approx(MASS, rel=1e-14)
+    np.testing.assert_allclose(a_payload().gravity, GRAVITY, rtol=1e-14)
+
+
+def test_values_cannot_be_changed_or_be_nonsense() -> None:
+    payload = a_payload()
+    with pytest.raises(ValueError, match="read-only"):
+        payload.weight[0] = 1.0
+    with pytest.raises(InputError, match="center_of_mass"):
+        replace(payload, center_of_mass=np.array([0.0, np.nan, 0.0]))
+    with pytest.raises(InputError, match="magnitude"):
+        replace(payload, magnitude=0.0)
+
+
+def test_saturation_is_any_channel_at_its_range() -> None:
+    sensor = ForceTorque(limits=np.array([200.0, 200, 200, 10, 10, np.inf]))
+    wrenches = np.zeros((5, 6))
+    wrenches[1, 2], wrenches[2, 3], wrenches[3, 5], wrenches[4, 0] = -200.0, 9.99, 1e6, np.nan
+    np.testing.assert_array_equal(sensor.saturated(wrenches), [False, True, False, False, False])
+    assert not ForceTorque().saturated(wrenches).any()
+
+
+def test_a_sensor_takes_six_deviations_and_refuses_nonsense() -> None:
+    deviations = np.array([0.02, 0.02, 0.02, 0.001, 0.001, 0.001])
+    np.testing.assert_allclose(ForceTorque(noise=deviations).noise, np.diag(deviations**2))
+    with pytest.raises(InputError, match="frame"):
+        ForceTorque(frame="tool")
+    with pytest.raises(InputError, match="limit"):
+        ForceTorque(limits=np.zeros(6))

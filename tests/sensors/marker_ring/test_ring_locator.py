@@ -1,0 +1,327 @@
+"""Contacts from the markers of a ring, against a barrel's mechanics that the response was learned from elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from palpate.errors import InputError
+from palpate.optical.markers import MarkerColour
+from palpate.optical.ring_response import RingResponse, ring_basis
+from palpate.sensors.marker_ring.locator import RingFound, RingLocator, RingSettings, turned
+from palpate.sensors.marker_ring.model import MarkerRing
+
+pytest.importorskip("skfem")
+
+from tests.support.drawn_markers import nominal_view
+from tests.support.ring_presses import MARKERS, NOISE, barrel, calibrated, moved, presses, tip
+
+SKIN = (0.055, 0.051)  # m, outer radius and that of the markers
+
+
+@pytest.fixture(scope="module")
+def response() -> RingResponse:
+    return calibrated()[0]
+
+
+def _located(response: RingResponse, frames: np.ndarray, **settings: float) -> RingFound:
+    """Each frame alone."""
+    locator = RingLocator(response, MARKERS, NOISE, RingSettings(**settings))
+    found = list[RingFound]()
+    for frame in frames:
+        locator.reset()
+        found.append(locator.run(frame[None]))
+    return RingFound(
+        *(np.concatenate([getattr(each, name) for each in found]) for name in ("states", "counts", "residual"))
+    )
+
+
+def test_from_pixels_is_from_their_displacements(response: RingResponse) -> None:
+    view = nominal_view()
+    ring = MarkerRing(0.055, view, MarkerColour(), view.from_plane(view.rest), np.full(24, 150.0), 0.2, response)
+    pressed = moved(barrel().press([tip(0.3, 0.006), tip(3.0, 0.004)]), np.random.default_rng(7))
+    frames = np.stack([0.0 * pressed, pressed, pressed])
+    pixels = view.from_plane(view.rest + np.einsum("mak,nmk->nma", ring.axes(), frames))
+    pixels[1, 3, 0] = pixels[2, :20] = np.nan
+    locators = [RingLocator(response, view.angles, ring.noise()) for _ in range(2)]
+    found, seen = locators[0].run_pixels(pixels, ring)
+    plain = locators[1].run(ring.displacements(pixels))
+    np.testing.assert_allclose(ring.displacements(pixels)[0], 0.0, atol=1e-12)
+    assert seen.tolist() == [24, 23, 4]
+    assert found.counts.tolist() == [0, 2, -1]
+    for name in ("states", "counts", "residual"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(plain, name))
+
+
+def test_a_tip_that_was_not_calibrated_is_found(response: RingResponse) -> None:
+    """Between the calibration's plate and tip, from 2 mm on: 0.5 degrees, 8 % of the force, and intervals that hold."""
+    rng = np.random.default_rng(5)
+    bodies = [tip(at, depth, 0.025) for at in rng.uniform(0.0, 2.0 * np.pi, 12) for depth in (0.002, 0.004, 0.008)]
+    made = presses(bodies, rng)
+    found = _located(response, made.displacements)
+    assert (found.counts == 1).all()
+    off = np.degrees(np.abs(turned(found.states[:, 0, 0] - made.angle)))
+    wrong = np.abs(found.states[:, 0, 1] - made.force)
+    assert off.mean() < 0.5
+    assert (wrong / made.force).mean() < 0.08
+    assert np.mean(off <= 2.6 * np.degrees(found.states[:, 0, 4])) > 0.9  # 99 % intervals: 36 of them are few
+
+
+def test_two_and_three_contacts_are_told_apart(response: RingResponse) -> None:
+    rng = np.random.default_rng(6)
+    for angles in ([0.3, 1.0], [2.0, 4.5], [0.1, 1.2, 3.3]):
+        pressed = barrel().press([tip(at, 0.006) for at in angles])
+        found = _located(response, moved(pressed, rng)[None])
+        assert found.counts[0] == len(angles)
+        states = found.states[0, : len(angles)]
+        for angle, force in zip(pressed.angle, pressed.force, strict=True):
+            nearest = int(np.argmin(np.abs(turned(states[:, 0] - angle))))
+            assert np.degrees(abs(turned(states[nearest, 0] - angle))) < 2.0
+            assert abs(states[nearest, 1] - force) < 0.15 * force
+
+
+def test_nothing_is_found_where_nothing_touches(response: RingResponse) -> None:
+    """Of 500 frames of noise alone none shows a contact: 5.5 deviations are one in a million."""
+    noise = NOISE * np.random.default_rng(7).standard_normal((500, 24, 2))
+    assert not _located(response, noise).counts.any()
+
+
+def test_shear_has_its_sign(response: RingResponse) -> None:
+    for slide in (0.002, -0.002):
+        pressed = barrel().press([tip(1.0, 0.006, slide=slide)])
+        state = _located(response, moved(pressed)[None], friction=0.5).states[0, 0]
+        assert np.sign(state[3]) == np.sign(pressed.shear[0])
+        assert abs(state[1] * state[3] - pressed.shear[0]) < 0.4 * abs(pressed.shear[0])
+
+
+def _residuals(
+    response: RingResponse, frame: np.ndarray, start: np.ndarray, held: np.ndarray
+) -> Callable[[np.ndarray], np.ndarray]:
+    """Whose squares the kernel minimises, at angle, force, width and shear of each contact; variances as at `start`."""
+    (middle, wide, usual), parts = response.usual, response.misfit.shape[1]
+    variance = NOISE**2
+    for phi, force, _, _ in start:
+        where = (np.mod(MARKERS - phi, 2 * np.pi) / (2 * np.pi) * parts).astype(int) % parts
+        variance = variance + (force * response.misfit[:, where].T) ** 2
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        left, prior = frame.copy(), list[float]()
+        for (phi, force, z, t), own in zip(x.reshape(-1, 4), held, strict=True):
+            shapes = response.at(MARKERS - phi, np.full(24, phi))
+            left -= force * shapes @ np.array([1.0, z, z * z, t])
+            prior += [(z - middle) / wide, (t - own) / usual]
+        return np.concatenate([(left / np.sqrt(variance)).ravel(), prior])
+
+    return residual
+
+
+def test_the_sum_of_squares_is_at_its_least(response: RingResponse) -> None:
+    """scipy, with the sum written in NumPy and begun there, finds no less: the kernel's twin."""
+    frame = moved(barrel().press([tip(0.4, 0.005), tip(2.0, 0.007)]), np.random.default_rng(8))
+    found = _located(response, frame[None])
+    assert found.counts[0] == 2
+    start = found.states[0, :2, :4]
+    residual = _residuals(response, frame, start, np.zeros(2))
+    best = least_squares(residual, start.ravel())
+    assert np.sum(residual(start) ** 2) - 2.0 * best.cost < 0.02  # of about 90: Hermite's table and last steps
+    assert np.abs(best.x - start.ravel())[[0, 4]].max() < np.radians(0.05)
+
+
+def _mixed(response: RingResponse, frame: np.ndarray, plain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Means and variances of angle, force and width, when the shear's posterior is summed up over a fine grid."""
+    jac = least_squares(_residuals(response, frame, plain[None], np.zeros(1)), plain, max_nfev=1).jac
+    covariance, (share, *kinds), usual = np.linalg.inv(jac.T @ jac), response.dragged.tolist(), response.usual[2]
+    t = np.linspace(-3.0, 3.0, 60001)
+
+    def normal(at: np.ndarray, deviation: float) -> np.ndarray:
+        return np.exp(-0.5 * (at / deviation) ** 2) / deviation
+
+    expected = (1.0 - share) * normal(t, kinds[0]) + share * normal(t, kinds[1])
+    log = -0.5 * (t - plain[3]) ** 2 / covariance[3, 3] + 0.5 * (t / usual) ** 2
+    density = expected * np.exp(log - log[np.abs(t) < 1.0].max())
+    density /= density.sum()
+    mean = (t * density).sum()
+    gain = covariance[:, 3] / covariance[3, 3]
+    left = ((t - mean) ** 2 * density).sum() - covariance[3, 3]
+    return plain + gain * (mean - plain[3]), np.diag(covariance) + gain**2 * left
+
+
+@pytest.mark.parametrize(("depth", "slide"), [(0.002, 0.0), (0.006, 0.0), (0.004, 0.001), (0.006, 0.002)])
+def test_a_shear_of_two_kinds_is_told_as_its_posterior_summed_up(
+    response: RingResponse, depth: float, slide: float
+) -> None:
+    """By quadrature of the mixture, not by formulas of normal distributions; light and heavy, plain and dragged."""
+    bare = replace(response, spread=np.zeros(2), dragged=np.array([0.2, 0.03, 0.35]))
+    frame = moved(barrel().press([tip(0.4, depth, slide=slide)]), np.random.default_rng(8))
+    plain = _located(replace(bare, dragged=np.zeros(3)), frame[None]).states[0, 0]
+    told = _located(bare, frame[None]).states[0, 0]
+    mean, variance = _mixed(bare, frame, plain[:4])
+    wide = plain[[4, 5]]
+    assert (np.abs(told[:2] - mean[:2]) < 0.03 * wide).all()
+    assert abs(told[3] - mean[3]) < 0.005
+    np.testing.assert_allclose(told[4:6], np.sqrt(variance[:2]), rtol=0.02)
+    assert abs(told[3] - plain[3]) > 0.004  # the kinds make a difference
+
+
+def test_kinds_are_for_single_contacts_of_the_calibration_s_friction(response: RingResponse) -> None:
+    """Not where another friction is stated, nor for several: their neighbours say what shear is to be expected."""
+    rng, one = np.random.default_rng(8), replace(response, dragged=np.zeros(3))
+    frames = [
+        moved(barrel().press([tip(at, 0.006) for at in angles]), rng) for angles in ([0.3], [0.3, 1.1], [1.0, 2.0, 4.0])
+    ]
+    for frame, friction, same in zip(
+        [frames[0], *frames], (0.1, None, None, None), (True, False, True, True), strict=True
+    ):
+        pair = [
+            RingLocator(each, MARKERS, NOISE, RingSettings(friction=friction), SKIN).run(frame[None]).states
+            for each in (response, one)
+        ]
+        assert np.array_equal(*pair) == same
+
+
+def _dents(response: RingResponse, states: np.ndarray) -> np.ndarray:
+    """(2, c) along [m] and slope [m/rad] of the skin under each contact by the others' dents: the sum written out."""
+    skin, orders, found = response.skin(*SKIN), response.orders, np.zeros((2, len(states)))
+    for c, (phi, _, _, _) in enumerate(states):
+        for other, force, z, _ in np.delete(states, c, axis=0):
+            basis = ring_basis(np.array(phi - other), orders[0]), ring_basis(np.array(other), orders[1])
+            found[:, c] += force * np.einsum("ebkm,k,m,b->e", skin[:, :3], *basis, np.array([1.0, z, z * z]))
+    return found
+
+
+def test_neighbours_say_what_shear_is_to_be_expected(response: RingResponse) -> None:
+    """The twin again; shears are about what the others' dents leave: tilt of the skin, half of what would stick."""
+    pressed = barrel().press([tip(0.4, 0.005), tip(0.95, 0.007), tip(1.5, 0.006)])
+    frame = moved(pressed, np.random.default_rng(8))
+    found = RingLocator(response, MARKERS, NOISE, skin=SKIN).run(frame[None])
+    assert found.counts[0] == 3
+    start = found.states[0, :3, :4].copy()
+    depth = start[:, 1] * (response.width[0] + response.width[1] * start[:, 2])
+    for _ in range(20):  # the kernel's own angles are those of the skin, before it is carried
+        along, slope = _dents(response, start)
+        start[:, 0] = found.states[0, :3, 0] - along / (SKIN[0] - depth)
+    basis = ring_basis(np.zeros(3), response.orders[0]), ring_basis(start[:, 0], response.orders[1])
+    gives = start[:, 1] * np.einsum("km,ck,cm->c", response.skin(*SKIN)[0, 3], *basis)
+    assert response.grip == pytest.approx(0.4, abs=0.1)  # of the simulation, and what a dragged tip's flank adds
+    held = slope / SKIN[0] + 0.5 * np.clip(-along / gives, -response.grip, response.grip)
+    assert np.abs(slope / SKIN[0]).max() > 0.08  # both parts are seen
+    assert np.abs(held - slope / SKIN[0]).max() > 0.1
+    residual = _residuals(response, frame, start, held)
+    best = least_squares(residual, start.ravel())
+    assert np.sum(residual(start) ** 2) - 2.0 * best.cost < 0.02
+    assert np.abs(best.x - start.ravel())[3::4].max() < 0.01
+
+
+def test_forces_of_neighbours_are_not_biased_by_their_friction(response: RingResponse) -> None:
+    """Tips 40 degrees apart pull at the skin between them: with no shear expected, forces are told too small."""
+    off = np.zeros((2, 6))
+    for k in range(6):
+        pressed = barrel().press([tip(1.0 * k, 0.006), tip(1.0 * k + np.radians(40.0), 0.005)])
+        for which, grip in enumerate((0.0, response.grip)):
+            locator = RingLocator(replace(response, grip=grip), MARKERS, NOISE, skin=SKIN)
+            found = locator.run(moved(pressed)[None])
+            assert found.counts[0] == 2
+            off[which, k] = found.states[0, :2, 1].sum() / pressed.force.sum() - 1.0
+    assert off[0].mean() < -0.01
+    assert abs(off[1].mean()) < 0.5 * abs(off[0].mean())
+
+
+def test_bodies_that_are_said_to_be_slippery_are_not_held(response: RingResponse) -> None:
+    """Tips 40 degrees apart, without friction: what the calibration's friction would hold makes forces too large.
+
+    Where less friction is stated, neighbours leave less shear; more than the calibration's changes nothing of it.
+    """
+    off = np.zeros((2, 6))
+    for k in range(6):
+        pressed = barrel().press([tip(1.0 * k, 0.006), tip(1.0 * k + np.radians(40.0), 0.005)], 0.0)
+        for which, friction in enumerate((None, 0.01)):
+            locator = RingLocator(response, MARKERS, NOISE, RingSettings(friction=friction), SKIN)
+            found = locator.run(moved(pressed)[None])
+            assert found.counts[0] == 2
+            off[which, k] = found.states[0, :2, 1].sum() / pressed.force.sum() - 1.0
+    assert off[0].mean() > 0.02
+    assert abs(off[1].mean()) < 0.4 * off[0].mean()
+    sticky = RingLocator(response, MARKERS, NOISE, RingSettings(friction=10.0 * response.usual[2]), SKIN)
+    assert sticky.grip == response.grip
+
+
+def test_markers_that_are_missing_or_wrong_cost_little(response: RingResponse) -> None:
+    rng = np.random.default_rng(9)
+    pressed = barrel().press([tip(2.5, 0.006)])
+    frame = moved(pressed, rng)
+    hidden = frame.copy()
+    hidden[[3, 9, 10, 20]] = np.nan
+    wrong = frame.copy()
+    wrong[15] += (0.004, -0.003)
+    for each in (hidden, wrong):
+        found = _located(response, each[None])
+        assert found.counts[0] == 1
+        assert np.degrees(abs(turned(found.states[0, 0, 0] - pressed.angle[0]))) < 1.0
+    gone = frame.copy()
+    gone[:13] = np.nan
+    assert _located(response, gone[None]).counts[0] == -1
+
+
+def test_a_neighbour_s_dent_carries_the_skin_along(response: RingResponse) -> None:
+    """Two tips 30 degrees apart, without noise: the centre of pressure is where the skin was carried to.
+
+    By about 0.7 degrees, which a response to single contacts does not know; with it the error is less than half.
+    """
+    off = np.zeros((2, 2, 8))
+    for k in range(8):
+        pressed = barrel().press([tip(0.8 * k, 0.006), tip(0.8 * k + np.radians(30.0), 0.005 + 0.0002 * k)])
+        for which, skin in enumerate((None, SKIN)):
+            found = RingLocator(response, MARKERS, NOISE, skin=skin).run(moved(pressed)[None])
+            assert found.counts[0] == 2
+            angle = found.states[0, :2, 0]
+            off[which, :, k] = [np.abs(turned(angle - each)).min() for each in pressed.angle]
+    assert np.degrees(off[0].mean()) > 0.5
+    assert off[1].mean() < 0.5 * off[0].mean()
+
+
+def test_the_carried_angle_is_the_sum_written_out(response: RingResponse) -> None:
+    pressed, slippery = barrel().press([tip(0.2, 0.006), tip(0.9, 0.005), tip(3.0, 0.007)]), replace(response, grip=0.0)
+    plain, carried = (
+        RingLocator(slippery, MARKERS, NOISE, skin=skin).run(moved(pressed)[None]).states[0, :3]
+        for skin in (None, SKIN)
+    )
+    along, _ = _dents(response, plain[:, :4])
+    depth = plain[:, 1] * (response.width[0] + plain[:, 2] * response.width[1])
+    np.testing.assert_allclose(carried[:, 0], plain[:, 0] + along / (SKIN[0] - depth), rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(plain[:, 1:], carried[:, 1:])
+
+
+def test_a_second_ring_that_sees_the_same_halves_the_variance(response: RingResponse) -> None:
+    """Of twice the displacements with twice the noise and the misfit: as much told as by the first."""
+    bare = replace(response, spread=np.zeros(2), dragged=np.zeros(3))
+    twice = replace(
+        bare,
+        coefficients=np.concatenate([bare.coefficients, 2.0 * bare.coefficients], axis=1),
+        misfit=np.concatenate([bare.misfit, 2.0 * bare.misfit]),
+    )
+    frame = moved(barrel().press([tip(0.7, 0.007)]), np.random.default_rng(11))
+    one = RingLocator(bare, MARKERS, NOISE).run(frame[None])
+    noise = np.concatenate([NOISE, 2.0 * NOISE])
+    both = RingLocator(twice, np.tile(MARKERS, 2), noise).run(np.concatenate([frame, 2.0 * frame])[None])
+    assert both.counts[0] == one.counts[0] == 1
+    np.testing.assert_allclose(both.states[0, 0, :2], one.states[0, 0, :2], rtol=2e-3)  # the priors weigh half
+    np.testing.assert_allclose(both.states[0, 0, 4:7], one.states[0, 0, 4:7] / np.sqrt(2.0), rtol=0.02)
+
+
+def test_frames_in_pieces_are_answered_alike(response: RingResponse) -> None:
+    rng = np.random.default_rng(10)
+    frames = np.stack([moved(barrel().press([tip(0.2 * k, 0.001 * k)]), rng) for k in range(1, 8)])
+    whole = RingLocator(response, MARKERS, NOISE).run(frames)
+    locator = RingLocator(response, MARKERS, NOISE)
+    parts = [locator.run(frames[:3]), locator.run(frames[3:4]), locator.run(frames[4:])]
+    assert np.array_equal(np.concatenate([part.states for part in parts]), whole.states)
+
+
+def test_settings_that_mean_nothing_are_refused() -> None:
+    for wrong in ({"on": 3.0, "off": 4.0}, {"apart": 0.0}, {"friction": 0.0}, {"patience": -1.0}):
+        with pytest.raises(InputError, match=next(iter(wrong)) if "on" not in wrong else "off"):
+            RingSettings(**wrong)

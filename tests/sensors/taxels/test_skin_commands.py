@@ -1,0 +1,135 @@
+"""A user's way with a skin: calibrate, estimate, evaluate, from files that the bench wrote."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.cli import main
+from palpate.files.contacts import read_contacts
+from palpate.files.models import read_model
+from palpate.sensors.taxels.intensity import Intensity
+from palpate_lab.simulation.skin_session import SkinSession, simulate_protocol
+from tests.support.skin_session_files import write_skin_session
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, SkinSession]:
+    """Six touches, two cells wide, calibrated and estimated."""
+    folder, rng = tmp_path_factory.mktemp("skin"), np.random.default_rng(7)
+    made = simulate_protocol(rng, touches=6, width=2.0)
+    write_skin_session(made, folder, rng, presses=20)
+    assert main(["calibrate", "intensity", f"{folder}/load_cell_log.csv", "-o", f"{folder}/intensity.toml"]) == 0
+    estimate = ["estimate", f"{folder}/skin_log.csv", "--rig", f"{folder}/rig.toml", "-o", f"{folder}/contacts.csv"]
+    assert main(estimate) == 0
+    return folder, made
+
+
+def test_touches_are_found_and_named(session: tuple[Path, SkinSession]) -> None:
+    """To 1.2 mm: Hertz's patch two cells wide, noise of a count."""
+    folder, made = session
+    found = read_contacts(folder / "contacts.csv")
+    assert len(np.unique(found.sample)) == len(made.frames)
+    held = np.isfinite(found.features["row"])
+    assert len(np.unique(found.identity[held])) == 6
+    for start, end, point, force in zip(made.start, made.end, made.point, made.force, strict=True):
+        rows = held & (found.time >= start) & (found.time <= end)
+        off = np.median(found.estimate.point[rows], axis=0) - point
+        assert np.linalg.norm(off) < 1.2e-3
+        sizes = np.linalg.norm(found.estimate.force[rows], axis=1)
+        assert np.median(sizes) == pytest.approx(np.linalg.norm(force), rel=0.1)
+    assert read_model(folder / "intensity.toml", Intensity).numbers((6, 22)).max() == 132
+    assert 'sensor = "skin"' in (folder / "contacts.csv.toml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("truth", "more", "said"),
+    [
+        ("truth.csv", (), "location of touches"),
+        ("wrench.csv", ("--rig", "rig.toml", "-o", "report.html"), "as the paper"),
+        ("wand.csv", ("--rig", "rig.toml", "--wand", "wand.stl"), "wand tracked by motion capture"),
+    ],
+)
+def test_contacts_are_judged_by_every_instrument(
+    session: tuple[Path, SkinSession],
+    truth: str,
+    more: tuple[str, ...],
+    said: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    folder, _ = session
+    monkeypatch.chdir(folder)
+    assert main(["evaluate", "contacts.csv", truth, *more]) == 0
+    assert said in capsys.readouterr().out
+    if "report.html" in more:
+        page = (folder / "report.html").read_text()
+        assert page.count("<svg") == 1
+        assert "a perfect map" in page
+
+
+def test_what_cannot_be_meant_is_refused_with_a_sentence(
+    session: tuple[Path, SkinSession], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, _ = session
+    monkeypatch.chdir(folder)
+    Path("other.toml").write_text('[skin]\nmap = "map.csv"\nrows = 5\n')
+    Path("short.csv").write_text("time,c0,c1\n0,1,2\n")
+    Path("flat.csv").write_text("force,intensity\n" + "1,5\n" * 20)
+    for command, said in (
+        (["estimate", "skin_log.csv", "--rig", "other.toml", "-o", "x.csv"], "says 5 x 22"),
+        (["estimate", "short.csv", "--rig", "rig.toml", "-o", "x.csv"], "132 cells"),
+        (["evaluate", "contacts.csv", "wrench.csv"], "Add --rig"),
+        (["evaluate", "contacts.csv", "wand.csv", "--rig", "rig.toml"], "Add --wand"),
+        (["evaluate", "contacts.csv", "truth.csv", "-o", "r.html"], "against a wrench or a wand"),
+        (["calibrate", "intensity", "flat.csv", "-o", "x.toml"], "same force"),
+        (["calibrate", "intensity", "wrench.csv", "-o", "x.toml"], "no column 'force'"),
+        (["calibrate", "intensity", "load_cell_log.csv", "-o", "x.toml", "--sheet", "6by22"], "no size"),
+    ):
+        assert main(command) == 1
+        assert said in capsys.readouterr().err
+    assert not Path("x.csv").exists()
+
+
+def test_a_resistive_taxel_is_calibrated_as_a_divider(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    force = np.linspace(0.05, 8.0, 80)
+    reading = 1024.0 * (1.0 - 10.0 / (2 * 20.0 / force + 0.5))
+    rows = [f"{f},{r}" for f, r in zip(force.tolist(), reading.tolist(), strict=True)]
+    (tmp_path / "log.csv").write_text("\n".join(["force,intensity", *rows]))
+    command = ["calibrate", "intensity", f"{tmp_path}/log.csv", "-o", f"{tmp_path}/i.toml", "--kind", "resistive"]
+    assert main(command) == 1
+    assert "--scale" in capsys.readouterr().err
+    assert main([*command, "--scale", "1024", "--reference", "10"]) == 0
+    curve = read_model(tmp_path / "i.toml", Intensity).curves[0]
+    np.testing.assert_allclose(curve.parameters, [20.0, 0.5], rtol=1e-3)
+    assert curve.falling
+
+
+def test_a_log_that_ends_within_a_row_is_read_to_there(
+    session: tuple[Path, SkinSession], capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, made = session
+    text = (folder / "skin_log.csv").read_bytes()
+    (folder / "torn.csv").write_bytes(text[:-100])
+    code = main(["estimate", f"{folder}/torn.csv", "--rig", f"{folder}/rig.toml", "-o", f"{folder}/torn_out.csv"])
+    assert code == 3
+    assert "torn" in capsys.readouterr().out
+    assert len(np.unique(read_contacts(folder / "torn_out.csv").sample)) == len(made.frames)
+
+
+def test_the_deviation_of_a_taxel_that_saturates_is_of_forces_that_it_tells(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    force = np.linspace(0.0, 20.0, 400)
+    reading = 7.0 + 40.0 * np.minimum(force, 5.0) + np.random.default_rng(1).standard_normal(400)
+    rows = [f"{f},{r}" for f, r in zip(force.tolist(), reading.tolist(), strict=True)]
+    (tmp_path / "log.csv").write_text("\n".join(["force,intensity", *rows]))
+    command = ["calibrate", "intensity", f"{tmp_path}/log.csv", "-o", f"{tmp_path}/i.toml", "--kind", "polynomial"]
+    assert main(command) == 0
+    said = capsys.readouterr().out
+    assert "what is there is saturated" in said
+    assert float(said.split("by the fit, ")[1].split(" mN")[0]) < 100.0  # noise over slope is 25 mN
+    assert main(["inspect", f"{tmp_path}/i.toml"]) == 0
+    assert "polynomial of degree" in capsys.readouterr().out

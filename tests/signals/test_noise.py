@@ -1,0 +1,126 @@
+"""The noise of a log, from the log itself."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.errors import InputError
+from palpate.sensors.force_torque.model import ForceTorque
+from palpate.signals.filters import Butterworth
+from palpate.signals.noise import NoiseSpectrum, estimate_noise, rest_noise, wrong_noise
+
+DEVIATIONS = np.array([0.02, 0.03, 0.05, 1e-3, 2e-3, 5e-4])
+RATE = 500.0  # Hz
+
+
+def touched(readings: np.ndarray) -> np.ndarray:
+    """The same with a press of 2 s in every 4 s, up and down like a sine, in every channel."""
+    time = np.arange(len(readings)) / RATE % 4.0
+    press = np.where(time < 2.0, np.sin(np.pi * time / 2.0), 0.0)
+    return readings + press[:, None] * 200.0 * DEVIATIONS
+
+
+def shaped(count: int, corner: float) -> np.ndarray:
+    """White noise and noise as 1/f below the corner [Hz]."""
+    frequency = np.fft.rfftfreq(count, 1 / RATE)
+    frequency[0] = np.inf
+    white = np.fft.rfft(np.random.default_rng(5).normal(size=(count, 6)), axis=0)
+    return np.fft.irfft(white * np.sqrt(1 + corner / frequency)[:, None], count, axis=0) * DEVIATIONS
+
+
+def test_it_is_the_deviation_of_a_reading() -> None:
+    readings = np.random.default_rng(3).normal(size=(40_000, 6)) * DEVIATIONS
+    found = estimate_noise(readings)
+    assert found is not None
+    np.testing.assert_allclose(found, DEVIATIONS, rtol=0.03)  # 40,000 readings tell it to 0.4 %
+
+
+def test_readings_that_repeat_the_one_before_do_not_count() -> None:
+    readings = np.random.default_rng(4).normal(size=(500, 6)) * DEVIATIONS
+    once, thrice = estimate_noise(readings), estimate_noise(np.repeat(readings, 3, axis=0))
+    assert once is not None
+    assert thrice is not None
+    np.testing.assert_array_equal(once, thrice)
+
+
+@pytest.mark.parametrize("step", [0.0, 1.0, 4.0])  # of the resolution, in deviations
+def test_touches_do_not_count_for_half_of_the_time(step: float) -> None:
+    readings = touched(np.random.default_rng(6).normal(size=(20_000, 6)) * DEVIATIONS)
+    if step:
+        readings = np.round(readings / (step * DEVIATIONS)) * step * DEVIATIONS
+    found = estimate_noise(readings)
+    assert found is not None
+    # the error of a quantised reading adds q^2/12; four deviations a step hardly show the noise below it
+    np.testing.assert_allclose(found, DEVIATIONS * (1 + step**2 / 12) ** 0.5, rtol=0.2)
+
+
+def test_a_hand_that_trembles_does_not_count() -> None:
+    """Half of the time ten times as much as the noise, in seconds that are steady otherwise."""
+    rng = np.random.default_rng(7)
+    trembling = np.repeat(np.arange(40) % 2 == 1, 500)
+    readings = rng.normal(size=(20_000, 6)) * DEVIATIONS * np.where(trembling, 10.0, 1.0)[:, None]
+    found = estimate_noise(readings)
+    assert found is not None
+    np.testing.assert_allclose(found, DEVIATIONS, rtol=0.05)  # 10,000 readings tell it to 0.7 %
+
+
+def test_noise_as_one_over_f_passes_a_filter_as_its_spectrum_says() -> None:
+    noise, made = shaped(40_000, 5.0), Butterworth(10.0)
+    found = rest_noise(touched(noise))
+    assert found is not None
+    power = np.abs(np.fft.rfft(noise, axis=0)) ** 2
+    left = made.gain(np.fft.rfftfreq(len(noise), 1 / RATE), RATE) ** 2 @ power / power.sum(axis=0)
+    # what wanders over 80 s is seen in half of it, in a handful of independent swings: 30 % of a variance
+    np.testing.assert_allclose(found.deviation, noise.std(axis=0), rtol=0.1)
+    np.testing.assert_allclose(found.spectrum.kept(made, RATE).mean(), left.mean(), rtol=0.3)
+    assert found.spectrum.kept(made, RATE).mean() > 2.0 * made.recursion(RATE).share[-1]
+    np.testing.assert_allclose(found.spectrum.power.sum(axis=0), 1.0)
+
+
+def test_a_press_that_is_held_is_no_rest() -> None:
+    readings = np.random.default_rng(7).normal(size=(20_000, 6)) * DEVIATIONS
+    held = readings + (np.arange(20_000) % 4000 < 1800)[:, None] * 50.0 * DEVIATIONS
+    found = rest_noise(held)
+    assert found is not None
+    np.testing.assert_allclose(found.deviation, DEVIATIONS, rtol=0.05)
+
+
+def test_what_hardly_rests_has_no_spectrum() -> None:
+    assert rest_noise(np.zeros((50, 6))) is None
+    assert rest_noise(np.full((500, 6), np.nan)) is None
+
+
+def test_the_mean_of_white_noise_shrinks_by_its_number_and_wander_does_not() -> None:
+    white = NoiseSpectrum((np.arange(500) + 0.5) / 1000, np.full((500, 6), 1 / 500))
+    np.testing.assert_allclose(white.of_mean(40), 1 / 40, rtol=0.02)  # bins of 1/1000 under a kernel 1/40 wide
+    np.testing.assert_allclose(NoiseSpectrum(np.zeros(1), np.ones((1, 6))).of_mean(40), 1.0)
+    slow, fast = (NoiseSpectrum.of_corner(corner, RATE).of_mean(500).mean() for corner in (5.0, 0.01))
+    assert slow > 10 * fast
+    with pytest.raises(InputError, match="positive"):
+        NoiseSpectrum.of_corner(0.0, RATE)
+
+
+@pytest.mark.parametrize(("share", "said"), [(0.4, "2.5 times less"), (1.0, ""), (1.6, ""), (2.5, "2.5 times more")])
+def test_noise_that_is_stated_wrong_by_two_is_said(share: float, said: str) -> None:
+    sentence = wrong_noise(share * DEVIATIONS, DEVIATIONS)
+    assert said in sentence
+    assert bool(sentence) == bool(said)
+
+
+def test_a_gain_error_is_a_share() -> None:
+    with pytest.raises(InputError, match="gain_error"):
+        ForceTorque(gain_error=-0.1)
+    assert ForceTorque([0.02] * 3 + [0.001] * 3).lever == pytest.approx(0.05)
+    assert ForceTorque(limits=[200.0] * 3 + [4.0] * 3).lever == pytest.approx(0.02)
+
+
+def test_a_zero_that_wanders_is_noise_unless_it_is_followed() -> None:
+    """A ramp of 50 deviations over the log, 5 of them in a segment of 2000 readings."""
+    readings = np.random.default_rng(8).normal(size=(20_000, 6)) * DEVIATIONS
+    readings += np.linspace(0.0, 50.0, 20_000)[:, None] * DEVIATIONS
+    whole, without = rest_noise(readings), rest_noise(readings, wander=False)
+    assert whole is not None
+    assert without is not None
+    assert np.all(whole.deviation > 5.0 * DEVIATIONS)
+    np.testing.assert_allclose(without.deviation, DEVIATIONS, rtol=0.1)
