@@ -20,12 +20,15 @@ A counter that stands still is taken as none. A counter that goes back says that
 
 from __future__ import annotations
 
+import zlib
+from struct import Struct
+from struct import error as StructError
 from typing import Any
 
 import numpy as np
+from cobs import cobs
 from jaxtyping import Float, Int
 
-from palpate.live import _cobs
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["TYPES", "encoded"]
@@ -33,8 +36,9 @@ __all__ = ["TYPES", "encoded"]
 TYPES = ("u1", "i1", "u2", "i2", "u4", "i4", "f4", "f8")
 """NumPy's names of the types of numbers, in the order of their codes."""
 
+_HEAD, _CHECK = Struct("<BBHI"), Struct("<I")  # version, type, how many numbers, counter; CRC-32
 _LEAST = 4096  # bytes: frames of another device are recognised up to this length
-_HEAD = [("version", "u1"), ("code", "u1"), ("count", "<u2"), ("counter", "<u4")]
+_WRAP = 1 << 32  # of the counter
 
 
 class CobsFrames:
@@ -47,33 +51,63 @@ class CobsFrames:
     unit = "frame"
 
     def __init__(self, count: int) -> None:
-        self.longest = max(12 + 8 * count, _LEAST)
-        self._rest = b""
-        self._scratch = np.zeros(self.longest + 1, dtype=np.uint8)  # a zero may be written behind
-        self._state = np.zeros(_cobs.STATE, dtype=np.int64)
-        self._state[_cobs.LAST] = -1
-        self._count = count
+        longest = max(12 + 8 * count, _LEAST)
+        self._count, self._longest = count, longest + longest // 254 + 1  # with COBS
+        self._rest, self._joined = b"", False  # joined: a delimiter was seen, so that a frame begins there
+        self._last: int | None = None  # counter of the frame before
+        self._damaged = self._foreign = self._other = self._restarts = self._lost = 0
 
     def feed(self, data: bytes) -> None:
         """Take bytes as they were read."""
         self._rest += data
 
     def take(self, values: Float[np.ndarray, "n k"], lost: Int[np.ndarray, " n"]) -> int:
-        """Samples of what was fed, as many as fit.
+        """Read samples of what was fed, as many as fit, and return how many.
 
         Args:
             values: filled from the first row on.
             lost: samples missing before each, by the device's counter.
-
-        Returns:
-            how many.
         """
-        data = np.frombuffer(self._rest, dtype=np.uint8)
-        found, done = _cobs.decode(data, self._scratch, values, lost, self._state)
-        self._rest = self._rest[done:]
-        if found < len(values) and len(self._rest) > self.longest + self.longest // 254 + 1:
+        found = at = 0
+        while found < len(values) and (end := self._rest.find(0, at)) >= 0:
+            sample = self._sample(self._rest[at:end]) if end > at else None
+            if sample is not None:
+                values[found], lost[found] = sample
+                found += 1
+            at, self._joined = end + 1, True
+        self._rest = self._rest[at:]
+        if found < len(values) and len(self._rest) > self._longest:
             self._rest = b""  # no frame is so long: what is left of it fails its check
         return found
+
+    def _sample(self, encoded: bytes) -> tuple[np.ndarray, int] | None:
+        """Return the numbers of a frame and how many samples are missing before it, or None where it is no sample."""
+        try:
+            frame = cobs.decode(encoded) if len(encoded) <= self._longest else b""
+            version, code, count, counter = _HEAD.unpack_from(frame)
+            kind = np.dtype(f"<{TYPES[code]}")
+            (check,) = _CHECK.unpack_from(frame, len(frame) - _CHECK.size)
+        except (cobs.DecodeError, StructError, IndexError):
+            self._damaged += self._joined
+            return None
+        ends = _HEAD.size + count * kind.itemsize
+        if version != 1 or len(frame) != ends + _CHECK.size or check != zlib.crc32(frame[:ends]):
+            self._damaged += self._joined
+            return None
+        if count != self._count:
+            self._foreign, self._other = self._foreign + 1, count
+            return None
+        return np.frombuffer(frame, kind, count, _HEAD.size), self._missing(counter)
+
+    def _missing(self, counter: int) -> int:
+        """Return how many samples are missing; none where the counter stands still or went back, to begin anew."""
+        ahead = 1 if self._last is None else (counter - self._last) % _WRAP
+        self._last = counter
+        if ahead >= _WRAP // 2:
+            self._restarts += 1
+            return 0
+        self._lost += max(0, ahead - 1)
+        return max(0, ahead - 1)
 
     def waiting(self) -> int:
         """Samples that still lie in what was fed."""
@@ -81,32 +115,27 @@ class CobsFrames:
 
     def forget(self) -> None:
         """Begin anew with the next byte, as after a broken connection; the counter is kept."""
-        self._rest = b""
-        self._state[_cobs.JOINED] = 0
+        self._rest, self._joined = b"", False
 
     def faults(self) -> list[str]:
         """What went wrong since this was last asked."""
-        state = self._state
-        damaged, foreign, other, restarts, lost = (int(state[k]) for k in range(_cobs.DAMAGED, _cobs.STATE))
-        state[_cobs.DAMAGED :] = 0
         found: list[str] = []
-        if damaged:
-            found.append(f"{damaged} damaged {_plural('frame', damaged)}")
-        if lost:
-            found.append(f"{lost} {_plural('sample', lost)} missing by the device's counter")
-        if foreign:
-            found.append(
-                f"{foreign} {_plural('frame', foreign)} of {other} numbers passed over, as the sensor has {self._count}"
-            )
-        if restarts:
+        if self._damaged:
+            found.append(f"{self._damaged} damaged {_plural('frame', self._damaged)}")
+        if self._lost:
+            found.append(f"{self._lost} {_plural('sample', self._lost)} missing by the device's counter")
+        if self._foreign:
+            frames = f"{self._foreign} {_plural('frame', self._foreign)} of {self._other} numbers"
+            found.append(f"{frames} passed over, as the sensor has {self._count}")
+        if self._restarts:
             found.append("the device's counter went back: it began anew")
+        self._damaged = self._foreign = self._restarts = self._lost = 0
         return found
 
     def awaited(self) -> str:
         """Why the bytes that came gave no sample, for a message."""
-        if self._state[_cobs.FOREIGN]:
-            other = int(self._state[_cobs.NUMBERS])
-            return f"frames of {other} numbers, where the sensor has {self._count}: is it another device?"
+        if self._foreign:
+            return f"frames of {self._other} numbers, where the sensor has {self._count}: is it another device?"
         return "none of them a whole frame: is it `baud` or `framing`?"
 
 
@@ -122,17 +151,12 @@ def encoded(values: Float[np.ndarray, "n k"], counter: int, number: str) -> tupl
     Returns:
         the bytes, and where each frame ends in them.
     """
-    count, kind = values.shape[1], np.dtype(f"<{number}")
-    frames = np.zeros(len(values), dtype=[*_HEAD, ("numbers", kind, (count,)), ("check", "<u4")])
-    frames["version"], frames["code"], frames["count"] = 1, TYPES.index(number), count
-    frames["counter"] = (counter + np.arange(len(values))) % 2**32
-    frames["numbers"] = _rounded(values, kind)
-    raw = frames.view(np.uint8).reshape(len(values), -1)
-    length = raw.shape[1]
-    out = np.empty(len(values) * (length + length // 254 + 3), dtype=np.uint8)
-    ends = np.empty(len(values), dtype=np.int64)
-    size = _cobs.encode(raw, out, ends)
-    return out[:size].tobytes(), ends
+    numbers = _rounded(values, np.dtype(f"<{number}"))
+    frames = list[bytes]()
+    for k, row in enumerate(numbers):
+        head = _HEAD.pack(1, TYPES.index(number), len(row), (counter + k) % _WRAP)
+        frames.append(cobs.encode(head + row.tobytes() + _CHECK.pack(zlib.crc32(head + row.tobytes()))) + b"\0")
+    return b"".join(frames), np.cumsum([len(frame) for frame in frames], dtype=np.int64)
 
 
 def _rounded(values: Float[np.ndarray, "*any"], kind: np.dtype[Any]) -> np.ndarray:
