@@ -38,7 +38,7 @@ LOCATING = (
     "sensors_load_cells__live_",
 )  # by a mesh in the first way of calling them
 BASICS = ("surfaces__topology_", "surfaces__bvh_", "surfaces__nearest_", "surfaces__rays_", "signals__filters_")
-BASICS += ("sensors_force_torque__kernels_", "files_logs__")
+BASICS += ("sensors_force_torque__kernels_", "files_mcap__")
 
 
 def part_of(symbol: str) -> str:

@@ -95,7 +95,7 @@ LATER = frozenset(  # what only examples and commands that take a while make arg
         "control.servo.ServoModel.start",
         "evaluation.evaluate.report",
         "files.contacts.mcap.Messages.of",
-        "files.contacts.mcap_rows.made",
+        "files.mcap.rows.made",
         "live.netft_device.NetFtDevice.send",
         "live.ros_device.RosDevice.send",
         "live.ros_poses.RosPoses.at",

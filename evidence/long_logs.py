@@ -10,7 +10,7 @@ import numpy as np
 import polars as pl
 
 from palpate.files.contacts.mcap import topics as declared
-from palpate.files.contacts.mcap_write import MESSAGE, McapWriter, Topic
+from palpate.files.mcap.writer import MESSAGE, McapWriter, Topic
 from palpate.signals.recording import ORIENTATION, Recording
 from palpate_lab.simulation.session import Session
 

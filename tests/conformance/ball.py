@@ -27,7 +27,7 @@ from palpate.sensors.taxels.layer import TaxelLayer
 from palpate.sensors.taxels.model import TaxelBody
 from palpate.sensors.taxels.section import SKIN
 from palpate.sensors.taxels.view import TaxelView
-from palpate.setup.kind import Guess, Prepared
+from palpate.setup.built import Guess, Prepared
 from palpate.setup.setup import Setup
 from palpate.setup.view import Kept
 from palpate.setup.wrench import noted_filter

@@ -14,7 +14,7 @@ import numpy as np
 
 from palpate.errors import InputError
 from palpate.files.logs.layout import ArrayChannel, Layout
-from palpate.setup.kind import Guess
+from palpate.setup.built import Guess
 from palpate.setup.setup import SensorKind
 from palpate.setup.wrench import wrench_estimator
 from palpate.signals.recording import LARGEST, Recording

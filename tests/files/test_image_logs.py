@@ -26,7 +26,7 @@ from palpate.files.logs import (
     open_log,
     read_recording,
 )
-from palpate.setup.kind import Prepared
+from palpate.setup.built import Prepared
 from palpate.setup.link import Link
 from palpate.setup.pipeline import OpenedLog, Seen
 from palpate.setup.setup import SensorKind, Setup

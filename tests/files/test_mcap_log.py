@@ -28,11 +28,11 @@ from evidence.logs_written import (
 )
 from palpate.errors import InputError
 from palpate.files.logs import open_log, read_recording
-from palpate.files.logs._mcap_walk import walk
 from palpate.files.logs.decoding import FIXED, decode, seconds
 from palpate.files.logs.layout import Layout
 from palpate.files.logs.log import Messages, Topic
-from palpate.files.logs.mcap import MAGIC
+from palpate.files.mcap._walk import walk
+from palpate.files.mcap.reader import MAGIC
 from palpate.signals.recording import ACCELERATION, ORIENTATION, POSITION, Recording
 
 IMU = "/imu"
@@ -322,7 +322,7 @@ def test_an_odd_file_is_read_as_far_as_it_can_be(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, records: bytes, count: int, word: str
 ) -> None:
     path = tmp_path / "log.mcap"
-    monkeypatch.setattr("palpate.files.logs.mcap.LONGEST", {6: 1 << 30})  # of a chunk; of a message as of any record
+    monkeypatch.setattr("palpate.files.mcap.reader.LONGEST", {6: 1 << 30})  # of a chunk; of a message as of any record
     path.write_bytes(MAGIC + _record(1, _text("") * 2) + records + END)
     log = open_log(path)
     wrenches = np.concatenate([block.wrenches() for block in log.blocks()])

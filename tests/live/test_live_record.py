@@ -19,8 +19,8 @@ import palpate
 from palpate.errors import InputError
 from palpate.files.atomic import part
 from palpate.files.contacts import read_contacts
-from palpate.files.contacts.mcap_regain import regained
 from palpate.files.logs import Layout, read_recording
+from palpate.files.mcap.regain import regained
 from palpate.live.record import Recorder, only_one, record, require_record, ring_of
 from palpate.live.recover import cut_short, recover
 from palpate.live.source import Batch

@@ -26,7 +26,7 @@ from struct import error as StructError
 from typing import Any
 
 import numpy as np
-from cobs import cobs
+from cobs import cobs  # pyright: ignore[reportMissingTypeStubs] - it has none
 from jaxtyping import Float, Int
 
 from palpate.spatial.arguments import takes_arrays

@@ -27,7 +27,7 @@ from palpate.live.ros_poses import RosPoses
 from palpate.live.source import BATCH, Batch, Source
 from palpate.live.sources import source_of
 from palpate.live.stream_buffer import Form, Ring
-from palpate.setup.kind import Prepared
+from palpate.setup.built import Prepared
 from palpate.setup.rig import Rig, load_rig
 from palpate.setup.setup import Setup
 from palpate.setup.tables import RigFilter

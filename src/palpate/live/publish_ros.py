@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from palpate.contact.contacts import Contacts
 from palpate.files.contacts.mcap import Messages
-from palpate.files.contacts.mcap_write import MESSAGE
+from palpate.files.mcap.writer import MESSAGE
 from palpate.live.dds import Node, Reader, Writer
 from palpate.live.ros_messages import Cdr
 from palpate.spatial.pose import quaternion_from_rotation

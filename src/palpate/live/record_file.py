@@ -14,8 +14,8 @@ import numpy as np
 
 from palpate.errors import InputError
 from palpate.files.atomic import PART, part
-from palpate.files.contacts.mcap_regain import Regained, regained
-from palpate.files.contacts.mcap_write import McapWriter, Topic
+from palpate.files.mcap.regain import Regained, regained
+from palpate.files.mcap.writer import McapWriter, Topic
 from palpate.live.record_messages import EVENTS, READINGS
 
 __all__ = ["Span", "grown", "named", "place", "span_of"]

@@ -18,9 +18,9 @@ from palpate.files.contacts.mcap import (
     Messages,
     topics,
 )
-from palpate.files.contacts.mcap_rows import Fields, Rows, made, stamped
-from palpate.files.contacts.mcap_write import Topic
 from palpate.files.logs.topics import LIVE, LIVE_ACCELERATION, LIVE_POSE
+from palpate.files.mcap.rows import Fields, Rows, made, stamped
+from palpate.files.mcap.writer import Topic
 from palpate.live.stream_buffer import Form
 
 __all__ = ["EVENTS", "READINGS", "event", "record_topics"]

@@ -11,7 +11,7 @@ import numpy as np
 
 from palpate.errors import InputError
 from palpate.files.atomic import PART, part, writing
-from palpate.files.contacts.mcap_regain import regained
+from palpate.files.mcap.regain import regained
 from palpate.live.record import RING, Recorder, only_one, ring_of
 from palpate.live.record_file import RecordFile, grown, named, span_of
 from palpate.live.stream_buffer import Ring

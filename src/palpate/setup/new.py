@@ -13,7 +13,7 @@ from palpate.files.logs.decoding import role
 from palpate.files.models import printable
 from palpate.files.units import near
 from palpate.setup.body import Body
-from palpate.setup.kind import Guess
+from palpate.setup.built import Guess
 from palpate.setup.kinds import KINDS
 from palpate.setup.rig import check_rig
 from palpate.setup.setup import SensorKind

@@ -27,7 +27,7 @@ from palpate.errors import InputError
 from palpate.files.logs import Log, LogContents, contents, join, missing
 from palpate.files.logs import open_log as open_by_layout
 from palpate.files.logs.arrays import DataFrame, held
-from palpate.setup.kind import Prepared
+from palpate.setup.built import Prepared
 from palpate.setup.prefetch import MotionAhead, ReadAhead, Reader, reading_beside
 from palpate.setup.rig import Rig, load_rig, with_mesh
 from palpate.setup.setup import Setup

@@ -15,8 +15,8 @@ from palpate.errors import InputError
 from palpate.files.logs import LogContents
 from palpate.files.logs.layout import Layout
 from palpate.setup.body import Body
+from palpate.setup.built import FIRST, Guess, Prepared
 from palpate.setup.drift import RigDrift
-from palpate.setup.kind import FIRST, Guess, Prepared
 from palpate.setup.link import Link
 from palpate.setup.pokes import RigPokes
 from palpate.setup.tables import RigAcceleration, RigEstimate, RigFilter, RigOrientation, RigTime

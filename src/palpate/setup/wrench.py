@@ -9,7 +9,7 @@ import numpy as np
 from palpate.contact.locate import Locator
 from palpate.contact.wrench_estimator import WrenchEstimator
 from palpate.errors import InputError
-from palpate.setup.kind import Prepared
+from palpate.setup.built import Prepared
 from palpate.setup.setup import Setup
 from palpate.setup.tables import RigFilter
 from palpate.signals.drift import Drift

@@ -13,7 +13,7 @@ import pytest
 from palpate.cli import main
 from palpate.files.logs import join
 from palpate.files.logs.log import Messages
-from palpate.files.logs.mcap import McapFile
+from palpate.files.mcap.reader import McapFile
 from palpate.files.models import read_model
 from palpate.sensors.taxels.place_formats import read_taxel_places
 from palpate.sensors.taxels.places import TaxelPlaces

@@ -10,8 +10,8 @@ from jaxtyping import Float, Int
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.contact.table import pointless
-from palpate.files.contacts.mcap_rows import CDR, Fields, Rows, layout, made, stamped
-from palpate.files.contacts.mcap_write import Topic
+from palpate.files.mcap.rows import CDR, Fields, Rows, layout, made, stamped
+from palpate.files.mcap.writer import Topic
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = [

@@ -16,7 +16,7 @@ from palpate.files.atomic import PART
 from palpate.files.contacts.csv import csv_blocks, noted, require_columns
 from palpate.files.contacts.mcap import KIND, from_messages, named_features
 from palpate.files.logs.log import Messages
-from palpate.files.logs.mcap import MAGIC, McapFile
+from palpate.files.mcap.reader import MAGIC, McapFile
 from palpate.files.tables.lines import open_input, read_some
 from palpate.forks import require_polars_threads
 

@@ -21,8 +21,8 @@ from palpate.errors import InputError
 from palpate.files.atomic import PART, WHOLE, growing, part, writing
 from palpate.files.contacts.csv import header, to_csv
 from palpate.files.contacts.mcap import Messages, topics
-from palpate.files.contacts.mcap_write import McapWriter
 from palpate.files.contacts.reading import contact_blocks
+from palpate.files.mcap.writer import McapWriter
 
 __all__ = [
     "ContactsWriter",

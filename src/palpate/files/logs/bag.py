@@ -12,7 +12,7 @@ import numpy as np
 
 from palpate.errors import InputError, not_loaded
 from palpate.files.logs.log import Messages, Source, Topic, merged
-from palpate.files.logs.mcap import McapFile
+from palpate.files.mcap.reader import McapFile
 from palpate.files.tables.lines import open_input
 
 __all__ = ["BagFile", "natural", "open_folder"]

@@ -22,12 +22,12 @@ from palpate.files.logs.image_topics import ImageTopicLog, first_size
 from palpate.files.logs.images import refuse_others
 from palpate.files.logs.layout import Layout
 from palpate.files.logs.log import Log, LogContents, Source, Topic
-from palpate.files.logs.mcap import MAGIC, McapFile
 from palpate.files.logs.parquet import ParquetLog
 from palpate.files.logs.survey import Survey, survey_of
 from palpate.files.logs.topic_log import TopicLog
 from palpate.files.logs.topics import choose, choose_images
 from palpate.files.logs.video import VIDEOS, VideoLog, is_video
+from palpate.files.mcap.reader import MAGIC, McapFile
 from palpate.files.tables.lines import open_input, read_some
 from palpate.signals.recording import ORIENTATION, POSITION, Recording, sealed
 

@@ -22,9 +22,9 @@ from palpate.sensors.force_torque.compensation import Compensation
 from palpate.sensors.force_torque.model import ForceTorque
 from palpate.setup import guess
 from palpate.setup.body import Body
+from palpate.setup.built import FIRST, Guess, Prepared
 from palpate.setup.guess_columns import Found, columns_guess
 from palpate.setup.guess_pose import guess_pose
-from palpate.setup.kind import FIRST, Guess, Prepared
 from palpate.setup.names import made_up
 from palpate.setup.setup import SensorKind, SensorSection, Setup, seen_first
 from palpate.setup.tables import RigForceTorque

@@ -16,7 +16,7 @@ from palpate.sensors.fused.locator import FusedLocator, FusionSettings
 from palpate.sensors.taxels.estimator import TaxelEstimator
 from palpate.sensors.taxels.section import SKIN, guess_beside, skin_tare
 from palpate.setup.body import Body
-from palpate.setup.kind import Guess, Prepared
+from palpate.setup.built import Guess, Prepared
 from palpate.setup.setup import SensorKind, Setup
 from palpate.setup.wrench import first_seconds
 from palpate.signals.recording import AVERAGED, CELLS, FORCE, TORQUE, Recording

@@ -21,7 +21,7 @@ from palpate.sensors.load_cells.model import LoadCells, with_changes
 from palpate.sensors.load_cells.resolution import WANTED, nominal_cells, resolution
 from palpate.setup import guess
 from palpate.setup.body import Body
-from palpate.setup.kind import Guess, Prepared
+from palpate.setup.built import Guess, Prepared
 from palpate.setup.names import time_column, wrench_columns
 from palpate.setup.setup import SensorKind, SensorSection, Setup
 from palpate.setup.tables import Three, require_positive

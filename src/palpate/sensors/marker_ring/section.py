@@ -20,7 +20,7 @@ from palpate.sensors.marker_ring.locator import RingSettings
 from palpate.sensors.marker_ring.model import MarkerRing, RingBody
 from palpate.setup import guess
 from palpate.setup.body import Body
-from palpate.setup.kind import Guess, Prepared
+from palpate.setup.built import Guess, Prepared
 from palpate.setup.setup import SensorKind, SensorSection, Setup
 from palpate.setup.tables import require_path, require_positive
 from palpate.setup.wrench import first_seconds

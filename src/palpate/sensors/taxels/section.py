@@ -26,7 +26,7 @@ from palpate.sensors.taxels.skin_map.files import read_skin_map
 from palpate.sensors.taxels.skin_map.model import SkinMap
 from palpate.setup import guess
 from palpate.setup.body import Body
-from palpate.setup.kind import Guess, Prepared
+from palpate.setup.built import Guess, Prepared
 from palpate.setup.names import orientation_columns, position_columns, time_column, wrench_columns
 from palpate.setup.setup import SensorKind, SensorSection, Setup
 from palpate.setup.tables import require_path, require_positive

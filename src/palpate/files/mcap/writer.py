@@ -15,7 +15,7 @@ from mcap import records as mcap
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 
-from palpate.files.logs.mcap import MAGIC
+from palpate.files.mcap.reader import MAGIC
 
 __all__ = ["MESSAGE", "Topic"]
 

@@ -8,7 +8,7 @@ from math import prod
 import numpy as np
 from jaxtyping import Int
 
-from palpate.files.contacts.mcap_write import MESSAGE
+from palpate.files.mcap.writer import MESSAGE
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["CDR", "Fields", "Rows", "layout", "made", "stamped"]

@@ -17,9 +17,9 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Header, Schema
 
-from palpate.files.contacts.mcap_write import McapWriter, Topic
-from palpate.files.logs.mcap import MAGIC
-from palpate.files.logs.mcap_chunks import inflate
+from palpate.files.mcap.chunks import inflate
+from palpate.files.mcap.reader import MAGIC
+from palpate.files.mcap.writer import McapWriter, Topic
 
 __all__ = ["Regained", "Sequence", "regained"]
 

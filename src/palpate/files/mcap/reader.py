@@ -27,7 +27,7 @@ from mcap.records import Channel, Schema
 from mcap.summary import Summary
 
 from palpate.files.logs.log import Messages, Source, Topic, merged
-from palpate.files.logs.mcap_chunks import LARGEST, inflate
+from palpate.files.mcap.chunks import LARGEST, inflate
 from palpate.files.tables.lines import open_input, read_some
 
 __all__ = ["McapFile"]
@@ -199,7 +199,7 @@ class McapFile(Source):
 
 def _stretches(data: bytes) -> Iterator[_Stretch]:
     """All that is whole, in pieces that end with a chunk, with the footer, or when they are long."""
-    from palpate.files.logs._mcap_walk import walk
+    from palpate.files.mcap._walk import walk
 
     raw, end = np.frombuffer(data, dtype=np.uint8), 0
     messages = np.empty((4, min(_MOST, len(raw) // (_HEAD + 22) + 1)), dtype=np.int64)
