@@ -13,7 +13,7 @@ from evidence.row import Row
 from palpate.contact.iterative import locate_iteratively
 from palpate.surfaces import Ellipsoid, _equation, _kernels
 from palpate_lab.simulation import touch_wrenches
-from palpate_lab.simulation.shapes import Ellipsoid as Truth
+from palpate_lab.simulation.shapes import EllipsoidBody as Truth
 
 __all__ = ["rows"]
 

@@ -28,7 +28,7 @@ from palpate.live.netft import REQUEST, SAMPLE, START
 from palpate.live.netft_device import NetFtDevice
 from palpate.live.record import ring_of
 from palpate.live.source import Batch
-from palpate.live.stream_buffer import Ring
+from palpate.live.stream_buffer import StreamBuffer
 from palpate_lab.simulation import BumpySphere, touch_wrenches
 
 __all__ = ["HOST", "RIG", "Memory", "R", "rows", "wrenches"]
@@ -139,7 +139,7 @@ def _latency(folder: Path, seconds: float, *, realtime: bool) -> tuple[np.ndarra
         with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as running:
             try:
                 sent: np.ndarray = heard.recv()
-                ring = Ring(ring_of(record))
+                ring = StreamBuffer(ring_of(record))
                 time.sleep(0.5)
                 slots, first = ring.read(0, ring["answered"])
                 ring.close()
@@ -235,7 +235,7 @@ def _blocks(folder: Path, *, judged: bool) -> Iterator[Row]:
     (folder / "rig.toml").write_text(RIG.format(host=HOST, port=1, web=1), encoding="utf-8")
     for size in (1, 16, 256):
         live = Live(folder / "rig.toml", source=Memory(values, size))
-        ring = Ring.make(folder / f"ring{size}", live.form())
+        ring = StreamBuffer.make(folder / f"ring{size}", live.form())
         live.into(ring)
         count = max(60, 14_000 // size)
         took = np.empty(count)

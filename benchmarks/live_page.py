@@ -27,7 +27,7 @@ from evidence.page_client import CAMERA, opened
 from evidence.row import Row
 from palpate.cli.live_page import show
 from palpate.live.live import Live
-from palpate.live.stream_buffer import Ring
+from palpate.live.stream_buffer import StreamBuffer
 from palpate_lab.simulation import BumpySphere
 
 __all__ = ["rows"]
@@ -129,11 +129,11 @@ def _read(address: str, told: Connection) -> None:
 
 
 @contextmanager
-def _streaming(folder: Path, rate: int) -> Generator[Ring]:
+def _streaming(folder: Path, rate: int) -> Generator[StreamBuffer]:
     """A ring that a thread fills, received and answered."""
     touched = wrenches(14_000).reshape(-1, 2, TOUCH, 6)[:, 1].reshape(-1, 6)
     live = Live(folder / "rig.toml", source=Memory(touched, round(rate * TICK)))
-    ring, over = Ring.make(folder / "ring", live.form()), threading.Event()
+    ring, over = StreamBuffer.make(folder / "ring", live.form()), threading.Event()
     live.into(ring)
 
     def fill() -> None:
@@ -153,11 +153,11 @@ def _streaming(folder: Path, rate: int) -> Generator[Ring]:
             ring.close()
 
 
-def _address(ring: Ring) -> str:
+def _address(ring: StreamBuffer) -> str:
     """Of the page, once it has said so."""
     end = time.monotonic() + 60.0
     while time.monotonic() < end:
-        for _, sentence in ring.said(0)[0]:
+        for _, sentence in ring.events(0)[0]:
             if sentence.startswith("the page is at "):
                 return f"{sentence.split(' ')[4]}/?token={TOKEN}"
         time.sleep(0.1)

@@ -18,7 +18,7 @@ from palpate.contact.iterative import locate_iteratively
 from palpate.surfaces import Ellipsoid as EllipsoidEquation
 from palpate.surfaces import plane
 from palpate_lab.peers.wrench_peers import Answer, nearest_vertex
-from palpate_lab.simulation import Ellipsoid, touch_wrenches
+from palpate_lab.simulation import EllipsoidBody, touch_wrenches
 
 __all__ = [
     "HEIGHT",
@@ -80,7 +80,7 @@ def scenes(count: int, seed: int = 3) -> list[Scene]:
     points = np.column_stack([rng.uniform(-0.03, 0.03, (count, 2)), np.full(count, HEIGHT)])
     pressed = touch_wrenches(points, np.broadcast_to(level, points.shape), rng, pitch=0.3 * R)
     made = [Scene("plane, h to 0.3 R", plane((0.0, 0.0, HEIGHT), level, 0.1), None, points, pressed)]
-    body = Ellipsoid(AXES)
+    body = EllipsoidBody(AXES)
     mesh, equation = palpate.Mesh.from_arrays(*body.mesh(FACETS)), EllipsoidEquation(AXES)
     for pitch in PITCHES:
         points = body.sample(count, rng)

@@ -14,7 +14,7 @@ import palpate
 from evidence.long_logs import RATE, pieces, write_log
 from palpate.files.contacts import open_contacts
 from palpate.files.logs import open_log
-from palpate.files.logs.layout import Layout
+from palpate.files.logs.layout import LogLayout
 from palpate.sensors.force_torque.compensation import Compensation
 from palpate.signals.recording import FORCE, ORIENTATION, TORQUE
 from palpate.spatial.pose import rotation_from_quaternion
@@ -61,7 +61,7 @@ def _timed(variants: dict[str, Callable[[], Any]], samples: int) -> list[Timing]
 
 def _readers(log: Path) -> dict[str, Callable[[], Any]]:
     def ours() -> None:
-        for _ in open_log(log, Layout()).blocks():
+        for _ in open_log(log, LogLayout()).blocks():
             pass
 
     def rosbags(*, decode: bool) -> None:

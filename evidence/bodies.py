@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 import palpate
-from palpate_lab.simulation import Body, BumpySphere, Ellipsoid, Superquadric, contact_wrenches
+from palpate_lab.simulation import Body, BumpySphere, EllipsoidBody, Superquadric, contact_wrenches
 
 __all__ = ["BODIES", "BUMPIER", "CONVEX", "SIZES", "R", "curvature", "mesh_of", "path", "prism"]
 
 R = 0.010  # m
 BODIES: dict[str, Body] = {
-    "ellipsoid 1 : 0.7 : 0.5": Ellipsoid((R, 0.7 * R, 0.5 * R)),
+    "ellipsoid 1 : 0.7 : 0.5": EllipsoidBody((R, 0.7 * R, 0.5 * R)),
     "superquadric 1 : 0.7 : 0.5, exponents 0.7": Superquadric((R, 0.7 * R, 0.5 * R), (0.7, 0.7)),
     "bumpy sphere": BumpySphere(R),
 }

@@ -22,11 +22,11 @@ import palpate
 from evidence.bodies import mesh_of
 from evidence.covariance import CHI2_95, NOISE, squared_distance
 from evidence.row import Row
-from palpate.contact.plausibility import Asked
+from palpate.contact.plausibility import RequiredBounds
 from palpate.surfaces.quadric import Cylinder
 from palpate.surfaces.quadric import Ellipsoid as EllipsoidSurface
 from palpate.surfaces.surface import Surface
-from palpate_lab.simulation import Ellipsoid
+from palpate_lab.simulation import EllipsoidBody
 
 __all__ = ["BALL", "BOX", "LEVER", "PLATE", "TOOLS", "Pressed", "Tool", "press", "rows", "scene"]
 
@@ -94,7 +94,7 @@ _axes = (0.030, 0.021, 0.015)
 TOOLS = {
     "ellipsoid": Tool(
         'type="ellipsoid" size="0.030 0.021 0.015"',
-        {"an equation": EllipsoidSurface(_axes), "a mesh": mesh_of(Ellipsoid(_axes), 20_000)},
+        {"an equation": EllipsoidSurface(_axes), "a mesh": mesh_of(EllipsoidBody(_axes), 20_000)},
         (0.06, 0.06, 0.06),
     ),
     "capsule": Tool('type="capsule" size="0.012 0.020"', {"a mesh": _capsule(0.012, 0.020)}, (0.03, 0.03, 0.05)),
@@ -160,11 +160,11 @@ def _flat(count: int) -> Iterator[Row]:
     arm = seen.wrench[:, 3:] - np.cross(seen.point, seen.wrench[:, :3])
     beyond = np.abs(arm[:, 2] / seen.wrench[:, 2]) > TORSION
     doubted = found.status == palpate.Status.IMPLAUSIBLE
-    asked = Asked.of(palpate.Contacts.single(np.arange(count) * 1e-3, found), (friction, TORSION))
+    asked = RequiredBounds.of(palpate.Contacts.single(np.arange(count) * 1e-3, found), (friction, TORSION))
     same = float(np.mean(doubted == beyond))
-    got = f"{same:.2%}; {np.mean(beyond):.0%} of {count:,} turn that hard; said: {asked.said or 'nothing'}"
+    got = f"{same:.2%}; {np.mean(beyond):.0%} of {count:,} turn that hard; said: {asked.exceeded or 'nothing'}"
     what = "flat on flat, torsion bound 5 mm: implausible just where the patch turns harder than that; what is said"
-    yield Row(NAME, what, ">= 99 %, and a patch", got, same >= 0.99 and "patch" in asked.said, COMMAND)
+    yield Row(NAME, what, ">= 99 %, and a patch", got, same >= 0.99 and "patch" in asked.exceeded, COMMAND)
     reach = np.array([asked.reach(float(arm)) for arm in np.abs(wide.torque / wide.force[:, 2])])
     sound = float(np.mean(reach <= seen.reach + seen.depth))  # sideways forces act so far below the surface
     got = f"{sound:.2%}; largest {1e3 * reach.max():.2f} mm of {1e3 * seen.reach[np.argmax(reach)]:.2f}"

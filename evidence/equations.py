@@ -20,7 +20,7 @@ from palpate.surfaces import (
 )
 from palpate.surfaces.analytic import Analytic
 from palpate_lab.simulation import touch_wrenches
-from palpate_lab.simulation.shapes import Ellipsoid as Truth
+from palpate_lab.simulation.shapes import EllipsoidBody as Truth
 
 __all__ = ["orders", "rows"]
 

@@ -16,7 +16,7 @@ from evidence.made_robots import MESHES, MOUNTED, MOVED, mounting_apart, poses_a
 from evidence.robot import WRENCH, apart, apart_from_library, readme, write_robot
 from evidence.row import Row, shared, skipped
 from palpate.cli import main
-from palpate.files.logs import Layout, read_recording
+from palpate.files.logs import LogLayout, read_recording
 from palpate_lab.simulation.session import Session, simulate_session
 from palpate_lab.simulation.session_files import write_session
 
@@ -134,8 +134,8 @@ def _tree(folder: Path, touches: int) -> Iterator[Row]:
 
 
 def _poses(folder: Path, session: Session) -> Iterator[Row]:
-    layout = Layout(wrench_topic=WRENCH, frames=("world", "ft_sensor"))
-    moved = Layout(wrench_topic=WRENCH, frames=("world", "ft_sensor"), urdf=folder / "robot.urdf")
+    layout = LogLayout(wrench_topic=WRENCH, frames=("world", "ft_sensor"))
+    moved = LogLayout(wrench_topic=WRENCH, frames=("world", "ft_sensor"), urdf=folder / "robot.urdf")
     for name, how in (("/tf and /tf_static", layout), ("joint states and a URDF", moved)):
         found = read_recording(folder / "touches", how)
         off = apart(found, session.touches), apart_from_library(found, session.touches, folder / "robot.urdf")

@@ -32,15 +32,15 @@ from evidence.row import Row
 from palpate.cli.live_page import show
 from palpate.contact.estimate import ROW, Status
 from palpate.live.source import Batch
-from palpate.live.stream_buffer import Form, Ring
+from palpate.live.stream_buffer import SlotForm, StreamBuffer
 from palpate.sensors.taxels.places import TaxelPlaces
 from palpate.sensors.taxels.places_page import TaxelPage
 from palpate.surfaces import Sphere
 from palpate.viewer.guard import LARGEST
-from palpate.viewer.scene import nothing, prepare
+from palpate.viewer.scene import no_contacts, prepare
 from palpate.viewer.server import Page, Served
 from palpate.viewer.viser_door import CLIENTS
-from palpate_lab.simulation.shapes import Ellipsoid
+from palpate_lab.simulation.shapes import EllipsoidBody
 from palpate_lab.viewer.arena import Arena
 from palpate_lab.viewer.live_arena import LiveArena
 from palpate_lab.viewer.live_probe import LiveProbe
@@ -207,7 +207,7 @@ def _here(made: Served) -> Generator[Target]:
 
 
 def _view() -> AbstractContextManager[Target]:
-    return _here(Page(prepare(Sphere(0.05), nothing(), "view"), port=0))
+    return _here(Page(prepare(Sphere(0.05), no_contacts(), "view"), port=0))
 
 
 def _arena() -> AbstractContextManager[Target]:
@@ -216,7 +216,7 @@ def _arena() -> AbstractContextManager[Target]:
 
 
 def _phantom() -> AbstractContextManager[Target]:
-    return _here(LiveProbe(*Ellipsoid((0.03, 0.02, 0.015)).mesh(200), (0.2, 0.1, 0.05), 7.0, port=0))
+    return _here(LiveProbe(*EllipsoidBody((0.03, 0.02, 0.015)).mesh(200), (0.2, 0.1, 0.05), 7.0, port=0))
 
 
 def _taxels() -> AbstractContextManager[Target]:
@@ -231,7 +231,9 @@ def _live() -> Generator[Target]:
     with tempfile.TemporaryDirectory() as scratch:
         rig, errors = Path(scratch) / "rig.toml", Path(scratch) / "errors"
         rig.write_text(RIG)
-        ring = Ring.make(Path(scratch) / "ring", Form("force_torque", (6,), False, (), ROW.length, 1), 1 << 22)
+        ring = StreamBuffer.make(
+            Path(scratch) / "ring", SlotForm("force_torque", (6,), False, (), ROW.length, 1), 1 << 22
+        )
         process = get_context("spawn").Process(target=_shown, args=(errors, ring.path, rig, os.getpid()), daemon=True)
         process.start()
         over, filler = threading.Event(), threading.Thread()
@@ -244,7 +246,7 @@ def _live() -> Generator[Target]:
 
         try:
             until(lambda: ring["said"] or not process.is_alive(), "no page")
-            address = f"{ring.said(0)[0][0][1].split(' ')[4]}/?token={TOKEN}"
+            address = f"{ring.events(0)[0][0][1].split(' ')[4]}/?token={TOKEN}"
             filler = threading.Thread(target=_fill, args=(ring, over), daemon=True)
             filler.start()
             yield Target(address, lambda: (ring["asked"], ring["said"]), missed, errors.read_text)
@@ -256,7 +258,7 @@ def _live() -> Generator[Target]:
             ring.close()
 
 
-def _fill(ring: Ring, over: threading.Event) -> None:
+def _fill(ring: StreamBuffer, over: threading.Event) -> None:
     """200 samples a second in which nothing touches."""
     row = np.full((10, ROW.length), np.nan)
     row[:, ROW.force], row[:, ROW.residual], row[:, ROW.candidates] = 0.01, 0.0, 0

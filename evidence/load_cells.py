@@ -18,7 +18,7 @@ from evidence import cell_faults
 from evidence.row import Row
 from palpate.sensors.load_cells.array import LoadCellArray
 from palpate.sensors.load_cells.calibrate import CalibrationOptions, LoadCellCalibration, identify_load_cells
-from palpate.sensors.load_cells.faults import Fault
+from palpate.sensors.load_cells.faults import CellFault
 from palpate.sensors.load_cells.model import VOLTAGE, LoadCells
 from palpate.sensors.load_cells.resolution import WANTED, resolution
 from palpate.sensors.load_cells.zero import Zero, take_zero
@@ -63,7 +63,7 @@ class Answer:
     """Contacts of a run, in its order, and what is wrong with the cells by them."""
 
     found: palpate.ContactEstimate
-    faults: list[Fault]
+    faults: list[CellFault]
 
 
 @dataclass(frozen=True)
@@ -366,7 +366,7 @@ def _faults(runs: Runs, small: bool) -> Iterator[Row]:
             named = answer.faults
             right = [fault.kind for fault in named] == [kind.split(",")[0].split(" ")[0]] and named[0].cells == (cell,)
             share = float(np.mean(answer.found.answered[_loaded(run)]))
-            got = f"{ratio:.2f}, {share:.1%} answered; {'; '.join(fault.said for fault in named) or 'nothing named'}"
+            got = f"{ratio:.2f}, {share:.1%} answered; {'; '.join(fault.text for fault in named) or 'nothing named'}"
             met = right and share > 0.99 and (most is None or ratio <= most)
             target = "named" + (f", {most}" if most else ", goes on")
             yield Row(NAME, f"cell {cell + 1} {kind}: error over the sound one", target, got, met, COMMAND)
@@ -375,7 +375,7 @@ def _faults(runs: Runs, small: bool) -> Iterator[Row]:
         answer = _answer(cells, bad)
         named = answer.faults
         share = float(np.mean(answer.found.answered[_loaded(run)]))
-        got = f"{share:.1%} answered; {'; '.join(fault.said for fault in named)}"
+        got = f"{share:.1%} answered; {'; '.join(fault.text for fault in named)}"
         met = [fault.kind for fault in named] == ["swapped"] and named[0].cells == (one, other)
         yield Row(
             NAME, f"cells {one + 1} and {other + 1} exchanged", "named, and says that it cannot", got, met, COMMAND

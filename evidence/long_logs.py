@@ -10,7 +10,7 @@ import numpy as np
 import polars as pl
 
 from palpate.files.contacts.mcap import topics as declared
-from palpate.files.mcap.writer import MESSAGE, McapWriter, Topic
+from palpate.files.mcap.writer import MESSAGE, McapWriter, WrittenTopic
 from palpate.signals.recording import ORIENTATION, Recording
 from palpate_lab.simulation.session import Session
 
@@ -48,8 +48,8 @@ def _write_mcap(path: Path, session: Session, samples: int) -> None:
     definitions = {topic.kind: topic.definition for topic in declared()}
     wrench, pose = "geometry_msgs/msg/WrenchStamped", "geometry_msgs/msg/PoseStamped"
     topics = (
-        Topic("/ft_sensor/wrench", wrench, definitions[wrench]),
-        Topic("/arm/sensor_pose", pose, definitions[pose]),
+        WrittenTopic("/ft_sensor/wrench", wrench, definitions[wrench]),
+        WrittenTopic("/arm/sensor_pose", pose, definitions[pose]),
     )
     writer, sequence = McapWriter(topics, "evidence"), count()
     with path.open("wb") as file:

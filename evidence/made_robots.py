@@ -15,7 +15,7 @@ import trimesh
 from pytransform3d.urdf import UrdfTransformManager
 
 from palpate.files.urdf import Kinematics, LinkBody, Urdf
-from palpate.setup.body import Body
+from palpate.setup.body import GivenBody
 from palpate.spatial.pose import rotation_from_quaternion
 
 __all__ = [
@@ -171,7 +171,7 @@ def _placed(path: Path, link: str, kind: Any, packages: list[Path]) -> np.ndarra
 
 def mounting_apart(path: Path, link: str, sensor: str) -> float:
     """[m], and of the elements of the rotation, of a link in the sensor's frame, from both libraries."""
-    pose = Body.of(path, link).mounting(sensor)
+    pose = GivenBody.of(path, link).mounting(sensor)
     if pose is None:
         return np.inf
     model = pin.buildModelFromUrdf(str(path))

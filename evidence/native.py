@@ -22,7 +22,7 @@ from palpate.contact import Locator
 from palpate.files.contacts import read_contacts
 from palpate.surfaces import Mesh, _jit
 from palpate_lab.simulation import simulate_session, write_session
-from palpate_lab.simulation.shapes import Ellipsoid
+from palpate_lab.simulation.shapes import EllipsoidBody
 
 __all__ = ["rows"]
 
@@ -111,7 +111,9 @@ def _estimated(sensor: str, log: Path, rig: Path, small: bool) -> Iterator[Row]:
 
 def _threads(count: int) -> Row:
     """How many steps a thread of Python takes while another locates a batch, to how many it takes alone."""
-    locator = Locator(Mesh.from_arrays(*Ellipsoid((0.010, 0.007, 0.005)).mesh(2_000)), noise=[0.02] * 3 + [0.001] * 3)
+    locator = Locator(
+        Mesh.from_arrays(*EllipsoidBody((0.010, 0.007, 0.005)).mesh(2_000)), noise=[0.02] * 3 + [0.001] * 3
+    )
     random = np.random.default_rng(0)
     wrenches = random.normal(size=(count, 6)) * [5, 5, 5, 0.02, 0.02, 0.02]
     locator.run(wrenches[:100])

@@ -41,7 +41,7 @@ from palpate_lab.simulation.contacts import touch_wrenches
 from palpate_lab.simulation.forearm import Forearm
 from palpate_lab.simulation.load_cell_bench import BENCHES
 from palpate_lab.simulation.poke_bench import HAND, MIX, PokeBench
-from palpate_lab.simulation.shapes import Ellipsoid
+from palpate_lab.simulation.shapes import EllipsoidBody
 
 __all__ = ["rows"]
 
@@ -167,7 +167,7 @@ def _payload() -> Iterator[Spoiled]:
 
 # --- mounting
 
-BODY = Ellipsoid((0.03, 0.0125, 0.02))
+BODY = EllipsoidBody((0.03, 0.0125, 0.02))
 NOMINAL = Pose(np.eye(3), np.array([0.0, 0.0, 0.085]))
 TRUE = Pose.from_rotation_vector(np.array([0.02, -0.01, 0.03]), np.array([0.001, -0.0005, 0.0862]))
 
@@ -459,7 +459,7 @@ def _lens() -> Iterator[Spoiled]:
                 seen.append(LENS.project(pose.apply(grid)) + rng.normal(0.0, 0.1, (54, 2)))
             spoil(seen, rng)
             fit = fit_lens(seen, (9, 6), 0.01, (640, 480))
-            return ((fit.camera.fx - LENS.fx) / (fit.deviation * fit.left_out.widening**0.5)) ** 2
+            return ((fit.camera.fx - LENS.fx) / (fit.deviation * fit.validation.widening**0.5)) ** 2
 
         return made
 

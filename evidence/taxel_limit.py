@@ -15,7 +15,7 @@ from palpate.sensors.taxels.poking.plan import candidates, known_after, plan_pok
 from palpate.sensors.taxels.poking.rigid_groups import Units, fitted, single
 from palpate.surfaces.mesh import Mesh
 from palpate_lab.simulation.forearm import Forearm
-from palpate_lab.simulation.poke_bench import HAND, MIX, Arm, PokeBench, PokeErrors
+from palpate_lab.simulation.poke_bench import HAND, MIX, Elbow, PokeBench, PokeErrors
 
 __all__ = ["HELD", "priors_of", "rows"]
 
@@ -159,7 +159,7 @@ def _planning(skin: Forearm, link: Mesh, small: bool) -> Iterator[Row]:
 
 def _counted(units: Units, start: bool, pokes: int) -> tuple[int, int, float]:
     """Pokes that are needed at random (mean of some orders) and planned, and the deviation [m] that both reach."""
-    arm, priors = Arm(), priors_of(MIX)
+    arm, priors = Elbow(), priors_of(MIX)
     options = candidates(units, arm.pose(*arm.joints.T), MIX.noise)
     deviations = units.each(priors.start, priors.start_angle) if start else None
 

@@ -76,7 +76,7 @@ def _touched(sessions: int, pokes: int, touches: int) -> Iterator[Row]:
         truth = bench.skin.places
         places.append(float(np.linalg.norm(found.positions - truth.positions, axis=1).mean()))
         one = simulate_touches(bench, rng, touches)
-        both = {apart: simulate_touches(bench, rng, touches, apart=apart) for apart in APART}
+        both = {apart: simulate_touches(bench, rng, touches, spacing=apart) for apart in APART}
         for true, where in ((True, truth), (False, found)):
             single[true].append(_judged(where, one, 1))
             for apart, two in both.items():
@@ -170,7 +170,7 @@ def _speed(small: bool) -> Iterator[Row]:
         skin = _skin() if modules == 7 else Forearm.of(modules, rows=along)
         rng = np.random.default_rng(SEED)
         bench = PokeBench.drawn(rng, skin=skin)
-        touches = simulate_touches(bench, rng, 10 if small or modules > 7 else 100, apart=APART[1])
+        touches = simulate_touches(bench, rng, 10 if small or modules > 7 else 100, spacing=APART[1])
         times = 1 if small else 20
         block = np.tile(touches.frames[:-1], (times, 1))
         recording = Recording(np.arange(len(block)) / 50.0, {CELLS: block})

@@ -3,10 +3,10 @@
 import numpy as np
 
 import palpate
-from palpate_lab.simulation import Ellipsoid
+from palpate_lab.simulation import EllipsoidBody
 
 # A body of 60 x 40 x 30 mm; of your own it is palpate.Mesh.load("tool.stl", unit="mm").
-body = Ellipsoid((0.030, 0.020, 0.015))
+body = EllipsoidBody((0.030, 0.020, 0.015))
 mesh = palpate.Mesh.from_arrays(*body.mesh(8000))
 
 # A finger presses at a known place with 5 N, a little aslant: what the sensor, at the body's origin, would read.

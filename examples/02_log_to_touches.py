@@ -8,9 +8,9 @@ import polars as pl
 import trimesh
 
 import palpate
-from palpate_lab.simulation import Ellipsoid, contact_wrenches
+from palpate_lab.simulation import EllipsoidBody, contact_wrenches
 
-rng, body = np.random.default_rng(1), Ellipsoid((0.030, 0.020, 0.015))
+rng, body = np.random.default_rng(1), EllipsoidBody((0.030, 0.020, 0.015))
 points = body.sample(3, rng)
 forces = np.array([[3.0], [6.0], [9.0]]) * -body.normals(points)
 

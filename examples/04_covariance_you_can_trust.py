@@ -3,9 +3,9 @@
 import numpy as np
 
 import palpate
-from palpate_lab.simulation import Ellipsoid, touch_wrenches
+from palpate_lab.simulation import EllipsoidBody, touch_wrenches
 
-rng, body = np.random.default_rng(4), Ellipsoid((0.030, 0.020, 0.015))
+rng, body = np.random.default_rng(4), EllipsoidBody((0.030, 0.020, 0.015))
 noise = np.repeat([0.02, 0.001], 3)  # N, N m
 
 points = body.sample(10_000, rng)

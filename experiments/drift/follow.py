@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from experiments.drift.world import BODY, NOISE, PLACE, RATE
+from palpate.contact.drift_gate import ContactShape, Jump
+from palpate.contact.drift_tracker import DriftTracker
 from palpate.contact.locate import Locator
-from palpate.contact.zero_follower import ZeroFollower
-from palpate.contact.zero_gate import ContactShape, Jump
 from palpate.sensors.force_torque.compensation import Compensation
 from palpate.sensors.force_torque.model import ForceTorque
 from palpate.signals.drift import Drift
@@ -66,7 +66,7 @@ def follow(
     log = Recording(time, channels)
     sensor = Compensation(ForceTorque(NOISE), payload)
     sensor.tare(log.picked(slice(0, TARE)))
-    follower = ZeroFollower(sensor, drift, shape(), alone=alone, smooth=smooth)
+    follower = DriftTracker(sensor, drift, shape(), alone=alone, smooth=smooth)
     times, states = list[float](), list[ZeroState]()
     for cut in follower.pieces(time):
         follower.enter(float(time[cut.start]), np.nan if temperature is None else float(temperature[cut.start]))

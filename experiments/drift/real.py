@@ -73,7 +73,7 @@ def pad(folder: Path, log: str, walk: float) -> Iterator[Line]:
             both = np.linalg.norm(force["followed"] - force["tare alone"], axis=1)
             figures["force differs N, most"] = float(np.nanmax(both))
         yield Line(f"{log}, {name}, walk {1e3 * walk:g} mN/sqrt(s)", figures)
-        for said in (*made.notes(), *made.doubts()):
+        for said in (*made.notes(), *made.warnings()):
             yield Line(f"  {said}", {})
 
 

@@ -129,7 +129,7 @@ def places(kind: str, count: int, force: float, now: Conditions, sizes: Sizes, s
             off = float(apart[0])
             apart[ranked.normals @ made.normals[-1] < 0.5] = np.inf  # round an edge: another contact, however near
             rows.append((bool(ranked.region[apart.argmin()]), float(ranked.region.mean()), off))
-            both = locator.beside(found, ranked)
+            both = locator.neighbours(found, ranked)
             wrong = np.linalg.norm(both.force - made.forces, axis=1)
             seen.append(wrong[:-1])
             unseen.append(float(wrong[-1]))

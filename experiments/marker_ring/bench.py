@@ -20,7 +20,7 @@ from palpate.sensors.marker_ring.locator import turned
 from palpate.sensors.marker_ring.model import MarkerRing, RingBody
 from palpate.signals.recording import IMAGE, Recording
 from palpate_lab.simulation.barrel import Barrel, Indenter, Pressed
-from palpate_lab.simulation.ring_camera import Look, Photographer
+from palpate_lab.simulation.ring_camera import Look, RenderedCamera
 from palpate_lab.simulation.ring_session import Protocol, RingSession, RingUnit, calibration_run
 
 __all__ = ["MARKERS", "RATE", "Answer", "Bench", "Calibrated", "Error", "answered", "calibrated", "errors", "second"]
@@ -53,9 +53,9 @@ class Bench:
         """Unloaded."""
         return self.barrel.press([])
 
-    def photographer(self, look: Look | None = None) -> Photographer:
+    def photographer(self, look: Look | None = None) -> RenderedCamera:
         """Its camera, with noise from the start."""
-        return Photographer(self.unit.camera, look or self.unit.look, np.random.default_rng([self.seed, 5]))
+        return RenderedCamera(self.unit.camera, look or self.unit.look, np.random.default_rng([self.seed, 5]))
 
     def ladder(self, bodies: Sequence[Indenter], steps: int) -> list[Pressed]:
         """Down to the bodies' depths in equal steps."""

@@ -6,9 +6,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from palpate_lab.cli.arena_run import ArenaSettings, Fault
+from palpate_lab.cli.arena_run import ArenaSettings, RobotFault
 from palpate_lab.simulation.arena.fixed_layouts import paper_layout, trap_layout
-from palpate_lab.simulation.arena.layout import Layout
+from palpate_lab.simulation.arena.layout import ArenaLayout
 from palpate_lab.simulation.arena.random_layouts import random_layout
 
 __all__ = [
@@ -111,12 +111,12 @@ FULL = Sizes(100, 40, 10, 4)
 
 def arena_settings(condition: Condition) -> ArenaSettings:
     """What the loop takes."""
-    faults = (Fault(condition.fault),) if condition.fault else ()
+    faults = (RobotFault(condition.fault),) if condition.fault else ()
     given = {name: getattr(condition, name) for name in ("seed", "method", "sensing", "touch", "pose")}
     return ArenaSettings(_layout(condition), **given, seconds=LIMIT, faults=faults)
 
 
-def _layout(condition: Condition) -> Layout:
+def _layout(condition: Condition) -> ArenaLayout:
     if condition.arena == "figure 11":
         return paper_layout()
     if condition.arena.startswith("trap "):

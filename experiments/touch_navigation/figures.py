@@ -12,7 +12,7 @@ from jaxtyping import Float
 from experiments.touch_navigation.conditions import LIMIT, arena_settings
 from experiments.touch_navigation.study import Found, Outcome
 from palpate.viewer._style import AXES, INK, MUTED, RULE, figure, save, styled
-from palpate_lab.simulation.arena.layout import Block, Layout
+from palpate_lab.simulation.arena.layout import ArenaLayout, Block
 
 __all__ = ["arrivals", "ways"]
 
@@ -47,7 +47,7 @@ def ways(panels: Mapping[str, Outcome], path: Path) -> None:
         save(drawn, path, "png")
 
 
-def _arena(axis: Any, layout: Layout, outcome: Outcome) -> None:
+def _arena(axis: Any, layout: ArenaLayout, outcome: Outcome) -> None:
     width, height = layout.size
     axis.set_aspect("equal")
     axis.set_xlim(0.0, width)

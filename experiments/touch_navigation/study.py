@@ -26,8 +26,8 @@ from experiments.touch_navigation.conditions import JUDGED, Condition, arena_set
 from palpate.errors import InputError
 from palpate.sensors.marker_ring.estimator import RingEstimator
 from palpate_lab.cli.arena_ring import RingWear
-from palpate_lab.cli.arena_run import FELT, ArenaRun, Moment
-from palpate_lab.simulation.arena.camera import SwiftCamera
+from palpate_lab.cli.arena_run import FELT, ArenaMoment, ArenaRun
+from palpate_lab.simulation.arena.camera import TableCamera
 
 __all__ = ["BIN", "Found", "Outcome", "found", "frames_a_second", "run", "stamp"]
 
@@ -110,7 +110,7 @@ class _Watch:
     def __post_init__(self) -> None:
         self.digest = hashlib.sha256()
 
-    def see(self, moment: Moment) -> None:
+    def see(self, moment: ArenaMoment) -> None:
         self.digest.update(moment.poses.tobytes())
         for truth in moment.truths:
             if len(truth) and (strongest := float(truth[:, 1].max())) > FELT:
@@ -162,7 +162,7 @@ def _worn() -> RingWear:
 def frames_a_second(count: int = 200) -> float:
     """Frames that the detector and the estimator answer in a second of a core, two touches wandering round the ring."""
     wear = _worn()
-    camera = SwiftCamera(wear.unit.camera, wear.unit.look, np.random.default_rng(JUDGED))
+    camera = TableCamera(wear.unit.camera, wear.unit.look, np.random.default_rng(JUDGED))
     estimator = RingEstimator(wear.ring)
     rows, took = estimator.empty(estimator.most), 0.0
     for k in range(count):

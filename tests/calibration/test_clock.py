@@ -166,7 +166,7 @@ def test_an_arm_that_rests_for_half_of_the_log_is_no_contradiction() -> None:
     """The parts at rest say nothing of the offset, and are not asked for one of their own."""
     for seed in range(4):
         found = identify_offset(*a_log(0.04, seed, swing=Swing(start=5.0), load=LIGHT))
-        assert found.left_out.ratio < 6.0  # four numbers: one of 7,000 by chance
+        assert found.validation.ratio < 6.0  # four numbers: one of 7,000 by chance
         assert abs(z(found, 0.04)) < 4.0
 
 

@@ -326,6 +326,6 @@ def test_a_zero_that_walks_more_in_one_half_has_the_larger_walk() -> None:
         4.0 * WALK * np.sqrt(1.0 / RATE) * rng.normal(size=(len(time) - late, values.shape[1])), 0
     )
     calm, fit = identify(time, values), identify(time, restless)
-    assert calm.left_out.parts == 2
+    assert calm.validation.parts == 2
     assert any("walks more in one half" in note for note in fit.notes)
     assert fit.drift.walk[0] == pytest.approx(17.0**0.5 * WALK, rel=0.3)

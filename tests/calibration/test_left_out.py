@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.calibration.left_out import LeftOut, leave_out
+from palpate.calibration.validation import Validation, cross_validate
 from palpate.errors import NotIdentifiable
 
 
-def _line(rng: np.random.Generator, noise: float) -> LeftOut:
+def _line(rng: np.random.Generator, noise: float) -> Validation:
     """Leave parts of a straight line out whose points are stated to err by 1."""
     x = rng.uniform(size=60)
     columns = np.stack([np.ones(60), x], axis=1)
@@ -20,7 +20,7 @@ def _line(rng: np.random.Generator, noise: float) -> LeftOut:
         found = inverse @ columns[~left].T @ y[~left]
         return y[left] - columns[left] @ found, np.eye(left.sum()) + columns[left] @ inverse @ columns[left].T
 
-    return leave_out(60, predict)
+    return cross_validate(60, predict)
 
 
 @pytest.mark.parametrize("noise", [1.0, 3.0])
@@ -36,6 +36,6 @@ def test_nothing_is_widened_where_nothing_can_be_left_out() -> None:
     def refuse(left: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         raise NotIdentifiable("too few", rank=0, missing=("all",))
 
-    found = leave_out(3, refuse)
+    found = cross_validate(3, refuse)
     assert (found.parts, found.widening, found.notes) == (0, 1.0, ())
     assert "not checked" in str(found)

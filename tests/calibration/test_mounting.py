@@ -8,14 +8,14 @@ from palpate.calibration._pose_fit import _scale, fit, offset
 from palpate.calibration._touch_evidence import KnownPoints, moved
 from palpate.calibration.mounting import Mounting, Spreads, identify_mounting, mean_touches
 from palpate.calibration.touch_error import spread_in_time, touch_error
-from palpate.contact.ground_truth import Touches
+from palpate.contact.ground_truth import TrueTouches
 from palpate.errors import InputError, NotIdentifiable
 from palpate.spatial.pose import Pose
 from palpate.surfaces import Mesh
 from palpate_lab.simulation.contacts import contact_wrenches, directed_forces, touch_wrenches
-from palpate_lab.simulation.shapes import Body, Ellipsoid
+from palpate_lab.simulation.shapes import Body, EllipsoidBody
 
-BODY = Ellipsoid((0.03, 0.0125, 0.02))
+BODY = EllipsoidBody((0.03, 0.0125, 0.02))
 NOMINAL = Pose(np.eye(3), np.array([0.0, 0.0, 0.085]))
 TRUE = Pose.from_rotation_vector(np.array([0.02, -0.01, 0.03]), np.array([0.001, -0.0005, 0.0862]))
 NOISE = np.array([0.002] * 3 + [1e-4] * 3)  # N, N m: 0.02 N and 1 mN m averaged over half a second at 200 Hz
@@ -192,7 +192,7 @@ def test_a_turn_that_changes_nothing_is_named_and_stays(
     axes: tuple[float, float, float], blind: tuple[str, ...]
 ) -> None:
     rng = np.random.default_rng(7)
-    body = Ellipsoid(axes)
+    body = EllipsoidBody(axes)
     wrenches = sensed(_free(body, 30, 0.1, rng), rng)
     found = identify_mounting(
         wrenches, Mesh.from_arrays(*body.mesh(2000)), initial=NOMINAL, noise=NOISE, spreads=Spreads(friction=0.1)
@@ -250,7 +250,7 @@ def test_what_touches_err_by_beside_the_noise_is_found(mesh: Mesh) -> None:
     aside = np.cross(normals, rng.normal(0.0, beside, (count, 3)))  # of this deviation along each tangent
     wrenches = np.repeat(sensed(touch_wrenches(points, normals, rng, force=(2.0, 8.0), pitch=1e-3)), samples, axis=0)
     time = np.arange(count * samples, dtype=np.float64)
-    touches = Touches(time[::samples], time[samples - 1 :: samples], points - aside, tuple(map(str, range(count))))
+    touches = TrueTouches(time[::samples], time[samples - 1 :: samples], points - aside, tuple(map(str, range(count))))
     noise = 10.0 * NOISE
     log = wrenches + rng.normal(size=wrenches.shape) * noise
 
@@ -264,11 +264,11 @@ def test_what_touches_err_by_beside_the_noise_is_found(mesh: Mesh) -> None:
 
     found = touch_error(time, log, touches, normals, np.diag(noise**2), pose_from)
     # 120 errors tell their deviation to 6 %, and the pose from three quarters of them adds as much
-    assert found.beside == pytest.approx(beside, rel=0.2)
+    assert found.common == pytest.approx(beside, rel=0.2)
     # of the torque, and of the force with an arm of 86 mm; evenly spread from 2 to 8 N, 1/F is 1/4 N in the rms
     assert found.noise == pytest.approx(float(np.hypot(1e-3, 0.02 * 0.086)) / 4.0, rel=0.2)
     assert found.placement(2e-3) == 0.0
-    assert found.placement(0.0) == found.beside
+    assert found.placement(0.0) == found.common
 
 
 def test_errors_of_neighbours_count_once() -> None:
@@ -290,5 +290,5 @@ def test_touches_left_out_lie_where_the_others_predict(mesh: Mesh) -> None:
     points = BODY.sample(24, rng)
     marks = points + rng.normal(0.0, 0.5e-3, points.shape)
     found = identify_mounting(sensed(pressed(points, rng), rng), mesh, initial=NOMINAL, points=marks, noise=NOISE)
-    assert found.left_out.parts == 4
-    assert 0.2 < found.left_out.ratio < 2.0
+    assert found.validation.parts == 4
+    assert 0.2 < found.validation.ratio < 2.0

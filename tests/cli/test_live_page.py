@@ -21,9 +21,9 @@ from palpate.cli.live_page import Stream as Reading
 from palpate.cli.live_page import show
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW
-from palpate.live.stream_buffer import Ring
+from palpate.live.stream_buffer import StreamBuffer
 from palpate.surfaces import Sphere
-from palpate.viewer.live import SECONDS, Figures, LivePage, recent
+from palpate.viewer.live import SECONDS, LivePage, StreamFigures, recent
 from tests.support.browser import PATIENCE, chromium, until
 from tests.support.live_rings import RADIUS, answered, rows, sphere_rig, sphere_ring, touches
 
@@ -36,7 +36,7 @@ RATE, TOKEN = 200.0, "of_this_test"  # Hz
 class Stream:
     """A ring that is filled, and the process of its page; the next sample comes after `lose` that are lost."""
 
-    ring: Ring
+    ring: StreamBuffer
     process: multiprocessing.process.BaseProcess
     running: threading.Event = field(default_factory=threading.Event)
     over: threading.Event = field(default_factory=threading.Event)
@@ -54,7 +54,7 @@ class Stream:
 
     def said(self) -> str:
         """All sentences."""
-        return "\n".join(sentence for _, sentence in self.ring.said(0)[0])
+        return "\n".join(sentence for _, sentence in self.ring.events(0)[0])
 
     def memory(self) -> float:
         """MB that the page's process holds."""
@@ -198,7 +198,7 @@ def test_what_was_not_fetched_is_replaced_by_what_comes_after_it() -> None:
             for k in range(40):
                 window = recent(window, touches(400 * turn + 10 * k, 10))
                 page.show(window[-1:])
-                page.tell(window, Figures(samples=k, said=(("10:00:00", f"sentence {k}"),)))
+                page.tell(window, StreamFigures(samples=k, events=(("10:00:00", f"sentence {k}"),)))
             sizes.append(len(waiting))
         assert sizes[0] == sizes[1] == sizes[2]
 
@@ -232,7 +232,7 @@ def test_no_arrow_is_longer_than_the_body_however_old_the_scale_is() -> None:
 
         usual = recent(None, touches(0, 40))
         assert 0.1 < shown(usual[-1:]) < 1.0  # nothing has scaled it yet
-        page.tell(usual, Figures())
+        page.tell(usual, StreamFigures())
         assert 0.1 < shown(usual[-1:]) < 1.0
         hard = rows(40, 1)
         hard[:, ROW.force] *= 50.0

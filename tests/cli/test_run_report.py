@@ -12,7 +12,7 @@ from palpate.cli.report import judged
 from palpate.cli.report_advice import status_advice
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, ContactEstimate, Status
-from palpate.contact.ground_truth import Samples, Touches
+from palpate.contact.ground_truth import TrueSamples, TrueTouches
 from palpate.contact.locate import Locator
 from palpate.sensors.force_torque.view import force_torque, wrench_advice
 from palpate.sensors.load_cells.resolution import nominal_cells
@@ -66,7 +66,7 @@ def _tiles(run: Run) -> dict[str, str]:
 
 def test_the_tiles_are_the_run() -> None:
     """By construction: all answered, 42 N at most, 3 mm off, and 95 % of a 1 mm normal within 2.448 mm."""
-    truth = Samples(TIME, TRUTH)
+    truth = TrueSamples(TIME, TRUTH)
     tiles = _tiles(judged(_run(), truth))
     assert tiles == {
         "samples": "1,000",
@@ -82,14 +82,14 @@ def test_the_tiles_are_the_run() -> None:
 def test_touches_are_compared_with_their_marks() -> None:
     rows = _rows()
     rows[:, ROW.point] = [3e-3, 0.0, 0.0]
-    truth = Touches(np.array([1.0, 5.0]), np.array([2.0, 6.0]), np.zeros((2, 3)), ("one", "two"))
+    truth = TrueTouches(np.array([1.0, 5.0]), np.array([2.0, 6.0]), np.zeros((2, 3)), ("one", "two"))
     found = _section(judged(_run(rows), truth), "Against the ground truth")
     assert len(found.pictures) == 2
     assert found.tables[0].rows[0][1:] == ("3.000", "3.000", "3.000", "3.000", "2")
 
 
 def test_a_truth_of_another_time_is_said() -> None:
-    found = _section(judged(_run(), Samples(TIME + 1e6, TRUTH)), "Against the ground truth")
+    found = _section(judged(_run(), TrueSamples(TIME + 1e6, TRUTH)), "Against the ground truth")
     assert "No sample matches" in found.text[0]
 
 
@@ -124,16 +124,16 @@ def test_settings_are_those_of_the_rig() -> None:
     assert facts["a contact"] == "begins at 0.5 N, ends at 0.3 N"
     assert facts["noise of a reading"].startswith("0.02 N and 0.001 N m")
     assert facts["filter"] == "butterworth, 5 Hz"
-    models = dict(force_torque(RIG.resolve(), None, Pose.identity()).facts)
+    models = dict(force_torque(RIG.resolve(), None, Pose.identity()).settings)
     assert models["payload"].startswith("none")
     assert models["mounting"] == "(0.00, 0.00, 0.00) mm, not calibrated"
 
 
 def test_load_cells_say_which_are_left_out_and_what_is_wrong() -> None:
     cells = nominal_cells(LAYOUTS[4], 10.0, 1e-4)
-    found = load_cells(cells, left_out=(3,), said=("zero from the first 2 s",), faults=("cell 3 is dead",))
-    assert dict(found.facts)["left out"] == "cell 3"
-    assert dict(found.facts)["noise"].startswith("0.1 mV")
+    found = load_cells(cells, excluded=(3,), notes=("zero from the first 2 s",), faults=("cell 3 is dead",))
+    assert dict(found.settings)["left out"] == "cell 3"
+    assert dict(found.settings)["noise"].startswith("0.1 mV")
     assert found.points[:2] == ("zero from the first 2 s", "cell 3 is dead")
 
 
@@ -152,7 +152,7 @@ def _two_at_once() -> Contacts:
 def test_of_two_contacts_at_once_the_one_at_the_truth_is_judged() -> None:
     kept = RunSummary()
     kept.add(_two_at_once())
-    run = judged(Run("log.csv", "contacts.csv", "", kept), Samples(np.arange(10) / 10, np.zeros((10, 3))))
+    run = judged(Run("log.csv", "contacts.csv", "", kept), TrueSamples(np.arange(10) / 10, np.zeros((10, 3))))
     tiles = _tiles(run)
     assert tiles["location error"] == "0.00 mm"
     assert (tiles["samples"], tiles["contacts at once"], tiles["peak force"]) == ("10", "2", "2 N")
@@ -166,7 +166,7 @@ def test_of_two_contacts_at_once_the_one_at_the_truth_is_judged() -> None:
 def test_taxels_show_contacts_on_the_unrolled_sheet_where_there_is_one() -> None:
     found = taxels(_two_at_once(), (("dead", "cell (0, 1)"),), (6, 22), ("a note",))
     assert len(found.pictures) == 1
-    assert (found.facts, found.points) == ((("dead", "cell (0, 1)"),), ("a note",))
+    assert (found.settings, found.points) == ((("dead", "cell (0, 1)"),), ("a note",))
     assert taxels(_two_at_once(), ()).pictures == ()
 
 

@@ -11,13 +11,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from palpate.calibration.left_out import leave_out
-from palpate.console.calibration import Calibration, Found
+from palpate.calibration.validation import cross_validate
+from palpate.console.calibration import Calibration, CalibrationResult
 from palpate.console.options import Log, Output
-from palpate.files.logs.layout import ArrayChannel, Layout
+from palpate.files.logs.layout import ArrayChannel, LogLayout
 from palpate.files.models import read_model
 from palpate.files.models.model import Model
-from palpate.files.schema import Form, Key
+from palpate.files.schema import Key, TableForm
 from palpate.files.tables.table import read_table
 from palpate.files.units import measured
 from palpate.sensors.taxels.estimator import TaxelEstimator
@@ -27,9 +27,9 @@ from palpate.sensors.taxels.layer import TaxelLayer
 from palpate.sensors.taxels.model import TaxelBody
 from palpate.sensors.taxels.section import SKIN
 from palpate.sensors.taxels.view import TaxelView
-from palpate.setup.built import Guess, Prepared
+from palpate.setup.built import BuiltEstimator, Guess
 from palpate.setup.setup import Setup
-from palpate.setup.view import Kept
+from palpate.setup.view import LayerData
 from palpate.setup.wrench import noted_filter
 from palpate.signals.recording import CELLS
 from palpate.viewer.scene import Layer
@@ -71,7 +71,7 @@ GAIN = Model(
         ("gain", measured([found.gain], [found.deviation], "readings/N")),
         ("share", f"{found.deviation / found.gain:.2%} of it is not known"),
     ],
-    {BallGain: Form({"gain": Key("readings/N", least=0.0), "deviation": Key("of it"), "provenance": Key()})},
+    {BallGain: TableForm({"gain": Key("readings/N", least=0.0), "deviation": Key("of it"), "provenance": Key()})},
 )
 
 
@@ -87,7 +87,7 @@ class CalibrateBall(Calibration):
     log: Log
     output: Output
 
-    def identify(self) -> Found:
+    def identify(self) -> CalibrationResult:
         """Fit the sum of the readings to the force of the scale."""
         values, _ = read_table(self.log).numbers([*COLUMNS, "force"])
         total, force = values[:, :-1].sum(axis=1), values[:, -1]
@@ -101,12 +101,14 @@ class CalibrateBall(Calibration):
             (part, own), (rest, others) = fitted(left), fitted(~left)
             return np.array([part - rest]), np.array([[own + others]])
 
-        (gain, variance), left = fitted(np.ones(len(force), dtype=bool)), leave_out(len(force), predict, blocks=20)
+        (gain, variance), left = fitted(np.ones(len(force), dtype=bool)), cross_validate(len(force), predict, blocks=20)
         model = BallGain(gain, (variance * left.widening) ** 0.5, self.record())
-        return Found([*GAIN.summary(model), ("left out", str(left))], model, next=["name it: model = FILE in [ball]"])
+        return CalibrationResult(
+            [*GAIN.summary(model), ("left out", str(left))], model, next=["name it: model = FILE in [ball]"]
+        )
 
 
-def build(setup: Setup) -> Prepared:
+def build(setup: Setup) -> BuiltEstimator:
     """Return the estimator; what is at rest is seen at the start of the log."""
     body, head = TaxelBody.anywhere(RADIUS * directions(), directions()), setup.head
     tare = setup.estimate.tare or setup.sensors["ball"].table.tare
@@ -119,16 +121,16 @@ def build(setup: Setup) -> Prepared:
     estimator = TaxelEstimator(
         body, intensity, health, settings=setup.contacts, filter=smooth.filter(), rate=rate, mount=setup.link.mount
     )
-    return Prepared(estimator, said=noted_filter(smooth, rate), facts={"tare": tare})
+    return BuiltEstimator(estimator, notes=noted_filter(smooth, rate), settings={"tare": tare})
 
 
-LAYOUT = Layout(wrench=None, arrays=(ArrayChannel(CELLS, (COUNT,), COLUMNS, table="ball"),))
+LAYOUT = LogLayout(wrench=None, arrays=(ArrayChannel(CELLS, (COUNT,), COLUMNS, table="ball"),))
 
 
 class BallView(TaxelView):
     """Show the forces of the taxels on the ball."""
 
-    def layers(self, setup: Setup, kept: Kept, live: tuple[int, ...] | None) -> tuple[Layer, ...]:
+    def layers(self, setup: Setup, kept: LayerData, live: tuple[int, ...] | None) -> tuple[Layer, ...]:
         """Return the taxels with their forces."""
         body = TaxelBody.anywhere(RADIUS * directions(), directions())
         return (TaxelLayer(body, kept.joined(), live is not None),)

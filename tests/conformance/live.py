@@ -52,14 +52,14 @@ def recorded(log: Path, rig: Path) -> Path:
     from palpate.live.live import Live
     from palpate.live.receiver import IMAGES
     from palpate.live.record import Recorder, require_record
-    from palpate.live.stream_buffer import SIZE, Ring
+    from palpate.live.stream_buffer import SIZE, StreamBuffer
     from palpate.setup.source import RigSource
 
     output = log.parent / "live.mcap"
     require_record(output)
     live = Live(replace(palpate.load_rig(str(rig)), source=RigSource("replay", str(log.resolve()), speed=0.0)))
     form = live.form(rig=str(rig))
-    ring = Ring.make(log.parent / "live.ring", form, IMAGES if form.images else SIZE)
+    ring = StreamBuffer.make(log.parent / "live.ring", form, IMAGES if form.images else SIZE)
     ring["recording"] = 1
     live.into(ring)
     recorder = Recorder(ring, output, SPLIT)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from palpate.errors import InputError
-from palpate.files.logs.layout import ArrayChannel, Layout
+from palpate.files.logs.layout import ArrayChannel, LogLayout
 from palpate.setup.built import Guess
 from palpate.setup.setup import SensorKind
 from palpate.setup.wrench import wrench_estimator
@@ -70,7 +70,7 @@ class Plate:
     doubts = reset = notes
 
 
-LAYOUT = Layout(wrench=None, arrays=(ArrayChannel("plate", (3,), COLUMNS, table="plate"),))
+LAYOUT = LogLayout(wrench=None, arrays=(ArrayChannel("plate", (3,), COLUMNS, table="plate"),))
 PLATE = SensorKind(
     name="plate",
     called="three cells under a plate",

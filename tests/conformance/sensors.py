@@ -331,9 +331,9 @@ def _marker_ring(folder: Path, run: Callable[..., str]) -> Files:
 def _film(path: Path, unit: Any, frames: list[tuple[float, np.ndarray]]) -> None:
     import cv2
 
-    from palpate_lab.simulation.ring_camera import Photographer
+    from palpate_lab.simulation.ring_camera import RenderedCamera
 
-    camera = Photographer(unit.camera, unit.look, np.random.default_rng(17))
+    camera = RenderedCamera(unit.camera, unit.look, np.random.default_rng(17))
     film = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 30.0, (640, 480))
     for time, discs in frames:
         film.write(camera.frame([discs], time))

@@ -333,11 +333,11 @@ def test_a_tare_where_something_presses_is_doubted_or_refused(made: Set) -> None
     estimator, files = made.estimator(), made.case.files
     recording = whole(files.log, made.rig)
     quiet = estimator.tare(recording.picked(recording.time <= recording.time[0] + files.rest))
-    assert quiet.said
-    assert not quiet.doubt
+    assert quiet.note
+    assert not quiet.warning
     touched = recording.picked((recording.time > files.truth.start[0]) & (recording.time < files.truth.end[0]))
     try:
-        doubt = estimator.tare(touched).doubt
+        doubt = estimator.tare(touched).warning
     except PalpateError as problem:  # not steady: a touch trembles
         doubt = str(problem)
     assert doubt
@@ -349,7 +349,7 @@ def test_what_an_estimator_says_of_itself(made: Set) -> None:
     found = estimator.run(ready)
     assert set(estimator.channels) <= set(ready.channels)
     assert tuple(found.features) == tuple(estimator.features)
-    for said in (*estimator.notes(), *estimator.doubts()):
+    for said in (*estimator.notes(), *estimator.warnings()):
         assert isinstance(said, str)
         assert said
     np.testing.assert_allclose(estimator.mount.translation, made.case.files.mount.translation, atol=1e-12)

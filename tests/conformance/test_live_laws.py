@@ -12,9 +12,9 @@ import pytest
 import palpate
 from palpate.contact.estimate import ROW
 from palpate.files.logs import join
-from palpate.live.live import Answers, Live
+from palpate.live.live import AnsweredSamples, Live
 from palpate.live.replay import Replay, bare
-from palpate.live.stream_buffer import Ring
+from palpate.live.stream_buffer import StreamBuffer
 from palpate.setup.pipeline import OpenedLog
 from palpate.setup.source import RigSource
 from palpate.setup.tables import RigOrientation
@@ -58,14 +58,14 @@ def live(case_of: Callable[[Sensor], Case], sensor: Sensor) -> Live:
 @SENSOR
 def test_a_replayed_log_is_answered_as_the_log_is(live: Live, tmp_path: Path) -> None:
     """The bits of `run` by an estimator that was prepared from the same start; times are rounded to ns."""
-    ring = Ring.make(tmp_path / "ring", live.form(), 1 << 27)
+    ring = StreamBuffer.make(tmp_path / "ring", live.form(), 1 << 27)
     live.into(ring)
-    found: list[Answers] = []
+    found: list[AnsweredSamples] = []
     with live:
         while not live.source.ended:
             found.append(live.step(0.0))
         found.append(live.finish())
-    assert not [said for said in live.said() if "invalid until" in said]
+    assert not [said for said in live.events() if "invalid until" in said]
     with OpenedLog(live.source.path, live.setup) as opened:
         recording = join(list(opened))
     channels = {name: values for name, values in recording.channels.items() if name != UNSTEADY}

@@ -14,7 +14,7 @@ import palpate
 from palpate.cli.live_page import Stream
 from palpate.live.live import Live
 from palpate.live.replay import Replay, bare
-from palpate.live.stream_buffer import Ring
+from palpate.live.stream_buffer import StreamBuffer
 from palpate.sensors.marker_ring.layer import RingLayer
 from palpate.sensors.taxels.layer import TaxelLayer
 from palpate.setup.source import RigSource
@@ -40,13 +40,13 @@ def test_the_page_draws_what_passes_through_the_ring(
     rig = palpate.load_rig(str(case.files.rig))
     rig = replace(rig, source=RigSource("replay", str(case.files.log), speed=0.0))
     live = Live(rig, source=Replay(case.files.log, bare(rig.layout()), speed=0.0))
-    whole = Ring.make(tmp_path / "whole", live.form(), 1 << 27)
+    whole = StreamBuffer.make(tmp_path / "whole", live.form(), 1 << 27)
     live.into(whole)
     with live:
         while not live.source.ended:
             live.step(0.0)
         live.finish()
-    ring = Ring.make(tmp_path / "ring", live.form(), 1 << 27)
+    ring = StreamBuffer.make(tmp_path / "ring", live.form(), 1 << 27)
     setup = rig.resolve(ring.form.sensor)
     view, layers = view_of(setup.kind), layers_of(setup, live=ring.form.shape)
     stream = Stream(ring, view.feed(setup, lambda: ring["done"], layers))

@@ -23,7 +23,7 @@ from palpate.errors import InputError
 from palpate.spatial.wrench import Wrench
 from palpate.surfaces import Cylinder, Mesh, plane, superquadric
 from palpate.surfaces.bspline import BSplineSurface, open_knots
-from palpate_lab.simulation.shapes import Ellipsoid
+from palpate_lab.simulation.shapes import EllipsoidBody
 from tests.support.bodies import BODIES, R
 from tests.support.kernels import compilations
 
@@ -319,7 +319,7 @@ def test_an_identification_takes_a_wrench_as_it_takes_rows() -> None:
 
 def test_the_smallest_ellipsoid_of_all_is_not_read_beyond_its_end() -> None:
     """One wrench for many covariances and many for one: the pair that answered from foreign memory."""
-    mesh = Mesh.from_arrays(*Ellipsoid((R, R, R)).mesh(80))
+    mesh = Mesh.from_arrays(*EllipsoidBody((R, R, R)).mesh(80))
     one = Locator(mesh, noise=np.ones(6), on=0.0)
     with pytest.raises(InputError, match=r"covariances must have shape \(5, 6, 6\) or \(6, 6\), not \(4, 6, 6\)"):
         one.run(np.ones((5, 6)), np.ones((4, 6, 6)))

@@ -7,13 +7,13 @@ import pytest
 
 import palpate
 from palpate.contact.iterative import fit_paraboloid, locate_iteratively
-from palpate_lab.simulation import Ellipsoid, contact_wrenches, touch_wrenches
+from palpate_lab.simulation import EllipsoidBody, contact_wrenches, touch_wrenches
 
 R = 0.010
 AXES = (R, 0.7 * R, 0.5 * R)
 
 
-class Equation(Ellipsoid):
+class Equation(EllipsoidBody):
     """With what the iteration wants besides."""
 
     size, centre = 2.5 * R, np.zeros(3)

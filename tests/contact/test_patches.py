@@ -7,7 +7,7 @@ import pytest
 
 import palpate
 from palpate.contact.contacts import Contacts
-from palpate.contact.plausibility import Asked
+from palpate.contact.plausibility import RequiredBounds
 
 RADIUS, FRICTION, PUSH = 0.015, 0.6, 4.0  # m, of the patch, N
 MIDDLE = np.array([0.004, -0.003, 0.0])
@@ -24,14 +24,14 @@ def _turned(radii: np.ndarray, share: float) -> np.ndarray:
     return np.concatenate([forces.sum(axis=0), np.cross(MIDDLE + arms, forces).sum(axis=0)])
 
 
-def _asked(wrench: np.ndarray) -> tuple[Asked, Contacts]:
+def _asked(wrench: np.ndarray) -> tuple[RequiredBounds, Contacts]:
     mesh = palpate.Mesh.from_arrays(
         np.array([[-0.05, -0.05, 0.0], [0.05, -0.05, 0.0], [0.05, 0.05, 0.0], [-0.05, 0.05, 0.0]]),
         np.array([[0, 1, 2], [0, 2, 3]]),
     )
     found = palpate.Locator(mesh, friction=FRICTION, torsion=5e-3).run(np.tile(wrench, (5, 1)))
     contacts = Contacts.single(np.arange(5.0), found)
-    return Asked.of(contacts, (FRICTION, 5e-3)), contacts
+    return RequiredBounds.of(contacts, (FRICTION, 5e-3)), contacts
 
 
 @pytest.mark.parametrize(
@@ -44,12 +44,12 @@ def test_reach_of_a_patch_that_slips_all_round(radii: np.ndarray, share: float) 
     assert contacts.point == pytest.approx(np.tile(MIDDLE, (5, 1)), abs=1e-12)  # the pressure's centre
     reach = asked.reach(float(np.median(asked.torsion)))
     assert reach == pytest.approx(share * RADIUS, rel=1e-4)  # 200 rings for the disc's integral
-    assert f"reaches {1e3 * share * RADIUS:.3g} mm or more" in asked.said
+    assert f"reaches {1e3 * share * RADIUS:.3g} mm or more" in asked.exceeded
     assert "reaches" in asked.proposal
 
 
 def test_nothing_is_said_of_a_patch_where_a_point_would_do() -> None:
     asked, contacts = _asked(_turned(np.array([RADIUS]), 0.5))
     assert contacts.answered.all()
-    assert asked.said == ""
+    assert asked.exceeded == ""
     assert "reaches" not in asked.proposal

@@ -9,10 +9,10 @@ from scipy.optimize import minimize
 from palpate.contact import Locator, Status
 from palpate.surfaces import Mesh, plane
 from palpate_lab.simulation.contacts import touch_wrenches
-from palpate_lab.simulation.shapes import Ellipsoid
+from palpate_lab.simulation.shapes import EllipsoidBody
 from tests.support.bodies import BODIES, PLACE, R
 
-BODY = Ellipsoid((R, 0.7 * R, 0.5 * R))
+BODY = EllipsoidBody((R, 0.7 * R, 0.5 * R))
 NOISE = np.array([0.02] * 3 + [5e-4] * 3)
 FRICTION, TORSION = 0.5, 1e-3
 

@@ -266,7 +266,7 @@ DRIFT = np.array([0.3, -0.2, 0.4, 0.01, 0.02, -0.01])
 def test_a_tare_takes_off_what_the_sensor_read_at_rest() -> None:
     """The mean of 400 samples is good to 0.05 of the noise: five of that."""
     chain = estimator()
-    said = chain.tare(at_rest(DRIFT)).said
+    said = chain.tare(at_rest(DRIFT)).note
     assert "400 samples" in said
     assert "0.53" in said  # N, the length of the drift
     wrenches, _, _ = chain.contact_wrenches(at_rest(DRIFT, seed=1))
@@ -340,8 +340,8 @@ def test_a_tare_that_could_be_a_touch_says_so() -> None:
     """A press of 3 N through the middle of the body is one that the surface explains; a twist of 1 N m is not."""
     force = MOUNT.rotation @ np.array([0.0, 0.0, -3.0])
     touch = np.concatenate([force, np.cross(MOUNT.translation, force)])
-    assert "what a steady touch of 3 N at" in estimator().tare(at_rest(touch)).doubt
-    assert not estimator().tare(at_rest(DRIFT + np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0]))).doubt
+    assert "what a steady touch of 3 N at" in estimator().tare(at_rest(touch)).warning
+    assert not estimator().tare(at_rest(DRIFT + np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0]))).warning
 
 
 def test_what_cannot_be_is_refused() -> None:

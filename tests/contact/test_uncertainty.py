@@ -12,10 +12,10 @@ from palpate.contact import Locator
 from palpate.spatial.pose import Pose
 from palpate.surfaces import Mesh
 from palpate_lab.simulation.contacts import touch_wrenches
-from palpate_lab.simulation.shapes import Ellipsoid
+from palpate_lab.simulation.shapes import EllipsoidBody
 from tests.support.bodies import PLACE, R, box, pressing
 
-BODY = Ellipsoid((R, 0.7 * R, 0.5 * R))
+BODY = EllipsoidBody((R, 0.7 * R, 0.5 * R))
 UNITS = np.array([np.outer(e, e) for e in np.eye(6)])
 STEPS = np.array([1e-5] * 3 + [1e-7] * 3)  # N, N m: they move the point by 1e-7 m or less
 

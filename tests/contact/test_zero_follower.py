@@ -18,8 +18,8 @@ from experiments.drift.follow import follow
 from experiments.drift.world import BODY, NOISE, PLACE, RATE, Touch, drift_of, wrenches
 from palpate import Locator, Recording, Status, WrenchEstimator
 from palpate.contact.contacts import Contacts
+from palpate.contact.drift_gate import ChangeKind, ContactShape
 from palpate.contact.estimate import ContactEstimate
-from palpate.contact.zero_gate import ContactShape, Seen
 from palpate.errors import InputError
 from palpate.sensors.force_torque.compensation import Compensation
 from palpate.sensors.force_torque.model import ForceTorque
@@ -327,7 +327,11 @@ def test_shape_tells_a_contact_of_the_body() -> None:
     shape = ContactShape(Locator(_mesh()), Placement(Pose.identity()))
     sure = np.diag(NOISE**2 / 20.0)
     point, push = PLACE + np.array([0.03, 0.0, 0.0]), np.array([-1.0, 0.2, 0.1])
-    for force, away, seen in ((1.0, 0.0, Seen.CONTACT), (1.0, 0.1, Seen.NO_CONTACT), (0.02, 0.1, Seen.CONTACT)):
+    for force, away, seen in (
+        (1.0, 0.0, ChangeKind.CONTACT),
+        (1.0, 0.1, ChangeKind.NO_CONTACT),
+        (0.02, 0.1, ChangeKind.CONTACT),
+    ):
         place = point + np.array([0.0, away, 0.0])
         assert shape(force * np.concatenate([push, np.cross(place, push)]), sure) is seen
 
@@ -379,6 +383,6 @@ def test_it_says_how_far_it_went_and_what_it_did_not_follow() -> None:
     made = _estimator(drift_of(1e-3), payload=None)
     made.run(_wrenches_at(time, seen))
     assert any("the zero was followed by" in said and "held" in said for said in made.notes())
-    assert any("0.35 N at 6" in said and "two touches" in said for said in made.doubts())
+    assert any("0.35 N at 6" in said and "two touches" in said for said in made.warnings())
     made.reset()  # the tare's zero again
     assert made.update(0.0, np.zeros(6)).estimate.status[0] == Status.NO_CONTACT

@@ -60,7 +60,7 @@ def test_a_ramp_is_met_late_by_what_the_servo_says() -> None:
         model.advance(0.005 * k)
         if k % 4 == 0:
             model.send(0.005 * k, np.array([0.005 * k]))
-    assert model.joints[0] == pytest.approx(0.005 * 399 - servo.late, abs=1e-9)
+    assert model.joints[0] == pytest.approx(0.005 * 399 - servo.total_delay, abs=1e-9)
     assert model.speeds[0] == pytest.approx(1.0, abs=1e-9)
 
 

@@ -132,7 +132,7 @@ def watched(robot: DelayedRobot, tracker: Tracker, ratio: float, cycles: int = 4
         value += DT * rate
         new = servo.state[0] - ratio * smoothed - value
         value, rate = value + (1.0 - p**2) * new, rate + (1.0 - p) ** 2 / DT * new
-        servo.cycle(value + tracker.ahead * rate)
+        servo.cycle(value + tracker.prediction * rate)
         seen.append(abs(servo.state[0]))
     third = cycles // 3
     return max(seen[-third:]) / max(seen[third:-third])

@@ -10,7 +10,7 @@ import pytest
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate, Status
-from palpate.contact.ground_truth import Samples, Touches
+from palpate.contact.ground_truth import TrueSamples, TrueTouches
 from palpate.evaluation.errors import ErrorSummary, angles, coverage
 from palpate.evaluation.evaluate import evaluate
 from palpate.evaluation.matching import nearest_in_time
@@ -100,7 +100,7 @@ def test_nearest_is_what_trying_all_finds() -> None:
 def test_only_answered_samples_with_a_truth_have_errors() -> None:
     status = np.array([Status.CONTACT, Status.AMBIGUOUS, Status.IMPLAUSIBLE, Status.NO_CONTACT, Status.CONTACT])
     point = np.array([[1.0, 0, 0], [2.0, 0, 0], [3.0, 0, 0], [np.nan] * 3, [5.0, 0, 0]])
-    truth = Samples(
+    truth = TrueSamples(
         np.array([0.0, 1, 2, 3]),
         np.zeros((4, 3)),
         np.tile([0.0, 1.0, 0.0], (4, 1)),
@@ -122,7 +122,9 @@ def test_only_answered_samples_with_a_truth_have_errors() -> None:
 def test_a_touch_is_the_median_of_its_answered_samples() -> None:
     point = np.array([[0.0, 0, 0], [1.0, 1, 0], [9.0, 1, 0], [1.0, 3, 0], [7.0, 7, 7]])
     status = np.array([0, 0, 0, 0, int(Status.IMPLAUSIBLE)])
-    truth = Touches(np.array([1.0, 8.0]), np.array([4.0, 9.0]), np.array([[0.0, 0, 0], [0.0, 0, 0]]), ("tip", "missed"))
+    truth = TrueTouches(
+        np.array([1.0, 8.0]), np.array([4.0, 9.0]), np.array([[0.0, 0, 0], [0.0, 0, 0]]), ("tip", "missed")
+    )
     report = evaluate(Contacts.single(np.arange(5.0), _estimate(point, status=status)), truth)
     tip, missed = report.touches
     assert (tip.label, tip.samples, tip.answered) == ("tip", 4, 3)
@@ -151,7 +153,7 @@ def test_several_contacts_have_each_the_truth_that_is_its_own() -> None:
         both = [(k, 1, [0.0, 1e-3, 0.0]), (k, 2, [0.04, 2e-3, 0.0])]
         rows += both if rng.random() < 0.5 else both[::-1]
         truths += [here, there] if rng.random() < 0.5 else [there, here]
-    truth = Samples(np.repeat(np.arange(50.0), 2), np.array(truths))
+    truth = TrueSamples(np.repeat(np.arange(50.0), 2), np.array(truths))
     report = evaluate(_several(rows), truth)
     assert (report.samples, report.matched, report.answered) == (100, 100, 100)
     assert (report.unmatched, report.missed) == (0, 0)
@@ -166,7 +168,7 @@ def test_the_pairs_of_an_instant_are_those_whose_distances_are_least_together() 
     for contacts, truths in ((3, 3), (4, 3), (2, 4), (1, 3), (3, 1)):
         point, known = rng.normal(size=(contacts, 3)), rng.normal(size=(truths, 3))
         found = evaluate(
-            _several([(0, k, row.tolist()) for k, row in enumerate(point)]), Samples(np.zeros(truths), known)
+            _several([(0, k, row.tolist()) for k, row in enumerate(point)]), TrueSamples(np.zeros(truths), known)
         )
         apart = np.linalg.norm(point[:, None] - known, axis=-1)
         apart = apart if contacts <= truths else apart.T
@@ -182,7 +184,7 @@ def test_the_pairs_of_an_instant_are_those_whose_distances_are_least_together() 
 
 def test_a_contact_that_is_not_answered_takes_no_truth_from_one_that_is() -> None:
     contacts = _several([(0, 1, [0.0, 0, 0]), (0, 2, [0.01, 0, 0])], [int(Status.IMPLAUSIBLE), int(Status.CONTACT)])
-    report = evaluate(contacts, Samples(np.zeros(1), np.zeros((1, 3))))
+    report = evaluate(contacts, TrueSamples(np.zeros(1), np.zeros((1, 3))))
     assert (report.matched, report.answered, report.unmatched) == (1, 1, 0)
     assert report.location is not None
     assert report.location.mean == pytest.approx(0.01)
@@ -191,7 +193,7 @@ def test_a_contact_that_is_not_answered_takes_no_truth_from_one_that_is() -> Non
 def test_contacts_of_one_sample_do_not_meet_truths_of_another_time() -> None:
     """The nearest instant counts, and of it the nearest place."""
     contacts = _several([(0, 1, [0.0, 0, 0]), (0, 2, [1.0, 0, 0]), (1, 1, [0.1, 0, 0]), (1, 2, [1.1, 0, 0])])
-    truth = Samples(np.array([1.0, 1.0, 0.0]), np.array([[1.2, 0, 0], [0.0, 0, 0], [0.9, 0, 0]]))
+    truth = TrueSamples(np.array([1.0, 1.0, 0.0]), np.array([[1.2, 0, 0], [0.0, 0, 0], [0.9, 0, 0]]))
     report = evaluate(contacts, truth, tolerance=0.01)
     assert report.location is not None
     assert report.location.count == 3
@@ -201,7 +203,7 @@ def test_contacts_of_one_sample_do_not_meet_truths_of_another_time() -> None:
 
 def test_touches_at_once_are_each_compared_with_the_identity_that_is_nearest() -> None:
     rows = [(k, identity, [0.04 * identity, 1e-3 * identity, 0.0]) for k in range(10) for identity in (0, 1)]
-    truth = Touches(
+    truth = TrueTouches(
         np.array([0.0, 0.0, 20.0]), np.array([9.0, 9.0, 21.0]), np.array([[0.04, 0, 0], [0.0, 0, 0], [0.0, 0, 0]]),
         ("far", "near", "never"),
     )  # fmt: skip
@@ -216,7 +218,7 @@ def test_touches_at_once_are_each_compared_with_the_identity_that_is_nearest() -
 def test_a_contact_is_not_two_touches_at_once() -> None:
     """The touch that it is nearer to has it; the other one was not felt, and no mean of both is an error."""
     rows = [(k, 5, [0.01, 0.0, 0.0]) for k in range(10)]
-    truth = Touches(np.zeros(2), np.full(2, 9.0), np.array([[0.05, 0, 0], [0.0, 0, 0]]), ("unfelt", "felt"))
+    truth = TrueTouches(np.zeros(2), np.full(2, 9.0), np.array([[0.05, 0, 0], [0.0, 0, 0]]), ("unfelt", "felt"))
     unfelt, felt = evaluate(_several(rows), truth).touches
     assert (unfelt.answered, felt.answered) == (0, 10)
     assert np.isnan(unfelt.error)
@@ -225,7 +227,7 @@ def test_a_contact_is_not_two_touches_at_once() -> None:
 
 def test_another_contact_during_a_touch_is_counted_and_not_pooled() -> None:
     rows = [(k, identity, [0.03 * identity, 0.0, 0.0]) for k in range(10) for identity in (0, 1)]
-    report = evaluate(_several(rows), Touches(np.zeros(1), np.full(1, 9.0), np.zeros((1, 3)), ("tip",)))
+    report = evaluate(_several(rows), TrueTouches(np.zeros(1), np.full(1, 9.0), np.zeros((1, 3)), ("tip",)))
     assert report.touches[0].error == pytest.approx(0.0)
     assert (report.matched, report.answered, report.unmatched) == (10, 10, 10)
 
@@ -233,7 +235,7 @@ def test_another_contact_during_a_touch_is_counted_and_not_pooled() -> None:
 def test_one_contact_after_the_other_is_one_identity_for_many_touches() -> None:
     """Also where one ends in the instant in which the next begins."""
     point = np.repeat([[0.0, 0, 0], [0.02, 0, 0]], 5, axis=0)
-    truth = Touches(np.array([0.0, 4.5]), np.array([4.5, 9.0]), np.array([[0.0, 0, 0], [0.021, 0, 0]]), ("a", "b"))
+    truth = TrueTouches(np.array([0.0, 4.5]), np.array([4.5, 9.0]), np.array([[0.0, 0, 0], [0.021, 0, 0]]), ("a", "b"))
     report = evaluate(Contacts.single(np.arange(10.0), _estimate(point)), truth)
     assert [touch.error for touch in report.touches] == pytest.approx([0.0, 1e-3])
     assert report.unmatched == 0

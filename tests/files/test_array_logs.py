@@ -26,15 +26,15 @@ from evidence.logs_written import (
     write_ros1,
 )
 from palpate.errors import InputError
-from palpate.files.logs import ArrayChannel, Layout, contents, missing, open_log, read_recording
+from palpate.files.logs import ArrayChannel, LogLayout, contents, missing, open_log, read_recording
 from palpate.files.logs.decoding import ARRAYS, decode
-from palpate.files.logs.log import Messages, Topic
+from palpate.files.logs.log import MessageBlock, Topic
 from palpate.signals.recording import CELLS, FORCE, ORIENTATION, POSITION, REFERENCE, TORQUE, VOLTAGE
 
 LOG = session(60)
 ROWS = np.random.default_rng(3).integers(0, 200, (60, 3, 4)).astype(np.float64)
 SHEET = ArrayChannel(CELLS, (3, 4), table="skin")
-SKIN = Layout(wrench=None, arrays=(SHEET,))
+SKIN = LogLayout(wrench=None, arrays=(SHEET,))
 CELL_TOPIC, ARRAY = "/skin", "std_msgs/msg/Float64MultiArray"
 DEPTHS = {
     "mono8": "u1",
@@ -115,7 +115,7 @@ WRENCHES: dict[str, Callable[[Path], object]] = {
 def test_channels_are_read_only_and_by_rows_from_every_reader(tmp_path: Path, name: str) -> None:
     """What is held by columns makes numba compile every kernel once more."""
     WRENCHES[name](tmp_path / name)
-    log = open_log(tmp_path / name, Layout(axes=("z", "x", "y"), wrench_topic=WRENCH, orientation_topic=POSE))
+    log = open_log(tmp_path / name, LogLayout(axes=("z", "x", "y"), wrench_topic=WRENCH, orientation_topic=POSE))
     for block in log.blocks():
         assert {FORCE, TORQUE, ORIENTATION} <= set(block.channels)
         np.testing.assert_array_equal(block.wrenches(), LOG.wrench[:, [2, 0, 1, 5, 3, 4]])
@@ -129,7 +129,7 @@ def test_voltages_and_their_reference_are_arrays_of_one_table(tmp_path: Path) ->
     rng = np.random.default_rng(4)
     volts, reference, time = rng.normal(size=(20, 9)), rng.normal(size=(20, 6)), np.arange(20) / 100
     named = ArrayChannel(REFERENCE, (6,), tuple(f"r{k}" for k in range(6)))
-    layout = Layout(wrench=None, arrays=(ArrayChannel(VOLTAGE, (9,), scale=1e-3, table="load_cells"), named))
+    layout = LogLayout(wrench=None, arrays=(ArrayChannel(VOLTAGE, (9,), scale=1e-3, table="load_cells"), named))
     columns = {f"u{k}": volts[:, k] for k in range(9)} | {f"r{k}": reference[:, k] for k in range(6)}
     pl.DataFrame({"time": time, **columns}).write_csv(tmp_path / "log.csv")
     np.savez(tmp_path / "log.npz", time=time, voltage=volts, reference=reference)
@@ -146,7 +146,7 @@ def test_a_file_without_times_has_those_of_a_rate(tmp_path: Path) -> None:
     pl.DataFrame({f"c{k}": ROWS.reshape(60, -1)[:, k] for k in range(12)}).write_csv(tmp_path / "log.csv")
     np.save(tmp_path / "log.npy", ROWS)
     for name in ("log.csv", "log.npy"):
-        found = read_recording(tmp_path / name, Layout(wrench=None, arrays=(SHEET,), rate=50.0))
+        found = read_recording(tmp_path / name, LogLayout(wrench=None, arrays=(SHEET,), rate=50.0))
         np.testing.assert_array_equal(found.time, np.arange(60) / 50.0)
         assert "50 Hz is taken" in found.notes[0]
 
@@ -233,9 +233,9 @@ def _serialized(message: Any, name: str, encoding: str) -> bytes:
     return bytes(ROS2.serialize_cdr(message, name, little_endian="big" not in encoding))
 
 
-def _together(raws: list[bytes]) -> Messages:
+def _together(raws: list[bytes]) -> MessageBlock:
     length, nothing = np.array([len(raw) for raw in raws]), np.zeros(len(raws), dtype=int)
-    return Messages(b"".join(raws), {}, nothing, nothing, np.cumsum(length) - length, length)
+    return MessageBlock(b"".join(raws), {}, nothing, nothing, np.cumsum(length) - length, length)
 
 
 def test_what_a_log_has_is_told_before_it_is_read(tmp_path: Path) -> None:
@@ -250,14 +250,14 @@ def test_what_a_log_has_is_told_before_it_is_read(tmp_path: Path) -> None:
         "position": (3,),
     }
     assert {topic.name for topic in contents(tmp_path / "log.bag").topics} == {WRENCH, POSE}
-    cells = Layout(wrench=None, arrays=(ArrayChannel(VOLTAGE, (9,), tuple("abcdefghi"), table="load_cells"),))
+    cells = LogLayout(wrench=None, arrays=(ArrayChannel(VOLTAGE, (9,), tuple("abcdefghi"), table="load_cells"),))
     for name in WRENCHES:
-        assert missing(contents(tmp_path / name), Layout()) == []
+        assert missing(contents(tmp_path / name), LogLayout()) == []
         assert len(missing(contents(tmp_path / name), cells)) == 1
     FORMATS["log.npz"](tmp_path / "frames.npz")
     FORMATS["log.mcap"](tmp_path / "frames.mcap")
-    assert missing(contents(tmp_path / "frames.npz"), Layout())[0].startswith("there is no column 'fx'")
-    assert missing(contents(tmp_path / "frames.mcap"), Layout())[0].startswith("no topic holds wrenches")
+    assert missing(contents(tmp_path / "frames.npz"), LogLayout())[0].startswith("there is no column 'fx'")
+    assert missing(contents(tmp_path / "frames.mcap"), LogLayout())[0].startswith("no topic holds wrenches")
     assert missing(contents(tmp_path / "frames.npz"), cells) == ["has no array 'voltage'."]
 
 

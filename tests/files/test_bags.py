@@ -24,7 +24,7 @@ from evidence.logs_written import (
 )
 from palpate.errors import InputError
 from palpate.files.logs import contents, open_log, read_recording
-from palpate.files.logs.layout import Layout
+from palpate.files.logs.layout import LogLayout
 from palpate.signals.recording import FORCE, ORIENTATION, POSITION, TORQUE
 
 YEAR_2023 = 1_700_000_000_123_456_789  # ns: more than 53 bits
@@ -47,7 +47,7 @@ FORMATS: dict[str, Callable[[Path, Session], None]] = {
 def test_one_session_is_one_recording_whatever_its_format(tmp_path: Path, name: str, start: int) -> None:
     log = session(start=start)
     FORMATS[name](tmp_path / name, log)
-    recording = read_recording(tmp_path / name, Layout(wrench_topic=WRENCH, orientation_topic=POSE))
+    recording = read_recording(tmp_path / name, LogLayout(wrench_topic=WRENCH, orientation_topic=POSE))
     assert recording.notes == ()
     assert np.array_equal(recording.time, log.table[:, 0])
     assert set(recording.channels) == {FORCE, TORQUE, ORIENTATION, POSITION}
@@ -58,7 +58,7 @@ def test_one_session_is_one_recording_whatever_its_format(tmp_path: Path, name: 
 def test_units_and_axes_apply_to_every_format(tmp_path: Path, name: str) -> None:
     log = session(20)
     FORMATS[name](tmp_path / name, log)
-    layout = Layout(axes=("-y", "x", "z"), force_unit="kN", torque_unit="N mm", frame="base")
+    layout = LogLayout(axes=("-y", "x", "z"), force_unit="kN", torque_unit="N mm", frame="base")
     recording = read_recording(tmp_path / name, layout)
     turned = np.hstack([-log.wrench[:, [1]], log.wrench[:, [0]], log.wrench[:, [2]]])
     assert np.array_equal(recording.channels[FORCE], 1e3 * turned)

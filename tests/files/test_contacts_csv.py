@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.contact import ContactEstimate, Contacts, Status
-from palpate.contact.ground_truth import Samples, Touches
+from palpate.contact.ground_truth import TrueSamples, TrueTouches
 from palpate.contact.table import COLUMNS
 from palpate.errors import InputError
 from palpate.files.atomic import replacing
@@ -111,12 +111,12 @@ def test_truth_at_instants_with_and_without_what_is_optional(tmp_path: Path) -> 
     path = tmp_path / "truth.csv"
     path.write_text("time,px,py,pz\n0,1,2,3\n")
     truth = read_ground_truth(path)
-    assert isinstance(truth, Samples)
+    assert isinstance(truth, TrueSamples)
     assert truth.normal is None
     assert truth.force is None
     path.write_text("time,px,py,pz,nx,ny,nz,fx,fy,fz\n0,1,2,3,0,0,1,4,5,6\n")
     truth = read_ground_truth(path)
-    assert isinstance(truth, Samples)
+    assert isinstance(truth, TrueSamples)
     assert truth.point.tolist() == [[1, 2, 3]]
     assert truth.normal is not None
     assert truth.normal.tolist() == [[0, 0, 1]]
@@ -128,7 +128,7 @@ def test_truth_touch_by_touch(tmp_path: Path) -> None:
     path = tmp_path / "truth.csv"
     path.write_text("start,end,px,py,pz,label\n0,1,1,2,3,tip\n2,3,4,5,6,\n")
     truth = read_ground_truth(path)
-    assert isinstance(truth, Touches)
+    assert isinstance(truth, TrueTouches)
     assert truth.label == ("tip", "2")
     assert truth.end.tolist() == [1, 3]
 

@@ -13,7 +13,7 @@ from palpate.cli import main
 from palpate.errors import InputError
 from palpate.files.contacts import read_contacts
 from palpate.files.logs import contents, open_log, read_recording
-from palpate.files.logs.layout import Layout
+from palpate.files.logs.layout import LogLayout
 from palpate.files.logs.opening import join
 from palpate.files.models import write_model
 from palpate.files.tables.stamps import seconds
@@ -30,9 +30,13 @@ def _log(folder: Path, name: str) -> Path:
     return path
 
 
-def _layout(name: str) -> Layout:
+def _layout(name: str) -> LogLayout:
     """How to read one of those that need no rig."""
-    return Layout() if name != "savetxt.txt" else Layout("column_1", wrench=tuple(f"column_{k}" for k in range(2, 8)))
+    return (
+        LogLayout()
+        if name != "savetxt.txt"
+        else LogLayout("column_1", wrench=tuple(f"column_{k}" for k in range(2, 8)))
+    )
 
 
 @pytest.mark.parametrize(
@@ -44,7 +48,7 @@ def test_pieces_do_not_change_what_is_read(
 ) -> None:
     path, layout = _log(tmp_path, name), _layout(name)
     if name == "unit_row.csv":
-        layout = Layout("Time", wrench=("Fx", "Fy", "Fz", "Tx", "Ty", "Tz"))
+        layout = LogLayout("Time", wrench=("Fx", "Fy", "Fz", "Tx", "Ty", "Tz"))
     whole = read_recording(path, layout)
     monkeypatch.setattr("palpate.files.logs.csv.PIECE", piece)
     blocks = list(open_log(path, layout).blocks())

@@ -18,7 +18,7 @@ from palpate.errors import InputError
 from palpate.files.logs import (
     ArrayChannel,
     ImageChannel,
-    Layout,
+    LogLayout,
     contents,
     image_size,
     join,
@@ -26,9 +26,9 @@ from palpate.files.logs import (
     open_log,
     read_recording,
 )
-from palpate.setup.built import Prepared
+from palpate.setup.built import BuiltEstimator
 from palpate.setup.link import Link
-from palpate.setup.pipeline import OpenedLog, Seen
+from palpate.setup.pipeline import OpenedLog, SeenSamples
 from palpate.setup.setup import SensorKind, Setup
 from palpate.signals.recording import CELLS, IMAGE, Recording
 from tests.support.image_files import (
@@ -51,7 +51,7 @@ from tests.support.image_files import (
     write_video,
 )
 
-LAYOUT = Layout(wrench=None, images=ImageChannel())
+LAYOUT = LogLayout(wrench=None, images=ImageChannel())
 COUNT = 75
 
 
@@ -104,7 +104,7 @@ def test_a_block_of_large_frames_has_fewer_of_them(tmp_path: Path, monkeypatch: 
 
 def test_the_rate_of_the_rig_is_taken_before_that_of_the_video(tmp_path: Path) -> None:
     path = write_video(tmp_path / "log.mp4", 10)
-    recording = read_recording(path, Layout(wrench=None, images=ImageChannel(), rate=200.0))
+    recording = read_recording(path, LogLayout(wrench=None, images=ImageChannel(), rate=200.0))
     np.testing.assert_allclose(recording.time, np.arange(10) / 200.0, atol=1e-12)
 
 
@@ -220,7 +220,7 @@ def test_the_times_of_a_folder_are_those_of_a_table_with_as_many_rows(tmp_path: 
     folder, time = write_frames(tmp_path / "frames", [f"{k}.jpg" for k in range(6)]), np.cumsum(np.arange(rows)) + 7.5
     lines = [f"{each},{k}" for k, each in enumerate(time)]
     (folder / name).write_text("\n".join(["time,depth", *lines]) + "\n")
-    recording = read_recording(folder, Layout(wrench=None, images=ImageChannel(), rate=10.0))
+    recording = read_recording(folder, LogLayout(wrench=None, images=ImageChannel(), rate=10.0))
     assert recording.time.tolist() == (time.tolist() if rows == 6 else pytest.approx(np.arange(6) / 10.0))
     assert any(f"{name} has 5 rows for 6 frames" in note for note in recording.notes) == (rows == 5)
 
@@ -289,7 +289,7 @@ def test_grey_pixels_become_three_equal_channels(tmp_path: Path, encoding: str, 
     recording = read_recording(path, LAYOUT)
     assert np.array_equal(images(recording), np.stack([np.repeat(frame(k)[:, :, :1], 3, axis=2) for k in range(3)]))
     assert image_size(path) == (HEIGHT, WIDTH, 1)
-    sheet = Layout(wrench=None, arrays=(ArrayChannel(CELLS, (HEIGHT, WIDTH)),))  # as taxels they are read as before
+    sheet = LogLayout(wrench=None, arrays=(ArrayChannel(CELLS, (HEIGHT, WIDTH)),))  # as taxels they are read as before
     assert np.array_equal(read_recording(path, sheet).channels[CELLS][1] / scale, frame(1)[:, :, 0])
 
 
@@ -374,11 +374,11 @@ def test_what_foxglove_writes_through_ros_is_read(tmp_path: Path) -> None:
 def test_a_topic_of_something_else_is_refused(tmp_path: Path) -> None:
     path = write_images(tmp_path / "log.mcap", [raw(frame(0), "bgr8")], topic="/left")
     there = contents(path)
-    assert missing(there, Layout(wrench=None, images=ImageChannel("/left"))) == []
-    assert "there is no topic '/right'" in missing(there, Layout(wrench=None, images=ImageChannel("/right")))[0]
-    assert "no topic holds wrenches" in missing(there, Layout())[0]
+    assert missing(there, LogLayout(wrench=None, images=ImageChannel("/left"))) == []
+    assert "there is no topic '/right'" in missing(there, LogLayout(wrench=None, images=ImageChannel("/right")))[0]
+    assert "no topic holds wrenches" in missing(there, LogLayout())[0]
     with pytest.raises(InputError, match="images alone; asked for is a wrench"):
-        read_recording(path, Layout(images=ImageChannel()))
+        read_recording(path, LogLayout(images=ImageChannel()))
 
 
 def test_other_logs_hold_no_images_and_images_nothing_else(tmp_path: Path) -> None:
@@ -390,7 +390,7 @@ def test_other_logs_hold_no_images_and_images_nothing_else(tmp_path: Path) -> No
         read_recording(table, LAYOUT)
     for path in (write_video(tmp_path / "log.avi", 3), write_frames(tmp_path / "frames", ["0.png"])):
         assert missing(contents(path), LAYOUT) == []
-        assert "asked for is a wrench" in missing(contents(path), Layout())[0]
+        assert "asked for is a wrench" in missing(contents(path), LogLayout())[0]
         with pytest.raises(InputError, match="which holds images alone"):
             read_recording(path)
 
@@ -416,11 +416,11 @@ def test_images_of_another_shape_or_type_are_refused(values: np.ndarray) -> None
         Recording(np.arange(2.0), {IMAGE: values})
 
 
-def _layout(_: object) -> Layout:
+def _layout(_: object) -> LogLayout:
     return LAYOUT
 
 
-def _no_estimator(*_: object) -> Prepared:
+def _no_estimator(*_: object) -> BuiltEstimator:
     raise NotImplementedError
 
 
@@ -434,7 +434,7 @@ def test_the_start_of_a_log_of_images_is_some_frames(tmp_path: Path) -> None:
 
 
 def test_what_no_doubt_is_raised_from_is_not_kept() -> None:
-    block, seen = Recording(np.arange(2.0), {IMAGE: np.zeros((2, 4, 4, 3), np.uint8)}), Seen()
+    block, seen = Recording(np.arange(2.0), {IMAGE: np.zeros((2, 4, 4, 3), np.uint8)}), SeenSamples()
     held = weakref.ref(block)
     seen.add(block, Contacts.single(block.time, ContactEstimate.from_rows(np.zeros((2, 22)))), np.inf, keep=False)
     del block

@@ -9,7 +9,7 @@ import pytest
 
 from palpate.errors import InputError
 from palpate.files.logs import join, open_log, read_recording
-from palpate.files.logs.layout import Layout, axis_matrix
+from palpate.files.logs.layout import LogLayout, axis_matrix
 from palpate.files.tables.table import read_table
 from palpate.signals.recording import FORCE, ORIENTATION, TORQUE
 
@@ -82,7 +82,7 @@ def test_blank_lines_are_not_rows_and_lines_keep_their_number(tmp_path: Path) ->
 
 
 def test_units_become_si(tmp_path: Path) -> None:
-    layout = Layout(force_unit="kN", torque_unit="N mm", time_unit="ms")
+    layout = LogLayout(force_unit="kN", torque_unit="N mm", time_unit="ms")
     recording = read_recording(_log(tmp_path, HEADER, "20,1,2,3,4,5,6"), layout)
     assert recording.time[0] == 20 * 1e-3
     assert recording.wrenches()[0] == pytest.approx([1e3, 2e3, 3e3, 4e-3, 5e-3, 6e-3], rel=1e-15)
@@ -90,13 +90,13 @@ def test_units_become_si(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("unit", ["Nm", "N m", "N*m", "N.m", "N·m"])
 def test_a_unit_may_be_spelt_as_people_spell_it(tmp_path: Path, unit: str) -> None:
-    assert read_recording(_log(tmp_path, HEADER, *ROWS), Layout(torque_unit=unit)).wrenches()[0, 5] == 0.3
+    assert read_recording(_log(tmp_path, HEADER, *ROWS), LogLayout(torque_unit=unit)).wrenches()[0, 5] == 0.3
 
 
 def test_swapped_axes_apply_to_force_and_torque_alike(tmp_path: Path) -> None:
-    layout = Layout(axes=("x", "z", "-y"), left_handed=False)
+    layout = LogLayout(axes=("x", "z", "-y"), left_handed=False)
     assert read_recording(_log(tmp_path, HEADER, "0,1,2,3,4,5,6"), layout).wrenches().tolist() == [[1, 3, -2, 4, 6, -5]]
-    layout = Layout(axes=("x", "z", "y"), left_handed=True)
+    layout = LogLayout(axes=("x", "z", "y"), left_handed=True)
     assert read_recording(_log(tmp_path, HEADER, "0,1,2,3,4,5,6"), layout).wrenches().tolist() == [[1, 3, 2, 4, 6, 5]]
 
 
@@ -171,7 +171,7 @@ def test_quaternions_far_from_unit_are_set_aside_and_said(tmp_path: Path) -> Non
 
 def test_a_declared_orientation_must_be_there(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no column 'a'"):
-        read_recording(_log(tmp_path, HEADER, *ROWS), Layout(orientation=("a", "b", "c", "d")))
+        read_recording(_log(tmp_path, HEADER, *ROWS), LogLayout(orientation=("a", "b", "c", "d")))
 
 
 def test_a_row_is_a_line_whatever_its_quotes_say(tmp_path: Path) -> None:

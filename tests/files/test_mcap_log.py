@@ -29,8 +29,8 @@ from evidence.logs_written import (
 from palpate.errors import InputError
 from palpate.files.logs import open_log, read_recording
 from palpate.files.logs.decoding import FIXED, decode, seconds
-from palpate.files.logs.layout import Layout
-from palpate.files.logs.log import Messages, Topic
+from palpate.files.logs.layout import LogLayout
+from palpate.files.logs.log import MessageBlock, Topic
 from palpate.files.mcap._walk import walk
 from palpate.files.mcap.reader import MAGIC
 from palpate.signals.recording import ACCELERATION, ORIENTATION, POSITION, Recording
@@ -79,7 +79,7 @@ def test_every_type_is_read_as_rosbags_wrote_it(kind: str, encoding: str) -> Non
     ]
     length = np.array([len(raw) for raw in raws])
     nothing = np.zeros(len(raws), dtype=int)
-    given = Messages(b"".join(raws), {}, nothing, nothing, np.cumsum(length) - length, length)
+    given = MessageBlock(b"".join(raws), {}, nothing, nothing, np.cumsum(length) - length, length)
     stamps, values, sound = decode(given, Topic("", kind, encoding[:4].strip(",")))
     assert sound.all()
     first, last = FIXED[kind].before, FIXED[kind].before + FIXED[kind].count
@@ -158,7 +158,7 @@ def _two_rates(count: int = 2000, every: int = 10, late: int = 0) -> list[tuple[
 
 def test_poses_of_another_rate_are_interpolated(tmp_path: Path) -> None:
     write_mcap(tmp_path / "log.mcap", _two_rates())
-    recording = read_recording(tmp_path / "log.mcap", Layout(offset=0.004))
+    recording = read_recording(tmp_path / "log.mcap", LogLayout(offset=0.004))
     stamps = 1.0 + 0.01 * np.arange(200) + 0.004
     turned = Slerp(stamps, Rotation.from_euler("xyz", [[0.1 * k, 0.2, 0] for k in range(200)]))
     inside = (recording.time >= stamps[0]) & (recording.time <= stamps[-1])
@@ -224,7 +224,7 @@ def test_an_acceleration_runs_straight_between_its_readings(tmp_path: Path) -> N
     messages.sort(key=lambda message: message[0])
     write_mcap(tmp_path / "log.mcap", messages, {WRENCH: STAMPED[WRENCH], IMU: kind})
     assert ACCELERATION not in read_recording(tmp_path / "log.mcap").channels  # it may sit anywhere: to be named
-    recording = read_recording(tmp_path / "log.mcap", Layout(acceleration_topic=IMU))
+    recording = read_recording(tmp_path / "log.mcap", LogLayout(acceleration_topic=IMU))
     at = 1 + 0.02 * np.arange(50)
     inside = recording.time <= at[-1]
     for k in range(3):
@@ -238,15 +238,15 @@ def test_an_acceleration_runs_straight_between_its_readings(tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("layout", "word"),
     [
-        (Layout(), "2 topics hold a wrench: /ft/wrench, /other.*force_torque"),
-        (Layout(wrench_topic="/ft/wrnch"), "no topic '/ft/wrnch'.*Did you mean '/ft/wrench'"),
-        (Layout(wrench_topic="/tf"), "'/tf' holds tf2_msgs/TFMessage.*Wrenches are read from WrenchStamped"),
-        (Layout(wrench_topic="/other", orientation_topic="/tf"), "Poses are read from .*from the tree of /tf where"),
-        (Layout(wrench_topic="/other", orientation_topic="/ft/wrench"), "holds geometry_msgs/WrenchStamped"),
-        (Layout(wrench_topic="/empty"), "topic '/empty' has no messages"),
+        (LogLayout(), "2 topics hold a wrench: /ft/wrench, /other.*force_torque"),
+        (LogLayout(wrench_topic="/ft/wrnch"), "no topic '/ft/wrnch'.*Did you mean '/ft/wrench'"),
+        (LogLayout(wrench_topic="/tf"), "'/tf' holds tf2_msgs/TFMessage.*Wrenches are read from WrenchStamped"),
+        (LogLayout(wrench_topic="/other", orientation_topic="/tf"), "Poses are read from .*from the tree of /tf where"),
+        (LogLayout(wrench_topic="/other", orientation_topic="/ft/wrench"), "holds geometry_msgs/WrenchStamped"),
+        (LogLayout(wrench_topic="/empty"), "topic '/empty' has no messages"),
     ],
 )
-def test_a_topic_that_cannot_be_meant_is_refused(tmp_path: Path, layout: Layout, word: str) -> None:
+def test_a_topic_that_cannot_be_meant_is_refused(tmp_path: Path, layout: LogLayout, word: str) -> None:
     kinds = {
         WRENCH: STAMPED[WRENCH],
         "/other": STAMPED[WRENCH],

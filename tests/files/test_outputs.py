@@ -40,7 +40,7 @@ def test_an_input_is_not_overwritten_by_whatever_name(tmp_path: Path) -> None:
 def test_nor_by_what_is_written_beside_it(tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_text("")
     with pytest.raises(InputError, match=r"rig\.toml: would overwrite an input"):
-        keep_inputs(tmp_path / "rig", [tmp_path / "rig.toml"], beside=[tmp_path / "rig.toml"])
+        keep_inputs(tmp_path / "rig", [tmp_path / "rig.toml"], siblings=[tmp_path / "rig.toml"])
 
 
 def test_folders_pipes_and_devices_are_no_outputs(tmp_path: Path) -> None:
@@ -102,7 +102,7 @@ def test_one_process_writes_an_output_whatever_its_spelling(tmp_path: Path, monk
             with pytest.raises(InputError, match=rf"is being written already \(by process {other.pid} on"):
                 write_text(name, "mine")
             with pytest.raises(InputError, match="is being written already"), reserving():
-                keep_inputs(tmp_path / "other.csv", [], beside=[name])
+                keep_inputs(tmp_path / "other.csv", [], siblings=[name])
         other.kill()  # the system releases the lock of a process that dies
     write_text(output, "mine")
     assert sorted(file.name for file in tmp_path.iterdir()) == ["contacts.csv", "link.csv"]

@@ -11,7 +11,7 @@ import pytest
 from evidence.logs_written import session, write_parquet
 from palpate.errors import InputError
 from palpate.files.logs import open_log, read_recording
-from palpate.files.logs.layout import Layout
+from palpate.files.logs.layout import LogLayout
 
 NAMES = ("time", "fx", "fy", "fz", "tx", "ty", "tz")
 
@@ -46,7 +46,7 @@ def test_blocks_do_not_change_what_is_read(tmp_path: Path, monkeypatch: pytest.M
 
 def test_a_time_in_nanoseconds_is_the_nearest_double(tmp_path: Path) -> None:
     _frame(time=[0, 235_000_000, 1_000_000_001]).write_parquet(tmp_path / "log.parquet")
-    assert read_recording(tmp_path / "log.parquet", Layout(time_unit="ns")).time.tolist() == [0, 0.235, 1.000000001]
+    assert read_recording(tmp_path / "log.parquet", LogLayout(time_unit="ns")).time.tolist() == [0, 0.235, 1.000000001]
 
 
 @pytest.mark.parametrize(

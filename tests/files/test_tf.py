@@ -18,9 +18,9 @@ from evidence.robot import KINDS, OTHER, ROS2, TYPES, WRENCH, Posture, transform
 from palpate.cli import main
 from palpate.errors import InputError
 from palpate.files.contacts import read_contacts
-from palpate.files.logs import Layout, contents, open_log, read_poses, read_recording
+from palpate.files.logs import LogLayout, contents, open_log, read_poses, read_recording
 from palpate.files.logs.joints import joint_positions
-from palpate.files.logs.log import Messages, Topic
+from palpate.files.logs.log import MessageBlock, Topic
 from palpate.files.logs.transforms import transforms
 from palpate.setup import load_rig
 from palpate.setup.new import propose_rig
@@ -31,7 +31,7 @@ from palpate_lab.simulation.session_files import write_session
 
 ROS1, OLD = get_typestore(Stores.ROS1_NOETIC), "tf/msg/tfMessage"
 ROS1.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", OLD))
-TREE = Layout(wrench_topic=WRENCH, frames=("world", "ft_sensor"))
+TREE = LogLayout(wrench_topic=WRENCH, frames=("world", "ft_sensor"))
 
 
 @pytest.fixture(scope="module")
@@ -48,10 +48,10 @@ def robot(session: Session, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def _packed(raws: list[bytes]) -> Messages:
+def _packed(raws: list[bytes]) -> MessageBlock:
     length = np.array([len(raw) for raw in raws])
     nothing = np.zeros(len(raws), dtype=int)
-    return Messages(b"".join(raws), {}, nothing, nothing, np.cumsum(length) - length, length)
+    return MessageBlock(b"".join(raws), {}, nothing, nothing, np.cumsum(length) - length, length)
 
 
 def _trees(rng: np.random.Generator, count: int, types: Any = TYPES) -> list[Any]:
@@ -160,7 +160,7 @@ def test_a_robots_bag_gives_the_sensors_pose(robot: Path, session: Session) -> N
 
 
 def test_joint_states_give_the_same_pose(robot: Path, session: Session) -> None:
-    layout = Layout(wrench_topic=WRENCH, frames=("world", "ft_sensor"), urdf=robot / "robot.urdf")
+    layout = LogLayout(wrench_topic=WRENCH, frames=("world", "ft_sensor"), urdf=robot / "robot.urdf")
     recording, at = read_recording(robot / "touches", layout), slice(0, None, bag.EVERY)
     assert bag.apart(recording, session.touches) < 1e-12
     time, quaternion, _ = read_poses(robot / "touches", layout)
@@ -200,8 +200,8 @@ def _moved(stamp: int, at: float, *, parent: str = "base", child: str = "tool", 
     return stamp, [transform(stamp if said is None else said, parent, child, (at, 0, 0))]
 
 
-def _read_x(path: Path, layout: Layout | None = None) -> tuple[np.ndarray, Recording]:
-    recording = read_recording(path, layout or Layout(frames=("base", "tool")))
+def _read_x(path: Path, layout: LogLayout | None = None) -> tuple[np.ndarray, Recording]:
+    recording = read_recording(path, layout or LogLayout(frames=("base", "tool")))
     return recording.channels[POSITION][:, 0], recording
 
 
@@ -275,7 +275,7 @@ def test_joint_states_that_lack_a_joint_are_said(tmp_path: Path, robot: Path) ->
     rows = [(10**7 * k, WRENCH, wrench(10**7 * k, [k] * 6, "ft_sensor")) for k in range(11)]
     kinds = {WRENCH: KINDS[WRENCH], "/joint_states": kind}
     write_mcap(tmp_path / "log.mcap", sorted([*rows, *states], key=lambda each: each[0]), kinds)
-    layout = Layout(frames=("base_link", "ft_sensor"), urdf=robot / "robot.urdf")
+    layout = LogLayout(frames=("base_link", "ft_sensor"), urdf=robot / "robot.urdf")
     recording = read_recording(tmp_path / "log.mcap", layout)
     wanted = Posture(np.array([[0.2, 0.1, 0.3]])).positions()
     assert np.abs(recording.channels[POSITION] - wanted).max() < 1e-12
@@ -288,10 +288,10 @@ def test_joint_states_that_lack_a_joint_are_said(tmp_path: Path, robot: Path) ->
 
 
 def test_poses_of_other_things_never_block(robot: Path) -> None:
-    recording = read_recording(robot / "touches", Layout(wrench_topic=WRENCH))
+    recording = read_recording(robot / "touches", LogLayout(wrench_topic=WRENCH))
     assert ORIENTATION not in recording.channels
     assert "2 topics hold poses, and none is taken: /camera/object_pose, /vision/marker" in recording.notes[0]
-    none = read_recording(robot / "touches", Layout(wrench_topic=WRENCH, orientation_topic="none"))
+    none = read_recording(robot / "touches", LogLayout(wrench_topic=WRENCH, orientation_topic="none"))
     assert ORIENTATION not in none.channels
     assert none.notes == ()
 
@@ -310,7 +310,7 @@ def test_a_ros_1_bag_has_the_same_tree(tmp_path: Path, session: Session) -> None
                     else types[OLD]([_in_ros1(each) for each in message.transforms])
                 )
                 writer.write(topics[name], stamp, ROS1.serialize_ros1(made, kinds[name]))
-    recording = read_recording(tmp_path / "log.bag", Layout(frames=("/world", "ft_sensor")))
+    recording = read_recording(tmp_path / "log.bag", LogLayout(frames=("/world", "ft_sensor")))
     wanted = session.touches.channels[ORIENTATION][:count:2]
     turned = rotation_from_quaternion(recording.channels[ORIENTATION][:count:2])
     assert np.abs(turned - rotation_from_quaternion(wanted)).max() < 1e-12

@@ -29,7 +29,7 @@ from palpate.cli import main
 from palpate.errors import InputError
 from palpate.files.urdf import Kinematics, Urdf
 from palpate.setup import load_rig
-from palpate.setup.body import Body
+from palpate.setup.body import GivenBody
 from palpate.surfaces import Mesh
 
 
@@ -73,7 +73,7 @@ def test_the_mounting_is_that_of_the_fixed_joints(robots: dict[str, Path], robot
 
 
 def test_a_joint_that_turns_leaves_no_mounting(robots: dict[str, Path]) -> None:
-    assert Body.of(robots["gripper"], "tip").mounting("ft") is None
+    assert GivenBody.of(robots["gripper"], "tip").mounting("ft") is None
 
 
 def test_a_rig_reads_the_link_as_its_surface(robots: dict[str, Path], tmp_path: Path) -> None:
@@ -156,7 +156,7 @@ def test_what_is_asked_for_wrongly_is_a_sentence(robots: dict[str, Path], tmp_pa
     with pytest.raises(InputError, match="link 'left' has no visual geometry"):
         gripper.body("left", "visual")
     with pytest.raises(InputError, match=r"has several links\. Name one with --link: tool"):
-        Body.of(robots["arm"])
+        GivenBody.of(robots["arm"])
     with pytest.raises(InputError, match="there is no such file"):
         Urdf(tmp_path / "none.urdf")
     with pytest.raises(InputError, match="no link 'tol'"):

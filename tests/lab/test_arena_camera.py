@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from jaxtyping import Float, UInt8
 
-from palpate_lab.simulation.arena.camera import BACKGROUNDS, SwiftCamera
+from palpate_lab.simulation.arena.camera import BACKGROUNDS, TableCamera
 from palpate_lab.simulation.arena.skin import disc_points
 from palpate_lab.simulation.barrel import Barrel, Indenter, Pressed
-from palpate_lab.simulation.ring_camera import READ, SHOT, Look, Photographer, RingCamera
+from palpate_lab.simulation.ring_camera import READ, SHOT, Look, RenderedCamera, RingCamera
 from palpate_lab.simulation.ring_session import RingUnit
 
 UNIT = RingUnit.drawn(3, coarse=True)
@@ -39,8 +39,8 @@ def centroids(
 
 @pytest.mark.parametrize("which", [0, 1])
 def test_frames_are_those_of_the_photographer(states: list[Pressed], which: int) -> None:
-    slow = Photographer(UNIT.camera, QUIET, np.random.default_rng(0))
-    swift = SwiftCamera(UNIT.camera, QUIET, np.random.default_rng(0))
+    slow = RenderedCamera(UNIT.camera, QUIET, np.random.default_rng(0))
+    swift = TableCamera(UNIT.camera, QUIET, np.random.default_rng(0))
     state = states[which]
     one, other, skin = slow.frame([state.discs], 0.0), swift.frame(points(state)), slow.background(0.0)
     assert np.abs(one.astype(int) - other).max() <= 6  # an edge is 60 of 255 a pixel: a tenth of one
@@ -51,7 +51,7 @@ def test_frames_are_those_of_the_photographer(states: list[Pressed], which: int)
 
 
 def test_a_place_is_the_centroid_of_the_outline(states: list[Pressed]) -> None:
-    swift = SwiftCamera(UNIT.camera, QUIET, np.random.default_rng(0))
+    swift = TableCamera(UNIT.camera, QUIET, np.random.default_rng(0))
     for state in states:
         x, y = np.moveaxis(UNIT.camera.project(state.discs), -1, 0)
         after_x, after_y = np.roll(x, -1, axis=1), np.roll(y, -1, axis=1)
@@ -61,7 +61,7 @@ def test_a_place_is_the_centroid_of_the_outline(states: list[Pressed]) -> None:
 
 
 def test_noise_is_the_sensors_own_and_never_stands_still(states: list[Pressed]) -> None:
-    swift = SwiftCamera(UNIT.camera, replace(Look(), vignette=0.0, shadow=0.0), np.random.default_rng(0))
+    swift = TableCamera(UNIT.camera, replace(Look(), vignette=0.0, shadow=0.0), np.random.default_rng(0))
     place = np.rint(swift.places(points(states[0]))).astype(int)
     frames = [swift.frame(points(states[0])).copy() for _ in range(40)]
     red = np.array([[frame[y, x, 2] for x, y in place] for frame in frames], dtype=float)
@@ -71,8 +71,8 @@ def test_noise_is_the_sensors_own_and_never_stands_still(states: list[Pressed]) 
 
 
 def test_hidden_markers_and_those_that_moved_leave_nothing_behind(states: list[Pressed]) -> None:
-    swift = SwiftCamera(UNIT.camera, QUIET, np.random.default_rng(0))
-    skin = Photographer(UNIT.camera, QUIET, np.random.default_rng(0)).background(0.0)
+    swift = TableCamera(UNIT.camera, QUIET, np.random.default_rng(0))
+    skin = RenderedCamera(UNIT.camera, QUIET, np.random.default_rng(0)).background(0.0)
     for _ in range(BACKGROUNDS):
         swift.frame(points(states[0]))
     assert np.array_equal(swift.frame(points(states[1]), hidden=range(24)), skin)
@@ -82,6 +82,6 @@ def test_hidden_markers_and_those_that_moved_leave_nothing_behind(states: list[P
 
 
 def test_another_camera_sees_other_places(states: list[Pressed]) -> None:
-    nominal = SwiftCamera(RingCamera(), QUIET, np.random.default_rng(0))
+    nominal = TableCamera(RingCamera(), QUIET, np.random.default_rng(0))
     middle = points(states[0])[:, 0]
     assert np.abs(nominal.places(points(states[0])) - RingCamera().project(middle)).max() < 0.1

@@ -11,8 +11,8 @@ from scipy import ndimage
 
 from palpate.errors import InputError
 from palpate_lab.simulation.arena import (
+    ArenaLayout,
     Block,
-    Layout,
     paper_layout,
     random_layout,
     require_solvable,
@@ -31,7 +31,7 @@ def _inside(block: Block, points: np.ndarray) -> np.ndarray:
     return np.asarray((sides[:, 0] * off[..., 1] - sides[:, 1] * off[..., 0] >= 0.0).all(axis=-1))
 
 
-def _areas(layout: Layout, cell: float, radius: float) -> np.ndarray:
+def _areas(layout: ArenaLayout, cell: float, radius: float) -> np.ndarray:
     """Numbered areas in which a disc goes; pixels that are grown, and no distances."""
     shape = [round(side / cell) for side in layout.size]
     points = np.stack(np.meshgrid(*((np.arange(n) + 0.5) * cell for n in shape), indexing="ij"), axis=-1)
@@ -44,8 +44,8 @@ def _areas(layout: Layout, cell: float, radius: float) -> np.ndarray:
     return ndimage.label(ndimage.distance_transform_edt(~solid)[1:-1, 1:-1] * cell > radius)[0]
 
 
-def _open(*blocks: Block, starts: object = ((0.3, 0.5, 0.0),), goals: object = ((1.7, 0.5),)) -> Layout:
-    return Layout((2.0, 1.0), blocks, np.array(starts), np.array(goals), "test")
+def _open(*blocks: Block, starts: object = ((0.3, 0.5, 0.0),), goals: object = ((1.7, 0.5),)) -> ArenaLayout:
+    return ArenaLayout((2.0, 1.0), blocks, np.array(starts), np.array(goals), "test")
 
 
 def _across(*gap: float) -> tuple[Block, Block]:
@@ -169,7 +169,7 @@ def test_what_is_no_arena_is_refused() -> None:
         "friction must be positive": lambda: Block(0.0, 0.0, 0.0, (0.1, 0.1), 1.0, -0.1),
         "x, y and turn": lambda: Block(np.nan, 0.0, 0.0, (0.1, 0.1)),
         "starts and goals must be finite": lambda: _open(starts=((np.nan, 0.0, 0.0),)),
-        "size must be": lambda: Layout((0.0, 1.0), (), np.zeros((1, 3)), np.zeros((1, 2))),
+        "size must be": lambda: ArenaLayout((0.0, 1.0), (), np.zeros((1, 3)), np.zeros((1, 2))),
         'no density "full"': lambda: random_layout(0, density="full"),
         "needs a robot": lambda: random_layout(0, robots=0),
     }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate_lab.viewer.arena import FORCE, Scene, Trails, colour, mixed, newtons
+from palpate_lab.viewer.arena import FORCE, ArenaScene, Trails, colour, mixed, newtons
 from palpate_lab.viewer.arena_picture import HEAD, SIZE, ArenaPicture, senses
 from tests.support.arena_scenes import BLOCKS, arena, scene
 
@@ -44,7 +44,7 @@ def test_robots_and_blocks_are_where_they_are() -> None:
     assert len({fixed, pushed, (255, 255, 255)}) == 3
     assert _seen(picture, 2.4, 1.2) == (255, 255, 255)
     moved = scene(10.0)
-    elsewhere = Scene(**(vars(moved) | {"blocks": BLOCKS + [[0.5, 0.0, 0.0]] * 3}))
+    elsewhere = ArenaScene(**(vars(moved) | {"blocks": BLOCKS + [[0.5, 0.0, 0.0]] * 3}))
     assert _seen(ArenaPicture(arena()).draw(elsewhere), 1.5, 0.5) == fixed
 
 

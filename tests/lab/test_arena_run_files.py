@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate_lab.simulation.arena.layout import Block, Layout
+from palpate_lab.simulation.arena.layout import ArenaLayout, Block
 from palpate_lab.simulation.arena.run_files import RunRecorder, files_of, write_arena, write_rig
 
 pytest.importorskip("rosbags")
@@ -126,7 +126,7 @@ def test_nothing_is_left_of_a_run_that_breaks_off(tmp_path: Path) -> None:
 
 def test_the_arena_as_a_table(tmp_path: Path) -> None:
     blocks = (Block(1.0, 1.0, 0.1, (0.1, 0.2)), Block(2.0, 1.0, 0.0, (0.1, 0.1), mass=0.5))
-    layout = Layout((3.0, 2.0), blocks, np.array([[0.2, 1.0, 0.0]]), np.array([[2.8, 1.0]]), 'a "name"')
+    layout = ArenaLayout((3.0, 2.0), blocks, np.array([[0.2, 1.0, 0.0]]), np.array([[2.8, 1.0]]), 'a "name"')
     write_arena(tmp_path / "arena.toml", layout, {"seed": 3, "method": "ours", "images": True})
     said = tomllib.loads((tmp_path / "arena.toml").read_text())
     assert said["seed"] == 3

@@ -10,7 +10,7 @@ import pytest
 
 from palpate.errors import InputError
 from palpate_lab.simulation import engine as engines
-from palpate_lab.simulation.arena import FRAME, ArenaWorld, Block, Layout, RobotSettings, random_layout
+from palpate_lab.simulation.arena import FRAME, ArenaLayout, ArenaWorld, Block, RobotSettings, random_layout
 
 pytest.importorskip("mujoco")
 
@@ -24,7 +24,7 @@ STILL = np.zeros((1, 2))
 def _world(*blocks: Block, starts: list[list[float]] | None = None) -> ArenaWorld:
     """Two by two metres; a robot that looks at (0.6, 1) from 40 mm off, or these."""
     places = np.array(starts or [[0.505, 1.0, 0.0]])
-    return ArenaWorld(Layout((2.0, 2.0), blocks, places, places[:, :2]), EVEN)
+    return ArenaWorld(ArenaLayout((2.0, 2.0), blocks, places, places[:, :2]), EVEN)
 
 
 def _box(push: float, turn: float = 0.0, half: tuple[float, float] = (0.05, 0.05)) -> Block:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.contact.ground_truth import Samples
+from palpate.contact.ground_truth import TrueSamples
 from palpate.surfaces import Mesh
 from palpate_lab.benchmark.files import as_contacts
 from palpate_lab.benchmark.scoring import score
@@ -13,9 +13,9 @@ from palpate_lab.peers import skin_peers
 from palpate_lab.peers.image_peers import nearest_image, shrunk
 from palpate_lab.peers.to_wrenches import contact_wrenches, linear_map, payload_and_bias
 from palpate_lab.peers.wrench_peers import WRENCH_PEERS
-from palpate_lab.simulation import Ellipsoid, touch_wrenches
+from palpate_lab.simulation import EllipsoidBody, touch_wrenches
 
-TRUTH = Samples(np.arange(4.0), np.zeros((4, 3)), force=np.tile([0.0, 0.0, -5.0], (4, 1)))
+TRUTH = TrueSamples(np.arange(4.0), np.zeros((4, 3)), force=np.tile([0.0, 0.0, -5.0], (4, 1)))
 QUIET = np.array([10, 11])
 
 
@@ -44,7 +44,7 @@ def test_answers_where_nothing_touches_are_false_and_unjudged_samples_do_not_cou
 
 
 def test_contacts_at_once_are_paired_by_the_least_sum() -> None:
-    truth = Samples(np.zeros(2), np.array([[0.0, 0, 0], [0.01, 0, 0]]))
+    truth = TrueSamples(np.zeros(2), np.array([[0.0, 0, 0], [0.01, 0, 0]]))
     rows = np.array([[0.0105, 0, 0], [0.0005, 0, 0]])
     got = score(as_contacts(np.zeros(2, dtype=np.int64), rows), truth, QUIET)
     assert got.p95 == pytest.approx(5e-4)
@@ -67,7 +67,7 @@ def test_ellipses_hold_the_truth_or_not() -> None:
 @pytest.mark.parametrize("name", [name for name in WRENCH_PEERS if "minimum norm" not in name])
 def test_without_torsion_every_peer_finds_the_place(name: str) -> None:
     """Up to the mesh: where its radius is 4.8 mm, facets of 2.5 mm are s^2 / 6r = 0.22 mm inside; forces lean."""
-    rng, body = np.random.default_rng(3), Ellipsoid((0.03, 0.02, 0.012))
+    rng, body = np.random.default_rng(3), EllipsoidBody((0.03, 0.02, 0.012))
     points = body.sample(12, rng)
     wrenches = touch_wrenches(points, body.normals(points), rng)
     answer = WRENCH_PEERS[name](Mesh.from_arrays(*body.mesh(2000)))
@@ -79,7 +79,7 @@ def test_the_shortest_lever_is_on_the_line_and_no_longer_than_the_truth() -> Non
     rng = np.random.default_rng(4)
     points = rng.normal(size=(20, 3))
     force = rng.normal(size=(20, 3))
-    ball = Mesh.from_arrays(*Ellipsoid((1.0, 1.0, 1.0)).mesh(20))
+    ball = Mesh.from_arrays(*EllipsoidBody((1.0, 1.0, 1.0)).mesh(20))
     answer = WRENCH_PEERS["minimum norm, pseudo-inverse of p x F = M"](ball)
     found = np.stack([answer(np.r_[f, np.cross(p, f)]) for p, f in zip(points, force, strict=True)])
     assert np.allclose(np.cross(found, force), np.cross(points, force), atol=1e-12)
@@ -102,7 +102,7 @@ def test_plain_compensation_and_map_are_exact_without_noise() -> None:
 def test_patches_are_told_apart_and_share_a_wrench() -> None:
     """A flat sheet of 5 x 9 cells of 10 mm, pressed on two patches."""
     centres = np.array([[0.01 * row, 0.01 * column, 0.0] for row in range(5) for column in range(9)])
-    sheet = skin_peers.Sheet(centres, np.tile([0.0, 0, 1], (45, 1)))
+    sheet = skin_peers.CellPlaces(centres, np.tile([0.0, 0, 1], (45, 1)))
     forces = np.zeros(45)
     forces[[0, 1]], forces[[43, 44]] = 1.0, [1.0, 3.0]
     both = np.array([[0.0, 0.005, 0, 0, 0, -2], [0.04, 0.0775, 0, 0, 0, -4]])

@@ -3,9 +3,9 @@
 import numpy as np
 
 from palpate_lab.simulation.contacts import touch_wrenches
-from palpate_lab.simulation.shapes import Ellipsoid
+from palpate_lab.simulation.shapes import EllipsoidBody
 
-BODY = Ellipsoid((0.01, 0.007, 0.005))
+BODY = EllipsoidBody((0.01, 0.007, 0.005))
 
 
 def test_forces_press_within_the_cone_and_sizes_and_pitch_within_bounds() -> None:

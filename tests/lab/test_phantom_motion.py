@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from palpate.errors import InputError
-from palpate_lab.simulation.phantom.motion import MOTIONS, Breathing, Motion, Sine, Step, motion, unplanned
+from palpate_lab.simulation.phantom.motion import MOTIONS, Breathing, Sine, Step, SurfaceMotion, motion, unplanned
 
 ALL = [motion(name, seed=3) for name in MOTIONS] + [
-    Motion(Breathing(0.01), Sine(0.1, 3.0), Sine(-0.15, 2.0)),
-    Motion(in_plane=Step(0.17, 0.5), out_of_plane=Step(-0.1, 0.55)),
-    Motion(in_plane=Sine(0.1, 3.0), out_of_plane=Sine(-0.15, 2.0), spin=Sine(0.3, 2.5)),
+    SurfaceMotion(Breathing(0.01), Sine(0.1, 3.0), Sine(-0.15, 2.0)),
+    SurfaceMotion(in_plane=Step(0.17, 0.5), out_of_plane=Step(-0.1, 0.55)),
+    SurfaceMotion(in_plane=Sine(0.1, 3.0), out_of_plane=Sine(-0.15, 2.0), spin=Sine(0.3, 2.5)),
 ]
 
 
 @pytest.mark.parametrize("moving", ALL)
-def test_velocities_are_derivatives(moving: Motion) -> None:
+def test_velocities_are_derivatives(moving: SurfaceMotion) -> None:
     """Central differences over 2e-6 s: rounding 1e-10, the third derivative (a step's, 4e3 rad/s^3) 1e-8."""
     half = 1e-6
     for time in np.concatenate([np.linspace(0.1, 1.9, 4), np.linspace(2.003, 14.98, 60), np.linspace(2.49, 2.66, 20)]):

@@ -12,7 +12,7 @@ from palpate.sensors.taxels.modules import LAYOUTS
 from palpate.spatial.pose import Pose
 from palpate.surfaces.mesh import Mesh
 from palpate_lab.simulation.forearm import Cone, Forearm, SurfaceSkin, places_near
-from palpate_lab.simulation.poke_bench import MIX, Arm, PokeBench, PokeErrors, PokeSession, boussinesq
+from palpate_lab.simulation.poke_bench import MIX, Elbow, PokeBench, PokeErrors, PokeSession, boussinesq
 
 NONE = PokeErrors(1e-9, 1e-9, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # a covariance must not be singular
 
@@ -185,7 +185,7 @@ def test_a_measured_wrench_undone_is_the_true_one() -> None:
 
 
 def test_the_arm_has_the_papers_poses() -> None:
-    arm = Arm()
+    arm = Elbow()
     poses = arm.pose(*arm.joints.T)
     middle = poses.apply(Forearm.of().places.positions.mean(axis=0))
     assert (np.abs(np.linalg.norm(middle, axis=1) - 0.15) < 0.04).all()

@@ -10,7 +10,7 @@ import pytest
 from jaxtyping import Float, UInt8
 
 from palpate.errors import InputError
-from palpate_lab.simulation.ring_camera import Look, Photographer, RingCamera
+from palpate_lab.simulation.ring_camera import Look, RenderedCamera, RingCamera
 
 cv2 = pytest.importorskip("cv2")
 
@@ -65,7 +65,7 @@ def test_the_nominal_camera_sees_the_ring_the_right_way_round() -> None:
 def test_a_marker_is_drawn_where_it_is() -> None:
     """Without blur and noise, by the centroid of the light: to the eighth of a pixel of the finer mask's edge."""
     camera = RingCamera.drawn(np.random.default_rng(3))
-    frame = Photographer(camera, CLEAN, np.random.default_rng(0)).frame([_discs()], 0.0)
+    frame = RenderedCamera(camera, CLEAN, np.random.default_rng(0)).frame([_discs()], 0.0)
     light = frame[:, :, 2].astype(float) - frame[0, 0, 2]
     for outline in camera.project(_discs()):
         true = _area_centre(outline)
@@ -85,7 +85,7 @@ def _area_centre(outline: Float[np.ndarray, "p 2"]) -> Float[np.ndarray, "2"]:
 def test_a_plain_pipeline_has_the_noise_that_the_setting_promises() -> None:
     """0.3 px an axis at noise 1, from 16 frames of 24 markers: some 700 degrees of freedom, and blobs that differ."""
     camera = RingCamera()
-    photographer = Photographer(camera, Look(), np.random.default_rng(1))
+    photographer = RenderedCamera(camera, Look(), np.random.default_rng(1))
     seen = np.stack([_seen(photographer.frame([_discs()], 0.0), camera) for _ in range(16)])
     assert np.isfinite(seen).mean() > 0.99
     assert np.sqrt(np.nanmean(np.nanvar(seen, axis=0, ddof=1))) == pytest.approx(0.3, abs=0.05)
@@ -93,7 +93,7 @@ def test_a_plain_pipeline_has_the_noise_that_the_setting_promises() -> None:
 
 def test_hidden_markers_are_gone_and_blobs_are_added() -> None:
     camera = RingCamera()
-    photographer = Photographer(camera, CLEAN, np.random.default_rng(0))
+    photographer = RenderedCamera(camera, CLEAN, np.random.default_rng(0))
     frame = photographer.frame([_discs()], 0.0, hidden=[3, 7], blobs=np.array([[320.0, 240.0, 6.0]]))
     gone = np.flatnonzero(np.isnan(_seen(frame, camera)[:, 0]))
     assert gone.tolist() == [3, 7]
@@ -104,7 +104,7 @@ def test_hidden_markers_are_gone_and_blobs_are_added() -> None:
 def test_a_shutter_that_stays_open_smears() -> None:
     camera = RingCamera()
     moved = _discs() + np.array([0.002, 0.0, 0.0])
-    frame = Photographer(camera, CLEAN, np.random.default_rng(0)).frame([_discs(), moved], 0.0)
+    frame = RenderedCamera(camera, CLEAN, np.random.default_rng(0)).frame([_discs(), moved], 0.0)
     assert 60 < int(frame[:, :, 2].max()) <= 190
     middle = camera.project(np.array([[0.052, 0.0, 0.0]]))[0]
     assert np.abs(_seen(frame, camera)[0] - middle).max() < 1.0
@@ -113,7 +113,7 @@ def test_a_shutter_that_stays_open_smears() -> None:
 def test_brightness_and_colour_are_those_of_the_look() -> None:
     camera = RingCamera()
     skin = {
-        name: Photographer(camera, replace(CLEAN, **change), np.random.default_rng(0)).frame([_discs()], 0.0)[5, 5]
+        name: RenderedCamera(camera, replace(CLEAN, **change), np.random.default_rng(0)).frame([_discs()], 0.0)[5, 5]
         for name, change in {
             "plain": {},
             "bright": {"brightness": 2.0},
@@ -130,14 +130,16 @@ def test_hue_turns_as_opencv_counts_it() -> None:
     camera = RingCamera()
     column, row = np.rint(camera.project(RING)[0]).astype(int)
     for degrees in (20.0, -20.0):
-        frame = Photographer(camera, replace(CLEAN, hue=degrees), np.random.default_rng(0)).frame([_discs(0.003)], 0.0)
+        frame = RenderedCamera(camera, replace(CLEAN, hue=degrees), np.random.default_rng(0)).frame(
+            [_discs(0.003)], 0.0
+        )
         hue = int(cv2.cvtColor(frame, cv2.COLOR_BGR2HSV)[row, column, 0])
         assert ((hue + 90) % 180 - 90) == pytest.approx(degrees / 2, abs=2.5)
 
 
 def test_a_seed_draws_the_same_frames() -> None:
     one, two = (
-        Photographer(RingCamera(), Look(), np.random.default_rng(5)).frame([_discs()], 0.3, blobs=3) for _ in "ab"
+        RenderedCamera(RingCamera(), Look(), np.random.default_rng(5)).frame([_discs()], 0.3, blobs=3) for _ in "ab"
     )
     assert np.array_equal(one, two)
 
@@ -145,4 +147,4 @@ def test_a_seed_draws_the_same_frames() -> None:
 def test_without_opencv_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "cv2", None)
     with pytest.raises(InputError, match=r"palpate\[camera\]"):
-        Photographer(RingCamera(), CLEAN, np.random.default_rng(0))
+        RenderedCamera(RingCamera(), CLEAN, np.random.default_rng(0))

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from palpate_lab.simulation.shapes import Body, BumpySphere, Ellipsoid, Superquadric, icosphere
+from palpate_lab.simulation.shapes import Body, BumpySphere, EllipsoidBody, Superquadric, icosphere
 
 R = 0.01
 BODIES = {
-    "ellipsoid": Ellipsoid((R, 0.7 * R, 0.5 * R)),
+    "ellipsoid": EllipsoidBody((R, 0.7 * R, 0.5 * R)),
     "superquadric": Superquadric((R, 0.7 * R, 0.5 * R), (0.7, 0.7)),
     "superquadric with two exponents": Superquadric((R, 0.7 * R, 0.5 * R), (0.7, 1.2)),
     "bumpy sphere": BumpySphere(R),
@@ -76,7 +76,11 @@ def test_meshes_have_about_the_facets_asked_for_and_every_vertex_on_the_body(fac
 
 @pytest.mark.parametrize(
     "wrong",
-    [lambda: Ellipsoid((1.0, 0.0, 1.0)), lambda: Superquadric((1.0, 1.0, 1.0), (2.5, 1.0)), lambda: BumpySphere(-1.0)],
+    [
+        lambda: EllipsoidBody((1.0, 0.0, 1.0)),
+        lambda: Superquadric((1.0, 1.0, 1.0), (2.5, 1.0)),
+        lambda: BumpySphere(-1.0),
+    ],
 )
 def test_impossible_bodies_are_refused(wrong) -> None:
     with pytest.raises(ValueError, match="must be positive"):

@@ -17,8 +17,8 @@ from palpate_lab.cli import arena_batch
 from palpate_lab.cli.arena_batch import read_results
 from palpate_lab.cli.arena_file import read_arena
 from palpate_lab.cli.arena_run import ArenaResult
-from palpate_lab.cli.arena_setup import Asked, command
-from palpate_lab.simulation.arena import Block, Layout, random_layout
+from palpate_lab.cli.arena_setup import ArenaRequest, command
+from palpate_lab.simulation.arena import ArenaLayout, Block, random_layout
 from palpate_lab.simulation.arena.run_files import write_arena
 
 pytest.importorskip("mujoco")
@@ -38,7 +38,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Runs that take no time, and which there were; even seeds bring both robots home."""
     ran = list[int]()
 
-    def one(asked: Asked, seed: int) -> ArenaResult:
+    def one(asked: ArenaRequest, seed: int) -> ArenaResult:
         ran.append(seed)
         return replace(DONE, seed=seed, arrived=(12.5, 30.0 if seed % 2 == 0 else nan))
 
@@ -124,7 +124,7 @@ def test_ctrl_c_keeps_what_is_done(
 ) -> None:
     before = arena_batch._one
 
-    def one(asked: Asked, seed: int) -> ArenaResult:
+    def one(asked: ArenaRequest, seed: int) -> ArenaResult:
         if seed == 2:
             raise KeyboardInterrupt
         return before(asked, seed)
@@ -225,8 +225,8 @@ def test_an_output_or_a_rig_that_is_none_is_refused(tmp_path: Path, capsys: pyte
 
 
 def test_the_command_that_shows_a_run_says_what_is_unusual() -> None:
-    assert command(Asked(), 4) == "palpate simulate arena -o run.mcap --seed 4 --view"
-    asked = Asked(robots=2, method="paper", images=True)
+    assert command(ArenaRequest(), 4) == "palpate simulate arena -o run.mcap --seed 4 --view"
+    asked = ArenaRequest(robots=2, method="paper", images=True)
     assert command(asked, 4) == "palpate simulate arena -o run.mcap --robots 2 --method paper --images --seed 4 --view"
 
 
@@ -240,9 +240,9 @@ def test_an_arena_of_ones_own_is_read_or_refused(tmp_path: Path, capsys: pytest.
     assert (again.goals == layout.goals).all()
     wall = Block(1.5, 1.0, 0.0, (0.05, 0.999))
     wrong = {
-        "robot 1 has no way": Layout((3.0, 2.0), (wall,), np.array([[0.3, 1.0, 0.0]]), np.array([[2.7, 1.0]])),
-        "the goal of robot 1": Layout((3.0, 2.0), (), np.array([[0.3, 1.0, 0.0]]), np.array([[2.99, 1.0]])),
-        "robots 1 and 2": Layout(
+        "robot 1 has no way": ArenaLayout((3.0, 2.0), (wall,), np.array([[0.3, 1.0, 0.0]]), np.array([[2.7, 1.0]])),
+        "the goal of robot 1": ArenaLayout((3.0, 2.0), (), np.array([[0.3, 1.0, 0.0]]), np.array([[2.99, 1.0]])),
+        "robots 1 and 2": ArenaLayout(
             (3.0, 2.0), (), np.array([[0.3, 1.0, 0.0], [0.35, 1.0, 0.0]]), np.array([[2.7, 1.0], [2.7, 0.5]])
         ),
     }

@@ -30,7 +30,7 @@ def test_the_strongest_taxel_is_near_the_truth(bench: PokeBench, single: SkinTou
 
 def test_readings_are_whole_or_not_and_rest_between(bench: PokeBench, single: SkinTouches) -> None:
     assert (single.frames == np.rint(single.frames)).all()
-    floats = simulate_touches(bench, np.random.default_rng(2), 40, whole=False)
+    floats = simulate_touches(bench, np.random.default_rng(2), 40, counts=False)
     np.testing.assert_array_equal(floats.point, single.point)
     assert np.abs(floats.frames - single.frames).max() <= 0.5
     before = floats.frames[:8] - floats.rest
@@ -49,14 +49,14 @@ def test_truth_has_a_row_a_contact_and_frame(single: SkinTouches) -> None:
 
 def test_two_at_once_are_so_far_apart(bench: PokeBench) -> None:
     """Along the sheet; straight through the cone at most 1 - (12 / 32)^2 / 24 of it."""
-    both = simulate_touches(bench, np.random.default_rng(3), 30, apart=12e-3)
+    both = simulate_touches(bench, np.random.default_rng(3), 30, spacing=12e-3)
     pair = both.point.reshape(-1, 2, 3)
     apart = np.linalg.norm(pair[:, 1] - pair[:, 0], axis=1)
     assert apart.max() <= 12e-3 + 1e-9
     assert apart.min() > 12e-3 * (1 - (12 / 28) ** 2 / 24)
     np.testing.assert_array_equal(both.touch, np.repeat(np.arange(30), 2))
     with pytest.raises(InputError, match="no two places"):
-        simulate_touches(bench, np.random.default_rng(3), 5, apart=0.125)
+        simulate_touches(bench, np.random.default_rng(3), 5, spacing=0.125)
 
 
 def test_forces_add_up(bench: PokeBench) -> None:

@@ -156,8 +156,8 @@ def test_presses_are_settled_where_they_are_held() -> None:
     settings = replace(SHORT, touches=4, force=(2.0, 12.0))
     run = simulate_presses(np.random.default_rng(8), 4, settings)
     normal, _ = _pushes(run)
-    assert len(run.held) == 4
-    for frame in run.held.tolist():
+    assert len(run.stationary) == 4
+    for frame in run.stationary.tolist():
         rows, before = run.truth.at(frame), run.truth.at(frame - 5)
         assert sorted(run.touches[k].slot for k in run.truth.touch[rows].tolist()) == [0, 1, 2, 3]
         assert run.truth.speed[rows].max() < 5e-3

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from evidence.laws import largest_steps, ridges
 from palpate.contact import Locator
 from palpate.surfaces import Mesh
-from palpate_lab.simulation import Ellipsoid
+from palpate_lab.simulation import EllipsoidBody
 from tests.support.bodies import BODIES, CLOSED, R, box, on_mesh, pressing
 
 SIZES = (0.0, 1e-9, 1e-3, 0.05, 0.3, 1.0, 3.0, 100.0)  # of the pitch, over R
@@ -108,7 +108,7 @@ def test_a_convex_body_has_exactly_one(name: str) -> None:
 @pytest.mark.parametrize("pitch", [0.0, 0.05 * R, 0.3 * R])
 def test_on_a_smooth_body_the_answer_slides_without_a_jump(pitch: float) -> None:
     """Ten times smaller steps of the finger make the answer's largest step ten times smaller; a jump would stay."""
-    body = Ellipsoid((R, 0.7 * R, 0.5 * R))
+    body = EllipsoidBody((R, 0.7 * R, 0.5 * R))
     mesh = Mesh.from_arrays(*body.mesh(1280))
     for step in (10e-6, 1e-6):
         assert largest_steps(body, mesh, 2000, step, pitch) < 2.0

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import InputError
-from palpate.live.camera import Camera
+from palpate.live.camera import CameraSource
 from palpate.live.source import Batch
 
 cv2: Any = pytest.importorskip("cv2", reason="no OpenCV")
@@ -28,14 +28,14 @@ def video(tmp_path: Path) -> Path:
 
 
 def test_every_frame_comes_in_order_and_a_lost_camera_is_opened_again(video: Path) -> None:
-    camera = Camera(str(video))
+    camera = CameraSource(str(video))
     assert camera.shape == (48, 64, 3)
     batch, seen, said = Batch(camera.shape, 4, np.uint8), list[float](), list[str]()
     camera.open()
     while len(seen) < 2 * len(GREYS):
         if camera.receive(batch, 0.01):
             seen.append(float(batch.values[0].mean()))
-        said += camera.said()
+        said += camera.events()
     camera.close()
     assert np.abs(np.array(seen) - np.tile(GREYS, 2)).max() < NEAR
     assert "gives no more frames" in said[0]
@@ -44,4 +44,4 @@ def test_every_frame_comes_in_order_and_a_lost_camera_is_opened_again(video: Pat
 
 def test_no_camera_is_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="there is no camera"):
-        Camera(str(tmp_path / "none.avi"))
+        CameraSource(str(tmp_path / "none.avi"))

@@ -142,7 +142,7 @@ def test_where_nobody_listens_nothing_happens_and_who_comes_late_is_served(
     path = tmp_path / "contacts"
     sender = opened(f"unix:{path}", rate=0.0)
     sender.publish(touches(0, 20))
-    assert (sender.sent, sender.dropped, sender.said()) == (0, 0, [])
+    assert (sender.sent, sender.dropped, sender.events()) == (0, 0, [])
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listener:
         listener.bind(str(path))
         sender.publish(touches(20, 2))
@@ -164,11 +164,11 @@ def test_a_listener_that_does_not_read_is_not_waited_for(opened: Callable[..., J
         sender.publish(touches(0, 2000))
         assert sender.sent + sender.dropped == 2000
         assert sender.dropped > 0
-        assert [str(sender.dropped) in sentence for sentence in sender.said()] == [True]
+        assert [str(sender.dropped) in sentence for sentence in sender.events()] == [True]
         sender.publish(touches(0, 10))
-        assert sender.said() == []  # not again so soon
+        assert sender.events() == []  # not again so soon
         now[0] = 11.0
-        assert len(sender.said()) == 1
+        assert len(sender.events()) == 1
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ from palpate.errors import InputError
 from palpate.live.device import Device
 from palpate.live.netft import NetFt
 from palpate.live.netft_device import NetFtDevice
-from palpate.live.sequence import Sequence
+from palpate.live.sequence import SequenceCounters
 from palpate.live.source import Batch, Source
 from palpate.setup.rig import check_rig
 
@@ -128,7 +128,7 @@ def connected(wire: Wire | NetFtDevice) -> Generator[NetFt]:
             source.open()
         while source.receive(Batch((6,)), 0.0):
             pass
-    source.said()
+    source.events()
     try:
         yield source
     finally:
@@ -175,7 +175,7 @@ def told(source: NetFt, *words: str) -> str:
     """Everything said until all these words were."""
     end, said = time.monotonic() + LONG, ""
     while not all(word in said for word in words) and time.monotonic() < end:
-        said += "\n".join(source.said())
+        said += "\n".join(source.events())
         source.receive(Batch((6,)), 0.02)
     assert all(word in said for word in words), said
     return said
@@ -237,7 +237,7 @@ def test_connection_is_said_with_what_the_device_is_and_what_the_buffer_holds() 
         source.open()
     finally:
         wire.close()
-    said = "\n".join(source.said())
+    said = "\n".join(source.events())
     source.close()
     for word in (
         "connected to Box, calibration FT1",
@@ -323,7 +323,7 @@ def test_counters_find_every_gap_and_repetition_in_blocks_of_any_size(
             held.clear()
     order = np.array(arrive, dtype=np.int64)
     cuts = data.draw(st.lists(st.integers(0, len(order)), max_size=5).map(sorted))
-    sequence, kept, lost = Sequence(), list[int](), 0
+    sequence, kept, lost = SequenceCounters(), list[int](), 0
     for block in np.split(order, cuts):
         if len(block):
             room = np.zeros(len(block), dtype=np.int64)
@@ -341,7 +341,7 @@ def test_counters_find_every_gap_and_repetition_in_blocks_of_any_size(
 
 def test_counters_that_wrap_go_on() -> None:
     """After 7 days at 7 kHz: two are missing over the end of the count, in a block and from one block to the next."""
-    sequence, lost, end = Sequence(), np.zeros(8, dtype=np.int64), 1 << 32
+    sequence, lost, end = SequenceCounters(), np.zeros(8, dtype=np.int64), 1 << 32
     assert sequence.follow([end - 3, end - 2], [end - 3, end - 2], [0, 1], lost) is None
     assert sequence.follow([1, 2], [1, 2], [2, 3], lost) == [0, 1]
     assert lost[:2].tolist() == [2, 0]
@@ -416,7 +416,7 @@ def test_damaged_datagrams_never_raise_and_only_those_as_long_as_a_sample_are_re
         for row in batch.values[:n][~np.isnan(batch.values[:n]).any(axis=1)]:
             assert tuple((row * 1e6).round().astype(int).tolist()) in possible
     assert given_ <= len(whole)
-    assert all(sentence.isprintable() for sentence in source.said())
+    assert all(sentence.isprintable() for sentence in source.events())
 
 
 BOMB = (

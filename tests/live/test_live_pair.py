@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from palpate.files.logs.wrench_means import WrenchMeans
-from palpate.live.paired_source import Pair
+from palpate.live.paired_source import PairedSource
 from palpate.live.source import Batch, Source
 
 MS = 10**6
@@ -49,15 +49,15 @@ class Given:
 
 
 @pytest.fixture
-def devices() -> tuple[Given, Given, Pair]:
+def devices() -> tuple[Given, Given, PairedSource]:
     frames, wrenches = Given((2, 3)), Given((6,))
-    pair = Pair(frames, wrenches, WrenchMeans())
+    pair = PairedSource(frames, wrenches, WrenchMeans())
     assert isinstance(pair, Source)
     pair.open()
     return frames, wrenches, pair
 
 
-def test_frames_have_the_mean_of_the_wrenches_about_them(devices: tuple[Given, Given, Pair]) -> None:
+def test_frames_have_the_mean_of_the_wrenches_about_them(devices: tuple[Given, Given, PairedSource]) -> None:
     frames, wrenches, pair = devices
     batch, rng = Batch(pair.shape), np.random.default_rng(1)
     stamps, cells = 10 * MS * np.arange(1, 6), rng.normal(size=(5, 2, 3))
@@ -77,7 +77,7 @@ def test_frames_have_the_mean_of_the_wrenches_about_them(devices: tuple[Given, G
     pair.close()
 
 
-def test_a_frame_does_not_wait_for_ever(devices: tuple[Given, Given, Pair]) -> None:
+def test_a_frame_does_not_wait_for_ever(devices: tuple[Given, Given, PairedSource]) -> None:
     frames, _, pair = devices
     batch = Batch(pair.shape)
     frames.give(np.array([10 * MS]), np.ones((1, 2, 3)))
@@ -87,7 +87,9 @@ def test_a_frame_does_not_wait_for_ever(devices: tuple[Given, Given, Pair]) -> N
     assert batch.values[0, 12] == 0
 
 
-def test_a_frame_waits_for_wrenches(devices: tuple[Given, Given, Pair], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_frame_waits_for_wrenches(
+    devices: tuple[Given, Given, PairedSource], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """On a clock that stands still, so that a busy machine does not make it late."""
     frames, _, pair = devices
     clock = SimpleNamespace(monotonic=lambda: 0.0, sleep=time.sleep, time_ns=time.time_ns)
@@ -96,7 +98,7 @@ def test_a_frame_waits_for_wrenches(devices: tuple[Given, Given, Pair], monkeypa
     assert pair.receive(Batch(pair.shape), 0.0) == 0
 
 
-def test_what_is_missing_is_said_of_the_frame_before_which_it_is(devices: tuple[Given, Given, Pair]) -> None:
+def test_what_is_missing_is_said_of_the_frame_before_which_it_is(devices: tuple[Given, Given, PairedSource]) -> None:
     frames, wrenches, pair = devices
     batch = Batch(pair.shape)
     frames.missing = {30 * MS: 3, 50 * MS: 1}
@@ -109,11 +111,11 @@ def test_what_is_missing_is_said_of_the_frame_before_which_it_is(devices: tuple[
     assert batch.lost[:3].tolist() == [3, 0, 1]
 
 
-def test_wrenches_of_another_clock_are_said(devices: tuple[Given, Given, Pair]) -> None:
+def test_wrenches_of_another_clock_are_said(devices: tuple[Given, Given, PairedSource]) -> None:
     frames, wrenches, pair = devices
     batch = Batch(pair.shape)
     pair._heard -= 10.0  # as if that long had passed
     wrenches.give(MS * np.arange(100) + 10**18, np.ones((100, 6)))
     frames.give(10 * MS * np.arange(1, 6), np.ones((5, 2, 3)))
     assert sum(pair.receive(batch, 0.2) for _ in range(3)) == 5
-    assert "stamped by one clock" in " ".join(pair.said())
+    assert "stamped by one clock" in " ".join(pair.events())

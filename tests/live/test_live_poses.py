@@ -11,7 +11,7 @@ from pytransform3d import transformations as pt
 from pytransform3d.transform_manager import TransformManager
 from scipy.spatial.transform import Rotation
 
-from palpate.files.logs.log import Messages, Topic
+from palpate.files.logs.log import MessageBlock, Topic
 from palpate.live.poses import LivePoses
 from palpate.spatial.live_track import LiveTrack
 from tests.support.ros_kinds import TYPES, packed
@@ -23,7 +23,7 @@ WAY = (("world", "base"), ("base", "arm"), ("arm", "hand"), ("stand", "world"), 
 
 def _tree(
     name: str, rows: list[tuple[int, str, str, np.ndarray, np.ndarray]], sent: int | np.ndarray = START
-) -> Messages:
+) -> MessageBlock:
     """One message a row: stamp [ns], parent, child, position, quaternion x, y, z, w; and when it was sent."""
     time, header = TYPES["builtin_interfaces/msg/Time"], TYPES["std_msgs/msg/Header"]
     vector, turn = TYPES["geometry_msgs/msg/Vector3"], TYPES["geometry_msgs/msg/Quaternion"]
@@ -47,10 +47,10 @@ def _tree(
     return _messages(Topic(name, "tf2_msgs/TFMessage", "cdr"), raws, sent)
 
 
-def _messages(topic: Topic, raws: list[bytes], sent: int | np.ndarray = START) -> Messages:
+def _messages(topic: Topic, raws: list[bytes], sent: int | np.ndarray = START) -> MessageBlock:
     length = np.array([len(raw) for raw in raws], dtype=np.int64)
     nothing = np.zeros(len(raws), dtype=np.int64)
-    return Messages(b"".join(raws), {0: topic}, nothing, nothing + sent, np.cumsum(length) - length, length)
+    return MessageBlock(b"".join(raws), {0: topic}, nothing, nothing + sent, np.cumsum(length) - length, length)
 
 
 def _between(
@@ -92,7 +92,7 @@ def test_the_tree_is_that_of_pytransform3d(seed: int) -> None:
         known = oracle.get_transform("ft", "arm")
         assert np.abs(Rotation.from_quat(found.quaternion[k]).as_matrix() - known[:3, :3]).max() <= 1e-12
         assert np.abs(found.position[k] - known[:3, 3]).max() <= 1e-12
-    assert poses.said() == ["the sensor's pose is that of arm -> base -> world -> stand -> ft in the tree of /tf"]
+    assert poses.events() == ["the sensor's pose is that of arm -> base -> world -> stand -> ft in the tree of /tf"]
 
 
 @given(
@@ -164,22 +164,22 @@ def test_what_is_wrong_with_poses_is_said(monkeypatch: pytest.MonkeyPatch) -> No
     up = np.array([0.0, 0.0, 0.0, 1.0])
     poses, asked = LivePoses(("base", "ft")), np.array([START])
     assert np.isnan(poses.at(asked).age).all()
-    assert poses.said() == ["there are no poses yet: the sensor's orientation is not known"]
+    assert poses.events() == ["there are no poses yet: the sensor's orientation is not known"]
     poses = LivePoses(("base", "ft"))
     fixed = LivePoses(("base", "ft"))
     fixed.add(_tree("/tf_static", [(0, "base", "ft", np.ones(3), up)]))
     assert [part.ravel().tolist() for part in fixed.at(asked)] == [up.tolist(), [1.0, 1.0, 1.0], [0.0], [0.0]]
     poses.add(_tree("/tf", [(START, "base", "hand", np.zeros(3), up)]))
     poses.at(asked)
-    assert [said.startswith("there is no frame 'ft'. Nearest in name of 2:") for said in poses.said()] == [True]
+    assert [said.startswith("there is no frame 'ft'. Nearest in name of 2:") for said in poses.events()] == [True]
     poses.add(_tree("/tf_static", [(0, "hand", "ft", np.ones(3), up)]))
     assert poses.at(asked).position.tolist() == [[1.0, 1.0, 1.0]]
-    said = poses.said()
+    said = poses.events()
     assert said == ["the sensor's pose is that of base -> hand -> ft in the tree of /tf", "samples have poses again"]
     poses.at(asked + 3 * SECOND)
-    assert poses.said() == ["the newest pose is 3 s older than the samples: the sensor's orientation is not known"]
+    assert poses.events() == ["the newest pose is 3 s older than the samples: the sensor's orientation is not known"]
     poses.add(_tree("/tf", [(START - 60 * SECOND, "base", "hand", np.zeros(3), up)]))
-    assert poses.said() == ["the clock of the poses of 'hand' in 'base' went back; they begin anew"]
+    assert poses.events() == ["the clock of the poses of 'hand' in 'base' went back; they begin anew"]
 
 
 def test_poses_without_stamps_are_of_when_they_were_sent() -> None:
@@ -191,7 +191,7 @@ def test_poses_without_stamps_are_of_when_they_were_sent() -> None:
     found = poses.at(np.array([START]))
     assert found.position.tolist() == [[1.0, 2.0, 3.0]]
     poses.add(_messages(Topic("/pose", kind, "cdr"), [raw[:40]], START + 1))
-    assert poses.said() == ["messages of poses are cut short, or of another type; they are left out"]
+    assert poses.events() == ["messages of poses are cut short, or of another type; they are left out"]
 
 
 NOWHERE, STRAIGHT = np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])

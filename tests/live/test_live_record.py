@@ -19,12 +19,12 @@ import palpate
 from palpate.errors import InputError
 from palpate.files.atomic import part
 from palpate.files.contacts import read_contacts
-from palpate.files.logs import Layout, read_recording
+from palpate.files.logs import LogLayout, read_recording
 from palpate.files.mcap.regain import regained
 from palpate.live.record import Recorder, only_one, record, require_record, ring_of
 from palpate.live.recover import cut_short, recover
 from palpate.live.source import Batch
-from palpate.live.stream_buffer import READERS, Form, Ring
+from palpate.live.stream_buffer import READERS, SlotForm, StreamBuffer
 from palpate.setup import load_rig
 from palpate.signals.recording import ACCELERATION, ORIENTATION, POSITION, Recording
 from tests.support.kill_recorder import BEGIN, FORM, RATE, answers, batch, numbers
@@ -39,11 +39,11 @@ def output(tmp_path: Path) -> Path:
     return tmp_path / "run.mcap"
 
 
-def _ring(output: Path, form: Form = FORM, size: int = 1 << 22) -> Ring:
-    return Ring.make(ring_of(output), form, size)
+def _ring(output: Path, form: SlotForm = FORM, size: int = 1 << 22) -> StreamBuffer:
+    return StreamBuffer.make(ring_of(output), form, size)
 
 
-def _feed(ring: Ring, count: int, *, answered: bool = True, made: Batch | None = None) -> None:
+def _feed(ring: StreamBuffer, count: int, *, answered: bool = True, made: Batch | None = None) -> None:
     """So many more samples, with a contact each."""
     first = ring["received"]
     ring.take_in(made or batch(first, count, ring.form.shape), count, np.zeros(count))
@@ -51,7 +51,7 @@ def _feed(ring: Ring, count: int, *, answered: bool = True, made: Batch | None =
         ring.answer(answers(first, count), np.ones(count, dtype=np.int64))
 
 
-def _recorded(ring: Ring, output: Path, blocks: Iterator[int] | list[int], split: float = FOREVER) -> Recorder:
+def _recorded(ring: StreamBuffer, output: Path, blocks: Iterator[int] | list[int], split: float = FOREVER) -> Recorder:
     """A recorder that was fed, not ended."""
     recorder = Recorder(ring, output, split)
     for count in blocks:
@@ -125,7 +125,7 @@ def test_the_readings_are_under_the_name_that_the_rig_says(output: Path, topic: 
     """And the wrenches of the contacts are never taken for readings."""
     ring = _ring(output, replace(FORM, topic=topic))
     _recorded(ring, output, [50]).finish()
-    found = read_recording(output, Layout(wrench_topic=topic or None))
+    found = read_recording(output, LogLayout(wrench_topic=topic or None))
     np.testing.assert_array_equal(found.wrenches(), _known(50)[1])
 
 
@@ -135,7 +135,7 @@ def test_arrays(output: Path, shape: tuple[int, ...]) -> None:
 
     ring = _ring(output, replace(FORM, sensor="skin", shape=shape, wrenches=False))
     _recorded(ring, output, [50]).finish()
-    layout = Layout(wrench=None, arrays=(ArrayChannel("cells", shape, table="skin"),))
+    layout = LogLayout(wrench=None, arrays=(ArrayChannel("cells", shape, table="skin"),))
     found = read_recording(output, layout)
     np.testing.assert_array_equal(found.channels["cells"], batch(0, 50, shape).values)
     assert found.time[1] == (BEGIN + 10**9 // RATE) // 10**9 + (BEGIN + 10**9 // RATE) % 10**9 / 1e9
@@ -152,7 +152,7 @@ def test_images(output: Path) -> None:
     ring = _ring(output, form)
     _feed(ring, 20, made=made)
     Recorder(ring, output, FOREVER).finish()
-    found = read_recording(output, Layout(wrench=None, images=ImageChannel()))
+    found = read_recording(output, LogLayout(wrench=None, images=ImageChannel()))
     np.testing.assert_array_equal(found.channels["image"], made.values)
 
 
@@ -166,7 +166,7 @@ def test_poses_and_accelerations_stand_where_they_were_known_and_nowhere_between
     _feed(ring, 400, made=made)
     Recorder(ring, output, FOREVER).finish()
     made.position[100:110] = np.nan
-    found = read_recording(output, Layout(frames=("base", "tool"), offset=0.5))  # of /tf in other logs of this rig
+    found = read_recording(output, LogLayout(frames=("base", "tool"), offset=0.5))  # of /tf in other logs of this rig
     np.testing.assert_array_equal(found.channels[ORIENTATION], made.orientation)
     np.testing.assert_array_equal(found.channels[POSITION], made.position)
     np.testing.assert_array_equal(found.channels[ACCELERATION], made.acceleration)
@@ -411,8 +411,8 @@ def test_a_full_disk_ends_the_record_and_keeps_what_was_written(output: Path) ->
     count = len(numbers([output])[0])
     assert count % 1024 == 0
     assert count >= 1024
-    ring = Ring(ring_of(output))
-    said = [text for _, text in ring.said(0)[0]]
+    ring = StreamBuffer(ring_of(output))
+    said = [text for _, text in ring.events(0)[0]]
     assert len(said) == 1
     assert f"recording has stopped: run.mcap cannot be written (File too large); the {count:,} samples" in said[0]
 
@@ -463,7 +463,7 @@ def test_a_record_that_cannot_begin_is_refused(output: Path) -> None:
         Recorder(ring, output, FOREVER)
     with pytest.raises(SystemExit):
         record(ring.path, output, FOREVER, -1)
-    assert "nothing is recorded any more" in ring.said(0)[0][0][1]
+    assert "nothing is recorded any more" in ring.events(0)[0][0][1]
 
 
 def test_inspect_says_what_was_cut_short_and_changes_nothing(output: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,7 +10,7 @@ import pytest
 import palpate
 from palpate.live.live import Live
 from palpate.live.source import BATCH
-from palpate.live.stream_buffer import Ring
+from palpate.live.stream_buffer import StreamBuffer
 from tests.support.live_rings import sphere_rig
 
 COUNT = 20_000  # samples: several times the ring
@@ -32,7 +32,7 @@ def test_samples_that_can_wait_are_not_lost_to_a_slow_recorder(live: Live, tmp_p
     """Never so far ahead of it that it cannot be sure of its samples; nobody is waited for otherwise."""
     assert live.patient
     form = live.form()
-    ring = Ring.make(tmp_path / "ring", form, slots * form.slot().itemsize)
+    ring = StreamBuffer.make(tmp_path / "ring", form, slots * form.slot().itemsize)
     assert 4 * slots < COUNT
     ring["recording"] = 1
     live.into(ring)
@@ -52,7 +52,7 @@ def test_samples_that_can_wait_are_not_lost_to_a_slow_recorder(live: Live, tmp_p
 
 def test_without_a_recorder_nothing_waits(live: Live, tmp_path: Path) -> None:
     """All of the log passes, though nobody says that it was recorded."""
-    ring = Ring.make(tmp_path / "ring", live.form(), 1 << 20)
+    ring = StreamBuffer.make(tmp_path / "ring", live.form(), 1 << 20)
     live.into(ring)
     with live:
         for _ in range(COUNT // BATCH + 8):

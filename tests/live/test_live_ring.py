@@ -12,18 +12,20 @@ import pytest
 from palpate.errors import InputError
 from palpate.live.record import only_one
 from palpate.live.source import Batch
-from palpate.live.stream_buffer import Ring
+from palpate.live.stream_buffer import StreamBuffer
 from tests.support.live_rings import answered, sphere_ring, touches
 
 
 @pytest.fixture
-def ring(tmp_path: Path) -> Ring:
+def ring(tmp_path: Path) -> StreamBuffer:
     return sphere_ring(tmp_path / "ring")
 
 
-def test_what_is_written_over_while_it_is_copied_is_not_given(ring: Ring, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_written_over_while_it_is_copied_is_not_given(
+    ring: StreamBuffer, monkeypatch: pytest.MonkeyPatch
+) -> None:
     answered(ring, 1000)
-    reader, laps = Ring(ring.path), [len(ring.slots)]
+    reader, laps = StreamBuffer(ring.path), [len(ring.slots)]
     places = reader._parts
 
     def meanwhile(first: int, count: int) -> object:
@@ -39,14 +41,14 @@ def test_what_is_written_over_while_it_is_copied_is_not_given(ring: Ring, monkey
     assert np.array_equal(slots["number"], first + 1 + np.arange(100))
 
 
-def test_what_is_received_and_not_answered_is_for_those_who_ask_for_it(ring: Ring) -> None:
+def test_what_is_received_and_not_answered_is_for_those_who_ask_for_it(ring: StreamBuffer) -> None:
     answered(ring, 7)
     ring.take_in(Batch((6,), 5), 5, np.zeros(5))
     assert len(ring.read(0, 100)[0]) == 7
     assert len(ring.read(0, 100, "received")[0]) == 12
 
 
-def test_contacts_have_the_numbers_of_their_samples_over_a_gap_and_an_unanswered_one(ring: Ring) -> None:
+def test_contacts_have_the_numbers_of_their_samples_over_a_gap_and_an_unanswered_one(ring: StreamBuffer) -> None:
     answered(ring, 20)
     first, rest = ring.read(0, 5)[0], ring.read(12, 8)[0]
     rest["ready"][2] = 0
@@ -57,20 +59,20 @@ def test_contacts_have_the_numbers_of_their_samples_over_a_gap_and_an_unanswered
     assert ring.form.contacts(rest[3:]).sample.tolist() == [15, 16, 17, 18, 19]
 
 
-def test_a_ring_of_another_version_and_one_that_is_cut_off_are_refused(ring: Ring) -> None:
+def test_a_ring_of_another_version_and_one_that_is_cut_off_are_refused(ring: StreamBuffer) -> None:
     ring["version"] += 1
     with pytest.raises(InputError, match="another version"):
-        Ring(ring.path)
+        StreamBuffer(ring.path)
     ring["version"] -= 1
     os.truncate(ring.path, ring.path.stat().st_size - 1)
     with pytest.raises(InputError, match="is cut off"):
-        Ring(ring.path)
+        StreamBuffer(ring.path)
 
 
-def test_tares_are_counted_and_said_by_any_thread_while_somebody_records(ring: Ring) -> None:
+def test_tares_are_counted_and_said_by_any_thread_while_somebody_records(ring: StreamBuffer) -> None:
     """None of 40 is lost, and the recorder's lock of the file stops nobody."""
     with only_one(ring.path), ThreadPoolExecutor(8) as askers:
         list(askers.map(ring.ask_tare, [f"asker {k}" for k in range(40)], timeout=30.0))
-    said, count = ring.said(0)
+    said, count = ring.events(0)
     assert ring["asked"] == count == 40
     assert sorted(sentence for _, sentence in said) == sorted(f"tare asked for by asker {k}" for k in range(40))

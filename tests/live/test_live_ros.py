@@ -21,8 +21,8 @@ import pytest
 
 from palpate.contact import ContactEstimate, Contacts, Status
 from palpate.errors import InputError
-from palpate.files.logs.layout import ArrayChannel, ImageChannel, Layout
-from palpate.live.dds import Node, Reader, Writer
+from palpate.files.logs.layout import ArrayChannel, ImageChannel, LogLayout
+from palpate.live.dds import DdsNode, DdsReader, Writer
 from palpate.live.device import Device
 from palpate.live.publish_ros import TARE, TOPICS, RosPublisher
 from palpate.live.ros2 import RosTopics
@@ -51,9 +51,9 @@ def domain() -> int:
 
 
 @pytest.fixture
-def ends(domain: int) -> Iterator[tuple[Node, Node]]:
+def ends(domain: int) -> Iterator[tuple[DdsNode, DdsNode]]:
     """Two participants, with the loopback interface between them."""
-    pair = Node(domain), Node(domain)
+    pair = DdsNode(domain), DdsNode(domain)
     for node in pair:
         assert node.open() == ""
     yield pair
@@ -68,13 +68,13 @@ def _until(holds: Callable[[], Any]) -> None:
         time.sleep(0.005)
 
 
-def _join(writer: Writer | None, reader: Reader | None) -> None:
+def _join(writer: Writer | None, reader: DdsReader | None) -> None:
     assert writer is not None
     assert reader is not None
     _until(lambda: writer.readers and reader.publishers)
 
 
-def _received(reader: Reader, wanted: int = 1) -> list[bytes]:
+def _received(reader: DdsReader, wanted: int = 1) -> list[bytes]:
     found: list[bytes] = []
     deadline = time.monotonic() + PATIENCE
     while len(found) < wanted and time.monotonic() < deadline:
@@ -104,7 +104,7 @@ def test_types_are_those_of_ros() -> None:
         assert said == members(kind)
 
 
-def test_every_message_arrives_as_it_was_sent(ends: tuple[Node, Node]) -> None:
+def test_every_message_arrives_as_it_was_sent(ends: tuple[DdsNode, DdsNode]) -> None:
     rng = np.random.default_rng(1)
     for number, kind in enumerate(sorted(DEFINITIONS)):
         writer, reader = ends[0].writer(f"all{number}", kind), ends[1].reader(f"/all{number}", kind)
@@ -116,7 +116,7 @@ def test_every_message_arrives_as_it_was_sent(ends: tuple[Node, Node]) -> None:
             assert found[4 : len(data)] == data[4:]
 
 
-def test_nothing_listens_beyond_loopback(ends: tuple[Node, Node]) -> None:
+def test_nothing_listens_beyond_loopback(ends: tuple[DdsNode, DdsNode]) -> None:
     table = Path("/proc/net/udp")
     if not table.exists():
         pytest.skip("this system does not list its sockets")
@@ -136,7 +136,7 @@ def test_nothing_listens_beyond_loopback(ends: tuple[Node, Node]) -> None:
     assert found >= 2 * len(ends)  # each receives what is said to all, and to it
 
 
-def test_who_comes_late_hears_what_holds(ends: tuple[Node, Node]) -> None:
+def test_who_comes_late_hears_what_holds(ends: tuple[DdsNode, DdsNode]) -> None:
     kind = "std_msgs/Float64MultiArray"
     message = packed(kind, drawn(full(kind), np.random.default_rng(2)))
     latched, plain = (ends[0].writer(name, kind, latched=name == "held") for name in ("held", "gone"))
@@ -156,11 +156,11 @@ def _meet(device: RosDevice, source: RosTopics, publishers: int = 1) -> None:
 
 
 def _opened(
-    domain: int, shape: tuple[int, ...] = (6,), topic: str = "/ft", layout: Layout | None = None
+    domain: int, shape: tuple[int, ...] = (6,), topic: str = "/ft", layout: LogLayout | None = None
 ) -> tuple[RosDevice, RosTopics]:
     device = RosDevice(topic, shape, domain)
     device.open()
-    source = RosTopics(Layout(wrench_topic=topic) if layout is None else layout, Node(domain))
+    source = RosTopics(LogLayout(wrench_topic=topic) if layout is None else layout, DdsNode(domain))
     source.open()
     nothing = np.zeros((0, int(np.prod(shape))))
     _meet(device, source)
@@ -193,7 +193,7 @@ def test_a_thousand_samples_a_second_arrive_to_the_last_bit(domain: int) -> None
 
 
 def test_wrenches_of_any_make_are_read_alike(domain: int) -> None:
-    node, source = Node(domain), RosTopics(Layout(wrench_topic="/ft"), Node(domain))
+    node, source = DdsNode(domain), RosTopics(LogLayout(wrench_topic="/ft"), DdsNode(domain))
     node.open()
     kind, rng = "geometry_msgs/WrenchStamped", np.random.default_rng(9)
     writer = node.writer("/ft", kind)
@@ -241,7 +241,7 @@ def test_what_has_no_room_is_counted(domain: int) -> None:
 
 def test_arrays_and_images_come_in_their_shape(domain: int) -> None:
     rng = np.random.default_rng(4)
-    cells = Layout(wrench=None, arrays=(ArrayChannel("cells", (6, 22), topic="/skin"),))
+    cells = LogLayout(wrench=None, arrays=(ArrayChannel("cells", (6, 22), topic="/skin"),))
     device, source = _opened(domain, (6, 22), "/skin", cells)
     sent = rng.normal(size=(4, 132))
     begun = time.time_ns()
@@ -249,7 +249,7 @@ def test_arrays_and_images_come_in_their_shape(domain: int) -> None:
     stamps, values, _ = _gathered(source, 4)
     assert np.array_equal(values, sent.reshape(4, 6, 22))
     assert ((stamps >= begun - SECOND) & (stamps <= time.time_ns() + SECOND)).all()
-    assert "have no stamps: the times at which they were sent" in " ".join(source.said())
+    assert "have no stamps: the times at which they were sent" in " ".join(source.events())
     other = RosDevice("/skin", (5,), domain)
     other.open()
     _meet(other, source, publishers=2)
@@ -259,7 +259,7 @@ def test_arrays_and_images_come_in_their_shape(domain: int) -> None:
     source.receive(Batch(source.shape), 0.3)
     assert np.array_equal(values, sent[:1].reshape(1, 6, 22))
     assert lost in (0, 1)  # the odd one may come behind
-    assert ["that do not hold 6 x 22 numbers are left out" in said for said in source.said()] == [True]
+    assert ["that do not hold 6 x 22 numbers are left out" in said for said in source.events()] == [True]
     for each in (source, device, other):
         each.close()
 
@@ -269,10 +269,10 @@ def test_images_come_as_they_were_sent(domain: int) -> None:
     image = np.random.default_rng(5).integers(0, 255, (48, 64, 3), dtype=np.uint8)
     device = RosDevice("/camera", image.shape, domain)
     device.open()
-    layout = Layout(wrench=None, images=ImageChannel("/camera", "marker_ring"))
+    layout = LogLayout(wrench=None, images=ImageChannel("/camera", "marker_ring"))
     with pytest.raises(InputError, match="no image that can be read came on '/camera'"):
-        RosTopics(layout, Node(domain), patience=0.3).open()
-    source = RosTopics(layout, Node(domain))
+        RosTopics(layout, DdsNode(domain), patience=0.3).open()
+    source = RosTopics(layout, DdsNode(domain))
     stop = False
 
     def show() -> None:
@@ -295,7 +295,7 @@ def test_images_come_as_they_were_sent(domain: int) -> None:
     assert (stamps == SECOND).all()
 
 
-class _Knowing(Node):
+class _Knowing(DdsNode):
     """It is open once it has heard of these topics: how long that takes depends on what else the machine does."""
 
     def __init__(self, domain: int, *names: str) -> None:
@@ -315,13 +315,16 @@ def test_the_only_fitting_topic_is_found_and_others_are_named(domain: int) -> No
     publisher = RosPublisher("base", domain=domain)  # wrenches of contacts are no sensor
     publisher.open()
     known = ("/ft", "/skin", *TOPICS)
-    found = RosTopics(Layout(), _Knowing(domain, *known), patience=0.0)
+    found = RosTopics(LogLayout(), _Knowing(domain, *known), patience=0.0)
     found.open()
     assert found.topic.name == "/ft"
     found.close()
     for layout, said in (
-        (Layout(wrench_topic="/fz"), "nobody publishes '/fz'. Seen: .*/ft .geometry_msgs/WrenchStamped.*Did you mean"),
-        (Layout(wrench_topic="skin"), "'/skin' holds std_msgs/Float64MultiArray.*Wrenches are read from"),
+        (
+            LogLayout(wrench_topic="/fz"),
+            "nobody publishes '/fz'. Seen: .*/ft .geometry_msgs/WrenchStamped.*Did you mean",
+        ),
+        (LogLayout(wrench_topic="skin"), "'/skin' holds std_msgs/Float64MultiArray.*Wrenches are read from"),
     ):
         with pytest.raises(InputError, match=said):
             RosTopics(layout, _Knowing(domain, *known), patience=0.0).open()
@@ -334,13 +337,13 @@ def test_the_only_fitting_topic_is_found_and_others_are_named(domain: int) -> No
     devices.append(RosDevice("/second", domain=domain))
     devices[-1].open()
     with pytest.raises(InputError, match="2 topics hold a wrench: /ft, /second"):
-        RosTopics(Layout(), _Knowing(domain, *known, "/second"), patience=0.0).open()
+        RosTopics(LogLayout(), _Knowing(domain, *known, "/second"), patience=0.0).open()
     for each in (*devices, publisher):
         each.close()
     with pytest.raises(InputError, match="'a b' cannot be a topic of ROS"):
         RosDevice("a b", domain=domain).open()
     with pytest.raises(InputError, match="there is no network interface 'nowhere'"):
-        Node(domain, "nowhere").open()
+        DdsNode(domain, "nowhere").open()
 
 
 def test_silence_return_and_jumping_stamps_are_said(domain: int, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -351,18 +354,22 @@ def test_silence_return_and_jumping_stamps_are_said(domain: int, monkeypatch: py
     _gathered(source, 1, batch)
     time.sleep(0.15)
     assert source.receive(batch, 0.0) == 0
-    assert [said.startswith("no message on '/ft' for 0.1 s; one node publishes it") for said in source.said()] == [True]
+    assert [said.startswith("no message on '/ft' for 0.1 s; one node publishes it") for said in source.events()] == [
+        True
+    ]
     for stamp, jump in ((2 * SECOND, ""), (100 * SECOND, "+98 s"), (50 * SECOND, "-50 s")):
         device.send(np.array([stamp]), np.zeros((1, 6)))
         _gathered(source, 1, batch)
-        jumped = [said for said in source.said() if "jumped" in said]
+        jumped = [said for said in source.events() if "jumped" in said]
         assert jumped == ([] if not jump else [f"the stamps of '/ft' jumped by {jump}"])
     device.close()
-    _until(lambda: source.receive(batch, 0.0) == 0 and any("nobody publishes it now" in said for said in source.said()))
+    _until(
+        lambda: source.receive(batch, 0.0) == 0 and any("nobody publishes it now" in said for said in source.events())
+    )
     device.open()
     _until(lambda: device.send(np.array([51 * SECOND]), np.ones((1, 6))))
     assert _gathered(source, 1, batch)[1].tolist() == [[1.0] * 6]
-    assert [said.startswith("messages on '/ft' again, after ") for said in source.said()][:1] == [True]
+    assert [said.startswith("messages on '/ft' again, after ") for said in source.events()][:1] == [True]
     source.close()
     device.close()
 
@@ -376,7 +383,7 @@ def test_a_rig_says_what_is_heard(domain: int) -> None:
     source = source_of(RigSource("ros2", domain=domain), rig.resolve())
     assert isinstance(source, RosTopics)
     source.open()
-    node = Node(domain)
+    node = DdsNode(domain)
     node.open()
     static, moving = (node.writer(name, "tf2_msgs/TFMessage", latched=name != "tf") for name in ("tf", "tf_static"))
     moving, static = static, moving
@@ -400,7 +407,7 @@ def test_a_rig_says_what_is_heard(domain: int) -> None:
     assert np.isnan(batch.orientation[2]).all()  # too old
     assert source.posed is not None
     assert np.allclose(source.posed.age, [0.0, 0.02, 0.97])
-    assert "the sensor's pose is that of base -> tool -> ft in the tree of /tf" in source.said()
+    assert "the sensor's pose is that of base -> tool -> ft in the tree of /tf" in source.events()
     for each in (source, device, node):
         each.close()
 
@@ -420,7 +427,7 @@ def _tree(stamp: int, *edges: tuple[str, str, list[float], list[float]]) -> byte
 
 
 def test_poses_of_a_topic_stand_for_any_source(domain: int) -> None:
-    node = Node(domain)
+    node = DdsNode(domain)
     node.open()
     rng = np.random.default_rng(6)
     for number, kind in enumerate(("PoseStamped", "PoseWithCovarianceStamped", "TransformStamped")):
@@ -465,7 +472,7 @@ def _contacts(samples: int, each: int, seed: int = 7) -> Contacts:
 
 @pytest.mark.parametrize("frame_id", ["base", "a", "", "tool0"])
 def test_contacts_are_published_as_they_are(domain: int, frame_id: str) -> None:
-    publisher, node = RosPublisher(frame_id, ("area", "depth"), domain=domain), Node(domain)
+    publisher, node = RosPublisher(frame_id, ("area", "depth"), domain=domain), DdsNode(domain)
     publisher.open()
     node.open()
     readers = {name: node.reader(name, kind) for name, kind in TOPICS.items()}
@@ -514,7 +521,7 @@ def _matrix(turn: Any) -> np.ndarray:
 
 
 def test_publishing_is_limited_by_the_times_of_the_contacts(domain: int) -> None:
-    publisher, node = RosPublisher("base", ("area", "depth"), 100.0, domain), Node(domain)
+    publisher, node = RosPublisher("base", ("area", "depth"), 100.0, domain), DdsNode(domain)
     publisher.open()
     node.open()
     kinds = {name: TOPICS[name] for name in ("/palpate/contact/contacts", "/palpate/contact/markers")}
@@ -537,13 +544,13 @@ def test_publishing_is_limited_by_the_times_of_the_contacts(domain: int) -> None
     last = read(kinds["/palpate/contact/markers"], _received(readers[1])[0])
     assert [marker.action for marker in last.markers] == [3]
     assert publisher.publish(Contacts.single(np.array([5.0]), gone)) == 1  # another clock
-    assert not publisher.tare_asked()
+    assert not publisher.tare_requested()
     asks = node.writer(TARE, "std_msgs/Empty")
     _until(lambda: asks.readers)
     asks.write(packed("std_msgs/Empty", drawn("std_msgs/msg/Empty", np.random.default_rng(0))) + bytes(3))
-    _until(publisher.tare_asked)
-    assert not publisher.tare_asked()
-    assert publisher.said() == []
+    _until(publisher.tare_requested)
+    assert not publisher.tare_requested()
+    assert publisher.events() == []
     publisher.close()
     node.close()
 
@@ -609,7 +616,7 @@ def test_every_message_goes_both_ways_with_the_real_ros(
     process, kinds = echo
     assert process.stdin is not None
     assert process.stdout is not None
-    node, rng, held_kind = Node(domain), np.random.default_rng(8), "std_msgs/Float64MultiArray"
+    node, rng, held_kind = DdsNode(domain), np.random.default_rng(8), "std_msgs/Float64MultiArray"
     node.open()
     holds = packed(held_kind, drawn(full(held_kind), rng))
     assert node.writer("/to_ros/held", held_kind, latched=True, depth=1).write(holds)

@@ -30,7 +30,7 @@ from palpate.setup.source import RigSource
 
 oracle = pytest.importorskip("cobs.cobs")
 pytest.importorskip("serial")
-from palpate.live.serial import Frames, SerialPort  # noqa: E402 - skipped above where pyserial is absent
+from palpate.live.serial import Framing, SerialPort  # noqa: E402 - skipped above where pyserial is absent
 
 PATIENCE = 20.0  # s for what takes milliseconds on an idle machine
 
@@ -45,7 +45,7 @@ def _frame(raw: bytes, kind: int = 0, count: int | None = None, counter: int = 1
     return oracle.encode(body + struct.pack("<I", zlib.crc32(body))) + b"\x00"
 
 
-def _taken(frames: Frames, count: int, room: int = 256) -> tuple[np.ndarray, np.ndarray]:
+def _taken(frames: Framing, count: int, room: int = 256) -> tuple[np.ndarray, np.ndarray]:
     """All samples that were fed, and what was lost before each."""
     values, lost = np.full((room, count), np.nan), np.zeros(room, dtype=np.int64)
     parts: list[tuple[np.ndarray, np.ndarray]] = []
@@ -351,7 +351,7 @@ def _until(source: Source, words: str) -> list[str]:
     batch, said, end = Batch(source.shape), [], time.monotonic() + PATIENCE
     while not any(words in each for each in said) and time.monotonic() < end:
         source.receive(batch, 0.02)
-        said += source.said()
+        said += source.events()
     assert any(words in each for each in said), said
     return said
 
@@ -391,7 +391,7 @@ def test_samples_pass_a_pseudo_terminal(device: SerialDevice) -> None:
     assert (np.diff(stamp) >= 0).all()
     assert begin - 10_000_000 <= stamp[0]
     assert stamp[-1] <= time.time_ns()
-    assert source.said() == []
+    assert source.events() == []
     source.close()
     source.close()
     device.close()
@@ -442,7 +442,7 @@ def test_silence_and_its_end_are_said_once() -> None:
     source.open()
     assert "no samples for" in _until(source, "no samples")[0]
     assert source.receive(Batch((6,)), 0.05) == 0
-    assert source.said() == []
+    assert source.events() == []
     device.send(np.zeros(1, dtype=np.int64), np.zeros((1, 6)))
     assert "samples come again" in _until(source, "again")[-1]
     source.close()
@@ -466,7 +466,7 @@ def test_bytes_that_are_no_samples_are_said(framing: str, noise: bytes, words: s
     while not any(words in each for each in said) and time.monotonic() < end:
         os.write(master, noise)
         source.receive(Batch((6,)), 0.02)
-        said += source.said()
+        said += source.events()
     assert any(words in each and "bytes" in each for each in said), said
     source.close()
     os.close(master)
@@ -545,7 +545,7 @@ def test_a_clock_that_goes_back_takes_no_stamp_with_it(monkeypatch: pytest.Monke
     pipe.now -= 3_600_000_000_000
     assert pipe.stamps(3, 2) == [3_600_000_000_000 + 1_000_000 * k for k in (1, 2, 3)]
     pipe.stamps(1)
-    assert [each for each in pipe.source.said() if "clock" in each] == [
+    assert [each for each in pipe.source.events() if "clock" in each] == [
         "pipe: the clock of this computer went back: stamps count on until it has caught up."
     ]
     pipe.source.close()
@@ -563,7 +563,9 @@ def test_an_error_while_reading_is_a_port_that_vanished(monkeypatch: pytest.Monk
     with monkeypatch.context() as patched:
         patched.setattr(os, "read", broken)
         assert pipe.source.receive(Batch((6,)), 0.0) == 0
-    assert pipe.source.said() == [f"pipe: the port vanished ({os.strerror(errno.EIO)}): it is tried again every 0.5 s."]
+    assert pipe.source.events() == [
+        f"pipe: the port vanished ({os.strerror(errno.EIO)}): it is tried again every 0.5 s."
+    ]
     os.close(pipe.into)
 
 

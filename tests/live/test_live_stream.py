@@ -10,18 +10,18 @@ import pytest
 from palpate.files.logs.decoding import seconds
 from palpate.live import _stream
 from palpate.live.source import Batch
-from palpate.live.stream_buffer import LEAST, Form, Ring
+from palpate.live.stream_buffer import LEAST, SlotForm, StreamBuffer
 
 FORMS = {
-    "wrench": Form("force_torque", (6,), False, (), 22, 1, wrenches=True),
-    "poses": Form("force_torque", (6,), False, (), 22, 1, poses=True, wrenches=True),
-    "array": Form("taxels", (4, 3), False, ("sum",), 24, 5, poses=True),
-    "image": Form("marker_ring", (3, 5, 3), True, ("sum",), 23, 1),
+    "wrench": SlotForm("force_torque", (6,), False, (), 22, 1, wrenches=True),
+    "poses": SlotForm("force_torque", (6,), False, (), 22, 1, poses=True, wrenches=True),
+    "array": SlotForm("taxels", (4, 3), False, ("sum",), 24, 5, poses=True),
+    "image": SlotForm("marker_ring", (3, 5, 3), True, ("sum",), 23, 1),
 }
 BESIDE = ("orientation", "position", "acceleration")
 
 
-def filled(form: Form, count: int, rng: np.random.Generator) -> Batch:
+def filled(form: SlotForm, count: int, rng: np.random.Generator) -> Batch:
     """A batch of anything."""
     batch = Batch(form.shape, count, np.uint8 if form.images else np.float64)
     batch.stamp[:], batch.lost[:] = rng.integers(-(2**62), 2**62, count), rng.integers(0, 9, count)
@@ -33,10 +33,10 @@ def filled(form: Form, count: int, rng: np.random.Generator) -> Batch:
 
 
 @pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
-def test_slots_hold_what_numpy_writes_by_name(form: Form, tmp_path: Path) -> None:
+def test_slots_hold_what_numpy_writes_by_name(form: SlotForm, tmp_path: Path) -> None:
     """More samples than there are slots, in batches of many sizes, each answered by any number of rows."""
     rng = np.random.default_rng(1)
-    ring = Ring.make(tmp_path / "ring", form, 1)
+    ring = StreamBuffer.make(tmp_path / "ring", form, 1)
     expected = np.zeros(LEAST, dtype=form.slot())
     at = 0
     for count in (1, 7, LEAST - 20, 1, 64, 300):
@@ -49,7 +49,7 @@ def test_slots_hold_what_numpy_writes_by_name(form: Form, tmp_path: Path) -> Non
         if form.poses:
             expected["unsteady"][here] = unsteady
         assert np.array_equal(ring.slots, expected)
-        counts = rng.integers(0, form.most + 1, count)
+        counts = rng.integers(0, form.max_contacts + 1, count)
         rows = rng.normal(size=(counts.sum() + 3, form.width))
         ring.answer(rows, counts)
         done = 0

@@ -10,7 +10,7 @@ import pytest
 
 from palpate.errors import InputError
 from palpate.optical._markers import measure_windows, sampled, score_image
-from palpate.optical.markers import SCORES, Frame, MarkerColour, MarkerTracker, find_blobs, find_colour
+from palpate.optical.markers import SCORES, FrameProblem, MarkerColour, MarkerTracker, find_blobs, find_colour
 from tests.support.drawn_markers import drawn, nominal_view
 
 VIEW = nominal_view()
@@ -32,8 +32,8 @@ def _tracker(**more: int) -> MarkerTracker:
     return MarkerTracker(VIEW, RED, blobs.pixels[nearest], blobs.areas[nearest], **more)
 
 
-def _run(tracker: MarkerTracker, frames: list[np.ndarray]) -> tuple[np.ndarray, list[bool], list[Frame]]:
-    out, searched, told = np.empty((len(frames), 24, 2)), list[bool](), list[Frame]()
+def _run(tracker: MarkerTracker, frames: list[np.ndarray]) -> tuple[np.ndarray, list[bool], list[FrameProblem]]:
+    out, searched, told = np.empty((len(frames), 24, 2)), list[bool](), list[FrameProblem]()
     for frame, row in zip(frames, out, strict=True):
         found = tracker.track(frame, row)
         assert np.array_equal(found, np.isfinite(row).all(axis=1))
@@ -178,7 +178,7 @@ def test_following_markers_that_move() -> None:
     out, searched, told = _run(tracker, [drawn(each, noise=2.0, rng=rng) for each in moved])
     assert np.abs(out - moved).max() <= 3 * CLOSE
     assert searched == [True] + 11 * [False]
-    assert set(told) == {Frame.OK}
+    assert set(told) == {FrameProblem.OK}
 
 
 def test_a_jump_and_a_hidden_marker_are_searched_for() -> None:
@@ -193,7 +193,7 @@ def test_a_jump_and_a_hidden_marker_are_searched_for() -> None:
     assert np.abs(out[2:4, seen] - jump[seen]).max() <= 2 * CLOSE
     assert np.abs(out[-1] - jump).max() <= 2 * CLOSE
     assert not searched[-1]
-    assert set(told) == {Frame.OK}
+    assert set(told) == {FrameProblem.OK}
 
 
 def test_a_blob_that_runs_into_a_marker_does_not_carry_it_away() -> None:
@@ -204,7 +204,7 @@ def test_a_blob_that_runs_into_a_marker_does_not_carry_it_away() -> None:
     assert np.isnan(out[2, 7]).all()
     assert np.nanmax(np.abs(out - REST)) <= 2 * CLOSE
     assert searched == [True, False, True, True, False]
-    assert set(told) == {Frame.OK}
+    assert set(told) == {FrameProblem.OK}
 
 
 def test_what_a_stray_blob_pulls_away_is_left_out_of_a_search() -> None:
@@ -272,7 +272,7 @@ def test_frames_that_cannot_be_used_are_told_and_those_after_them_are() -> None:
     few = drawn(REST[:10], noise=2.0, rng=rng)
     frames = [good[0], np.zeros_like(good[0]), good[1][:100], good[1], good[1], good[1], few, good[2]]
     out, _, told = _run(tracker, frames)
-    f = Frame
+    f = FrameProblem
     assert told == [f.OK, f.BLACK, f.WRONG_SIZE, f.OK, f.OK, f.FROZEN, f.LOST, f.OK]
     assert np.isnan(out[[1, 2]]).all()
     assert np.isfinite(out[5]).all()  # a frozen picture still shows markers

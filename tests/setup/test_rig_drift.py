@@ -9,7 +9,7 @@ import pytest
 
 from palpate.errors import InputError
 from palpate.files.logs import read_recording
-from palpate.files.logs.layout import Layout
+from palpate.files.logs.layout import LogLayout
 from palpate.setup import load_rig
 from palpate.setup.drift import drift_table
 from palpate.setup.edit import update_drift
@@ -137,8 +137,8 @@ def test_it_finds_its_place_in_any_form_of_rig(tmp_path: Path, before: str) -> N
 def test_a_temperature_stands_in_a_column_of_any_name(tmp_path: Path) -> None:
     log = tmp_path / "log.csv"
     log.write_text("time,fx,fy,fz,tx,ty,tz,celsius\n0,1,2,3,4,5,6,21.5\n1,1,2,3,4,5,6,\n")
-    read = read_recording(log, Layout(temperature="celsius")).channels[TEMPERATURE]
+    read = read_recording(log, LogLayout(temperature="celsius")).channels[TEMPERATURE]
     np.testing.assert_array_equal(read, [[21.5], [np.nan]])
-    assert TEMPERATURE not in read_recording(log, Layout()).channels
+    assert TEMPERATURE not in read_recording(log, LogLayout()).channels
     with pytest.raises(InputError, match="no column 'kelvin'"):
-        read_recording(log, Layout(temperature="kelvin"))
+        read_recording(log, LogLayout(temperature="kelvin"))

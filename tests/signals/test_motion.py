@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from evidence.moving import Course, Swing, moving_wrenches
 from palpate.errors import InputError
 from palpate.signals import Payload, motion
-from palpate.signals._curvature import Settings, part_of, pose_period
+from palpate.signals._curvature import WindowSettings, part_of, pose_period
 from palpate.signals.motion import Motion
 from palpate.signals.recording import ACCELERATION, FORCE, ORIENTATION, POSITION, TORQUE, UNSTEADY, Recording
 from palpate.spatial.pose import rotation_from_quaternion
@@ -204,7 +204,7 @@ def test_the_period_of_slower_poses_is_seen(rows: float) -> None:
     resting[:, 0] = np.arange(10000) / 1000.0 - 10.0
     poses = np.column_stack([recording.time, recording.channels[ORIENTATION], recording.channels[POSITION]])
     for log in (poses, np.concatenate([resting, poses])):
-        settings = Settings(1e-3, 1, 901)
+        settings = WindowSettings(1e-3, 1, 901)
         part, factor = part_of(pose_period(log, settings), settings)
         assert 2 * rows - 2 <= part <= 2 * rows + 2
         assert factor == pytest.approx(1.0, abs=0.2)

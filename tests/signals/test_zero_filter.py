@@ -5,7 +5,7 @@ import pytest
 
 from palpate.errors import InputError
 from palpate.signals.drift import Drift
-from palpate.signals.zero_filter import Node, Window, ZeroFilter, smoothed
+from palpate.signals.zero_filter import FilterStep, ZeroFilter, ZeroWindow, smoothed
 
 CHANNELS = 3
 START, ZERO, KNOWN = 10.0, np.array([0.3, -0.1, 0.2]), np.diag([4e-4, 1e-4, 9e-4])
@@ -15,18 +15,18 @@ def _drift(warm: bool, settling: float = np.inf) -> Drift:
     return Drift([3e-3, 5e-3, 0.0], [2e-3, 0.0, 4e-3] if warm else None, settling, weight=0.05)
 
 
-def _windows(drift: Drift, rng: np.random.Generator) -> list[Window]:
+def _windows(drift: Drift, rng: np.random.Generator) -> list[ZeroWindow]:
     """At uneven times, some at the same; each hangs the payload otherwise."""
-    made: list[Window] = []
+    made: list[ZeroWindow] = []
     for time in START + np.cumsum(rng.choice([0.0, 0.1, 0.1, 0.4, 5.0], 30)):
         root = 0.01 * rng.standard_normal((CHANNELS, CHANNELS))
         noise = root @ root.T + 1e-5 * np.eye(CHANNELS)
         value, regressor = rng.standard_normal(CHANNELS), rng.standard_normal((CHANNELS, int(drift.weight > 0)))
-        made.append(Window(float(time), 0.05 * value, regressor, noise, 1e-5 * np.eye(CHANNELS)))
+        made.append(ZeroWindow(float(time), 0.05 * value, regressor, noise, 1e-5 * np.eye(CHANNELS)))
     return made
 
 
-def _posterior(drift: Drift, windows: list[Window], used: list[int], at: float) -> tuple[np.ndarray, np.ndarray]:
+def _posterior(drift: Drift, windows: list[ZeroWindow], used: list[int], at: float) -> tuple[np.ndarray, np.ndarray]:
     """Of zero and coefficient at a time, by conditioning one normal law of everything; rates are integrated out."""
     coefficients = int(drift.weight > 0)
 
@@ -56,7 +56,7 @@ def _posterior(drift: Drift, windows: list[Window], used: list[int], at: float) 
     return mean + gain @ left, both(at, at) - gain @ cross.T
 
 
-def _run(drift: Drift, windows: list[Window], used: list[int]) -> tuple[ZeroFilter, list[Node]]:
+def _run(drift: Drift, windows: list[ZeroWindow], used: list[int]) -> tuple[ZeroFilter, list[FilterStep]]:
     made = ZeroFilter(drift, np.full(int(drift.weight > 0), drift.weight))
     made.start(START, ZERO, KNOWN)
     return made, [
@@ -96,7 +96,7 @@ def test_ahead_it_grows_as_stated() -> None:
 def test_from_both_sides_of_a_gap_a_walk_is_a_bridge() -> None:
     """Half way between two known ends its variance is walk^2 T / 4, against walk^2 T / 2 from one: 1/sqrt 2."""
     drift, sure = Drift([2e-3]), 1e-9 * np.eye(1)
-    windows = [Window(float(t), np.zeros(1), np.zeros((1, 0)), sure**2, 0 * sure) for t in range(61)]
+    windows = [ZeroWindow(float(t), np.zeros(1), np.zeros((1, 0)), sure**2, 0 * sure) for t in range(61)]
     made = ZeroFilter(drift, np.zeros(0))
     made.start(0.0, np.zeros(1), sure**2)
     nodes = [made.update(one, k) if k in (0, 60) else made.advance(one.time, k) for k, one in enumerate(windows)]
@@ -114,7 +114,7 @@ def test_a_tare_tells_the_sum_of_zero_and_payload_in_its_pose() -> None:
     made, other = (ZeroFilter(drift, np.array([0.1])) for _ in range(2))
     made.start(0.0, ZERO, KNOWN, h)
     other.start(0.0, np.zeros(3), 1e6 * np.eye(3))
-    other.update(Window(0.0, ZERO, h, KNOWN, np.zeros((3, 3))))
+    other.update(ZeroWindow(0.0, ZERO, h, KNOWN, np.zeros((3, 3))))
     np.testing.assert_allclose(made.state, other.state, atol=1e-8)
     np.testing.assert_allclose(made.covariance, other.covariance, atol=1e-7)
     seen, covariance = made.expected(0.0, h)
@@ -126,4 +126,4 @@ def test_regressors_must_fit() -> None:
     made = ZeroFilter(Drift([1.0]), np.zeros(0))
     made.start(0.0, np.zeros(1), np.eye(1))
     with pytest.raises(InputError, match="regressors"):
-        made.update(Window(1.0, np.zeros(1), np.zeros((1, 1)), np.eye(1), np.zeros((1, 1))))
+        made.update(ZeroWindow(1.0, np.zeros(1), np.zeros((1, 1)), np.eye(1), np.zeros((1, 1))))

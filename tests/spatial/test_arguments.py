@@ -11,7 +11,7 @@ import pytest
 from jaxtyping import Bool, Float, Int
 
 from palpate.errors import InputError
-from palpate.spatial.arguments import number, takes_arrays, whole_number
+from palpate.spatial.arguments import integer, number, takes_arrays
 
 
 @takes_arrays
@@ -155,7 +155,7 @@ def test_arrays_that_do_not_fit_together_are_named_with_their_shapes() -> None:
 
 def test_a_number_may_be_of_any_class_and_is_one() -> None:
     assert number(np.float32(0.5), "a") == 0.5
-    assert whole_number(np.int8(3), "a") == 3
-    for make, value in ((number, "1"), (number, [1.0]), (whole_number, 1.5), (whole_number, 10**400)):
+    assert integer(np.int8(3), "a") == 3
+    for make, value in ((number, "1"), (number, [1.0]), (integer, 1.5), (integer, 10**400)):
         with pytest.raises(InputError, match="a must be"):
             make(value, "a")

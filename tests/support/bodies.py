@@ -14,7 +14,7 @@ from scipy.spatial import ConvexHull
 
 from evidence.bodies import prism
 from palpate.surfaces import Mesh, plane
-from palpate_lab.simulation.shapes import Body, BumpySphere, Ellipsoid, Superquadric
+from palpate_lab.simulation.shapes import Body, BumpySphere, EllipsoidBody, Superquadric
 
 __all__ = ["BODIES", "CLOSED", "R", "Surfaced", "box", "cylinder", "on_mesh", "pressing"]
 
@@ -77,7 +77,11 @@ def _placed(arrays: Arrays, **options: object) -> Mesh:
     return Mesh.from_arrays(arrays[0] + PLACE, arrays[1], **options)
 
 
-ELLIPSOID, SUPERQUADRIC, BUMPY = Ellipsoid((R, 0.7 * R, 0.5 * R)), Superquadric((R, 0.7 * R, 0.5 * R)), BumpySphere(R)
+ELLIPSOID, SUPERQUADRIC, BUMPY = (
+    EllipsoidBody((R, 0.7 * R, 0.5 * R)),
+    Superquadric((R, 0.7 * R, 0.5 * R)),
+    BumpySphere(R),
+)
 
 BODIES: dict[str, Surfaced] = {
     "ellipsoid": Surfaced(lambda: _placed(ELLIPSOID.mesh(1280)), convex=True, analytic=ELLIPSOID),

@@ -25,7 +25,7 @@ from mcap.reader import make_reader
 from palpate.live.netft_device import NetFtDevice
 from palpate.live.record import ring_of
 from palpate.live.recover import recover
-from palpate.live.stream_buffer import Ring
+from palpate.live.stream_buffer import StreamBuffer
 
 __all__ = ["children", "kill_again_and_again"]
 
@@ -93,7 +93,7 @@ class _Run:
             words += ["--record", str(self.output), "--split", "20"]
             self._main = subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=said, stderr=said)
         self._until(self.ring.exists, "there is no ring")
-        self._opened = Ring(self.ring)
+        self._opened = StreamBuffer(self.ring)
         self.seen = list[tuple[int, int]]()  # samples received until then, and the number that the last one holds
 
     def running(self) -> dict[str, int]:

@@ -23,13 +23,15 @@ from palpate.contact.estimate import ROW
 from palpate.live.record import record, ring_of
 from palpate.live.recover import recover
 from palpate.live.source import Batch
-from palpate.live.stream_buffer import Form, Ring
+from palpate.live.stream_buffer import SlotForm, StreamBuffer
 
 __all__ = ["BEGIN", "FORM", "RATE", "answers", "batch", "kill_again_and_again", "numbers"]
 
 RATE = 7000  # Hz
 BEGIN = 1_700_000_000_123_456_789  # ns
-FORM = Form("force_torque", (6,), images=False, features=(), width=ROW.length, most=1, poses=True, wrenches=True)
+FORM = SlotForm(
+    "force_torque", (6,), images=False, features=(), width=ROW.length, max_contacts=1, poses=True, wrenches=True
+)
 WRITER, RECORDER, BOTH, ALL = range(4)  # who is killed; ALL: and what is left is put together
 _LIST = struct.Struct("<6d")
 
@@ -54,7 +56,7 @@ def answers(first: int, count: int) -> np.ndarray:
 
 def write(path: Path) -> None:
     """Go on where the ring ends, for ever; what one before this did not answer has no answer."""
-    ring = Ring(path)
+    ring = StreamBuffer(path)
     for _ in range(ring["received"] - ring["answered"]):
         ring.answer(np.zeros((0, FORM.width)), np.zeros(1, dtype=np.int64), known=False)
     begin, first = time.monotonic(), ring["received"]
@@ -89,7 +91,7 @@ class _Run:
 
     def __init__(self, output: Path, split: float) -> None:
         self.output, self._split = output, split
-        self.ring = Ring.make(ring_of(output), FORM, 1 << 24)
+        self.ring = StreamBuffer.make(ring_of(output), FORM, 1 << 24)
         self._started: dict[int, int] = {}
         self.seen = 0
 

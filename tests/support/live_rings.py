@@ -10,7 +10,7 @@ import numpy as np
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, Status
 from palpate.live.source import Batch
-from palpate.live.stream_buffer import Form, Ring
+from palpate.live.stream_buffer import SlotForm, StreamBuffer
 
 RADIUS = 0.05  # m
 TURN = 400  # samples of a turn; in the last fifth of it nothing touches
@@ -36,10 +36,10 @@ def sphere_rig(folder: Path) -> Path:
     return path
 
 
-def sphere_ring(path: Path, features: tuple[str, ...] = ()) -> Ring:
+def sphere_ring(path: Path, features: tuple[str, ...] = ()) -> StreamBuffer:
     """An empty one."""
-    form = Form("force_torque", (6,), False, features, ROW.length + len(features), 1, wrenches=True)
-    return Ring.make(path, form, 1 << 22)
+    form = SlotForm("force_torque", (6,), False, features, ROW.length + len(features), 1, wrenches=True)
+    return StreamBuffer.make(path, form, 1 << 22)
 
 
 def rows(first: int, count: int) -> np.ndarray:
@@ -65,7 +65,7 @@ def touches(first: int, count: int) -> Contacts:
     return Contacts.of_rows(sample, sample / 200.0, rows(first, count), ())
 
 
-def answered(ring: Ring, count: int, lost: int = 0) -> None:
+def answered(ring: StreamBuffer, count: int, lost: int = 0) -> None:
     """The next samples pass through a ring, received and answered."""
     batch = Batch((6,), count)
     batch.stamp[:], batch.lost[0] = time.time_ns(), lost

@@ -8,9 +8,9 @@ from jaxtyping import Float
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.surfaces.mesh import Mesh
-from palpate_lab.simulation.shapes import Ellipsoid
+from palpate_lab.simulation.shapes import EllipsoidBody
 
-BODY = Ellipsoid((0.03, 0.02, 0.015))
+BODY = EllipsoidBody((0.03, 0.02, 0.015))
 SPREAD = (4e-4, 2e-4)  # m: standard deviations along the two tangents of `tangents`
 
 

@@ -20,7 +20,7 @@ import trimesh
 from mcap.reader import make_reader
 
 from palpate.live.record import ring_of
-from palpate.live.stream_buffer import Ring
+from palpate.live.stream_buffer import StreamBuffer
 from palpate_lab.simulation import BumpySphere, touch_wrenches
 from tests.support.kill_live import children
 
@@ -88,7 +88,7 @@ def soak(folder: Path, wanted: int) -> str:
     while not ring_of(folder / "run.mcap").exists():
         assert running.poll() is None, (folder / "said.txt").read_text()
         time.sleep(0.1)
-    ring = Ring(ring_of(folder / "run.mcap"))
+    ring = StreamBuffer(ring_of(folder / "run.mcap"))
     while (received := ring["received"]) < wanted:
         assert running.poll() is None, (folder / "said.txt").read_text()[-2000:]
         now = time.monotonic()

@@ -10,12 +10,12 @@ from numba import njit
 
 from palpate.contact import Locator
 from palpate.surfaces import Mesh, _bvh, _patch
-from palpate_lab.simulation.shapes import BumpySphere, Ellipsoid
+from palpate_lab.simulation.shapes import BumpySphere, EllipsoidBody
 from tests.support.bodies import R, box, cylinder
 
 MESHES = {
-    "smooth ellipsoid": lambda: Mesh.from_arrays(*Ellipsoid((R, 0.7 * R, 0.5 * R)).mesh(320)),
-    "faceted ellipsoid": lambda: Mesh.from_arrays(*Ellipsoid((R, 0.7 * R, 0.5 * R)).mesh(80), smooth=False),
+    "smooth ellipsoid": lambda: Mesh.from_arrays(*EllipsoidBody((R, 0.7 * R, 0.5 * R)).mesh(320)),
+    "faceted ellipsoid": lambda: Mesh.from_arrays(*EllipsoidBody((R, 0.7 * R, 0.5 * R)).mesh(80), smooth=False),
     "smooth bumpy sphere": lambda: Mesh.from_arrays(*BumpySphere(R).mesh(320)),
     "faceted bumpy sphere": lambda: Mesh.from_arrays(*BumpySphere(R).mesh(80), smooth=False),
     "box": lambda: Mesh.from_arrays(*box()),

@@ -10,7 +10,7 @@ import pytest
 from palpate.errors import GeometryError, PalpateError
 from palpate.surfaces import Mesh, plane
 from palpate_lab.simulation.phantom.probes import probe
-from palpate_lab.simulation.shapes import Ellipsoid
+from palpate_lab.simulation.shapes import EllipsoidBody
 from tests.support.bodies import BODIES, R, box, cylinder
 
 
@@ -31,7 +31,7 @@ def test_vertices_that_coincide_are_merged() -> None:
 @pytest.mark.parametrize("at", [0.0, 0.03, 3.0])
 def test_vertices_one_step_of_float32_apart_are_merged_on_whatever_grid(at: float) -> None:
     """An exporter rounds each facet's corners on its own: to either neighbour in float32, in each coordinate."""
-    vertices, faces = Ellipsoid((R, 0.7 * R, 0.5 * R)).mesh(2000)
+    vertices, faces = EllipsoidBody((R, 0.7 * R, 0.5 * R)).mesh(2000)
     rng = np.random.default_rng(3)
     soup = (1e3 * (vertices + at))[faces].reshape(-1, 3).astype(np.float32)
     soup = np.where(rng.random(soup.shape) < 0.5, np.nextafter(soup, np.float32(np.inf)), soup)
@@ -172,7 +172,7 @@ def test_crease_angle_decides_and_zero_is_faceted() -> None:
 
 
 def test_a_region_by_box_and_by_list_keeps_facets_and_normals() -> None:
-    vertices, faces = Ellipsoid((R, 0.7 * R, 0.5 * R)).mesh(500)
+    vertices, faces = EllipsoidBody((R, 0.7 * R, 0.5 * R)).mesh(500)
     whole = Mesh.from_arrays(vertices, faces)
     upper = whole.vertices[whole.faces].mean(axis=1)[:, 2] >= 0
     by_box = Mesh.from_arrays(vertices, faces, region=((-1, -1, 0), (1, 1, 1)))

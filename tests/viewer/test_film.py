@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from palpate.viewer.film import SIZE, ScenePicture
-from palpate.viewer.rendered import Camera, rendered
+from palpate.viewer.rendered import ViewPoint, rendered
 from palpate.viewer.scene import prepare
-from palpate_lab.simulation.shapes import Ellipsoid
+from palpate_lab.simulation.shapes import EllipsoidBody
 from tests.support.pages import ellipsoid, session
 
-CAMERA = Camera(np.array([0.0, -4.0, 0.0]), np.zeros(3), np.radians(45.0), (240, 180))
+CAMERA = ViewPoint(np.array([0.0, -4.0, 0.0]), np.zeros(3), np.radians(45.0), (240, 180))
 
 
 def test_a_ball_is_as_large_as_geometry_says() -> None:
     """Its rim lies at tan(asin(r/d)) before the camera; a pixel for the rim of pixels that lie across it."""
-    vertices, faces = Ellipsoid((1.0, 1.0, 1.0)).mesh(5_000)
+    vertices, faces = EllipsoidBody((1.0, 1.0, 1.0)).mesh(5_000)
     ball = rendered(CAMERA, vertices, vertices, faces, np.full((len(vertices), 3), 200, np.uint8))
     rows, columns = np.nonzero(np.isfinite(ball.depth))
     radius = np.tan(np.arcsin(1 / 4.0)) * 90 / np.tan(np.radians(22.5))

@@ -12,7 +12,7 @@ pytest.importorskip("msgspec")
 
 import msgspec
 
-from palpate.viewer.guard import LARGEST, Guard, Kind, Request, Verdict, Widget, in_url, judged
+from palpate.viewer.guard import LARGEST, Guard, Request, Verdict, Widget, WidgetKind, in_url, judged
 
 TOKEN = "h3Kq-0_zYw"
 GUARD = Guard("0.0.0.0", TOKEN)
@@ -23,12 +23,12 @@ CAMERA = {
     "image_height": 800, "image_width": 1280, "look_at": [0, 0, 0], "up_direction": [0.0, 1.0, 0.0],
 }  # fmt: skip
 WIDGETS = {
-    "press": Widget(Kind.PRESS),
-    "gone": Widget(Kind.PRESS, usable=False),
-    "choose": Widget(Kind.CHOOSE, options=("one", "two")),
-    "set": Widget(Kind.SET, low=-1.0, high=2.0),
-    "check": Widget(Kind.CHECK),
-    "write": Widget(Kind.WRITE),
+    "press": Widget(WidgetKind.PRESS),
+    "gone": Widget(WidgetKind.PRESS, usable=False),
+    "choose": Widget(WidgetKind.CHOOSE, options=("one", "two")),
+    "set": Widget(WidgetKind.SET, low=-1.0, high=2.0),
+    "check": Widget(WidgetKind.CHECK),
+    "write": Widget(WidgetKind.WRITE),
 }
 VALUES = st.booleans() | st.integers(-(2**60), 2**60) | st.floats() | st.text(max_size=300) | st.none()
 

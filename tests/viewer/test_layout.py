@@ -17,7 +17,7 @@ from palpate.sensors.taxels.estimator import FEATURES as TAXELS
 from palpate.spatial.shown import uncertain
 from palpate.viewer.camera import PANEL, SHEET, STRIP, VIEW, fit
 from palpate.viewer.captions import caption
-from palpate.viewer.rendered import Camera
+from palpate.viewer.rendered import ViewPoint
 from palpate.viewer.scene import prepare
 from palpate.viewer.scene3d import aim
 from tests.support.pages import ellipsoid, session, two_contacts
@@ -36,7 +36,7 @@ def test_a_camera_sees_all_points_and_stands_no_farther_than_it_must(seed: int, 
     direction /= np.linalg.norm(direction)
     position, target = fit(points, direction, aspect, covered)
     size = (round(1000 * aspect), 1000)
-    seen = Camera(position, target, VIEW, size).seen(points)
+    seen = ViewPoint(position, target, VIEW, size).seen(points)
     assert (seen[:, 2] > 0).all()
     x, y = 2 * seen[:, 0] / size[0] - 1, 1 - 2 * seen[:, 1] / size[1]  # from -1 to 1
     assert max(np.abs(x).max(), y.max()) <= 0.86 + 0.01
@@ -53,7 +53,7 @@ def test_body_arrow_and_its_label_are_within_the_window_and_not_covered(found: o
     scene = prepare(ellipsoid(2_000), found)
     contacts = scene.at(scene.opening).contacts
     position, target = aim(scene, wide / high)
-    camera = Camera(position, target, VIEW, (wide, high))
+    camera = ViewPoint(position, target, VIEW, (wide, high))
     body = camera.seen(scene.placed(scene.body.vertices))[:, :2]
     labels = camera.seen(scene.placed(np.array([scene.labelled(each) for each in contacts])))[:, :2]
     points = np.concatenate([body, labels + LABEL, labels - LABEL])

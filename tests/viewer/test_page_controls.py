@@ -14,7 +14,7 @@ from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import Status
 from palpate.errors import InputError
 from palpate.surfaces.plane import plane
-from palpate.viewer.captions import beside
+from palpate.viewer.captions import comparison
 from palpate.viewer.marker import Marker, fade
 from palpate.viewer.scene import LARGE, SMALL, Scene, prepare, rim
 from palpate.viewer.server import Page
@@ -125,7 +125,7 @@ def test_the_other_result_is_that_of_the_same_time(scene: Scene) -> None:
     other = scene.meanwhile(2.5)
     assert other.index == 150
     assert np.array_equal(other.contacts[0].force, 2.0 * session().force[150])
-    ((title, said),) = beside(scene, scene.at(250))
+    ((title, said),) = comparison(scene, scene.at(250))
     assert title == "theirs"
     assert said.startswith("contact, ")
     late = session()

@@ -14,7 +14,7 @@ from palpate.contact.estimate import Status
 from palpate.viewer import plots
 from palpate.viewer._style import inline
 from palpate.viewer.drawing import Drawing, Mark
-from palpate.viewer.report import Report, Section, Table, Tile, picture, render
+from palpate.viewer.report import Report, ReportTable, Section, Tile, picture, render
 from palpate.viewer.zero_plot import zeros
 from palpate_lab.simulation.shapes import Superquadric
 
@@ -33,7 +33,11 @@ FIGURES: dict[str, Callable[[], Any]] = {
     "errors": lambda: plots.errors(TIME, np.abs(HOLES[:, 0]), np.abs(HOLES[:, 1])),
     "touch_errors": lambda: plots.touch_errors(["a", "b"], np.array([1e-3, np.nan]), np.array([2e-3, np.nan])),
     "spectra": lambda: plots.spectra(
-        [plots.Panel(np.arange(1.0, 500.0), RNG.uniform(1, 2, (499, 3)), "force", "N", np.array([1, 0, 1.0]), 9.0)]
+        [
+            plots.SpectrumPanel(
+                np.arange(1.0, 500.0), RNG.uniform(1, 2, (499, 3)), "force", "N", np.array([1, 0, 1.0]), 9.0
+            )
+        ]
     ),
     "zeros": lambda: zeros(TIME, RNG.normal(size=(N, 6)), np.ones((N, 6)), STATUS > 2),
     "zeros of voltages": lambda: zeros(TIME, RNG.normal(size=(N, 12)), np.ones((N, 12)), STATUS > 2),
@@ -76,9 +80,9 @@ def page() -> str:
         "Forces <all>",
         text=("One & two",),
         points=("do this",),
-        facts=(("method", "soft_finger"),),
+        settings=(("method", "soft_finger"),),
         pictures=(picture(FIGURES["forces"](), "below"),),
-        tables=(Table(("a", "b"), (("1", "<script>alert(1)</script>"),)),),
+        tables=(ReportTable(("a", "b"), (("1", "<script>alert(1)</script>"),)),),
         drawing=Drawing(VERTICES, FACES, [Mark(VERTICES[0], np.eye(3)[2], "</script><b>")]).html(),
     )
     tiles = (Tile("samples", "8,800", "44 s", "good"),)

@@ -14,7 +14,7 @@ from palpate.contact.contacts import Contacts
 from palpate.contact.touch_finder import find_touches
 from palpate.errors import InputError
 from palpate.viewer.drawing import FACETS, Drawing, simpler
-from palpate.viewer.run_compare import beside, partners
+from palpate.viewer.run_compare import compared, partners
 from palpate.viewer.run_report import Run
 from palpate.viewer.run_summary import RunSummary
 from tests.support.pages import BODY, ellipsoid, session
@@ -35,13 +35,13 @@ def _summary(contacts: Contacts) -> RunSummary:
 
 def test_a_run_stands_beside_one_whose_points_are_off() -> None:
     run = Run("log", "ours.csv", "done", _summary(session()))
-    section = beside(run, "theirs.csv", _summary(_moved(2e-3, 0.1))).sections[0]
+    section = compared(run, "theirs.csv", _summary(_moved(2e-3, 0.1))).sections[0]
     figures, touches = section.tables
     assert figures.header == ("", "ours.csv", "theirs.csv")
     ((*_, there, _, apart, later),) = touches.rows
     assert (there, apart, later) == ("1", "2.00", "+0.100")
     with pytest.raises(InputError, match="another time"):
-        beside(run, "late.csv", _summary(_moved(0.0, 100.0)))
+        compared(run, "late.csv", _summary(_moved(0.0, 100.0)))
 
 
 def test_a_touch_without_a_partner_has_none() -> None:

@@ -18,7 +18,7 @@ from palpate.surfaces.plane import plane
 from palpate.viewer.captions import MEANING, caption
 from palpate.viewer.heat import PALETTE, colours, density, refined
 from palpate.viewer.marker import facing
-from palpate.viewer.scene import MAGNIFICATIONS, Scene, nice, prepare
+from palpate.viewer.scene import MAGNIFICATIONS, Scene, prepare, rounded_up
 from palpate.viewer.timeline import Timeline, downsampled
 from tests.support.pages import BODY, SPREAD, ellipsoid, session, tangents, two_contacts
 
@@ -248,7 +248,7 @@ def test_a_caption_holds_units_and_standard_deviations(scene: Scene) -> None:
 
 @given(st.floats(1e-6, 1e6))
 def test_a_nice_step_is_the_next_of_1_2_5(value: float) -> None:
-    step = nice(value)
+    step = rounded_up(value)
     digit = step / 10 ** np.floor(np.log10(step) + 1e-9)
     assert min(abs(digit - d) for d in (1, 2, 5)) < 1e-6
     assert value * (1 - 1e-6) <= step <= 2.5 * value * (1 + 1e-6)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from palpate.calibration.left_out import LeftOut, leave_out
+from palpate.calibration.validation import Validation, cross_validate
 from palpate.errors import InputError, NotIdentifiable
 from palpate.signals.noise import estimate_noise
 from palpate.signals.payload import Payload
@@ -36,7 +36,7 @@ class ClockOffset:
         offset: [s]; its standard deviation is `deviation` [s].
         residual: [N] robust standard deviation of what the fit leaves, along each axis, of averages over 10 ms.
         samples: readings that were used.
-        left_out: how the offsets of parts of the log agree with those of the rest.
+        validation: how the offsets of parts of the log agree with those of the rest.
         notes: what a user should know, one sentence each.
     """
 
@@ -44,7 +44,7 @@ class ClockOffset:
     deviation: float
     residual: float
     samples: int
-    left_out: LeftOut = field(default_factory=LeftOut)
+    validation: Validation = field(default_factory=Validation)
     notes: tuple[str, ...] = ()
 
 
@@ -224,9 +224,9 @@ def _judged(problem: _Problem, offset: float) -> ClockOffset:
         gradient, information, variance = _score(part, rest.offset, solution, found.residual)
         return np.array([gradient]), np.array([[variance + (information * rest.deviation) ** 2]])
 
-    left = leave_out(len(problem.time), predict)
+    left = cross_validate(len(problem.time), predict)
     widened = found.deviation * left.widening**0.5
-    return replace(found, deviation=widened, left_out=left, notes=(*found.notes, *left.notes))
+    return replace(found, deviation=widened, validation=left, notes=(*found.notes, *left.notes))
 
 
 def _score(

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from palpate.calibration.drift_windows import GAP, SHORTEST, windows_of
-from palpate.calibration.left_out import LeftOut
+from palpate.calibration.validation import Validation
 from palpate.errors import InputError
 from palpate.signals.drift import Drift
 from palpate.signals.noise import resolution_of
@@ -42,7 +42,7 @@ class DriftFit(Value):
         seen: (m,) whether the walk can be told from none. Where not, `drift.walk` is the most that it may be (95 %).
         noise: (m,) deviation of the mean over a window; window: [s].
         samples: that were used; seconds: from the first to the last; touched: share of it that was left out.
-        left_out: how the walks of both halves of the log agree.
+        validation: how the walks of both halves of the log agree.
         notes: a sentence each.
     """
 
@@ -57,7 +57,7 @@ class DriftFit(Value):
     samples: int
     seconds: float
     touched: float
-    left_out: LeftOut = field(default_factory=LeftOut)
+    validation: Validation = field(default_factory=Validation)
     notes: tuple[str, ...] = ()
 
     def unsure(self, seconds: float) -> Float[np.ndarray, " m"]:
@@ -149,13 +149,13 @@ def identify_drift(
         )
         found = Search(windows_of(when, what, others, window), [list(group) for group in alike], least).run()
     notes += found.notes(noise, float(np.median(np.diff(when))), names)
-    left, larger = found.left_out()
+    left, larger = found.touched_share()
     made = _made(found, alike, len(what), kelvin=kelvin is not None)
     if left.widening > UNLIKE:
         notes.append("the zero walks more in one half of the log than in the other: the larger walk is written")
         made = replace(made, drift=replace(made.drift, walk=np.maximum(made.drift.walk, larger)))
     deviation = made.walk_deviation * left.widening**0.5
-    return replace(made, walk_deviation=deviation, left_out=left, notes=tuple(notes))
+    return replace(made, walk_deviation=deviation, validation=left, notes=tuple(notes))
 
 
 def _usable(

@@ -19,7 +19,6 @@ from palpate.calibration.drift_windows import (
     stretches,
     untouched,
 )
-from palpate.calibration.left_out import LeftOut
 from palpate.calibration.random_walk import (
     Steps,
     WalkFit,
@@ -29,6 +28,7 @@ from palpate.calibration.random_walk import (
     likelihood_of,
     steps_of,
 )
+from palpate.calibration.validation import Validation
 from palpate.errors import InputError
 from palpate.spatial.arguments import takes_arrays
 
@@ -90,20 +90,20 @@ class Search:
             )
         return self
 
-    def left_out(self) -> tuple[LeftOut, Float[np.ndarray, " m"]]:
+    def touched_share(self) -> tuple[Validation, Float[np.ndarray, " m"]]:
         """Compare the walks of both halves of the log; return how they agree, and of each channel the larger one."""
-        steps, count = self._with(self.settling), len(self._steps.apart)
+        steps, count = self._with(self.settling), len(self._steps.interval)
         if self.span < 2.0 * SHORTEST:
-            return LeftOut(), self.found.walk
+            return Validation(), self.found.walk
         halves = [steps.part(rows) for rows in (slice(count // 2), slice(count // 2, count))]
         fits = [fit_walk(half, self._groups, start=self.found) for half in halves]
         larger = np.maximum(fits[0].walk, fits[1].walk)
         firsts = [group[0] for group in self._groups if all(fit.seen[group].all() for fit in fits)]
         if not firsts:
-            return LeftOut(), larger
+            return Validation(), larger
         off = np.log(fits[0].walk / fits[1].walk)[firsts]
         variance = sum(((fit.deviation / fit.walk)[firsts] ** 2 for fit in fits), np.zeros(len(firsts)))
-        return LeftOut(float(np.mean(off**2 / variance)), 2, len(firsts)), larger
+        return Validation(float(np.mean(off**2 / variance)), 2, len(firsts)), larger
 
     def _leave_touches_out(self) -> None:
         """Guess, leave out, fit, and again with what was found, until the same is left out."""

@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 from palpate.calibration._pose_fit import apply, fit, offset
 from palpate.calibration._screws import name_motions
 from palpate.calibration._touch_evidence import Evidence, KnownPoints, SomewhereOnSurface, Spreads
-from palpate.calibration.left_out import LeftOut, leave_out
 from palpate.calibration.touch_error import spread_in_time
+from palpate.calibration.validation import Validation, cross_validate
 from palpate.calls import called_as
 from palpate.errors import InputError, NotIdentifiable
 from palpate.spatial._arrays import frozen
@@ -47,7 +47,7 @@ class Mounting:
         observable: small motions that the touches determine better than the prior does, in the surface's axes.
         unobservable: those that they do not: there the initial pose and the prior stand.
         touches: numbers of the touches that were used.
-        left_out: how touches lie that a fit had not seen.
+        validation: how touches lie that a fit had not seen.
         notes: what a user should know, one sentence each.
         provenance: where it came from.
     """
@@ -58,7 +58,7 @@ class Mounting:
     observable: tuple[str, ...]
     unobservable: tuple[str, ...]
     touches: Int[np.ndarray, " k"]
-    left_out: LeftOut = field(default_factory=LeftOut)
+    validation: Validation = field(default_factory=Validation)
     notes: tuple[str, ...] = ()
     provenance: Mapping[str, str] = field(default_factory=lambda: {})
 
@@ -212,7 +212,7 @@ def _judged(
         own = slopes.T @ slopes / widened
         return slopes.T @ away / widened, own + own @ known @ own
 
-    left = leave_out(len(used), predict) if len(used) >= ENOUGH else LeftOut()
+    left = cross_validate(len(used), predict) if len(used) >= ENOUGH else Validation()
     widened *= left.widening
     values, vectors = np.linalg.eigh(seen / widened)
     blind = vectors[:, values <= 1.0]

@@ -33,14 +33,14 @@ class Steps(Value):
 
     Attributes:
         change: (k, m) of m channels.
-        apart: (k,) [s] from the middle of one window to that of the next.
+        interval: (k,) [s] from the middle of one window to that of the next.
         joined: (k - 1,) whether a step begins in the window in which the one before ends.
         shape: (k, p) by how much p known courses (a warm-up, a temperature) change.
         window: [s] length of a window.
     """
 
     change: Float[np.ndarray, "k m"]
-    apart: Float[np.ndarray, " k"]
+    interval: Float[np.ndarray, " k"]
     joined: Bool[np.ndarray, " j"]
     shape: Float[np.ndarray, "k p"]
     window: float
@@ -48,12 +48,14 @@ class Steps(Value):
     def with_shape(self, *courses: Float[np.ndarray, " k"]) -> Steps:
         """The same with other known courses."""
         shape = np.column_stack(courses) if courses else np.zeros((len(self.change), 0))
-        return Steps(self.change, self.apart, self.joined, shape, self.window)
+        return Steps(self.change, self.interval, self.joined, shape, self.window)
 
     def part(self, rows: slice) -> Steps:
         """Return steps that follow each other."""
-        first, last, _ = rows.indices(len(self.apart))
-        return Steps(self.change[rows], self.apart[rows], self.joined[first : last - 1], self.shape[rows], self.window)
+        first, last, _ = rows.indices(len(self.interval))
+        return Steps(
+            self.change[rows], self.interval[rows], self.joined[first : last - 1], self.shape[rows], self.window
+        )
 
 
 @takes_arrays
@@ -153,7 +155,7 @@ class _Solved:
 
     def __init__(self, steps: Steps, channel: int, walk: float, noise: float) -> None:
         change, shape, window = steps.change[:, channel], steps.shape, steps.window
-        diagonal = walk * (steps.apart - window / 3.0) + 2.0 * noise
+        diagonal = walk * (steps.interval - window / 3.0) + 2.0 * noise
         beside = np.where(steps.joined, walk * window / 6.0 - noise, 0.0)
         self.pivots, self.factors, failed = _factored(diagonal, beside)
         both = np.column_stack([change, shape])
@@ -268,5 +270,5 @@ def _first_guess(steps: Steps, channel: int) -> tuple[float, float]:
     pairs = np.flatnonzero(steps.joined)
     beside = float(np.mean(change[pairs] * change[pairs + 1])) if len(pairs) else 0.0
     noise = max(-beside, 0.05 * square, _TINY)
-    walk = max(square + 2.0 * beside, 0.01 * square, _TINY) / float(np.mean(steps.apart))
+    walk = max(square + 2.0 * beside, 0.01 * square, _TINY) / float(np.mean(steps.interval))
     return float(np.log(walk)), float(np.log(noise))

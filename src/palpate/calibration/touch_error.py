@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from palpate.contact.ground_truth import Touches
+from palpate.contact.ground_truth import TrueTouches
 from palpate.signals.correlation import correlation_time
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose, skew
@@ -24,23 +24,23 @@ class TouchError:
     """Standard deviations along one tangent [m] of where a sample seems to act, about its mark.
 
     Attributes:
-        beside: beside the noise; it is common to the samples of a touch, and no filter takes it off.
+        common: beside the noise; it is common to the samples of a touch, and no filter takes it off.
         noise: of a single sample.
     """
 
-    beside: float
+    common: float
     noise: float
 
     def placement(self, marks: float) -> float:
         """What of it is not how well marks are hit [m]."""
-        return max(self.beside**2 - marks**2, 0.0) ** 0.5
+        return max(self.common**2 - marks**2, 0.0) ** 0.5
 
 
 @takes_arrays
 def touch_error(
     time: Float[np.ndarray, " m"],
     wrenches: Float[np.ndarray, "m 6"],
-    touches: Touches,
+    touches: TrueTouches,
     normals: Float[np.ndarray, "n 3"],
     noise: Float[np.ndarray, "6 6"] | None,
     pose_from: Callable[[Int[np.ndarray, " k"]], Pose],

@@ -17,7 +17,7 @@ from tyro.conf import Positional, arg
 from palpate.cli.batch_logs import logs_of, names_of
 from palpate.cli.estimate_log import estimate_log, record_of
 from palpate.cli.rig_options import RigOptions
-from palpate.console.console import Figure, announce, lines, note, overwrite, title
+from palpate.console.console import Quantity, announce, lines, note, overwrite, title
 from palpate.console.parallel import begin_results, from_row, read_rows, require_backend, run_kept
 from palpate.contact.estimate import Status
 from palpate.errors import InputError, PalpateError
@@ -162,7 +162,7 @@ def _one(job: _Job) -> _Kept:
     except Exception as problem:  # of one log in a thousand: the others shall not wait for it to be mended
         return _failed(job, f"{type(problem).__name__}: {' '.join(str(problem).split())}")
     summary, touches = done.summary, done.summary.finder.touches()
-    warnings = (*([done.nothing] if done.nothing else []), *done.doubts, *done.short)
+    warnings = (*([done.nothing] if done.nothing else []), *done.warnings, *done.short)
     result = LogResult(
         job.called,
         output,
@@ -276,7 +276,7 @@ def _end(results: Sequence[LogResult], output: Path, setup: RigOptions, files: M
     said = [("rig", str(setup.rig or setup.mesh)), *((name, str(path)) for name, path in files.items())]
     write_text(page, render(compose(results, tuple(said))))
     title(f"{len(results)} logs -> {page}")
-    lines((name, Figure(text, value)) for name, text, value in figures(results))
+    lines((name, Quantity(text, value)) for name, text, value in figures(results))
     failed = [each for each in results if each.failure]
     note((f"{each.log}: {each.failure}" for each in failed[:SAID]), kind="warning")
     note([f"{len(failed) - SAID} more logs failed, see {page}"] if len(failed) > SAID else [], kind="warning")

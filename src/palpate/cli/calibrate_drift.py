@@ -11,8 +11,8 @@ from jaxtyping import Float
 from tyro.conf import arg
 
 from palpate.calls import by_name
-from palpate.console.calibration import Calibration, Found, origin
-from palpate.console.console import Figure
+from palpate.console.calibration import Calibration, CalibrationResult, origin
+from palpate.console.console import Quantity
 from palpate.console.options import Log, Output, RigFile, require_positive
 from palpate.console.sensor_drift import SensorDrift
 from palpate.errors import InputError
@@ -49,7 +49,7 @@ class CalibrateDrift(Calibration):
     output: Output
     window: Annotated[float, arg(metavar="X")] = 0.1
 
-    def identify(self) -> Found:
+    def identify(self) -> CalibrationResult:
         """Fit walk, warm-up and temperature to the readings of the free sensor."""
         require_positive(self.window, "--window")
         with open_log(self.log, self.stated) as opened:
@@ -61,9 +61,9 @@ class CalibrateDrift(Calibration):
         weight = stated.weight if stated is not None and stated.weight else drift.weight
         table = drift_table(drift.found.drift, weight, None if stated is None else stated.temperature)
         notes = [*notes, *drift.notes, *drift.found.notes]
-        return Found(_figures(drift, weight), (table, drift.comments), notes=notes)
+        return CalibrationResult(_figures(drift, weight), (table, drift.comments), notes=notes)
 
-    def write(self, found: Found) -> None:
+    def write(self, found: CalibrationResult) -> None:
         """Write the drift into the rig."""
         table, comments = found.model
         walk = f"{comments['walk']}, from {origin(self.record(), 'log')}"
@@ -115,12 +115,12 @@ def _figures(of: SensorDrift, weight: float) -> list[tuple[str, object]]:
     unsure = of.unsure(found.unsure(LONGEST_CONTACT))
     return [
         ("samples", f"{found.samples:,} over {found.seconds:.0f} s{left}"),
-        ("walk", Figure(f"{', '.join(walks)} in one second, growing as the root of time", drift.walk.tolist())),
-        ("warm-up", Figure(warm, (MINUTE * drift.warm_up).tolist())),
+        ("walk", Quantity(f"{', '.join(walks)} in one second, growing as the root of time", drift.walk.tolist())),
+        ("warm-up", Quantity(warm, (MINUTE * drift.warm_up).tolist())),
         *([("temperature", ", ".join(kelvin))] if drift.thermal.any() else []),
         *([("weight", f"of the payload: +- {weight:.2g} N, by its calibration or the rig")] if weight else []),
         ("noise", f"{', '.join(noises)} of a mean over {found.window:.2g} s"),
-        ("left out", str(found.left_out)),
+        ("left out", str(found.validation)),
         ("in contact", f"after {LONGEST_CONTACT:.0f} s unsure (95 %): {unsure}"),
     ]
 

@@ -20,7 +20,7 @@ from palpate.cli.run_report import run_of
 from palpate.console.console import counting, lines, note, progress, shares, title, wait
 from palpate.console.options import FileOption, Log
 from palpate.contact.estimate import Status
-from palpate.contact.ground_truth import Samples, Touches
+from palpate.contact.ground_truth import TrueSamples, TrueTouches
 from palpate.errors import InputError
 from palpate.files.atomic import keep_inputs, write_text
 from palpate.files.contacts import require_format
@@ -28,7 +28,7 @@ from palpate.files.ground_truth import read_ground_truth
 from palpate.setup.link import Link
 from palpate.setup.pipeline import OpenedLog
 from palpate.viewer.report import render, require_report
-from palpate.viewer.run_compare import beside
+from palpate.viewer.run_compare import compared
 from palpate.viewer.run_report import compose
 from palpate.viewer.run_summary import RunSummary
 
@@ -74,7 +74,7 @@ def estimate(
     rig = setup.load()
     inputs = (log, setup.rig, *rig.files().values(), truth, compare)
     if output is not None:  # this and what follows: before the work, not after it
-        keep_inputs(output, inputs, beside=(record_of(output), *([report] if report else [])))
+        keep_inputs(output, inputs, siblings=(record_of(output), *([report] if report else [])))
         require_format(output)
     elif report is not None:
         raise InputError("the report is of contacts that are written.", where="--report", hint="Add -o FILE.")
@@ -88,10 +88,10 @@ def estimate(
     if output is None:
         say_touches(done.summary.finder.touches(), "`palpate events` of what -o FILE writes has them all")
     elif report is not None:
-        warnings = (*([done.nothing] if done.nothing else []), *done.doubts, *done.short)
+        warnings = (*([done.nothing] if done.nothing else []), *done.warnings, *done.short)
         run = run_of(done.pipeline, done.summary, done.record, output.name, warnings)
         run = judged(run, known, mounted=opened.setup.link.mount_covariance is not None)
-        write_text(report, render(compose(run if other is None else beside(run, other[0], other[1]))))
+        write_text(report, render(compose(run if other is None else compared(run, other[0], other[1]))))
     note(done.short, kind="warning")
     note([done.nothing] if done.nothing else [], kind="warning")
     note(_next(log, setup, done.summary.statuses))
@@ -114,7 +114,7 @@ def _workers(opened: OpenedLog, asked: int | None) -> int:
     return count if opened.path.is_file() or opened.path.is_dir() else 1
 
 
-def _ground_truth(truth: Path | None, report: Path | None) -> Samples | Touches | None:
+def _ground_truth(truth: Path | None, report: Path | None) -> TrueSamples | TrueTouches | None:
     if report is not None:
         if report.suffix.lower() not in (".html", ".htm"):
             raise InputError("the report is a page of HTML.", where=str(report), hint="Name it .html.")
@@ -153,4 +153,4 @@ def _say(heading: str, done: Estimated) -> None:
     parts = ", ".join(f"{name} {seconds:.2f} s" for name, seconds in spent.items())
     lines([("time", f"{parts}; {rate:,.0f} samples/s once prepared and compiled")])
     note(pipeline.notes())
-    note(done.doubts, kind="warning")
+    note(done.warnings, kind="warning")

@@ -11,12 +11,12 @@ from threading import Thread
 from time import perf_counter
 from typing import NamedTuple
 
-from palpate.cli.summarising_writer import SummedWriter, WriterProcess, writer_process, writing_beside, writing_here
+from palpate.cli.summarising_writer import SummedWriter, WriterProcess, writer_process, writing_here, writing_in_process
 from palpate.files.memory import keep_memory
 from palpate.files.models import provenance, write_provenance
 from palpate.interrupts import uninterrupted
 from palpate.setup.pipeline import OpenedLog, Pipeline
-from palpate.setup.prefetch import Reader
+from palpate.setup.prefetch import LogReader
 from palpate.viewer.run_summary import RunSummary
 
 __all__ = ["Estimated", "estimate_log", "record_of"]
@@ -34,7 +34,7 @@ class Estimated:
         summary: of its contacts.
         record: what stands in OUTPUT.toml.
         ended: "whole"; "torn": the log is cut off; "interrupted": by Ctrl-C.
-        doubts: what may be wrong.
+        warnings: what may be wrong.
         short: why not all of the log is in the output, one sentence each.
         nothing: why nothing in it can be believed; "": something can.
         took: seconds from the first sample to the last.
@@ -44,7 +44,7 @@ class Estimated:
     summary: RunSummary
     record: dict[str, str]
     ended: str
-    doubts: list[str]
+    warnings: list[str]
     short: list[str]
     nothing: str
     took: float
@@ -93,19 +93,19 @@ def estimate_log(
         if beside is None or output is None:
             writing = writing_here(output, frame, features)
         else:
-            opened.read_ahead(beside.reader, pipeline.estimator, workers)
-            writing = writing_beside(beside.writer, output, frame, features)
+            opened.prefetch(beside.reader, pipeline.estimator, workers)
+            writing = writing_in_process(beside.writer, output, frame, features)
 
         def made_from(*, interrupted: bool) -> dict[str, str]:
             ended = "interrupted" if interrupted else "torn" if opened.torn else "whole"
-            options = {**pipeline.facts, "frame": frame, "sensor": opened.kind.name, "ended": ended}
+            options = {**pipeline.settings, "frame": frame, "sensor": opened.kind.name, "ended": ended}
             inputs = provenance(files, {}) if beside is None else beside.inputs.result()
             return inputs | provenance({}, options)
 
         writer, record = _written(pipeline, writing, watch, output, made_from, keep_short=keep_short)
     summary, ended = writer.summary, record["ended"]
     pipeline.seconds["write"] = writer.seconds
-    doubts, short = pipeline.doubts(), list(_short(output, opened, summary, interrupted=ended == "interrupted"))
+    doubts, short = pipeline.warnings(), list(_short(output, opened, summary, interrupted=ended == "interrupted"))
     took = perf_counter() - begin
     return Estimated(pipeline, summary, record, ended, doubts, short, pipeline.unbelievable(), took)
 
@@ -113,7 +113,7 @@ def estimate_log(
 class _Beside(NamedTuple):
     """What goes on beside this process: reading, writing, and what the inputs are by their content."""
 
-    reader: Reader
+    reader: LogReader
     writer: WriterProcess
     inputs: Future[dict[str, str]]
 
@@ -129,7 +129,7 @@ def _beside(opened: OpenedLog, files: Mapping[str, Path | None]) -> Generator[_B
         except Exception as problem:  # raised where it is used
             inputs.set_exception(problem)
 
-    with opened.reading_beside() as reader, writer_process() as writer:
+    with opened.prefetching() as reader, writer_process() as writer:
         Thread(target=hashed, daemon=True).start()  # nobody waits for it when the command is ended
         yield _Beside(reader, writer, inputs)
 

@@ -9,12 +9,12 @@ import numpy as np
 from tyro.conf import arg
 
 from palpate.cli.evaluate_instrument import WAND, WRENCH, evaluate_instrument
-from palpate.console.console import Figure, lines, note, shares, span, table, title
+from palpate.console.console import Quantity, lines, note, shares, span, table, title
 from palpate.console.options import ContactsFile, FileOption, TruthFile
-from palpate.contact.ground_truth import Samples, Touches
+from palpate.contact.ground_truth import TrueSamples, TrueTouches
 from palpate.errors import InputError
 from palpate.evaluation.errors import HEADER
-from palpate.evaluation.evaluate import Report
+from palpate.evaluation.evaluate import EvaluationReport
 from palpate.evaluation.evaluate import evaluate as compare
 from palpate.files.contacts import read_contacts
 from palpate.files.ground_truth import read_ground_truth
@@ -90,10 +90,10 @@ def evaluate(
         note([f"the contacts are in the {frame}'s frame: the truth must be, too"], kind="warning")
 
 
-def _say(report: Report) -> None:
+def _say(report: EvaluationReport) -> None:
     matched = f"{report.samples:,}, of which {report.matched:,} have a truth and {report.answered:,} of these an answer"
     counts = {name: getattr(report, name) for name in ("samples", "matched", "answered", "unmatched", "missed")}
-    lines([("contacts", Figure(matched, counts))])
+    lines([("contacts", Quantity(matched, counts))])
     lines(shares(report.statuses))
     _touches(report)
     if rows := summaries(report):
@@ -106,14 +106,14 @@ def _say(report: Report) -> None:
             [
                 (
                     "95 % ellipses",
-                    Figure(f"hold the truth in {percent(seen.inside)} of {seen.count:,} (should be 95)", seen.inside),
+                    Quantity(f"hold the truth in {percent(seen.inside)} of {seen.count:,} (should be 95)", seen.inside),
                 ),
-                ("mean square", Figure(f"{seen.mean_square:.2f} (should be 2)", seen.mean_square)),
+                ("mean square", Quantity(f"{seen.mean_square:.2f} (should be 2)", seen.mean_square)),
             ]
         )
 
 
-def _unpaired(report: Report) -> list[str]:
+def _unpaired(report: EvaluationReport) -> list[str]:
     """Contacts and truths that are left over where there are several at once."""
     counted = (
         (report.unmatched, "contacts have no truth of their own: others are nearer to it"),
@@ -128,12 +128,12 @@ def _is_instrument(truth: Path) -> bool:
     return set(WRENCH) <= names or set(WAND) <= names
 
 
-def truth_times(truth: Samples | Touches) -> np.ndarray:
+def truth_times(truth: TrueSamples | TrueTouches) -> np.ndarray:
     """Of instants, or of both ends of the touches [s]."""
-    return np.concatenate([truth.start, truth.end]) if isinstance(truth, Touches) else truth.time
+    return np.concatenate([truth.start, truth.end]) if isinstance(truth, TrueTouches) else truth.time
 
 
-def summaries(report: Report) -> list[tuple[str, ...]]:
+def summaries(report: EvaluationReport) -> list[tuple[str, ...]]:
     """Rows of what, mean, median, 95 %, worst and count, each with its unit; none where nothing was compared."""
     what = "location of touches [mm]" if report.touches else "location [mm]"
     degrees = 180 / np.pi
@@ -146,7 +146,7 @@ def summaries(report: Report) -> list[tuple[str, ...]]:
     return [(name, *summary.row(scale)) for name, summary, scale in rows if summary is not None]
 
 
-def _touches(report: Report) -> None:
+def _touches(report: EvaluationReport) -> None:
     if report.touches:
         table(
             ("touch", "error [mm]", "scatter [mm]", "answered", "samples"),
@@ -163,7 +163,7 @@ def _touches(report: Report) -> None:
         )
 
 
-def _unanswered(report: Report) -> list[str]:
+def _unanswered(report: EvaluationReport) -> list[str]:
     """Touches without an error, which no average holds."""
     return [
         f"{len(labels)} of {len(report.touches)} touches {why} and are left out of the averages: {_listed(labels)}"

@@ -21,7 +21,7 @@ from palpate.evaluation.instruments import (
 )
 from palpate.evaluation.matching import nearest_in_time
 from palpate.files.atomic import keep_inputs, write_text
-from palpate.files.tables.table import Table, read_table
+from palpate.files.tables.table import TextTable, read_table
 from palpate.sensors.taxels.section import SkinSection
 from palpate.setup import load_rig
 from palpate.setup.link import Link
@@ -30,7 +30,7 @@ from palpate.spatial.pose import rotation_from_quaternion
 from palpate.surfaces.mesh import Mesh
 from palpate.viewer.maps import sheet_map
 from palpate.viewer.report import Report, Section, Tile, picture, render, require_report
-from palpate.viewer.report import Table as Cells
+from palpate.viewer.report import ReportTable as Cells
 from palpate.viewer.samples import sheet_places
 
 __all__ = ["WAND", "WRENCH", "evaluate_instrument"]
@@ -93,7 +93,7 @@ def _surface(setup: Setup) -> tuple[Mesh, str]:
 
 
 def _reference(
-    known: Table,
+    known: TextTable,
     touches: tuple[Contacts, np.ndarray],
     body: tuple[Mesh, Link],
     wand: tuple[Path, str] | None,
@@ -119,7 +119,7 @@ def _reference(
     return wand_points(surface, vertices, rotation, np.where(lost[:, None], np.nan, poses[:, :3]))
 
 
-def _at(known: Table, columns: tuple[str, ...], times: np.ndarray, tolerance: float) -> np.ndarray:
+def _at(known: TextTable, columns: tuple[str, ...], times: np.ndarray, tolerance: float) -> np.ndarray:
     """Medians of what is within the tolerance of each time; NaN where there is nothing."""
     values, _ = known.numbers(("time", *columns))
     if not (nearest_in_time(times, values[:, 0], tolerance) >= 0).any():
@@ -194,7 +194,7 @@ def _page(
         drawn = sheet_map(places, 1e3 * judged.report.errors, "error [mm]")
         pictures = (picture(drawn, "Where the touches were on the unrolled sheet, and how far off."),)
     facts = (("against", judged.reference.name), *_facts(judged, touches, pitch))
-    sections = (Section("Errors", text=(of,), pictures=pictures, facts=facts, tables=(Cells(header, rows),)),)
+    sections = (Section("Errors", text=(of,), pictures=pictures, settings=facts, tables=(Cells(header, rows),)),)
     return Report(names, f"{names}: each touch as the median of its samples.", tiles, sections=sections)
 
 

@@ -7,7 +7,7 @@ from typing import Annotated
 import numpy as np
 from tyro.conf import arg
 
-from palpate.console.console import Figure, in_full, lines, note, table, title
+from palpate.console.console import Quantity, in_full, lines, note, table, title
 from palpate.console.options import ContactsFile, FileOption
 from palpate.contact.events import Events
 from palpate.contact.touch_finder import TouchFinder
@@ -61,7 +61,7 @@ def events(
 def say_touches(found: Events, otherwise: str) -> None:
     """The table of touches, and where there are too many for a screen `otherwise`: how to have them all."""
     start, after = since(found.start)
-    lines([("time [s]", Figure(after, start))] if after else [])
+    lines([("time [s]", Quantity(after, start))] if after else [])
     shown = len(found) if in_full() else _SHOWN
     if len(found):
         made = touch_table(found, shown)

@@ -11,9 +11,9 @@ from tyro.conf import arg
 
 from palpate.cli.inspect_log import inspect_contacts, inspect_log, say_contents
 from palpate.cli.spectrum import KINDS, draw_spectrum, located
-from palpate.console.console import Figure, in_full, lines, note, span, title
+from palpate.console.console import Quantity, in_full, lines, note, span, title
 from palpate.console.options import FileOption, SomeFile
-from palpate.contact.ground_truth import Touches
+from palpate.contact.ground_truth import TrueTouches
 from palpate.contact.table import COLUMNS
 from palpate.errors import InputError
 from palpate.files.atomic import PART, keep_inputs
@@ -115,15 +115,15 @@ def _mesh(file: Path) -> None:
     title(f"{file}: a mesh")
     lines(
         [
-            ("facets", Figure(f"{len(mesh.faces):,}, of {len(mesh.vertices):,} vertices", len(mesh.faces))),
-            ("bodies", Figure(f"{mesh.bodies:,}, {_closed(mesh)}", mesh.bodies)),
+            ("facets", Quantity(f"{len(mesh.faces):,}, of {len(mesh.vertices):,} vertices", len(mesh.faces))),
+            ("bodies", Quantity(f"{mesh.bodies:,}, {_closed(mesh)}", mesh.bodies)),
             *([("open edges", mesh.open_edges)] if in_full() else []),
             ("covered", mesh.coverage or "none: every facet can be reached from outside"),
-            ("extent", Figure(f"{_numbers(extent)} in the file's unit", extent)),
-            ("middle", Figure(_numbers(mesh.centre), mesh.centre)),
+            ("extent", Quantity(f"{_numbers(extent)} in the file's unit", extent)),
+            ("middle", Quantity(_numbers(mesh.centre), mesh.centre)),
             ("mean edge", f"{mesh.edge:.4g}"),
             *(
-                (f"as {unit}", Figure(f"{1e3 * scale * mesh.size:.4g} mm across", scale * mesh.size))
+                (f"as {unit}", Quantity(f"{1e3 * scale * mesh.size:.4g} mm across", scale * mesh.size))
                 for unit, scale in UNITS.items()
                 if unit != "um"
             ),
@@ -209,17 +209,17 @@ def _settings(values: Any, prefix: str) -> list[tuple[str, object]]:
     return found
 
 
-def _listed(value: object) -> Figure:
+def _listed(value: object) -> Quantity:
     """A tuple as a rig would write it."""
     text = str(value)
-    return Figure(text.replace("(", "[").replace(")", "]") if text.startswith("(") else text, value)
+    return Quantity(text.replace("(", "[").replace(")", "]") if text.startswith("(") else text, value)
 
 
 def _ground_truth(file: Path) -> None:
     from palpate.cli.evaluate import truth_times  # here: a log needs nothing of it
 
     truth = read_ground_truth(file)
-    title(f"{file}: {'touches at known points' if isinstance(truth, Touches) else 'the truth at instants'}")
+    title(f"{file}: {'touches at known points' if isinstance(truth, TrueTouches) else 'the truth at instants'}")
     lines([("rows", f"{len(truth.point):,}"), ("time", span(truth_times(truth)))])
 
 

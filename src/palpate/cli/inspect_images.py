@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.console.console import Figure, counting, lines, note, part, progress, span
+from palpate.console.console import Quantity, counting, lines, note, part, progress, span
 from palpate.errors import InputError
-from palpate.files.logs import ImageChannel, Layout, LogContents, open_log
+from palpate.files.logs import ImageChannel, LogContents, LogLayout, open_log
 from palpate.files.logs.image_messages import IMAGES
 from palpate.files.logs.images import ImageLog
 from palpate.signals.recording import IMAGE, Recording
@@ -24,16 +24,16 @@ def image_topics(there: LogContents) -> list[str]:
     return [topic.name for topic in there.topics if topic.count and topic.kind in IMAGES]
 
 
-def image_layouts(there: LogContents, topic: str | None) -> list[Layout]:
+def image_layouts(there: LogContents, topic: str | None) -> list[LogLayout]:
     """How each series of images in a log is read; of the topic alone where one is named."""
-    alone = Layout(wrench=None, images=ImageChannel())
+    alone = LogLayout(wrench=None, images=ImageChannel())
     if there.images is not None:
         return [alone]
     names = [name for name in image_topics(there) if topic in (None, name)]
-    return [Layout(wrench=None, images=ImageChannel(name)) for name in names]
+    return [LogLayout(wrench=None, images=ImageChannel(name)) for name in names]
 
 
-def inspect_images(file: Path, there: LogContents, layouts: list[Layout]) -> bool:
+def inspect_images(file: Path, there: LogContents, layouts: list[LogLayout]) -> bool:
     """Say what is in each of some series of images.
 
     Args:
@@ -57,7 +57,7 @@ def inspect_images(file: Path, there: LogContents, layouts: list[Layout]) -> boo
     return torn
 
 
-def _inspect_one(file: Path, there: LogContents, layout: Layout) -> bool:
+def _inspect_one(file: Path, there: LogContents, layout: LogLayout) -> bool:
     log, frames = open_log(file, layout), _Frames()
     with counting():
         for block in log.blocks():
@@ -69,9 +69,9 @@ def _inspect_one(file: Path, there: LogContents, layout: Layout) -> bool:
     height, width = frames.size
     lines(
         [
-            ("frames", Figure(f"{frames.count:,}", frames.count)),
-            ("size", Figure(f"{width} x {height}", [width, height])),
-            ("time", Figure(f"{span(frames.ends)}{speed}", {"from_to": span(frames.ends).value, "rate": rate})),
+            ("frames", Quantity(f"{frames.count:,}", frames.count)),
+            ("size", Quantity(f"{width} x {height}", [width, height])),
+            ("time", Quantity(f"{span(frames.ends)}{speed}", {"from_to": span(frames.ends).value, "rate": rate})),
             *([("codec", said.codec)] if said is not None else []),
             ("brightness", frames.brightness()),
             ("black", _share(frames.black - lost, frames.count)),
@@ -79,7 +79,7 @@ def _inspect_one(file: Path, there: LogContents, layout: Layout) -> bool:
             ("not decoded", _share(lost, frames.count)),
         ]
     )
-    note(frames.doubts(lost), kind="warning")
+    note(frames.warnings(lost), kind="warning")
     note(([f"torn: {log.torn}"] if log.torn else []), kind="warning")
     note(log.notes())
     return bool(log.torn)
@@ -121,18 +121,18 @@ class _Frames:
         """[Hz]."""
         return Recording(np.concatenate(self._times), {}).rate()
 
-    def brightness(self) -> Figure:
+    def brightness(self) -> Quantity:
         """The mean of all pixels, and of the darkest and the brightest frame that is not black."""
         means = np.concatenate(self._means)
         means = means[means >= _DARK]
         if not len(means):
-            return Figure("none", None)
+            return Quantity("none", None)
         mean, least, most = float(means.mean()), float(means.min()), float(means.max())
-        return Figure(
+        return Quantity(
             f"{mean:.1f} of 255, from {least:.1f} to {most:.1f}", {"mean": mean, "least": least, "most": most}
         )
 
-    def doubts(self, lost: int) -> list[str]:
+    def warnings(self, lost: int) -> list[str]:
         """What may be wrong with them."""
         found: list[str] = []
         if self.count - lost and self.black == self.count:
@@ -143,5 +143,5 @@ class _Frames:
         return found
 
 
-def _share(count: int, total: int) -> Figure:
-    return Figure(f"{count:,}" + (f" ({percent(count / total)})" if count else ""), count)
+def _share(count: int, total: int) -> Quantity:
+    return Quantity(f"{count:,}" + (f" ({percent(count / total)})" if count else ""), count)

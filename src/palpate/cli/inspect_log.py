@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.cli.inspect_images import image_layouts, image_topics, inspect_images
 from palpate.cli.spectrum import force_and_place
-from palpate.console.console import Figure, counting, lines, note, part, progress, shares, span, table, title
+from palpate.console.console import Quantity, counting, lines, note, part, progress, shares, span, table, title
 from palpate.console.excerpt import Excerpt
 from palpate.contact.estimate import Status
 from palpate.errors import InputError
@@ -110,7 +110,7 @@ def _inspect_one(
     kept = excerpt.recording()
     _say_samples(kept, ranges, there)
     _say_ranges(kept, ranges)
-    note(() if setup is None else kind.doubts(setup, kept), kind="warning")
+    note(() if setup is None else kind.warnings(setup, kept), kind="warning")
     if rig is not None and rig.surface is not None and (asked := _asked(file, rig, sensor)):
         lines([("bounds", asked)])
     if excerpt.stride > 1:
@@ -132,7 +132,7 @@ def _asked(file: Path, rig: Rig, sensor: str | None) -> str:
             done += len(block)
             if done >= HEAD:
                 break
-        return pipeline.asked()
+        return pipeline.proposed_bounds()
 
 
 class _Ranges:
@@ -192,7 +192,7 @@ def _say_samples(kept: Recording, ranges: _Ranges, there: LogContents) -> None:
     lines(
         [
             ("samples" if there.topics else "rows", f"{ranges.count:,}"),
-            ("time", Figure(f"{ends}{speed}", {"from_to": ends.value, "rate": rate})),
+            ("time", Quantity(f"{ends}{speed}", {"from_to": ends.value, "rate": rate})),
             ("orientation", _orientation(kept, there)),
         ]
     )
@@ -262,7 +262,7 @@ def inspect_contacts(file: Path) -> Recording:
     several = (
         f", of {samples:,} samples; {len(identities):,} contacts" if total > samples or len(identities) > 1 else ""
     )
-    lines([("rows", Figure(f"{total:,}{several}", total)), ("time", span(ends))])
+    lines([("rows", Quantity(f"{total:,}{several}", total)), ("time", span(ends))])
     lines([("features", ", ".join(features))] if features else [])
     lines(shares(counts))
     beside, cut = read_provenance(file), unfinished(file) is not None

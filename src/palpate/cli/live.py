@@ -17,7 +17,7 @@ from typing import Annotated
 
 from tyro.conf import FlagConversionOff, FlagCreatePairsOff, UseAppendAction, arg
 
-from palpate.cli.live_line import Figures, summary
+from palpate.cli.live_line import FigureLine, summary
 from palpate.cli.live_page import show
 from palpate.console.console import counting, lines, note, title, wait
 from palpate.console.keys import Came, pressed, signals
@@ -29,8 +29,8 @@ from palpate.live.receiver import receive
 from palpate.live.record import record as record_ring
 from palpate.live.record import require_record, ring_of
 from palpate.live.record_file import grown
-from palpate.live.stream_buffer import Ring
-from palpate.live.supervisor import Supervisor, Worker
+from palpate.live.stream_buffer import StreamBuffer
+from palpate.live.supervisor import Worker, WorkerSupervisor
 from palpate.setup import Rig, load_rig
 
 __all__ = ["live"]
@@ -85,7 +85,7 @@ def live(
         heard, trouble = Pipe(duplex=False)
         arguments = (rig, path, sensor, os.getpid(), trouble, realtime, record is not None)
         receiver, token = Worker("receiver", receive, arguments), token_urlsafe(16)
-        supervisor = Supervisor([receiver])
+        supervisor = WorkerSupervisor([receiver])
         receiver.start()
         ring = None
         try:
@@ -151,7 +151,7 @@ def _ring(record: Path | None) -> Generator[Path]:
 
 def _whole(record: Path, path: Path) -> bool:
     """Whether everything of a ring is in its record, whatever ended the run; where not, says how to mend it."""
-    ring = Ring(path)
+    ring = StreamBuffer(path)
     received, recorded = ring["received"], ring["recorded"]
     ring.close()
     if recorded >= received and not grown(record):
@@ -160,7 +160,7 @@ def _whole(record: Path, path: Path) -> bool:
     return False
 
 
-def _made(path: Path, receiver: Worker, trouble: Connection, came: Came) -> Ring:
+def _made(path: Path, receiver: Worker, trouble: Connection, came: Came) -> StreamBuffer:
     """The ring, once the receiver has made it.
 
     Raises:
@@ -178,7 +178,7 @@ def _made(path: Path, receiver: Worker, trouble: Connection, came: Came) -> Ring
         if time.monotonic() > end:
             raise InputError(f"the receiver is not ready after {START:g} s.", where="palpate live")
         time.sleep(0.02)
-    return Ring(path)
+    return StreamBuffer(path)
 
 
 def _heard(trouble: Connection, timeout: float = 0.0) -> None:
@@ -189,8 +189,8 @@ def _heard(trouble: Connection, timeout: float = 0.0) -> None:
 
 
 def _watch(
-    supervisor: Supervisor,
-    ring: Ring,
+    supervisor: WorkerSupervisor,
+    ring: StreamBuffer,
     trouble: Connection,
     came: Came,
     seconds: float | None,
@@ -202,7 +202,7 @@ def _watch(
 
     A log that is at its end ends it too, unless it `stays` for somebody who looks at it.
     """
-    figures, end = Figures(ring, token), time.monotonic() + (seconds or float("inf"))
+    figures, end = FigureLine(ring, token), time.monotonic() + (seconds or float("inf"))
     every, then = LINE if sys.stderr.isatty() else SELDOM, 0.0
     done = 0
     with counting(), pressed() as key:

@@ -8,16 +8,16 @@ from datetime import datetime
 
 import numpy as np
 
-from palpate.console.console import Figure, announce, lines
+from palpate.console.console import Quantity, announce, lines
 from palpate.contact.estimate import ROW, Status
-from palpate.live.stream_buffer import Ring, latencies
+from palpate.live.stream_buffer import StreamBuffer, latencies
 
-__all__ = ["Figures", "summary"]
+__all__ = ["FigureLine", "summary"]
 
 LOOKED_AT = 1 << 14  # samples from which latencies are taken
 
 
-class Figures:
+class FigureLine:
     """A line of figures since the last one, and the sentences that were said meanwhile.
 
     Args:
@@ -25,13 +25,13 @@ class Figures:
         token: that opens the page: it stands on the screen alone, and in no record.
     """
 
-    def __init__(self, ring: Ring, token: str = "") -> None:
+    def __init__(self, ring: StreamBuffer, token: str = "") -> None:
         self._ring, self._said, self._token = ring, 0, token
         self._count, self._at, self._lost = ring["answered"], time.monotonic(), 0
 
     def sentences(self) -> None:
         """Those that are new, each with its time."""
-        said, self._said = self._ring.said(self._said)
+        said, self._said = self._ring.events(self._said)
         for stamp, sentence in said:
             when = datetime.fromtimestamp(stamp / 1e9).strftime("%H:%M:%S")
             if sys.stderr.isatty():
@@ -88,12 +88,12 @@ def latency(slots: np.ndarray) -> str:
     return f"latency {middle:,.0f} us (99 %: {most:,.0f}, worst {worst:,.0f})"
 
 
-def summary(ring: Ring) -> None:
+def summary(ring: StreamBuffer) -> None:
     """Of the whole stream, once it has ended."""
     received, answered, recorded = ring["received"], ring["answered"], ring["recorded"]
-    lines([("samples", Figure(f"{received:,} received, {answered:,} answered", received))])
+    lines([("samples", Quantity(f"{received:,} received, {answered:,} answered", received))])
     if recorded:
-        lines([("recorded", Figure(f"{recorded:,} samples, {ring['bytes'] / 1e6:,.1f} MB", recorded))])
+        lines([("recorded", Quantity(f"{recorded:,} samples, {ring['bytes'] / 1e6:,.1f} MB", recorded))])
     slots, _ = ring.read(answered - LOOKED_AT, LOOKED_AT)
     if said := latency(slots):
         lines([("at the end", said)])

@@ -14,10 +14,10 @@ import numpy as np
 from palpate.contact.contacts import Contacts
 from palpate.errors import PalpateError
 from palpate.live.receiver import orphaned
-from palpate.live.stream_buffer import Ring, latencies
+from palpate.live.stream_buffer import StreamBuffer, latencies
 from palpate.setup import load_rig
 from palpate.setup.view import Feed, layers_of, view_of
-from palpate.viewer.live import SECONDS, SILENT, Figures, LivePage, recent
+from palpate.viewer.live import SECONDS, SILENT, LivePage, StreamFigures, recent
 
 __all__ = ["Stream", "show"]
 
@@ -46,7 +46,7 @@ def show(ring: Path, rig: Path, host: str, port: int, token: str, parent: int) -
         parent: process.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which says stop
-    read = Ring(ring)
+    read = StreamBuffer(ring)
     try:
         setup = load_rig(rig).resolve(read.form.sensor)
         view, layers = view_of(setup.kind), layers_of(setup, live=read.form.shape)
@@ -64,7 +64,7 @@ def show(ring: Path, rig: Path, host: str, port: int, token: str, parent: int) -
         read.close()
 
 
-def _wait(ring: Ring, parent: int) -> None:
+def _wait(ring: StreamBuffer, parent: int) -> None:
     """Until the end: started again, it would meet the same trouble."""
     while not ring["stop"] and not orphaned(parent):
         time.sleep(IDLE)
@@ -104,7 +104,7 @@ class Stream:
         feed: takes slots for the sensor's layer, and whether somebody watches.
     """
 
-    def __init__(self, ring: Ring, feed: Feed) -> None:
+    def __init__(self, ring: StreamBuffer, feed: Feed) -> None:
         self.ring, self._feed = ring, feed
         self.next_one = ring["answered"]
         self.window: Contacts | None = None
@@ -168,15 +168,15 @@ class Stream:
         if len(found := self.ring.form.contacts(fresh)):
             self.window = recent(self.window, found)
 
-    def figures(self) -> Figures:
+    def figures(self) -> StreamFigures:
         """Of now."""
         ring, now = self.ring, time.monotonic()
-        said, self._sentence = ring.said(self._sentence)
+        said, self._sentence = ring.events(self._sentence)
         for stamp, sentence in said:
             self._said.append((datetime.fromtimestamp(stamp / 1e9).strftime("%H:%M:%S"), sentence))
             self._tare = sentence if "tare" in sentence else self._tare
         (begun, before), (end, count) = self._counts[0], self._counts[-1]
-        return Figures(
+        return StreamFigures(
             rate=(count - before) / (end - begun) if end > begun else 0.0,
             latency=self._waiting(now),
             lost=self._lost,
@@ -185,7 +185,7 @@ class Stream:
             samples=ring["received"],
             taring=ring["asked"] > ring["done"],
             tare=self._tare,
-            said=tuple(self._said),
+            events=tuple(self._said),
         )
 
     def _waiting(self, now: float) -> tuple[float, float, float] | None:

@@ -13,7 +13,7 @@ from palpate.console.console import announce, lines, title
 from palpate.console.keys import pressed, signals
 from palpate.console.options import FileOption, Log, Scalar, require_port, require_positive
 from palpate.errors import InputError
-from palpate.files.logs.layout import Layout
+from palpate.files.logs.layout import LogLayout
 from palpate.live.device import Device
 from palpate.live.replay import Replay
 from palpate.live.source import Batch
@@ -73,7 +73,7 @@ def replay(
     lines([("sent", f"{sent:,} samples")])
 
 
-def _layout(log: Path, rig: Path | None) -> Layout:
+def _layout(log: Path, rig: Path | None) -> LogLayout:
     """How the log is read: in SI, along the axes that it was recorded in."""
     if rig is not None:
         return replace(load_rig(rig).layout(), axes=("x", "y", "z"), left_handed=False)

@@ -8,13 +8,13 @@ import numpy as np
 
 from palpate.cli.evaluate import summaries
 from palpate.cli.report_advice import coverage_advice, status_advice
-from palpate.contact.ground_truth import Samples, Touches
+from palpate.contact.ground_truth import TrueSamples, TrueTouches
 from palpate.evaluation.errors import HEADER
-from palpate.evaluation.evaluate import Report as Evaluation
+from palpate.evaluation.evaluate import EvaluationReport as Evaluation
 from palpate.evaluation.evaluate import evaluate
 from palpate.viewer import plots
-from palpate.viewer.report import Picture, Section, Table, Tile, percent, picture
-from palpate.viewer.run_report import Kept, Run, coverage_tone
+from palpate.viewer.report import Picture, ReportTable, Section, Tile, percent, picture
+from palpate.viewer.run_report import DownsampledRun, Run, coverage_tone
 from palpate.viewer.samples import median
 
 __all__ = ["judged"]
@@ -23,7 +23,7 @@ TOLERANCE = 0.02  # s: between a sample and the ground truth's instant
 FINE = "Nothing stands out: models are calibrated, and the samples are answered."
 
 
-def judged(run: Run, truth: Samples | Touches | None = None, *, mounted: bool = False) -> Run:
+def judged(run: Run, truth: TrueSamples | TrueTouches | None = None, *, mounted: bool = False) -> Run:
     """The run with the ground truth's section and tiles, and with advice from statuses and coverage.
 
     Args:
@@ -56,7 +56,7 @@ def _tiles(found: Evaluation | None) -> list[Tile]:
     return tiles
 
 
-def _section(run: Run, truth: Samples | Touches, found: Evaluation) -> Section:
+def _section(run: Run, truth: TrueSamples | TrueTouches, found: Evaluation) -> Section:
     title = "Against the ground truth"
     if not found.matched:
         return Section(title, text=("No sample matches the ground truth: both must be on one clock.",))
@@ -64,7 +64,7 @@ def _section(run: Run, truth: Samples | Touches, found: Evaluation) -> Section:
     errors = evaluate(kept.contacts, truth, tolerance=TOLERANCE).errors  # of the peaks too, which no figure counts
     drawn = plots.errors(kept.contacts.time, errors, kept.radius)
     shown = [picture(drawn, "Distance of each located sample from the ground truth.")]
-    if isinstance(truth, Touches):
+    if isinstance(truth, TrueTouches):
         shown.append(_touch_picture(kept, truth, found))
     few = f" (one in {run.summary.stride} of the log)" if run.summary.stride > 1 else ""
     text = f"{found.matched:,} of {found.samples:,} samples{few} have a ground truth, {found.answered:,} of these an "
@@ -74,11 +74,11 @@ def _section(run: Run, truth: Samples | Touches, found: Evaluation) -> Section:
             f" The 95 % ellipses hold it in {percent(found.coverage.inside)} of {found.coverage.count:,} samples, and "
             f"the mean square is {found.coverage.mean_square:.2f}, which should be 2."
         )
-    table = Table(("error", *HEADER), tuple(summaries(found)))
+    table = ReportTable(("error", *HEADER), tuple(summaries(found)))
     return Section(title, text=(text,), pictures=tuple(shown), tables=(table,) if table.rows else ())
 
 
-def _touch_picture(kept: Kept, truth: Touches, found: Evaluation) -> Picture:
+def _touch_picture(kept: DownsampledRun, truth: TrueTouches, found: Evaluation) -> Picture:
     time = kept.contacts.time
     radius = [
         median(kept.radius[(time >= start) & (time <= end)]) for start, end in zip(truth.start, truth.end, strict=True)

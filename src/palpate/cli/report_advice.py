@@ -7,7 +7,7 @@ from jaxtyping import Int
 
 from palpate.contact.estimate import Status
 from palpate.contact.plausibility import UNLOADED
-from palpate.evaluation.evaluate import Report
+from palpate.evaluation.evaluate import EvaluationReport
 from palpate.viewer.report import percent
 
 __all__ = ["coverage_advice", "status_advice"]
@@ -35,7 +35,7 @@ def status_advice(counts: Int[np.ndarray, " s"]) -> tuple[str, ...]:
     return tuple(said)
 
 
-def coverage_advice(found: Report | None, *, mounted: bool) -> tuple[str, ...]:
+def coverage_advice(found: EvaluationReport | None, *, mounted: bool) -> tuple[str, ...]:
     """Where ellipses are too large or too small for the ground truth; `mounted`: they hold the mounting's part."""
     if found is None or found.coverage.count < ENOUGH:
         return ()

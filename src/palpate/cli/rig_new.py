@@ -16,7 +16,7 @@ from palpate.errors import InputError
 from palpate.files.atomic import keep_inputs, write_text
 from palpate.live.capture import listen, stated_source
 from palpate.setup import load_rig
-from palpate.setup.body import Body
+from palpate.setup.body import GivenBody
 from palpate.setup.new import propose_rig
 from palpate.setup.source import RigSource
 
@@ -73,7 +73,7 @@ def rig_new(
         raise InputError("is there already.", where=str(output), hint="Add --force to overwrite it.")
     if rate is not None and not 0 < rate < inf:
         raise InputError("must be positive.", where="--rate")
-    body = None if mesh is None else Body.of(mesh, robot.link, _packages(robot.package))
+    body = None if mesh is None else GivenBody.of(mesh, robot.link, _packages(robot.package))
     with TemporaryDirectory() as scratch:
         seen = log or listen(_known(live), Path(scratch))
         proposal = propose_rig(seen, body, output.parent, sensor=sensor, topic=topic, rate=rate)

@@ -30,9 +30,11 @@ def run_of(
         output,
         f"and turned into contacts as those of {log.kind.called}",
         summary,
-        settings=view.settings(pipeline.facts),
+        settings=view.settings(pipeline.settings),
         provenance={
-            name: text for name, text in record.items() if name not in {*pipeline.facts, "sensor"} and text != "whole"
+            name: text
+            for name, text in record.items()
+            if name not in {*pipeline.settings, "sensor"} and text != "whole"
         },
         stages={"read": log.seconds, **pipeline.seconds},
         notes=tuple(pipeline.notes()),

@@ -45,13 +45,13 @@ def draw_spectrum(recording: Recording, output: Path, name: str) -> None:
     """
     force = _spectrum(recording, FORCE)
     proposal = propose_cutoff(force)
-    panels = [plots.Panel(force.frequency, force.density, "force", "N", proposal.floor, proposal.frequency)]
+    panels = [plots.SpectrumPanel(force.frequency, force.density, "force", "N", proposal.floor, proposal.frequency)]
     said = [("cut-off", proposal.sentence), *(("as a filter", setting) for setting in proposal.settings)]
     place = _place(recording)
     if place is not None:
         found, edge = place
         millimetres = (1e6 * found.density, "place", "mm", 1e6 * edge.floor)
-        panels.append(plots.Panel(found.frequency, *millimetres, edge.frequency))
+        panels.append(plots.SpectrumPanel(found.frequency, *millimetres, edge.frequency))
         said.append(("place", edge.sentence))
     _write(output, panels, force, said, name)
     lines([("spectrum", f"{output}, of {force.samples:,} samples in {force.stretches:,} stretches"), *said])
@@ -76,7 +76,9 @@ def _place(recording: Recording) -> tuple[Spectrum, Cutoff] | None:
     return found, propose_cutoff(found, "m")
 
 
-def _write(output: Path, panels: list[plots.Panel], force: Spectrum, said: list[tuple[str, str]], name: str) -> None:
+def _write(
+    output: Path, panels: list[plots.SpectrumPanel], force: Spectrum, said: list[tuple[str, str]], name: str
+) -> None:
     if output.suffix.lower() != ".html":
         with replacing(output) as temporary:
             save(plots.spectra(panels), temporary, output.suffix.lower().removeprefix("."))
@@ -89,6 +91,6 @@ def _write(output: Path, panels: list[plots.Panel], force: Spectrum, said: list[
         Tile("rate", f"{force.rate:.4g} Hz", f"{force.samples:,} samples"),
         Tile("resolution", f"{force.frequency[0]:.3g} Hz", f"{force.segments:,} periodograms averaged"),
     )
-    section = Section("Spectra", facts=tuple(said), pictures=shown)
+    section = Section("Spectra", settings=tuple(said), pictures=shown)
     summary = "How fast the force and the place of contact move, and from which frequency on there is noise only."
     write_text(output, render(Report(f"Spectrum of {name}", summary, tiles, sections=(section,))))

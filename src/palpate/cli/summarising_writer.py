@@ -16,10 +16,10 @@ from palpate.errors import InputError
 from palpate.files.contacts import ContactsWriter, open_contacts
 from palpate.files.memory import keep_memory
 from palpate.files.output_lock import inherited
-from palpate.setup.prefetch import Receiver, Sender, beside, sendable, way
+from palpate.setup.prefetch import Receiver, Sender, background_process, sendable, way
 from palpate.viewer.run_summary import RunSummary
 
-__all__ = ["SummedWriter", "WriterProcess", "writer_process", "writing_beside", "writing_here"]
+__all__ = ["SummedWriter", "WriterProcess", "writer_process", "writing_here", "writing_in_process"]
 
 _END, _ABANDON = "end", "abandon"
 
@@ -79,7 +79,7 @@ def writer_process() -> Generator[WriterProcess]:
     """A process that writes when `writing_beside` tells it what: it takes a second to start."""
     sender, receiver = way()
     answer, answers = get_context("spawn").Pipe(duplex=False)
-    with beside("writer", _write, receiver, answers) as process:
+    with background_process("writer", _write, receiver, answers) as process:
         yield WriterProcess(process, sender, answer)
 
 
@@ -116,7 +116,7 @@ class _Beside:
 
 
 @contextmanager
-def writing_beside(
+def writing_in_process(
     process: WriterProcess, output: Path, frame: str, features: tuple[str, ...]
 ) -> Generator[SummedWriter]:
     """As `writing_here`, by another process."""

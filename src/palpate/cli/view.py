@@ -13,7 +13,7 @@ from palpate.console.console import announce, counting, lines, note, progress, t
 from palpate.console.options import Log
 from palpate.contact.contacts import Contacts
 from palpate.errors import InputError
-from palpate.files.atomic import folder_beside, reserve_output
+from palpate.files.atomic import reserve_output, sibling_folder
 from palpate.files.models import read_provenance
 from palpate.interrupts import import_mesh_reader
 from palpate.opencv import opencv
@@ -24,7 +24,7 @@ from palpate.sensors.taxels.poking.evaluate_command import is_taxel_file
 from palpate.setup import Rig
 from palpate.setup.pipeline import OpenedLog, Pipeline
 from palpate.setup.setup import Setup
-from palpate.setup.view import Kept, layers_of, view_of
+from palpate.setup.view import LayerData, layers_of, view_of
 from palpate.surfaces import Surface
 from palpate.viewer.film import RATE, SIZE, ScenePicture
 from palpate.viewer.scene import Scene, prepare
@@ -92,7 +92,7 @@ def _require_film(film: Path, log: Path) -> None:
 def _write_film(scene: Scene, path: Path) -> None:
     """Every moment; the file is there when it is whole."""
     pictures = ScenePicture(scene)
-    with folder_beside(path) as part:
+    with sibling_folder(path) as part:
         with counting(), Video(part / path.name, SIZE, RATE) as video:
             times = pictures.times.tolist()
             for done, seconds in enumerate(times):
@@ -128,7 +128,7 @@ def _estimated(path: Path, log: OpenedLog) -> tuple[Scene, list[str]]:
     """Return a log on its way through the whole chain, and notes about it."""
     wait("preparing the surface")
     pipeline = Pipeline.of(log)
-    kept, parts, done = Kept(), list[Contacts](), 0
+    kept, parts, done = LayerData(), list[Contacts](), 0
     with counting():
         for block, found, _ in pipeline.stream(kept.keep):
             parts.append(found)
@@ -136,7 +136,7 @@ def _estimated(path: Path, log: OpenedLog) -> tuple[Scene, list[str]]:
             progress(done, log.position / max(log.size, 1))
     layers = layers_of(log.setup, kept)
     scene = prepare(_body(log.setup), Contacts.joined(parts), path.name, layers)
-    return scene, [*([log.torn] if log.torn else []), *pipeline.doubts(), *pipeline.notes()]
+    return scene, [*([log.torn] if log.torn else []), *pipeline.warnings(), *pipeline.notes()]
 
 
 def _body(setup: Setup) -> Surface | None:

@@ -14,13 +14,13 @@ from palpate.files.atomic import keep_inputs
 from palpate.files.models import provenance, write_model
 from palpate.setup import Rig, load_rig
 
-__all__ = ["Calibration", "Found", "origin"]
+__all__ = ["Calibration", "CalibrationResult", "origin"]
 
 Lines = Iterable[tuple[str, object]]
 
 
 @dataclass(frozen=True)
-class Found:
+class CalibrationResult:
     """Hold what a calibration found, and what a person should know of it.
 
     Args:
@@ -53,14 +53,14 @@ class Calibration(ABC):
     """File of the rig that the output may replace: a key of `Rig.files`, or "rig" for the rig itself."""
 
     @abstractmethod
-    def identify(self) -> Found:
+    def identify(self) -> CalibrationResult:
         """Read the inputs and find the model.
 
         Raises:
             InputError: the inputs cannot be used, or contradict what the calibration assumes.
         """
 
-    def write(self, found: Found) -> None:
+    def write(self, found: CalibrationResult) -> None:
         """Write what was found to the output."""
         write_model(self.output, found.model)
 

@@ -25,7 +25,7 @@ from palpate.viewer.report import percent
 from palpate.viewer.timeline import since
 
 __all__ = [
-    "Figure",
+    "Quantity",
     "announce",
     "counting",
     "in_full",
@@ -50,7 +50,7 @@ _OTHERS = {"note": "notes", "warning": "warnings", "check": "checks"}
 
 
 @dataclass(frozen=True)
-class Figure:
+class Quantity:
     """Words for a person with the number, or numbers, that they stand for."""
 
     text: str
@@ -226,7 +226,7 @@ def _print(text: str) -> None:
 
 def _plain(value: Any) -> Any:
     """As JSON has it: a number where the words are one, null for none."""
-    if isinstance(value, Figure):
+    if isinstance(value, Quantity):
         return _plain(value.value)
     if isinstance(value, dict):
         return {str(key): _plain(each) for key, each in cast("dict[Any, Any]", value).items()}
@@ -247,23 +247,23 @@ def _number(text: str) -> str | int | float | None:
     return None if text in ("-", "nan") else text
 
 
-def span(times: np.ndarray) -> Figure:
+def span(times: np.ndarray) -> Quantity:
     """From the first of some times to the last; seconds since 1970 as a date and the seconds from there."""
     known = times[np.isfinite(times)]
     if not len(known):
-        return Figure("none", None)
+        return Quantity("none", None)
     ends = known.min(), known.max()
     start, after = since(known)
-    return Figure(f"{ends[0] - start:.3f} to {ends[1] - start:.3f} {after}".rstrip(), ends)
+    return Quantity(f"{ends[0] - start:.3f} to {ends[1] - start:.3f} {after}".rstrip(), ends)
 
 
-def shares(counts: np.ndarray) -> list[tuple[str, Figure]]:
+def shares(counts: np.ndarray) -> list[tuple[str, Quantity]]:
     """Each status that occurs, with its share and its count; `counts` (len(Status),)."""
     total = counts.sum()
     return [
         (
             kind.label,
-            Figure(
+            Quantity(
                 f"{percent(counts[kind] / total):>7}  {counts[kind]:>9,}",
                 {"share": counts[kind] / total, "count": counts[kind]},
             ),

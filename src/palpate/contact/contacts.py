@@ -16,7 +16,7 @@ from palpate.calls import by_name, called_as
 from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.errors import InputError
 from palpate.spatial._arrays import FLOAT, INT64, shaped
-from palpate.spatial.arguments import whole_number
+from palpate.spatial.arguments import integer
 from palpate.spatial.pose import Pose
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ class Contacts:
         """One contact a sample, the samples counted from `first`."""
         time = shaped(time, (None,), "time")
         count = len(time)
-        first = whole_number(first, "first")
+        first = integer(first, "first")
         return cls(first + np.arange(count), time, np.zeros(count, dtype=np.int64), estimate)
 
     @classmethod

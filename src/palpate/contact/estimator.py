@@ -16,7 +16,7 @@ from palpate.contact.estimate import ROW
 from palpate.contact.plausibility import Plausibility
 from palpate.errors import InputError
 from palpate.signals.filters import Filter
-from palpate.signals.recording import Recording, apart
+from palpate.signals.recording import Recording, split_channels
 from palpate.signals.smoothing import require_forward
 from palpate.signals.wrench_sensor import Tare
 from palpate.spatial._arrays import FLOAT, require_out, shaped
@@ -118,7 +118,7 @@ class ContactEstimator(ABC):
         """Return what was met so far, one sentence each."""
 
     @abstractmethod
-    def doubts(self) -> tuple[str, ...]:
+    def warnings(self) -> tuple[str, ...]:
         """Return what may be wrong, one sentence each."""
 
     @abstractmethod
@@ -218,7 +218,7 @@ class ContactEstimator(ABC):
         readings: ArrayLike,
         out: Float[np.ndarray, "rows width"],
         counts: Int[np.ndarray, " n"],
-        beside: Mapping[str, ArrayLike] = NOTHING_BESIDE,
+        extra_channels: Mapping[str, ArrayLike] = NOTHING_BESIDE,
     ) -> int:
         """Write the contacts of arrays of samples into rows of `empty`, for streams.
 
@@ -227,14 +227,14 @@ class ContactEstimator(ABC):
             readings: (n, ...) as `update` takes each.
             out: written from its first row on.
             counts: how many rows each sample has, in order; written.
-            beside: other channels of a `Recording`, such as `ORIENTATION`, as far as they are known.
+            extra_channels: other channels of a `Recording`, such as `ORIENTATION`, as far as they are known.
 
         Returns:
             how many samples were answered: all, or as many as have room in `out`. Give the others again.
         """
         require_forward(self.filter)
         require_out(out, (None, self._width))
-        done = self._arrays(*_samples(time, readings, counts, beside, self._dtype), out, counts)
+        done = self._arrays(*_samples(time, readings, counts, extra_channels, self._dtype), out, counts)
         self._samples += done
         return done
 
@@ -243,7 +243,9 @@ class ContactEstimator(ABC):
         done = used = 0
         while fits := min(len(time) - done, (len(out) - used) // self.most):
             part = slice(done, done + fits)
-            channels = apart(self.channels, readings[part]) | {name: each[part] for name, each in beside.items()}
+            channels = split_channels(self.channels, readings[part]) | {
+                name: each[part] for name, each in beside.items()
+            }
             _, rows, counts[part], _ = self.answer(Recording(time[part], channels, source="the stream"))
             out[used : used + len(rows)] = rows
             done, used = done + fits, used + len(rows)

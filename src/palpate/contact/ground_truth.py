@@ -10,12 +10,12 @@ from jaxtyping import Float
 from palpate.spatial._arrays import frozen
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Samples", "Touches"]
+__all__ = ["TrueSamples", "TrueTouches"]
 
 
 @takes_arrays
 @dataclass(frozen=True, eq=False)
-class Samples:
+class TrueSamples:
     """The truth at instants.
 
     Attributes:
@@ -38,7 +38,7 @@ class Samples:
 
 @takes_arrays
 @dataclass(frozen=True, eq=False)
-class Touches:
+class TrueTouches:
     """Intervals in which one known point was touched.
 
     Attributes:

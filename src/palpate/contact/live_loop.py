@@ -23,13 +23,13 @@ class CompiledSensor(WrenchSensor, Protocol):
 
     Attributes:
         loop: module and name.
-        held: inputs of one sample.
+        live_inputs: inputs of one sample.
         state: what one sample leaves to the next.
         revision: a number that changes with `constants`.
     """
 
     loop: str
-    held: Float[np.ndarray, " _"]
+    live_inputs: Float[np.ndarray, " _"]
     state: Float[np.ndarray, " _"]
     revision: int
 
@@ -38,7 +38,10 @@ class CompiledSensor(WrenchSensor, Protocol):
         ...
 
     def inputs(
-        self, time: Float[np.ndarray, " n"], readings: Float[np.ndarray, "n m"], beside: Mapping[str, np.ndarray]
+        self,
+        time: Float[np.ndarray, " n"],
+        readings: Float[np.ndarray, "n m"],
+        extra_channels: Mapping[str, np.ndarray],
     ) -> Float[np.ndarray, " _"]:
         """Return the inputs of n samples, all of a kind one behind the other."""
         ...
@@ -81,10 +84,10 @@ class LiveLoop:
         self.run(rows)
 
     def block(
-        self, time: np.ndarray, readings: np.ndarray, beside: Mapping[str, np.ndarray], rows: np.ndarray
+        self, time: np.ndarray, readings: np.ndarray, extra_channels: Mapping[str, np.ndarray], rows: np.ndarray
     ) -> np.ndarray:
         """Write the contacts of a block, and return the inputs that the sensor made of it."""
-        inputs = self._given[0].inputs(time, readings, beside)
+        inputs = self._given[0].inputs(time, readings, extra_channels)
         self.run(rows, inputs)
         return inputs
 
@@ -95,5 +98,5 @@ class LiveLoop:
             packed = self._pack(sensor.constants(placement))
             self._arguments = *packed, sensor.state, *self._compiled
             self._revision = sensor.revision
-            self._loop = self._entry.compiled_for(sensor.held, *self._arguments, np.empty((1, ROW.length)))
-        self._loop(sensor.held if inputs is None else inputs, *self._arguments, rows)
+            self._loop = self._entry.compiled_for(sensor.live_inputs, *self._arguments, np.empty((1, ROW.length)))
+        self._loop(sensor.live_inputs if inputs is None else inputs, *self._arguments, rows)

@@ -262,7 +262,7 @@ class Locator:
             self._many(*flat, *self._arguments, settings, state, sequential, out)
         return ContactEstimate.from_rows(rows)
 
-    def alone(
+    def locate_one(
         self, wrench: ArrayLike, covariance: ArrayLike | None = None, previous: ArrayLike | None = None
     ) -> ContactEstimate:
         """One wrench (6,) on its own; the Locator's memory is left alone, so that threads may share it.
@@ -574,5 +574,5 @@ def locate(
     if noise is not None:
         covariance = noise_covariance(noise)
     if vectors.ndim == 1:
-        return locator.alone(vectors, covariance, last)
+        return locator.locate_one(vectors, covariance, last)
     return locator.run(vectors, covariance, sequential=False, previous=last)

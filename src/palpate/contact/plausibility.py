@@ -13,7 +13,15 @@ from palpate.contact.estimate import Status
 from palpate.signals.recording import Recording
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Asked", "LinesOfAction", "Plausibility", "lines_of_action", "never_at_rest", "unbelievable", "unexplained"]
+__all__ = [
+    "LinesOfAction",
+    "Plausibility",
+    "RequiredBounds",
+    "lines_of_action",
+    "never_at_rest",
+    "unbelievable",
+    "unexplained",
+]
 
 UNLOADED = (Status.NO_CONTACT, Status.TOO_LIGHT, Status.INVALID, Status.NO_POSE)
 LOADED = 0.3  # of the 95th percentile of the force: below it noise moves the line as much as contact does
@@ -95,7 +103,7 @@ def never_at_rest(wrenches: Float[np.ndarray, "n 6"], on: float) -> str:
 
 @takes_arrays
 @dataclass(frozen=True)
-class Asked:
+class RequiredBounds:
     """Which bounds of friction and torsion the loaded samples ask for.
 
     Attributes:
@@ -110,7 +118,7 @@ class Asked:
     size: float = np.inf
 
     @classmethod
-    def of(cls, contacts: Contacts, bounds: tuple[float, float], size: float = np.inf) -> Asked:
+    def of(cls, contacts: Contacts, bounds: tuple[float, float], size: float = np.inf) -> RequiredBounds:
         """By the points, normals and forces of contacts; light ones, which noise turns, are left out."""
         force, normal = contacts.force, contacts.normal
         strength = np.linalg.norm(force, axis=1)
@@ -135,7 +143,7 @@ class Asked:
         return said + (self._patch(torsion) if torsion > self.bounds[1] else "")
 
     @property
-    def said(self) -> str:
+    def exceeded(self) -> str:
         """Which bound is exceeded, how often and by how much, or ""."""
         parts: list[str] = []
         for name, values, bound, scale, unit in (
@@ -177,22 +185,22 @@ class Plausibility(Protocol):
         """[m] of the body."""
         ...
 
-    def asked(self, contacts: Contacts) -> Asked:
+    def required_bounds(self, contacts: Contacts) -> RequiredBounds:
         """Return which bounds of friction and torsion the contacts would need."""
         ...
 
-    def doubts(self, recording: Recording) -> list[str]:
+    def warnings(self, recording: Recording) -> list[str]:
         """Return what may be wrong, one sentence each."""
         ...
 
 
 @takes_arrays
-def unexplained(counts: Int[np.ndarray, " s"], asked: Asked | None = None) -> list[str]:
+def unexplained(counts: Int[np.ndarray, " s"], required: RequiredBounds | None = None) -> list[str]:
     """Why many of the loaded samples have no contact within the bounds, and which bounds would do; else nothing.
 
     Args:
         counts: (len(Status),) how many estimates have each `Status`.
-        asked: which bounds they ask for, where that is known.
+        required: which bounds they ask for, where that is known.
     """
     loaded = int(counts.sum() - counts[list(UNLOADED)].sum())
     if not loaded:
@@ -200,7 +208,7 @@ def unexplained(counts: Int[np.ndarray, " s"], asked: Asked | None = None) -> li
     beyond, off = counts[Status.IMPLAUSIBLE] / loaded, counts[Status.OFF_SURFACE] / loaded
     if beyond + off <= MANY:
         return []
-    which = f", by {asked.said}; {asked.proposal}" if asked is not None and asked.said else ""
+    which = f", by {required.exceeded}; {required.proposal}" if required is not None and required.exceeded else ""
     said = (
         f"of the loaded samples {beyond:.0%} are implausible (beyond the bounds of friction or torsion{which}) and "
         f"{off:.0%} off the surface (no point of it makes such a wrench)"

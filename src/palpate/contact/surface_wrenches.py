@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Float, Int8
 from numpy.typing import ArrayLike
 
+from palpate.contact.drift_gate import ContactShape
+from palpate.contact.drift_tracker import DriftTracker
 from palpate.contact.estimator import Answered
-from palpate.contact.zero_follower import ZeroFollower
-from palpate.contact.zero_gate import ContactShape
 from palpate.errors import InputError
 from palpate.signals.drift import Drift
 from palpate.signals.filters import Filter
@@ -132,7 +132,7 @@ class SurfaceWrenches:
         for piece in pieces:
             samples, follower = piece.samples, None
             if len(samples):
-                follower = self.entered(float(samples.time[0]), ZeroFollower.kelvin(samples.channels))
+                follower = self.entered(float(samples.time[0]), DriftTracker.kelvin(samples.channels))
             measured = self.sensor.measure(samples)
             if follower is not None:
                 follower.add(samples.time, follower.sensor.kept(samples), piece.touched)
@@ -171,10 +171,10 @@ class SurfaceWrenches:
         measured = self.sensor.single(time, reading, rotation, acceleration)
         made = self._placed(measured, *self._filtered(measured), averaged)
         if follower is not None:
-            follower.add(time, follower.sensor.kept_of(follower.sensor.held, 1), touched)
+            follower.add(time, follower.sensor.kept_of(follower.sensor.live_inputs, 1), touched)
         return made
 
-    def entered(self, time: float, kelvin: float) -> ZeroFollower | None:
+    def entered(self, time: float, kelvin: float) -> DriftTracker | None:
         """Return what follows the zero, after telling it the time [s] and temperature of the samples that come next."""
         if self._follower is not None:
             self._follower.enter(time, kelvin)
@@ -194,9 +194,9 @@ class SurfaceWrenches:
         """Return what was met so far, one sentence each."""
         return (*self.sensor.notes(), *(() if self._told is None else self._told.notes()))
 
-    def doubts(self) -> tuple[str, ...]:
+    def warnings(self) -> tuple[str, ...]:
         """Return what may be wrong with the sensor and its zero, one sentence each."""
-        return (*self.sensor.doubts(), *(() if self._told is None else self._told.doubts()))
+        return (*self.sensor.warnings(), *(() if self._told is None else self._told.warnings()))
 
     def _least(self) -> float:
         """Return the least share of white noise that the filter leaves."""
@@ -204,15 +204,15 @@ class SurfaceWrenches:
             return 1.0
         return BothWays(self._recursion, self._rate).least if self._ahead else float(self._recursion.share.min())
 
-    def _follows(self, smooth: bool) -> ZeroFollower | None:
+    def _follows(self, smooth: bool) -> DriftTracker | None:
         if self._drift is None or self._shape is None:
             return None
         if not isinstance(self.sensor, FollowedSensor):
             raise InputError("the zero of this sensor cannot be followed.", where="drift")
-        return ZeroFollower(self.sensor, self._drift, self._shape, smooth=smooth)
+        return DriftTracker(self.sensor, self._drift, self._shape, smooth=smooth)
 
     def _from_both_sides(
-        self, follower: ZeroFollower, pieces: Iterable[Piece]
+        self, follower: DriftTracker, pieces: Iterable[Piece]
     ) -> Iterator[tuple[Piece, ZeroState | None]]:
         self._told = follower
         return follower.both_sides((piece.samples, piece.touched, piece) for piece in pieces)

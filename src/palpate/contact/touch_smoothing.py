@@ -13,7 +13,7 @@ from palpate.contact.locate import Locator
 from palpate.contact.surface_wrenches import Piece
 from palpate.signals.recording import Recording
 
-__all__ = ["LONGEST", "joined", "rejoined", "whole_touches"]
+__all__ = ["LONGEST", "joined", "rejoined", "smooth_touches"]
 
 LONGEST = 200_000  # samples that are kept waiting for the end of a touch
 _APART = 0.05  # of the body's size between samples: the touch may have changed its branch
@@ -56,7 +56,7 @@ def rejoined(parts: Iterable[tuple[Piece, Located]]) -> Iterator[Located]:
             pieces = []
 
 
-def whole_touches(parts: Iterable[Located], locator: Locator) -> Iterator[Located]:
+def smooth_touches(parts: Iterable[Located], locator: Locator) -> Iterator[Located]:
     """Blocks as soon as the touches in them have ended, their rows corrected where a touch turned out to be another.
 
     A touch whose samples had several candidates is followed back from the one that was believed at its end.

@@ -9,15 +9,15 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from palpate.calls import called_as
+from palpate.contact.drift_gate import ContactShape
+from palpate.contact.drift_tracker import DriftTracker
 from palpate.contact.estimator import Answered, Channels, ContactEstimator, Counts, Known, Rows, Times
 from palpate.contact.live_loop import CompiledSensor, LiveLoop
 from palpate.contact.locate import Locator
 from palpate.contact.locating_threads import located_in_threads
 from palpate.contact.surface_wrenches import Piece, SurfaceWrenches, Wrenches
-from palpate.contact.touch_smoothing import Located, rejoined, whole_touches
+from palpate.contact.touch_smoothing import Located, rejoined, smooth_touches
 from palpate.contact.wrench_plausibility import WrenchPlausibility
-from palpate.contact.zero_follower import ZeroFollower
-from palpate.contact.zero_gate import ContactShape
 from palpate.errors import InputError
 from palpate.signals.drift import Drift
 from palpate.signals.filters import Filter
@@ -132,7 +132,7 @@ class WrenchEstimator(ContactEstimator):
         """Take the mean of a window off from now on; see `ContactEstimator.tare`."""
         taken = self.sensor.tare(recording)
         self.reset()
-        return Tare(taken.said, taken.doubt or self._touched(taken))
+        return Tare(taken.note, taken.warning or self._touched(taken))
 
     def answer(self, block: Recording, watched: bool = False) -> Answered:
         """Answer the samples of a block, one row each."""
@@ -150,7 +150,7 @@ class WrenchEstimator(ContactEstimator):
             located = rejoined(located_in_threads(pieces, self.locator, self.threads))
         else:
             located = rejoined(self._located(pieces))
-        return map(self._answered, whole_touches(located, self.locator) if self._whole else located)
+        return map(self._answered, smooth_touches(located, self.locator) if self._whole else located)
 
     def contact_wrenches(self, recording: Recording) -> Wrenches:
         """Return the wrenches of a recording in the surface's frame, not filtered."""
@@ -164,9 +164,9 @@ class WrenchEstimator(ContactEstimator):
         """Return what was met so far by the sensor and on the surface, one sentence each."""
         return (*self.locator.surface.notes, *self._wrenches.notes())
 
-    def doubts(self) -> tuple[str, ...]:
+    def warnings(self) -> tuple[str, ...]:
         """Return what may be wrong with the sensor, and with its zero where it is followed."""
-        return self._wrenches.doubts()
+        return self._wrenches.warnings()
 
     def _single(self, time: float, reading: ArrayLike, out: Rows, rotation: Known, acceleration: Known) -> int:
         rows = out if len(out) == 1 else out[:1]
@@ -177,7 +177,7 @@ class WrenchEstimator(ContactEstimator):
             follower = self._wrenches.entered(time, self.kelvin)
             self._live.single(time, reading, rotation, acceleration, rows)
             if follower is not None:
-                follower.add(time, follower.sensor.kept_of(follower.sensor.held, 1))
+                follower.add(time, follower.sensor.kept_of(follower.sensor.live_inputs, 1))
         self._widened(rows)
         return 1
 
@@ -187,7 +187,7 @@ class WrenchEstimator(ContactEstimator):
         count = min(len(time), len(out))
         for cut in self._wrenches.cuts(time[:count]) if count else []:
             known = {name: part[cut] for name, part in beside.items()}
-            follower = self._wrenches.entered(float(time[cut.start]), ZeroFollower.kelvin(known))
+            follower = self._wrenches.entered(float(time[cut.start]), DriftTracker.kelvin(known))
             inputs = self._live.block(time[cut], readings[cut], known, out[cut])
             if follower is not None:
                 follower.add(time[cut], follower.sensor.kept_of(inputs, cut.stop - cut.start))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.locate import Locator
-from palpate.contact.plausibility import Asked, lines_of_action, never_at_rest
+from palpate.contact.plausibility import RequiredBounds, lines_of_action, never_at_rest
 from palpate.contact.surface_wrenches import SurfaceWrenches
 from palpate.signals.recording import Recording
 from palpate.spatial.pose import Pose
@@ -29,11 +29,11 @@ class WrenchPlausibility:
         """[m] of the body."""
         return self._locator.surface.size
 
-    def asked(self, contacts: Contacts) -> Asked:
+    def required_bounds(self, contacts: Contacts) -> RequiredBounds:
         """Return which bounds of friction and torsion the contacts would need."""
-        return Asked.of(contacts, (self._locator.friction, self._locator.torsion), self.size)
+        return RequiredBounds.of(contacts, (self._locator.friction, self._locator.torsion), self.size)
 
-    def doubts(self, recording: Recording) -> list[str]:
+    def warnings(self, recording: Recording) -> list[str]:
         """Return what units, bias or mounting may be wrong, one sentence each."""
         surface = self._locator.surface
         wrenches = self._wrenches.unfiltered(recording).wrench

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.contact.zero_gate import Jump
+from palpate.contact.drift_gate import Jump
 from palpate.signals.zero_filter import FollowedSensor, ZeroHistory, ZeroState, ZeroStatus
 
 __all__ = ["ZeroRecord"]
@@ -77,7 +77,7 @@ class ZeroRecord:
             said.append(f"the zero jumped {_times(len(followed))}, and was followed: {_named(followed)}")
         return tuple(said)
 
-    def doubts(self, jumps: list[Jump]) -> tuple[str, ...]:
+    def warnings(self, jumps: list[Jump]) -> tuple[str, ...]:
         """Jumps that may be touches, and a zero that is hardly free."""
         left = [jump for jump in jumps if not jump.followed]
         said = list[str]()

@@ -7,7 +7,7 @@ import numpy as np
 
 from palpate.surfaces._jit import entry, inner
 
-__all__ = ["apart", "follow"]
+__all__ = ["follow", "separate"]
 
 
 @inner
@@ -54,7 +54,7 @@ def follow(state, line, begun, ramp, lag, start, end):
 
 
 @entry("past k n, times k, time float, joints n, offset n, out out n")
-def apart(past, times, time, joints, offset, out):
+def separate(past, times, time, joints, offset, out):
     """Feedback (n,) less what the past (m, n) was at the nearest of the times (m,), less offset (n,), into out (n,).
 
     Returns its root mean square; NaN where the feedback is not finite.

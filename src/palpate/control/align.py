@@ -95,7 +95,7 @@ class AlignController:
         self.servo = Servo() if servo is None else servo
         self.limits = Limits() if limits is None else limits
         self.law: MotionLaw = Follow(face, self.force) if law is None else law
-        self.law.late = self.servo.late
+        self.law.delay = self.servo.total_delay
         self.supervisor = Supervisor(self.limits, self.force)
         self.model = ServoModel(self.servo, len(arm.names))
         mount = estimator.mount

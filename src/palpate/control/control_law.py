@@ -35,7 +35,7 @@ class MotionLaw(Protocol):
     Steps are (6,), translation of the tip [m] then rotation vector [rad], in base axes: e of (9) in `probe`.
     """
 
-    late: float
+    delay: float
     """[s] from a command to the motion; the loop sets it."""
 
     radii: Float[np.ndarray, " 2"]

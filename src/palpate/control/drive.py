@@ -51,6 +51,6 @@ class DifferentialDrive:
             left, right = left * (self.top / fastest), right * (self.top / fastest)
         return left, right
 
-    def twist(self, left: float, right: float) -> tuple[float, float]:
+    def twist(self, left_speed: float, right: float) -> tuple[float, float]:
         """The motion that two tracks make: forward [m/s] and turn [rad/s]."""
-        return 0.5 * (left + right), (right - left) / self.track
+        return 0.5 * (left_speed + right), (right - left_speed) / self.track

@@ -100,9 +100,9 @@ class MotionBank:
         readings, variances = shaped(readings, shape, "readings"), shaped(variances, shape, "variances")
         self._advance(readings, variances, step, self._densities, self._rates, self._filters, self._mixed)
 
-    def predict(self, ahead: float) -> tuple[Float[np.ndarray, " c"], Float[np.ndarray, " c"]]:
+    def predict(self, delay: float) -> tuple[Float[np.ndarray, " c"], Float[np.ndarray, " c"]]:
         """Values and rates `ahead` [s] from now; the arrays are written anew by the next call."""
-        self._foresee(self._mixed, ahead, self._value, self._rate)
+        self._foresee(self._mixed, delay, self._value, self._rate)
         return self._value, self._rate
 
     @property

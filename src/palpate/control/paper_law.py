@@ -43,7 +43,7 @@ class Plain:
         InputError: unstable, with the bound; or a bandwidth that is not positive.
     """
 
-    late = 0.0
+    delay = 0.0
     ready = True
 
     def __init__(

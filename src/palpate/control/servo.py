@@ -56,7 +56,7 @@ class Servo:
             raise InputError(f"{wrong[0]} of a servo must be a time [s], not {getattr(self, wrong[0])}.")
 
     @property
-    def late(self) -> float:
+    def total_delay(self) -> float:
         """[s] from a command to where joints are that follow a ramp of commands: it is reached this much later."""
         return self.delay + self.ramp + self.lag
 
@@ -132,7 +132,7 @@ class ServoModel:
     def __init__(self, servo: Servo, count: int, correction: float = 0.1) -> None:
         from palpate.control import _servo as kernel  # compiled: loaded when first needed
 
-        self.servo, self.correction, self._apart = servo, correction, kernel.apart.unchecked
+        self.servo, self.correction, self._apart = servo, correction, kernel.separate.unchecked
         self.offset, self._joints, self._off = np.zeros(count), np.zeros(count), np.zeros(count)
         self._waiting: deque[tuple[float, np.ndarray]] = deque()
         self._begins = deque[_Begun](maxlen=BEGUN)

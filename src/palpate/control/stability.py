@@ -118,16 +118,16 @@ class Tracker:
 
     Args:
         bandwidth: [rad/s].
-        ahead: [s].
+        prediction: [s].
         order: 0 a value that stays, 1 a constant rate, 2 a constant acceleration.
     """
 
     bandwidth: float
-    ahead: float = 0.0
+    prediction: float = 0.0
     order: int = 1
 
     def __post_init__(self) -> None:
-        if self.order not in (0, 1, 2) or not (0 < self.bandwidth < math.inf and 0 <= self.ahead < math.inf):
+        if self.order not in (0, 1, 2) or not (0 < self.bandwidth < math.inf and 0 <= self.prediction < math.inf):
             raise InputError("a tracker is of order 0, 1 or 2, with a bandwidth above 0 and an ahead of 0 or more.")
 
     def gains(self, dt: float) -> Float[np.ndarray, " m"]:
@@ -137,7 +137,7 @@ class Tracker:
         every = ((q,), (1 - p**2, q**2 / dt), (1 - p**3, 1.5 * q**2 * (1 + p) / dt, q**3 / dt**2))
         return np.array(every[self.order])
 
-    def ahead_by(self, time: float) -> Float[np.ndarray, "m m"]:
+    def transition(self, time: float) -> Float[np.ndarray, "m m"]:
         """What takes value and derivatives `time` [s] further."""
         whole = np.array([[1.0, time, 0.5 * time * time], [0.0, 1.0, time], [0.0, 0.0, 1.0]])
         return whole[: self.order + 1, : self.order + 1]
@@ -186,8 +186,8 @@ def observer_radius(robot: DelayedRobot, tracker: Tracker, ratio: float) -> floa
         tracker: bandwidth and prediction.
         ratio: g.
     """
-    predict, gains = tracker.ahead_by(robot.dt), tracker.gains(robot.dt)
-    known, out = len(gains), tracker.ahead_by(tracker.ahead)[0]
+    predict, gains = tracker.transition(robot.dt), tracker.gains(robot.dt)
+    known, out = len(gains), tracker.transition(tracker.prediction)[0]
 
     def cycle(state: Rows) -> Rows:
         position, smoothed = robot.read(state[known:])

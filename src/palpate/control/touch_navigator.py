@@ -52,12 +52,12 @@ class TouchNavigatorSettings:
         squeeze: share of `force` on both flanks from which it does not go on between them.
         felt: [N]: less is no touch.
         firm: [N]: less is not remembered.
-        ahead: [rad] from the heading within which a contact is in the way.
+        facing: [rad] from the heading within which a contact is in the way.
         glancing: [rad] from the heading beyond which it is passed rather than pushed.
         settle, test, moved: of `PushTest`.
         known: [m]: what is nearer to a remembered place is not pushed again.
-        beside, wall: [m] to both sides of a touch where its surface is taken to go on: of one touch, and of one in line
-            with others.
+        clearance, wall: [m] to both sides of a touch where its surface is taken to go on: of one touch, and of one in
+            line with others.
         passed, pushed: belief in what was only passed, and in what did not move when pushed, beside 1 of other touches.
         back: [s] for which it backs away from what stands fast.
         slow: share of the top speed at which it does.
@@ -82,13 +82,13 @@ class TouchNavigatorSettings:
     squeeze: float = 0.75
     felt: float = 0.25
     firm: float = 0.5
-    ahead: float = radians(70.0)
+    facing: float = radians(70.0)
     glancing: float = radians(40.0)
     settle: float = 0.6
     test: float = 1.2
     moved: float = 0.004
     known: float = 0.045
-    beside: float = 0.025
+    clearance: float = 0.025
     wall: float = 0.06
     passed: float = 0.6
     pushed: float = 2.0
@@ -203,7 +203,7 @@ class TouchNavigator:
         if flanks and not behind:
             self._stands(time, here, flanks, self.settings.pushed)
             return self._retreat(time, "back off", "it is too narrow here", 2.0 * self.settings.back)
-        ahead = [(angle, force) for angle, force in felt if abs(angle) <= self.settings.ahead]
+        ahead = [(angle, force) for angle, force in felt if abs(angle) <= self.settings.facing]
         if ahead:
             stands = self._pressed(time, here, ahead)
             if stands is not None and not behind:  # between two it turns on the spot
@@ -214,7 +214,7 @@ class TouchNavigator:
             self._test.end()
             return self._retreat(time, "give way", Push.BACK.value, float(self._rng.uniform(1.0, 3.0)))
         if self._watch.held:
-            self._mark(time, here, here[2], self.settings.force, self.settings.beside)
+            self._mark(time, here, here[2], self.settings.force, self.settings.clearance)
             why = "something holds it that the skin does not feel"
             return self._retreat(time, "back off", why, self.settings.back)
         if self._stuck(time, here):
@@ -236,7 +236,7 @@ class TouchNavigator:
         before = len(self.map)
         self.map.clear(here[0], here[1], set_.radius - UNDER)
         for angle, force in felt:
-            if abs(angle) > set_.ahead and force > set_.firm:
+            if abs(angle) > set_.facing and force > set_.firm:
                 self._mark(time, here, here[2] + angle, force, 0.0, set_.passed)
         self._changed = self._changed or len(self.map) != before
 
@@ -285,7 +285,7 @@ class TouchNavigator:
         for angle, force in ahead:
             way = here[2] + angle
             in_line = self.map.in_line(*_at(here, angle, self.settings.radius), way)
-            self._mark(time, here, way, force, self.settings.wall if in_line else self.settings.beside, belief)
+            self._mark(time, here, way, force, self.settings.wall if in_line else self.settings.clearance, belief)
 
     # motion
 

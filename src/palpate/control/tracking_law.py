@@ -59,7 +59,7 @@ class Follow:
                 f"stiffest ({stiffest:g} N/m)."
             )
         self.face, self.force, self.stiffness, self.stiffest = face, float(force), float(stiffness), float(stiffest)
-        self.late, self.ready = 0.07, False
+        self.delay, self.ready = 0.07, False
         self.bank = MotionBank(SIZES)
         self._axes, self._origin = np.eye(3), np.zeros(3)
         self._readings, self._variances = np.zeros(3), np.zeros(3)
@@ -119,7 +119,7 @@ class Follow:
         out[:] = 0.0
         travel = float((seen.tip - self._origin) @ self._axes[:, 2])
         secant = 3.0 * max(self._pressing, self._touch) / max(travel, 1e-4)
-        speed = (self.force - self._pressing) / (2.0 * min(self.stiffest, secant) * self.late)
+        speed = (self.force - self._pressing) / (2.0 * min(self.stiffest, secant) * self.delay)
         out[:3] = min(speed, SPEED) * period * seen.rotation[:, 2]
 
     def hold(
@@ -133,7 +133,7 @@ class Follow:
         """To where the surface will be when the command is met: tip on it, axis against it, no spin."""
         require_out(out, (6,))
         behind = float(SMOOTHING[0]) - 0.5 * period  # a command is already led there over the period that it begins
-        values, rates = self.bank.predict(time - self._time + self.late + behind)
+        values, rates = self.bank.predict(time - self._time + self.delay + behind)
         values[2] -= (SMOOTHING[0] - SMOOTHING[2]) * rates[2]
         self._smoothed(values, SMOOTHING, period, self._smooth, self._rate)
         self._target(self._smooth, self._axes, self._origin, self.depth, rotation, tip, out)

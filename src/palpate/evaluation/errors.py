@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from palpate.contact.estimate import CHI2_95, ContactEstimate
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["HEADER", "Coverage", "ErrorSummary", "angles", "coverage", "distances"]
+__all__ = ["HEADER", "EllipseCoverage", "ErrorSummary", "angles", "coverage", "distances"]
 
 HEADER = ("mean", "median", "95 %", "worst", "count")
 _FLAT = 1e-9  # of the largest variance: below it a direction has none
@@ -43,7 +43,7 @@ class ErrorSummary:
 
 
 @dataclass(frozen=True)
-class Coverage:
+class EllipseCoverage:
     """Whether the covariance tells the truth: 2 degrees of freedom in the tangent plane.
 
     Attributes:
@@ -72,7 +72,9 @@ def angles(one: Float[np.ndarray, "n 3"], other: Float[np.ndarray, "n 3"]) -> Fl
 
 
 @takes_arrays
-def coverage(estimate: ContactEstimate, truth: Float[np.ndarray, "n 3"], which: Bool[np.ndarray, " n"]) -> Coverage:
+def coverage(
+    estimate: ContactEstimate, truth: Float[np.ndarray, "n 3"], which: Bool[np.ndarray, " n"]
+) -> EllipseCoverage:
     """Of the estimates named by `which`; those whose covariance is NaN or not of rank 2 are left out.
 
     The squared distance is d' C^+ d, C^+ the inverse within the two directions in which C has variance: the truth lies
@@ -85,5 +87,5 @@ def coverage(estimate: ContactEstimate, truth: Float[np.ndarray, "n 3"], which: 
     along = np.einsum("nik,ni->nk", vectors[:, :, 1:], estimate.point[rows] - truth[rows])
     square: Float[np.ndarray, " k"] = np.sum(along[~flat] ** 2 / values[~flat, 1:], axis=-1)
     if not len(square):
-        return Coverage(0, np.nan, np.nan)
-    return Coverage(len(square), float(np.mean(square <= CHI2_95)), float(square.mean()))
+        return EllipseCoverage(0, np.nan, np.nan)
+    return EllipseCoverage(len(square), float(np.mean(square <= CHI2_95)), float(square.mean()))

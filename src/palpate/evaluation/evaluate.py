@@ -9,16 +9,16 @@ from jaxtyping import Bool, Float, Int
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import Status
-from palpate.contact.ground_truth import Samples, Touches
-from palpate.evaluation.errors import Coverage, ErrorSummary, angles, coverage, distances
+from palpate.contact.ground_truth import TrueSamples, TrueTouches
+from palpate.evaluation.errors import EllipseCoverage, ErrorSummary, angles, coverage, distances
 from palpate.evaluation.matching import match_instants, match_touches
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Report", "Touch", "evaluate", "report"]
+__all__ = ["EvaluationReport", "JudgedTouch", "evaluate", "report"]
 
 
 @dataclass(frozen=True)
-class Touch:
+class JudgedTouch:
     """One touch: the median of its answered samples against its known point.
 
     Attributes:
@@ -37,7 +37,7 @@ class Touch:
 
 @takes_arrays
 @dataclass(frozen=True, eq=False)
-class Report:
+class EvaluationReport:
     """What `palpate evaluate` prints.
 
     Attributes:
@@ -61,15 +61,15 @@ class Report:
     normal: ErrorSummary | None
     force: ErrorSummary | None
     force_angle: ErrorSummary | None
-    coverage: Coverage
+    coverage: EllipseCoverage
     errors: Float[np.ndarray, " n"]
     turned: Float[np.ndarray, " n"]
-    touches: tuple[Touch, ...] = ()
+    touches: tuple[JudgedTouch, ...] = ()
     unmatched: int = 0
     missed: int = 0
 
 
-def evaluate(contacts: Contacts, truth: Samples | Touches, *, tolerance: float = 0.02) -> Report:
+def evaluate(contacts: Contacts, truth: TrueSamples | TrueTouches, *, tolerance: float = 0.02) -> EvaluationReport:
     """Compare contacts with what is known: at every instant a truth has one contact at most, and a contact one truth.
 
     Args:
@@ -77,10 +77,10 @@ def evaluate(contacts: Contacts, truth: Samples | Touches, *, tolerance: float =
         truth: instants (matched to the nearest within `tolerance` [s]; several may have one time) or touches.
         tolerance: [s].
     """
-    if isinstance(truth, Touches):
+    if isinstance(truth, TrueTouches):
         match, due, own = match_touches(contacts, truth)
         touches = tuple(_touch(contacts, truth, k, rows) for k, rows in enumerate(own))
-        return report(contacts, Samples(truth.start, truth.point), match, due, touches)
+        return report(contacts, TrueSamples(truth.start, truth.point), match, due, touches)
     match, due = match_instants(contacts, truth, tolerance)
     return report(contacts, truth, match, due)
 
@@ -88,11 +88,11 @@ def evaluate(contacts: Contacts, truth: Samples | Touches, *, tolerance: float =
 @takes_arrays
 def report(
     contacts: Contacts,
-    truth: Samples,
+    truth: TrueSamples,
     match: Int[np.ndarray, " n"],
     due: Bool[np.ndarray, " n"] | None = None,
-    touches: tuple[Touch, ...] = (),
-) -> Report:
+    touches: tuple[JudgedTouch, ...] = (),
+) -> EvaluationReport:
     """What there is to say of contacts that are matched.
 
     Args:
@@ -108,7 +108,7 @@ def report(
     normal = _picked(nothing if truth.normal is None else truth.normal, row)
     force = _picked(nothing if truth.force is None else truth.force, row)
     errors, turned = distances(contacts.point, point), angles(contacts.normal, normal)
-    return Report(
+    return EvaluationReport(
         samples=len(contacts),
         matched=int(np.count_nonzero(match >= 0)),
         answered=int(np.count_nonzero(answered)),
@@ -126,14 +126,14 @@ def report(
     )
 
 
-def _touch(contacts: Contacts, truth: Touches, which: int, rows: Int[np.ndarray, " m"]) -> Touch:
+def _touch(contacts: Contacts, truth: TrueTouches, which: int, rows: Int[np.ndarray, " m"]) -> JudgedTouch:
     points = contacts.point[rows[contacts.answered[rows]]]
     error = scatter = float("nan")
     if len(points):
         middle = np.median(points, axis=0)
         error = float(np.linalg.norm(middle - truth.point[which]))
         scatter = float(np.median(np.linalg.norm(points - middle, axis=1)))
-    return Touch(truth.label[which], len(rows), len(points), error, scatter)
+    return JudgedTouch(truth.label[which], len(rows), len(points), error, scatter)
 
 
 def _missed(time: Float[np.ndarray, " k"], match: Int[np.ndarray, " n"]) -> int:

@@ -9,11 +9,11 @@ from jaxtyping import Bool, Float, Int
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import Status
-from palpate.contact.ground_truth import Samples
+from palpate.contact.ground_truth import TrueSamples
 from palpate.contact.locate import Locator
 from palpate.contact.touch_finder import find_touches
 from palpate.evaluation.errors import ErrorSummary
-from palpate.evaluation.evaluate import Report, report
+from palpate.evaluation.evaluate import EvaluationReport, report
 from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.mesh import Mesh
 
@@ -68,7 +68,7 @@ class InstrumentReport:
         reference: what it was compared with.
     """
 
-    report: Report
+    report: EvaluationReport
     along: Float[np.ndarray, "3"]
     paper_position: ErrorSummary | None
     paper_direction: float
@@ -167,7 +167,7 @@ def judge(touches: Contacts, reference: Reference) -> InstrumentReport:
     components: Float[np.ndarray, "n 2"] = np.abs(touches.normal - reference.direction)[:, :2]
     known = np.isfinite(components).all(axis=1)
     compared = np.isfinite(apart).all(axis=1)
-    truth = Samples(touches.time, reference.point, reference.direction)
+    truth = TrueSamples(touches.time, reference.point, reference.direction)
     return InstrumentReport(
         report=report(touches, truth, np.where(compared, np.arange(len(touches)), -1)),
         along=np.abs(apart[compared]).mean(axis=0) if compared.any() else np.full(3, np.nan),

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.contact.contacts import Contacts
-from palpate.contact.ground_truth import Samples, Touches
+from palpate.contact.ground_truth import TrueSamples, TrueTouches
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["match_instants", "match_touches", "nearest_in_time"]
@@ -33,7 +33,7 @@ def nearest_in_time(
 
 
 def match_instants(
-    contacts: Contacts, truth: Samples, tolerance: float
+    contacts: Contacts, truth: TrueSamples, tolerance: float
 ) -> tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
     """Which truth each contact has, -1 for none, and whether there is one at its time.
 
@@ -73,7 +73,7 @@ def _nearest_pairs(points: Float[np.ndarray, "n 3"], known: Float[np.ndarray, "k
 
 
 def match_touches(
-    contacts: Contacts, truth: Touches
+    contacts: Contacts, truth: TrueTouches
 ) -> tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"], list[Int[np.ndarray, " _"]]]:
     """As `match_instants`, and the rows of each touch: of the identity nearest to it, and those without a point.
 
@@ -98,7 +98,7 @@ def match_touches(
     return match, due, own
 
 
-def _identities(contacts: Contacts, truth: Touches, inside: list[Int[np.ndarray, " _"]]) -> list[int | None]:
+def _identities(contacts: Contacts, truth: TrueTouches, inside: list[Int[np.ndarray, " _"]]) -> list[int | None]:
     """Of the contact of each touch: the nearest ones are given first, and never twice to touches at once."""
     pairs: list[tuple[float, int, int]] = []
     for k, rows in enumerate(inside):
@@ -114,7 +114,7 @@ def _identities(contacts: Contacts, truth: Touches, inside: list[Int[np.ndarray,
     return chosen
 
 
-def _at_once(truth: Touches, one: int, other: int) -> bool:
+def _at_once(truth: TrueTouches, one: int, other: int) -> bool:
     shared = min(truth.end[one], truth.end[other]) - max(truth.start[one], truth.start[other])
     shorter = min(truth.end[one] - truth.start[one], truth.end[other] - truth.start[other])
     return bool(shared > _AT_ONCE * shorter)

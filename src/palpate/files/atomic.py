@@ -17,7 +17,6 @@ from palpate.files.output_lock import only_writer, reserve
 __all__ = [
     "PART",
     "WHOLE",
-    "folder_beside",
     "growing",
     "irregular",
     "keep_inputs",
@@ -25,6 +24,7 @@ __all__ = [
     "replacing",
     "require_folder",
     "reserve_output",
+    "sibling_folder",
     "write_text",
     "writing",
 ]
@@ -33,7 +33,7 @@ PART = ".part"
 WHOLE = "whole.part"  # in a folder that grew: what it became
 
 
-def keep_inputs(output: Path, inputs: Iterable[Path | None], *, beside: Iterable[Path] = ()) -> None:
+def keep_inputs(output: Path, inputs: Iterable[Path | None], *, siblings: Iterable[Path] = ()) -> None:
     """Refuse, before any work is done, to write over what is read, over what is no regular file, or into no folder.
 
     What will be written is reserved until the command ends: no other process writes it meanwhile.
@@ -41,7 +41,7 @@ def keep_inputs(output: Path, inputs: Iterable[Path | None], *, beside: Iterable
     Args:
         output: what will be written.
         inputs: what is read; None is passed over. A file that may be updated in place is left out.
-        beside: what else will be written, such as OUTPUT.toml.
+        siblings: what else will be written, such as OUTPUT.toml.
 
     Raises:
         InputError: a file to write is an input (by whatever name or link), a folder, a pipe or a device, or in a
@@ -49,14 +49,14 @@ def keep_inputs(output: Path, inputs: Iterable[Path | None], *, beside: Iterable
     """
     read = [(path, _status(path)) for path in inputs if path is not None]
     grown = Path(f"{output}{PART}")
-    for written in (output, *beside, grown):
+    for written in (output, *siblings, grown):
         target = _status(written)
         if written is not grown:  # a folder of that name may be what a killed process left
             _refuse_irregular(written, target)
         for path, status in read:
             if target is not None and status is not None and os.path.samestat(target, status):
                 raise InputError(f"would overwrite an input, {path}.", where=str(written), hint="Name another output.")
-    for written in (output, *beside):
+    for written in (output, *siblings):
         reserve_output(written)
 
 
@@ -222,7 +222,7 @@ def _umask() -> int:
 
 
 @contextmanager
-def folder_beside(output: Path) -> Generator[Path]:
+def sibling_folder(output: Path) -> Generator[Path]:
     """A folder beside the output that is gone afterwards, after Ctrl-C too: what is finished has been moved out."""
     folder = Path(tempfile.mkdtemp(prefix=f".{output.stem}.", suffix=PART, dir=output.absolute().parent))
     try:

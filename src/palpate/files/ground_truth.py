@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from palpate.contact.ground_truth import Samples, Touches
+from palpate.contact.ground_truth import TrueSamples, TrueTouches
 from palpate.errors import InputError
-from palpate.files.tables.table import Table, read_table
+from palpate.files.tables.table import TextTable, read_table
 from palpate.files.units import near
 
 __all__ = ["read_ground_truth", "read_touches"]
@@ -19,7 +19,7 @@ _NORMAL = ("nx", "ny", "nz")
 _FORCE = ("fx", "fy", "fz")
 
 
-def read_ground_truth(path: Path) -> Samples | Touches:
+def read_ground_truth(path: Path) -> TrueSamples | TrueTouches:
     """Read `time,px,py,pz[,nx,ny,nz][,fx,fy,fz]` or `start,end,px,py,pz[,label]`.
 
     Raises:
@@ -38,10 +38,10 @@ def read_ground_truth(path: Path) -> Samples | Touches:
     _require_finite(table, "an instant needs a point: leave out what has none", columns["point"])
     time = table.numbers(["time"], strict=True)[0][:, 0].copy()
     _require_finite(table, "an instant needs a time", time[:, None])
-    return Samples(time, columns["point"], columns.get("normal"), columns.get("force"))
+    return TrueSamples(time, columns["point"], columns.get("normal"), columns.get("force"))
 
 
-def read_touches(path: Path) -> Touches:
+def read_touches(path: Path) -> TrueTouches:
     """Read the second form only, `start,end,px,py,pz[,label]`.
 
     Raises:
@@ -50,18 +50,18 @@ def read_touches(path: Path) -> Touches:
     return _touches(read_table(path))
 
 
-def _wanted(table: Table) -> dict[str, tuple[str, ...]]:
+def _wanted(table: TextTable) -> dict[str, tuple[str, ...]]:
     known: dict[str, tuple[str, ...]] = {"point": _POINT, "normal": _NORMAL, "force": _FORCE}
     return {name: columns for name, columns in known.items() if name == "point" or set(columns) <= set(table.names)}
 
 
-def _require_finite(table: Table, what: str, values: Float[np.ndarray, "n k"]) -> None:
+def _require_finite(table: TextTable, what: str, values: Float[np.ndarray, "n k"]) -> None:
     bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
     if len(bad):
         table.refuse(int(bad[0]), what)
 
 
-def _touches(table: Table) -> Touches:
+def _touches(table: TextTable) -> TrueTouches:
     bounds, _ = table.numbers(["start", "end"], strict=True)
     point, _ = table.numbers(_POINT, strict=True)
     wrong = np.flatnonzero(~(bounds[:, 0] <= bounds[:, 1]))  # NaN too
@@ -70,4 +70,4 @@ def _touches(table: Table) -> Touches:
     _require_finite(table, "a touch needs a point", point)
     labels = table.strings("label").to_list() if "label" in table.names else [None] * len(table)
     names = tuple(str(k + 1) if label is None else str(label) for k, label in enumerate(labels))
-    return Touches(bounds[:, 0].copy(), bounds[:, 1].copy(), point, names)
+    return TrueTouches(bounds[:, 0].copy(), bounds[:, 1].copy(), point, names)

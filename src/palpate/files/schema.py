@@ -16,7 +16,7 @@ from palpate.errors import GeometryError, InputError, NotIdentifiable
 from palpate.files.units import near
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["INFINITE", "Form", "Key", "parse"]
+__all__ = ["INFINITE", "Key", "TableForm", "parse"]
 
 Model = TypeVar("Model")
 INFINITE: Mapping[str, bool] = {"infinite": True}  # metadata of a field that may be inf
@@ -51,7 +51,7 @@ class Key:
 
 
 @dataclass(frozen=True)
-class Form:
+class TableForm:
     """How values of a class stand in a file.
 
     Args:
@@ -72,7 +72,7 @@ def parse(
     *,
     file: str,
     key: str = "",
-    forms: Mapping[type, Form] = types.MappingProxyType({}),
+    forms: Mapping[type, TableForm] = types.MappingProxyType({}),
 ) -> Model:
     """A `model` from a table of TOML; nested dataclasses are nested tables, tuples and arrays are lists.
 
@@ -88,7 +88,7 @@ def parse(
     Raises:
         InputError: a key is unknown or missing, or its value is of another kind.
     """
-    form = forms.get(model, Form({}))
+    form = forms.get(model, TableForm({}))
     build = form.build or model
     hints = get_type_hints(build)  # of a class, of its fields: what its constructor takes in their place is no key
     parameters = {name: each for name, each in signature(build).parameters.items() if name in hints or name == "rest"}
@@ -147,7 +147,7 @@ class _Reader:
 
     file: str
     said: Key
-    forms: Mapping[type, Form]
+    forms: Mapping[type, TableForm]
     sizes: dict[str, int]
 
     def value(self, value: Any, hint: Any, key: str) -> Any:

@@ -14,12 +14,12 @@ from palpate.live.source import Batch
 from palpate.setup.setup import Setup
 from palpate.setup.source import RigSource
 
-__all__ = ["Camera"]
+__all__ = ["CameraSource"]
 
 AGAIN = 1.0  # s between attempts to open a camera that was lost
 
 
-class Camera:
+class CameraSource:
     """A camera that OpenCV opens, by its number or file; frames are stamped when they are read.
 
     Args:
@@ -53,7 +53,7 @@ class Camera:
         self._first: np.ndarray | None = first
 
     @classmethod
-    def of(cls, stated: RigSource, setup: Setup) -> Camera:
+    def of(cls, stated: RigSource, setup: Setup) -> CameraSource:
         """Return the camera that a [source] names."""
         own = setup.link.folder / stated.address
         return cls(str(own) if own.is_file() else stated.address, stated.rate)
@@ -80,7 +80,7 @@ class Camera:
         batch.values[0] = frame
         return 1
 
-    def said(self) -> list[str]:
+    def events(self) -> list[str]:
         """Lost, and found again."""
         said, self._said = self._said, []
         return said

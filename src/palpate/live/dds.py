@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 
 from palpate.errors import InputError, not_loaded
-from palpate.files.logs.log import Messages, Topic
+from palpate.files.logs.log import MessageBlock, Topic
 from palpate.live.ros_types import idl_type, ros_type_name
 
-__all__ = ["DEPTH", "LOOPBACK", "Node", "Reader", "Writer", "ros_name"]
+__all__ = ["DEPTH", "LOOPBACK", "DdsNode", "DdsReader", "Writer", "ros_name"]
 
 DEPTH = 8192  # messages that wait in a reader, at most: 1.2 s at 7 kHz
 LOOPBACK = "127.0.0.1"
@@ -54,7 +54,7 @@ def _cyclone() -> SimpleNamespace:
     return SimpleNamespace(**{name: value for name, value in found.items() if not name.startswith("_")})
 
 
-class Node:
+class DdsNode:
     """A participant with a configuration of its own, so that no file or variable of the environment matters.
 
     Args:
@@ -108,7 +108,7 @@ class Node:
 
     def reader(
         self, topic: str, kind: str, *, reliable: bool = False, latched: bool = False, depth: int = DEPTH
-    ) -> Reader:
+    ) -> DdsReader:
         """Of one topic.
 
         Args:
@@ -127,7 +127,7 @@ class Node:
         )
         quality.append(kept.TransientLocal if latched else kept.Volatile)
         entity = self._dds.DataReader(self._participant, self._topic(topic, kind), qos=self._dds.Qos(*quality))
-        made = Reader(entity, self._dds, Topic(ros_name(topic), kind, "cdr"))
+        made = DdsReader(entity, self._dds, Topic(ros_name(topic), kind, "cdr"))
         self._ends.append(made)
         return made
 
@@ -178,7 +178,7 @@ class _End:
         self.entity, self.waiting, self._dds = entity, None, dds
 
 
-class Reader(_End):
+class DdsReader(_End):
     """Messages of one topic, as bytes.
 
     Attributes:
@@ -197,14 +197,14 @@ class Reader(_End):
         """Until something is there, for as long as `timeout` [s]; whether there is."""
         return self.waiting.wait(round(max(timeout, 0.0) * 1e9)) > 0
 
-    def take(self, limit: int = DEPTH) -> Messages:
+    def take(self, limit: int = DEPTH) -> MessageBlock:
         """All that waits, up to `limit` messages; their times are those at which they were sent."""
         samples = [sample for sample in self.entity.take(limit) if sample.sample_info.valid_data]
         length = np.array([len(sample.data) for sample in samples], dtype=np.int64)
         sent = np.array([sample.sample_info.source_timestamp for sample in samples], dtype=np.int64)
         start = np.cumsum(length) - length
         data = b"".join([sample.data for sample in samples])
-        return Messages(data, {0: self.topic}, np.zeros(len(samples), dtype=np.int64), sent, start, length)
+        return MessageBlock(data, {0: self.topic}, np.zeros(len(samples), dtype=np.int64), sent, start, length)
 
     def lost(self) -> int:
         """Messages that were lost on the way or had no room, since this was last asked."""

@@ -109,11 +109,11 @@ class JsonLines:
             self._send(self._waiting)
             self._waiting = None
 
-    def tare_asked(self) -> bool:
+    def tare_requested(self) -> bool:
         """Nobody can: datagrams go one way."""
         return False
 
-    def said(self) -> list[str]:
+    def events(self) -> list[str]:
         """What happened since this was last asked: lines that were dropped, every ten seconds at most."""
         now = self._clock()
         if self.dropped == self._said_of or now < self._say_at:

@@ -20,21 +20,30 @@ from palpate.contact.estimate import ROW, Status
 from palpate.contact.wrench_estimator import WrenchEstimator
 from palpate.errors import InputError
 from palpate.files.logs.decoding import seconds
-from palpate.files.logs.samples import Samples
+from palpate.files.logs.samples import SampleReader
 from palpate.files.logs.topics import LIVE_BOTH
 from palpate.live.replay import Replay
 from palpate.live.ros_poses import RosPoses
 from palpate.live.source import BATCH, Batch, Source
 from palpate.live.sources import source_of
-from palpate.live.stream_buffer import Form, Ring
-from palpate.setup.built import Prepared
+from palpate.live.stream_buffer import SlotForm, StreamBuffer
+from palpate.setup.built import BuiltEstimator
 from palpate.setup.rig import Rig, load_rig
 from palpate.setup.setup import Setup
 from palpate.setup.tables import RigFilter
-from palpate.signals.recording import ACCELERATION, FORCE, ORIENTATION, POSITION, TORQUE, UNSTEADY, Recording, apart
+from palpate.signals.recording import (
+    ACCELERATION,
+    FORCE,
+    ORIENTATION,
+    POSITION,
+    TORQUE,
+    UNSTEADY,
+    Recording,
+    split_channels,
+)
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Answers", "Live", "open_live"]
+__all__ = ["AnsweredSamples", "Live", "open_live"]
 
 NUMBERS = 1 << 22  # of a batch
 JUMP = 50_000_000  # ns between the clock of the day and the one that only runs, which is a jump
@@ -46,7 +55,7 @@ TARE = 1.0  # s, where the rig does not say
 
 @takes_arrays
 @dataclass(frozen=True)
-class Answers:
+class AnsweredSamples:
     """Samples that were answered, in order.
 
     Attributes:
@@ -70,11 +79,13 @@ class _Samples(NamedTuple):
     stamp: Int[np.ndarray, " n"]
     time: Float[np.ndarray, " n"]
     readings: np.ndarray
-    beside: Mapping[str, np.ndarray]
+    extra_channels: Mapping[str, np.ndarray]
 
     def recording(self, names: tuple[str, ...], frame: str) -> Recording:
         """As a value."""
-        return Recording(self.time, {**apart(names, self.readings), **self.beside}, frame=frame, source="the stream")
+        return Recording(
+            self.time, {**split_channels(names, self.readings), **self.extra_channels}, frame=frame, source="the stream"
+        )
 
 
 class _Window:
@@ -91,7 +102,9 @@ class _Window:
     def joined(self) -> _Samples:
         """All of them."""
         first = self.held[0]
-        beside = {name: np.concatenate([each.beside[name] for each in self.held]) for name in first.beside}
+        beside = {
+            name: np.concatenate([each.extra_channels[name] for each in self.held]) for name in first.extra_channels
+        }
         stamp = np.concatenate([each.stamp for each in self.held])
         return _Samples(stamp, seconds(stamp), np.concatenate([each.readings for each in self.held]), beside)
 
@@ -123,7 +136,7 @@ class Live:
         self._poses = None if self.source.poses else RosPoses.of(rig.orientation, rig.source)
         self._posed = self.source.poses or self._poses is not None
         layout = self.setup.layout()
-        self._samples, self._frame = Samples(layout, Path("the stream")), layout.frame
+        self._samples, self._frame = SampleReader(layout, Path("the stream")), layout.frame
         self.estimator = _unseen(self.setup).prepared().estimator  # what is slow, before samples come
         size = max(1, min(BATCH, NUMBERS // prod(self.source.shape)))
         self._batch = Batch(self.source.shape, size, self.source.dtype)
@@ -131,27 +144,27 @@ class Live:
         self._require_enough()
         length = self.setup.start()
         self._start = _Window(length) if length else None
-        self._build: Future[Prepared] | None = None
+        self._build: Future[BuiltEstimator] | None = None
         self._maker = ThreadPoolExecutor(1, thread_name_prefix="start")
         self._tare: _Window | None = None
-        self._ring: Ring | None = None
+        self._ring: StreamBuffer | None = None
         self._seconds = _stream.seconds
         self._seconds(self._batch.stamp)  # compiles
         self._said: list[str] = []
         self._clock, self._quiet = _offset(), 0.0
 
-    def form(self, frame: str = "surface", rig: str = "") -> Form:
+    def form(self, frame: str = "surface", rig: str = "") -> SlotForm:
         """What passes through a ring of this stream."""
         estimator, source, layout = self.estimator, self.source, self.setup.layout()
         channels = layout.images or next(iter(layout.arrays), None)
         topic = layout.wrench_topic if channels is None else LIVE_BOTH if self.kind.parts else channels.topic
-        return Form(
+        return SlotForm(
             sensor=self.kind.name,
             shape=tuple(source.shape),
             images=np.dtype(source.dtype) == np.uint8,
             features=tuple(estimator.features),
             width=int(estimator.empty(1).shape[1]),
-            most=int(estimator.most),
+            max_contacts=int(estimator.most),
             frame=frame,
             rig=rig,
             poses=self._posed,
@@ -159,7 +172,7 @@ class Live:
             wrenches=self.kind.channels == (FORCE, TORQUE),
         )
 
-    def into(self, ring: Ring) -> None:
+    def into(self, ring: StreamBuffer) -> None:
         """From now on samples go through a ring as they are received, and their contacts as they are known."""
         if (most := max(1, ring.safe // 2)) < len(self._batch):  # or one batch would lap its readers
             self._batch = Batch(self.source.shape, most, self.source.dtype)
@@ -197,7 +210,7 @@ class Live:
             yield from self.step()
         yield from self.finish()
 
-    def said(self) -> list[str]:
+    def events(self) -> list[str]:
         """What happened since this was last asked, one sentence each."""
         said, self._said = self._said, []
         return said
@@ -207,7 +220,7 @@ class Live:
         if self._start is None and self._tare is None:
             self._tare = _Window(self.setup.estimate.tare or TARE)
 
-    def step(self, timeout: float = 0.1) -> Answers:
+    def step(self, timeout: float = 0.1) -> AnsweredSamples:
         """The samples that wait, answered; none where no sample comes within so many seconds.
 
         Raises:
@@ -236,8 +249,8 @@ class Live:
         return behind
 
     @property
-    def _none(self) -> Answers:
-        return Answers(np.zeros(0, np.int64), np.zeros(0, np.int64), self._rows[:0])
+    def _none(self) -> AnsweredSamples:
+        return AnsweredSamples(np.zeros(0, np.int64), np.zeros(0, np.int64), self._rows[:0])
 
     def _require_enough(self) -> None:
         """That wrenches can be answered as the source gives them, asked before the device is.
@@ -268,13 +281,17 @@ class Live:
         stamp = batch.stamp[:count].copy()
         return _Samples(stamp, self._seconds(stamp), self._samples.readings(batch.values[:count]), beside)
 
-    def _answered(self, samples: _Samples) -> Answers:
+    def _answered(self, samples: _Samples) -> AnsweredSamples:
         """Through the estimator, as many at a time as there is room for."""
         total, done, parts = len(samples.stamp), 0, list[np.ndarray]()
         counts = np.zeros(total, dtype=np.int64)
         while done < total:
             piece = slice(done, done + len(self._batch))
-            beside = {name: values[piece] for name, values in samples.beside.items()} if samples.beside else {}
+            beside = (
+                {name: values[piece] for name, values in samples.extra_channels.items()}
+                if samples.extra_channels
+                else {}
+            )
             many = counts[piece]
             step = self.estimator.run_into(samples.time[piece], samples.readings[piece], self._rows, many, beside)
             rows = self._rows[: sum(many[:step].tolist())]  # quicker than NumPy's, for most batches hold one sample
@@ -282,9 +299,9 @@ class Live:
                 self._ring.answer(rows, many[:step])
             parts.append(rows.copy())
             done += step
-        return Answers(samples.stamp, counts, parts[0] if len(parts) == 1 else np.concatenate(parts))
+        return AnsweredSamples(samples.stamp, counts, parts[0] if len(parts) == 1 else np.concatenate(parts))
 
-    def _started(self, start: _Window, samples: _Samples | None) -> Answers:
+    def _started(self, start: _Window, samples: _Samples | None) -> AnsweredSamples:
         """The first seconds: samples are kept until what the rig wants of them is known."""
         enough = samples is not None and start.add(samples)
         if self._build is None:
@@ -295,14 +312,14 @@ class Live:
             wait_for([self._build])  # or half a log were received meanwhile
         return self._built(start, self._build) if self._build.done() else self._none
 
-    def finish(self) -> Answers:
+    def finish(self) -> AnsweredSamples:
         """Samples of a start that still wait, when there are no more to come."""
         start, build = self._start, self._build
         if start is None or not start.held:
             return self._none
         return self._built(start, self._prepared(start) if build is None else build)
 
-    def _prepared(self, start: _Window) -> Future[Prepared]:
+    def _prepared(self, start: _Window) -> Future[BuiltEstimator]:
         """What the first seconds tell, found while more samples are received."""
         seen = start.joined()
         setup, span = self.setup, 1e-9 * float(seen.stamp[-1] - seen.stamp[0])
@@ -310,7 +327,7 @@ class Live:
             setup = replace(setup, filter=replace(setup.filter, rate=(len(seen.stamp) - 1) / span))
         return self._maker.submit(setup.with_head(seen.recording(self.estimator.channels, self._frame)).prepared)
 
-    def _built(self, start: _Window, build: Future[Prepared]) -> Answers:
+    def _built(self, start: _Window, build: Future[BuiltEstimator]) -> AnsweredSamples:
         """The samples of the start."""
         self._build = None
         try:
@@ -321,11 +338,11 @@ class Live:
                 self._quiet = time.monotonic() + AGAIN
             self._start = _Window(start.length)
             return self._refused(start.joined())
-        self._said += [*made.doubted, *made.said]
+        self._said += [*made.warnings, *made.notes]
         self.estimator, self._start = made.estimator, None
         return self._answered(start.joined())
 
-    def _refused(self, samples: _Samples) -> Answers:
+    def _refused(self, samples: _Samples) -> AnsweredSamples:
         """Samples to which there is no answer."""
         count = len(samples.stamp)
         rows, counts = self.estimator.empty(count), np.ones(count, dtype=np.int64)
@@ -334,7 +351,7 @@ class Live:
         if self._ring is not None:
             for start in range(0, count, BATCH):
                 self._ring.answer(rows[start : start + BATCH], counts[start : start + BATCH])
-        return Answers(samples.stamp, counts, rows)
+        return AnsweredSamples(samples.stamp, counts, rows)
 
     def _tared(self, samples: _Samples) -> None:
         """A tare that was asked for, once its window is full."""
@@ -346,11 +363,11 @@ class Live:
         except InputError as problem:
             self._said.append(f"no tare was taken, and the one before stays: {problem}")
         else:
-            self._said += [taken.said, *([taken.doubt] if taken.doubt else [])]
+            self._said += [taken.note, *([taken.warning] if taken.warning else [])]
 
     def _watch(self) -> None:
         """What the source says, and whether the clock jumped."""
-        self._said += [*self.source.said(), *(() if self._poses is None else self._poses.said())]
+        self._said += [*self.source.events(), *(() if self._poses is None else self._poses.events())]
         clock = _offset()
         if abs(clock - self._clock) > JUMP:
             jump = (clock - self._clock) / 1e9

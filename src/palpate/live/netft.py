@@ -21,7 +21,7 @@ from palpate.files.units import FORCE_UNITS, TORQUE_UNITS, known_unit
 from palpate.live.datagrams import Datagrams, ask_buffer, packed_address
 from palpate.live.netft_page import read_page
 from palpate.live.netft_status import status_word
-from palpate.live.sequence import Sequence
+from palpate.live.sequence import SequenceCounters
 from palpate.live.source import BATCH, SILENT, Batch
 from palpate.signals.recording import FORCE
 
@@ -129,7 +129,7 @@ class NetFt:
                 return 0
             self._wait(min(deadline, self._ask_at) - now)
 
-    def said(self) -> list[str]:
+    def events(self) -> list[str]:
         """See `Source.said`; what happens often is said once a second, with how often."""
         now = time.monotonic()
         if self._close and now >= self._tell_at and (told := list(self._counted())):
@@ -158,7 +158,7 @@ class NetFt:
         self._poll = select.poll()
         self._poll.register(self._socket, select.POLLIN)
         now = time.monotonic()
-        self._sequence, self._word = Sequence(), status_word(self._page.product)
+        self._sequence, self._word = SequenceCounters(), status_word(self._page.product)
         self._per_unit: Float[np.ndarray, "6"] = np.repeat([self._page.force, self._page.torque], 3)
         self._last_status, self._status_said = 0, dict[int, float]()
         self._heard = self._tell_at = now

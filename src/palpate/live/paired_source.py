@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from palpate.files.logs.decoding import seconds
-from palpate.files.logs.samples import Samples
+from palpate.files.logs.samples import SampleReader
 from palpate.files.logs.wrench_means import WrenchMeans
 from palpate.live.source import SILENT, Batch, Source
 from palpate.live.sources import source_of
@@ -18,12 +18,12 @@ from palpate.setup.setup import Setup
 from palpate.setup.source import RigSource
 from palpate.setup.tables import RigOrientation
 
-__all__ = ["Pair"]
+__all__ = ["PairedSource"]
 
 WAITS = 0.1  # s that a frame waits for the wrenches about it
 
 
-class Pair:
+class PairedSource:
     """Frames with wrenches beside them, each a row of its numbers, the wrench, and of how many readings it is the mean.
 
     A frame waits until wrenches have come that are half a step newer; where none comes within 0.1 s it goes without,
@@ -48,7 +48,7 @@ class Pair:
         self._said: list[str] = []
 
     @classmethod
-    def of(cls, stated: RigSource, setup: Setup) -> Pair:
+    def of(cls, stated: RigSource, setup: Setup) -> PairedSource:
         """Return the two devices of a sensor that is made of a skin and a force/torque sensor.
 
         Raises:
@@ -61,7 +61,7 @@ class Pair:
                 setup, kind=sensor.kind, sensors={part: sensor}, orientation=RigOrientation()
             )  # poses come beside the pair
             both.append(source_of(replace(source, wrench=None), alone))
-        limits = None if layout.wrench_range is None else Samples(layout, Path()).recorded(layout.wrench_range)
+        limits = None if layout.wrench_range is None else SampleReader(layout, Path()).recorded(layout.wrench_range)
         return cls(both[0], both[1], WrenchMeans(0.0, layout.max_gap, limits))
 
     def open(self) -> None:
@@ -84,10 +84,10 @@ class Pair:
             ready = len(self._stamp)
         return self._given(batch, min(ready, len(batch)))
 
-    def said(self) -> list[str]:
+    def events(self) -> list[str]:
         """Of both, and whether wrenches come that belong to no frame."""
         said, self._said = self._said, []
-        return [*said, *self._frames.said(), *self._wrenches.said()]
+        return [*said, *self._frames.events(), *self._wrenches.events()]
 
     def close(self) -> None:
         """Leave both."""

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 
 from palpate.errors import InputError
 from palpate.files.logs.decoding import decode, seconds
-from palpate.files.logs.log import Messages, Topic
+from palpate.files.logs.log import MessageBlock, Topic
 from palpate.files.logs.transforms import TREES, transforms
 from palpate.live.source import SILENT, Batch
 from palpate.spatial.arguments import takes_arrays
@@ -86,7 +86,7 @@ class LivePoses:
         self._told: set[str] = set()
         self._pending: list[str] = []
 
-    def add(self, messages: Messages) -> None:
+    def add(self, messages: MessageBlock) -> None:
         """More messages, all of one topic: of a type of poses, or of transforms. Without a stamp, when it was sent."""
         if not len(messages.time):
             return
@@ -117,7 +117,7 @@ class LivePoses:
         self._watch(found=not len(stamp) or not np.isnan(quaternion[-1, 0]), age=float(age[-1]) if len(stamp) else 0.0)
         return Posed(quaternion, position, age, turned)
 
-    def said(self) -> list[str]:
+    def events(self) -> list[str]:
         """What happened since this was last asked, one sentence each."""
         if self._silent is not None and time.monotonic() - self._silent > SILENT and "silent" not in self._told:
             self._told.add("silent")
@@ -143,7 +143,7 @@ class LivePoses:
         track.add(seconds(stamps - (self._origin or 0)), values[:, 3:], values[:, :3])
         track.forget(track.newest - self._kept)
 
-    def _add_transforms(self, messages: Messages, topic: Topic) -> None:
+    def _add_transforms(self, messages: MessageBlock, topic: Topic) -> None:
         rows, sound = transforms(messages, topic, self._names)
         self._unread += int(np.count_nonzero(~sound))
         called = list(self._names)

@@ -13,7 +13,7 @@ from palpate.contact.contacts import Contacts
 from palpate.errors import InputError
 from palpate.live.json_lines import JsonLines, datagram_address
 from palpate.live.receiver import orphaned
-from palpate.live.stream_buffer import Form, Ring
+from palpate.live.stream_buffer import SlotForm, StreamBuffer
 from palpate.setup.rig import load_rig
 from palpate.setup.source import RigSource
 
@@ -34,11 +34,11 @@ class Publisher(Protocol):
         """The next samples, in order; none: what had to wait for the rate may go out now."""
         ...
 
-    def tare_asked(self) -> bool:
+    def tare_requested(self) -> bool:
         """Whether somebody has asked for a tare since this was last asked."""
         ...
 
-    def said(self) -> list[str]:
+    def events(self) -> list[str]:
         """What happened since this was last asked, one sentence each."""
         ...
 
@@ -47,7 +47,7 @@ class Publisher(Protocol):
         ...
 
 
-def _ros(to: str, form: Form, source: RigSource | None, rate: float) -> Publisher:
+def _ros(to: str, form: SlotForm, source: RigSource | None, rate: float) -> Publisher:
     from palpate.live.publish_ros import RosPublisher  # here: it needs cyclonedds
 
     domain = _domain(to)
@@ -59,11 +59,11 @@ def _ros(to: str, form: Form, source: RigSource | None, rate: float) -> Publishe
     return made
 
 
-def _json(to: str, form: Form, source: RigSource | None, rate: float) -> Publisher:
+def _json(to: str, form: SlotForm, source: RigSource | None, rate: float) -> Publisher:
     return JsonLines(to, rate)
 
 
-_PUBLISHERS: dict[str, Callable[[str, Form, RigSource | None, float], Publisher]] = {
+_PUBLISHERS: dict[str, Callable[[str, SlotForm, RigSource | None, float], Publisher]] = {
     ROS: _ros,
     "udp": _json,
     "unix": _json,
@@ -98,7 +98,7 @@ def require_address(to: str) -> None:
         datagram_address(to)
 
 
-def open_publisher(to: str, form: Form, source: RigSource | None = None, rate: float = RATE) -> Publisher:
+def open_publisher(to: str, form: SlotForm, source: RigSource | None = None, rate: float = RATE) -> Publisher:
     """What publishes to an address.
 
     Args:
@@ -120,7 +120,7 @@ def publish(ring: Path, to: str, rig: Path, parent: int, rate: float = RATE) -> 
     What is wrong with the address is said in the ring, and the process ends with 1.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which says stop
-    read = Ring(ring)
+    read = StreamBuffer(ring)
     try:
         publisher = open_publisher(to, read.form, load_rig(rig).source, rate)
     except InputError as problem:
@@ -132,9 +132,9 @@ def publish(ring: Path, to: str, rig: Path, parent: int, rate: float = RATE) -> 
             slots, first = read.read(next_one, MOST)
             next_one = first + len(slots)
             publisher.publish(read.form.contacts(slots))
-            if publisher.tare_asked():
+            if publisher.tare_requested():
                 read.ask_tare(f"a message to {to}")
-            for sentence in publisher.said():
+            for sentence in publisher.events():
                 read.say(sentence)
             if len(slots) < MOST:
                 sleep(POLL)

@@ -6,9 +6,9 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.contact.contacts import Contacts
-from palpate.files.contacts.mcap import Messages
+from palpate.files.contacts.mcap import ContactMessages
 from palpate.files.mcap.writer import MESSAGE
-from palpate.live.dds import Node, Reader, Writer
+from palpate.live.dds import DdsNode, DdsReader, Writer
 from palpate.live.ros_messages import Cdr
 from palpate.spatial.pose import quaternion_from_rotation
 
@@ -63,11 +63,11 @@ class RosPublisher:
         interface: str = "",
     ) -> None:
         self._frame_id, self._features = frame_id, features
-        self._messages = Messages(frame_id, features)
-        self._node = Node(domain, interface)
+        self._messages = ContactMessages(frame_id, features)
+        self._node = DdsNode(domain, interface)
         self._due, self._drawn = _Due(rate), _Due(min(rate, _DRAWN))
         self._writers: dict[str, Writer] = {}
-        self._tare: Reader | None = None
+        self._tare: DdsReader | None = None
         self._dropped = 0
         self._said: list[str] = []
 
@@ -98,11 +98,11 @@ class RosPublisher:
             self._publish(contacts[first[k] : ends[k]])
         return int(np.count_nonzero(due))
 
-    def tare_asked(self) -> bool:
+    def tare_requested(self) -> bool:
         """Whether somebody has asked for a tare since this was last asked."""
         return self._tare is not None and len(self._tare.take().time) > 0
 
-    def said(self) -> list[str]:
+    def events(self) -> list[str]:
         """What happened since this was last asked, one sentence each."""
         if self._dropped:
             self._said.append(f"{self._dropped} messages to ROS 2 were dropped: a reader is too slow")

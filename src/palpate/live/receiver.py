@@ -14,7 +14,7 @@ import numpy as np
 
 from palpate.errors import InputError, PalpateError
 from palpate.live.live import Live
-from palpate.live.stream_buffer import SIZE, Form, Ring
+from palpate.live.stream_buffer import SIZE, SlotForm, StreamBuffer
 
 __all__ = ["orphaned", "receive"]
 
@@ -56,7 +56,7 @@ def orphaned(parent: int) -> bool:
     return os.getppid() != parent
 
 
-def _loop(live: Live, ring: Ring, parent: int) -> None:
+def _loop(live: Live, ring: StreamBuffer, parent: int) -> None:
     while not ring["stop"] and not orphaned(parent):
         live.step()
         if live.ended:
@@ -70,15 +70,15 @@ def _loop(live: Live, ring: Ring, parent: int) -> None:
     _say(live, ring)
 
 
-def _say(live: Live, ring: Ring) -> None:
-    for sentence in live.said():
+def _say(live: Live, ring: StreamBuffer) -> None:
+    for sentence in live.events():
         ring.say(sentence)
 
 
-def _opened(path: Path, form: Form, recorded: bool) -> Ring:
+def _opened(path: Path, form: SlotForm, recorded: bool) -> StreamBuffer:
     """The ring that is there, or a new one, which appears whole."""
     if path.exists():
-        ring = Ring(path)
+        ring = StreamBuffer(path)
         if ring.form != form:
             raise InputError("is of another rig or sensor.", where=str(path), hint="Remove it, or `palpate recover`.")
         lost = ring["received"] - ring["answered"]
@@ -87,11 +87,11 @@ def _opened(path: Path, form: Form, recorded: bool) -> Ring:
                 ring.answer(np.zeros((0, form.width)), np.zeros(1, dtype=np.int64), known=False)
         return ring
     beside = path.with_name(f"{path.name}.new")
-    made = Ring.make(beside, form, IMAGES if form.images else SIZE)
+    made = StreamBuffer.make(beside, form, IMAGES if form.images else SIZE)
     made["recording"] = int(recorded)
     made.close()
     beside.replace(path)
-    return Ring(path)
+    return StreamBuffer(path)
 
 
 def _hurried() -> str:

@@ -21,7 +21,7 @@ from palpate.errors import InputError
 from palpate.files.atomic import PART, part, writing
 from palpate.live.record_file import RecordFile, grown, named, place
 from palpate.live.record_messages import RecordMessages, event, record_topics
-from palpate.live.stream_buffer import READERS, Ring
+from palpate.live.stream_buffer import READERS, StreamBuffer
 
 __all__ = ["RING", "Recorder", "only_one", "record", "require_record", "ring_of"]
 
@@ -77,7 +77,7 @@ def record(ring: Path, output: Path, split: float, parent: int) -> None:
     and the process ends with 1.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which says stop
-    opened = Ring(ring)
+    opened = StreamBuffer(ring)
     try:
         with only_one(ring), writing(output):
             recorder, quiet = Recorder(opened, output, split), _Quiet(opened)
@@ -124,7 +124,7 @@ class Recorder:
         full: whether it is.
     """
 
-    def __init__(self, ring: Ring, output: Path, split: float) -> None:
+    def __init__(self, ring: StreamBuffer, output: Path, split: float) -> None:
         self._ring, self._output, self._split = ring, output, split
         self._topics, self._messages = record_topics(ring.form), RecordMessages(ring.form)
         slot = ring.form.slot().itemsize
@@ -184,7 +184,7 @@ class Recorder:
         self._opened().append(*self._messages.of(slots, first))
 
     def _sentences(self) -> None:
-        said, end = self._ring.said(self._noted)
+        said, end = self._ring.events(self._noted)
         for number, (stamp, text) in enumerate(said, end - len(said) + 1):
             self._guarded(self._append_sentence, stamp, text, number)
         self._noted = end
@@ -257,7 +257,7 @@ class Recorder:
 class _Quiet:
     """Whether nothing comes any more."""
 
-    def __init__(self, ring: Ring) -> None:
+    def __init__(self, ring: StreamBuffer) -> None:
         self._ring, self._state = ring, (0, 0, 0)
         self._began = self._changed = 0.0
 

@@ -15,7 +15,7 @@ import numpy as np
 from palpate.errors import InputError
 from palpate.files.atomic import PART, part
 from palpate.files.mcap.regain import Regained, regained
-from palpate.files.mcap.writer import McapWriter, Topic
+from palpate.files.mcap.writer import McapWriter, WrittenTopic
 from palpate.live.record_messages import EVENTS, READINGS
 
 __all__ = ["Span", "grown", "named", "place", "span_of"]
@@ -46,13 +46,13 @@ class Span(NamedTuple):
     Attributes:
         first: number of the first.
         end: number after the last.
-        held: how many; less than `end - first` where some are missing.
+        samples: how many; less than `end - first` where some are missing.
         noted: number of the last sentence, 0 where there is none.
     """
 
     first: int
     end: int
-    held: int
+    samples: int
     noted: int
 
 
@@ -89,7 +89,7 @@ class RecordFile:
         OSError: it cannot be written.
     """
 
-    def __init__(self, path: Path, topics: tuple[Topic, ...] | None, latest: int) -> None:
+    def __init__(self, path: Path, topics: tuple[WrittenTopic, ...] | None, latest: int) -> None:
         self.path, self._growing = path, part(path)
         there = regained(self._growing) if self._growing.exists() else None
         if there is None:
@@ -176,7 +176,7 @@ class RecordFile:
             left, self._size = left[count:], self._size + count
 
 
-def _require_small(growing: Path, topics: tuple[Topic, ...] | None) -> None:
+def _require_small(growing: Path, topics: tuple[WrittenTopic, ...] | None) -> None:
     """Refuse to write over a file whose head cannot be read, unless it is nothing but a head that was not written."""
     if growing.exists() and (topics is None or growing.stat().st_size > _HEAD):
         raise InputError("is no file of `palpate live`, or nothing in it is whole.", where=str(growing))

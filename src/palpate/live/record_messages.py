@@ -15,13 +15,13 @@ from palpate.files.contacts.mcap import (
     VECTOR,
     WRENCH_FIELDS,
     WRENCH_STAMPED,
-    Messages,
+    ContactMessages,
     topics,
 )
 from palpate.files.logs.topics import LIVE, LIVE_ACCELERATION, LIVE_POSE
-from palpate.files.mcap.rows import Fields, Rows, made, stamped
-from palpate.files.mcap.writer import Topic
-from palpate.live.stream_buffer import Form
+from palpate.files.mcap.rows import ChannelRows, Fields, made, stamped
+from palpate.files.mcap.writer import WrittenTopic
+from palpate.live.stream_buffer import SlotForm
 
 __all__ = ["EVENTS", "READINGS", "event", "record_topics"]
 
@@ -65,19 +65,19 @@ uint8[] data
 _VECTOR_STAMPED = f"std_msgs/Header header\ngeometry_msgs/Vector3 vector\n{STAMPED}{VECTOR}"
 
 
-def record_topics(form: Form) -> tuple[Topic, ...]:
+def record_topics(form: SlotForm) -> tuple[WrittenTopic, ...]:
     """What a record declares: the contacts, the readings, events, poses and accelerations."""
     if form.images:
-        readings = Topic(form.topic or f"{LIVE}image", "sensor_msgs/msg/Image", _IMAGE)
+        readings = WrittenTopic(form.topic or f"{LIVE}image", "sensor_msgs/msg/Image", _IMAGE)
     elif form.wrenches:
-        readings = Topic(form.topic or f"{LIVE}wrench", "geometry_msgs/msg/WrenchStamped", WRENCH_STAMPED)
+        readings = WrittenTopic(form.topic or f"{LIVE}wrench", "geometry_msgs/msg/WrenchStamped", WRENCH_STAMPED)
     else:
-        readings = Topic(form.topic or f"{LIVE}readings", "std_msgs/msg/Float64MultiArray", _ARRAY)
+        readings = WrittenTopic(form.topic or f"{LIVE}readings", "std_msgs/msg/Float64MultiArray", _ARRAY)
     poses = (
-        Topic(LIVE_POSE, "geometry_msgs/msg/PoseStamped", POSE_STAMPED),
-        Topic(LIVE_ACCELERATION, "geometry_msgs/msg/Vector3Stamped", _VECTOR_STAMPED),
+        WrittenTopic(LIVE_POSE, "geometry_msgs/msg/PoseStamped", POSE_STAMPED),
+        WrittenTopic(LIVE_ACCELERATION, "geometry_msgs/msg/Vector3Stamped", _VECTOR_STAMPED),
     )
-    events = Topic(f"{LIVE}events", "rcl_interfaces/msg/Log", f"{_LOG}{_TIME}")
+    events = WrittenTopic(f"{LIVE}events", "rcl_interfaces/msg/Log", f"{_LOG}{_TIME}")
     return (*topics(form.features), readings, events, *(poses if form.poses else ()))
 
 
@@ -91,11 +91,11 @@ class RecordMessages:
         form: of the ring.
     """
 
-    def __init__(self, form: Form) -> None:
-        self._form, self._contacts = form, Messages(form.frame, form.features)
-        self._readings = Rows(READINGS, *_fields(form))
-        self._pose = Rows(POSE, *stamped(_BASE, POSE_FIELDS))
-        self._acceleration = Rows(ACCELERATION, *stamped(_SENSOR, (("vector", "<f8", (3,)),)))
+    def __init__(self, form: SlotForm) -> None:
+        self._form, self._contacts = form, ContactMessages(form.frame, form.features)
+        self._readings = ChannelRows(READINGS, *_fields(form))
+        self._pose = ChannelRows(POSE, *stamped(_BASE, POSE_FIELDS))
+        self._acceleration = ChannelRows(ACCELERATION, *stamped(_SENSOR, (("vector", "<f8", (3,)),)))
 
     def of(self, slots: np.ndarray, first: int) -> tuple[np.ndarray, list[np.ndarray]]:
         """The bytes of all messages of some samples, and a view of them a channel.
@@ -147,7 +147,7 @@ def event(stamp: int, sentence: str, number: int, level: int = _INFO) -> tuple[n
     )
     common = {"level": level, **_said("name", b"palpate live\0"), **_said("msg", text)}
     common |= {**_said("file", b"\0"), **_said("function", b"\0")}
-    raw, views = made([Rows(EVENTS, fields, common)], [np.array([stamp], dtype=np.int64)])
+    raw, views = made([ChannelRows(EVENTS, fields, common)], [np.array([stamp], dtype=np.int64)])
     views[0]["sequence"] = number % 2**32
     return raw, views[0]
 
@@ -167,7 +167,7 @@ def _said(name: str, text: bytes) -> Mapping[str, object]:
     return {f"{name} length": len(text), name: text}
 
 
-def _fields(form: Form) -> tuple[Fields, Mapping[str, object]]:
+def _fields(form: SlotForm) -> tuple[Fields, Mapping[str, object]]:
     """Of a message of the readings, and what all of them hold."""
     if form.wrenches:
         return stamped(_SENSOR, WRENCH_FIELDS)

@@ -14,7 +14,7 @@ from palpate.files.atomic import PART, part, writing
 from palpate.files.mcap.regain import regained
 from palpate.live.record import RING, Recorder, only_one, ring_of
 from palpate.live.record_file import RecordFile, grown, named, span_of
-from palpate.live.stream_buffer import Ring
+from palpate.live.stream_buffer import StreamBuffer
 
 __all__ = ["cut_short", "recover"]
 
@@ -62,11 +62,11 @@ def cut_short(file: Path) -> str:
         last = named(output, unfinished[-1]) if unfinished else None
         found = regained(part(last)) if last is not None else None
         span = span_of(found, ring["received"]) if found is not None else None
-        reached = span.end if span is not None and span.held else ring["began"]
+        reached = span.end if span is not None and span.samples else ring["began"]
         more, alive = max(0, ring["received"] - reached), _alive(ring)
     there = [f"{more:,} {'more ' if last else ''}in {path.name}"]
     if last is not None and span is not None:
-        there.insert(0, f"{span.held:,} samples in {part(last).name}")
+        there.insert(0, f"{span.samples:,} samples in {part(last).name}")
     if alive:
         return f"it is being written: {', '.join(there)}"
     return f"writing was cut short: {', '.join(there)}; `palpate recover {output}` puts them together"
@@ -82,7 +82,7 @@ def _from_ring(path: Path, output: Path) -> str:
         unsound = _cut_unsound(ring, began)
         recorder.finish()
         if recorder.full:
-            said, _ = ring.said(ring["said"] - 1)
+            said, _ = ring.events(ring["said"] - 1)
             raise InputError(f"{said[-1][1]}.", where=str(output), hint="Make room, and run it again.")
         received, answered, missed = ring["received"], ring["answered"], ring["missed"]
     path.unlink()
@@ -97,7 +97,7 @@ def _from_ring(path: Path, output: Path) -> str:
     )
 
 
-def _cut_unsound(ring: Ring, first: int) -> int:
+def _cut_unsound(ring: StreamBuffer, first: int) -> int:
     """Let the ring end before the first slot that another sample stands in, or none, as after a loss of power.
 
     Args:
@@ -123,16 +123,16 @@ def _alone(path: Path) -> str:
     file = RecordFile(path, None, 0)
     file.end()
     file.place()
-    return f"{path.name}: {file.span.held:,} samples were recorded; there is no ring with more"
+    return f"{path.name}: {file.span.samples:,} samples were recorded; there is no ring with more"
 
 
-def _alive(ring: Ring) -> bool:
+def _alive(ring: StreamBuffer) -> bool:
     return time.time_ns() - ring["alive"] < ALIVE
 
 
 @contextmanager
-def _opened(path: Path) -> Generator[Ring]:
-    ring = Ring(path)
+def _opened(path: Path) -> Generator[StreamBuffer]:
+    ring = StreamBuffer(path)
     try:
         yield ring
     finally:

@@ -13,7 +13,7 @@ from numpy.typing import DTypeLike
 
 from palpate.errors import InputError
 from palpate.files.logs import open_log
-from palpate.files.logs.layout import Layout
+from palpate.files.logs.layout import LogLayout
 from palpate.live.source import Batch
 from palpate.setup.setup import Setup
 from palpate.setup.source import RigSource
@@ -22,7 +22,7 @@ from palpate.signals.recording import ACCELERATION, AVERAGED, FORCE, IMAGE, ORIE
 __all__ = ["Replay", "bare", "values_of"]
 
 
-def bare(layout: Layout) -> Layout:
+def bare(layout: LogLayout) -> LogLayout:
     """The same columns and topics, with numbers as they are recorded: neither units nor axes are changed."""
     arrays = tuple(replace(array, scale=1.0) for array in layout.arrays)
     units = {"force_unit": "N", "torque_unit": "N m", "acceleration_unit": "m/s^2"}
@@ -61,7 +61,7 @@ class Replay:
         patient: whether its samples wait until they are asked for, which those of a device, or at a speed, do not.
     """
 
-    def __init__(self, path: Path, layout: Layout, speed: float = 1.0, loop: bool = False) -> None:
+    def __init__(self, path: Path, layout: LogLayout, speed: float = 1.0, loop: bool = False) -> None:
         self.path, self._layout, self._speed, self._loop = path, layout, speed, loop
         first = next(self._blocks(), None)
         if first is None:
@@ -113,7 +113,7 @@ class Replay:
             self._held = None if start + count == len(piece) else (piece, values, start + count)
         return count
 
-    def said(self) -> list[str]:
+    def events(self) -> list[str]:
         """Its end."""
         said, self._said = self._said, []
         return said

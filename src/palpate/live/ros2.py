@@ -15,10 +15,10 @@ from numpy.typing import DTypeLike
 from palpate.errors import InputError
 from palpate.files.logs.decoding import decode, has_header
 from palpate.files.logs.image_messages import image_messages
-from palpate.files.logs.layout import ImageChannel, Layout
-from palpate.files.logs.log import LogContents, Messages, Topic
+from palpate.files.logs.layout import ImageChannel, LogLayout
+from palpate.files.logs.log import LogContents, MessageBlock, Topic
 from palpate.files.logs.topics import NONE, choose, choose_images, main_channel
-from palpate.live.dds import DEPTH, Node, Reader, ros_name
+from palpate.live.dds import DEPTH, DdsNode, DdsReader, ros_name
 from palpate.live.poses import Posed
 from palpate.live.ros_poses import RosPoses, published, wanted
 from palpate.live.source import SILENT, Batch
@@ -55,7 +55,7 @@ class RosTopics:
             where nothing is said of poses.
     """
 
-    def __init__(self, layout: Layout, node: Node, poses: RosPoses | None = None, patience: float = 3.0) -> None:
+    def __init__(self, layout: LogLayout, node: DdsNode, poses: RosPoses | None = None, patience: float = 3.0) -> None:
         self._layout, self._node, self._poses, self._patience = layout, node, poses, patience
         self._array = None if layout.images is not None else main_channel(layout)
         self.shape: tuple[int, ...] = () if layout.images else (6,) if self._array is None else self._array.shape
@@ -63,7 +63,7 @@ class RosTopics:
         self.poses = poses is not None
         self.topic = Topic("", "", "cdr")
         self.posed: Posed | None = None
-        self._reader: Reader | None = None
+        self._reader: DdsReader | None = None
         self._said: list[str] = []
         self._stamped: bool | None = None  # whether headers have stamps; None: not known yet
         self._held: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None  # a first message whose stamp is 0
@@ -81,7 +81,7 @@ class RosTopics:
         Raises:
             InputError: the rig wants poses of joint states.
         """
-        node = Node(stated.domain, stated.interface)
+        node = DdsNode(stated.domain, stated.interface)
         poses = RosPoses(setup.orientation, node) if wanted(setup.orientation) else None
         return cls(setup.layout(), node, poses)
 
@@ -124,10 +124,10 @@ class RosTopics:
             self._said.append(f"the stamps of {self.topic.name!r} jumped by {jumped:+.3g} s")
         return count
 
-    def said(self) -> list[str]:
+    def events(self) -> list[str]:
         """See `palpate.live.source.Source`."""
         said, self._said = self._said, []
-        return said if self._poses is None else [*said, *self._poses.said()]
+        return said if self._poses is None else [*said, *self._poses.events()]
 
     def close(self) -> None:
         """Leave the domain; may be called twice."""
@@ -173,7 +173,7 @@ class RosTopics:
         )
         return choose(contents, alone)["main"]
 
-    def _first_image(self, reader: Reader) -> None:
+    def _first_image(self, reader: DdsReader) -> None:
         """Its size is that of all."""
         deadline = time.monotonic() + self._patience
         cv2 = opencv()
@@ -189,7 +189,7 @@ class RosTopics:
             hint="Is the camera running? Its size is needed to begin.",
         )
 
-    def _decoded(self, messages: Messages) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _decoded(self, messages: MessageBlock) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Stamps of headers [ns], times of sending [ns] and numbers, of messages that can be read."""
         if self._layout.images is not None:
             stamps, values, sound = self._images(messages)
@@ -209,7 +209,7 @@ class RosTopics:
             return stamps[sound], messages.time[sound], values[sound]
         return stamps, messages.time, values
 
-    def _images(self, messages: Messages) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _images(self, messages: MessageBlock) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         count = len(messages.time)
         values, stamps = np.zeros((count, *self.shape), dtype=np.uint8), np.zeros(count, dtype=np.int64)
         sound = np.zeros(count, dtype=bool)
@@ -295,7 +295,7 @@ class _Alike:
             }
         )
 
-    def read(self, messages: Messages) -> tuple[np.ndarray, np.ndarray] | None:
+    def read(self, messages: MessageBlock) -> tuple[np.ndarray, np.ndarray] | None:
         """Stamps [ns] and values; None where one of them is not like the first."""
         if not (messages.length == self._layout.itemsize).all():
             return None

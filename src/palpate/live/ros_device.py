@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Int
 
-from palpate.live.dds import Node, Writer, ros_name
+from palpate.live.dds import DdsNode, Writer, ros_name
 from palpate.live.ros_messages import array_message, image_message, stamped
 
 __all__ = ["RosDevice"]
@@ -30,7 +30,7 @@ class RosDevice:
         frame_id: str = "sensor",
     ) -> None:
         self._topic, self._shape, self._frame_id = topic, shape, frame_id
-        self._node = Node(domain, interface)
+        self._node = DdsNode(domain, interface)
         self._writer: Writer | None = None
 
     @property

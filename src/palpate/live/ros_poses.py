@@ -12,7 +12,7 @@ from palpate.files.logs.decoding import role
 from palpate.files.logs.log import Topic
 from palpate.files.logs.topics import NONE, POSE_KINDS
 from palpate.files.units import near
-from palpate.live.dds import Node, Reader, ros_name
+from palpate.live.dds import DdsNode, DdsReader, ros_name
 from palpate.live.poses import LivePoses, Posed
 from palpate.setup.source import RigSource
 from palpate.setup.tables import RigOrientation
@@ -32,10 +32,10 @@ class RosPoses:
         patience: [s] to wait for the topic to be announced.
     """
 
-    def __init__(self, orientation: RigOrientation, node: Node, patience: float = 3.0) -> None:
+    def __init__(self, orientation: RigOrientation, node: DdsNode, patience: float = 3.0) -> None:
         self._table, self._node, self._patience = orientation, node, patience
-        self._readers: list[Reader] = []
-        self._own: Node | None = None
+        self._readers: list[DdsReader] = []
+        self._own: DdsNode | None = None
         self._said: list[str] = []
         self.poses = LivePoses(orientation.frames(), orientation.offset, orientation.max_gap)
 
@@ -52,7 +52,7 @@ class RosPoses:
         """
         if not wanted(orientation):
             return None
-        node = Node(*((0, "") if source is None else (source.domain, source.interface)))
+        node = DdsNode(*((0, "") if source is None else (source.domain, source.interface)))
         made = cls(orientation, node)
         made._own = node
         return made
@@ -83,9 +83,9 @@ class RosPoses:
             self.poses.add(reader.take())
         return self.poses.at(stamp)
 
-    def said(self) -> list[str]:
+    def events(self) -> list[str]:
         """What happened since this was last asked, one sentence each."""
-        said, self._said = [*self._said, *self.poses.said()], []
+        said, self._said = [*self._said, *self.poses.events()], []
         return said
 
     def close(self) -> None:
@@ -94,7 +94,7 @@ class RosPoses:
         if self._own is not None:
             self._own.close()
 
-    def _named(self) -> Reader:
+    def _named(self) -> DdsReader:
         name = ros_name(self._table.topic or "")
         topic = published(name, self._node.settled(self._patience, [name]), self._node.where)
         if role(topic.kind) != "pose":

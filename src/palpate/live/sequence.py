@@ -14,7 +14,7 @@ _LATE = 4096  # positions behind the last within which a sample is late or repea
 _FASTEST = 20_000.0  # Hz: no such device counts faster, so that a greater jump is no loss
 
 
-class Sequence:
+class SequenceCounters:
     """Follows both counters, modulo 2^32, over any number of blocks.
 
     `rdt` counts what was sent since sending was started, `ft` what was measured since the device was: a step of one is

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from palpate.setup.setup import Setup
 
-__all__ = ["Frames", "SerialPort"]
+__all__ = ["Framing", "SerialPort"]
 
 _READ, _PIECES = 65536, 16  # bytes, and how often they are taken at once: more than the kernel holds
 _BEHIND = 100_000_000  # ns: a step of the clock that is worth a sentence
@@ -42,7 +42,7 @@ _NO_PORT = (errno.ENOENT, errno.ENXIO, errno.ENODEV)
 
 
 @runtime_checkable
-class Frames(Protocol):
+class Framing(Protocol):
     """Bytes into samples."""
 
     def feed(self, data: bytes) -> None:
@@ -140,7 +140,7 @@ class SerialPort:
             if now >= end:
                 return 0
 
-    def said(self) -> list[str]:
+    def events(self) -> list[str]:
         """See `Source`; damage at most once a second."""
         now = time.monotonic()
         if self._sound and now - self._fault >= _OFTEN and (faults := self._frames.faults()):
@@ -262,7 +262,7 @@ class SerialPort:
             raise _explained(problem, self._stated) from problem
 
 
-def _frames(stated: RigSource, count: int) -> Frames:
+def _frames(stated: RigSource, count: int) -> Framing:
     """What the framing of a rig says.
 
     Raises:

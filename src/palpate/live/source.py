@@ -73,7 +73,7 @@ class Source(Protocol):
         """
         ...
 
-    def said(self) -> list[str]:
+    def events(self) -> list[str]:
         """What happened since this was last asked, one sentence each: a gap, a restart, no samples for 5 s."""
         ...
 

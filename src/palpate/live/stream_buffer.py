@@ -34,7 +34,7 @@ from palpate.errors import InputError
 from palpate.files.logs.decoding import seconds
 from palpate.live.source import Batch
 
-__all__ = ["READERS", "Ring", "latencies"]
+__all__ = ["READERS", "StreamBuffer", "latencies"]
 
 MAGIC, VERSION = b"PALPRING", 1
 HEAD = 1 << 16  # bytes before the slots
@@ -56,7 +56,7 @@ _NONE = np.zeros((0, 0))
 
 
 @dataclass(frozen=True)
-class Form:
+class SlotForm:
     """What passes through a ring: what describes a sample and its contacts to whoever opens it.
 
     Attributes:
@@ -65,7 +65,7 @@ class Form:
         images: whether readings are uint8, and no float64.
         features: columns that the sensor adds to its contacts.
         width: numbers of a row of contacts.
-        most: rows of one sample.
+        max_contacts: rows of one sample.
         frame: that the contacts are in.
         rig: file that all this was made from.
         poses: whether a pose comes with each sample.
@@ -78,7 +78,7 @@ class Form:
     images: bool
     features: tuple[str, ...]
     width: int
-    most: int
+    max_contacts: int
     frame: str = "surface"
     rig: str = ""
     poses: bool = False
@@ -99,7 +99,7 @@ class Form:
                 ("position", "<f8", (3,)),
                 ("acceleration", "<f8", (3,)),
                 ("unsteady", "<f8"),
-                ("contacts", "<f8", (self.most, self.width)),
+                ("contacts", "<f8", (self.max_contacts, self.width)),
                 ("values", "u1" if self.images else "<f8", self.shape),
             ],
             align=True,
@@ -122,7 +122,7 @@ def latencies(slots: np.ndarray) -> Float[np.ndarray, " k"]:
     return waited if len(waited) and 0.0 <= np.median(waited) < LATE else waited[:0]
 
 
-class Ring:
+class StreamBuffer:
     """One mapped file, opened by its writer or by a reader.
 
     Attributes:
@@ -153,7 +153,7 @@ class Ring:
         self._sentences = np.frombuffer(self._map, [("stamp", "<i8"), ("text", f"S{SENTENCE}")], SENTENCES, _SAID)
 
     @classmethod
-    def make(cls, path: Path, form: Form, size: int = SIZE) -> Ring:
+    def make(cls, path: Path, form: SlotForm, size: int = SIZE) -> StreamBuffer:
         """A new one of so many bytes, all of which the disk grants now: a map cannot say later that it is full.
 
         Raises:
@@ -228,8 +228,8 @@ class Ring:
         self, rows: Float[np.ndarray, "rows width"], counts: Int[np.ndarray, " n"], *, known: bool = True
     ) -> None:
         """The writer's: contacts of the next samples, `counts` rows each; not `known`: there is no answer to them."""
-        if self.form.most > 1 and counts.max(initial=0) > self.form.most:
-            raise ValueError(f"a sample has {counts.max()} rows, and there is room for {self.form.most}")
+        if self.form.max_contacts > 1 and counts.max(initial=0) > self.form.max_contacts:
+            raise ValueError(f"a sample has {counts.max()} rows, and there is room for {self.form.max_contacts}")
         first = self["answered"]
         self._loops.answer(self._memory, first, rows, counts, time.time_ns() if known else 0)
         self["answered"] = first + len(counts)
@@ -258,7 +258,7 @@ class Ring:
         self._sentences[count % SENTENCES] = (time.time_ns(), text)
         self["said"] = count + 1
 
-    def said(self, since: int) -> tuple[list[tuple[int, str]], int]:
+    def events(self, since: int) -> tuple[list[tuple[int, str]], int]:
         """Stamps [ns] and sentences from a number on, as far as they are kept, and the number to go on from."""
         count = self["said"]
         kept = [self._sentences[k % SENTENCES] for k in range(max(since, count - SENTENCES), count)]
@@ -298,13 +298,13 @@ class Ring:
         return (slice(begin, None), slice(0, room)), (slice(0, count - room), slice(room, count))
 
 
-def _described(held: mmap.mmap, path: Path) -> Form:
+def _described(held: mmap.mmap, path: Path) -> SlotForm:
     length = int.from_bytes(held[_JSON : _JSON + 4], "little")
     try:
         made: Mapping[str, Any] = json.loads(held[_JSON + 4 : _JSON + 4 + min(length, _SAID - _JSON - 4)])
         lists = {name: tuple(made[name]) for name in ("shape", "features")}
-        form = Form(**cast("dict[str, Any]", {**made, **lists}))
-        if not (0 < form.width < 4096 and 0 < form.most < 4096 and 0 < prod(form.shape) < 1 << 26):
+        form = SlotForm(**cast("dict[str, Any]", {**made, **lists}))
+        if not (0 < form.width < 4096 and 0 < form.max_contacts < 4096 and 0 < prod(form.shape) < 1 << 26):
             raise ValueError("sizes")
     except (ValueError, TypeError, KeyError) as problem:
         raise InputError("is damaged: its description cannot be read.", where=str(path)) from problem

@@ -10,9 +10,9 @@ from multiprocessing.process import BaseProcess
 from typing import Any
 
 from palpate.errors import InputError
-from palpate.live.stream_buffer import READERS, Ring
+from palpate.live.stream_buffer import READERS, StreamBuffer
 
-__all__ = ["Supervisor", "Worker"]
+__all__ = ["Worker", "WorkerSupervisor"]
 
 AGAIN, WITHIN = 5, 30.0  # times that a process may die within so many seconds before it is given up
 PATIENCE = 20.0  # s that a process may take to end
@@ -47,7 +47,7 @@ class Worker:
         return self.process is not None and self.process.is_alive()
 
 
-class Supervisor:
+class WorkerSupervisor:
     """Watches workers; what it does is said in the ring.
 
     Args:
@@ -57,7 +57,7 @@ class Supervisor:
     def __init__(self, workers: list[Worker]) -> None:
         self.workers = workers
 
-    def watch(self, ring: Ring) -> None:
+    def watch(self, ring: StreamBuffer) -> None:
         """Start again what died; to be called a few times a second.
 
         Raises:
@@ -78,7 +78,7 @@ class Supervisor:
             worker.start()
             ring.say(f"the {worker.name} {why}, and was started again")
 
-    def stop(self, ring: Ring | None) -> list[str]:
+    def stop(self, ring: StreamBuffer | None) -> list[str]:
         """Let all end in order, the writer first; which of them had to be killed, one sentence each.
 
         Without a ring nothing was begun, and there is nothing to wait for, or to be said.

@@ -15,7 +15,7 @@ from palpate.optical.marker_labels import USUAL_LIMITS, LabelLimits, label_ring,
 from palpate.spatial._arrays import Value, frozen, require_out, shaped
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Blobs", "Frame", "MarkerColour", "MarkerTracker", "find_blobs", "find_colour"]
+__all__ = ["Blobs", "FrameProblem", "MarkerColour", "MarkerTracker", "find_blobs", "find_colour"]
 
 Image = UInt8[np.ndarray, "h w 3"]
 
@@ -33,7 +33,7 @@ _AGAIN = 6.0  # px, of a marker that is back, from one frame to the next
 _DISC = 1 / (2 * np.pi)  # trace of the second moments of a disc over its area
 
 
-class Frame(IntEnum):
+class FrameProblem(IntEnum):
     """What is the matter with a frame."""
 
     OK = 0
@@ -316,7 +316,7 @@ class MarkerTracker:
     def reset(self) -> None:
         """Forget every frame: the next one is searched whole, and starts a stretch of its own."""
         m = len(self._areas)
-        self.frame, self.searched = Frame.OK, False
+        self.frame, self.searched = FrameProblem.OK, False
         self._last, self._step, self._expected = self._rest.copy(), np.zeros((m, 2)), np.zeros((m, 2))
         self._seen, self._count, self._size = np.zeros(m, dtype=bool), 0, self._areas.copy()
         self._age = np.full(m, _AWAY)  # frames since a marker was seen
@@ -328,7 +328,7 @@ class MarkerTracker:
         require_out(out, (len(self._areas), 2))
         image, self.searched = _read(image), False
         self.frame = self._health(image)
-        if self.frame in (Frame.WRONG_SIZE, Frame.BLACK):
+        if self.frame in (FrameProblem.WRONG_SIZE, FrameProblem.BLACK):
             out[:] = np.nan
             return np.zeros(len(self._areas), dtype=bool)
         if self._follow(image, out):
@@ -338,23 +338,23 @@ class MarkerTracker:
             found = self._search(image)
             self._remember(found)
             out[:] = np.where(found[:, None], self._last, np.nan)
-        if self.frame == Frame.OK and self._count < 0.6 * len(self._seen):
-            self.frame = Frame.LOST
+        if self.frame == FrameProblem.OK and self._count < 0.6 * len(self._seen):
+            self.frame = FrameProblem.LOST
         return self._seen.copy()
 
-    def _health(self, image: np.ndarray) -> Frame:
+    def _health(self, image: np.ndarray) -> FrameProblem:
         """Told from every `_EVERY`th row: a live camera's noise never repeats in 15 rows."""
         camera = self.view.camera
         if image.dtype != np.uint8 or image.shape != (camera.height, camera.width, 3):
-            return Frame.WRONG_SIZE
+            return FrameProblem.WRONG_SIZE
         from palpate.optical._markers import sampled  # here: compiled loops load when first needed
 
         lit, same = sampled(image, _EVERY, int(2 * _LEAST_CONTRAST), self._sample)
         self._same = self._same + 1 if same and self._sampled else 0
         self._sampled = True
         if lit < _LIT * self._sample.size:
-            return Frame.BLACK
-        return Frame.FROZEN if self._same >= self.frozen_after else Frame.OK
+            return FrameProblem.BLACK
+        return FrameProblem.FROZEN if self._same >= self.frozen_after else FrameProblem.OK
 
     def _guess(self) -> None:
         """What is missing is expected where its neighbours' displacement puts it."""

@@ -14,7 +14,7 @@ from palpate.files.urdf import Urdf
 from palpate.setup.guess import PLAUSIBLE, mesh_size, quoted
 from palpate.spatial.pose import Pose
 
-__all__ = ["Body"]
+__all__ = ["GivenBody"]
 
 _MESH = """\
 [surface]
@@ -42,7 +42,7 @@ _DRAWN = (
 
 
 @dataclass(frozen=True)
-class Body:
+class GivenBody:
     """A mesh, or a link.
 
     Attributes:
@@ -63,7 +63,7 @@ class Body:
     folder: Path = Path()
 
     @classmethod
-    def of(cls, path: Path, link: str | None = None, packages: Mapping[str, Path] | None = None) -> Body:
+    def of(cls, path: Path, link: str | None = None, packages: Mapping[str, Path] | None = None) -> GivenBody:
         """What a file holds.
 
         Args:

@@ -5,34 +5,34 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from palpate.contact.estimator import ContactEstimator
-from palpate.files.logs.layout import Layout
+from palpate.files.logs.layout import LogLayout
 from palpate.signals.wrench_sensor import Tare
 
-__all__ = ["FIRST", "Guess", "Prepared"]
+__all__ = ["FIRST", "BuiltEstimator", "Guess"]
 
 FIRST = 1.0  # s of a stream from which is taken what the rig does not state, where no tare says how long
 
 
 @dataclass
-class Prepared:
+class BuiltEstimator:
     """An estimator, with notes and warnings about how it was made.
 
     Attributes:
         estimator: ready for the first sample.
-        said: what was done or assumed, one sentence each.
-        doubted: what may be wrong about it.
-        facts: settings in force, for the record beside a result and for the report.
+        notes: what was done or assumed, one sentence each.
+        warnings: what may be wrong about it.
+        settings: settings in force, for the record beside a result and for the report.
     """
 
     estimator: ContactEstimator
-    said: list[str] = field(default_factory=list[str])
-    doubted: list[str] = field(default_factory=list[str])
-    facts: dict[str, object] = field(default_factory=dict[str, object])
+    notes: list[str] = field(default_factory=list[str])
+    warnings: list[str] = field(default_factory=list[str])
+    settings: dict[str, object] = field(default_factory=dict[str, object])
 
     def tared(self, tare: Tare) -> None:
         """Keep what a tare took, and what may be wrong about it."""
-        self.said.append(tare.said)
-        self.doubted += [tare.doubt] if tare.doubt else []
+        self.notes.append(tare.note)
+        self.warnings += [tare.warning] if tare.warning else []
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Guess:
     """
 
     why: str
-    layout: Layout
+    layout: LogLayout
     text: str
     remarks: tuple[str, ...] = ()
     lacking: str = ""

@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from palpate.errors import InputError
 from palpate.files.logs import LogContents
-from palpate.files.logs.layout import Layout
+from palpate.files.logs.layout import LogLayout
 from palpate.files.tables.stated import Stated
 from palpate.files.units import ACCELERATION_UNITS, FORCE_UNITS, TORQUE_UNITS, known_unit, split_unit, to_si
 from palpate.setup.guess import commented, orientation_table, quoted
@@ -21,13 +21,13 @@ from palpate.setup.names import acceleration_columns, made_up, orientation_colum
 from palpate.signals.acceleration import kind_of_acceleration
 from palpate.signals.recording import ACCELERATION, Recording
 
-__all__ = ["Found", "columns_guess"]
+__all__ = ["WrenchColumns", "columns_guess"]
 
 _COUNTS = 50.0  # in whole numbers up to less than this, forces may have been rounded
 
 
 @dataclass(frozen=True)
-class Found:
+class WrenchColumns:
     """What looks like a wrench, before its numbers are looked at.
 
     Attributes:
@@ -40,13 +40,13 @@ class Found:
     """
 
     why: str
-    layout: Layout
+    layout: LogLayout
     fields: Mapping[str, str]
     remarks: tuple[str, ...] = ()
     time: TimeGuess | None = None
     acceleration: tuple[str, ...] = ()
 
-    def looked_at(self, recording: Recording, stated: Stated) -> Found:
+    def looked_at(self, recording: Recording, stated: Stated) -> WrenchColumns:
         """The same of a table, with what its numbers say: the unit of the time, accelerations, counts."""
         fields, remarks, layout = dict(self.fields), list(self.remarks), self.layout
         time = None if self.time is None else self.time.judged(recording.time)
@@ -74,7 +74,7 @@ def _counted(values: Float[np.ndarray, "n 6"], fields: Mapping[str, str]) -> str
     )
 
 
-def columns_guess(log: Path, contents: LogContents) -> Found | None:
+def columns_guess(log: Path, contents: LogContents) -> WrenchColumns | None:
     """By names and by what the table states.
 
     Raises:
@@ -94,7 +94,7 @@ def columns_guess(log: Path, contents: LogContents) -> Found | None:
     fields |= {"frame": frame} | ({"torque_unit": torque} if torque else {})
     remarks = [*_said(wrench, others, whose, frame, names), *remarks]
     acceleration = acceleration_columns([name for name in names if name not in wrench]) or ()
-    layout = Layout(
+    layout = LogLayout(
         time=time.column or "time",
         time_unit=time.unit or "s",
         rate=time.rate,
@@ -106,7 +106,7 @@ def columns_guess(log: Path, contents: LogContents) -> Found | None:
         acceleration_unit=_acceleration_unit(acceleration, contents.stated) or "m/s^2",
     )
     why = f"columns {', '.join(wrench)} look like forces and torques"
-    return Found(why, layout, fields, tuple(remarks), time, acceleration)
+    return WrenchColumns(why, layout, fields, tuple(remarks), time, acceleration)
 
 
 def _acceleration_unit(columns: Sequence[str], stated: Stated) -> str | None:

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from palpate.errors import InputError
-from palpate.files.logs.layout import Layout
+from palpate.files.logs.layout import LogLayout
 from palpate.files.logs.survey import Survey
 from palpate.files.logs.topics import NONE
 from palpate.files.units import near
-from palpate.setup.body import Body
+from palpate.setup.body import GivenBody
 from palpate.setup.guess import pose_table, quoted
 
 __all__ = ["PoseGuess", "guess_pose"]
@@ -31,12 +31,12 @@ _FRAMES = """\
 class PoseGuess:
     """Of a log: how to read it, [orientation] as TOML, and what to check."""
 
-    layout: Layout
+    layout: LogLayout
     text: str
     remarks: list[str]
 
 
-def guess_pose(survey: Survey, layout: Layout, body: Body | None) -> PoseGuess:
+def guess_pose(survey: Survey, layout: LogLayout, body: GivenBody | None) -> PoseGuess:
     """The tree of /tf where it holds the wrench's frame, else joint states, else a topic of poses that may be its own.
 
     Args:
@@ -92,7 +92,7 @@ def _tree(survey: Survey, frame: str) -> tuple[tuple[str, str] | None, list[str]
     return (base, frame), said
 
 
-def _joints(survey: Survey, frame: str, body: Body | None) -> PoseGuess | None:
+def _joints(survey: Survey, frame: str, body: GivenBody | None) -> PoseGuess | None:
     """The URDF moved by joint states, where all joints up to its root are in a topic."""
     if body is None or body.urdf is None or frame not in body.urdf.links:
         return None
@@ -112,10 +112,10 @@ def _joints(survey: Survey, frame: str, body: Body | None) -> PoseGuess | None:
     said = f"the sensor is link {frame!r} of the URDF, the base its root {root!r}, the joints those of {topic!r}"
     several = f"{len(topics)} topics move these joints: {', '.join(topics)}; the first is taken (see joints)"
     remarks = [said, *([several] if len(topics) > 1 else [])]
-    return PoseGuess(Layout(frames=(root, frame), urdf=body.path, joints_topic=topic), text, remarks)
+    return PoseGuess(LogLayout(frames=(root, frame), urdf=body.path, joints_topic=topic), text, remarks)
 
 
-def _topic(survey: Survey, layout: Layout, frame: str) -> PoseGuess:
+def _topic(survey: Survey, layout: LogLayout, frame: str) -> PoseGuess:
     doubts = {name: list(_doubts(survey, name, frame)) for name in survey.poses}
     fitting = [name for name, why in doubts.items() if not why]
     foreign = [f"{name!r} ({'; '.join(why)})" for name, why in doubts.items() if why]

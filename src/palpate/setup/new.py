@@ -12,7 +12,7 @@ from palpate.files.logs import LogContents, contents
 from palpate.files.logs.decoding import role
 from palpate.files.models import printable
 from palpate.files.units import near
-from palpate.setup.body import Body
+from palpate.setup.body import GivenBody
 from palpate.setup.built import Guess
 from palpate.setup.kinds import KINDS
 from palpate.setup.rig import check_rig
@@ -53,7 +53,7 @@ class Proposal:
 
 def guess_sensor(
     log: Path,
-    body: Body | None = None,
+    body: GivenBody | None = None,
     *,
     sensor: str | None = None,
     topic: str | None = None,
@@ -106,7 +106,7 @@ def _only(there: LogContents, name: str | None) -> LogContents:
 
 def propose_rig(
     log: Path,
-    body: Body | Path | None,
+    body: GivenBody | Path | None,
     folder: Path,
     *,
     sensor: str | None = None,
@@ -126,7 +126,7 @@ def propose_rig(
     Raises:
         InputError: the log cannot be read, or nothing in it looks like a sensor, or the rig would not load.
     """
-    body = Body.of(body) if isinstance(body, Path) else body
+    body = GivenBody.of(body) if isinstance(body, Path) else body
     body = None if body is None else replace(body, folder=folder)
     found = guess_sensor(log, body, sensor=sensor, topic=topic, rate=rate)
     if found is None:
@@ -155,7 +155,7 @@ def _listed(log: Path) -> str:
     return ", ".join(names[:12]) + (", ..." if len(names) > 12 else "") if names else "it is empty"
 
 
-def _parts(log: Path, body: Body | None, kind: SensorKind, guess: Guess) -> Iterator[str]:
+def _parts(log: Path, body: GivenBody | None, kind: SensorKind, guess: Guess) -> Iterator[str]:
     of = printable(log.name) + ("" if body is None else f" and {printable(body.path.name)}")
     yield f"# A Palpate rig, guessed by `palpate rig new` from {of}. Check every line; lengths are metres.\n"
     yield f"# Taken for {kind.called}: {printable(guess.why)}.\n"

@@ -21,14 +21,14 @@ from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import CHI2_95, Status
 from palpate.contact.estimator import ContactEstimator
 from palpate.contact.frames import placed
-from palpate.contact.plausibility import Asked, unbelievable, unexplained
+from palpate.contact.plausibility import RequiredBounds, unbelievable, unexplained
 from palpate.contact.wrench_estimator import WrenchEstimator
 from palpate.errors import InputError
 from palpate.files.logs import Log, LogContents, contents, join, missing
 from palpate.files.logs import open_log as open_by_layout
-from palpate.files.logs.arrays import DataFrame, held
-from palpate.setup.built import Prepared
-from palpate.setup.prefetch import MotionAhead, ReadAhead, Reader, reading_beside
+from palpate.files.logs.arrays import DataFrame, arrays_of
+from palpate.setup.built import BuiltEstimator
+from palpate.setup.prefetch import LogReader, MotionAhead, PrefetchedLog, reading_in_process
 from palpate.setup.rig import Rig, load_rig, with_mesh
 from palpate.setup.setup import Setup
 from palpate.signals.recording import CELLS, ORIENTATION, POSITION, Recording
@@ -85,11 +85,11 @@ class OpenedLog:
         """What a reader of the results should know of what was read so far."""
         return self._log.notes()
 
-    def reading_beside(self) -> AbstractContextManager[Reader]:
+    def prefetching(self) -> AbstractContextManager[LogReader]:
         """A process that can read it from the start, for `read_ahead`; it starts meanwhile."""
-        return reading_beside(self.path, self.setup.layout())
+        return reading_in_process(self.path, self.setup.layout())
 
-    def read_ahead(self, reader: Reader, estimator: ContactEstimator, threads: int) -> None:
+    def prefetch(self, reader: LogReader, estimator: ContactEstimator, threads: int) -> None:
         """From now on its blocks are read by a process of its own, from the start, and located in threads: sooner.
 
         Args:
@@ -102,7 +102,7 @@ class OpenedLog:
             estimator.threads, sensor = threads, cast("Any", estimator.sensor)
             if (motion := getattr(sensor, "motion", None)) is not None:
                 told = sensor.motion = MotionAhead()
-        self._log, self._ahead = ReadAhead(self._log, reader, motion, told), True
+        self._log, self._ahead = PrefetchedLog(self._log, reader, motion, told), True
 
     def head(self, seconds: float = 0.0) -> Recording:
         """The start of the log: 20,000 samples or so many seconds, if it is that long; nothing of it is lost.
@@ -129,7 +129,7 @@ class OpenedLog:
             return count < HEAD_FRAMES
         return not (count >= HEAD or values >= HEAD_VALUES) or bool(_span(self._first) <= seconds)
 
-    def prepared(self) -> Prepared:
+    def prepared(self) -> BuiltEstimator:
         """Return the estimator of the sensor, with notes and warnings about it; see `Setup.prepared`."""
         return self.setup.with_head(self.head(self.setup.estimate.tare or 1.0)).prepared()
 
@@ -174,7 +174,7 @@ def open_log(
     Raises:
         InputError: the log cannot be read, or has nothing for a sensor of the rig.
     """
-    source = Path(log) if isinstance(log, str | PathLike) else held(log)
+    source = Path(log) if isinstance(log, str | PathLike) else arrays_of(log)
     rig = rig if isinstance(rig, Rig) else load_rig(rig)
     known = sensor or len(rig.kinds) == 1
     setup = rig.resolve(rig.kind(sensor)) if known else _fitting(contents(source), rig, topic)
@@ -204,7 +204,7 @@ def _fitting(there: LogContents, rig: Rig, topic: str | None) -> Setup:
     raise InputError(f"has nothing for a sensor of the rig ({why}).", where=str(path))
 
 
-class Seen:
+class SeenSamples:
     """Some samples of a log, evenly spread, and how its contacts turned out: what does not fit shows in them."""
 
     def __init__(self) -> None:
@@ -232,20 +232,20 @@ class Seen:
             self._found = [Contacts.joined(self._found)[half]] if self._found else []
             self._stride *= 2
 
-    def asked(self, estimator: ContactEstimator) -> Asked | None:
+    def required_bounds(self, estimator: ContactEstimator) -> RequiredBounds | None:
         """Return which bounds of friction and torsion the samples ask for; None where the sensor has none."""
         judge = estimator.plausibility
-        return judge.asked(Contacts.joined(self._found)) if judge is not None and self._count else None
+        return judge.required_bounds(Contacts.joined(self._found)) if judge is not None and self._count else None
 
     def unbelievable(self) -> str:
         """The sentence to end with when not one sample can be believed, else empty."""
         return unbelievable(self._statuses, self._small)
 
-    def doubts(self, estimator: ContactEstimator) -> list[str]:
+    def warnings(self, estimator: ContactEstimator) -> list[str]:
         """Units, bias, mounting: what a wrench says of them, and how many samples no contact explains."""
-        said = unexplained(self._statuses, self.asked(estimator))
+        said = unexplained(self._statuses, self.required_bounds(estimator))
         judge = estimator.plausibility
-        return said if judge is None or not self._count else [*judge.doubts(join(self._kept)), *said]
+        return said if judge is None or not self._count else [*judge.warnings(join(self._kept)), *said]
 
 
 @dataclass
@@ -254,8 +254,8 @@ class Pipeline:
 
     Attributes:
         log, frame, estimator: what it is made of.
-        said, doubted: sentences on what was done before the first sample, and on what may be wrong about it.
-        facts: settings in force.
+        initial_notes, initial_warnings: on what was done before the first sample, one sentence each.
+        settings: settings in force.
         seconds: spent on preparing, on compiling what was not compiled before, and on locating; the log knows those of
             reading.
     """
@@ -263,11 +263,11 @@ class Pipeline:
     log: OpenedLog
     frame: str
     estimator: ContactEstimator
-    said: list[str]
-    doubted: list[str]
-    facts: dict[str, object]
+    initial_notes: list[str]
+    initial_warnings: list[str]
+    settings: dict[str, object]
     seconds: dict[str, float] = field(default_factory=lambda: {"prepare": 0.0, "compile": 0.0, "locate": 0.0})
-    _seen: Seen = field(default_factory=Seen)
+    _seen: SeenSamples = field(default_factory=SeenSamples)
 
     @classmethod
     def of(cls, log: OpenedLog, frame: str = "surface") -> Pipeline:
@@ -284,7 +284,7 @@ class Pipeline:
         if frame == "base":
             _require_pose(log, head)
         made = log.prepared()
-        pipeline = cls(log, frame, made.estimator, made.said, made.doubted, made.facts)
+        pipeline = cls(log, frame, made.estimator, made.notes, made.warnings, made.settings)
         compiling = pipeline.seconds["compile"] = compile_seconds() - before
         pipeline.seconds["prepare"] = perf_counter() - begin - (log.seconds - read) - compiling
         return pipeline
@@ -310,9 +310,9 @@ class Pipeline:
             self._seen.add(block, found, inf if judge is None else judge.size, keep=judge is not None)
             yield block, found, placed(found, block, self.frame, self.estimator.mount)
 
-    def asked(self) -> str:
+    def proposed_bounds(self) -> str:
         """Which bounds of friction and torsion would hold 95 % of the samples so far, or ""."""
-        asked = self._seen.asked(self.estimator)
+        asked = self._seen.required_bounds(self.estimator)
         return "" if asked is None else asked.proposal
 
     def unbelievable(self) -> str:
@@ -321,11 +321,13 @@ class Pipeline:
 
     def notes(self) -> list[str]:
         """What was met on the way, so far."""
-        return list(dict.fromkeys((*self.said, *self.estimator.notes(), *self.log.notes())))
+        return list(dict.fromkeys((*self.initial_notes, *self.estimator.notes(), *self.log.notes())))
 
-    def doubts(self) -> list[str]:
+    def warnings(self) -> list[str]:
         """What may be wrong, by what was seen so far."""
-        return list(dict.fromkeys((*self.doubted, *self.estimator.doubts(), *self._seen.doubts(self.estimator))))
+        return list(
+            dict.fromkeys((*self.initial_warnings, *self.estimator.warnings(), *self._seen.warnings(self.estimator)))
+        )
 
 
 @called_as(
@@ -377,7 +379,7 @@ def estimate(
         pipeline = Pipeline.of(opened, frame)
         found = Contacts.joined([contacts for _, _, contacts in pipeline.stream()])
         first = [said for said in (opened.torn, pipeline.unbelievable()) if said]
-        return found.noted((*first, *pipeline.doubts(), *pipeline.notes()))
+        return found.noted((*first, *pipeline.warnings(), *pipeline.notes()))
 
 
 def _require_pose(log: OpenedLog, head: Recording) -> None:

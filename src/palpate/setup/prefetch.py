@@ -17,21 +17,21 @@ import numpy as np
 
 from palpate.errors import InputError
 from palpate.files.logs import open_log
-from palpate.files.logs.layout import Layout
+from palpate.files.logs.layout import LogLayout
 from palpate.files.logs.log import Log, LogContents
 from palpate.files.memory import keep_memory
 from palpate.signals.motion import Motion
 from palpate.signals.recording import Recording
 
 __all__ = [
+    "LogReader",
     "MotionAhead",
-    "ReadAhead",
-    "Reader",
+    "PrefetchedLog",
     "Receiver",
     "Sender",
-    "beside",
+    "background_process",
     "deaf",
-    "reading_beside",
+    "reading_in_process",
     "sendable",
     "way",
 ]
@@ -113,7 +113,7 @@ def deaf() -> Generator[None]:
 
 
 @contextmanager
-def beside(name: str, target: Callable[..., None], *arguments: object) -> Generator[BaseProcess]:
+def background_process(name: str, target: Callable[..., None], *arguments: object) -> Generator[BaseProcess]:
     """A process that does not hear Ctrl-C, which is for this one, and does not outlive the block.
 
     Args:
@@ -178,7 +178,7 @@ class MotionAhead(Motion):
         return () if self.met is None else self.met.notes(mass)
 
 
-class Reader:
+class LogReader:
     """A process that reads one log, made by `reading_beside`."""
 
     def __init__(self, receiver: Receiver, told: Connection) -> None:
@@ -199,15 +199,15 @@ class Reader:
 
 
 @contextmanager
-def reading_beside(path: Path, layout: Layout) -> Generator[Reader]:
+def reading_in_process(path: Path, layout: LogLayout) -> Generator[LogReader]:
     """A process that opens a log now, and reads it when it is told how: it takes a second to start."""
     sender, receiver = way()
     told, tells = get_context("spawn").Pipe(duplex=False)
-    with beside("reader", _read, sender, told, path, layout):
-        yield Reader(receiver, tells)
+    with background_process("reader", _read, sender, told, path, layout):
+        yield LogReader(receiver, tells)
 
 
-class ReadAhead(Log):
+class PrefetchedLog(Log):
     """A log whose blocks another process reads and decodes while they are used here; the same blocks.
 
     Args:
@@ -217,7 +217,9 @@ class ReadAhead(Log):
         told: is told what that met.
     """
 
-    def __init__(self, log: Log, reader: Reader, motion: Motion | None = None, told: MotionAhead | None = None) -> None:
+    def __init__(
+        self, log: Log, reader: LogReader, motion: Motion | None = None, told: MotionAhead | None = None
+    ) -> None:
         super().__init__(log.path, log.size)
         self._log, self._reader, self._motion, self._told = log, reader, motion, told
         self._notes: tuple[str, ...] = ()
@@ -243,7 +245,7 @@ class ReadAhead(Log):
             yield read.block
 
 
-def _read(sender: Sender, told: Connection, path: Path, layout: Layout) -> None:
+def _read(sender: Sender, told: Connection, path: Path, layout: LogLayout) -> None:
     """The process that reads."""
     keep_memory()
     log = open_log(path, layout)

@@ -12,7 +12,7 @@ from palpate.calls import called_as
 from palpate.contact.estimator import ContactEstimator
 from palpate.contact.taxel_settings import TaxelSettings
 from palpate.errors import InputError
-from palpate.files.logs.layout import Layout
+from palpate.files.logs.layout import LogLayout
 from palpate.files.models import load_toml
 from palpate.files.schema import parse
 from palpate.files.units import SAMPLES, TIME_UNITS, near, to_si
@@ -162,7 +162,7 @@ class Rig:
         """Return T_sensor_surface; the identity where there is no surface."""
         return Link(self.surface, self.folder).mount
 
-    def layout(self, sensor: str | None = None) -> Layout:
+    def layout(self, sensor: str | None = None) -> LogLayout:
         """Return how a log of one of the sensors is read."""
         return self.resolve(self.kind(sensor)).layout()
 

@@ -13,9 +13,9 @@ import numpy as np
 from palpate.contact.taxel_settings import TaxelSettings
 from palpate.errors import InputError
 from palpate.files.logs import LogContents
-from palpate.files.logs.layout import Layout
-from palpate.setup.body import Body
-from palpate.setup.built import FIRST, Guess, Prepared
+from palpate.files.logs.layout import LogLayout
+from palpate.setup.body import GivenBody
+from palpate.setup.built import FIRST, BuiltEstimator, Guess
 from palpate.setup.drift import RigDrift
 from palpate.setup.link import Link
 from palpate.setup.pokes import RigPokes
@@ -130,11 +130,11 @@ class Setup:
             "max_gap": self.orientation.max_gap,
         }
 
-    def layout(self) -> Layout:
+    def layout(self) -> LogLayout:
         """Return how a log of the sensor is read."""
         return self.kind.layout(self)
 
-    def prepared(self) -> Prepared:
+    def prepared(self) -> BuiltEstimator:
         """Return the estimator of the sensor, with notes and warnings about it.
 
         Raises:
@@ -229,17 +229,17 @@ class SensorKind:
         options: of the command line that are written over keys of its table of the same names.
         drift: module and name of a function that identifies how the zero drifts, for `palpate calibrate drift`:
             `(setup, recording, temperature, window) -> SensorDrift`; "": it has no [drift].
-        doubts: what is wrong with a recording against the table, one sentence each.
+        warnings: what is wrong with a recording against the table, one sentence each.
     """
 
     name: str
     called: str
     table: type[Any]
     channels: tuple[str, ...]
-    layout: Callable[[Setup], Layout]
-    build: Callable[[Setup], Prepared]
+    layout: Callable[[Setup], LogLayout]
+    build: Callable[[Setup], BuiltEstimator]
     section: type[SensorSection] | None = None
-    guess: Callable[[Path, LogContents, Body | None], Guess | None] = lambda log, contents, body: None
+    guess: Callable[[Path, LogContents, GivenBody | None], Guess | None] = lambda log, contents, body: None
     paths: tuple[str, ...] = ()
     refused: Mapping[str, str] = field(default_factory=lambda: {})
     needs_surface: bool = True
@@ -249,7 +249,7 @@ class SensorKind:
     view: str = "palpate.setup.view.SensorView"
     options: tuple[str, ...] = ()
     drift: str = ""
-    doubts: Callable[[Setup, Recording], list[str]] = lambda setup, recording: []
+    warnings: Callable[[Setup, Recording], list[str]] = lambda setup, recording: []
 
     @property
     def drift_hint(self) -> str:

@@ -19,7 +19,7 @@ from palpate.surfaces import Surface
 from palpate.viewer.run_report import Run
 from palpate.viewer.scene import Layer
 
-__all__ = ["TRACKED", "Facts", "Feed", "Kept", "SensorView", "Words", "layers_of", "view_of"]
+__all__ = ["TRACKED", "Facts", "Feed", "LayerData", "SensorView", "Words", "layers_of", "view_of"]
 
 Facts = tuple[tuple[str, str], ...]
 Feed = Callable[[np.ndarray, bool], None]
@@ -37,7 +37,7 @@ TRACKED: Mapping[str, Words] = {
 
 
 @dataclass
-class Kept:
+class LayerData:
     """What layers show of a log beside its contacts: forces [N] of cells, or frames with the places of markers."""
 
     parts: list[np.ndarray] = field(default_factory=list[np.ndarray])
@@ -63,7 +63,7 @@ class SensorView:
         """Return what is drawn under the contacts; None where the link has no surface."""
         return None if setup.link.stated is None else setup.link.surface()
 
-    def layers(self, setup: Setup, kept: Kept, live: tuple[int, ...] | None) -> tuple[Layer, ...]:
+    def layers(self, setup: Setup, kept: LayerData, live: tuple[int, ...] | None) -> tuple[Layer, ...]:
         """Return what is drawn beside the contacts.
 
         Args:
@@ -112,7 +112,7 @@ def view_of(kind: SensorKind) -> SensorView:
     return made()
 
 
-def layers_of(setup: Setup, kept: Kept | None = None, live: tuple[int, ...] | None = None) -> tuple[Layer, ...]:
+def layers_of(setup: Setup, kept: LayerData | None = None, live: tuple[int, ...] | None = None) -> tuple[Layer, ...]:
     """Return what a sensor adds to the page, if the files that it names are there.
 
     Args:
@@ -121,4 +121,4 @@ def layers_of(setup: Setup, kept: Kept | None = None, live: tuple[int, ...] | No
         live: shape of a reading of the stream that is shown; None: no stream is.
     """
     there = all(path.exists() for name, path in setup.files().items() if name != "mesh")
-    return view_of(setup.kind).layers(setup, kept or Kept(), live) if there else ()
+    return view_of(setup.kind).layers(setup, kept or LayerData(), live) if there else ()

@@ -9,7 +9,7 @@ import numpy as np
 from palpate.contact.locate import Locator
 from palpate.contact.wrench_estimator import WrenchEstimator
 from palpate.errors import InputError
-from palpate.setup.built import Prepared
+from palpate.setup.built import BuiltEstimator
 from palpate.setup.setup import Setup
 from palpate.setup.tables import RigFilter
 from palpate.signals.drift import Drift
@@ -28,7 +28,7 @@ def wrench_estimator(
     mounted: bool = True,
     drift: Drift | None = None,
     **options: Any,
-) -> Prepared:
+) -> BuiltEstimator:
     """Return the estimator of a sensor of wrenches on the link's surface, tared where the log begins unloaded.
 
     Args:
@@ -65,18 +65,18 @@ def wrench_estimator(
         placement=link.placement,
         drift=drift,
     )
-    made = Prepared(estimator, said=noted_filter(table, rate), facts=_facts(setup, estimator, table, rate))
+    made = BuiltEstimator(estimator, notes=noted_filter(table, rate), settings=_facts(setup, estimator, table, rate))
     if isinstance(surface, Mesh) and surface.coverage and surface.touchable is None:
-        made.said.append(f"{surface.coverage} cannot be reached from outside: no contacts there (inspect MESH)")
+        made.notes.append(f"{surface.coverage} cannot be reached from outside: no contacts there (inspect MESH)")
     if head is not None and tare is not None:
         made.tared(estimator.tare(first_seconds(head, tare)))
     if contact is None:
-        made.said.append(
+        made.notes.append(
             f"a contact begins at {locator.on:.3g} N and ends at {locator.off:.3g} N, or more where payload, motion, "
             "tare or mounting are less certain than the noise"
         )
     if mounted and link.mount_covariance is None and sensor.noise is not None:
-        made.said.append("where the surface sits is taken as exact in the ellipses (calibrate mounting)")
+        made.notes.append("where the surface sits is taken as exact in the ellipses (calibrate mounting)")
     return made
 
 

@@ -77,7 +77,7 @@ def zero_section(history: ZeroHistory | None) -> tuple[Section, ...]:
         ("held", f"{percent(float(np.mean(held)))} of the time"),
         ("unsure", f"at most by {_spread(history.deviation)} (one standard deviation of one channel)"),
     )
-    return (Section("Zero", pictures=(picture(drawn, caption),), facts=facts),)
+    return (Section("Zero", pictures=(picture(drawn, caption),), settings=facts),)
 
 
 def _spread(deviation: Float[np.ndarray, "n m"]) -> str:

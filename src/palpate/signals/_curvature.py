@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-__all__ = ["Curvature", "Settings", "curvature", "part_of", "pose_period", "settings_of"]
+__all__ = ["Curvature", "WindowSettings", "curvature", "part_of", "pose_period", "settings_of"]
 
 PARTS = 9
 LONGEST = 1.0  # s: windows are not made longer than this for slow poses
@@ -27,7 +27,7 @@ _BOTH = np.vstack([_FIT[2], _LEFT])
 
 
 @dataclass(frozen=True)
-class Settings:
+class WindowSettings:
     """Fixed for a log: the usual step [s], the rows of a part and of the longest part, and how far a window reaches."""
 
     step: float
@@ -48,29 +48,33 @@ class Curvature:
         value: (n, k) second derivative; NaN where no window is near.
         noise: (n,) standard deviation of its length, from what the parabola leaves.
         usual: median of `noise`.
-        held: where the window of a row is not whole and the nearest whole one answers.
+        borrowed: where the window of a row is not whole and the nearest whole one answers.
         half: rows to either side of a window's middle.
     """
 
     value: Float[np.ndarray, "n k"]
     noise: Float[np.ndarray, " n"]
     usual: float
-    held: Bool[np.ndarray, " n"]
+    borrowed: Bool[np.ndarray, " n"]
     half: int
 
 
-def settings_of(time: Float[np.ndarray, " n"], window: float, scale: float, most: int) -> Settings:
+def settings_of(time: Float[np.ndarray, " n"], window: float, scale: float, most: int) -> WindowSettings:
     """From the first rows of a log; windows reach up to `scale` times `window` [s], and `most` rows."""
     steps = np.diff(time)
     steps = steps[np.isfinite(steps) & (steps > 0)]
     step = float(np.median(steps)) if len(steps) else 1.0
     largest = float(most // PARTS - 1)
     part, longest = (_odd(min(seconds / step / PARTS, largest)) for seconds in (window, max(scale * window, LONGEST)))
-    return Settings(step, part, longest)
+    return WindowSettings(step, part, longest)
 
 
 def curvature(
-    time: Float[np.ndarray, " n"], path: Float[np.ndarray, "n k"], settings: Settings, part: int, factor: float = 1.0
+    time: Float[np.ndarray, " n"],
+    path: Float[np.ndarray, "n k"],
+    settings: WindowSettings,
+    part: int,
+    factor: float = 1.0,
 ) -> Curvature:
     """Second derivatives of the columns of `path` at each row's time.
 
@@ -129,7 +133,7 @@ def _nearest(whole: Bool[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
     return np.where(np.abs(marked[before] - rows) < np.abs(marked[after] - rows), marked[before], marked[after])
 
 
-def part_of(period: float, settings: Settings, scale: float = 1.0, periods: float = 2.0) -> tuple[int, float]:
+def part_of(period: float, settings: WindowSettings, scale: float = 1.0, periods: float = 2.0) -> tuple[int, float]:
     """Rows of a part: of `scale` times the window of the settings, and no shorter than some periods of the poses.
 
     Interpolated noise is alike over one period: with fewer than two in a part, the parabola takes some of it for its
@@ -145,7 +149,7 @@ def part_of(period: float, settings: Settings, scale: float = 1.0, periods: floa
     return part, max(1.0, 2.0 * period / part) ** 0.5
 
 
-def pose_period(poses: Float[np.ndarray, "n 8"], settings: Settings) -> float:
+def pose_period(poses: Float[np.ndarray, "n 8"], settings: WindowSettings) -> float:
     """Rows from pose to pose, told by the kinks of rows that run straight between slower poses, or repeat them.
 
     0 where too few show: then every row is a pose, or nothing moves.

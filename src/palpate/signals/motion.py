@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from palpate.errors import InputError
-from palpate.signals._curvature import Curvature, Settings, curvature, part_of, pose_period, settings_of
+from palpate.signals._curvature import Curvature, WindowSettings, curvature, part_of, pose_period, settings_of
 from palpate.signals.recording import ACCELERATION, ORIENTATION, POSITION, UNSTEADY, Recording
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import rotation_from_quaternion
@@ -145,7 +145,7 @@ class Motion:
 
     def _answers(self, pieces: Iterator[Float[np.ndarray, "n 8"]]) -> Iterator[Float[np.ndarray, "m 4"]]:
         """Acceleration and unsteadiness, chunk by chunk, each with the rows before and after that its windows need."""
-        settings: Settings | None = None
+        settings: WindowSettings | None = None
         before, rows = np.zeros((0, 8)), np.zeros((0, 8))
         for piece, last in _gathered(pieces):
             rows = np.concatenate([rows, piece])
@@ -159,7 +159,9 @@ class Motion:
                 before = near[: done.stop][-settings.reach :]
                 rows = rows[CHUNK:]
 
-    def _of_chunk(self, near: Float[np.ndarray, "n 8"], done: slice, settings: Settings) -> Float[np.ndarray, "m 4"]:
+    def _of_chunk(
+        self, near: Float[np.ndarray, "n 8"], done: slice, settings: WindowSettings
+    ) -> Float[np.ndarray, "m 4"]:
         rotations = rotation_from_quaternion(np.where(near[:, 1:5].any(axis=1, keepdims=True), near[:, 1:5], np.nan))
         path = rotations @ self.lever
         if self.source == "none" and not self._placed:
@@ -192,7 +194,7 @@ class Motion:
     def _felt(self, found: Curvature, rotations: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 4"]:
         """The acceleration in the sensor's frame, and its noise; held beyond the last window as large as it is."""
         value, lost = found.value, ~np.isfinite(found.value[:, 0])
-        unsure = np.where(found.held, np.hypot(np.linalg.norm(value, axis=1), found.noise), found.noise) / 3**0.5
+        unsure = np.where(found.borrowed, np.hypot(np.linalg.norm(value, axis=1), found.noise), found.noise) / 3**0.5
         inside = np.einsum("nji,nj->ni", rotations, np.where(lost[:, None], 0.0, value))
         inside[~np.isfinite(inside).all(axis=1)] = 0.0  # no pose: the row gets no answer anyway
         unknown = UNKNOWN if self.source == "poses" else UNKNOWN * float(np.linalg.norm(self.lever)) / ARM

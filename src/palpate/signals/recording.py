@@ -28,8 +28,8 @@ __all__ = [
     "UNSTEADY",
     "VOLTAGE",
     "Recording",
-    "apart",
     "sealed",
+    "split_channels",
 ]
 
 LARGEST = 1e9  # N, N m, m/s^2: what is larger is a fault of the file, and its powers would overflow
@@ -142,7 +142,7 @@ class Recording:
         return f"Recording({len(self):,} samples{span}: {', '.join(self.channels) or 'no channels'}{source})"
 
 
-def apart(names: Sequence[str], readings: np.ndarray) -> dict[str, np.ndarray]:
+def split_channels(names: Sequence[str], readings: np.ndarray) -> dict[str, np.ndarray]:
     """The channels of readings (n, ...) that stand side by side, such as force and torque in (n, 6).
 
     One whose width its name does not say, such as cells, is what the others leave.

@@ -11,7 +11,7 @@ from palpate.errors import InputError
 from palpate.signals.noise import estimate_noise
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Rest", "at_rest"]
+__all__ = ["RestReading", "at_rest"]
 
 FEWEST = 10  # samples
 SCATTER = 3.0  # times the noise: a motor that hums is at rest, an arm that moves with its load is not
@@ -21,7 +21,7 @@ LEAST_DRIFT = 1.0  # times the noise: sensors warm up
 
 @takes_arrays
 @dataclass(frozen=True, eq=False)
-class Rest:
+class RestReading:
     """What a steady window reads.
 
     Attributes:
@@ -33,14 +33,14 @@ class Rest:
     samples: int
 
     @property
-    def said(self) -> str:
+    def sentence(self) -> str:
         """What a tare takes off, as a sentence."""
         force, torque = _sizes(self.mean)
         return f"tare over {self.samples} samples: {force:.3g} N and {torque:.3g} N m are taken off from now on"
 
 
 @takes_arrays
-def at_rest(wrenches: Float[np.ndarray, "n 6"], noise: Float[np.ndarray, "6 6"] | None, where: str) -> Rest:
+def at_rest(wrenches: Float[np.ndarray, "n 6"], noise: Float[np.ndarray, "6 6"] | None, where: str) -> RestReading:
     """The mean of wrenches that stand still: their scatter is noise, and both halves agree.
 
     Args:
@@ -66,7 +66,7 @@ def at_rest(wrenches: Float[np.ndarray, "n 6"], noise: Float[np.ndarray, "6 6"] 
     allowed = np.maximum(DRIFT * sigma * 2.0 / np.sqrt(len(usable)), LEAST_DRIFT * sigma)
     _require_less("scatters by", deviation, SCATTER * sigma, sigma, where)
     _require_less("changes between the two halves by", drift, allowed, sigma, where)
-    return Rest(usable.mean(axis=0), deviation, len(usable))
+    return RestReading(usable.mean(axis=0), deviation, len(usable))
 
 
 def _require_less(what: str, seen: np.ndarray, allowed: np.ndarray, sigma: np.ndarray, where: str) -> None:

@@ -95,7 +95,7 @@ class Forward:
         return self.shares[np.minimum(age, len(self.shares) - 1)]
 
     @takes_arrays
-    def held(self, value: Float[np.ndarray, " _"], count: int) -> Values:
+    def repeated(self, value: Float[np.ndarray, " _"], count: int) -> Values:
         """What would come out if the last sample stayed; leaves the filter there."""
         values = np.repeat(value[None], count, axis=0)
         self(np.full(count, np.nan), np.full(count, -1, np.int8), values)
@@ -175,7 +175,7 @@ class BothWays:
         if not self._parts:
             return
         rows = np.concatenate(self._parts)
-        after = self._forward.held(self._last, self._settled)
+        after = self._forward.repeated(self._last, self._settled)
         done = self._reversed(np.concatenate([rows, after]))[: len(rows)]
         left = np.arange(len(rows))[::-1]
         share = np.ones(1) if self._emitted + len(rows) == 1 else self._share(len(rows)) + self._edges(left)

@@ -45,15 +45,15 @@ class Tare:
     """What a tare took off.
 
     Attributes:
-        said: a sentence.
-        doubt: why it may be wrong, or "".
+        note: a sentence.
+        warning: why it may be wrong, or "".
         touch: (6,) in the sensor's frame, the wrench that a steady touch would have to have for the tare to have taken
             it off; None where it was none.
         least: [N] a touch with less force is not worth a doubt.
     """
 
-    said: str
-    doubt: str = ""
+    note: str
+    warning: str = ""
     touch: Float[np.ndarray, "6"] | None = None
     least: float = 0.0
 
@@ -144,7 +144,7 @@ class WrenchSensor(Protocol):
         """What was met so far, one sentence each."""
         ...
 
-    def doubts(self) -> tuple[str, ...]:
+    def warnings(self) -> tuple[str, ...]:
         """What may be wrong: a dead cell, a zero that looks like a touch."""
         ...
 

@@ -17,14 +17,14 @@ from palpate.spatial._arrays import Value, shaped
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = [
+    "FilterStep",
     "FollowedSensor",
     "Free",
-    "Node",
-    "Window",
     "ZeroFilter",
     "ZeroHistory",
     "ZeroState",
     "ZeroStatus",
+    "ZeroWindow",
     "smoothed",
 ]
 
@@ -71,7 +71,7 @@ class ZeroState(NamedTuple):
 class FollowedSensor(Protocol):
     """A sensor of wrenches whose zero can be followed; readings of a window are kept as rows (n, k) of its own."""
 
-    held: Float[np.ndarray, " _"]
+    live_inputs: Float[np.ndarray, " _"]
     """Inputs of one live sample."""
     zeros_taken: int
     """Changes with every tare."""
@@ -114,7 +114,7 @@ class FollowedSensor(Protocol):
         ...
 
 
-class Window(NamedTuple):
+class ZeroWindow(NamedTuple):
     """The mean of some 0.1 s of readings, if nothing touches.
 
     Attributes:
@@ -130,7 +130,7 @@ class Window(NamedTuple):
     stays: Float[np.ndarray, "m m"]
 
 
-class Node(NamedTuple):
+class FilterStep(NamedTuple):
     """A window as the filter passed it, for the smoother.
 
     Attributes:
@@ -191,14 +191,14 @@ class ZeroFilter:
             self.covariance[:m, m:k] = -both
             self.covariance[m:k, :m] = -both.T
 
-    def ahead(self, time: float) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]:
+    def predicted(self, time: float) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]:
         """State and covariance then; where time runs back, as they stand."""
         state, covariance, _ = self._predicted(time)
         return state, covariance
 
     def at(self, time: float) -> ZeroState:
         """Of the zero alone, then."""
-        return self.known_of(*self.ahead(time))
+        return self.known_of(*self.predicted(time))
 
     def known_of(self, state: Float[np.ndarray, " n"], covariance: Float[np.ndarray, "n n"]) -> ZeroState:
         """Without the rates."""
@@ -209,20 +209,20 @@ class ZeroFilter:
         self, time: float, regressor: Float[np.ndarray, "m q"]
     ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m m"]]:
         """What a window then would read, and the covariance of that."""
-        state, covariance = self.ahead(time)
+        state, covariance = self.predicted(time)
         seen = self._seen(regressor)
         if not regressor.shape[1]:
             m = self.channels
             return state[:m], covariance[:m, :m]
         return seen @ state, seen @ covariance @ seen.T
 
-    def advance(self, time: float, number: int = 0) -> Node:
+    def advance(self, time: float, number: int = 0) -> FilterStep:
         """On to a window, which is not used."""
         state, covariance, turn = self._predicted(time)
         self.state, self.covariance, self.time = state, covariance, time
-        return Node(number, state, covariance, turn, None)
+        return FilterStep(number, state, covariance, turn, None)
 
-    def update(self, window: Window, number: int = 0) -> Node:
+    def update(self, window: ZeroWindow, number: int = 0) -> FilterStep:
         """On to a window in which nothing touched, which is used."""
         node = self.advance(window.time, number)
         seen = self._seen(window.regressor)
@@ -271,7 +271,7 @@ class ZeroFilter:
 
 
 def smoothed(
-    nodes: Sequence[Node], count: int | None = None
+    nodes: Sequence[FilterStep], count: int | None = None
 ) -> Iterator[tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]]:
     """States and covariances of nodes by all that came after them too, from the last of `count` to the first.
 

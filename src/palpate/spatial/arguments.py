@@ -16,7 +16,7 @@ import numpy as np
 from palpate.errors import InputError
 from palpate.spatial._arrays import shaped
 
-__all__ = ["number", "takes_arrays", "whole_number"]
+__all__ = ["integer", "number", "takes_arrays"]
 
 _Made = TypeVar("_Made", bound=Callable[..., Any])
 _LARGEST = 2**62  # whole number
@@ -202,7 +202,7 @@ def number(value: Any, name: str) -> float:
     return float(_number(value, _Wanted(name, False, (), None, ())))
 
 
-def whole_number(value: Any, name: str) -> int:
+def integer(value: Any, name: str) -> int:
     """Return one whole number of whatever class as an int; raise an InputError where it is none."""
     if type(value) is int and abs(value) < _LARGEST:
         return value

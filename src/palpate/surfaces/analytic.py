@@ -16,7 +16,7 @@ from palpate.spatial._arrays import Value, frozen, shaped
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
 from palpate.surfaces.mesh import Mesh
-from palpate.surfaces.prepared import Prepared
+from palpate.surfaces.prepared import CompiledSurface
 
 __all__ = ["Analytic"]
 
@@ -121,12 +121,12 @@ class Analytic(Value, ABC):
         """A drawing that a notebook shows, and that a pointer turns."""
         return by_name("palpate.viewer.drawing.Drawing").of(self)
 
-    def prepared(self) -> Prepared:
+    def prepared(self) -> CompiledSurface:
         """For the compiled loops; made, and they compiled, on the first call."""
         return self._prepared
 
     @functools.cached_property
-    def _prepared(self) -> Prepared:
+    def _prepared(self) -> CompiledSurface:
         middle, scale = self.box.mean(axis=0), 0.5 * self.size
         head = np.zeros((5, 6))
         head[0, :3], head[0, 3:] = (self.ends - middle) / scale
@@ -136,7 +136,7 @@ class Analytic(Value, ABC):
         gradient = self.evaluate(points)[1]
         normals = gradient / np.linalg.norm(gradient, axis=1, keepdims=True)
         table = np.concatenate([head, np.concatenate([(points - middle) / scale, normals], axis=1)])
-        return Prepared((self.equation(), table), self.centre, scale)
+        return CompiledSurface((self.equation(), table), self.centre, scale)
 
     def _own(self, points: ArrayLike) -> Float[np.ndarray, "*batch 3"]:
         """Points (*batch, 3) of the frame along the surface's own axes."""

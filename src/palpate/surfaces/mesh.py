@@ -24,7 +24,7 @@ from palpate.surfaces._normals import corner_normals, facet_normals, half_edge_t
 from palpate.surfaces._patches import Split, build_patches
 from palpate.surfaces._repair import bodies, repair
 from palpate.surfaces._tree import Tree, build_tree
-from palpate.surfaces.prepared import Prepared
+from palpate.surfaces.prepared import CompiledSurface
 from palpate.waiting import waiting
 
 if TYPE_CHECKING:
@@ -253,10 +253,10 @@ class Mesh(Value):
         """The prepared search tree; built (and its loops compiled) on the first call."""
         return self._tree
 
-    def prepared(self) -> Prepared:
+    def prepared(self) -> CompiledSurface:
         """For the compiled loops: the tree."""
         tree = self._tree
-        return Prepared((tree.nodes, tree.corners), tree.centre, tree.scale, bool(tree.nodes[-1, 10, 0] >= 0))
+        return CompiledSurface((tree.nodes, tree.corners), tree.centre, tree.scale, bool(tree.nodes[-1, 10, 0] >= 0))
 
     def drawn(self) -> Mesh:
         """What a viewer shows of it: itself."""

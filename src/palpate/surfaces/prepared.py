@@ -10,12 +10,12 @@ from jaxtyping import Float
 
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Prepared"]
+__all__ = ["CompiledSurface"]
 
 
 @takes_arrays
 @dataclass(frozen=True)
-class Prepared:
+class CompiledSurface:
     """A surface as compiled loops read it: two arguments (`_kernels`), in unit size (p - centre)/scale, in metres.
 
     `edged`: has it sharp edges?

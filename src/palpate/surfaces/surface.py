@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from palpate.surfaces.mesh import Mesh
-from palpate.surfaces.prepared import Prepared
+from palpate.surfaces.prepared import CompiledSurface
 
 __all__ = ["Surface"]
 
@@ -42,7 +42,7 @@ class Surface(Protocol):
         """
         ...
 
-    def prepared(self) -> Prepared:
+    def prepared(self) -> CompiledSurface:
         """For the compiled loops, built once."""
         ...
 

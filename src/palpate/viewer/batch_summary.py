@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Int
 
 from palpate.contact.estimate import Status
-from palpate.viewer.report import Report, Section, Table, Tile, first_rows, percent
+from palpate.viewer.report import Report, ReportTable, Section, Tile, first_rows, percent
 
 __all__ = ["LogResult", "compose", "figures"]
 
@@ -92,7 +92,7 @@ def compose(results: Sequence[LogResult], settings: tuple[tuple[str, str], ...])
         Section("All logs", tables=(_table(results),)),
         _warnings(results),
         _statuses(results),
-        Section("Settings", facts=settings),
+        Section("Settings", settings=settings),
     )
     return Report(
         title="Contacts in many logs",
@@ -110,7 +110,7 @@ def _failures(failed: Sequence[LogResult]) -> Section:
     return Section("Logs that failed", tables=(first_rows(("log", "why"), rows, SHOWN),))
 
 
-def _table(results: Sequence[LogResult]) -> Table:
+def _table(results: Sequence[LogResult]) -> ReportTable:
     header = ("log", "samples", "contacts", "touches", "peak [N]", "statuses", "warnings", "output or failure")
     rows = [
         (
@@ -150,7 +150,7 @@ def _statuses(results: Sequence[LogResult]) -> Section:
         counts += np.array(each.statuses or [0] * len(Status), dtype=np.int64)
     total = max(int(counts.sum()), 1)
     facts = tuple((kind.words, f"{percent(counts[kind] / total)}, {counts[kind]:,}") for kind in Status if counts[kind])
-    return Section("Samples of all logs", facts=facts)
+    return Section("Samples of all logs", settings=facts)
 
 
 def _number(value: float) -> str:

@@ -10,10 +10,10 @@ import numpy as np
 from palpate.contact.estimate import Status
 from palpate.spatial.shown import rounded, three_digits, uncertain
 from palpate.viewer._style import STATUS
-from palpate.viewer.scene import Moment, Scene, ShownContact
+from palpate.viewer.scene import Scene, SceneMoment, ShownContact
 from palpate.viewer.widgets import card
 
-__all__ = ["MEANING", "beside", "caption", "feature", "is_shown"]
+__all__ = ["MEANING", "caption", "comparison", "feature", "is_shown"]
 
 NONE = "&ndash;"
 FLAT = 0.05  # of the largest deviation: less is none
@@ -66,7 +66,7 @@ def feature(name: str, among: Collection[str]) -> tuple[str, float, str]:
     return _FEATURES.get(name, (name.replace("_", " "), 1.0, ""))
 
 
-def caption(moment: Moment, magnification: int, more: Sequence[tuple[str, str]] = ()) -> str:
+def caption(moment: SceneMoment, magnification: int, more: Sequence[tuple[str, str]] = ()) -> str:
     """A moment as a person reads it, in HTML: number, status, place, and what the sensor adds, each with its unit.
 
     Args:
@@ -149,10 +149,10 @@ def _ellipse(contact: ShownContact, magnification: int) -> str:
     return f"{long:.2g} &times; {short:.2g} mm, {drawn}"
 
 
-def beside(scene: Scene, moment: Moment) -> list[tuple[str, str]]:
+def comparison(scene: Scene, moment: SceneMoment) -> list[tuple[str, str]]:
     """What is compared, at the same time: how hard, where, and how far from the strongest contact."""
     other = scene.meanwhile(moment.seconds)
-    if other is None or scene.beside is None:
+    if other is None or scene.other is None:
         return []
     theirs, ours = other.contacts[0], moment.contacts[0]
     said = theirs.status.words
@@ -162,4 +162,4 @@ def beside(scene: Scene, moment: Moment) -> list[tuple[str, str]]:
     if theirs.located and ours.located:
         apart = 1e3 * float(np.linalg.norm(theirs.point - ours.point))
         said += f"; {apart:.2f} mm and {float(np.linalg.norm(theirs.force - ours.force)):.2f} N apart"
-    return [(scene.beside.title, said)]
+    return [(scene.other.title, said)]

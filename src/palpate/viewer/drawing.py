@@ -40,7 +40,7 @@ class Mark:
 
     Attributes:
         point: (3,) [m]; normal: (3,) unit, outward: it is pale where one looks at its back.
-        said: when a pointer rests on it.
+        tooltip: when a pointer rests on it.
         label: written in it, one to three letters; nothing: a small dot.
         force: (3,) [N], an arrow that pushes with its tip; None: there is none.
         rim: (r, 3) [m] a closed line about it; None: there is none.
@@ -48,7 +48,7 @@ class Mark:
 
     point: Float[np.ndarray, "3"]
     normal: Float[np.ndarray, "3"]
-    said: str
+    tooltip: str
     label: str = ""
     force: Float[np.ndarray, "3"] | None = None
     rim: Float[np.ndarray, "r 3"] | None = None
@@ -194,7 +194,7 @@ def _closed(faces: Int[np.ndarray, "f 3"]) -> bool:
 def _written(mark: Mark, middle: np.ndarray, size: float, longest: float) -> dict[str, Any]:
     """As the script reads it."""
     made: dict[str, Any] = {"point": _short((mark.point - middle) / size), "normal": _short(mark.normal)}
-    made |= {"said": mark.said, "label": mark.label}
+    made |= {"said": mark.tooltip, "label": mark.label}
     if mark.force is not None and np.isfinite(mark.force).all():
         made["force"] = _short(longest * mark.force)
     if mark.rim is not None and np.isfinite(mark.rim).all():

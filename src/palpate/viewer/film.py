@@ -14,8 +14,8 @@ from palpate.viewer.camera import VIEW
 from palpate.viewer.heat import PALETTE, colours
 from palpate.viewer.ink import Ink
 from palpate.viewer.marker import FORCE, OTHER
-from palpate.viewer.rendered import Camera, Rendered, rendered
-from palpate.viewer.scene import Moment, Scene, ShownContact, rim
+from palpate.viewer.rendered import Rendered, ViewPoint, rendered
+from palpate.viewer.scene import Scene, SceneMoment, ShownContact, rim
 from palpate.viewer.scene3d import aim
 
 __all__ = ["RATE", "SIZE", "ScenePicture"]
@@ -93,7 +93,7 @@ class ScenePicture:
             self._bodies[at] = _Side(camera, drawn, small)
         return self._bodies[at]
 
-    def _rendered(self, camera: Camera) -> Rendered:
+    def _rendered(self, camera: ViewPoint) -> Rendered:
         """The body with its heat; what layers show of it as dots where it has no mesh."""
         scene, body = self.scene, self.scene.body
         if body is not None:
@@ -106,7 +106,7 @@ class ScenePicture:
             self._ink.disc(made.picture, at[:2], 6.0 * _SOFT, _grey())
         return made
 
-    def _draw_trail(self, picture: np.ndarray, moment: Moment, side: _Side) -> None:
+    def _draw_trail(self, picture: np.ndarray, moment: SceneMoment, side: _Side) -> None:
         segments, age = self.scene.trail(moment.index, TRAIL)
         if not len(segments):
             return
@@ -174,7 +174,7 @@ class ScenePicture:
         whole = f"of {self.scene.timeline.duration:.1f} s"
         self._ink.text(picture, whole, (SIZE[0] - _RIGHT - self._ink.width(whole, 0.5), SIZE[1] - 12), 0.5, DARK)
 
-    def _caption(self, picture: np.ndarray, moment: Moment) -> None:
+    def _caption(self, picture: np.ndarray, moment: SceneMoment) -> None:
         """Title, and what the strongest contact is."""
         ink, strongest = self._ink, moment.contacts[0]
         ink.text(picture, ink.cut(self.scene.title, 0.6, 520), (24, 34), 0.6, DARK)
@@ -183,8 +183,8 @@ class ScenePicture:
             place = ", ".join(f"{value:.1f}" for value in 1e3 * strongest.point)
             said += f": {float(np.linalg.norm(strongest.force)):.2f} N at ({place}) mm"
         ink.text(picture, said, (24, 60), 0.5, mixed(MUTED, 0.0))
-        if self.scene.beside is not None:
-            beside = ink.cut(self.scene.beside.title, 0.5, 400)
+        if self.scene.other is not None:
+            beside = ink.cut(self.scene.other.title, 0.5, 400)
             ink.text(picture, beside, (SIZE[0] - 24 - ink.width(beside, 0.5), 34), 0.5, OTHER)
 
 
@@ -192,12 +192,12 @@ class ScenePicture:
 class _Side:
     """The body from one side: with its depths, and as it goes into the film: blue, green, red."""
 
-    camera: Camera
+    camera: ViewPoint
     body: Rendered
     picture: UInt8[np.ndarray, "h w 3"]
 
 
-def _sides(scene: Scene) -> tuple[Float[np.ndarray, " k"], list[Camera]]:
+def _sides(scene: Scene) -> tuple[Float[np.ndarray, " k"], list[ViewPoint]]:
     """When each touch begins [s since the start], and what sees it with its arrow; one side at least."""
     touches = scene.touches
     known = [k for k in range(len(touches)) if np.isfinite(touches.normal[k]).all()]
@@ -208,10 +208,10 @@ def _sides(scene: Scene) -> tuple[Float[np.ndarray, " k"], list[Camera]]:
     return np.append(0.0, starts[order]), [cameras[0], *cameras] if known else cameras
 
 
-def _camera(scene: Scene, contacts: Sequence[ShownContact]) -> Camera:
+def _camera(scene: Scene, contacts: Sequence[ShownContact]) -> ViewPoint:
     size = SIZE[0], _HIGH
     position, target = aim(scene, size[0] / size[1], contacts, covered=0.0)
-    return Camera(position, target, VIEW, (round(_SOFT * size[0]), round(_SOFT * size[1])))
+    return ViewPoint(position, target, VIEW, (round(_SOFT * size[0]), round(_SOFT * size[1])))
 
 
 def _grey() -> tuple[int, int, int]:

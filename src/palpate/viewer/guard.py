@@ -14,7 +14,7 @@ from urllib.parse import parse_qs
 from msgspec import DecodeError, Meta, Struct, ValidationError  # comes with viser
 from msgspec.msgpack import Decoder
 
-__all__ = ["LARGEST", "Guard", "Kind", "Request", "Verdict", "Widget", "in_url", "judged"]
+__all__ = ["LARGEST", "Guard", "Request", "Verdict", "Widget", "WidgetKind", "in_url", "judged"]
 
 LARGEST = 1 << 24  # bytes of a message: a picture that was asked for
 LARGE = 1 << 12  # bytes of any other
@@ -108,7 +108,7 @@ def _cookie(port: int) -> str:
     return f"palpate_{port}"
 
 
-class Kind(Enum):
+class WidgetKind(Enum):
     """What a person can do with a widget."""
 
     PRESS = "press"
@@ -128,7 +128,7 @@ class Widget(NamedTuple):
         low, high: of a number.
     """
 
-    kind: Kind
+    kind: WidgetKind
     usable: bool = True
     options: tuple[str, ...] = ()
     low: float = 0.0
@@ -215,15 +215,15 @@ def _camera(seen: _Camera) -> Verdict:
 def _update(widget: Widget, value: bool | int | float | str) -> Verdict:
     number = isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
     right = {
-        Kind.PRESS: value is True,
-        Kind.CHOOSE: value in widget.options,
-        Kind.SET: number,
-        Kind.CHECK: isinstance(value, bool),
-        Kind.WRITE: isinstance(value, str),
+        WidgetKind.PRESS: value is True,
+        WidgetKind.CHOOSE: value in widget.options,
+        WidgetKind.SET: number,
+        WidgetKind.CHECK: isinstance(value, bool),
+        WidgetKind.WRITE: isinstance(value, str),
     }[widget.kind]
     if not right:
         return Verdict.CLOSE
-    within = widget.kind is not Kind.SET or widget.low <= float(value) <= widget.high
+    within = widget.kind is not WidgetKind.SET or widget.low <= float(value) <= widget.high
     return Verdict.TAKE if widget.usable and within else Verdict.IGNORE
 
 

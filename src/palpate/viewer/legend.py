@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from palpate.viewer.camera import PANEL, PHONE
 from palpate.viewer.heat import PALETTE
 from palpate.viewer.marker import FORCE, POINT, TORQUE, TRACE
-from palpate.viewer.scene import Scene, nice
+from palpate.viewer.scene import Scene, rounded_up
 
 __all__ = ["AXES", "bar", "dot", "item", "keys", "legend", "strip"]
 
@@ -78,15 +78,15 @@ def legend(scene: Scene, heat: bool, trail: float) -> str:
         items.append(item("line", _lit(TRACE.mean(axis=0)), f"places of the last {trail:g} s"))
     if scene.turns:
         items.append(item("curl", _lit(TORQUE), "torque about the normal"))
-    if scene.beside is not None:
-        items += [dot((0, 48, 120), scene.title), dot((0, 120, 80), scene.beside.title)]
+    if scene.other is not None:
+        items += [dot((0, 48, 120), scene.title), dot((0, 120, 80), scene.other.title)]
     if heat and scene.body is not None:
         items.append(bar("time touched per area", 1e-4 * float(scene.heat.max()), "s/cm²"))
     items += [each for layer in scene.layers for each in layer.legend()]
     axes = "".join(
         f'<b style="color:rgb({r},{g},{b})">{name}</b>&thinsp;' for name, (r, g, b) in zip("xyz", AXES, strict=True)
     )
-    items.append(f"<span>axes {axes}, grid {1e3 * nice(scene.size / 12):g} mm</span>")
+    items.append(f"<span>axes {axes}, grid {1e3 * rounded_up(scene.size / 12):g} mm</span>")
     return strip(items)
 
 

@@ -15,13 +15,13 @@ from palpate.surfaces import Surface
 from palpate.viewer.captions import caption
 from palpate.viewer.legend import legend
 from palpate.viewer.samples import sample_starts, totals
-from palpate.viewer.scene import MAGNIFICATIONS, Layer, Scene, alone, nothing, prepare
-from palpate.viewer.scene3d import Scene3D, Settings, aim
+from palpate.viewer.scene import MAGNIFICATIONS, Layer, Scene, moment_of, no_contacts, prepare
+from palpate.viewer.scene3d import DrawSettings, Scene3D, aim
 from palpate.viewer.server import Served
 from palpate.viewer.timeline import downsampled
 from palpate.viewer.widgets import ELLIPSE, add_curves, dock, table, theme
 
-__all__ = ["SECONDS", "Figures", "LivePage", "recent"]
+__all__ = ["SECONDS", "LivePage", "StreamFigures", "recent"]
 
 SECONDS = 10.0  # of a window
 ROWS = 600  # of the curve
@@ -33,7 +33,7 @@ _RED, _GREY = "#cc3311", "#8a96a1"
 
 
 @dataclass(frozen=True)
-class Figures:
+class StreamFigures:
     """What a page says of a stream.
 
     Attributes:
@@ -46,7 +46,7 @@ class Figures:
         samples: received so far.
         taring: a tare was asked for and is not taken yet.
         tare: the last sentence on a tare; "" where none was said.
-        said: times of day and the last sentences, the newest last.
+        events: times of day and the last sentences, the newest last.
     """
 
     rate: float = 0.0
@@ -57,7 +57,7 @@ class Figures:
     samples: int = 0
     taring: bool = False
     tare: str = ""
-    said: tuple[tuple[str, str], ...] = ()
+    events: tuple[tuple[str, str], ...] = ()
 
 
 class LivePage(Served):
@@ -89,7 +89,7 @@ class LivePage(Served):
         port: int = 8080,
         token: str = "",
     ) -> None:
-        self.scene: Scene = prepare(surface, nothing(), title, layers)
+        self.scene: Scene = prepare(surface, no_contacts(), title, layers)
         super().__init__(host, port, token)
         self.look(lambda aspect: aim(self.scene, aspect))
         from palpate.viewer.viser_door import browser_address  # here: it needs viser, which is there now
@@ -112,8 +112,8 @@ class LivePage(Served):
         self._tare.on_click(lambda event: tare(browser_address(self._server, event.client_id)))
         if surface is not None:
             surface.project(self.scene.bounds[:1])  # loads machine code before somebody watches
-        self._scene3d.show(self.scene.at(0), Settings(heat=False, trail=0.0, magnification=1))
-        self.tell(None, Figures())
+        self._scene3d.show(self.scene.at(0), DrawSettings(heat=False, trail=0.0, magnification=1))
+        self.tell(None, StreamFigures())
 
     @property
     def watched(self) -> bool:
@@ -131,12 +131,12 @@ class LivePage(Served):
             found: of one sample, in the surface's frame.
         """
         hardest = float(np.fmax.reduce(np.linalg.norm(found.force, axis=1)))
-        self.scene = self._scene3d.scene = self.scene.bearing(hardest)  # scales are some seconds old
-        scene = self.scene.showing(found) if self.scene.layers else self.scene
+        self.scene = self._scene3d.scene = self.scene.scaled_to(hardest)  # scales are some seconds old
+        scene = self.scene.with_contacts(found) if self.scene.layers else self.scene
         with self._server.atomic():
-            self._scene3d.move(scene, alone(found), self._magnification)
+            self._scene3d.move(scene, moment_of(found), self._magnification)
 
-    def tell(self, window: Contacts | None, figures: Figures) -> None:
+    def tell(self, window: Contacts | None, figures: StreamFigures) -> None:
         """Words, figures, the curve and the trail, a few times a second: nobody reads faster.
 
         Args:
@@ -144,7 +144,7 @@ class LivePage(Served):
             figures: of now.
         """
         if window is not None:
-            self.scene = self.scene.showing(window)
+            self.scene = self.scene.with_contacts(window)
             if monotonic() - self._scaled > SETTLED:  # not with every picture, or arrows would breathe
                 self.scene, self._scaled = self.scene.scaled(), monotonic()
         scene = self._scene3d.scene = self.scene
@@ -198,7 +198,7 @@ def recent(window: Contacts | None, new: Contacts) -> Contacts:
     return whole[(whole.time > newest - SECONDS) & (whole.time <= newest)]  # a clock that was set back begins anew
 
 
-def _alarm(figures: Figures) -> str:
+def _alarm(figures: StreamFigures) -> str:
     """What must not be overlooked: nothing comes."""
     if figures.silent <= SILENT and figures.samples:
         return ""
@@ -210,7 +210,7 @@ def _alarm(figures: Figures) -> str:
     )
 
 
-def _described(figures: Figures) -> str:
+def _described(figures: StreamFigures) -> str:
     latency = "&ndash;"
     if figures.latency is not None:
         middle, most, worst = (f"{1e6 * value:,.0f}" for value in figures.latency)
@@ -230,13 +230,13 @@ def _described(figures: Figures) -> str:
     )
 
 
-def _sentences(figures: Figures) -> str:
+def _sentences(figures: StreamFigures) -> str:
     """The newest first."""
-    if not figures.said:
+    if not figures.events:
         return ""
     lines = "".join(
         f'<div><span style="color:{_GREY}">{when}</span> {escape(sentence)}</div>'
-        for when, sentence in reversed(figures.said)
+        for when, sentence in reversed(figures.events)
     )
     return (
         '<div style="padding:.2em .7em .6em;font-size:.75em;line-height:1.4;overflow-wrap:anywhere;'

@@ -12,10 +12,10 @@ from jaxtyping import Float
 
 from palpate.spatial.shown import three_digits
 from palpate.viewer._style import AXES
-from palpate.viewer.captions import beside, caption
+from palpate.viewer.captions import caption, comparison
 from palpate.viewer.legend import keys, legend
-from palpate.viewer.scene import MAGNIFICATIONS, Moment, Scene
-from palpate.viewer.scene3d import Settings
+from palpate.viewer.scene import MAGNIFICATIONS, Scene, SceneMoment
+from palpate.viewer.scene3d import DrawSettings
 from palpate.viewer.touch_list import touch_list
 from palpate.viewer.widgets import ELLIPSE, along_time, dock, theme
 
@@ -55,20 +55,20 @@ class Panel:
         self._gui.add_html(keys())
         self._add_controls()
 
-    def settings(self) -> Settings:
+    def settings(self) -> DrawSettings:
         """As they stand."""
         magnification = MAGNIFICATIONS[self._ellipse.options.index(self._ellipse.value)]
-        return Settings(self._heat.value, float(self._trail.value), magnification, self._numbers.value)
+        return DrawSettings(self._heat.value, float(self._trail.value), magnification, self._numbers.value)
 
     @property
     def speed(self) -> float:
         """Of playing, times real time."""
         return SPEEDS[self._speed.value]
 
-    def show(self, moment: Moment, seconds: float, playing: bool) -> None:
+    def show(self, moment: SceneMoment, seconds: float, playing: bool) -> None:
         """Describe a moment, and mark it in the plots."""
         rows = [row for layer in self._scene.layers for row in layer.rows(self._scene, moment.index)]
-        rows += beside(self._scene, moment)
+        rows += comparison(self._scene, moment)
         self._now.content = caption(moment, self.settings().magnification, rows)
         self._legend.content = legend(self._scene, self._heat.value, float(self._trail.value))
         if self._slider.value != (shown := _short(seconds)):
@@ -144,8 +144,8 @@ class Panel:
         self._whole = self._scene.curves()
         forces = ("total", "strongest") if self._scene.several else ("normal force", "force")
         inks = ("#9aa5b0", "#0072b2")
-        if self._scene.beside is not None:
-            forces, inks = (self._scene.beside.title, forces[1]), ("#007850", "#0072b2")
+        if self._scene.other is not None:
+            forces, inks = (self._scene.other.title, forces[1]), ("#007850", "#0072b2")
         self._force = self._plot(FORCES, forces, inks, "N")
         self._place = self._plot(PLACES, ("x", "y", "z"), AXES, "mm")
 
@@ -174,7 +174,7 @@ class Panel:
             **along_time(),
         )
 
-    def _show_plots(self, moment: Moment) -> None:
+    def _show_plots(self, moment: SceneMoment) -> None:
         clock, values = self._whole
         if width := WINDOWS[self._window.value]:
             span = self._scene.timeline.span(moment.seconds - width / 2, moment.seconds + width / 2)

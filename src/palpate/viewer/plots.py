@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
-    "Panel",
+    "SpectrumPanel",
     "errors",
     "forces",
     "histogram",
@@ -43,7 +43,7 @@ _NAMES = ("x", "y", "z")
 
 @takes_arrays
 @dataclass(frozen=True, eq=False)
-class Panel:
+class SpectrumPanel:
     """The spectrum of a vector: frequency [Hz], density and its noise floor [unit^2/Hz], cut-off [Hz] or None."""
 
     frequency: Float[np.ndarray, " k"]
@@ -219,7 +219,7 @@ def touch_errors(labels: Sequence[str], error: Float[np.ndarray, " n"], radius: 
 
 
 @styled()
-def spectra(panels: Sequence[Panel]) -> Figure:
+def spectra(panels: Sequence[SpectrumPanel]) -> Figure:
     """Spectra over frequency [Hz], one panel below the other, with noise floors and cut-offs."""
     drawn = figure(2.9 * len(panels))
     below: Any = drawn.subplots(len(panels), 1, sharex=True, squeeze=False)
@@ -336,7 +336,7 @@ def _number(axes: Any, touches: Sequence[Mark], across: tuple[int, int], wide: f
     taken = np.zeros((0, 2))
     for touch in touches:
         if np.isfinite(touch.point).all():
-            at, said = 1e3 * touch.point[list(across)], f"{HOVER}{touch.said}"
+            at, said = 1e3 * touch.point[list(across)], f"{HOVER}{touch.tooltip}"
             free = _free(at, taken, wide)
             taken = np.concatenate([taken, free[None]])
             if free is not at:

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Camera", "Rendered", "rendered"]
+__all__ = ["Rendered", "ViewPoint", "rendered"]
 
 _AT_ONCE = 200_000  # pixels of facets' boxes that are tried at once: more do not stay in the processor's cache
 _LEAST = 1e-3  # depth: what is nearer is not drawn
@@ -17,7 +17,7 @@ _LEAST = 1e-3  # depth: what is nearer is not drawn
 
 @takes_arrays
 @dataclass(frozen=True)
-class Camera:
+class ViewPoint:
     """Where one looks from, with z up in the picture.
 
     Attributes:
@@ -61,7 +61,7 @@ class Rendered:
 
 @takes_arrays
 def rendered(
-    camera: Camera,
+    camera: ViewPoint,
     vertices: Float[np.ndarray, "v 3"],
     normals: Float[np.ndarray, "v 3"],
     faces: Int[np.ndarray, "f 3"],

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 __all__ = [
     "Picture",
     "Report",
+    "ReportTable",
     "Section",
-    "Table",
     "Tile",
     "first_rows",
     "percent",
@@ -43,7 +43,7 @@ class Tile:
 
 
 @dataclass(frozen=True)
-class Table:
+class ReportTable:
     """Cells of text; a row may be shorter than the header. `caption` stands above it."""
 
     header: tuple[str, ...]
@@ -68,7 +68,7 @@ class Section:
         text: paragraphs.
         points: sentences of a list.
         pictures: figures, side by side where there is room.
-        facts: names and values.
+        settings: names and values.
         tables: each in a box of its own; where it is wider than the page, a row is a block of names and values.
         drawing: elements as they are, such as `palpate.viewer.drawing.Drawing.html`.
     """
@@ -77,13 +77,13 @@ class Section:
     text: tuple[str, ...] = ()
     points: tuple[str, ...] = ()
     pictures: tuple[Picture, ...] = ()
-    facts: tuple[tuple[str, str], ...] = ()
-    tables: tuple[Table, ...] = ()
+    settings: tuple[tuple[str, str], ...] = ()
+    tables: tuple[ReportTable, ...] = ()
     drawing: str = ""
 
     def __bool__(self) -> bool:
         """Something stands below the heading."""
-        return any((self.text, self.points, self.pictures, self.facts, self.tables, self.drawing))
+        return any((self.text, self.points, self.pictures, self.settings, self.tables, self.drawing))
 
 
 @dataclass(frozen=True)
@@ -113,10 +113,10 @@ def percent(share: float) -> str:
     return f"{100 * share:.1f} %"
 
 
-def first_rows(header: Sequence[str], rows: Sequence[Sequence[str]], most: int) -> Table:
+def first_rows(header: Sequence[str], rows: Sequence[Sequence[str]], most: int) -> ReportTable:
     """A table of at most so many rows, which says so where there are more."""
     more = f"The first {most:,} of {len(rows):,}." if len(rows) > most else ""
-    return Table(tuple(header), tuple(tuple(row) for row in rows[:most]), more)
+    return ReportTable(tuple(header), tuple(tuple(row) for row in rows[:most]), more)
 
 
 def picture(drawn: Figure, caption: str) -> Picture:

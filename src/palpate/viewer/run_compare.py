@@ -13,16 +13,16 @@ from palpate.contact.plausibility import UNLOADED
 from palpate.errors import InputError
 from palpate.viewer import plots
 from palpate.viewer.notebook import marks_of
-from palpate.viewer.report import Picture, Section, Table, percent, picture
-from palpate.viewer.run_report import NUMBERED, SHOWN, Kept, Run
+from palpate.viewer.report import Picture, ReportTable, Section, percent, picture
+from palpate.viewer.run_report import NUMBERED, SHOWN, DownsampledRun, Run
 from palpate.viewer.run_summary import RunSummary
 from palpate.viewer.samples import sample_starts, strongest
 from palpate.viewer.timeline import since
 
-__all__ = ["beside", "partners"]
+__all__ = ["compared", "partners"]
 
 
-def beside(run: Run, name: str, other: RunSummary) -> Run:
+def compared(run: Run, name: str, other: RunSummary) -> Run:
     """With a section that puts another run next to it.
 
     Args:
@@ -33,7 +33,7 @@ def beside(run: Run, name: str, other: RunSummary) -> Run:
     Raises:
         InputError: the two have no time in common.
     """
-    kept = Kept(other.contacts, other.even)
+    kept = DownsampledRun(other.contacts, other.even)
     ours, theirs = run.kept.contacts.time, kept.contacts.time
     if not (_low(ours) <= _high(theirs) and _low(theirs) <= _high(ours)):
         raise InputError(f"was recorded at another time than {run.log}: nothing to compare.", where=name)
@@ -62,8 +62,10 @@ def partners(ours: Events, theirs: Events) -> Int[np.ndarray, " k"]:
     return found
 
 
-def _figures(names: tuple[str, str], runs: tuple[RunSummary, RunSummary], kept: tuple[Kept, Kept]) -> Table:
-    figures: Sequence[tuple[str, Callable[[RunSummary, Kept], str]]] = (
+def _figures(
+    names: tuple[str, str], runs: tuple[RunSummary, RunSummary], kept: tuple[DownsampledRun, DownsampledRun]
+) -> ReportTable:
+    figures: Sequence[tuple[str, Callable[[RunSummary, DownsampledRun], str]]] = (
         ("samples", lambda run, _: f"{run.samples:,}"),
         ("answered, of the loaded", lambda run, _: _answered(run)),
         ("touches", lambda run, _: f"{len(run.finder.touches()):,}"),
@@ -71,7 +73,7 @@ def _figures(names: tuple[str, str], runs: tuple[RunSummary, RunSummary], kept: 
         ("95 % radius, median [mm]", lambda _, held: f"{1e3 * held.median_radius:.3g}"),
     )
     rows = [(what, *(said(run, held) for run, held in zip(runs, kept, strict=True))) for what, said in figures]
-    return Table(("", *names), tuple(rows))
+    return ReportTable(("", *names), tuple(rows))
 
 
 def _answered(run: RunSummary) -> str:
@@ -79,7 +81,7 @@ def _answered(run: RunSummary) -> str:
     return percent(int(run.statuses[:2].sum()) / loaded) if loaded else "-"
 
 
-def _touches(run: RunSummary, other: RunSummary) -> Table:
+def _touches(run: RunSummary, other: RunSummary) -> ReportTable:
     """Each touch with its partner, and how far they differ."""
     ours, theirs = run.finder.touches(), other.finder.touches()
     with_whom, start = partners(ours, theirs), since(ours.start)[0]
@@ -96,10 +98,10 @@ def _touches(run: RunSummary, other: RunSummary) -> Table:
     if len(alone):
         said.append(f"Touches of the other that are no touch here: {', '.join(str(k + 1) for k in alone[:20])}.")
     header = ("touch", "start [s]", "peak [N]", "there", "peak there [N]", "apart [mm]", "later there [s]")
-    return Table(header, tuple(rows), " ".join(said))
+    return ReportTable(header, tuple(rows), " ".join(said))
 
 
-def _over_time(names: tuple[str, str], both: tuple[Kept, Kept]) -> list[Picture]:
+def _over_time(names: tuple[str, str], both: tuple[DownsampledRun, DownsampledRun]) -> list[Picture]:
     shown: list[Picture] = []
     for name, kept in zip(names, both, strict=True):
         found = kept.contacts
@@ -109,7 +111,7 @@ def _over_time(names: tuple[str, str], both: tuple[Kept, Kept]) -> list[Picture]
     return shown
 
 
-def _places(run: Run, names: tuple[str, str], kept: Kept, other: RunSummary) -> list[Picture]:
+def _places(run: Run, names: tuple[str, str], kept: DownsampledRun, other: RunSummary) -> list[Picture]:
     """The body with the touches of each, where it is known."""
     if run.body is None:
         return []

@@ -21,13 +21,13 @@ from palpate.viewer.captions import MEANING, feature, is_shown
 from palpate.viewer.drawing import Drawing, Mark, Specks
 from palpate.viewer.heat import colours
 from palpate.viewer.notebook import marks_of
-from palpate.viewer.report import Picture, Report, Section, Table, Tile, percent, picture
+from palpate.viewer.report import Picture, Report, ReportTable, Section, Tile, percent, picture
 from palpate.viewer.run_summary import RunSummary
 from palpate.viewer.samples import median, sample_starts, strongest, thinned
 from palpate.viewer.scene import before
 from palpate.viewer.timeline import since
 
-__all__ = ["Kept", "Run", "compose", "coverage_tone", "touch_table"]
+__all__ = ["DownsampledRun", "Run", "compose", "coverage_tone", "touch_table"]
 
 SHOWN = 200  # touches in the table
 NUMBERED = 60  # on the body
@@ -70,9 +70,9 @@ class Run:
     sections: tuple[Section, ...] = ()
 
     @cached_property
-    def kept(self) -> Kept:
+    def kept(self) -> DownsampledRun:
         """The downsampled contacts with what follows from them."""
-        return Kept(self.summary.contacts, self.summary.even)
+        return DownsampledRun(self.summary.contacts, self.summary.even)
 
 
 def compose(run: Run) -> Report:
@@ -85,7 +85,7 @@ def compose(run: Run) -> Report:
         _touches(touches),
         *run.sections,
         Section("What to improve", points=run.advice),
-        Section("Settings in force", facts=run.settings),
+        Section("Settings in force", settings=run.settings),
         _inputs(run.provenance),
         _time_budget(run.stages, run.summary.samples),
         Section("Notes of the run", points=run.notes),
@@ -104,7 +104,7 @@ def compose(run: Run) -> Report:
 
 @takes_arrays
 @dataclass(frozen=True, eq=False)
-class Kept:
+class DownsampledRun:
     """Downsampled contacts, n rows of m samples, and what follows from them."""
 
     contacts: Contacts
@@ -167,7 +167,7 @@ def _tiles(run: Run, touches: int) -> list[Tile]:
     return tiles
 
 
-def _over_time(kept: Kept) -> Section:
+def _over_time(kept: DownsampledRun) -> Section:
     found = kept.contacts
     picked = strongest(found, sample_starts(found))
     several = len(picked) < len(found)
@@ -222,7 +222,7 @@ def _statuses(run: Run) -> Section:
     rows = "samples" if run.summary.rows <= run.summary.samples else "rows (a sample has one for each contact)"
     facts = tuple((kind.words, f"{counts[kind]:,} {rows}. {MEANING[kind]}") for kind in Status if counts[kind])
     shares = picture(plots.statuses(counts), "What became of the samples; answered are contact and ambiguous.")
-    return Section("Statuses", pictures=(shares,), facts=facts)
+    return Section("Statuses", pictures=(shares,), settings=facts)
 
 
 def _touches(found: Events) -> Section:
@@ -232,7 +232,7 @@ def _touches(found: Events) -> Section:
     return Section("Touches", text=(text,), tables=(touch_table(found, SHOWN, spelled=True),))
 
 
-def touch_table(found: Events, most: int, *, spelled: bool = False) -> Table:
+def touch_table(found: Events, most: int, *, spelled: bool = False) -> ReportTable:
     """The first touches, at most `most`: when, how hard, where, and all that the sensor adds, as files name it.
 
     Spelled, what it adds has names in words, and deviations are left out.
@@ -269,7 +269,7 @@ def touch_table(found: Events, most: int, *, spelled: bool = False) -> Table:
     rows = [tuple(cell(*column, k) for column in columns.values()) for k in range(min(len(found), most))]
     more = [f"The first {most} of {len(found):,}."] if len(found) > most else []
     more += [f"Start and end are seconds {after}."] if after else []
-    return Table(tuple(columns), tuple(rows), " ".join(more))
+    return ReportTable(tuple(columns), tuple(rows), " ".join(more))
 
 
 def _inputs(provenance: Mapping[str, str]) -> Section:
@@ -279,7 +279,7 @@ def _inputs(provenance: Mapping[str, str]) -> Section:
     for name, said in provenance.items():
         if name != "palpate":
             facts.append((name.replace("_", " "), said.replace(" sha256:", ", SHA-256 ")))
-    return Section("Inputs", facts=tuple(facts))
+    return Section("Inputs", settings=tuple(facts))
 
 
 def _time_budget(stages: Mapping[str, float], samples: int) -> Section:
@@ -292,4 +292,4 @@ def _time_budget(stages: Mapping[str, float], samples: int) -> Section:
         for name, spent in (*stages.items(), ("all", total))
     ]
     header = ("stage", "time [s]", "per sample [µs]", "share")
-    return Section("Time budget", tables=(Table(header, tuple(rows)),))
+    return Section("Time budget", tables=(ReportTable(header, tuple(rows)),))

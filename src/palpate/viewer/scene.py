@@ -31,16 +31,16 @@ __all__ = [
     "MAGNIFICATIONS",
     "SMALL",
     "Layer",
-    "Moment",
     "Scene",
+    "SceneMoment",
     "ShownContact",
-    "alone",
     "before",
     "disc",
-    "nice",
-    "nothing",
+    "moment_of",
+    "no_contacts",
     "prepare",
     "rim",
+    "rounded_up",
 ]
 
 MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100)
@@ -148,7 +148,7 @@ class ShownContact:
 
 
 @dataclass(frozen=True)
-class Moment:
+class SceneMoment:
     """One sample.
 
     Attributes:
@@ -181,7 +181,7 @@ class Scene:
         magnification: of the ellipses, so that a usual one can be seen; one of MAGNIFICATIONS.
         layers: what sensors add.
         surface: the body, on which ellipses are laid; None: they are flat.
-        beside: other contacts on the same body and the same clock, to compare; None: there are none.
+        other: other contacts on the same body and the same clock, to compare; None: there are none.
     """
 
     title: str
@@ -196,7 +196,7 @@ class Scene:
     magnification: int
     layers: tuple[Layer, ...] = ()
     surface: Surface | None = None
-    beside: Scene | None = None
+    other: Scene | None = None
 
     def __len__(self) -> int:
         return len(self.starts)
@@ -314,13 +314,13 @@ class Scene:
         if opening.located and np.isfinite(opening.axes).all():
             self.ellipse_on_body(opening, 1)  # loads machine code
 
-    def again(self) -> Scene:
+    def copied(self) -> Scene:
         """The same with layers that can be drawn once more, for another browser; what was computed is kept."""
         made = copy(self)
         object.__setattr__(made, "layers", tuple(copy(layer) for layer in self.layers))
         return made
 
-    def showing(self, contacts: Contacts) -> Scene:
+    def with_contacts(self, contacts: Contacts) -> Scene:
         """The same body, layers and scales with other contacts, at least one row."""
         starts, touched, timeline = _sampled(contacts)
         return replace(self, contacts=contacts, starts=starts, touched=touched, timeline=timeline)
@@ -335,14 +335,14 @@ class Scene:
         Raises:
             InputError: the two have no time in common.
         """
-        other = replace(self.showing(contacts), title=title)
+        other = replace(self.with_contacts(contacts), title=title)
         if not self._ahead(other) <= self.timeline.duration or self._ahead(other) + other.timeline.duration < 0:
             raise InputError(f"was recorded at another time than {self.title}: nothing to compare.", where=title)
-        return replace(self, beside=other)
+        return replace(self, other=other)
 
-    def meanwhile(self, seconds: float) -> Moment | None:
+    def meanwhile(self, seconds: float) -> SceneMoment | None:
         """What `beside` has at a time since the start of these contacts [s]; None: nothing is compared."""
-        other = self.beside
+        other = self.other
         return None if other is None else other.at(other.timeline.at(seconds - self._ahead(other)))
 
     def seconds_at(self, time: float) -> float:
@@ -366,7 +366,7 @@ class Scene:
             return self
         return replace(self, newton=_newton(self.size, shown), magnification=_magnified(self.size, shown))
 
-    def bearing(self, force: float) -> Scene:
+    def scaled_to(self, force: float) -> Scene:
         """Its arrows scaled to a force [N] of which one would be longer than the body; else, and by NaN, as it is."""
         return replace(self, newton=_ARROW * self.size / force) if force * self.newton > self.size else self
 
@@ -375,7 +375,7 @@ class Scene:
         end = self.starts[index + 1] if index + 1 < len(self.starts) else len(self.contacts)
         return slice(int(self.starts[index]), int(end))
 
-    def at(self, index: int) -> Moment:
+    def at(self, index: int) -> SceneMoment:
         """What there is at one sample."""
         return _moment(self.contacts, self.rows(index), index, float(self.timeline.clock[index]))
 
@@ -396,7 +396,7 @@ class Scene:
 
     def _total_beside(self, clock: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
         """(k,) [N] of the contacts that are compared at times since the start of these."""
-        if (other := self.beside) is None:
+        if (other := self.other) is None:
             return np.full(len(clock), np.nan)
         seconds = clock - self._ahead(other)
         at = np.searchsorted(other.timeline.clock, seconds + 1e-9, side="right") - 1
@@ -437,7 +437,7 @@ class Scene:
         rows, found = self.strongest[picked], self.contacts
         force = found.force[rows]
         first = self.total[picked] if self.several else -np.sum(force * found.normal[rows], axis=1)
-        if self.beside is not None:
+        if self.other is not None:
             first = self._total_beside(self.timeline.clock[picked])
         values = np.column_stack([first, np.linalg.norm(force, axis=1), 1e3 * found.point[rows]])
         values[~self.touched[rows], 2:] = np.nan
@@ -476,17 +476,17 @@ def prepare(surface: Surface | None, contacts: Contacts, title: str = "", layers
     )
 
 
-def alone(found: Contacts) -> Moment:
+def moment_of(found: Contacts) -> SceneMoment:
     """The moment of contacts that are all of one sample, in no scene."""
     return _moment(found, slice(0, len(found)), 0, 0.0)
 
 
-def _moment(found: Contacts, rows: slice, index: int, seconds: float) -> Moment:
+def _moment(found: Contacts, rows: slice, index: int, seconds: float) -> SceneMoment:
     """Of the rows of one sample."""
     order = np.argsort(-np.linalg.norm(found.force[rows], axis=1), kind="stable")  # NaN last
     first = rows.start
     shown = tuple(_shown(found, first + k) for k in order.tolist())
-    return Moment(index, int(found.sample[first]), seconds, float(found.time[first]), shown)
+    return SceneMoment(index, int(found.sample[first]), seconds, float(found.time[first]), shown)
 
 
 def _shown(found: Contacts, row: int) -> ShownContact:
@@ -521,7 +521,7 @@ def rim(count: int) -> int:
     return next(around for rings, around in (SMALL, LARGE) if count == 1 + rings * around)
 
 
-def nothing() -> Contacts:
+def no_contacts() -> Contacts:
     """One sample without a contact: a scene that is to be fed has a moment."""
     row = np.zeros((1, ROW.length))
     row[:, : ROW.torque], row[:, ROW.covariance] = np.nan, np.nan
@@ -538,7 +538,7 @@ def before(normal: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
     return way / length if length > 0.1 else normal
 
 
-def nice(value: float) -> float:
+def rounded_up(value: float) -> float:
     """The next of 1, 2, 5, 10, ... that is not less."""
     power = 10.0 ** np.floor(np.log10(value))
     return float(power * next(step for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value * (1 - 1e-9)))

@@ -15,18 +15,18 @@ from palpate.viewer.camera import fit
 from palpate.viewer.heat import FineMesh, colours, linear
 from palpate.viewer.legend import AXES
 from palpate.viewer.marker import FORCE, OTHER, TRACE, Marker
-from palpate.viewer.scene import Moment, Scene, ShownContact, before, nice
+from palpate.viewer.scene import Scene, SceneMoment, ShownContact, before, rounded_up
 
 if TYPE_CHECKING:
     from viser import ClientHandle, GlbHandle, LabelHandle, ViserServer
 
-__all__ = ["Scene3D", "Settings", "aim"]
+__all__ = ["DrawSettings", "Scene3D", "aim"]
 
 LETTER = 0.02  # sizes of the body from the end of an axis to its name
 
 
 @dataclass(frozen=True)
-class Settings:
+class DrawSettings:
     """What a person chose to see: heat or not, seconds of trail, magnification of the ellipses, numbers of touches."""
 
     heat: bool
@@ -59,7 +59,7 @@ class Scene3D:
         for layer in scene.layers:
             layer.draw(server, scene)
 
-    def show(self, moment: Moment, settings: Settings) -> None:
+    def show(self, moment: SceneMoment, settings: DrawSettings) -> None:
         """Move everything to a moment."""
         if self.scene.body is not None:
             self._show_body(self.scene.body, settings.heat)
@@ -67,7 +67,7 @@ class Scene3D:
         self.show_trail(moment, settings.trail)
         self.move(self.scene, moment, settings.magnification)
 
-    def move(self, scene: Scene, moment: Moment, magnification: int) -> None:
+    def move(self, scene: Scene, moment: SceneMoment, magnification: int) -> None:
         """Move contacts and layers alone.
 
         Args:
@@ -83,7 +83,7 @@ class Scene3D:
         for layer in self.scene.layers:
             layer.show(scene, moment.index)
 
-    def _move_others(self, moment: Moment, magnification: int) -> None:
+    def _move_others(self, moment: SceneMoment, magnification: int) -> None:
         """The contacts that are compared."""
         if (other := self.scene.meanwhile(moment.seconds)) is None:
             return
@@ -100,7 +100,7 @@ class Scene3D:
                 self.scene, client.camera.aspect, seen, near=contact is not None
             )
 
-    def show_trail(self, moment: Moment, seconds: float) -> None:
+    def show_trail(self, moment: SceneMoment, seconds: float) -> None:
         """Where contacts were in the seconds before a moment of `scene`."""
         segments, age = self.scene.trail(moment.index, seconds)
         self._trail.visible = bool(len(segments)) and seconds > 0
@@ -146,7 +146,7 @@ class Scene3D:
     def _add_ground(self) -> None:
         """A grid under the body and the axes of the surface's frame; the legend has their scale and colours."""
         size = self.scene.size
-        cell = nice(size / 12)
+        cell = rounded_up(size / 12)
         floor = self.scene.placed(self.scene.bounds[0] - 0.03 * size)[2]
         self._space.add_grid(
             "/grid", width=2.0, height=2.0, position=(0.0, 0.0, floor), cell_size=cell / size,

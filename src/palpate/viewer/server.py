@@ -15,7 +15,7 @@ from palpate.errors import InputError
 from palpate.viewer.camera import PANEL, PHONE, VIEW
 from palpate.viewer.scene import Scene
 from palpate.viewer.scene3d import aim
-from palpate.viewer.session import Session
+from palpate.viewer.session import BrowserSession
 from palpate.viewer.widgets import name
 
 if TYPE_CHECKING:
@@ -131,16 +131,16 @@ class Page(Served):
         super().__init__(host, port)
         self.look(lambda aspect: aim(scene, aspect))
         self._lock = threading.Lock()
-        self._sessions: dict[int, Session] = {}
+        self._sessions: dict[int, BrowserSession] = {}
         if together:
-            self._sessions[-1] = Session(self._server, scene)
+            self._sessions[-1] = BrowserSession(self._server, scene)
             return
         name(self._server.gui, scene.title)
         self._server.on_client_connect(self._join)
         self._server.on_client_disconnect(self._leave)
 
     @property
-    def session(self) -> Session:
+    def session(self) -> BrowserSession:
         """The latest one: of the browser that came last, or of all.
 
         Raises:
@@ -175,7 +175,7 @@ class Page(Served):
         super().stop()
 
     def _join(self, client: ClientHandle) -> None:
-        session = Session(client, self.scene.again())
+        session = BrowserSession(client, self.scene.copied())
         with self._lock:
             self._sessions[client.client_id] = session
 

@@ -17,13 +17,13 @@ from palpate.viewer.scene3d import Scene3D
 if TYPE_CHECKING:
     from viser import ClientHandle, ViserServer
 
-__all__ = ["Session"]
+__all__ = ["BrowserSession"]
 
 TICK = 1 / 20  # s between two pictures
 _NUMBER = re.compile(r"-?\d+(\.\d*)?(e-?\d\d?)?")
 
 
-class Session:
+class BrowserSession:
     """All that changes the picture runs in one more thread, which draws the latest request and drops those before it.
 
     Args:

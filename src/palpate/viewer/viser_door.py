@@ -20,20 +20,20 @@ from websockets.http11 import Request, Response
 
 from palpate.errors import InputError
 from palpate.viewer import guard
-from palpate.viewer.guard import Guard, Kind, Verdict, Widget, judged
+from palpate.viewer.guard import Guard, Verdict, Widget, WidgetKind, judged
 
 __all__ = ["browser_address", "listening"]
 
 CLIENTS = 16  # browsers at once
 PENDING = 64  # connections that have not shown a token yet; one more ends the oldest of them
 QUEUED = 4  # frames of a browser that wait
-_KINDS: dict[Any, Kind] = {
-    viser.GuiButtonHandle: Kind.PRESS,
-    viser.GuiButtonGroupHandle: Kind.CHOOSE,
-    viser.GuiDropdownHandle: Kind.CHOOSE,
-    viser.GuiSliderHandle: Kind.SET,
-    viser.GuiCheckboxHandle: Kind.CHECK,
-    viser.GuiTextHandle: Kind.WRITE,
+_KINDS: dict[Any, WidgetKind] = {
+    viser.GuiButtonHandle: WidgetKind.PRESS,
+    viser.GuiButtonGroupHandle: WidgetKind.CHOOSE,
+    viser.GuiDropdownHandle: WidgetKind.CHOOSE,
+    viser.GuiSliderHandle: WidgetKind.SET,
+    viser.GuiCheckboxHandle: WidgetKind.CHECK,
+    viser.GuiTextHandle: WidgetKind.WRITE,
 }
 _ENTER = '<!doctype html><meta http-equiv="refresh" content="0; url=/"><title>Palpate</title>'
 
@@ -181,8 +181,8 @@ class _NoHandshakes(Filter):
         return not record.getMessage().startswith(("opening handshake failed", "connection rejected"))
 
 
-def _bounds(handle: Any, kind: Kind) -> tuple[float, float]:
-    return (float(handle.min), float(handle.max)) if kind is Kind.SET else (0.0, 0.0)
+def _bounds(handle: Any, kind: WidgetKind) -> tuple[float, float]:
+    return (float(handle.min), float(handle.max)) if kind is WidgetKind.SET else (0.0, 0.0)
 
 
 def _response(status: HTTPStatus, text: str, cookie: str = "") -> Response:

@@ -28,7 +28,7 @@ def zeros(
     time: Float[np.ndarray, " n"],
     zero: Float[np.ndarray, "n m"],
     deviation: Float[np.ndarray, "n m"],
-    held: Bool[np.ndarray, " n"],
+    uncertain: Bool[np.ndarray, " n"],
 ) -> Figure:
     """How far the zero of each channel has gone since the start, with its 95 % band, and where it was held.
 
@@ -36,7 +36,7 @@ def zeros(
         time: (n,) [s].
         zero: (n, m): of six channels the first three in N and the others in N m, else V.
         deviation: (n, m).
-        held: (n,) whether something touched, or may have, so that the zero was not followed.
+        uncertain: (n,) whether something touched, or may have, so that the zero was not followed.
     """
     start, after = since(time)
     parts, most = _parts(zero.shape[1]), max(MOST // max(zero.shape[1], 1), FEWEST)
@@ -52,7 +52,7 @@ def zeros(
         axes.set(ylabel=label)
         if names:
             named(axes, 3)
-    _gate(below[-1], time - start, held)
+    _gate(below[-1], time - start, uncertain)
     below[-1].set(xlabel=f"time [s] {after}".strip())
     drawn.align_ylabels()
     return drawn

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate_lab.simulation.phantom.probes import probe
-from palpate_lab.simulation.shapes import Ellipsoid
+from palpate_lab.simulation.shapes import EllipsoidBody
 
 __all__ = ["TouchedBody", "box", "ellipsoid", "torus", "ultrasound_probe"]
 
@@ -30,7 +30,7 @@ class TouchedBody:
 
 def ellipsoid(count: int, rng: np.random.Generator) -> TouchedBody:
     """Convex and smooth; points uniform in direction from its middle."""
-    body = Ellipsoid(HALVES)
+    body = EllipsoidBody(HALVES)
     points = body.sample(count, rng)
     return TouchedBody(*body.mesh(FACETS), points, body.normals(points))
 

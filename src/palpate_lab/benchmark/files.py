@@ -13,10 +13,10 @@ from jaxtyping import Float, Int, UInt8
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, Status
-from palpate.contact.ground_truth import Samples
+from palpate.contact.ground_truth import TrueSamples
 from palpate.errors import InputError
 from palpate.files.models.toml import load_toml
-from palpate.files.tables.table import Table, read_table
+from palpate.files.tables.table import TextTable, read_table
 from palpate.files.units import near
 from palpate.opencv import opencv
 from palpate.spatial.arguments import takes_arrays
@@ -131,7 +131,7 @@ def _task(file: Path) -> Task:
     return Task(facts["name"], facts["kind"], file.parent, facts["samples"], facts["most"], facts)
 
 
-def read_truth(task: Task) -> tuple[Samples, Int[np.ndarray, " q"]]:
+def read_truth(task: Task) -> tuple[TrueSamples, Int[np.ndarray, " q"]]:
     """What is to be found, the time of each contact being the number of its sample; and samples without contact.
 
     Raises:
@@ -143,7 +143,7 @@ def read_truth(task: Task) -> tuple[Samples, Int[np.ndarray, " q"]]:
     if not touched.any():
         raise InputError("has no contact.", where=str(table.path))
     known = rows[touched]
-    return Samples(known[:, 0], known[:, 1:4], force=known[:, 4:7]), rows[~touched, 0].astype(np.int64)
+    return TrueSamples(known[:, 0], known[:, 1:4], force=known[:, 4:7]), rows[~touched, 0].astype(np.int64)
 
 
 @takes_arrays
@@ -196,7 +196,7 @@ def read_answers(path: Path, tasks: Mapping[str, Task]) -> dict[str, Contacts]:
     return found
 
 
-def _stated(table: Table) -> tuple[str, ...]:
+def _stated(table: TextTable) -> tuple[str, ...]:
     """Columns of a contact that the file has: whole groups of them."""
     known = ("task", "sample", *ANSWER)
     for name in table.names:
@@ -208,7 +208,7 @@ def _stated(table: Table) -> tuple[str, ...]:
     return names
 
 
-def _check_samples(table: Table, sample: Float[np.ndarray, " n"], count: Int[np.ndarray, " n"]) -> None:
+def _check_samples(table: TextTable, sample: Float[np.ndarray, " n"], count: Int[np.ndarray, " n"]) -> None:
     wrong = np.flatnonzero(~((sample >= 0) & (sample < count) & (sample == np.round(sample))))  # NaN too
     if len(wrong):
         row = int(wrong[0])
@@ -216,7 +216,7 @@ def _check_samples(table: Table, sample: Float[np.ndarray, " n"], count: Int[np.
         table.refuse(row, f"sample is {said}; the task has whole numbers from 0 to {count[row] - 1}")
 
 
-def _check_values(table: Table, names: Sequence[str], values: Float[np.ndarray, "n k"]) -> None:
+def _check_values(table: TextTable, names: Sequence[str], values: Float[np.ndarray, "n k"]) -> None:
     """Finite points; forces and covariances whole, or not there at all; no negative variance."""
     for first, group, what in ((0, POINT, "point"), (3, FORCE, "force"), (6, COVARIANCE, "covariance")):
         which = [k for k, name in enumerate(names) if name in group]
@@ -235,7 +235,7 @@ def _check_values(table: Table, names: Sequence[str], values: Float[np.ndarray, 
         _check_variances(table, values[:, [names.index(name) for name in COVARIANCE]])
 
 
-def _check_variances(table: Table, six: Float[np.ndarray, "n 6"]) -> None:
+def _check_variances(table: TextTable, six: Float[np.ndarray, "n 6"]) -> None:
     rows = np.flatnonzero(np.isfinite(six).all(axis=1))
     values = np.linalg.eigvalsh(six[rows][:, _SQUARE].reshape(-1, 3, 3))
     bad = np.flatnonzero(values[:, 0] < -_ROUNDING * np.abs(values).max(axis=1, initial=0.0))
@@ -243,7 +243,7 @@ def _check_variances(table: Table, six: Float[np.ndarray, "n 6"]) -> None:
         table.refuse(int(rows[bad[0]]), "cxx to czz are no covariance: along some direction the variance is negative")
 
 
-def _check_most(table: Table, rows: Int[np.ndarray, " k"], sample: Int[np.ndarray, " k"], task: Task) -> None:
+def _check_most(table: TextTable, rows: Int[np.ndarray, " k"], sample: Int[np.ndarray, " k"], task: Task) -> None:
     _, which, counts = np.unique(sample, return_inverse=True, return_counts=True)
     over = np.flatnonzero(counts[which] > task.most)
     if len(over):

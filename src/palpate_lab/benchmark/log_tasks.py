@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate_lab.benchmark.task import MadeTask, Truth, write_body, write_table
+from palpate_lab.benchmark.task import MadeTask, TaskTruth, write_body, write_table
 from palpate_lab.simulation.ball_on_ellipse import FINGERTIP
 from palpate_lab.simulation.contacts import touch_wrenches
 from palpate_lab.simulation.load_cell_bench import BENCHES
@@ -46,7 +46,7 @@ def payload_log(folder: Path, rng: np.random.Generator, *, small: bool) -> MadeT
     for k, (start, end) in enumerate(zip(session.truth.start, session.truth.end, strict=True)):
         steady[(time >= start) & (time < end)] = k + 1
     held = np.flatnonzero(steady)
-    truth = Truth.of(
+    truth = TaskTruth.of(
         held, session.truth.point[steady[held] - 1], contact[held, :3] @ pose.rotation, _quiet(contact, NEAR * RATE)
     )
     return MadeTask(
@@ -113,7 +113,7 @@ def fingertip(folder: Path, rng: np.random.Generator, *, small: bool) -> MadeTas
     )
 
 
-def _pressed(count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, Truth]:
+def _pressed(count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, TaskTruth]:
     """Times (n,) [s], wrenches (n, 6) and the truth of presses of the fingertip, one after the other."""
     points, normals = FINGERTIP.foot(rng.uniform(-9e-3, 9e-3, count), rng.uniform(-12e-3, 12e-3, count))
     whole = touch_wrenches(points, normals, rng, force=(1.0, 5.0), tan_theta=0.5, pitch=0.001)
@@ -123,7 +123,7 @@ def _pressed(count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarr
     share = np.where(away < 1e-6, 1.0, np.clip(1.0 - away, 0.0, 1.0))  # touches are whole at times that are not exact
     wrenches = share @ whole
     held, which = np.nonzero(share == 1.0)
-    truth = Truth.of(held, points[which], whole[which, :3], _quiet(wrenches, NEAR * PRESS_RATE))
+    truth = TaskTruth.of(held, points[which], whole[which, :3], _quiet(wrenches, NEAR * PRESS_RATE))
     return time, wrenches, truth
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate_lab.benchmark.task import MadeTask, Truth
+from palpate_lab.benchmark.task import MadeTask, TaskTruth
 from palpate_lab.simulation.ring_camera import Look
 from palpate_lab.simulation.ring_session import Protocol, RingUnit, Touching, calibration_run, touching_run
 from palpate_lab.simulation.ring_session_files import write_calibration_run, write_touching_run
@@ -36,7 +36,7 @@ def marker_ring(folder: Path, rng: np.random.Generator, *, small: bool) -> MadeT
     outward = np.stack([np.cos(angle), np.sin(angle), np.zeros(len(frame))], axis=1)
     along = np.stack([-outward[:, 1], outward[:, 0], outward[:, 2]], axis=1)
     near = np.convolve(touched.any(axis=1), np.ones(3), mode="same") > 0.5
-    truth = Truth.of(
+    truth = TaskTruth.of(
         frame,
         unit.barrel.radius * outward,
         shear[:, None] * along - inward[:, None] * outward,

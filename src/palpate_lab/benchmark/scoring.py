@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.contact.contacts import Contacts
-from palpate.contact.ground_truth import Samples
-from palpate.evaluation.errors import Coverage, coverage, distances
+from palpate.contact.ground_truth import TrueSamples
+from palpate.evaluation.errors import EllipseCoverage, coverage, distances
 from palpate.evaluation.matching import match_instants
 from palpate.spatial.arguments import takes_arrays
 
@@ -38,12 +38,12 @@ class Score:
     p95: float
     near: float
     force: float
-    coverage: Coverage
+    coverage: EllipseCoverage
     false: int
 
 
 @takes_arrays
-def score(answers: Contacts, truth: Samples, quiet: Int[np.ndarray, " q"]) -> Score:
+def score(answers: Contacts, truth: TrueSamples, quiet: Int[np.ndarray, " q"]) -> Score:
     """Judge answers; the time of answers and truth is the number of the sample.
 
     A contact has one answer and an answer one contact: of one sample those pairs whose distances have the least sum.

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.signals.recording import CELLS
-from palpate_lab.benchmark.task import MadeTask, Truth, write_body, write_table
+from palpate_lab.benchmark.task import MadeTask, TaskTruth, write_body, write_table
 from palpate_lab.simulation.skin_bench import PaperSheet, Rolled
 from palpate_lab.simulation.touched import ForearmSettings, simulate_forearm
 from palpate_lab.simulation.touched.files import intensity_model, link_mesh
@@ -56,7 +56,7 @@ def skin(folder: Path, rng: np.random.Generator, *, small: bool) -> MadeTask:
     cells = [f"c{k}" for k in range(frames.shape[1])]
     readings = {"time": run.skin.time} | dict(zip(("fx", "fy", "fz", "tx", "ty", "tz"), wrench.T, strict=True))
     write_table(
-        folder / "readings.csv", readings | dict(zip(cells, frames.T, strict=True)), whole=tuple(cells), digits=6
+        folder / "readings.csv", readings | dict(zip(cells, frames.T, strict=True)), integers=tuple(cells), digits=6
     )
     _write_sheet(folder, sheet)
     write_body(folder / "body.stl", *link_mesh(settings, 60))
@@ -90,7 +90,7 @@ def skin(folder: Path, rng: np.random.Generator, *, small: bool) -> MadeTask:
             "body.stl": "the cylinder, in metres",
             "rig.toml": "the same facts as a rig of Palpate; with it intensity.toml",
         },
-        Truth.of(truth.frame[judged], truth.point[judged], truth.force[judged], quiet),
+        TaskTruth.of(truth.frame[judged], truth.point[judged], truth.force[judged], quiet),
         {
             "rest": QUIET,
             "noise": {"force": noise, "torque": torque, "counts": settings.cell_noise, "unequal": settings.unequal},
@@ -113,6 +113,6 @@ def _write_sheet(folder: Path, sheet: Rolled) -> None:
     index = np.argwhere(np.ones((place.rows, place.columns)))
     numbers = np.column_stack([index, place.centres.reshape(-1, 3), place.normals.reshape(-1, 3), place.areas.ravel()])
     names = ("row", "column", "x", "y", "z", "nx", "ny", "nz", "area")
-    write_table(folder / "cells.csv", dict(zip(names, numbers.T, strict=True)), whole=names[:2], digits=9)
+    write_table(folder / "cells.csv", dict(zip(names, numbers.T, strict=True)), integers=names[:2], digits=9)
     force = np.linspace(0.0, 19.0, 191)
     write_table(folder / "response.csv", {"force": force, "counts": PaperSheet.counts(force)}, digits=6)

@@ -11,14 +11,14 @@ from typing import cast
 import numpy as np
 from jaxtyping import Float, Int
 
-__all__ = ["MadeTask", "Truth", "write_body", "write_table", "write_task"]
+__all__ = ["MadeTask", "TaskTruth", "write_body", "write_table", "write_task"]
 
 UNITS = "m, N, N m, s, rad; a wrench is force, then torque about the frame's origin, of the environment on the body"
 TRUTH = ("sample", "px", "py", "pz", "fx", "fy", "fz")
 
 
 @dataclass(frozen=True, eq=False)
-class Truth:
+class TaskTruth:
     """What really touched, a row a contact; a sample in which nothing does has one row without numbers.
 
     Samples without a row are not judged: a touch is on its way in or out there.
@@ -34,7 +34,7 @@ class Truth:
     force: Float[np.ndarray, "n 3"]
 
     @classmethod
-    def of(cls, sample: np.ndarray, point: np.ndarray, force: np.ndarray, quiet: np.ndarray) -> Truth:
+    def of(cls, sample: np.ndarray, point: np.ndarray, force: np.ndarray, quiet: np.ndarray) -> TaskTruth:
         """Of contacts, and of samples in which nothing touches (q,)."""
         every = np.concatenate([sample, quiet]).astype(np.int64)
         nothing = np.full((len(quiet), 3), np.nan)
@@ -62,7 +62,7 @@ class MadeTask:
     samples: int
     most: int
     files: Mapping[str, str]
-    truth: Truth
+    truth: TaskTruth
     facts: Mapping[str, object] = field(default_factory=dict[str, object])
 
 
@@ -87,7 +87,7 @@ def write_task(task: MadeTask, folder: Path, seed: int, *, small: bool) -> None:
     (folder / "task.toml").write_text("\n".join(lines), encoding="utf-8")
     truth = task.truth
     rows = np.column_stack([truth.sample, truth.point, truth.force])
-    write_table(folder / "truth.csv", dict(zip(TRUTH, rows.T, strict=True)), whole=("sample",), digits=9)
+    write_table(folder / "truth.csv", dict(zip(TRUTH, rows.T, strict=True)), integers=("sample",), digits=9)
 
 
 def _toml(value: object) -> str:
@@ -99,12 +99,12 @@ def _toml(value: object) -> str:
     return json.dumps(value)
 
 
-def write_table(path: Path, columns: Mapping[str, np.ndarray], *, whole: tuple[str, ...] = (), digits: int) -> None:
+def write_table(path: Path, columns: Mapping[str, np.ndarray], *, integers: tuple[str, ...] = (), digits: int) -> None:
     """CSV with so many digits behind the point; NaN is an empty field, and columns of whole numbers are named."""
     import polars as pl
 
     frame = pl.DataFrame({name: np.asarray(values, dtype=np.float64) for name, values in columns.items()})
-    frame = frame.fill_nan(None).with_columns(pl.col(name).cast(pl.Int64) for name in whole)
+    frame = frame.fill_nan(None).with_columns(pl.col(name).cast(pl.Int64) for name in integers)
     frame.write_csv(path, float_precision=digits)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate_lab.benchmark.bodies import TouchedBody, box, ellipsoid, torus, ultrasound_probe
-from palpate_lab.benchmark.task import MadeTask, Truth, write_body, write_table
+from palpate_lab.benchmark.task import MadeTask, TaskTruth, write_body, write_table
 from palpate_lab.simulation.contacts import touch_wrenches
 
 __all__ = ["WRENCH_TASKS", "WrenchTask"]
@@ -41,7 +41,7 @@ class WrenchTask:
         noisy = exact + np.repeat(self.noise, 3) * rng.standard_normal(exact.shape)
         write_body(folder / "body.stl", made.vertices, made.faces)
         write_table(folder / "readings.csv", dict(zip(COLUMNS, noisy.T, strict=True)), digits=9)
-        truth = Truth.of(np.arange(count), made.points, exact[:, :3], np.zeros(0))
+        truth = TaskTruth.of(np.arange(count), made.points, exact[:, :3], np.zeros(0))
         return MadeTask(
             "wrench",
             f"{self.about}, touched at one place at a time: {FORCE[0]:g} to {FORCE[1]:g} N, leaning within the "

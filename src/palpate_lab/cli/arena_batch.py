@@ -9,13 +9,13 @@ from functools import partial
 from math import isfinite
 from pathlib import Path
 
-from palpate.console.console import Figure, announce, lines, note, overwrite, title
+from palpate.console.console import Quantity, announce, lines, note, overwrite, title
 from palpate.console.parallel import begin_results, from_row, read_rows, require_backend, run_kept
 from palpate.errors import InputError
 from palpate.files.atomic import keep_inputs, write_text
 from palpate.viewer.report import render, require_report
 from palpate_lab.cli.arena_run import ArenaResult
-from palpate_lab.cli.arena_setup import Asked, command
+from palpate_lab.cli.arena_setup import ArenaRequest, command
 from palpate_lab.viewer.arena_summary import Judged, compose, figures
 
 __all__ = ["read_results", "run_batch"]
@@ -24,11 +24,11 @@ MOST = 100_000  # runs
 JOBS, RESULTS = "--jobs", "results of runs in the arena"
 
 
-def run_batch(asked: Asked, seeds: Sequence[int], output: Path, jobs: int | None, backend: str) -> None:
+def run_batch(request: ArenaRequest, seeds: Sequence[int], output: Path, jobs: int | None, backend: str) -> None:
     """Run the seeds that are not done yet, and write the page of all of them.
 
     Args:
-        asked: of every run.
+        request: of every run.
         seeds: which.
         output: the page; results are beside it, its name ending in .jsonl.
         jobs: how many processes; None: one a core.
@@ -38,23 +38,23 @@ def run_batch(asked: Asked, seeds: Sequence[int], output: Path, jobs: int | None
         InputError: a wrong option, results of other settings, joblib or what its backend needs is not installed.
     """
     workers = _require(output, len(seeds), jobs, backend)
-    asked.check()
+    request.check()
     require_report()
     kept = output.with_suffix(".jsonl")
-    keep_inputs(output, [None if asked.rig is None else Path(asked.rig)], beside=[kept])
-    done = _begin(kept, asked.key())
+    keep_inputs(output, [None if request.rig is None else Path(request.rig)], siblings=[kept])
+    done = _begin(kept, request.key())
     if known := [seed for seed in seeds if seed in done]:
         announce(f"{len(known)} of {len(seeds)} seeds are in {kept} already; the others follow")
     wanted = [seed for seed in seeds if seed not in done]
     try:
-        with closing(run_kept(partial(_one, asked), wanted, kept, (workers, backend, JOBS), asdict)) as results:
+        with closing(run_kept(partial(_one, request), wanted, kept, (workers, backend, JOBS), asdict)) as results:
             for result in results:
                 done[result.seed] = result
                 overwrite(_so_far([done[seed] for seed in seeds if seed in done], len(seeds)))
     except KeyboardInterrupt:
         announce(f"{sum(seed in done for seed in seeds)} of {len(seeds)} seeds are in {kept}: the same command goes on")
         raise
-    _report(asked, [done[seed] for seed in seeds], output)
+    _report(request, [done[seed] for seed in seeds], output)
 
 
 def _require(output: Path, seeds: int, jobs: int | None, backend: str) -> int:
@@ -101,12 +101,12 @@ def _begin(path: Path, key: dict[str, object]) -> dict[int, ArenaResult]:
     return done
 
 
-def _one(asked: Asked, seed: int) -> ArenaResult:
+def _one(asked: ArenaRequest, seed: int) -> ArenaResult:
     """One run, in whatever process."""
     return asked.run(seed).play()
 
 
-def _judged(asked: Asked, results: Iterable[ArenaResult]) -> list[Judged]:
+def _judged(asked: ArenaRequest, results: Iterable[ArenaResult]) -> list[Judged]:
     return [
         Judged(
             seed=each.seed,
@@ -129,12 +129,12 @@ def _so_far(results: list[ArenaResult], total: int) -> str:
     return f"{len(results)} of {total} seeds, {share:.1%} of the robots arrive"
 
 
-def _report(asked: Asked, results: list[ArenaResult], output: Path) -> None:
+def _report(asked: ArenaRequest, results: list[ArenaResult], output: Path) -> None:
     judged = _judged(asked, results)
     settings = tuple((name, str(value)) for name, value in asked.key().items() if value not in (None, ""))
     write_text(output, render(compose(judged, settings)))
     title(f"{len(judged)} runs of seeds {judged[0].seed} to {judged[-1].seed} -> {output}")
-    lines((name, Figure(text, value)) for name, text, value in figures(judged))
-    lost = [each for each in judged if not each.whole]
+    lines((name, Quantity(text, value)) for name, text, value in figures(judged))
+    lost = [each for each in judged if not each.complete]
     note(f"not all arrive: {each.command}" for each in lost[:5])
     note([f"and {len(lost) - 5} more, see {output}"] if len(lost) > 5 else [])

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from palpate.files.models.toml import load_toml
 from palpate.files.schema import parse
-from palpate_lab.simulation.arena import Block, Layout
+from palpate_lab.simulation.arena import ArenaLayout, Block
 
 __all__ = ["read_arena"]
 
@@ -28,7 +28,7 @@ class _Arena:
     block: tuple[Block, ...] = ()
 
 
-def read_arena(file: str | Path) -> Layout:
+def read_arena(file: str | Path) -> ArenaLayout:
     """The arena of a file: lengths [m], angles [rad]; a block without a mass is fixed.
 
     Raises:
@@ -36,4 +36,4 @@ def read_arena(file: str | Path) -> Layout:
     """
     table = {name: value for name, value in load_toml(file).items() if name not in RUN}
     read = parse(table, _Arena, file=str(file))
-    return Layout(read.size, read.block, read.starts, read.goals, read.name or Path(file).stem)
+    return ArenaLayout(read.size, read.block, read.starts, read.goals, read.name or Path(file).stem)

@@ -13,13 +13,13 @@ from palpate.contact.estimate import ROW, Status
 from palpate.files.atomic import replacing
 from palpate.files.models import read_model, write_model
 from palpate.optical.fisheye import Fisheye
-from palpate.optical.markers import Frame
+from palpate.optical.markers import FrameProblem
 from palpate.sensors.marker_ring.calibrate import RingTruth, calibrate_marker_ring
 from palpate.sensors.marker_ring.estimator import RingEstimator
 from palpate.sensors.marker_ring.model import MarkerRing, RingBody
 from palpate.signals.recording import IMAGE, Recording
 from palpate_lab.cli.kept import kept
-from palpate_lab.simulation.arena.camera import SwiftCamera
+from palpate_lab.simulation.arena.camera import TableCamera
 from palpate_lab.simulation.arena.skin import RingSkin, disc_points
 from palpate_lab.simulation.ring_session import Protocol, RingSession, RingUnit, calibration_run
 
@@ -48,7 +48,7 @@ def arena_ring(unit: RingUnit, protocol: Protocol = PROTOCOL) -> MarkerRing:
 def _frames(session: RingSession) -> Iterator[Recording]:
     """The frames of a session as the arena's camera sees them."""
     unit = session.unit
-    camera = SwiftCamera(unit.camera, unit.look, np.random.default_rng([unit.seed, 42]))
+    camera = TableCamera(unit.camera, unit.look, np.random.default_rng([unit.seed, 42]))
     points = disc_points(unit.barrel, np.concatenate([session.markers[:, :, None], session.discs], axis=2))
     for first in range(0, len(points), BLOCK):
         block = slice(first, first + BLOCK)
@@ -107,7 +107,7 @@ class RingSense:
 
     def __init__(self, wear: RingWear, seed: Sequence[int], *, images: bool, torn: bool = False) -> None:
         self._wear, self._images, self._rng = wear, images, np.random.default_rng(seed)
-        self.camera = SwiftCamera(wear.unit.camera, wear.unit.look, self._rng)
+        self.camera = TableCamera(wear.unit.camera, wear.unit.look, self._rng)
         self.estimator = RingEstimator(wear.ring)
         count = wear.unit.barrel.markers
         self._gone = list(range(count - count // 3, count)) if torn else []
@@ -135,7 +135,7 @@ class RingSense:
 
     def feel(self, time: float) -> Touches | None:
         """Angle [rad] and force [N] of each touch felt since `look`; None where the skin says nothing."""
-        state = self.estimator.tracker.frame if self._images else Frame.OK
+        state = self.estimator.tracker.frame if self._images else FrameProblem.OK
         rows = self._rows[: self.estimator.update_markers_into(time, self._pixels, self._rows, state)]
         status = int(rows[0, ROW.status])
         if status == Status.INVALID:

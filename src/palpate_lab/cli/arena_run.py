@@ -17,12 +17,12 @@ from palpate.control.touch_navigator import TouchNavigator, TouchNavigatorSettin
 from palpate.errors import InputError
 from palpate_lab.cli.arena_ring import RingSense, RingWear
 from palpate_lab.papers.navigator import PaperNavigator, PaperSettings
-from palpate_lab.simulation.arena.layout import Layout
+from palpate_lab.simulation.arena.layout import ArenaLayout
 from palpate_lab.simulation.arena.planner import require_solvable
 from palpate_lab.simulation.arena.settings import FRAME, RobotSettings
 from palpate_lab.simulation.arena.world import ArenaWorld
 
-__all__ = ["FAULTS", "METHODS", "RATE", "ArenaResult", "ArenaRun", "ArenaSettings", "Fault", "Moment"]
+__all__ = ["FAULTS", "METHODS", "RATE", "ArenaMoment", "ArenaResult", "ArenaRun", "ArenaSettings", "RobotFault"]
 
 RATE = 1.0 / FRAME  # frames a second
 METHODS = ("ours", "paper", "paper-turned", "paper-random", "no-push", "no-memory")
@@ -33,7 +33,7 @@ STILL = 0.05, 30.0  # m, s: who moves less for so long is in a deadlock
 
 
 @dataclass(frozen=True)
-class Fault:
+class RobotFault:
     """What is wrong with one robot: `kind`, one of `FAULTS`; blind and stuck-wheel from `since` [s] on."""
 
     kind: str
@@ -57,18 +57,18 @@ class ArenaSettings:
         faults: of single robots.
     """
 
-    layout: Layout
+    layout: ArenaLayout
     seed: int = 0
     method: str = "ours"
     sensing: Literal["images", "skin"] = "skin"
     touch: Literal["all", "one", "binary"] = "all"
     pose: Literal["tracker", "odometry"] = "tracker"
     seconds: float = 600.0
-    faults: tuple[Fault, ...] = ()
+    faults: tuple[RobotFault, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
+class ArenaMoment:
     """One frame of a run.
 
     Attributes:
@@ -153,7 +153,7 @@ class ArenaRun:
         self.places = [_Place(settings.pose, layout.starts[k], self.drive, [settings.seed, 3, k]) for k in range(count)]
         self._sums = _Sums(count)
 
-    def _fault(self, robot: int, kind: str) -> Fault | None:
+    def _fault(self, robot: int, kind: str) -> RobotFault | None:
         return next((each for each in self.settings.faults if each.robot == robot and each.kind == kind), None)
 
     def _navigator(self, robot: int) -> Navigator:
@@ -169,7 +169,7 @@ class ArenaRun:
         ours = TouchNavigatorSettings(push=method != "no-push", remember=method != "no-memory")
         return TouchNavigator(goal, drive=drive, settings=ours, seed=seed)
 
-    def __iter__(self) -> Iterator[Moment]:
+    def __iter__(self) -> Iterator[ArenaMoment]:
         world, settings = self.world, self.settings
         arrived = np.zeros(len(self.navigators), dtype=bool)
         while world.time < settings.seconds and not arrived.all():
@@ -178,7 +178,7 @@ class ArenaRun:
             yield moment
             world.step(self._driven(moment))
 
-    def _moment(self) -> Moment:
+    def _moment(self) -> ArenaMoment:
         world, time = self.world, self.world.time
         truths = [world.touches(k) for k in range(len(self.navigators))]
         touches, poses = self._felt(time, truths), world.poses
@@ -191,7 +191,7 @@ class ArenaRun:
         whys = tuple(each.why for each in self.navigators)
         frames = [each.frame for each in self.senses] if self.settings.sensing == "images" else None
         arrived = np.array([each.arrived for each in self.navigators])
-        moment = Moment(time, poses, tracked, world.blocks, touches, truths, wheels, states, whys, frames, arrived)
+        moment = ArenaMoment(time, poses, tracked, world.blocks, touches, truths, wheels, states, whys, frames, arrived)
         self._sums.add(moment, self.settings.layout.goals)
         return moment
 
@@ -202,7 +202,7 @@ class ArenaRun:
             sense.look(truth, dark=blind is not None and time >= blind.since)
         return [_told(sense.feel(time), self.settings.touch) for sense in self.senses]
 
-    def _driven(self, moment: Moment) -> Float[np.ndarray, "n 2"]:
+    def _driven(self, moment: ArenaMoment) -> Float[np.ndarray, "n 2"]:
         """What the tracks really do."""
         wheels = moment.wheels.copy()
         for fault in self.settings.faults:
@@ -214,7 +214,7 @@ class ArenaRun:
         """What came of the moments so far."""
         return self._sums.result(self.settings.seed, self.navigators, self.world.time)
 
-    def play(self, watch: Callable[[Moment], None] | None = None) -> ArenaResult:
+    def play(self, watch: Callable[[ArenaMoment], None] | None = None) -> ArenaResult:
         """All moments, then the result."""
         for moment in self:
             if watch is not None:
@@ -272,7 +272,7 @@ class _Sums:
         self._rest = np.full((count, 3), inf)  # where and since when it stands
         self._pushed = [False] * count
 
-    def add(self, moment: Moment, goals: Float[np.ndarray, "n 2"]) -> None:
+    def add(self, moment: ArenaMoment, goals: Float[np.ndarray, "n 2"]) -> None:
         here, time = moment.poses[:, :2], moment.time
         if self._last is None:
             self._last, self._rest = here, np.column_stack([here, np.full(len(here), time)])

@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from palpate.sensors.marker_ring.model import MarkerRing
     from palpate_lab.cli.arena_ring import RingWear
     from palpate_lab.cli.arena_run import ArenaRun
-    from palpate_lab.simulation.arena.layout import Layout
+    from palpate_lab.simulation.arena.layout import ArenaLayout
 
-__all__ = ["LAYOUTS", "ROBOTS", "Asked", "command", "worn"]
+__all__ = ["LAYOUTS", "ROBOTS", "ArenaRequest", "command", "robot_skin"]
 
 LAYOUTS = ("random", "paper", "u", "corridor")
 ROBOTS = 4
@@ -26,7 +26,7 @@ UNIT = 0  # of the simulated ring that is worn
 
 
 @dataclass(frozen=True)
-class Asked:
+class ArenaRequest:
     """A run, all but its seed; small and plain, so that it can be sent to another process and compared with a file's.
 
     Attributes:
@@ -89,7 +89,7 @@ class Asked:
         if self.robots not in (None, there):
             raise InputError(f"the layout {self.layout!r} has {there} of them.", where="--robots", hint="Leave it out.")
 
-    def arena(self, seed: int) -> Layout:
+    def arena(self, seed: int) -> ArenaLayout:
         """The arena of a seed."""
         from palpate_lab.cli.arena_file import read_arena
         from palpate_lab.simulation.arena import paper_layout, random_layout, trap_layout
@@ -106,9 +106,9 @@ class Asked:
         Raises:
             InputError: an arena that cannot be solved, or a rig without a ring.
         """
-        from palpate_lab.cli.arena_run import ArenaRun, ArenaSettings, Fault
+        from palpate_lab.cli.arena_run import ArenaRun, ArenaSettings, RobotFault
 
-        faults = () if self.fault is None else (Fault(self.fault),)
+        faults = () if self.fault is None else (RobotFault(self.fault),)
         settings = ArenaSettings(
             self.arena(seed),
             seed=seed,
@@ -117,7 +117,7 @@ class Asked:
             seconds=self.seconds,
             faults=faults,
         )
-        return ArenaRun(settings, worn(self.rig))
+        return ArenaRun(settings, robot_skin(self.rig))
 
     def key(self) -> dict[str, object]:
         """All that a result depends on beside its seed: of two runs with the same key a seed's result is the same."""
@@ -132,11 +132,11 @@ class Asked:
         return key
 
 
-def command(asked: Asked, seed: int) -> str:
+def command(request: ArenaRequest, seed: int) -> str:
     """What to type to see one run."""
     words = ["palpate simulate arena -o run.mcap"]
-    for name, value in vars(asked).items():
-        if value != getattr(Asked(), name):
+    for name, value in vars(request).items():
+        if value != getattr(ArenaRequest(), name):
             words.append(f"--{name}" if value is True else f"--{name} {value}")
     return " ".join([*words, f"--seed {seed}", "--view"])
 
@@ -167,7 +167,7 @@ def _ring(rig: str | Path) -> MarkerRing:
 
 
 @lru_cache(maxsize=1)
-def worn(rig: str | None) -> RingWear:
+def robot_skin(rig: str | None) -> RingWear:
     """What every robot wears: the simulated ring, calibrated here or by the rig's model; made once a process."""
     from palpate_lab.cli.arena_ring import RingWear
 

@@ -18,7 +18,7 @@ from palpate.contact.contacts import Contacts
 from palpate.errors import InputError
 from palpate_lab.benchmark.files import WIDTHS, Task, as_contacts
 
-__all__ = ["Answered", "Entrant", "Prepare", "asked_one_by_one", "users"]
+__all__ = ["Entrant", "EntrantResult", "Prepare", "live_entrant", "users"]
 
 Prepare = Callable[
     [Task], Callable[[np.ndarray], Any] | None
@@ -26,7 +26,7 @@ Prepare = Callable[
 
 
 @dataclass(frozen=True, eq=False)
-class Answered:
+class EntrantResult:
     """What an entrant found in one task, and the time of one sample [s]; NaN where nobody measured it."""
 
     contacts: Contacts
@@ -38,17 +38,17 @@ class Entrant:
     """A name, and what it makes of a task: None where it does not take part."""
 
     name: str
-    enter: Callable[[Task], Answered | None]
+    enter: Callable[[Task], EntrantResult | None]
 
 
-def asked_one_by_one(prepare: Prepare, name: str) -> Entrant:
+def live_entrant(prepare: Prepare, name: str) -> Entrant:
     """An entrant that is called with each reading in turn; the time is the median of its calls.
 
     Raises, when it enters:
         InputError: it answers with something that is no contact, or with more than there can be.
     """
 
-    def enter(task: Task) -> Answered | None:
+    def enter(task: Task) -> EntrantResult | None:
         answer = prepare(task)
         if answer is None:
             return None
@@ -64,7 +64,9 @@ def asked_one_by_one(prepare: Prepare, name: str) -> Entrant:
             rows += list(found)
         full = np.stack(rows) if rows else np.empty((0, WIDTHS[-1]))
         contacts = as_contacts(np.array(samples, dtype=np.int64), full)
-        return Answered(contacts, 1e-9 * float(np.median(times[min(1, len(times) - 1) :])))  # the first may compile
+        return EntrantResult(
+            contacts, 1e-9 * float(np.median(times[min(1, len(times) - 1) :]))
+        )  # the first may compile
 
     return Entrant(name, enter)
 
@@ -115,7 +117,7 @@ def users(name: str) -> Entrant:
         sys.path.pop(0)
     if not callable(found):
         raise InputError(f"the module has no function {function!r}.", where=where)
-    return asked_one_by_one(_guarded(cast("Prepare", found), name), name)
+    return live_entrant(_guarded(cast("Prepare", found), name), name)
 
 
 def _guarded(prepare: Prepare, name: str) -> Prepare:

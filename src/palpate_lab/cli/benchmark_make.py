@@ -7,10 +7,10 @@ from typing import Annotated
 
 from tyro.conf import FlagCreatePairsOff, arg
 
-from palpate.console.console import Figure, lines, note, title, wait
+from palpate.console.console import Quantity, lines, note, title, wait
 from palpate.errors import InputError
 from palpate_lab.benchmark.files import read_benchmark
-from palpate_lab.cli.simulate import require_new, whole
+from palpate_lab.cli.simulate import complete_session, require_new
 
 __all__ = ["benchmark_make"]
 
@@ -39,11 +39,11 @@ def benchmark_make(
     if seed < 0:
         raise InputError("must not be negative.", where="--seed")
     names = tuple(name for name in only.split(",") if name)
-    with whole(output) as part:
+    with complete_session(output) as part:
         make_benchmark(part, seed, small=small, only=names, watch=lambda name: wait(f"making {name}"))
     tasks = read_benchmark(output)
     size = sum(path.stat().st_size for path in output.rglob("*") if path.is_file())
     title(f"benchmark of {len(tasks)} tasks, seed {seed}{', small' if small else ''} -> {output}")
-    lines((name, Figure(f"{task.samples:,} samples of {task.kind}", task.samples)) for name, task in tasks.items())
-    lines([("size", Figure(f"{size / 1e6:.1f} MB", size))])
+    lines((name, Quantity(f"{task.samples:,} samples of {task.kind}", task.samples)) for name, task in tasks.items())
+    lines([("size", Quantity(f"{size / 1e6:.1f} MB", size))])
     note([f"how to answer: {output / 'README.txt'}; to score: palpate benchmark score {output}"])

@@ -18,7 +18,7 @@ from palpate.contact.locate import Locator
 from palpate.errors import InputError
 from palpate.setup.pipeline import estimate
 from palpate_lab.benchmark.files import Task, as_contacts
-from palpate_lab.cli.benchmark_entrants import Answered, Entrant, asked_one_by_one
+from palpate_lab.cli.benchmark_entrants import Entrant, EntrantResult, live_entrant
 
 __all__ = ["palpate_entrants"]
 
@@ -33,9 +33,9 @@ CALIBRATE = {  # in the folder of the task
 
 def palpate_entrants() -> tuple[Entrant, ...]:
     """Of single wrenches one by one, of logs `palpate estimate`, which may look at the whole log."""
-    single = asked_one_by_one(_single, "Palpate")
+    single = live_entrant(_single, "Palpate")
 
-    def enter(task: Task) -> Answered | None:
+    def enter(task: Task) -> EntrantResult | None:
         return single.enter(task) if task.kind == "wrench" else _estimated(task)
 
     return (Entrant("Palpate", enter),)
@@ -63,7 +63,7 @@ def _single(task: Task) -> Callable[[np.ndarray], Any]:
     return answer
 
 
-def _estimated(task: Task) -> Answered:
+def _estimated(task: Task) -> EntrantResult:
     """On a copy of the folder without its truth, as there is something to calibrate in it."""
     with TemporaryDirectory() as scratch:
         folder = Path(scratch) / task.name
@@ -76,7 +76,7 @@ def _estimated(task: Task) -> Answered:
         log = folder / ("frames" if task.kind == "marker_ring" else "readings.csv")
         begin = perf_counter()
         found = estimate(log, folder / "rig.toml")
-        return Answered(_as_answers(found), (perf_counter() - begin) / max(task.samples, 1))
+        return EntrantResult(_as_answers(found), (perf_counter() - begin) / max(task.samples, 1))
 
 
 def _truth(top: bool, names: list[str]) -> set[str]:

@@ -12,7 +12,7 @@ from palpate.spatial.pose import Pose, rotation_from_quaternion
 from palpate.surfaces.mesh import Mesh
 from palpate.surfaces.quadric import EllipticCylinder
 from palpate_lab.benchmark.files import Task
-from palpate_lab.cli.benchmark_entrants import Entrant, Prepare, asked_one_by_one
+from palpate_lab.cli.benchmark_entrants import Entrant, Prepare, live_entrant
 from palpate_lab.peers import skin_peers
 from palpate_lab.peers.image_peers import nearest_image, shrunk
 from palpate_lab.peers.to_wrenches import contact_wrenches, linear_map, payload_and_bias
@@ -38,7 +38,7 @@ def peers() -> tuple[Entrant, ...]:
     wrenches = ((name, partial(_on_wrenches, made)) for name, made in WRENCH_PEERS.items())
     skins = ((name, partial(_on_skin, made)) for name, made in SKIN_PEERS.items())
     every: list[tuple[str, Prepare]] = [*wrenches, *skins, ("calibration image most alike", _on_images)]
-    return tuple(asked_one_by_one(prepare, name) for name, prepare in every)
+    return tuple(live_entrant(prepare, name) for name, prepare in every)
 
 
 def _on_wrenches(made: Callable[[Mesh], Answer], task: Task) -> Callable[[np.ndarray], Any] | None:
@@ -109,12 +109,14 @@ def _at_rest(task: Task) -> np.ndarray:
     return rows[rows[:, 0] < 0.8 * task.facts["rest"]].mean(axis=0)
 
 
-def _on_skin(made: Callable[[skin_peers.Sheet], skin_peers.Frames], task: Task) -> Callable[[np.ndarray], Any] | None:
+def _on_skin(
+    made: Callable[[skin_peers.CellPlaces], skin_peers.Frames], task: Task
+) -> Callable[[np.ndarray], Any] | None:
     if task.kind != "skin":
         return None
     cells, curve, zero = task.table("cells.csv"), task.table("response.csv"), _at_rest(task)
     centres, normals = (np.column_stack([cells[f"{n}{axis}"] for axis in "xyz"]) for n in ("", "n"))
-    answer, back = made(skin_peers.Sheet(centres, normals)), _to_body(task)
+    answer, back = made(skin_peers.CellPlaces(centres, normals)), _to_body(task)
 
     def answer_frame(reading: np.ndarray) -> np.ndarray:
         forces = np.interp(reading[7:] - zero[7:], curve["counts"], curve["force"])

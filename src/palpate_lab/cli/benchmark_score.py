@@ -15,7 +15,7 @@ from palpate.files.atomic import keep_inputs, write_text
 from palpate.viewer.report import require_report
 from palpate_lab.benchmark.files import Task, read_answers, read_benchmark, read_truth
 from palpate_lab.benchmark.scoring import score
-from palpate_lab.cli.benchmark_entrants import Answered, Entrant, users
+from palpate_lab.cli.benchmark_entrants import Entrant, EntrantResult, users
 from palpate_lab.cli.benchmark_table import LEGEND, Row, as_markdown, as_page, cells, header
 
 __all__ = ["benchmark_score"]
@@ -85,8 +85,8 @@ def _given(answers: Path | None, estimator: str | None, name: str, tasks: dict[s
     if answers is not None:
         found = read_answers(answers, tasks)
 
-        def enter(task: Task) -> Answered | None:
-            return Answered(found[task.name], float("nan")) if task.name in found else None
+        def enter(task: Task) -> EntrantResult | None:
+            return EntrantResult(found[task.name], float("nan")) if task.name in found else None
 
         yield Entrant(name if name and estimator is None else answers.name, enter)
     if estimator is not None:

@@ -9,7 +9,7 @@ from importlib.metadata import version
 from math import isfinite
 
 from palpate import __version__
-from palpate.viewer.report import Report, Section, Table, render
+from palpate.viewer.report import Report, ReportTable, Section, render
 from palpate_lab.benchmark.files import Task
 from palpate_lab.benchmark.scoring import NEAR, Score
 
@@ -76,9 +76,9 @@ def as_page(tasks: Mapping[str, Task], results: Mapping[str, Sequence[Row]]) -> 
     best = {name: min(rows, key=lambda row: (row.score.median, row.score.p95)) for name, rows in results.items()}
     short = tuple((name, f"{cells(row)[2]} ({row.name})", *cells(row)[3:5]) for name, row in best.items())
     sections = (
-        Section("The least median of each task", tables=(Table(first, short),)),
+        Section("The least median of each task", tables=(ReportTable(first, short),)),
         *(
-            Section(name, text=(_about(tasks[name], rows),), tables=(Table(header(), tuple(map(cells, rows))),))
+            Section(name, text=(_about(tasks[name], rows),), tables=(ReportTable(header(), tuple(map(cells, rows))),))
             for name, rows in results.items()
         ),
         Section("What the columns mean", points=LEGEND),

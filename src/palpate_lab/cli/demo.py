@@ -17,7 +17,7 @@ from palpate.cli import main
 from palpate.console.console import announce, muted, step, table, title
 from palpate.contact.estimate import Status
 from palpate.errors import InputError
-from palpate.evaluation.evaluate import Report
+from palpate.evaluation.evaluate import EvaluationReport
 from palpate.evaluation.evaluate import evaluate as judged
 from palpate.files.atomic import reserve_output
 from palpate.files.contacts import read_contacts
@@ -170,7 +170,7 @@ def _mounting(session: Session, folder: Path) -> list[Row]:
     ]
 
 
-def _judged(reports: list[Report]) -> list[Row]:
+def _judged(reports: list[EvaluationReport]) -> list[Row]:
     places = [report.location for report in reports]
     first, second = (
         ("none", "none") if it is None else (f"{1e3 * it.mean:.2f}", f"{1e3 * it.worst:.2f}") for it in places
@@ -190,5 +190,5 @@ def _figures(
     return name, left, f"{right} +- {spread:.{digits}f}"
 
 
-def _report(folder: Path, name: str) -> Report:
+def _report(folder: Path, name: str) -> EvaluationReport:
     return judged(read_contacts(folder / name), read_ground_truth(folder / "truth.csv"))

@@ -26,10 +26,10 @@ from palpate.signals.filters import Kalman
 from palpate.signals.payload import Payload
 from palpate.surfaces.mesh import Mesh
 from palpate_lab.simulation.phantom.elfin3 import urdf
-from palpate_lab.simulation.phantom.lab import PhantomLab, Reading, Truth
+from palpate_lab.simulation.phantom.lab import PhantomLab, PhantomTruth, Reading
 from palpate_lab.simulation.phantom.probes import Probe
 
-__all__ = ["METHODS", "Moment", "controller_for", "moments", "phantom_arm", "phantom_payload"]
+__all__ = ["METHODS", "PhantomMoment", "controller_for", "moments", "phantom_arm", "phantom_payload"]
 
 FORCE = 7.0  # N, of the paper
 METHODS = ("ours", "paper")
@@ -41,12 +41,12 @@ ACCURATE = (0.04, 0.04, 0.04, 1.5e-3, 1.5e-3, 1.5e-3)  # N, N m: what the sensor
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
+class PhantomMoment:
     """One period of the sensor: what was read, what was commanded, and what was so."""
 
     reading: Reading
     command: Float[np.ndarray, " n"]
-    truth: Truth
+    truth: PhantomTruth
 
 
 def phantom_arm(probe: Probe) -> Arm:
@@ -84,11 +84,11 @@ def controller_for(lab: PhantomLab, method: str = "ours", limits: Limits | None 
     return AlignController(arm, estimator, FORCE, face=face, servo=servo, limits=limits, law=law)
 
 
-def moments(lab: PhantomLab, controller: AlignController, seconds: float) -> Iterator[Moment]:
+def moments(lab: PhantomLab, controller: AlignController, seconds: float) -> Iterator[PhantomMoment]:
     """The loop, one period of the sensor after the other."""
     reading = lab.reading
     while reading.time < seconds:
         command = controller.update(reading.time, reading.wrench, reading.joints)
         lab.command(command)
-        yield Moment(reading, command.copy(), lab.truth())
+        yield PhantomMoment(reading, command.copy(), lab.truth())
         reading = lab.step()

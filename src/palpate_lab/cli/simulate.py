@@ -15,7 +15,7 @@ from palpate.console.console import counting, lines, note, progress, title, wait
 from palpate.errors import InputError
 from palpate.files.atomic import PART, reserve_output
 
-__all__ = ["require_new", "simulate_marker_ring", "whole"]
+__all__ = ["complete_session", "require_new", "simulate_marker_ring"]
 
 Flag = Annotated[bool, FlagCreatePairsOff]
 Folder = Annotated[Path, arg(aliases=["-o"], metavar="FOLDER")]
@@ -47,7 +47,7 @@ def simulate_marker_ring(
         raise InputError("seed must not be negative, and count positive.", where="--seed, --count")
     if rings not in (1, 2, 3):
         raise InputError(f"1 to 3 rings can be simulated, not {rings}.", where="--rings")
-    with whole(output) as part, counting():
+    with complete_session(output) as part, counting():
         figures = _record(part, seed, rings, touches, small, count, images)
     title(f"marker ring, unit {seed} -> {output}")
     lines(figures)
@@ -68,7 +68,7 @@ def require_new(folder: Path) -> None:
 
 
 @contextmanager
-def whole(output: Path) -> Generator[Path]:
+def complete_session(output: Path) -> Generator[Path]:
     """A folder beside the output that becomes it at the end; after Ctrl-C or an error nothing half made is left."""
     part = Path(tempfile.mkdtemp(prefix=f".{output.name}.", suffix=PART, dir=output.absolute().parent))
     try:

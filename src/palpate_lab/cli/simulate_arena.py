@@ -11,18 +11,18 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from tyro.conf import FlagCreatePairsOff, arg
 
-from palpate.console.console import Figure, announce, counting, lines, note, progress, title, wait
+from palpate.console.console import Quantity, announce, counting, lines, note, progress, title, wait
 from palpate.console.options import FileOption, require_port
 from palpate.errors import InputError
-from palpate.files.atomic import folder_beside, reserve_output
-from palpate_lab.cli.arena_setup import Asked, worn
+from palpate.files.atomic import reserve_output, sibling_folder
+from palpate_lab.cli.arena_setup import ArenaRequest, robot_skin
 
 if TYPE_CHECKING:
-    from palpate_lab.cli.arena_run import ArenaResult, ArenaRun, Moment
-    from palpate_lab.simulation.arena.layout import Layout
-    from palpate_lab.viewer.arena import Arena, Scene
+    from palpate_lab.cli.arena_run import ArenaMoment, ArenaResult, ArenaRun
+    from palpate_lab.simulation.arena.layout import ArenaLayout
+    from palpate_lab.viewer.arena import Arena, ArenaScene
 
-    Show = Callable[[Moment], None]
+    Show = Callable[[ArenaMoment], None]
 
 __all__ = ["simulate_arena"]
 
@@ -80,7 +80,7 @@ def simulate_arena(
         jobs: processes for them; otherwise one a core.
         backend: what runs them: processes on this machine, or a dask or ray cluster.
     """
-    asked = Asked(robots, density, layout, method, images, seconds, fault, None if rig is None else str(rig))
+    asked = ArenaRequest(robots, density, layout, method, images, seconds, fault, None if rig is None else str(rig))
     if seed < 0:
         raise InputError("must not be negative.", where="--seed")
     require_port(port, "--port")
@@ -95,7 +95,7 @@ def simulate_arena(
     _require_new(output, film, asked, len(asked.arena(seed).starts))
     wait("loading compiled loops")
     run = asked.run(seed)
-    with folder_beside(output) as part, counting():
+    with sibling_folder(output) as part, counting():
         video = None if film is None else part / f"{output.stem}.mp4"
         result = _recorded(run, asked, part / output.name, video, port if view else None)
         if film is not None and video is not None:
@@ -119,7 +119,7 @@ def _require_single(jobs: int | None, backend: str) -> None:
         raise InputError("is of many runs.", where="--jobs" if jobs is not None else "--backend", hint="Add --seeds N.")
 
 
-def _require_new(output: Path, film: Path | None, asked: Asked, robots: int) -> None:
+def _require_new(output: Path, film: Path | None, asked: ArenaRequest, robots: int) -> None:
     from palpate_lab.simulation.arena.run_files import files_of
 
     if output.suffix != ".mcap":
@@ -134,7 +134,7 @@ def _require_new(output: Path, film: Path | None, asked: Asked, robots: int) -> 
             raise InputError("is already there.", where=str(file), hint="Name another output.")
 
 
-def _recorded(run: ArenaRun, asked: Asked, recording: Path, film: Path | None, port: int | None) -> ArenaResult:
+def _recorded(run: ArenaRun, asked: ArenaRequest, recording: Path, film: Path | None, port: int | None) -> ArenaResult:
     """The whole run, drawn and shown meanwhile if wanted; its files."""
     from palpate_lab.simulation.arena.run_files import RunRecorder, files_of, write_arena
 
@@ -157,13 +157,13 @@ def _recorded(run: ArenaRun, asked: Asked, recording: Path, film: Path | None, p
     return run.result()
 
 
-def _write_ring(asked: Asked, recording: Path) -> None:
+def _write_ring(asked: ArenaRequest, recording: Path) -> None:
     """What `palpate estimate` needs to read a robot's camera."""
     from palpate.files.models.kinds import write_model
     from palpate_lab.simulation.arena.run_files import files_of, write_rig
 
     write_rig(recording)
-    write_model(files_of(recording, 1, True)["ring"], worn(asked.rig).ring)
+    write_model(files_of(recording, 1, True)["ring"], robot_skin(asked.rig).ring)
 
 
 def _filmed(run: ArenaRun, path: Path | None, stack: ExitStack) -> list[Show]:
@@ -177,7 +177,7 @@ def _filmed(run: ArenaRun, path: Path | None, stack: ExitStack) -> list[Show]:
     picture, video = ArenaPicture(_drawn(run)), stack.enter_context(Video(path, SIZE, PICTURES))
     last = -1
 
-    def show(moment: Moment) -> None:
+    def show(moment: ArenaMoment) -> None:
         nonlocal last
         last += 1
         if last % FRAMED == 0 or moment.arrived.all():
@@ -196,7 +196,7 @@ def _live(run: ArenaRun, port: int | None, stack: ExitStack) -> list[Show]:
     page = stack.enter_context(LiveArena(_drawn(run), port=port))
     announce(f"open {page.address} in a browser; Ctrl-C ends the run and leaves no file")
 
-    def show(moment: Moment) -> None:
+    def show(moment: ArenaMoment) -> None:
         page.show(_scene(moment, layout), now=bool(moment.arrived.all()))
         page.wait(moment.time)
 
@@ -207,20 +207,20 @@ def _drawn(run: ArenaRun) -> Arena:
     """The arena, as it is drawn."""
     from palpate_lab.viewer.arena import Arena
 
-    layout: Layout = run.settings.layout
+    layout: ArenaLayout = run.settings.layout
     half = np.array([block.half for block in layout.blocks]).reshape(-1, 2)
     movable = np.array([block.mass is not None for block in layout.blocks], dtype=bool)
     return Arena(layout.size, half, movable, layout.goals, run.robot.radius, layout.name)
 
 
-def _scene(moment: Moment, layout: Layout) -> Scene:
+def _scene(moment: ArenaMoment, layout: ArenaLayout) -> ArenaScene:
     """A moment, as it is drawn."""
-    from palpate_lab.viewer.arena import Scene
+    from palpate_lab.viewer.arena import ArenaScene
 
     blocks = np.array([(block.x, block.y, block.turn) for block in layout.blocks]).reshape(-1, 3)
     blocks[[block.mass is not None for block in layout.blocks]] = moment.blocks  # those that can move, in this order
     frames = None if moment.frames is None else tuple(moment.frames)
-    return Scene(
+    return ArenaScene(
         moment.time, moment.poses, blocks, tuple(moment.touches), moment.states, moment.whys, moment.arrived, frames
     )
 
@@ -230,11 +230,11 @@ def _figures(result: ArenaResult) -> list[tuple[str, object]]:
     there = np.isfinite(times)
     after = ", ".join(f"{time:.1f}" if np.isfinite(time) else "never" for time in times)
     figures: list[tuple[str, object]] = [
-        ("arrived", Figure(f"{there.sum()} of {len(times)}", int(there.sum()))),
-        ("after", Figure(f"{after} s", list(result.arrived))),
-        ("way", Figure(f"{', '.join(f'{way:.2f}' for way in result.path)} m", list(result.path))),
-        ("force", Figure(f"{result.force:.2f} N at 99 % of the contact time", result.force)),
-        ("greatest", Figure(f"{max(result.greatest):.2f} N", max(result.greatest))),
+        ("arrived", Quantity(f"{there.sum()} of {len(times)}", int(there.sum()))),
+        ("after", Quantity(f"{after} s", list(result.arrived))),
+        ("way", Quantity(f"{', '.join(f'{way:.2f}' for way in result.path)} m", list(result.path))),
+        ("force", Quantity(f"{result.force:.2f} N at 99 % of the contact time", result.force)),
+        ("greatest", Quantity(f"{max(result.greatest):.2f} N", max(result.greatest))),
         ("pushes", sum(result.pushes)),
         ("deadlocks", sum(result.deadlocks)),
     ]
@@ -242,7 +242,7 @@ def _figures(result: ArenaResult) -> list[tuple[str, object]]:
     return figures + [(name, result.state[int(name.split()[1]) - 1]) for name in lost]
 
 
-def _next(output: Path, asked: Asked) -> list[str]:
+def _next(output: Path, asked: ArenaRequest) -> list[str]:
     found = ["what really touched is in _truth.csv and on /robot_*/truth and /truth; no robot sees it"]
     if asked.images:
         rig = output.with_name(f"{output.stem}_rig.toml")

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from tyro.conf import FlagCreatePairsOff, arg
 
-from palpate.console.console import Figure, counting, lines, note, progress, title, wait
+from palpate.console.console import Quantity, counting, lines, note, progress, title, wait
 from palpate.errors import InputError
-from palpate_lab.cli.simulate import require_new, whole
+from palpate_lab.cli.simulate import complete_session, require_new
 
 if TYPE_CHECKING:
     from palpate_lab.simulation.touched import ForearmRun, ForearmSettings
@@ -68,7 +68,7 @@ def simulate_forearm_command(
         clock_offset=clock_offset,
     )
     wait("starting the physics engine")
-    with whole(output) as part, counting():
+    with complete_session(output) as part, counting():
         run = _record(settings, part, seed, free)
     title(f"forearm of {rows} x {settings.sheet.columns} cells, seed {seed} -> {output}")
     lines(_figures(run))
@@ -99,14 +99,14 @@ def _figures(run: ForearmRun) -> list[tuple[str, object]]:
     at_once = np.bincount(truth.frame, minlength=frames)
     push = np.linalg.norm(truth.force, axis=1)
     strongest = float(push.max()) if len(push) else 0.0
-    unseen = sum(1 for each in run.touches if each.beside)
+    unseen = sum(1 for each in run.touches if each.off_sheet)
     touched = float((at_once > 0).mean())
     return [
         ("wrenches", f"{len(run.wrench.time)} at {run.settings.wrench_rate} Hz"),
         ("frames", f"{frames} at {run.settings.skin_rate} Hz"),
         ("touches", f"{len(run.touches)}, {unseen} of them beside the skin"),
-        ("touched", Figure(f"{touched:.0%} of the time, by {at_once.max()} at once at most", touched)),
-        ("force", Figure(f"up to {strongest:.1f} N", strongest)),
+        ("touched", Quantity(f"{touched:.0%} of the time, by {at_once.max()} at once at most", touched)),
+        ("force", Quantity(f"up to {strongest:.1f} N", strongest)),
     ]
 
 

@@ -9,9 +9,9 @@ from typing import Annotated
 import numpy as np
 from tyro.conf import FlagCreatePairsOff, arg
 
-from palpate.console.console import Figure, lines, note, title, wait
+from palpate.console.console import Quantity, lines, note, title, wait
 from palpate.errors import InputError
-from palpate_lab.cli.simulate import require_new, whole
+from palpate_lab.cli.simulate import complete_session, require_new
 
 __all__ = ["simulate_load_cells"]
 
@@ -36,7 +36,7 @@ def simulate_load_cells(
     from palpate_lab.simulation.load_cell_files import write_load_cell_session
 
     wait("sliding the ball")
-    with whole(output) as part:
+    with complete_session(output) as part:
         bench = replace(BENCHES["soft layer" if soft else "rigid"], seed=seed)
         known, used = write_load_cell_session(bench, part)
     strongest = float(np.linalg.norm(used.wrench[:, :3], axis=1).max())
@@ -45,7 +45,7 @@ def simulate_load_cells(
         [
             ("bench_log.csv", f"{len(known):,} samples: voltages, and force and place of a ball of 4 mm"),
             ("log.csv", f"{len(used):,} samples: voltages alone"),
-            ("force", Figure(f"up to {strongest:.1f} N", strongest)),
+            ("force", Quantity(f"up to {strongest:.1f} N", strongest)),
         ]
     )
     note(["truth.csv is of log.csv, as simulated; estimates never see it"])

@@ -12,17 +12,19 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from tyro.conf import FlagCreatePairsOff, arg
 
-from palpate.console.console import Figure, announce, counting, lines, note, progress, title, wait
+from palpate.console.console import Quantity, announce, counting, lines, note, progress, title, wait
 from palpate.errors import InputError
-from palpate.files.atomic import folder_beside, reserve_output
+from palpate.files.atomic import reserve_output, sibling_folder
 
 if TYPE_CHECKING:
     from palpate.control.align import AlignController
-    from palpate_lab.cli.phantom_run import Moment
-    from palpate_lab.simulation.phantom.lab import PhantomLab, Truth
+    from palpate_lab.cli.phantom_run import PhantomMoment
+    from palpate_lab.simulation.phantom.lab import PhantomLab, PhantomTruth
     from palpate_lab.simulation.phantom.run_files import PhantomRun
 
-    Show = tuple[int, Callable[[Truth, str], None]]  # every so many periods of the sensor, what to do with a moment
+    Show = tuple[
+        int, Callable[[PhantomTruth, str], None]
+    ]  # every so many periods of the sensor, what to do with a moment
 
 __all__ = ["simulate_phantom"]
 
@@ -81,7 +83,7 @@ def simulate_phantom(
     wait("loading compiled loops")
     from palpate_lab.cli.phantom_run import controller_for
 
-    with folder_beside(output) as part, counting():
+    with sibling_folder(output) as part, counting():
         video = None if film is None else part / f"{output.stem}.mp4"
         run = _recorded(lab, controller_for(lab, method), seconds, video, port if view else None)
         _write(run, lab, part / output.name)
@@ -130,7 +132,7 @@ def _recorded(
     from palpate_lab.cli.phantom_run import moments
     from palpate_lab.simulation.phantom.run_files import PhantomRun
 
-    seen: list[Moment] = []
+    seen: list[PhantomMoment] = []
     states: list[str] = []
     with ExitStack() as stack:
         shows = [show for show in (_filmed(lab, film, stack), _live(lab, port, stack)) if show is not None]
@@ -154,7 +156,7 @@ def _filmed(lab: PhantomLab, path: Path | None, stack: ExitStack) -> Show | None
 
     film = stack.enter_context(Film(lab, path))
 
-    def show(truth: Truth, state: str) -> None:
+    def show(truth: PhantomTruth, state: str) -> None:
         film.add(_words(truth, state.partition(":")[0]))
 
     return FRAMED, show
@@ -171,7 +173,7 @@ def _live(lab: PhantomLab, port: int | None, stack: ExitStack) -> Show | None:
     announce(f"open {page.address} in a browser; Ctrl-C ends the run and leaves no file")
     start = monotonic()
 
-    def show(truth: Truth, state: str) -> None:
+    def show(truth: PhantomTruth, state: str) -> None:
         place = truth.sensor.apply(np.nan_to_num(truth.centre))
         angles = truth.in_plane, truth.out_of_plane
         push = np.stack([place, truth.force])
@@ -181,7 +183,7 @@ def _live(lab: PhantomLab, port: int | None, stack: ExitStack) -> Show | None:
     return SHOWN, show
 
 
-def _words(truth: Truth, state: str) -> str:
+def _words(truth: PhantomTruth, state: str) -> str:
     turned = np.degrees([truth.in_plane, truth.out_of_plane])
     return f"{truth.time:5.1f} s  {state}  {truth.press:4.1f} N  {turned[0]:+5.2f} {turned[1]:+5.2f} deg"
 
@@ -203,9 +205,12 @@ def _figures(run: PhantomRun, lab: PhantomLab) -> list[tuple[str, object]]:
     angle = np.degrees([truth.angle for truth in moved])
     lost = float((press <= 0.0).mean())
     return [
-        ("seconds", Figure(f"{run.truths[-1].time:.1f}", run.truths[-1].time)),
+        ("seconds", Quantity(f"{run.truths[-1].time:.1f}", run.truths[-1].time)),
         ("at the end", run.states[-1]),
-        ("force", Figure(f"{press.min():.2f} to {press.max():.2f} N", [float(press.min()), float(press.max())])),
-        ("angle", Figure(f"{angle.mean():.2f} +- {angle.std():.2f} deg, worst {angle.max():.2f}", float(angle.mean()))),
-        ("without contact", Figure(f"{lost:.1%} of the time", lost)),
+        ("force", Quantity(f"{press.min():.2f} to {press.max():.2f} N", [float(press.min()), float(press.max())])),
+        (
+            "angle",
+            Quantity(f"{angle.mean():.2f} +- {angle.std():.2f} deg, worst {angle.max():.2f}", float(angle.mean())),
+        ),
+        ("without contact", Quantity(f"{lost:.1%} of the time", lost)),
     ]

@@ -10,7 +10,7 @@ from tyro.conf import arg
 
 from palpate.console.console import lines, note, title, wait
 from palpate.errors import InputError
-from palpate_lab.cli.simulate import require_new, whole
+from palpate_lab.cli.simulate import complete_session, require_new
 
 __all__ = ["simulate_pokes"]
 
@@ -75,7 +75,7 @@ def simulate_pokes(
     rng = np.random.default_rng(seed)
     skin = Forearm.of()
     session = PokeBench.drawn(rng, skin=skin).session(rng, pokes)
-    with whole(output) as part:
+    with complete_session(output) as part:
         log = files.write_poke_session(session, skin.cone, skin.cad(rng), part, rng, timing=Timing(*_PACE))
         names = {"wrench_topic": files.WRENCH_TOPIC, "taxel_topic": files.TAXEL_TOPIC, "taxels": len(skin.places)}
         (part / "rig.toml").write_text(_RIG.format(**names), encoding="utf-8")

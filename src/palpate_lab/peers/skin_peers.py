@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Sheet", "all_taxels", "minimum_norm", "patches", "patches_and_wrench"]
+__all__ = ["CellPlaces", "all_taxels", "minimum_norm", "patches", "patches_and_wrench"]
 
 LEAST = 0.15  # N a cell: below it is noise of the counts
 REACH = 1.6  # of the usual distance between neighbours: cells of one patch
@@ -18,7 +18,7 @@ Frames = Callable[[np.ndarray, np.ndarray], np.ndarray]  # forces of cells (k,) 
 
 
 @takes_arrays
-class Sheet:
+class CellPlaces:
     """Where cells are: centres (k, 3) [m] and outward normals (k, 3)."""
 
     def __init__(self, centres: Float[np.ndarray, "k 3"], normals: Float[np.ndarray, "k 3"]) -> None:
@@ -28,7 +28,7 @@ class Sheet:
         self.near = apart < REACH * pitch
 
 
-def all_taxels(sheet: Sheet) -> Frames:
+def all_taxels(sheet: CellPlaces) -> Frames:
     """One contact: the centre of all cells that feel something, weighted by force."""
 
     def answer(forces: np.ndarray, wrench: np.ndarray) -> np.ndarray:
@@ -39,7 +39,7 @@ def all_taxels(sheet: Sheet) -> Frames:
     return answer
 
 
-def patches(sheet: Sheet) -> Frames:
+def patches(sheet: CellPlaces) -> Frames:
     """One contact for each patch of neighbours that feel something: its centre, and the sum along the normals."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
@@ -55,7 +55,7 @@ def patches(sheet: Sheet) -> Frames:
     return answer
 
 
-def patches_and_wrench(sheet: Sheet) -> Frames:
+def patches_and_wrench(sheet: CellPlaces) -> Frames:
     """Places of `patches`, with the shortest forces there that make the wrench of the sensor below."""
     skin = patches(sheet)
 
@@ -75,7 +75,7 @@ def minimum_norm(points: Float[np.ndarray, "n 3"], wrench: Float[np.ndarray, "6"
     return (np.linalg.pinv(np.concatenate(columns, axis=1)) @ wrench).reshape(-1, 3)
 
 
-def _contact(sheet: Sheet, forces: np.ndarray, which: np.ndarray) -> np.ndarray:
+def _contact(sheet: CellPlaces, forces: np.ndarray, which: np.ndarray) -> np.ndarray:
     """Point and force (6,) of some cells."""
     share = forces[which]
     return np.r_[share @ sheet.centres[which] / share.sum(), -(share @ sheet.normals[which])]

@@ -33,7 +33,7 @@ class Skin(Protocol):
         """True places and normals of the taxels, in the frame of the link."""
         ...
 
-    def beside(self, taxel: Int[np.ndarray, " n"], offset: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
+    def offset_from(self, taxel: Int[np.ndarray, " n"], offset: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
         """Points of the surface at flat offsets [m] from taxels."""
         ...
 
@@ -235,7 +235,7 @@ class Forearm(Value):
         slid = self.centres + position * rng.standard_normal(self.centres.shape)
         return self._on_link(self._laid(slid, self.angles + angle * rng.standard_normal(self.modules)))
 
-    def beside(self, taxel: Int[np.ndarray, " n"], offset: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
+    def offset_from(self, taxel: Int[np.ndarray, " n"], offset: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
         """Points of the surface at flat offsets [m] from taxels."""
         flat = self.flat[taxel] + offset
         return self.cone.at(flat[:, 0], flat[:, 1])[0]
@@ -274,7 +274,7 @@ class SurfaceSkin(Value):
     places: TaxelPlaces
     curvature: float = 0.0
 
-    def beside(self, taxel: Int[np.ndarray, " n"], offset: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
+    def offset_from(self, taxel: Int[np.ndarray, " n"], offset: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
         """Points of the surface nearest to offsets [m] in the tangent planes of taxels."""
         axes = _tangents(self.places.normals[taxel])
         return self.surface.project(self.places.positions[taxel] + np.einsum("ni,nij->nj", offset, axes[:, :2]))[0]
@@ -339,7 +339,7 @@ def places_near(
     for _ in range(_TRIES):
         radius, angle = reach * np.sqrt(rng.random(4 * count)), 2 * pi * rng.random(4 * count)
         offset = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
-        points = skin.beside(allowed[rng.integers(len(allowed), size=4 * count)], offset)
+        points = skin.offset_from(allowed[rng.integers(len(allowed), size=4 * count)], offset)
         within = tree.query_ball_point(points, reach, return_length=True)  # where several reach, draws fall as often
         taken = rng.random(len(points)) * np.maximum(within, 1) < 1.0
         if len(others):

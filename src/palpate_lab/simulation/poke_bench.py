@@ -33,13 +33,13 @@ __all__ = [
     "MIX",
     "NOISE2",
     "PERSET",
-    "Arm",
-    "Layer",
+    "Elbow",
     "PokeBench",
     "PokeErrors",
     "PokeSession",
+    "SoftLayer",
     "Tip",
-    "Touches",
+    "TipContacts",
     "boussinesq",
 ]
 
@@ -77,7 +77,7 @@ HAND = Tip(cone=radians(30.0), friction=0.6)  # by hand: with a narrow cone the 
 
 
 @dataclass(frozen=True)
-class Layer:
+class SoftLayer:
     """The compliant skin above the taxels.
 
     Args:
@@ -98,7 +98,7 @@ class Layer:
 
 
 @dataclass(frozen=True)
-class Arm:
+class Elbow:
     """Elbow between sensor and link: pitch j3 about the sensor's y, then roll j4 about the link's z.
 
     T_sensor_link = Trans_z(upper) Rot_y(j3) Rot_z(j4); at zero the forearm continues the upper arm.
@@ -171,7 +171,7 @@ NOISE2 = PokeErrors(0.4, 0.035, 0.25, 0.03, 3e-3, 1.2 * _DEGREE, 0.8e-3, 0.0, 0.
 
 
 @dataclass(frozen=True, eq=False)
-class Touches:
+class TipContacts:
     """What the tip does to the link, in the frame of the link.
 
     Attributes:
@@ -206,7 +206,7 @@ class PokeSession:
     directions: Float[np.ndarray, "n 3"]
     force: Float[np.ndarray, " n"]
     bench: PokeBench
-    touches: Touches
+    touches: TipContacts
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,9 +226,9 @@ class PokeBench(Value):
 
     skin: Skin
     errors: PokeErrors
-    arm: Arm
+    arm: Elbow
     tip: Tip
-    layer: Layer
+    layer: SoftLayer
     gains: Float[np.ndarray, " k"]
     bias: Float[np.ndarray, "d 6"]
     frames: Float[np.ndarray, "d 6"]
@@ -245,9 +245,9 @@ class PokeBench(Value):
         *,
         skin: Skin | None = None,
         errors: PokeErrors = MIX,
-        arm: Arm | None = None,
+        arm: Elbow | None = None,
         tip: Tip | None = None,
-        layer: Layer | None = None,
+        layer: SoftLayer | None = None,
     ) -> PokeBench:
         """One session's errors and gains.
 
@@ -259,7 +259,7 @@ class PokeBench(Value):
             tip: the same.
             layer: the same.
         """
-        skin, arm, tip, layer = skin or Forearm.of(), arm or Arm(), tip or Tip(), layer or Layer()
+        skin, arm, tip, layer = skin or Forearm.of(), arm or Elbow(), tip or Tip(), layer or SoftLayer()
         e, count = errors, len(arm.table)
         bias = rng.standard_normal((count, 6)) * np.repeat([e.bias_force, e.bias_torque], 3)
         common = rng.standard_normal(6) * np.repeat([e.common, e.common_angle], 3)
@@ -352,7 +352,7 @@ class PokeBench(Value):
         directions: Float[np.ndarray, "n 3"],
         normal: Float[np.ndarray, " n"],
         rng: np.random.Generator,
-    ) -> Touches:
+    ) -> TipContacts:
         """The tip at points, pressed with normal forces [N]: what link and taxels get."""
         axes, curvature = self.skin.frame(points)
         local = np.einsum("nij,nj->ni", axes, directions)
@@ -380,7 +380,7 @@ class PokeBench(Value):
         out = [np.einsum("ni,nij->nj", each, axes) for each in (contact, force, moment)]
         spin = (load * turning[:, None] * (ax**2 + ay**2)).sum(axis=1)
         torque = out[2] + np.cross(points, out[1])
-        return Touches(points + out[0], out[1], torque, spin, *self.answers(points, x, y, load))
+        return TipContacts(points + out[0], out[1], torque, spin, *self.answers(points, x, y, load))
 
     def pressed(
         self, normal: Float[np.ndarray, " n"], curvature: Float[np.ndarray, " n"], rng: np.random.Generator

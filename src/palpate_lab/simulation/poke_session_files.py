@@ -91,7 +91,7 @@ def write_poke_session(
     rows = np.column_stack([places.positions, places.normals, places.module])
     _write_rows(folder / "truth.csv", ("x", "y", "z", "nx", "ny", "nz", "module"), rows)
     write_touches(simulate_touches(session.bench, rng, touches), folder, "touches")
-    write_touches(simulate_touches(session.bench, rng, touches, apart=12e-3), folder, "pairs")
+    write_touches(simulate_touches(session.bench, rng, touches, spacing=12e-3), folder, "pairs")
     return log
 
 

@@ -15,7 +15,7 @@ from jaxtyping import Float, UInt8
 
 from palpate.opencv import opencv
 
-__all__ = ["Look", "Photographer", "RingCamera"]
+__all__ = ["Look", "RenderedCamera", "RingCamera"]
 
 HEIGHT = 0.040  # m above the ring
 FINE = 8  # a marker's edge is drawn this much finer: its centroid is right to 0.01 px
@@ -116,7 +116,7 @@ class Look:
 
 
 @dataclass(frozen=True, eq=False)
-class Photographer:
+class RenderedCamera:
     """Draws frames of one camera and one look.
 
     Attributes:

@@ -15,7 +15,7 @@ from jaxtyping import Float, Int, UInt8
 
 from palpate_lab.simulation.barrel import Barrel, Indenter, Pressed
 from palpate_lab.simulation.barrel_elasticity import COARSE_ROWS, BarrelSettings
-from palpate_lab.simulation.ring_camera import Look, Photographer, RingCamera
+from palpate_lab.simulation.ring_camera import Look, RenderedCamera, RingCamera
 
 __all__ = ["Faults", "Protocol", "RingSession", "RingUnit", "Touching", "calibration_run", "touching_run"]
 
@@ -167,7 +167,7 @@ class RingSession:
         """
         faults = faults or Faults()
         rng = np.random.default_rng([self.unit.seed, 41])
-        seen = Photographer(self.unit.camera, look or self.unit.look, rng)
+        seen = RenderedCamera(self.unit.camera, look or self.unit.look, rng)
         frame = seen.black()
         for at, time in enumerate(self.time.tolist()):
             if at in faults.black:

@@ -15,7 +15,7 @@ from palpate.spatial.pose import Pose, rotation_from_quaternion
 from palpate_lab.simulation.contacts import contact_wrenches, directed_forces
 from palpate_lab.simulation.shapes import Superquadric
 
-__all__ = ["Load", "Session", "Touches", "simulate_session"]
+__all__ = ["Load", "Session", "SessionTouches", "simulate_session"]
 
 RATE = 200.0  # Hz
 NOISE = np.array([0.02] * 3 + [0.001] * 3)  # N, N m: one standard deviation of one reading
@@ -44,7 +44,7 @@ class Load:
 
 
 @dataclass(frozen=True)
-class Touches:
+class SessionTouches:
     """One touch a row, in the surface's frame: steady from `start` to `end` [s]; aimed at a mark, landed at a point."""
 
     start: Float[np.ndarray, " n"]
@@ -75,7 +75,7 @@ class Session:
     load: Load
     free_motion: Recording
     touches: Recording
-    truth: Touches
+    truth: SessionTouches
     contact: Float[np.ndarray, "n 6"]
 
 
@@ -119,7 +119,7 @@ def _move(stops: Float[np.ndarray, "k 4"], hold: float, move: float) -> Float[np
 
 def _touching(
     probe: Superquadric, true: Pose, count: int, rng: np.random.Generator
-) -> tuple[Touches, Float[np.ndarray, "n 4"], Float[np.ndarray, "n 6"]]:
+) -> tuple[SessionTouches, Float[np.ndarray, "n 4"], Float[np.ndarray, "n 6"]]:
     """Marks spread over the head, a touch at each with its own friction and torsion, and the arm's orientation."""
     mark = probe.on_ray(_spread(count, lowest=-0.2))
     aside = rng.normal(0.0, PLACEMENT, (count, 3))
@@ -133,7 +133,7 @@ def _touching(
     size = np.tile(_press_profile(), count) * np.repeat(rng.uniform(1.5, 10.0, count), len(_press_profile()))
     wrenches = size[:, None] * np.repeat(unit, len(_press_profile()), axis=0)
     start = np.arange(count) * len(_press_profile()) / RATE + FREE / 2 + RAMP
-    truth = Touches(start, start + PRESS, mark, point, normal, tuple(f"mark {k + 1}" for k in range(count)))
+    truth = SessionTouches(start, start + PRESS, mark, point, normal, tuple(f"mark {k + 1}" for k in range(count)))
     arm = _move(_orientations(count, 0.35, rng), FREE / 2 + 2 * RAMP + PRESS, FREE / 2)
     return truth, arm, wrenches
 

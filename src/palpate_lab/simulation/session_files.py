@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from palpate.signals.recording import ORIENTATION, Recording
 from palpate.spatial.pose import Pose
-from palpate_lab.simulation.session import NOISE, Session, Touches
+from palpate_lab.simulation.session import NOISE, Session, SessionTouches
 
 __all__ = ["POSE_TOPIC", "WRENCH_TOPIC", "write_session"]
 
@@ -86,7 +86,7 @@ def _log(recording: Recording) -> Iterable[list[str]]:
     return ([f"{row[0]:.4f}", *(f"{value:.6f}" for value in row[1:])] for row in table.tolist())
 
 
-def _touches(touches: Touches, points: Float[np.ndarray, "n 3"], rows: slice) -> Iterable[list[str]]:
+def _touches(touches: SessionTouches, points: Float[np.ndarray, "n 3"], rows: slice) -> Iterable[list[str]]:
     numbers = np.column_stack([touches.start, touches.end, points])[rows].tolist()
     return (
         [*(f"{value:.6f}" for value in row), label] for row, label in zip(numbers, touches.label[rows], strict=True)

@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 
 from palpate.spatial._arrays import frozen
 
-__all__ = ["Body", "BumpySphere", "Ellipsoid", "Superquadric", "icosphere"]
+__all__ = ["Body", "BumpySphere", "EllipsoidBody", "Superquadric", "icosphere"]
 
 
 class Body(ABC):
@@ -89,7 +89,7 @@ class Superquadric(Body):
         return unit * self._terms(unit)[2] ** (-self.exponents[0] / 2)
 
 
-class Ellipsoid(Body):
+class EllipsoidBody(Body):
     """(x/a)^2 + (y/b)^2 + (z/c)^2 = 1.
 
     Args:

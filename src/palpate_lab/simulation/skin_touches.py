@@ -85,9 +85,9 @@ def simulate_touches(
     rng: np.random.Generator,
     touches: int = 100,
     *,
-    apart: float | None = None,
+    spacing: float | None = None,
     finger: Finger | None = None,
-    whole: bool = True,
+    counts: bool = True,
 ) -> SkinTouches:
     """Touches at places drawn all over the skin.
 
@@ -95,17 +95,17 @@ def simulate_touches(
         bench: whose skin, layer and gains.
         rng: of places, forces, rest and noise.
         touches: how many.
-        apart: [m] between two at once, along the skin; None: one at a time.
+        spacing: [m] between two at once, along the skin; None: one at a time.
         finger: None: the usual.
-        whole: readings are whole counts of 8 bits; False: floats with noise, without end.
+        counts: readings are whole counts of 8 bits; False: floats with noise, without end.
 
     Raises:
         InputError: two places so far apart are not both on the skin.
     """
     finger = finger or Finger()
-    points = _pairs(bench.skin, rng, touches, apart, finger.reach) if apart else None
+    points = _pairs(bench.skin, rng, touches, spacing, finger.reach) if spacing else None
     points = points if points is not None else places_near(bench.skin, rng, touches, reach=finger.reach)
-    touch = np.repeat(np.arange(touches), 2 if apart else 1)
+    touch = np.repeat(np.arange(touches), 2 if spacing else 1)
     newtons = rng.uniform(finger.light, finger.heavy, len(points))
     x, y, load = _discs(finger.radius * np.cbrt(newtons), newtons)
     which, taxel, exact = bench.answers(points, x, y, load)
@@ -121,7 +121,7 @@ def simulate_touches(
     normal = bench.skin.frame(points)[0][:, 2]
     return SkinTouches(
         np.arange(len(frames)) / RATE,
-        np.clip(np.rint(frames), 0.0, 255.0) if whole else frames,
+        np.clip(np.rint(frames), 0.0, 255.0) if counts else frames,
         rest,
         touch,
         start,
@@ -156,7 +156,7 @@ def _pairs(skin: Skin, rng: np.random.Generator, count: int, apart: float, reach
         angle, turn = rng.uniform(0.0, 2 * pi, (2, len(taxel)))
         near = (reach * np.sqrt(rng.random(len(taxel))))[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         away = near + apart * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
-        pair = np.stack([skin.beside(taxel, near), skin.beside(taxel, away)], axis=1)
+        pair = np.stack([skin.offset_from(taxel, near), skin.offset_from(taxel, away)], axis=1)
         kept.append(pair[np.asarray(tree.query(pair)[0]).max(axis=1) < reach])
         if sum(map(len, kept)) >= count:
             return np.concatenate(kept)[:count].reshape(-1, 3)

@@ -11,7 +11,7 @@ from palpate.errors import InputError
 from palpate.spatial.arguments import takes_arrays
 from palpate.viewer._style import AXES, STATUS, mixed
 
-__all__ = ["FORCE", "Arena", "Scene", "Trails", "colour", "newtons"]
+__all__ = ["FORCE", "Arena", "ArenaScene", "Trails", "colour", "newtons"]
 
 STEP = 0.01  # m between two points of a trail
 _COLOURS = (AXES[2], AXES[1], STATUS[6], STATUS[1], STATUS[7], STATUS[5])  # vermilion is kept for forces
@@ -60,7 +60,7 @@ class Arena:
 
 @takes_arrays
 @dataclass(frozen=True, eq=False)
-class Scene:
+class ArenaScene:
     """A moment.
 
     Attributes:

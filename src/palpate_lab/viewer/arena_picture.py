@@ -11,7 +11,7 @@ from jaxtyping import Float, UInt8
 from palpate.opencv import opencv
 from palpate.viewer._style import DARK, MUTED, RULE, STATUS, mixed
 from palpate.viewer.ink import Ink
-from palpate_lab.viewer.arena import FORCE, Arena, Scene, Trails, colour, newtons
+from palpate_lab.viewer.arena import FORCE, Arena, ArenaScene, Trails, colour, newtons
 
 __all__ = ["SIZE", "ArenaPicture", "senses"]
 
@@ -43,7 +43,7 @@ class ArenaPicture:
         self._corner = (SIZE[0] - self._scale * width) / 2, HEAD + self._scale * height
         self._empty = self._ground()
 
-    def draw(self, scene: Scene) -> UInt8[np.ndarray, "720 960 3"]:
+    def draw(self, scene: ArenaScene) -> UInt8[np.ndarray, "720 960 3"]:
         """The picture of a moment: blue, green, red."""
         self._trails.add(scene.poses)
         picture = self._empty.copy()
@@ -96,7 +96,7 @@ class ArenaPicture:
                 self._ink.line(picture, corners[[0, 2]], mixed(STATUS[5], 0.2), 1)
                 self._ink.line(picture, corners[[1, 3]], mixed(STATUS[5], 0.2), 1)
 
-    def _draw_robot(self, picture: np.ndarray, scene: Scene, robot: int) -> None:
+    def _draw_robot(self, picture: np.ndarray, scene: ArenaScene, robot: int) -> None:
         """A disc with its skin as a rim, a nose that shows where it heads, and its number."""
         ink, (x, y, heading) = self._ink, scene.poses[robot].tolist()
         at, radius, own = self._placed(np.array([x, y])), self._scale * self.arena.radius, colour(robot)
@@ -116,7 +116,7 @@ class ArenaPicture:
             tail = tip + min(LONG * force, LONGEST) * out
             self._ink.arrow(picture, self._placed(np.stack([tail, tip])), FORCE)
 
-    def _caption(self, picture: np.ndarray, scene: Scene) -> None:
+    def _caption(self, picture: np.ndarray, scene: ArenaScene) -> None:
         ink, robots = self._ink, self.arena.robots
         ink.text(picture, f"{scene.time:6.1f} s", (SIDE, 32), 0.75, DARK, 2)
         words = f"{int(scene.arrived.sum())} of {robots} arrived"
@@ -125,7 +125,7 @@ class ArenaPicture:
             ink.middle(picture, self.arena.name, np.array([SIZE[0] / 2, 25.0]), 0.5, mixed(MUTED, 0.0))
         (self._cells if robots <= CELLS else self._counts)(picture, scene)
 
-    def _cells(self, picture: np.ndarray, scene: Scene) -> None:
+    def _cells(self, picture: np.ndarray, scene: ArenaScene) -> None:
         """Of each robot what it feels or sees, its state and why."""
         ink, robots = self._ink, self.arena.robots
         wide, top = (SIZE[0] - 2 * 14) // max(robots, 3), SIZE[1] - FOOT + 12
@@ -143,7 +143,7 @@ class ArenaPicture:
             for row, words in enumerate(ink.wrapped(scene.whys[robot], 0.34, room, rows=4)):
                 ink.text(picture, words, (x, top + 48 + 14 * row), 0.34, mixed(MUTED, 0.0))
 
-    def _counts(self, picture: np.ndarray, scene: Scene) -> None:
+    def _counts(self, picture: np.ndarray, scene: ArenaScene) -> None:
         """How many robots are in each state."""
         counted = sorted(Counter(scene.states).items(), key=lambda each: (-each[1], each[0]))[:12]
         for at, (state, count) in enumerate(counted):
@@ -152,7 +152,7 @@ class ArenaPicture:
             self._ink.text(picture, f"{count:3d}  {state}", place, 0.5, DARK)
 
 
-def senses(scene: Scene, radius: float, height: int, columns: int = 2) -> UInt8[np.ndarray, "h w 3"]:
+def senses(scene: ArenaScene, radius: float, height: int, columns: int = 2) -> UInt8[np.ndarray, "h w 3"]:
     """What every robot's camera sees, or else its ring with what presses on it, side by side with numbers.
 
     Args:
@@ -178,7 +178,7 @@ def senses(scene: Scene, radius: float, height: int, columns: int = 2) -> UInt8[
     return picture
 
 
-def _view(ink: Ink, scene: Scene, robot: int, radius: float, height: int) -> UInt8[np.ndarray, "h w 3"]:
+def _view(ink: Ink, scene: ArenaScene, robot: int, radius: float, height: int) -> UInt8[np.ndarray, "h w 3"]:
     """Of one robot: its camera's image, or else its ring, with ahead at the top."""
     if scene.frames is not None:
         frame = scene.frames[robot]

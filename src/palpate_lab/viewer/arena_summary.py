@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from palpate.spatial.arguments import takes_arrays
 from palpate.viewer._style import AXES, INK, figure, styled
-from palpate.viewer.report import Report, Section, Table, Tile, first_rows, percent, picture
+from palpate.viewer.report import Report, ReportTable, Section, Tile, first_rows, percent, picture
 from palpate.viewer.samples import median
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ class Judged:
         return int(np.isfinite(self.arrived).sum())
 
     @property
-    def whole(self) -> bool:
+    def complete(self) -> bool:
         """All robots arrived."""
         return self.count == len(self.arrived)
 
@@ -66,8 +66,8 @@ def figures(runs: Sequence[Judged]) -> list[tuple[str, str, float]]:
         runs: one at least.
     """
     times, total = _times(runs), sum(len(run.arrived) for run in runs)
-    whole, there = float(np.mean([run.whole for run in runs])), len(times) / total
-    last = median(np.array([max(run.arrived) if run.whole else np.nan for run in runs]))
+    whole, there = float(np.mean([run.complete for run in runs])), len(times) / total
+    last = median(np.array([max(run.arrived) if run.complete else np.nan for run in runs]))
     force = np.array([run.force for run in runs])
     pushes, deadlocks = sum(run.pushes for run in runs), sum(run.deadlocks for run in runs)
     return [
@@ -94,11 +94,11 @@ def compose(runs: Sequence[Judged], settings: tuple[tuple[str, str], ...]) -> Re
     seeds = f"seed {runs[0].seed}" if len(runs) == 1 else f"seeds {runs[0].seed} to {runs[-1].seed}"
     facts = tuple((name, text) for name, (text, _) in found.items())
     sections = (
-        Section("In figures", facts=facts),
+        Section("In figures", settings=facts),
         _over_time(runs),
         _failures(runs),
         Section("All runs", tables=(_table(runs),)),
-        Section("Settings", facts=settings),
+        Section("Settings", settings=settings),
     )
     return Report(
         title="Robots that find their way by touch",
@@ -173,12 +173,12 @@ def _failures(runs: Sequence[Judged]) -> Section:
     return Section("Robots that do not arrive", tables=(table,))
 
 
-def _table(runs: Sequence[Judged]) -> Table:
+def _table(runs: Sequence[Judged]) -> ReportTable:
     header = ("seed", "arrive", "last [s]", "way [m]", "force 99 % [N]", "greatest [N]", "pushes", "deadlocks")
     rows = [
         (
-            f"{run.seed}", f"{run.count} of {len(run.arrived)}", _number(max(run.arrived) if run.whole else np.nan, 1),
-            f"{sum(run.path):.2f}", f"{run.force:.2f}", f"{run.greatest:.2f}", f"{run.pushes}", f"{run.deadlocks}",
+            f"{run.seed}", f"{run.count} of {len(run.arrived)}",
+            _number(max(run.arrived) if run.complete else np.nan, 1), f"{sum(run.path):.2f}", f"{run.force:.2f}", f"{run.greatest:.2f}", f"{run.pushes}", f"{run.deadlocks}",
         )
         for run in runs
     ]  # fmt: skip

@@ -16,7 +16,7 @@ from palpate.viewer.camera import fit
 from palpate.viewer.legend import dot, item, strip
 from palpate.viewer.server import Served
 from palpate.viewer.widgets import card, dock, theme
-from palpate_lab.viewer.arena import Arena, Scene, Trails, colour, newtons
+from palpate_lab.viewer.arena import Arena, ArenaScene, Trails, colour, newtons
 from palpate_lab.viewer.arena_picture import senses
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ class LiveArena(Served):
         self._paused = on
         self._button.label = "Resume" if on else "Pause"
 
-    def show(self, scene: Scene, *, now: bool = False) -> None:
+    def show(self, scene: ArenaScene, *, now: bool = False) -> None:
         """Draw a moment, unless one was drawn a moment ago.
 
         Args:
@@ -106,7 +106,7 @@ class LiveArena(Served):
             if slow:
                 self._tell(scene)
 
-    def _tell(self, scene: Scene) -> None:
+    def _tell(self, scene: ArenaScene) -> None:
         """What changes slowly, or is slow to draw."""
         self._told = monotonic()
         for drawn in self._robots:
@@ -182,20 +182,20 @@ class _Robot:
         for arrow in self._arrows:
             arrow.visible = False
 
-    def show(self, scene: Scene) -> None:
+    def show(self, scene: ArenaScene) -> None:
         """Move it to a moment."""
         x, y, heading = scene.poses[self._robot].tolist()
         self._frame.position, self._frame.wxyz = (x, y, 0.0), _about_z(heading)
         self._push(scene)
 
-    def tell(self, scene: Scene, trails: Trails) -> None:
+    def tell(self, scene: ArenaScene, trails: Trails) -> None:
         """Its way so far."""
         if (length := trails.length(self._robot)) > max(1, self._shown):
             self._shown, way = length, trails.of(self._robot)
             way = np.column_stack([way, np.full(length, 0.003)]).astype(np.float32)
             self._trail.points, self._trail.visible = np.stack([way[:-1], way[1:]], axis=1), True
 
-    def _push(self, scene: Scene) -> None:
+    def _push(self, scene: ArenaScene) -> None:
         pose, felt = scene.poses[self._robot], scene.touches[self._robot]
         felt = np.zeros((0, 2)) if felt is None else felt
         rows: list[list[float]] = felt[np.argsort(-felt[:, 1], kind="stable")][:MOST].tolist()
@@ -300,9 +300,9 @@ def _inline(picture: np.ndarray) -> str:
     return f'<img decoding="sync" alt="" style="display:block;width:100%" src="data:image/jpeg;base64,{code}">'
 
 
-def _first(scene: Scene, most: int) -> Scene:
+def _first(scene: ArenaScene, most: int) -> ArenaScene:
     """The first robots of a moment."""
-    return Scene(
+    return ArenaScene(
         scene.time,
         scene.poses[:most],
         scene.blocks,
@@ -314,7 +314,7 @@ def _first(scene: Scene, most: int) -> Scene:
     )
 
 
-def _words(scene: Scene) -> str:
+def _words(scene: ArenaScene) -> str:
     """Time, and of each robot its state, what it feels and why, as HTML."""
     rows = list[str]()
     for robot, (state, why) in enumerate(zip(scene.states, scene.whys, strict=True)):

@@ -395,7 +395,7 @@ def test_an_unseen_contact_is_found_where_it_is() -> None:
     assert unseen.region[apart.argmin()]
     assert unseen.cluster[unseen.best].tolist() == list(range(len(unseen.best)))
     assert unseen.share.sum() == pytest.approx(unseen.belief[unseen.region].sum())
-    both = locator.beside(found, unseen, int(apart.argmin()))
+    both = locator.neighbours(found, unseen, int(apart.argmin()))
     off = both.force[-1] - force
     assert off @ np.linalg.solve(both.covariance[-3:, -3:], off) < 16.3  # 99.9 % of a Gaussian in three axes
     assert (both.force[-1] @ normal) < 0.0

@@ -56,7 +56,7 @@ def prepared(run: tuple[ForearmRun, Path]) -> tuple[FusedEstimator, Recording]:
 def right(prepared: tuple[FusedEstimator, Recording]) -> tuple[Contacts, tuple[str, ...]]:
     """Contacts of the whole log, and what is doubted of it."""
     estimator, recording = prepared
-    return estimator.run(recording), estimator.doubts()
+    return estimator.run(recording), estimator.warnings()
 
 
 @pytest.fixture
@@ -161,7 +161,7 @@ def test_what_does_not_belong_together_is_doubted(
     channels = {name: values.copy() for name, values in part.channels.items()}
     spoilt = wrong(estimator, channels)
     spoilt.run(replace(part, channels=channels))
-    assert [said for said in spoilt.doubts() if "the wrench" in said]
+    assert [said for said in spoilt.warnings() if "the wrench" in said]
 
 
 def test_what_belongs_together_is_not_doubted(right: tuple[Contacts, tuple[str, ...]]) -> None:

@@ -88,7 +88,7 @@ def test_a_calibration_that_is_not_sure_enough_is_warned_of() -> None:
     design = Design("rig", unsure, TIP, accuracy=1e-4)
     assert any("no force reaches 0.1 mm" in words for words in warnings(design))
     assert next(iter(tiles(design))).value == "none"
-    assert any("calibrated" in value for _, value in compose(design).sections[-1].facts)
+    assert any("calibrated" in value for _, value in compose(design).sections[-1].settings)
 
 
 @pytest.mark.parametrize(

@@ -68,7 +68,7 @@ def test_each_start_has_its_own_zero() -> None:
         last = slice(end - 500, end)
         assert found.answered[last].all()
         assert np.abs(found.force[last] - [0.0, 0.0, -1.0]).max() < 0.02  # 2 mN of noise
-    assert not estimator.doubts()
+    assert not estimator.warnings()
     np.testing.assert_array_equal(found.sample, np.arange(6000))
 
 
@@ -82,14 +82,14 @@ def test_a_first_start_that_is_touched_is_refused_and_a_later_one_doubted() -> N
     with pytest.raises(InputError, match="not at rest at the start"):
         answered(recording(start(0.0, 0.02, rest=False)))
     estimator, found = answered(recording(start(0.0, 0.02), start(40.0, 0.02, rest=False)))
-    assert "the start at 40.000 s is not at rest" in estimator.doubts()[0]
+    assert "the start at 40.000 s is not at rest" in estimator.warnings()[0]
     assert np.abs(found.force[-20:] - [0.0, 0.0, -1.0]).max() < 0.02
 
 
 def test_without_a_tare_the_zero_of_the_calibration_is_doubted() -> None:
     with pytest.raises(InputError, match="needs 20 samples"):
         answered(recording(start(0.0, 0.0)).picked(slice(0, 10)))
-    assert "no zero of the cells was taken" in LoadCellArray(CELLS).doubts()[0]
+    assert "no zero of the cells was taken" in LoadCellArray(CELLS).warnings()[0]
 
 
 def test_faults_are_found_on_the_way() -> None:
@@ -97,8 +97,8 @@ def test_faults_are_found_on_the_way() -> None:
     volts = log.channels[VOLTAGE].copy()
     volts[:, 3:6] = 0.0
     estimator, found = answered(Recording(log.time, {VOLTAGE: volts}))
-    assert "cell 2" in estimator.doubts()[0]
-    assert "dead" in estimator.doubts()[0]
+    assert "cell 2" in estimator.warnings()[0]
+    assert "dead" in estimator.warnings()[0]
     assert found.answered[-500:].all()
 
 
@@ -233,7 +233,7 @@ def test_with_any_one_channel_wrong_ellipses_hold_the_truth_and_it_is_named(benc
             assert kind == "saturated", channel  # so rarely at its range that it is no fault
             continue
         assert channel in fault.channels, channel
-        assert f"{'xyz'[channel % 3]} of" in fault.said
+        assert f"{'xyz'[channel % 3]} of" in fault.text
 
 
 def test_vertical_channels_that_may_all_be_it_are_all_named() -> None:
@@ -244,4 +244,4 @@ def test_vertical_channels_that_may_all_be_it_are_all_named() -> None:
     (fault,) = find_faults(CELLS, readings)
     assert 2 in fault.channels
     assert fault.kind == "unclear"
-    assert "their readings cannot tell which" in fault.said
+    assert "their readings cannot tell which" in fault.text

@@ -199,7 +199,7 @@ def test_too_light_for_the_accuracy_and_the_smallest_force() -> None:
 def test_the_zero_is_taken_and_counts() -> None:
     rng = np.random.default_rng(11)
     estimator = tip()
-    assert "500 samples" in estimator.tare(recording(0.02 + NOISE * rng.normal(size=(500, 12)))).said
+    assert "500 samples" in estimator.tare(recording(0.02 + NOISE * rng.normal(size=(500, 12)))).note
     wrench = contact_wrenches(
         np.array([[0.0, 0.0, B]]), np.array([[0.0, 0.0, 1.0]]), np.array([[0.0, 0.0, -1.0]]), np.zeros(1)
     )
@@ -211,9 +211,9 @@ def test_the_zero_is_taken_and_counts() -> None:
 def test_a_zero_that_could_be_a_touch_is_doubted_if_the_surface_can_be_touched_so() -> None:
     still = NOISE * np.random.default_rng(2).normal(size=(500, 12))
     touch, pull = (ARRAY.voltages(np.array([0.0, 0.0, force, 0.0, 0.0, 0.0])) for force in (-1.0, 1.0))
-    doubt = tip().tare(recording(still + touch)).doubt
+    doubt = tip().tare(recording(still + touch)).warning
     assert "steady touch of 1 N at (0.0, -0.0, 5.0)" in doubt.replace("(-0.0", "(0.0").replace(", 0.0,", ", -0.0,")
-    assert not tip().tare(recording(still + pull)).doubt
+    assert not tip().tare(recording(still + pull)).warning
 
 
 @pytest.mark.parametrize("columns", [11, 13, 6])

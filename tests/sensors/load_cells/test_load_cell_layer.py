@@ -11,7 +11,7 @@ from palpate.sensors.load_cells.resolution import nominal_cells
 from palpate.surfaces import EllipticCylinder
 from palpate.viewer.marker import arc, barbs
 from palpate.viewer.scene import prepare
-from palpate.viewer.scene3d import Settings
+from palpate.viewer.scene3d import DrawSettings
 from palpate.viewer.server import Page
 from palpate_lab.simulation.ball_on_ellipse import FINGERTIP
 from palpate_lab.simulation.cell_array import LAYOUTS
@@ -74,7 +74,7 @@ def test_an_arc_ends_in_an_arrow(share: float) -> None:
 def test_the_page_colours_the_cell_that_carries_most_and_shows_the_torque() -> None:
     layer = LoadCellLayer(CELLS)
     scene = prepare(TIP, _contacts(), "fingertip", [layer])
-    settings = Settings(heat=True, trail=1.0, magnification=1)
+    settings = DrawSettings(heat=True, trail=1.0, magnification=1)
     with Page(scene, port=0, together=True) as page:
         page.session.scene3d.show(scene.at(0), settings)
         near, far = (sum(layer._drawn[cell][0].color) for cell in (0, 3))

@@ -125,9 +125,9 @@ def test_zero_of_a_window_that_is_touched_is_refused() -> None:
         take_zero(cells, window)
     alone = NOISE * rng.normal(size=(1000, 12))
     alone[:, 3] += np.linspace(0, 0.1, 1000)
-    assert "cell 2 alone" in take_zero(cells, alone).doubt
+    assert "cell 2 alone" in take_zero(cells, alone).warning
     still = touch[-1] + NOISE * rng.normal(size=(1000, 12))  # a touch that stands still
-    assert "as a touch of 1 N" in take_zero(cells, still).doubt
+    assert "as a touch of 1 N" in take_zero(cells, still).warning
 
 
 def sliding() -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import InputError, NotIdentifiable
-from palpate.sensors.load_cells._fit import Touches, residuals
+from palpate.sensors.load_cells._fit import ReferenceBlocks, residuals
 from palpate.sensors.load_cells.calibrate import CalibrationOptions, LoadCellCalibration, identify_load_cells
 from palpate.surfaces import EllipticCylinder
 from palpate_lab.simulation.cell_array import in_line
@@ -100,7 +100,7 @@ def test_derivatives_are_those_of_differences(law: np.ndarray) -> None:
     wrench = np.concatenate([force, np.cross(point, force)], axis=1) + 1e-3 * rng.normal(size=(count, 6))
     tangents = np.stack([first, np.cross(normal, first)], axis=1)
     torque, time = 1e-3 * rng.normal(size=count), np.arange(float(count))
-    data = Touches(time, np.zeros(count, dtype=np.int64), wrench, force, point, normal, tangents, torque)
+    data = ReferenceBlocks(time, np.zeros(count, dtype=np.int64), wrench, force, point, normal, tangents, torque)
     matrix = np.eye(6) + 0.01 * rng.normal(size=(6, 6))
     found = np.concatenate([matrix.reshape(-1), law])
     _, by_wrench, by_law = residuals(data, found)
@@ -187,4 +187,4 @@ def test_cells_that_change_places_are_refused() -> None:
 
 def test_touches_left_out_lie_where_the_others_predict() -> None:
     """144 numbers: the ratio to 12 % by chance."""
-    assert 0.4 < calibrated().left_out.ratio < 1.6
+    assert 0.4 < calibrated().validation.ratio < 1.6

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from palpate.errors import InputError
-from palpate.files.logs import ArrayChannel, Layout, read_recording
+from palpate.files.logs import ArrayChannel, LogLayout, read_recording
 from palpate.signals.recording import VOLTAGE
 
 rosbags = pytest.importorskip("rosbags", reason="rosbags writes the logs (pip install 'palpate[ros]')")
 NAMES = tuple(f"u{cell}{axis}" for cell in (1, 2, 3) for axis in "xyz")
 CELLS = ArrayChannel(VOLTAGE, (9,), NAMES, scale=(1e-3,) * 9, table="load_cells")
-LAYOUT = Layout(wrench=None, arrays=(CELLS,))
+LAYOUT = LogLayout(wrench=None, arrays=(CELLS,))
 
 
 def written(folder: Path, rows: np.ndarray, labels: tuple[str, ...] = ()) -> Path:
@@ -58,4 +58,4 @@ def test_a_log_without_voltages_says_what_there_is(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no topic holds wrenches; there is /cells"):
         read_recording(bag)
     with pytest.raises(InputError, match="there is no topic '/other'"):
-        read_recording(bag, Layout(wrench=None, arrays=(replace(CELLS, topic="/other"),)))
+        read_recording(bag, LogLayout(wrench=None, arrays=(replace(CELLS, topic="/other"),)))

@@ -164,7 +164,7 @@ def test_pictures_that_contradict_the_others_are_left_out_and_named() -> None:
     fit = fit_lens(seen, (9, 6), 0.01, (640, 480))
     assert fit.far == (4,)
     assert _apart(fit.camera) <= 1.0
-    assert fit.left_out.parts == 4
+    assert fit.validation.parts == 4
 
 
 def test_the_deviation_of_the_focal_length_holds() -> None:

@@ -18,7 +18,7 @@ from palpate.sensors.taxels.poking.segmentation import PokeSearch, _most, _runs,
 from palpate.signals.recording import FORCE, ORIENTATION, POSITION, TORQUE, Recording
 from palpate.spatial.pose import Pose, quaternion_from_rotation
 from palpate_lab.simulation.forearm import Forearm
-from palpate_lab.simulation.poke_bench import Arm, PokeBench, PokeSession
+from palpate_lab.simulation.poke_bench import Elbow, PokeBench, PokeSession
 from palpate_lab.simulation.poke_log import EVERY, PokeLog, Timing, simulate_poke_log
 
 TABLE = ((94.0, 0.0, 1.0), (15.0, -90.0, 1.0), (94.0, 0.0, 1.0))  # the first pose comes back
@@ -27,7 +27,7 @@ TABLE = ((94.0, 0.0, 1.0), (15.0, -90.0, 1.0), (94.0, 0.0, 1.0))  # the first po
 @cache
 def _log(pokes: int = 90) -> PokeLog:
     rng = np.random.default_rng(3)
-    session = PokeBench.drawn(rng, skin=Forearm.of(), arm=Arm(table=TABLE)).session(rng, pokes)
+    session = PokeBench.drawn(rng, skin=Forearm.of(), arm=Elbow(table=TABLE)).session(rng, pokes)
     timing = Timing(period=0.9, ramp=0.1, hold=0.3, rest=1.0, move=0.6)
     return simulate_poke_log(session, rng, timing)
 

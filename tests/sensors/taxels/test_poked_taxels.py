@@ -170,7 +170,7 @@ def test_the_covariance_holds_pokes_that_get_denser_to_one_side(monkeypatch: pyt
     for taxel in np.unique(seen.origin[plain.weight > 0]):
         for way in denser / chart.spacing * np.eye(2):
             off = np.where((seen.origin == taxel)[:, None], seen.covariance @ way, 0.0)
-            monkeypatch.setattr(solving, "seen_among", lambda *_, off=off: replace(seen, beside=seen.beside + off))
+            monkeypatch.setattr(solving, "seen_among", lambda *_, off=off: replace(seen, second=seen.second + off))
             by = solve(pokes, units, priors).units.away(plain.units)[0]
             moved += np.outer(by, by)
     monkeypatch.setattr(solving, "seen_among", seen_among)
@@ -353,8 +353,8 @@ def test_a_mirrored_layout_is_refused(skin: Forearm, link: Mesh, session: PokeSe
 
 def test_pokes_that_were_left_out_lie_where_the_others_predict(from_cad: TaxelCalibration) -> None:
     """The median of 300 squared distances with three degrees of freedom has a deviation of 8 %."""
-    assert from_cad.left_out.parts == 2
-    assert 0.7 < from_cad.left_out.ratio < 1.4
+    assert from_cad.validation.parts == 2
+    assert 0.7 < from_cad.validation.ratio < 1.4
 
 
 def test_what_cannot_be_is_said(skin: Forearm, link: Mesh, session: PokeSession) -> None:
@@ -375,7 +375,7 @@ def test_what_cannot_be_is_said(skin: Forearm, link: Mesh, session: PokeSession)
     with pytest.raises(NotIdentifiable, match="on modules 6"):
         calibrate_taxels(few, surface=link, layout=skin.layout)
     one = pokes.picked(pokes.configuration == 0)
-    said = calibrate_taxels(one, surface=link, start=skin.cad(RNG(1))).doubts
+    said = calibrate_taxels(one, surface=link, start=skin.cad(RNG(1))).warnings
     assert any("one arm configuration only" in doubt for doubt in said)
 
 

@@ -10,7 +10,7 @@ import polars as pl
 import pytest
 
 from palpate.errors import InputError
-from palpate.files.logs import ArrayChannel, Layout, open_log
+from palpate.files.logs import ArrayChannel, LogLayout, open_log
 from palpate.signals.recording import CELLS as CHANNEL
 
 CELLS = np.random.default_rng(1).integers(0, 256, (9, 3, 4)).astype(np.float64)
@@ -18,8 +18,8 @@ KINDS = ("sensor_msgs/msg/Image", *(f"std_msgs/msg/{name}MultiArray" for name in
 TIME = 100.0 + np.arange(9) / 50.0
 
 
-def _layout(rows: int = 3, columns: int = 4, *, cells: tuple[str, ...] | None = None, **changes: Any) -> Layout:
-    return Layout(wrench=None, arrays=(ArrayChannel(CHANNEL, (rows, columns), cells, table="skin"),), **changes)
+def _layout(rows: int = 3, columns: int = 4, *, cells: tuple[str, ...] | None = None, **changes: Any) -> LogLayout:
+    return LogLayout(wrench=None, arrays=(ArrayChannel(CHANNEL, (rows, columns), cells, table="skin"),), **changes)
 
 
 def _csv(path: Path, cells: np.ndarray = CELLS) -> Path:
@@ -28,7 +28,7 @@ def _csv(path: Path, cells: np.ndarray = CELLS) -> Path:
     return path
 
 
-def _read(path: Path, layout: Layout | None = None) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+def _read(path: Path, layout: LogLayout | None = None) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
     log = open_log(path, layout or _layout())
     blocks = list(log.blocks())
     return np.concatenate([b.time for b in blocks]), np.concatenate([b.channels[CHANNEL] for b in blocks]), log.notes()

@@ -44,7 +44,7 @@ def test_a_cell_that_is_silent_between_pressed_ones_is_dead() -> None:
     cells[:, 2, 3] = 12.0
     health = _examined(cells)
     assert np.flatnonzero(health.dead).tolist() == [19]
-    assert any("dead" in note and "(2, 3)" in note for note in health.doubts)
+    assert any("dead" in note and "(2, 3)" in note for note in health.warnings)
 
 
 def test_a_cell_at_one_value_far_from_the_others_is_stuck() -> None:
@@ -112,6 +112,6 @@ def test_what_is_left_of_a_reading_behind_a_touch_is_reported() -> None:
     cells[:, 2:4, 3:5] += course[:, None, None]
     health = examine(Recording(time, {CELLS: cells}), TaxelBody.sheet(LAYOUT, bits=None), seconds=0.9)
     assert health.hysteresis == pytest.approx(0.15 * np.exp(-0.25), abs=0.02)
-    assert any("hysteresis" in note for note in health.doubts)
+    assert any("hysteresis" in note for note in health.warnings)
     quick, _ = _frames()
-    assert not any("hysteresis" in note for note in _examined(quick).doubts)
+    assert not any("hysteresis" in note for note in _examined(quick).warnings)

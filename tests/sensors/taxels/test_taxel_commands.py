@@ -12,7 +12,7 @@ import pytest
 
 from palpate.cli import main
 from palpate.files.logs import join
-from palpate.files.logs.log import Messages
+from palpate.files.logs.log import MessageBlock
 from palpate.files.mcap.reader import McapFile
 from palpate.files.models import read_model
 from palpate.sensors.taxels.place_formats import read_taxel_places
@@ -24,7 +24,7 @@ from palpate.sensors.taxels.section import SkinSection
 from palpate.setup import load_rig
 from palpate.signals.recording import Recording
 from palpate_lab.simulation.forearm import Forearm
-from palpate_lab.simulation.poke_bench import Arm, PokeBench
+from palpate_lab.simulation.poke_bench import Elbow, PokeBench
 from palpate_lab.simulation.poke_log import Timing
 from palpate_lab.simulation.poke_session_files import write_poke_session
 
@@ -53,7 +53,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """240 pokes in three configurations, calibrated."""
     rng, folder = np.random.default_rng(5), tmp_path_factory.mktemp("taxels") / "s"
     arm = Forearm.of()
-    session = PokeBench.drawn(rng, skin=arm, arm=Arm(table=TABLE)).session(rng, 240)
+    session = PokeBench.drawn(rng, skin=arm, arm=Elbow(table=TABLE)).session(rng, 240)
     timing = Timing(period=0.9, ramp=0.1, hold=0.3, rest=1.0, move=0.6)
     write_poke_session(session, arm.cone, arm.cad(rng), folder, rng, timing=timing, touches=6)
     (folder / "rig.toml").write_text(RIG.format(skin="count = 84"))
@@ -66,7 +66,7 @@ def test_wrenches_and_frames_of_one_reading_are_those_of_two(folder: Path, monke
     rig, whole = load_rig(folder / "rig.toml"), list[Path]()
     read = McapFile._read  # pyright: ignore[reportPrivateUsage] - counted
 
-    def counted(self: McapFile, file: BinaryIO) -> Iterator[Messages]:
+    def counted(self: McapFile, file: BinaryIO) -> Iterator[MessageBlock]:
         yield from read(self, file)
         whole.append(self.path)  # not of a glance at the first stamps
 

@@ -279,8 +279,8 @@ def test_a_tare_states_the_rest_and_one_that_moves_is_refused() -> None:
     still = np.rint(20.0 + rng.standard_normal((60, 6, 22)))
     skin, time = TaxelEstimator(TaxelBody.sheet(FLAT.layout()), LINEAR), np.arange(60) / 50
     told = skin.tare(_recording(time, still))
-    assert "60 frames" in told.said
-    assert not told.doubt
+    assert "60 frames" in told.note
+    assert not told.warning
     assert skin.health is not None
     np.testing.assert_allclose(skin.health.baseline, still.mean(axis=0).ravel(), atol=0.1)
     assert skin.update(0.0, still[0]).status.tolist() == [Status.NO_CONTACT]
@@ -288,7 +288,7 @@ def test_a_tare_states_the_rest_and_one_that_moves_is_refused() -> None:
     moving[30:, 2, 5] += 40.0
     with pytest.raises(InputError, match=r"not at rest during the tare: cell \(2, 5\)"):
         skin.tare(_recording(time, moving))
-    assert "(3, 7)" in skin.tare(_recording(time, still + 50.0 * (np.arange(132) == 73).reshape(6, 22))).doubt
+    assert "(3, 7)" in skin.tare(_recording(time, still + 50.0 * (np.arange(132) == 73).reshape(6, 22))).warning
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from scipy.special import log_ndtr
 
 from palpate.sensors.taxels.modules import ModuleLayout
 from palpate.sensors.taxels.poking.calibrate import spreads
-from palpate.sensors.taxels.poking.response import GRID, LEFT, ROUGH, UNEVEN, WIDE, Chart, Response, seen_among
+from palpate.sensors.taxels.poking.response import GRID, LEFT, ROUGH, UNEVEN, WIDE, LocalTaxels, Response, seen_among
 from palpate.sensors.taxels.poking.rigid_groups import Units
 from palpate.sensors.taxels.poking.solve import eliminated
 
@@ -14,7 +14,7 @@ MODEL = Response(2.0, 1.5e-3, 2.5, 0.2)
 SPACING = 6e-3
 
 
-def _chart(pokes: int, rng: np.random.Generator) -> Chart:
+def _chart(pokes: int, rng: np.random.Generator) -> LocalTaxels:
     """Taxels about pokes, some of which answer, and a last poke to which none does."""
     width = 9
     taxels = np.where(rng.random((pokes, width)) < 0.8, rng.integers(0, 50, (pokes, width)), -1)
@@ -25,10 +25,12 @@ def _chart(pokes: int, rng: np.random.Generator) -> Chart:
     log = MODEL.log((flat**2).sum(axis=2)) + 0.3 * rng.standard_normal((pokes, width))
     log = np.where((taxels >= 0) & (log > quiet[:, None]), log, np.nan)
     log[-1] = np.nan
-    return Chart(taxels, flat, taxels[:, 0], log, quiet, np.asarray(np.isfinite(log).any(axis=1), dtype=bool), SPACING)
+    return LocalTaxels(
+        taxels, flat, taxels[:, 0], log, quiet, np.asarray(np.isfinite(log).any(axis=1), dtype=bool), SPACING
+    )
 
 
-def _likelihood(chart: Chart, grid: np.ndarray) -> np.ndarray:
+def _likelihood(chart: LocalTaxels, grid: np.ndarray) -> np.ndarray:
     """Of the answers at points of a grid (n, g, 2), by NumPy."""
     log = MODEL.log(((chart.flat[:, None] - grid[:, :, None]) ** 2).sum(axis=3))
     answered = np.isfinite(chart.log)[:, None]
@@ -65,7 +67,7 @@ def test_the_kernel_finds_pokes_where_numpy_does() -> None:
         half = np.minimum(half, LEFT * np.sqrt(np.einsum("naa->na", spread)) + 0.5 * cell)
     seen = seen_among(chart, MODEL)
     np.testing.assert_allclose(seen.covariance, covariance, rtol=1e-9, atol=1e-18)
-    points = np.einsum("nw,nwa->na", seen.shares, chart.flat) + seen.beside
+    points = np.einsum("nw,nwa->na", seen.shares, chart.flat) + seen.second
     np.testing.assert_allclose(points[chart.found], mean[chart.found], atol=1e-12)
 
 
@@ -79,14 +81,14 @@ def test_a_poke_beside_two_taxels_may_be_on_either_side_of_them() -> None:
     log[:, 2] = np.nan
     taxels = np.tile([7, 8, 9], (count, 1))
     quiet = MODEL.log(np.full(count, SPACING**2)) - 0.5
-    chart = Chart(taxels, flat, taxels[:, 0], log, quiet, np.ones(count, dtype=bool), SPACING)
+    chart = LocalTaxels(taxels, flat, taxels[:, 0], log, quiet, np.ones(count, dtype=bool), SPACING)
     grid = WIDE * SPACING * np.tile(_square(161), (count, 1, 1))
     weight = _likelihood(chart, grid)
     mean = np.einsum("ng,nga->na", weight, grid)
     away = grid - mean[:, None]
     deviation = np.sqrt(np.einsum("ng,nga,nga->na", weight, away, away))
     seen = seen_among(chart, MODEL)
-    found = np.einsum("nw,nwa->na", seen.shares, chart.flat) + seen.beside
+    found = np.einsum("nw,nwa->na", seen.shares, chart.flat) + seen.second
     assert deviation[:, 1].min() > 2e-3
     np.testing.assert_allclose(found, mean, atol=0.3e-3)
     np.testing.assert_allclose(np.sqrt(np.einsum("naa->na", seen.covariance))[:, 1], deviation[:, 1], rtol=0.1)

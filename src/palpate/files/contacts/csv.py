@@ -15,7 +15,7 @@ from palpate.contact.contacts import Contacts
 from palpate.contact.table import COLUMNS, LABELS, NUMBERS, WHOLE, assembled, features_of, from_frame, pointless, schema
 from palpate.contact.table import to_frame as table_of
 from palpate.errors import InputError
-from palpate.files.tables.table import Table, read_table
+from palpate.files.tables.table import TextTable, read_table
 from palpate.files.units import near
 
 __all__ = ["csv_blocks", "header", "noted", "read_csv", "require_columns", "to_csv"]
@@ -117,7 +117,7 @@ def _parsed(text: bytes, types: dict[str, Any]) -> pl.DataFrame:
     return pl.read_csv(text, has_header=False, schema=types, quote_char=None) if text else pl.DataFrame(schema=types)
 
 
-def _statuses(table: Table) -> np.ndarray:
+def _statuses(table: TextTable) -> np.ndarray:
     text = table.strings("status")
     codes = text.replace_strict(LABELS, range(len(LABELS)), default=None, return_dtype=pl.Int8)
     if codes.null_count():

@@ -10,8 +10,8 @@ from jaxtyping import Float, Int
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.contact.table import pointless
-from palpate.files.mcap.rows import CDR, Fields, Rows, layout, made, stamped
-from palpate.files.mcap.writer import Topic
+from palpate.files.mcap.rows import CDR, ChannelRows, Fields, layout, made, stamped
+from palpate.files.mcap.writer import WrittenTopic
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = [
@@ -23,7 +23,7 @@ __all__ = [
     "VECTOR",
     "WRENCH_FIELDS",
     "WRENCH_STAMPED",
-    "Messages",
+    "ContactMessages",
     "named_features",
     "topics",
 ]
@@ -91,13 +91,13 @@ _UPPER = np.triu_indices(3)
 LATEST = 2**31 * 10**9 - 1  # ns that an int32 of seconds can say
 
 
-def topics(features: tuple[str, ...] = ()) -> tuple[Topic, ...]:
+def topics(features: tuple[str, ...] = ()) -> tuple[WrittenTopic, ...]:
     """What a file of contacts declares: every row with all its numbers, and what viewers draw."""
     added = "".join(f"float64 {name} # of the sensor, SI\n" for name in features)
     return (
-        Topic("/palpate/contact/estimate", KIND, f"{_CONTACT}{added}{_STATUS}{STAMPED}{_POINT}{VECTOR}"),
-        Topic("/palpate/contact/point", "geometry_msgs/msg/PoseStamped", POSE_STAMPED),
-        Topic("/palpate/contact/wrench", "geometry_msgs/msg/WrenchStamped", WRENCH_STAMPED),
+        WrittenTopic("/palpate/contact/estimate", KIND, f"{_CONTACT}{added}{_STATUS}{STAMPED}{_POINT}{VECTOR}"),
+        WrittenTopic("/palpate/contact/point", "geometry_msgs/msg/PoseStamped", POSE_STAMPED),
+        WrittenTopic("/palpate/contact/wrench", "geometry_msgs/msg/WrenchStamped", WRENCH_STAMPED),
     )
 
 
@@ -112,7 +112,7 @@ def _contact_fields(features: tuple[str, ...]) -> Fields:
 
 
 @takes_arrays
-class Messages:
+class ContactMessages:
     """Makes the messages of samples; one frame's name makes all messages of a topic equally long.
 
     Args:
@@ -123,7 +123,7 @@ class Messages:
     def __init__(self, frame_id: str, features: tuple[str, ...] = ()) -> None:
         self._features = features
         fields = (_contact_fields(features), POSE_FIELDS, WRENCH_FIELDS)
-        self._kinds = [Rows(channel, *stamped(frame_id, each)) for channel, each in enumerate(fields, 1)]
+        self._kinds = [ChannelRows(channel, *stamped(frame_id, each)) for channel, each in enumerate(fields, 1)]
         self._last = 0
 
     def of(

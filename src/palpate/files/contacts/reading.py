@@ -15,7 +15,7 @@ from palpate.errors import InputError
 from palpate.files.atomic import PART
 from palpate.files.contacts.csv import csv_blocks, noted, require_columns
 from palpate.files.contacts.mcap import KIND, from_messages, named_features
-from palpate.files.logs.log import Messages
+from palpate.files.logs.log import MessageBlock
 from palpate.files.mcap.reader import MAGIC, McapFile
 from palpate.files.tables.lines import open_input, read_some
 from palpate.forks import require_polars_threads
@@ -97,7 +97,7 @@ def _mcap(path: Path) -> Iterator[Contacts]:
         yield noted(from_frame(pl.DataFrame(schema=schema())), note)
 
 
-def _ours(messages: Messages) -> Iterator[np.ndarray]:
+def _ours(messages: MessageBlock) -> Iterator[np.ndarray]:
     """(n, length) bytes of messages that hold contacts, in order, those of one length together."""
     keys = [key for key, topic in messages.topics.items() if topic.kind == _KIND and topic.encoding == "cdr"]
     ours = np.isin(messages.topic, keys)

@@ -20,7 +20,7 @@ from palpate.contact.table import schema, to_frame
 from palpate.errors import InputError
 from palpate.files.atomic import PART, WHOLE, growing, part, writing
 from palpate.files.contacts.csv import header, to_csv
-from palpate.files.contacts.mcap import Messages, topics
+from palpate.files.contacts.mcap import ContactMessages, topics
 from palpate.files.contacts.reading import contact_blocks
 from palpate.files.mcap.writer import McapWriter
 
@@ -81,7 +81,7 @@ class _Csv(_Appended):
 class _Mcap(_Appended):
     def __init__(self, path: Path, frame_id: str, features: tuple[str, ...]) -> None:
         self._mcap = McapWriter(topics(features), f"palpate {version('palpate')}")
-        self._messages = Messages(frame_id, features)
+        self._messages = ContactMessages(frame_id, features)
         super().__init__(path, self._mcap.head)
 
     def append(self, contacts: Contacts) -> None:

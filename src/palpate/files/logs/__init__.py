@@ -1,6 +1,6 @@
 """Logs: from what a file is to recordings in SI, block by block. `open_log` opens any of them."""
 
-from palpate.files.logs.layout import ArrayChannel, ImageChannel, Layout
+from palpate.files.logs.layout import ArrayChannel, ImageChannel, LogLayout
 from palpate.files.logs.log import Images, Log, LogContents, Stored
 from palpate.files.logs.opening import (
     contents,
@@ -17,9 +17,9 @@ __all__ = [
     "ArrayChannel",
     "ImageChannel",
     "Images",
-    "Layout",
     "Log",
     "LogContents",
+    "LogLayout",
     "Stored",
     "contents",
     "image_size",

@@ -17,12 +17,12 @@ import numpy as np
 
 from palpate.errors import InputError
 from palpate.files.logs.columns import SINGLE, ColumnLog, Columns
-from palpate.files.logs.layout import Layout
+from palpate.files.logs.layout import LogLayout
 from palpate.files.logs.log import LogContents
 from palpate.files.tables.lines import open_input
 from palpate.signals.recording import Recording
 
-__all__ = ["ArrayLog", "DataFrame", "HeldLog", "held"]
+__all__ = ["ArrayLog", "DataFrame", "HeldLog", "arrays_of"]
 
 _MAGIC = b"\x93NUMPY"
 _DAMAGED = (
@@ -109,7 +109,7 @@ class DataFrame(Protocol):
         ...
 
 
-def held(log: DataFrame | Mapping[str, Any] | np.ndarray) -> dict[str, np.ndarray]:
+def arrays_of(log: DataFrame | Mapping[str, Any] | np.ndarray) -> dict[str, np.ndarray]:
     """Return the columns or arrays that a program holds, as an .npz would; dates become seconds since 1970."""
     if isinstance(log, np.ndarray):
         return {SINGLE: log}
@@ -124,7 +124,7 @@ def _seconds(values: np.ndarray) -> np.ndarray:
 class HeldLog(ArrayLog):
     """Of arrays in memory, by their names."""
 
-    def __init__(self, arrays: Mapping[str, np.ndarray], layout: Layout) -> None:
+    def __init__(self, arrays: Mapping[str, np.ndarray], layout: LogLayout) -> None:
         super().__init__(Path("the log"), layout)
         self._held = arrays
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from palpate.errors import InputError, not_loaded
-from palpate.files.logs.log import Messages, Source, Topic, merged
+from palpate.files.logs.log import MessageBlock, MessageFile, Topic, merged
 from palpate.files.mcap.reader import McapFile
 from palpate.files.tables.lines import open_input
 
@@ -20,7 +20,7 @@ __all__ = ["BagFile", "natural", "open_folder"]
 _MOST, _BYTES = 1 << 13, 1 << 22  # messages and bytes of a batch
 
 
-def open_folder(path: Path) -> Source:
+def open_folder(path: Path) -> MessageFile:
     """A ROS 2 bag: with MCAP files in it even if it is without metadata, as a recorder that was stopped leaves it.
 
     Raises:
@@ -46,7 +46,7 @@ def natural(path: Path) -> tuple[str | int, ...]:
     return tuple(int(part) if part.isdigit() else part for part in re.split(r"(\d+)", path.name))
 
 
-class _Parts(Source):
+class _Parts(MessageFile):
     """Files of one recording, one after the other."""
 
     def __init__(self, path: Path, parts: list[McapFile]) -> None:
@@ -59,7 +59,7 @@ class _Parts(Source):
         self._say_torn()
         return found
 
-    def messages(self, names: Collection[str] = ()) -> Generator[Messages]:
+    def messages(self, names: Collection[str] = ()) -> Generator[MessageBlock]:
         done = 0
         for part in self._parts:
             for messages in part.messages(names):
@@ -75,7 +75,7 @@ class _Parts(Source):
         return tuple(f"{part.path.name}: {note}" for part in self._parts for note in part.notes())
 
 
-class BagFile(Source):
+class BagFile(MessageFile):
     """A .bag file, a .db3 file or a folder of these; rosbags reads one that is whole, or none."""
 
     def __init__(self, path: Path) -> None:
@@ -88,7 +88,7 @@ class BagFile(Source):
             self.duration = bag.duration / 1e9
             return _topics(bag)
 
-    def messages(self, names: Collection[str] = ()) -> Generator[Messages]:
+    def messages(self, names: Collection[str] = ()) -> Generator[MessageBlock]:
         """Those of some topics, or all."""
         self.position = 0
         with self._opened() as bag:
@@ -139,7 +139,7 @@ def _topics(bag: Any) -> list[Topic]:
     )
 
 
-def _joined(batch: list[tuple[int, int, bytes]], topics: dict[int, Topic]) -> Messages:
+def _joined(batch: list[tuple[int, int, bytes]], topics: dict[int, Topic]) -> MessageBlock:
     keys, times, raws = zip(*batch, strict=True)
     length = np.array([len(raw) for raw in raws])
-    return Messages(b"".join(raws), topics, np.array(keys), np.array(times), np.cumsum(length) - length, length)
+    return MessageBlock(b"".join(raws), topics, np.array(keys), np.array(times), np.cumsum(length) - length, length)

@@ -17,11 +17,11 @@ from palpate.files.logs.layout import (
     ORIENTATION_COLUMNS,
     POSITION_COLUMNS,
     ArrayChannel,
-    Layout,
+    LogLayout,
 )
 from palpate.files.logs.log import Log
 from palpate.files.logs.naming import require_stated, stated_layout
-from palpate.files.logs.samples import WRENCH, Samples, rows_at_once
+from palpate.files.logs.samples import WRENCH, SampleReader, rows_at_once
 from palpate.files.tables.fields import Fields
 from palpate.files.tables.stated import Stated
 from palpate.files.units import SAMPLES, TIME_UNITS, near, to_si
@@ -68,11 +68,11 @@ class Columns:
         places: column -> its array, and where in it.
     """
 
-    def __init__(self, layout: Layout, path: Path, shapes: Shapes, stated: Stated | None = None) -> None:
+    def __init__(self, layout: LogLayout, path: Path, shapes: Shapes, stated: Stated | None = None) -> None:
         stated = Stated.of_names(shapes) if stated is None else stated
         layout = stated_layout(layout, shapes, stated)
         require_stated(layout, stated, path)
-        self._samples, self._path, self._layout = Samples(layout, path), path, layout
+        self._samples, self._path, self._layout = SampleReader(layout, path), path, layout
         self._per_second = _per_second(layout)
         self._groups = plan(layout, shapes, path)
         self.places = flattened(shapes)
@@ -111,7 +111,7 @@ class Columns:
 class ColumnLog(Log):
     """A file of columns: as many samples as it has rows, in their order; what cannot be read is NaN and noted."""
 
-    def __init__(self, path: Path, layout: Layout) -> None:
+    def __init__(self, path: Path, layout: LogLayout) -> None:
         super().__init__(path, path.stat().st_size if path.exists() else 0)
         self._layout = layout
         self._columns: Columns | None = None
@@ -145,7 +145,7 @@ class _Rows:
         return found
 
 
-def plan(layout: Layout, shapes: Shapes, path: Path) -> dict[str, Sequence[str]]:
+def plan(layout: LogLayout, shapes: Shapes, path: Path) -> dict[str, Sequence[str]]:
     """The columns of the time, of `WRENCH` and of each channel.
 
     Args:
@@ -190,7 +190,7 @@ def flattened(shapes: Shapes) -> dict[str, tuple[str, int]]:
     return found
 
 
-def _per_second(layout: Layout) -> float:
+def _per_second(layout: LogLayout) -> float:
     """How much of the time's unit makes a second."""
     if layout.time_unit == SAMPLES:
         return layout.rate or 1.0
@@ -201,7 +201,7 @@ def _columns(name: str, shape: tuple[int, ...]) -> tuple[str, ...]:
     return tuple(f"{name}[{k}]" for k in range(prod(shape))) if shape else (name,)
 
 
-def _by_arrays(layout: Layout, shapes: Shapes, path: Path) -> Layout:
+def _by_arrays(layout: LogLayout, shapes: Shapes, path: Path) -> LogLayout:
     """With arrays in place of columns that are not there, where a file holds arrays that are called as channels are."""
     arrays = {name: shape for name, shape in shapes.items() if shape}
     if not arrays:

@@ -7,9 +7,9 @@ from os import SEEK_END
 from pathlib import Path
 
 from palpate.files.logs.columns import ColumnLog, Columns
-from palpate.files.logs.layout import Layout
+from palpate.files.logs.layout import LogLayout
 from palpate.files.logs.log import LogContents
-from palpate.files.tables.fields import Rows
+from palpate.files.tables.fields import RowCount
 from palpate.files.tables.lines import open_input
 from palpate.files.tables.stated import Stated
 from palpate.files.tables.table import tables
@@ -24,9 +24,9 @@ HEAD = 1 << 16  # bytes, in which the header is looked for
 class CsvLog(ColumnLog):
     """Delimited text, as `palpate.files.tables.dialect` finds it written."""
 
-    def __init__(self, path: Path, layout: Layout) -> None:
+    def __init__(self, path: Path, layout: LogLayout) -> None:
         super().__init__(path, layout)
-        self._rows = Rows()
+        self._rows = RowCount()
 
     def contents(self) -> LogContents:
         """See `palpate.files.logs.log.Log`."""
@@ -37,7 +37,7 @@ class CsvLog(ColumnLog):
 
     def blocks(self) -> Iterator[Recording]:
         """See `palpate.files.logs.log.Log`."""
-        self._rows, self._columns, self.torn = Rows(), None, ""
+        self._rows, self._columns, self.torn = RowCount(), None, ""
         with open_input(self.path, pipe=True) as file:
             for table in tables(file, self.path, PIECE):
                 self.position = file.tell() if file.seekable() else 0

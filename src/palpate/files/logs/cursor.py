@@ -7,7 +7,7 @@ from copy import copy
 import numpy as np
 from jaxtyping import Bool, Int
 
-from palpate.files.logs.log import Messages
+from palpate.files.logs.log import MessageBlock
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["taken"]
@@ -27,7 +27,7 @@ class Cursor:
         sound: (n,) false from where a message is cut, or is not what it should be; what is read of it means nothing.
     """
 
-    def __init__(self, messages: Messages, encoding: str) -> None:
+    def __init__(self, messages: MessageBlock, encoding: str) -> None:
         self.data, self._cdr = messages.data, encoding == "cdr"
         self.at, self._end = messages.start.copy(), messages.start + messages.length
         self._origin = self.at.copy()

@@ -9,14 +9,25 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.files.logs.cursor import Cursor, taken
-from palpate.files.logs.log import Messages, Topic
+from palpate.files.logs.log import MessageBlock, Topic
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["ARRAYS", "FIXED", "IMAGE", "Kind", "decode", "decode_array", "has_header", "role", "seconds", "shape_of"]
+__all__ = [
+    "ARRAYS",
+    "FIXED",
+    "IMAGE",
+    "MessageLayout",
+    "decode",
+    "decode_array",
+    "has_header",
+    "role",
+    "seconds",
+    "shape_of",
+]
 
 
 @dataclass(frozen=True)
-class Kind:
+class MessageLayout:
     """Where the numbers are in a type whose messages all hold as many.
 
     Args:
@@ -32,19 +43,19 @@ class Kind:
     strings: int = 1
 
 
-FIXED: Mapping[str, Kind] = {
-    "geometry_msgs/WrenchStamped": Kind("wrench", 0, 6, 0),
-    "geometry_msgs/Wrench": Kind("wrench", 0, 6, 0, strings=0),
-    "geometry_msgs/PoseStamped": Kind("pose", 0, 7, 0),
-    "geometry_msgs/Pose": Kind("pose", 0, 7, 0, strings=0),
-    "geometry_msgs/TransformStamped": Kind("pose", 0, 7, 0, strings=2),
-    "geometry_msgs/PoseWithCovarianceStamped": Kind("pose", 0, 7, 36),
-    "nav_msgs/Odometry": Kind("pose", 0, 7, 36 + 6 + 36, strings=2),
-    "geometry_msgs/AccelStamped": Kind("acceleration", 0, 3, 3),
-    "geometry_msgs/Vector3Stamped": Kind("acceleration", 0, 3, 0),
-    "sensor_msgs/Imu": Kind("acceleration", 4 + 9 + 3 + 9, 3, 9),
-    "sensor_msgs/Temperature": Kind("temperature", 0, 1, 1),
-    "std_msgs/Float64": Kind("temperature", 0, 1, 0, strings=0),
+FIXED: Mapping[str, MessageLayout] = {
+    "geometry_msgs/WrenchStamped": MessageLayout("wrench", 0, 6, 0),
+    "geometry_msgs/Wrench": MessageLayout("wrench", 0, 6, 0, strings=0),
+    "geometry_msgs/PoseStamped": MessageLayout("pose", 0, 7, 0),
+    "geometry_msgs/Pose": MessageLayout("pose", 0, 7, 0, strings=0),
+    "geometry_msgs/TransformStamped": MessageLayout("pose", 0, 7, 0, strings=2),
+    "geometry_msgs/PoseWithCovarianceStamped": MessageLayout("pose", 0, 7, 36),
+    "nav_msgs/Odometry": MessageLayout("pose", 0, 7, 36 + 6 + 36, strings=2),
+    "geometry_msgs/AccelStamped": MessageLayout("acceleration", 0, 3, 3),
+    "geometry_msgs/Vector3Stamped": MessageLayout("acceleration", 0, 3, 0),
+    "sensor_msgs/Imu": MessageLayout("acceleration", 4 + 9 + 3 + 9, 3, 9),
+    "sensor_msgs/Temperature": MessageLayout("temperature", 0, 1, 1),
+    "std_msgs/Float64": MessageLayout("temperature", 0, 1, 0, strings=0),
 }
 ARRAYS: Mapping[str, str] = {  # -> what each number is
     f"std_msgs/{name}MultiArray": code
@@ -86,7 +97,7 @@ def has_header(kind: str) -> bool:
     return FIXED[kind].strings > 0 if kind in FIXED else kind == IMAGE
 
 
-def decode(messages: Messages, topic: Topic, shape: tuple[int, ...] = ()) -> Decoded:
+def decode(messages: MessageBlock, topic: Topic, shape: tuple[int, ...] = ()) -> Decoded:
     """Stamps [ns] (0 where the type has none), numbers (NaN where they could not be read), and where they could.
 
     Args:
@@ -104,7 +115,7 @@ def decode(messages: Messages, topic: Topic, shape: tuple[int, ...] = ()) -> Dec
     return stamps, values, cursor.sound
 
 
-def shape_of(messages: Messages, topic: Topic) -> tuple[int, ...] | None:
+def shape_of(messages: MessageBlock, topic: Topic) -> tuple[int, ...] | None:
     """Of the array, or rows and columns of the image of one channel, in the first message that can be read, or None."""
     cursor = Cursor(messages, topic.encoding)
     if topic.kind == IMAGE:
@@ -131,7 +142,7 @@ def seconds(nanoseconds: Int[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     return np.where(np.abs(nanoseconds) < 2**53, nanoseconds / 1e9, split)
 
 
-def _fixed(cursor: Cursor, kind: Kind) -> tuple[np.ndarray, np.ndarray]:
+def _fixed(cursor: Cursor, kind: MessageLayout) -> tuple[np.ndarray, np.ndarray]:
     stamps = cursor.stamp() if kind.strings else np.zeros(len(cursor.at), dtype=np.int64)
     for _ in range(kind.strings - 1):
         cursor.text()
@@ -140,7 +151,9 @@ def _fixed(cursor: Cursor, kind: Kind) -> tuple[np.ndarray, np.ndarray]:
     return stamps, values
 
 
-def decode_array(messages: Messages, topic: Topic, shape: tuple[int, ...]) -> tuple[np.ndarray, Bool[np.ndarray, " n"]]:
+def decode_array(
+    messages: MessageBlock, topic: Topic, shape: tuple[int, ...]
+) -> tuple[np.ndarray, Bool[np.ndarray, " n"]]:
     """Numbers of arrays in the type in which they are stored, and which messages could be read."""
     cursor = Cursor(messages, topic.encoding)
     return _stored(cursor, ARRAYS[topic.kind], shape), cursor.sound

@@ -14,7 +14,7 @@ from palpate.errors import InputError
 from palpate.files.logs.bag import natural
 from palpate.files.logs.csv import CsvLog
 from palpate.files.logs.images import Frame, ImageLog, decoded
-from palpate.files.logs.layout import Layout
+from palpate.files.logs.layout import LogLayout
 from palpate.files.logs.log import Images, LogContents
 from palpate.files.logs.video import RATE
 from palpate.opencv import opencv
@@ -43,7 +43,7 @@ class FrameFolder(ImageLog):
     Times are the column of `times.csv`, or else of `truth.csv`, in the folder, if it has as many rows; else k / rate.
     """
 
-    def __init__(self, path: Path, layout: Layout) -> None:
+    def __init__(self, path: Path, layout: LogLayout) -> None:
         files = (file for file in path.iterdir() if file.suffix.lower() in FRAMES and not file.name.startswith("."))
         self._files = sorted(filter(Path.is_file, files), key=natural)
         super().__init__(path, sum(file.stat().st_size for file in self._files), layout)
@@ -89,7 +89,7 @@ class FrameFolder(ImageLog):
         return np.arange(count) / (self._layout.rate or RATE)
 
 
-def _column(file: Path, layout: Layout) -> Float[np.ndarray, " n"] | None:
+def _column(file: Path, layout: LogLayout) -> Float[np.ndarray, " n"] | None:
     alone = replace(layout, wrench=None, arrays=(), images=None, rate=None, orientation=None, position=None)
     try:
         return np.concatenate([block.time for block in CsvLog(file, replace(alone, acceleration=None)).blocks()])

@@ -10,7 +10,7 @@ import numpy as np
 
 from palpate.files.logs.cursor import Cursor
 from palpate.files.logs.images import decoded, to_bgr
-from palpate.files.logs.log import Messages, Topic
+from palpate.files.logs.log import MessageBlock, Topic
 
 __all__ = ["IMAGES", "ImageMessage", "image_messages"]
 
@@ -98,7 +98,7 @@ class ImageMessage:
         return *image.shape[:2], 1 if stored is None or stored.ndim == 2 else stored.shape[2]
 
 
-def image_messages(messages: Messages, topic: Topic) -> Iterator[ImageMessage]:
+def image_messages(messages: MessageBlock, topic: Topic) -> Iterator[ImageMessage]:
     """Those of a topic, one by one.
 
     Args:

@@ -12,8 +12,8 @@ import numpy as np
 from palpate.files.logs.decoding import seconds
 from palpate.files.logs.image_messages import image_messages
 from palpate.files.logs.images import Frame, ImageLog
-from palpate.files.logs.layout import ImageChannel, Layout
-from palpate.files.logs.log import LogContents, Source, Topic
+from palpate.files.logs.layout import ImageChannel, LogLayout
+from palpate.files.logs.log import LogContents, MessageFile, Topic
 from palpate.files.logs.topics import choose_images
 from palpate.opencv import opencv
 from palpate.signals.recording import Recording
@@ -26,7 +26,7 @@ _FIRST = 2  # stamps that say whether a topic has any: a clock may begin at 0
 class ImageTopicLog(ImageLog):
     """Times are the stamps of the headers, or of the recorder where they are all 0."""
 
-    def __init__(self, path: Path, layout: Layout, source: Source) -> None:
+    def __init__(self, path: Path, layout: LogLayout, source: MessageFile) -> None:
         super().__init__(path, source.size, layout)
         self._source = source
 
@@ -63,7 +63,7 @@ class ImageTopicLog(ImageLog):
         self.torn = self._source.torn
 
 
-def first_size(source: Source, topic: Topic) -> tuple[int, int, int] | None:
+def first_size(source: MessageFile, topic: Topic) -> tuple[int, int, int] | None:
     """Height, width and channels of the first image that can be read."""
     cv2 = opencv()
     with closing(source.messages([topic.name])) as pieces:
@@ -74,7 +74,7 @@ def first_size(source: Source, topic: Topic) -> tuple[int, int, int] | None:
     return None
 
 
-def _has_stamps(source: Source, topic: Topic) -> bool:
+def _has_stamps(source: MessageFile, topic: Topic) -> bool:
     found: list[int] = []
     with closing(source.messages([topic.name])) as pieces:
         for piece in pieces:

@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import UInt8
 
 from palpate.errors import InputError
-from palpate.files.logs.layout import Layout
+from palpate.files.logs.layout import LogLayout
 from palpate.files.logs.log import Log
-from palpate.files.logs.samples import Samples
+from palpate.files.logs.samples import SampleReader
 from palpate.opencv import opencv
 from palpate.signals.recording import IMAGE, Recording
 
@@ -25,7 +25,7 @@ _NAMED = 3  # frames that a note names
 Frame = tuple[float, np.ndarray | None, str]  # time [s], image (None: it could not be decoded), what a note calls it
 
 
-def refuse_others(layout: Layout, path: Path, called: str) -> None:
+def refuse_others(layout: LogLayout, path: Path, called: str) -> None:
     """Raise an InputError where something else than images is asked for."""
     if layout.images is None or layout.wrench is not None or layout.arrays:
         wanted = [*(["a wrench"] if layout.wrench is not None else []), *(array.name for array in layout.arrays)]
@@ -68,8 +68,8 @@ class FrameBlocks:
     A frame that could not be decoded, or is of another size than the first that could, is a row of zeros.
     """
 
-    def __init__(self, layout: Layout, path: Path) -> None:
-        self._samples, self._path = Samples(layout, path), path
+    def __init__(self, layout: LogLayout, path: Path) -> None:
+        self._samples, self._path = SampleReader(layout, path), path
         self._size: tuple[int, int] | None = None
         self._lost, self._other = list[str](), list[str]()
         self.count = 0
@@ -137,7 +137,7 @@ class FrameBlocks:
 class ImageLog(Log):
     """What every reader of images gives."""
 
-    def __init__(self, path: Path, size: int, layout: Layout) -> None:
+    def __init__(self, path: Path, size: int, layout: LogLayout) -> None:
         super().__init__(path, size)
         self._layout, self._frames, self._said = layout, FrameBlocks(layout, path), list[str]()
 

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 from palpate.errors import InputError
 from palpate.files.logs.cursor import Cursor, taken
 from palpate.files.logs.decoding import seconds
-from palpate.files.logs.log import Messages, Topic
+from palpate.files.logs.log import MessageBlock, Topic
 from palpate.files.urdf import Kinematics
 from palpate.spatial.pose_track import PoseTrack
 
@@ -24,7 +24,7 @@ _MOST = 1000  # joints of a message
 Read = tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n k"], Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]
 
 
-def joint_positions(messages: Messages, topic: Topic, wanted: Sequence[str]) -> Read:
+def joint_positions(messages: MessageBlock, topic: Topic, wanted: Sequence[str]) -> Read:
     """Stamps [ns], positions [rad, m] of the wanted joints in their order (NaN: not in the message), and two masks.
 
     Messages may name their joints in any order, and each message in its own; those of one list of names are read at
@@ -66,13 +66,13 @@ def joint_positions(messages: Messages, topic: Topic, wanted: Sequence[str]) -> 
     return stamp, values, sound, concerned | (sound if not wanted else False)
 
 
-def joint_stamps(messages: Messages, topic: Topic) -> Int[np.ndarray, " n"]:
+def joint_stamps(messages: MessageBlock, topic: Topic) -> Int[np.ndarray, " n"]:
     """Those [ns] of the messages that can be read."""
     stamp, _, sound, _ = joint_positions(messages.of(topic), topic, ())
     return stamp[sound]
 
 
-def joint_names(messages: Messages, topic: Topic) -> list[str]:
+def joint_names(messages: MessageBlock, topic: Topic) -> list[str]:
     """Of the joints in the first message that can be read."""
     cursor = Cursor(messages, topic.encoding)
     cursor.stamp()
@@ -107,7 +107,7 @@ class JointPoses:
         self._count = self._unread = self._lacking = self._used = 0
         self._lacks = dict[str, None]()
 
-    def add(self, messages: Messages) -> None:
+    def add(self, messages: MessageBlock) -> None:
         """More of the log."""
         topic, joints = self.topics[0], self._kinematics.joints
         own = messages.of(topic)

@@ -19,7 +19,7 @@ __all__ = [
     "WRENCH_COLUMNS",
     "ArrayChannel",
     "ImageChannel",
-    "Layout",
+    "LogLayout",
     "axis_matrix",
 ]
 
@@ -75,7 +75,7 @@ class ImageChannel:
 
 
 @dataclass(frozen=True)
-class Layout:
+class LogLayout:
     """Where a log keeps what, and in which units and axes. The defaults need no mapping.
 
     Args:

@@ -14,7 +14,7 @@ from palpate.files.tables.stated import Stated
 from palpate.signals.recording import CELLS, Recording
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Images", "Log", "LogContents", "Messages", "Source", "Stored", "Topic", "merged"]
+__all__ = ["Images", "Log", "LogContents", "MessageBlock", "MessageFile", "Stored", "Topic", "merged"]
 
 Stored = tuple[Float[np.ndarray, " n"], np.ndarray]  # times [s], and frames (n, k) as they are stored
 
@@ -86,7 +86,7 @@ class LogContents:
 
 @takes_arrays
 @dataclass(frozen=True)
-class Messages:
+class MessageBlock:
     """Some messages, in the order of the file.
 
     Attributes:
@@ -103,13 +103,15 @@ class Messages:
     start: Int[np.ndarray, " n"]
     length: Int[np.ndarray, " n"]
 
-    def of(self, topic: Topic) -> Messages:
+    def of(self, topic: Topic) -> MessageBlock:
         """Those of one topic, as far as they are of its type."""
         mask = np.zeros(len(self.topic), dtype=bool)
         for key, other in self.topics.items():
             if other.same(topic):
                 mask |= self.topic == key
-        return Messages(self.data, self.topics, self.topic[mask], self.time[mask], self.start[mask], self.length[mask])
+        return MessageBlock(
+            self.data, self.topics, self.topic[mask], self.time[mask], self.start[mask], self.length[mask]
+        )
 
 
 class _Watched:
@@ -131,7 +133,7 @@ class _Watched:
         return ()
 
 
-class Source(_Watched, ABC):
+class MessageFile(_Watched, ABC):
     """A file of messages.
 
     Attributes:
@@ -145,7 +147,7 @@ class Source(_Watched, ABC):
         """Everything that it declares, one entry a name and type, with how many messages there are."""
 
     @abstractmethod
-    def messages(self, names: Collection[str] = ()) -> Generator[Messages]:
+    def messages(self, names: Collection[str] = ()) -> Generator[MessageBlock]:
         """From the start, in the order of the file: all, or at least those of the topics that are named."""
 
 
@@ -177,7 +179,7 @@ class Log(_Watched, ABC):
         for block in self.blocks():
             yield block.time, block.channels[CELLS].reshape(len(block), -1)
 
-    def beside(self, frames: Log) -> Iterator[Recording | Stored]:
+    def merged_with(self, frames: Log) -> Iterator[Recording | Stored]:
         """Its `blocks`, and what `frames`, the file by another layout, has `stored`: in one reading where that can be.
 
         Raises:

@@ -7,14 +7,14 @@ from dataclasses import replace
 from pathlib import Path
 
 from palpate.errors import InputError
-from palpate.files.logs.layout import WRENCH_COLUMNS, Layout
+from palpate.files.logs.layout import WRENCH_COLUMNS, LogLayout
 from palpate.files.tables.stated import Stated
 from palpate.files.units import ACCELERATION_UNITS, FORCE_UNITS, SAMPLES, TIME_UNITS, TORQUE_UNITS, split_unit, to_si
 
 __all__ = ["require_stated", "stated_layout"]
 
 
-def stated_layout(layout: Layout, names: Iterable[str], stated: Stated) -> Layout:
+def stated_layout(layout: LogLayout, names: Iterable[str], stated: Stated) -> LogLayout:
     """With `Fx [N]`, `Time [ms]` for `fx`, `time`, where those are asked for, not there, and only one column each is.
 
     A name without a unit is no other name of these: a rig says which column it is.
@@ -43,7 +43,7 @@ def stated_layout(layout: Layout, names: Iterable[str], stated: Stated) -> Layou
     return replace(layout, **changes)
 
 
-def require_stated(layout: Layout, stated: Stated, path: Path) -> None:
+def require_stated(layout: LogLayout, stated: Stated, path: Path) -> None:
     """Raise an InputError where the log states a unit, and it is read by another one."""
     wrench = layout.wrench or ()
     for kind, columns, unit, table in (

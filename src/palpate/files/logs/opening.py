@@ -20,8 +20,8 @@ from palpate.files.logs.frame_folder import FrameFolder, holds_frames
 from palpate.files.logs.image_messages import IMAGES
 from palpate.files.logs.image_topics import ImageTopicLog, first_size
 from palpate.files.logs.images import refuse_others
-from palpate.files.logs.layout import Layout
-from palpate.files.logs.log import Log, LogContents, Source, Topic
+from palpate.files.logs.layout import LogLayout
+from palpate.files.logs.log import Log, LogContents, MessageFile, Topic
 from palpate.files.logs.parquet import ParquetLog
 from palpate.files.logs.survey import Survey, survey_of
 from palpate.files.logs.topic_log import TopicLog
@@ -118,7 +118,7 @@ def survey(path: Path) -> Survey | None:
     return None if kind in _WITHOUT_TOPICS else survey_of(_messages(path, kind))
 
 
-def _shape(source: Source, topic: Topic) -> tuple[int, ...] | None:
+def _shape(source: MessageFile, topic: Topic) -> tuple[int, ...] | None:
     with closing(source.messages([topic.name])) as pieces:
         for piece in pieces:
             if (shape := shape_of(piece.of(topic), topic)) is not None:
@@ -126,7 +126,7 @@ def _shape(source: Source, topic: Topic) -> tuple[int, ...] | None:
     return None
 
 
-def missing(there: LogContents, layout: Layout) -> list[str]:
+def missing(there: LogContents, layout: LogLayout) -> list[str]:
     """Why a log cannot be read with a layout, one sentence each; nothing: it has all that the layout asks for."""
     try:
         if there.images is not None:
@@ -142,7 +142,7 @@ def missing(there: LogContents, layout: Layout) -> list[str]:
     return []
 
 
-def open_log(path: str | Path | Mapping[str, np.ndarray], layout: Layout | None = None) -> Log:
+def open_log(path: str | Path | Mapping[str, np.ndarray], layout: LogLayout | None = None) -> Log:
     """Open a log: CSV or other text, Parquet, NumPy, MCAP, a ROS 1 bag, a ROS 2 bag (its folder, or a .db3 file).
 
     Images are read from a video, a folder of frames, MCAP and bags. Arrays in memory are a log, too.
@@ -150,7 +150,7 @@ def open_log(path: str | Path | Mapping[str, np.ndarray], layout: Layout | None 
     Raises:
         InputError: the file is not there, or not what its name says.
     """
-    layout = layout or Layout()
+    layout = layout or LogLayout()
     if isinstance(path, Mapping):
         return HeldLog(path, layout)
     path = Path(path)
@@ -168,7 +168,7 @@ def open_log(path: str | Path | Mapping[str, np.ndarray], layout: Layout | None 
     return TopicLog(path, layout, _messages(path, kind))
 
 
-def read_recording(path: str | Path, layout: Layout | None = None) -> Recording:
+def read_recording(path: str | Path, layout: LogLayout | None = None) -> Recording:
     """Read a whole log: as many samples as it has, in their order; what cannot be read is NaN and noted.
 
     Raises:
@@ -180,7 +180,7 @@ def read_recording(path: str | Path, layout: Layout | None = None) -> Recording:
 
 
 def read_poses(
-    path: str | Path, layout: Layout | None = None
+    path: str | Path, layout: LogLayout | None = None
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k 4"], Float[np.ndarray, "k 3"]]:
     """The poses alone: stamps [s] without the layout's offset, quaternions x, y, z, w, positions [m].
 
@@ -216,7 +216,7 @@ def _joined(arrays: Sequence[np.ndarray]) -> np.ndarray:
     return sealed(np.concatenate(arrays), own=True, dtype=arrays[0].dtype)
 
 
-def _messages(path: Path, kind: str) -> Source:
+def _messages(path: Path, kind: str) -> MessageFile:
     if kind == ".mcap":
         return McapFile(path)
     return open_folder(path) if kind == "folder" else BagFile(path)

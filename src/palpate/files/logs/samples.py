@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from palpate.files.logs.layout import ArrayChannel, Layout, axis_matrix
+from palpate.files.logs.layout import ArrayChannel, LogLayout, axis_matrix
 from palpate.files.units import ACCELERATION_UNITS, FORCE_UNITS, TORQUE_UNITS, to_si
 from palpate.signals.recording import (
     ACCELERATION,
@@ -25,7 +25,7 @@ from palpate.signals.recording import (
 )
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["NUMBERS", "WRENCH", "Samples", "rows_at_once"]
+__all__ = ["NUMBERS", "WRENCH", "SampleReader", "rows_at_once"]
 
 WRENCH = "wrench"  # (n, 6) force and torque as recorded
 NUMBERS = 1 << 22  # of a block
@@ -36,14 +36,14 @@ LATEST = 1e20  # s: beyond any clock, in nanoseconds too
 
 
 @takes_arrays
-class Samples:
+class SampleReader:
     """Makes the blocks of one log, and keeps account of what is odd in them.
 
     Raises:
         InputError: the layout's axes or units cannot be meant.
     """
 
-    def __init__(self, layout: Layout, path: Path) -> None:
+    def __init__(self, layout: LogLayout, path: Path) -> None:
         axes = axis_matrix(layout.axes, left_handed=layout.left_handed, where="axes")
         picked = np.argmax(np.abs(axes), axis=1)
         signs = axes[np.arange(3), picked]

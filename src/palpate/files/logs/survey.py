@@ -10,8 +10,8 @@ import numpy as np
 from palpate.files.logs.cursor import Cursor
 from palpate.files.logs.decoding import FIXED, decode, role
 from palpate.files.logs.joints import JOINTS, joint_names
-from palpate.files.logs.log import Messages, Source, Topic
-from palpate.files.logs.transforms import Frames, SeenEdge, frame_name, tree_topics
+from palpate.files.logs.log import MessageBlock, MessageFile, Topic
+from palpate.files.logs.transforms import SeenEdge, TransformTree, frame_name, tree_topics
 
 __all__ = ["Survey", "survey_of"]
 
@@ -27,12 +27,12 @@ class Survey:
         joints: topic of joint states -> names of the joints.
     """
 
-    frames: Frames
+    frames: TransformTree
     named: dict[str, tuple[str, str]] = field(default_factory=dict[str, tuple[str, str]])
     poses: dict[str, SeenEdge] = field(default_factory=dict[str, SeenEdge])
     joints: dict[str, list[str]] = field(default_factory=dict[str, list[str]])
 
-    def add(self, messages: Messages, topics: Mapping[str, Topic]) -> None:
+    def add(self, messages: MessageBlock, topics: Mapping[str, Topic]) -> None:
         """More of the log."""
         self.frames.add(messages)
         for name, topic in topics.items():
@@ -51,7 +51,7 @@ class Survey:
                 self.poses.setdefault(name, SeenEdge()).add(values[sound], stamps[sound], static=False)
 
 
-def survey_of(source: Source) -> Survey:
+def survey_of(source: MessageFile) -> Survey:
     """One pass over the log.
 
     Args:
@@ -60,13 +60,13 @@ def survey_of(source: Source) -> Survey:
     there = [topic for topic in source.topics() if topic.encoding in ("cdr", "ros1") and topic.count]
     wanted = {topic.name: topic for topic in there if topic.kind == JOINTS or role(topic.kind) in ("wrench", "pose")}
     trees = tree_topics(there)
-    found = Survey(Frames(topics=tuple(trees)))
+    found = Survey(TransformTree(topics=tuple(trees)))
     for messages in source.messages([*wanted, *(topic.name for topic in trees)]) if wanted or trees else ():
         found.add(messages, wanted)
     return found
 
 
-def _frames_of(messages: Messages, topic: Topic) -> tuple[str, str]:
+def _frames_of(messages: MessageBlock, topic: Topic) -> tuple[str, str]:
     """Of the first message that can be read."""
     strings = FIXED[topic.kind].strings
     if not strings:

@@ -14,11 +14,11 @@ from jaxtyping import Float, Int
 from palpate.errors import InputError
 from palpate.files.logs.decoding import ARRAYS, decode, decode_array, has_header, seconds
 from palpate.files.logs.joints import JointPoses, joint_stamps, joint_topic
-from palpate.files.logs.layout import ArrayChannel, Layout
-from palpate.files.logs.log import Log, LogContents, Messages, Source, Stored, Topic
-from palpate.files.logs.samples import NUMBERS, WRENCH, Samples, rows_at_once
+from palpate.files.logs.layout import ArrayChannel, LogLayout
+from palpate.files.logs.log import Log, LogContents, MessageBlock, MessageFile, Stored, Topic
+from palpate.files.logs.samples import NUMBERS, WRENCH, SampleReader, rows_at_once
 from palpate.files.logs.topics import LIVE_ACCELERATION, LIVE_POSE, POSE_KINDS, choose, doubtful, main_channel, sentence
-from palpate.files.logs.transforms import Frames, TreePoses, read_frames, tree_topics
+from palpate.files.logs.transforms import TransformTree, TreePoses, read_frames, tree_topics
 from palpate.files.logs.wrench_means import WrenchMeans
 from palpate.files.urdf import Kinematics, Urdf
 from palpate.signals.recording import ACCELERATION, AVERAGED, ORIENTATION, POSITION, TEMPERATURE, Recording
@@ -47,7 +47,7 @@ class PoseSource(Protocol):
         """What was fed so far, to be asked."""
         ...
 
-    def add(self, messages: Messages) -> None:
+    def add(self, messages: MessageBlock) -> None:
         """More of the log."""
         ...
 
@@ -59,12 +59,12 @@ class PoseSource(Protocol):
 class TopicLog(Log):
     """One sample a wrench, or an array, in the order of the file; times are the stamps of the headers."""
 
-    def __init__(self, path: Path, layout: Layout, source: Source) -> None:
+    def __init__(self, path: Path, layout: LogLayout, source: MessageFile) -> None:
         super().__init__(path, source.size)
         self._layout, self._source = layout, source
         self._join: _Join | None = None
         self._main: _Stream | None = None
-        self._frames: Frames | None = None
+        self._frames: TransformTree | None = None
         self._unsure = list[str]()  # topics of poses, none of which was named
 
     def blocks(self) -> Iterator[Recording]:
@@ -83,11 +83,11 @@ class TopicLog(Log):
         for messages in self._pieces([main.topic.name]):
             yield main.stored(messages)
 
-    def beside(self, frames: Log) -> Iterator[Recording | Stored]:
+    def merged_with(self, frames: Log) -> Iterator[Recording | Stored]:
         """See `palpate.files.logs.log.Log`."""
         main = frames._as_stored() if isinstance(frames, TopicLog) else None
         if main is None:
-            yield from super().beside(frames)
+            yield from super().merged_with(frames)
             return
         join, wanted = self._started()
         for messages in self._pieces([*wanted, main.topic.name]):
@@ -95,7 +95,7 @@ class TopicLog(Log):
             yield main.stored(messages)
         yield from self._ended(join)
 
-    def _pieces(self, names: Collection[str]) -> Iterator[Messages]:
+    def _pieces(self, names: Collection[str]) -> Iterator[MessageBlock]:
         """Of the source, which is watched meanwhile."""
         for messages in self._source.messages(names):
             self.position = self._source.position
@@ -126,7 +126,7 @@ class TopicLog(Log):
             slow = PoseTrack(0.0, TEMPERATURE_GAP)
             tracks["temperature"] = _Tracked(_Stream(chosen["temperature"], self._source), slow, still=True)
         wrenches = _Beside(_Stream(chosen["wrench"], self._source), layout) if "wrench" in chosen else None
-        self._join = join = _Join(main, tracks, Samples(layout, self.path), layout, wrenches)
+        self._join = join = _Join(main, tracks, SampleReader(layout, self.path), layout, wrenches)
         wanted = {main.topic.name, *(topic.name for track in tracks.values() for topic in track.topics)}
         wanted |= set() if wrenches is None else {wrenches.stream.topic.name}
         return join, wanted
@@ -201,13 +201,13 @@ class TopicLog(Log):
 class _Stream:
     """The times and numbers of one topic."""
 
-    def __init__(self, topic: Topic, source: Source, array: ArrayChannel | None = None) -> None:
+    def __init__(self, topic: Topic, source: MessageFile, array: ArrayChannel | None = None) -> None:
         self.topic, self._array = topic, array
         self._shape = () if array is None else array.shape
         self.count = self.unread = 0
         self._stamped = has_header(topic.kind) and _has_stamps(source, topic, self._stamps)
 
-    def read(self, messages: Messages) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n k"]]:
+    def read(self, messages: MessageBlock) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n k"]]:
         """Times [s] and numbers; NaN where a message is cut or of another make."""
         messages = messages.of(self.topic)
         stamps, values, sound = decode(messages, self.topic, self._shape)
@@ -217,7 +217,7 @@ class _Stream:
             return seconds(messages.time), values
         return np.where(sound, seconds(stamps), np.nan), values
 
-    def stored(self, messages: Messages) -> tuple[Float[np.ndarray, " n"], np.ndarray]:
+    def stored(self, messages: MessageBlock) -> tuple[Float[np.ndarray, " n"], np.ndarray]:
         """Times [s] and numbers of an array as they are stored, of those messages that can be read."""
         messages = messages.of(self.topic)
         values, sound = decode_array(messages, self.topic, self._shape)
@@ -235,12 +235,12 @@ class _Stream:
         )
         return tuple(sentence for there, sentence in said if there)
 
-    def _stamps(self, messages: Messages) -> Int[np.ndarray, " n"]:
+    def _stamps(self, messages: MessageBlock) -> Int[np.ndarray, " n"]:
         stamps, _, sound = decode(messages.of(self.topic), self.topic, self._shape)
         return stamps[sound]
 
 
-def _has_stamps(source: Source, topic: Topic, read: Callable[[Messages], Int[np.ndarray, " n"]]) -> bool:
+def _has_stamps(source: MessageFile, topic: Topic, read: Callable[[MessageBlock], Int[np.ndarray, " n"]]) -> bool:
     """Whether one of the first two stamps that can be read is not 0: a clock may begin there."""
     found = np.empty(0, dtype=np.int64)
     with closing(source.messages([topic.name])) as pieces:
@@ -258,7 +258,7 @@ class _Tracked:
         self.stream, self.track, self._still = stream, track, still
         self.topics = (stream.topic,)
 
-    def add(self, messages: Messages) -> None:
+    def add(self, messages: MessageBlock) -> None:
         """More of the log."""
         time, values = self.stream.read(messages)
         if self._still:  # what runs straight between its readings is a position too
@@ -275,11 +275,11 @@ class _Tracked:
 class _Beside:
     """The wrenches of one topic, beside the rows of another."""
 
-    def __init__(self, stream: _Stream, layout: Layout) -> None:
-        limits = None if layout.wrench_range is None else Samples(layout, Path()).recorded(layout.wrench_range)
+    def __init__(self, stream: _Stream, layout: LogLayout) -> None:
+        limits = None if layout.wrench_range is None else SampleReader(layout, Path()).recorded(layout.wrench_range)
         self.stream, self.track = stream, WrenchMeans(0.0, layout.max_gap, limits)
 
-    def add(self, messages: Messages) -> None:
+    def add(self, messages: MessageBlock) -> None:
         """More of the log."""
         self.track.add(*self.stream.read(messages))
 
@@ -295,8 +295,8 @@ class _Join:
         self,
         main: _Stream,
         sources: Mapping[str, PoseSource],
-        samples: Samples,
-        layout: Layout,
+        samples: SampleReader,
+        layout: LogLayout,
         wrenches: _Beside | None = None,
     ) -> None:
         self._main, self._sources, self._samples, self._layout = main, sources, samples, layout
@@ -309,7 +309,7 @@ class _Join:
         self._time, self._values = list[np.ndarray](), list[np.ndarray]()  # of rows that wait
         self._fresh = self.rows = self._lost = 0
 
-    def take(self, messages: Messages) -> Iterator[Recording]:
+    def take(self, messages: MessageBlock) -> Iterator[Recording]:
         """Some more messages, and the rows that can now be answered."""
         for source in (*self._sources.values(), *self._beside):
             source.add(messages)

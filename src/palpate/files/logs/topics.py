@@ -9,7 +9,7 @@ from pathlib import Path
 from palpate.errors import InputError
 from palpate.files.logs.decoding import ARRAYS, FIXED, IMAGE, role
 from palpate.files.logs.image_messages import IMAGES
-from palpate.files.logs.layout import ArrayChannel, ImageChannel, Layout
+from palpate.files.logs.layout import ArrayChannel, ImageChannel, LogLayout
 from palpate.files.logs.log import LogContents, Topic
 from palpate.files.units import near
 
@@ -74,7 +74,7 @@ _TEMPERATURE = _Wanted("temperature", "drift", f"Temperatures are read from {_ki
 _ACCELERATION = _Wanted("acceleration", "acceleration", f"Accelerations are read from {_kinds('acceleration')}.")
 
 
-def main_channel(layout: Layout) -> ArrayChannel | None:
+def main_channel(layout: LogLayout) -> ArrayChannel | None:
     """What each row of a log of topics is made of: an array, beside which wrenches may stand; or None, the wrench.
 
     Raises:
@@ -92,7 +92,7 @@ def main_channel(layout: Layout) -> ArrayChannel | None:
     )
 
 
-def choose(there: LogContents, layout: Layout) -> dict[str, Topic]:
+def choose(there: LogContents, layout: LogLayout) -> dict[str, Topic]:
     """What "main" (wrench or array), "wrench" beside an array, "pose", "acceleration", "temperature" are taken from.
 
     "both": an array with the wrench beside it in one message, as a live record has them.
@@ -143,7 +143,7 @@ def _required(there: LogContents, wanted: _Wanted, name: str | None) -> Topic:
     return found
 
 
-def _pose(topics: Sequence[Topic], layout: Layout, path: Path) -> Topic | None:
+def _pose(topics: Sequence[Topic], layout: LogLayout, path: Path) -> Topic | None:
     if layout.orientation_topic == NONE:
         return None
     if (recorded := _recorded(topics, LIVE_POSE)) is not None or layout.frames is not None:
@@ -152,7 +152,7 @@ def _pose(topics: Sequence[Topic], layout: Layout, path: Path) -> Topic | None:
     return named if named is not None or doubtful(topics, layout) else _only(topics, _POSE, path)
 
 
-def doubtful(topics: Sequence[Topic], layout: Layout) -> list[str]:
+def doubtful(topics: Sequence[Topic], layout: LogLayout) -> list[str]:
     """Topics of poses none of which is taken, because there are several and none is named."""
     if layout.orientation_topic is not None or layout.frames is not None or _recorded(topics, LIVE_POSE):
         return []

@@ -14,13 +14,13 @@ from jaxtyping import Bool, Float, Int
 from palpate.errors import InputError
 from palpate.files.logs.cursor import taken
 from palpate.files.logs.decoding import seconds
-from palpate.files.logs.log import Messages, Source, Topic
+from palpate.files.logs.log import MessageBlock, MessageFile, Topic
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.frames import FramePath, FrameTree
 from palpate.spatial.pose import Pose
 from palpate.spatial.pose_track import PoseTrack, sound_quaternions
 
-__all__ = ["TREES", "Frames", "SeenEdge", "TreePoses", "frame_name", "read_frames", "transforms", "tree_topics"]
+__all__ = ["TREES", "SeenEdge", "TransformTree", "TreePoses", "frame_name", "read_frames", "transforms", "tree_topics"]
 
 TREES = ("tf2_msgs/TFMessage", "tf/tfMessage")
 _MOVED = 1e-9  # m, and of an entry of a quaternion: what a transform that is published again differs by is rounding
@@ -53,7 +53,9 @@ class Transforms:
             yield int(self.parent[rows[0]]), int(self.child[rows[0]]), rows
 
 
-def transforms(messages: Messages, topic: Topic, names: dict[str, int]) -> tuple[Transforms, Bool[np.ndarray, " n"]]:
+def transforms(
+    messages: MessageBlock, topic: Topic, names: dict[str, int]
+) -> tuple[Transforms, Bool[np.ndarray, " n"]]:
     """Every transform of some messages in their order, and which messages could be read.
 
     A publisher names the same frames again and again, so that its messages are alike but for stamps and numbers: the
@@ -238,7 +240,7 @@ def _differs(values: Float[np.ndarray, "k 7"], first: Float[np.ndarray, "7"]) ->
 
 
 @dataclass
-class Frames:
+class TransformTree:
     """Every edge of a log's tree, as one pass over its topics finds them.
 
     Attributes:
@@ -251,7 +253,7 @@ class Frames:
     edges: dict[tuple[str, str], SeenEdge] = field(default_factory=dict[tuple[str, str], SeenEdge])
     names: dict[str, int] = field(default_factory=dict[str, int])
 
-    def add(self, messages: Messages) -> None:
+    def add(self, messages: MessageBlock) -> None:
         """More of the log."""
         for topic in self.topics:
             rows, _ = transforms(messages.of(topic), topic, self.names)
@@ -288,9 +290,9 @@ def _static(topic: Topic) -> bool:
     return topic.name.endswith("tf_static")
 
 
-def read_frames(source: Source, topics: Sequence[Topic]) -> Frames:
+def read_frames(source: MessageFile, topics: Sequence[Topic]) -> TransformTree:
     """One pass over the topics of transforms, wherever in the file they stand."""
-    found = Frames(tuple(topics))
+    found = TransformTree(tuple(topics))
     for messages in source.messages([topic.name for topic in topics]) if topics else ():
         found.add(messages)
     return found
@@ -299,7 +301,9 @@ def read_frames(source: Source, topics: Sequence[Topic]) -> Frames:
 class TreePoses:
     """One frame in another, fed with messages; what `palpate.files.logs.topic_log` asks of a source of poses."""
 
-    def __init__(self, frames: Frames, base: str, sensor: str, offset: float, max_gap: float, where: str) -> None:
+    def __init__(
+        self, frames: TransformTree, base: str, sensor: str, offset: float, max_gap: float, where: str
+    ) -> None:
         self._frames = frames
         base, sensor = (name.removeprefix("/") for name in (base, sensor))
         try:
@@ -319,7 +323,7 @@ class TreePoses:
             if isinstance(edge, PoseTrack)
         }
 
-    def add(self, messages: Messages) -> None:
+    def add(self, messages: MessageBlock) -> None:
         """More of the log."""
         for topic in self.topics:
             own = messages.of(topic)

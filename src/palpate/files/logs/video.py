@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from palpate.errors import InputError
 from palpate.files.logs.images import Frame, ImageLog
-from palpate.files.logs.layout import Layout
+from palpate.files.logs.layout import LogLayout
 from palpate.files.logs.log import Images, LogContents
 from palpate.files.tables.lines import open_input
 from palpate.opencv import opencv
@@ -40,7 +40,7 @@ class VideoLog(ImageLog):
     the layout's rate; without one by the file's, as long as its stamps agree; else its stamps (a rate that varies).
     """
 
-    def __init__(self, path: Path, layout: Layout) -> None:
+    def __init__(self, path: Path, layout: LogLayout) -> None:
         super().__init__(path, path.stat().st_size, layout)
 
     def contents(self) -> LogContents:

@@ -26,7 +26,7 @@ from mcap.reader import make_reader
 from mcap.records import Channel, Schema
 from mcap.summary import Summary
 
-from palpate.files.logs.log import Messages, Source, Topic, merged
+from palpate.files.logs.log import MessageBlock, MessageFile, Topic, merged
 from palpate.files.mcap.chunks import LARGEST, inflate
 from palpate.files.tables.lines import open_input, read_some
 
@@ -54,7 +54,7 @@ class _Stretch:
         return self.others[-1][0] if self.others else 0
 
 
-class McapFile(Source):
+class McapFile(MessageFile):
     """One file."""
 
     def __init__(self, path: Path) -> None:
@@ -72,7 +72,7 @@ class McapFile(Source):
                 pass
         return merged(replace(topic, count=self._counts[key]) for key, topic in self._topics.items())
 
-    def messages(self, names: Collection[str] = ()) -> Generator[Messages]:
+    def messages(self, names: Collection[str] = ()) -> Generator[MessageBlock]:
         """All of them, whatever the names."""
         self._read_index()  # what it declares stands even if the chunk that declares it is damaged
         self._counts.clear()
@@ -97,7 +97,7 @@ class McapFile(Source):
     def _damaged(self, at: int, what: str) -> None:
         self._damage = self._damage or (at, what)  # the first is said
 
-    def _read(self, file: BinaryIO) -> Iterator[Messages]:
+    def _read(self, file: BinaryIO) -> Iterator[MessageBlock]:
         """`held` are the bytes from `at` on that were not used yet; they begin with a record."""
         at, held, want = file.seek(len(MAGIC)), b"", PIECE
         while more := read_some(file, self.path, want):
@@ -139,7 +139,7 @@ class McapFile(Source):
         if kind == Opcode.MESSAGE:
             self._counts[unpack_from("<H", head, _HEAD)[0]] += 1
 
-    def _unpack(self, content: memoryview, at: int) -> Iterator[Messages]:
+    def _unpack(self, content: memoryview, at: int) -> Iterator[MessageBlock]:
         """The messages of a chunk that begins at byte `at`."""
         data, problem = inflate(content)
         end = 0
@@ -151,7 +151,7 @@ class McapFile(Source):
         if problem:
             self._damaged(at, problem)
 
-    def _use(self, stretch: _Stretch, data: bytes) -> Iterator[Messages]:
+    def _use(self, stretch: _Stretch, data: bytes) -> Iterator[MessageBlock]:
         for kind, start, length in stretch.others:
             if kind in _DECLARING:
                 with suppress(McapError, StructError, UnicodeDecodeError):  # one that is malformed declares nothing
@@ -161,7 +161,7 @@ class McapFile(Source):
         if len(topic):
             counts = np.bincount(topic)
             self._counts.update({int(key): int(counts[key]) for key in np.flatnonzero(counts)})
-            yield Messages(data, self._topics, topic, time, start, length)
+            yield MessageBlock(data, self._topics, topic, time, start, length)
 
     def _declare(self, record: Schema | Channel) -> None:
         """A type or a topic: geometry_msgs/msg/Wrench and geometry_msgs/Wrench are the same."""

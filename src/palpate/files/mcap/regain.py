@@ -19,16 +19,16 @@ from mcap.records import Channel, Chunk, Header, Schema
 
 from palpate.files.mcap.chunks import inflate
 from palpate.files.mcap.reader import MAGIC
-from palpate.files.mcap.writer import McapWriter, Topic
+from palpate.files.mcap.writer import McapWriter, WrittenTopic
 
-__all__ = ["Regained", "Sequence", "regained"]
+__all__ = ["Regained", "SequenceSpan", "regained"]
 
 _HEAD = 9  # bytes of a record before its content: a kind and a length
 _SEQUENCE = 11  # bytes of a message before its sequence number
 _ENTRY = 16  # bytes of an index for each message
 
 
-class Sequence(NamedTuple):
+class SequenceSpan(NamedTuple):
     """Sequence numbers of a channel: the first and the last, and the largest of those that begin or end a chunk."""
 
     first: int
@@ -46,8 +46,8 @@ class Regained(NamedTuple):
     """
 
     writer: McapWriter
-    topics: tuple[Topic, ...]
-    sequences: Mapping[int, Sequence]
+    topics: tuple[WrittenTopic, ...]
+    sequences: Mapping[int, SequenceSpan]
 
 
 def regained(path: Path) -> Regained | None:
@@ -61,19 +61,19 @@ def regained(path: Path) -> Regained | None:
         if found is None:
             return None
         writer, topics = found
-        sequences: dict[int, Sequence] = {}
+        sequences: dict[int, SequenceSpan] = {}
         for each in _chunks(file, writer):
             for channel, numbers in each.items():
                 before = sequences.get(channel, numbers)
-                sequences[channel] = Sequence(before.first, numbers.last, max(before.most, numbers.most))
+                sequences[channel] = SequenceSpan(before.first, numbers.last, max(before.most, numbers.most))
     return Regained(writer, topics, sequences)
 
 
-def _head(file: BinaryIO) -> tuple[McapWriter, tuple[Topic, ...]] | None:
+def _head(file: BinaryIO) -> tuple[McapWriter, tuple[WrittenTopic, ...]] | None:
     """The writer that wrote this head, as it began."""
     if file.read(len(MAGIC)) != MAGIC:
         return None
-    library, schemas, topics = "", dict[int, Schema](), list[Topic]()
+    library, schemas, topics = "", dict[int, Schema](), list[WrittenTopic]()
     with suppress(McapError, StructError, UnicodeDecodeError, KeyError, EOFError):
         for kind, content in _records(file):
             stream = ReadDataStream(BytesIO(content))
@@ -85,7 +85,7 @@ def _head(file: BinaryIO) -> tuple[McapWriter, tuple[Topic, ...]] | None:
             elif kind == Opcode.CHANNEL:
                 channel = Channel.read(stream)
                 schema = schemas[channel.schema_id]
-                topics.append(Topic(channel.topic, schema.name, schema.data.decode()))
+                topics.append(WrittenTopic(channel.topic, schema.name, schema.data.decode()))
             else:
                 break
     writer = McapWriter(topics, library)
@@ -105,9 +105,9 @@ def _records(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
         yield kind, file.read(length)
 
 
-def _chunks(file: BinaryIO, writer: McapWriter) -> Iterator[dict[int, Sequence]]:
+def _chunks(file: BinaryIO, writer: McapWriter) -> Iterator[dict[int, SequenceSpan]]:
     """Sequence numbers of each channel, chunk by chunk; a chunk is appended to the writer's when it is whole."""
-    content, data, counts, places, numbers = b"", b"", dict[int, int](), dict[int, int](), dict[int, Sequence]()
+    content, data, counts, places, numbers = b"", b"", dict[int, int](), dict[int, int](), dict[int, SequenceSpan]()
     at = left = 0
     for kind, held in _records(file):
         end = file.tell()
@@ -135,11 +135,11 @@ def _chunks(file: BinaryIO, writer: McapWriter) -> Iterator[dict[int, Sequence]]
             return
 
 
-def _numbers(data: bytes, starts: Int[np.ndarray, " n"]) -> tuple[Sequence, int] | None:
+def _numbers(data: bytes, starts: Int[np.ndarray, " n"]) -> tuple[SequenceSpan, int] | None:
     """Sequence numbers of messages that are equally long, and bytes of all; None where an index does not fit."""
     ends = int(starts[0]), int(starts[-1])
     if min(ends) < 0 or max(ends) + _SEQUENCE + 4 > len(data):
         return None
     first, last = (unpack_from("<I", data, at + _SEQUENCE)[0] for at in ends)
     length = unpack_from("<Q", data, ends[0] + 1)[0] + _HEAD
-    return Sequence(first, last, max(first, last)), length * len(starts)
+    return SequenceSpan(first, last, max(first, last)), length * len(starts)

@@ -11,7 +11,7 @@ from jaxtyping import Int
 from palpate.files.mcap.writer import MESSAGE
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["CDR", "Fields", "Rows", "layout", "made", "stamped"]
+__all__ = ["CDR", "ChannelRows", "Fields", "layout", "made", "stamped"]
 
 Fields = tuple[tuple[str, str, tuple[int, ...]], ...]
 """Name, code and shape of each number, or "S" and the bytes of a string with its end."""
@@ -43,7 +43,7 @@ def stamped(frame_id: str, fields: Fields) -> tuple[Fields, Mapping[str, object]
     return (*header, *fields), {"named": len(frame), "frame": frame}
 
 
-class Rows:
+class ChannelRows:
     """The messages of one channel: what they have in common, and how many were made.
 
     Args:
@@ -67,7 +67,7 @@ class Rows:
 
 
 @takes_arrays
-def made(kinds: Sequence[Rows], stamps: Sequence[Int[np.ndarray, " _"]]) -> tuple[np.ndarray, list[np.ndarray]]:
+def made(kinds: Sequence[ChannelRows], stamps: Sequence[Int[np.ndarray, " _"]]) -> tuple[np.ndarray, list[np.ndarray]]:
     """A message of each kind for each of its stamps [ns]: the bytes of all, and a view of them a kind, to be filled."""
     ends = np.cumsum([len(each) * kind.record.itemsize for kind, each in zip(kinds, stamps, strict=True)])
     raw = np.empty(ends[-1], dtype=np.uint8)

@@ -17,7 +17,7 @@ from mcap.opcode import Opcode
 
 from palpate.files.mcap.reader import MAGIC
 
-__all__ = ["MESSAGE", "Topic"]
+__all__ = ["MESSAGE", "WrittenTopic"]
 
 MESSAGE = np.dtype(  # what stands before the bytes of a message
     [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"), ("publish", "<u8")]
@@ -40,7 +40,7 @@ class Written(NamedTuple):
     counts: tuple[int, ...]
 
 
-class Topic(NamedTuple):
+class WrittenTopic(NamedTuple):
     """A channel: its name, the type of its messages and the definition of that type (ros2msg); messages are CDR."""
 
     name: str
@@ -58,7 +58,7 @@ class McapWriter:
         chunks: that were written.
     """
 
-    def __init__(self, topics: Sequence[Topic], library: str) -> None:
+    def __init__(self, topics: Sequence[WrittenTopic], library: str) -> None:
         self._schemas = [
             mcap.Schema(k, each.definition.encode(), "ros2msg", each.kind) for k, each in enumerate(topics, 1)
         ]

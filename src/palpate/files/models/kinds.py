@@ -12,7 +12,7 @@ from palpate.errors import InputError
 from palpate.files.atomic import write_text
 from palpate.files.models.model import Model
 from palpate.files.models.toml import load_toml, toml_lines
-from palpate.files.schema import Form, Key, parse
+from palpate.files.schema import Key, TableForm, parse
 from palpate.registry import Registry
 
 __all__ = ["MODELS", "Model", "read_model", "write_model"]
@@ -79,7 +79,7 @@ def write_model(path: str | Path, value: Any) -> None:
         TypeError: the value is no model.
     """
     kind, model = _model(cast("type[Any]", type(value)))
-    head = [f"# {model.said} Written by `{model.command}`.", *toml_lines("kind", kind), ""]
+    head = [f"# {model.description} Written by `{model.command}`.", *toml_lines("kind", kind), ""]
     write_text(Path(path), "\n".join([*head, *_table(value, model.forms, ""), ""]))
 
 
@@ -91,7 +91,7 @@ def _model(holds: type[Any]) -> tuple[str, Model]:
     raise TypeError(f"{holds.__name__} is no model")
 
 
-def _table(value: Any, forms: Mapping[type, Form], place: str, *, commented: bool = True) -> list[str]:
+def _table(value: Any, forms: Mapping[type, TableForm], place: str, *, commented: bool = True) -> list[str]:
     """The keys of a value, then its tables, whose names begin with `place`."""
     form = forms[type(value)]
     spelled = form.spell(value) if form.spell else {each.name: getattr(value, each.name) for each in fields(value)}

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from palpate.files.schema import Form
+from palpate.files.schema import TableForm
 
 __all__ = ["Lines", "Model", "span"]
 
@@ -23,7 +23,7 @@ class Model:
     Args:
         holds: the class of its values.
         called: in a sentence.
-        said: first line of its files.
+        description: first line of its files.
         command: what writes one.
         summary: a value's main figures, each with its name.
         forms: of the class and of those in it: comments and bounds of keys, and what is spelled otherwise than field by
@@ -32,10 +32,10 @@ class Model:
 
     holds: type[Any]
     called: str
-    said: str
+    description: str
     command: str
     summary: Callable[[Any], Lines]
-    forms: Mapping[type, Form]
+    forms: Mapping[type, TableForm]
 
 
 def span(values: Float[np.ndarray, " n"]) -> str:

@@ -40,7 +40,7 @@ class Dialect:
         units: of the columns, as a second row of the header states them; "" where it states none.
         first: the line of the text on which rows may begin, counted from 0.
         header: the line of the names, counted from 0; -1: there are none, and `column_1`, ... were made up.
-        facts: what lines before the header say: key in lower case -> value.
+        stated: what lines before the header say: key in lower case -> value.
     """
 
     delimiter: str
@@ -49,7 +49,7 @@ class Dialect:
     units: tuple[str, ...] = ()
     first: int = 1
     header: int = 0
-    facts: Mapping[str, str] = field(default_factory=dict[str, str])
+    stated: Mapping[str, str] = field(default_factory=dict[str, str])
 
     def described(self) -> str:
         """What is not as in a plain table, in words; "" where nothing is."""
@@ -57,7 +57,7 @@ class Dialect:
             (self.delimiter not in ",;\t", f"separated by {_CALLED[self.delimiter]}"),
             (self.decimal == "," and self.delimiter == ",", "decimal commas in quotes"),
             (self.header < 0, f"without names: its columns are called {', '.join(self.names[:2])}, ..."),
-            (self.header > 0 and bool(self.facts), f"names in line {self.header + 1}"),
+            (self.header > 0 and bool(self.stated), f"names in line {self.header + 1}"),
             (any(self.units), f"units in a row of their own: {', '.join(self.units)}"),
         ]
         return "; ".join(text for there, text in said if there)

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from palpate.errors import InputError
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Fields", "Rows"]
+__all__ = ["Fields", "RowCount"]
 
 
 @takes_arrays
@@ -57,7 +57,7 @@ class Fields:
 
 
 @takes_arrays
-class Rows:
+class RowCount:
     """How many rows of a file have the fields of its header, summed over its pieces."""
 
     def __init__(self) -> None:

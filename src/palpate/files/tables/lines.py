@@ -14,7 +14,7 @@ from palpate.errors import InputError
 from palpate.files.atomic import irregular
 from palpate.files.units import near
 
-__all__ = ["open_input", "read_some", "whole_lines"]
+__all__ = ["complete_lines", "open_input", "read_some"]
 
 _INTO_A_FILE = "Write what it gives into a file first, and name that."
 _WAIT = 1.5  # s that a pipe is given until its first byte
@@ -57,7 +57,7 @@ def _open_pipe(path: Path) -> BufferedReader:
     return os.fdopen(handle, "rb")
 
 
-def whole_lines(file: BinaryIO, path: Path, size: int) -> Iterator[bytes]:
+def complete_lines(file: BinaryIO, path: Path, size: int) -> Iterator[bytes]:
     """The text in pieces of about `size` bytes (-1: all of it) that begin and end with a line, without its end.
 
     UTF-16 is told by its mark, and becomes UTF-8.

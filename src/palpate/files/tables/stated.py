@@ -45,7 +45,7 @@ class Stated:
         units = {name: unit for name, unit in rows.items() if unit.strip("-")}
         for name, unit in cls.of_names(dialect.names).units.items():
             units[name] = unit if units.get(name, unit) == unit else f"{unit} and {units[name]}"  # no unit at all
-        facts = dialect.facts
+        facts = dialect.stated
         force, torque = _unit(facts, r"\bforce units?\b", "N"), _unit(facts, r"\b(?:torque|moment) units?\b", "N m")
         for key, value in facts.items():
             if (match := _COUNTS.search(key)) and _number(value):

@@ -17,14 +17,14 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from palpate.errors import InputError
 from palpate.files.tables.dialect import COMMENTS, LOOKED_AT, SPACES, Dialect, find_dialect, spaces_to_tabs
-from palpate.files.tables.fields import Fields, Rows
-from palpate.files.tables.lines import open_input, whole_lines
+from palpate.files.tables.fields import Fields, RowCount
+from palpate.files.tables.lines import complete_lines, open_input
 from palpate.files.tables.stamps import seconds
 from palpate.files.units import near
 from palpate.forks import require_polars_threads
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Table", "read_table", "tables"]
+__all__ = ["TextTable", "read_table", "tables"]
 
 _COMMENTS = tuple(mark.encode() for mark in COMMENTS)
 _MARKS = frozenset(mark[0] for mark in _COMMENTS)
@@ -33,7 +33,7 @@ _INSIDE = b"\x1f"  # stands for a delimiter inside quotes, so that every line pa
 
 @takes_arrays
 @dataclass(frozen=True)
-class Table:
+class TextTable:
     """The text of some rows of a file; numbers are made on request, so that a bad field can be named.
 
     Attributes:
@@ -70,9 +70,9 @@ class Table:
     @property
     def notes(self) -> tuple[str, ...]:
         """What was met on the way."""
-        return self.counted(Rows()).notes()
+        return self.counted(RowCount()).notes()
 
-    def counted(self, rows: Rows) -> Rows:
+    def counted(self, rows: RowCount) -> RowCount:
         """Add these rows to an account of them."""
         rows.add(self.lines, self.fields, len(self.names), self.delimiter)
         return rows
@@ -170,7 +170,7 @@ class Table:
         return numbers.fill_null(float("nan")).to_numpy().copy()
 
 
-def read_table(path: Path) -> Table:
+def read_table(path: Path) -> TextTable:
     """Read a delimited text as `palpate.files.tables.dialect` finds it written.
 
     Raises:
@@ -178,17 +178,17 @@ def read_table(path: Path) -> Table:
     """
     with open_input(path) as file:
         whole = next(tables(file, path, -1))
-    whole.counted(Rows()).require(path)
+    whole.counted(RowCount()).require(path)
     return whole
 
 
-def tables(file: BinaryIO, path: Path, size: int) -> Iterator[Table]:
+def tables(file: BinaryIO, path: Path, size: int) -> Iterator[TextTable]:
     """The rows of an opened file in pieces of about `size` bytes; the first may be without rows.
 
     Raises:
         InputError: it is not text, empty, or has no header.
     """
-    pieces, before, ahead = whole_lines(file, path, size), 0, list[bytes]()
+    pieces, before, ahead = complete_lines(file, path, size), 0, list[bytes]()
     for text in pieces:  # until there is something, and enough of it to tell how it is written
         if ahead or re.search(rb"[^\n\r ]", text):
             ahead.append(text)
@@ -207,12 +207,12 @@ def tables(file: BinaryIO, path: Path, size: int) -> Iterator[Table]:
         if dialect.delimiter == SPACES:
             raw = spaces_to_tabs(raw)
         if start > len(piece):
-            yield Table(path, dialect, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), b"")
+            yield TextTable(path, dialect, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), b"")
             continue
         raw, numbers, fields = _split(raw, delimiter)
         numbers += before
         before += piece.count(b"\n", start) + 1
-        yield Table(path, dialect, numbers, fields, raw)
+        yield TextTable(path, dialect, numbers, fields, raw)
 
 
 def _split(raw: bytes, delimiter: bytes) -> tuple[bytes, Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:

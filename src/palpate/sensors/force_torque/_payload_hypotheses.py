@@ -20,7 +20,7 @@ from jaxtyping import Float
 
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.force_torque._payload_rank import check_noise
-from palpate.sensors.force_torque._payload_solve import Settings, Solution, rms, solve
+from palpate.sensors.force_torque._payload_solve import PayloadSettings, PayloadSolution, rms, solve
 from palpate.signals.payload import Payload
 from palpate.spatial.arguments import takes_arrays
 
@@ -107,7 +107,7 @@ def corrected(
 
 
 def diagnose(
-    wrenches: Float[np.ndarray, "n 6"], rotations: Float[np.ndarray, "n 3 3"], settings: Settings
+    wrenches: Float[np.ndarray, "n 6"], rotations: Float[np.ndarray, "n 3 3"], settings: PayloadSettings
 ) -> list[Hypothesis]:
     """The hypotheses under which the log determines a payload, best fit first, each with the sign that hangs down."""
     found: list[Hypothesis] = []
@@ -123,20 +123,20 @@ def diagnose(
     return sorted(found, key=lambda hypothesis: hypothesis.misfit)
 
 
-def misfit(solution: Solution) -> float:
+def misfit(solution: PayloadSolution) -> float:
     """See `Hypothesis`: a quantile over all samples, so that setting aside what disagrees improves nothing."""
     lengths = np.linalg.norm(solution.residuals.reshape(-1, 2, 3), axis=2)
     return float(np.sqrt(np.prod(np.quantile(lengths, 0.8, axis=0))))
 
 
-def points_up(payload: Payload, settings: Settings) -> bool:
+def points_up(payload: Payload, settings: PayloadSettings) -> bool:
     """Whether the weight points against gravity, given or, unless the base hangs on a wall, down its z."""
     if settings.direction is not None:
         return float(payload.weight @ settings.direction) < 0
     return float(payload.weight[2]) > 0.5 * float(np.linalg.norm(payload.weight))
 
 
-def is_bad(solution: Solution, wrenches: Float[np.ndarray, "n 6"], settings: Settings) -> bool:
+def is_bad(solution: PayloadSolution, wrenches: Float[np.ndarray, "n 6"], settings: PayloadSettings) -> bool:
     """Whether the fit leaves more than a sound log does. `wrenches` as given, for the torque's variation."""
     stated = np.zeros(2) if settings.noise is None else np.sqrt(np.diag(settings.noise).reshape(2, 3).mean(axis=1))
     variation = float(np.std(wrenches[:, 3:], axis=0).max())
@@ -146,7 +146,7 @@ def is_bad(solution: Solution, wrenches: Float[np.ndarray, "n 6"], settings: Set
 
 
 def doubts(
-    solution: Solution, hypothesis: str, wrenches: np.ndarray, rotations: np.ndarray, settings: Settings
+    solution: PayloadSolution, hypothesis: str, wrenches: np.ndarray, rotations: np.ndarray, settings: PayloadSettings
 ) -> tuple[str, ...]:
     """What to say about a fit under `hypothesis` of wrenches and rotations as given.
 
@@ -170,7 +170,7 @@ def doubts(
     return said
 
 
-def _upward(settings: Settings, hypothesis: str) -> str:
+def _upward(settings: PayloadSettings, hypothesis: str) -> str:
     against = "up in the base (z)" if settings.direction is None else "against the given gravity"
     cause = "the base's z points down" if settings.direction is None else "that direction is wrong"
     name = compose(hypothesis, REVERSED)

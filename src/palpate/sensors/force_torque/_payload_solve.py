@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from palpate.calibration.left_out import LeftOut, leave_out
+from palpate.calibration.validation import Validation, cross_validate
 from palpate.errors import NotIdentifiable
 from palpate.sensors.force_torque._payload_fit import (
     Errors,
@@ -20,13 +20,13 @@ from palpate.sensors.force_torque._payload_fit import (
 from palpate.sensors.force_torque._payload_rank import check_poses
 from palpate.signals.payload import Payload
 
-__all__ = ["Settings", "Solution", "judged", "rms", "solve"]
+__all__ = ["PayloadSettings", "PayloadSolution", "judged", "rms", "solve"]
 
 BELIEVED = 2.0  # chi-square per degree of freedom up to which the stated noise is taken to explain the residuals
 
 
 @dataclass(frozen=True)
-class Settings:
+class PayloadSettings:
     """What the caller chose, checked: gravity's unit direction or None, |g|, noise covariance or None, robust.
 
     `of` is what a row is called in messages.
@@ -54,7 +54,7 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class Solution:
+class PayloadSolution:
     """A payload, the standard deviation of a force [N], what is left of every sample, and which were used.
 
     `white` is the covariance of a sample's error, and `joint` whether the fit was whitened by it.
@@ -68,7 +68,9 @@ class Solution:
     joint: bool
 
 
-def solve(wrenches: Float[np.ndarray, "n 6"], rotations: Float[np.ndarray, "n 3 3"], settings: Settings) -> Solution:
+def solve(
+    wrenches: Float[np.ndarray, "n 6"], rotations: Float[np.ndarray, "n 3 3"], settings: PayloadSettings
+) -> PayloadSolution:
     """Fit wrenches in the sensor frame; see `identify_payload` for what is done and why.
 
     Raises:
@@ -97,12 +99,15 @@ def solve(wrenches: Float[np.ndarray, "n 6"], rotations: Float[np.ndarray, "n 3 
     )
     stated = 0.0 if settings.noise is None else float(np.trace(settings.noise[:3, :3]))
     deviation = float(np.sqrt(max(np.trace(spread[:3, :3]), stated) / 3))
-    return Solution(payload, deviation, residuals, kept, white, joint)
+    return PayloadSolution(payload, deviation, residuals, kept, white, joint)
 
 
 def judged(
-    solution: Solution, wrenches: Float[np.ndarray, "n 6"], rotations: Float[np.ndarray, "n 3 3"], settings: Settings
-) -> tuple[Payload, LeftOut]:
+    solution: PayloadSolution,
+    wrenches: Float[np.ndarray, "n 6"],
+    rotations: Float[np.ndarray, "n 3 3"],
+    settings: PayloadSettings,
+) -> tuple[Payload, Validation]:
     """Return a payload whose covariance has the drift of the bias during the log, and holds for poses left out.
 
     A part that is left out is compared by its normal equations, Z^T r: what it says of the parameters.
@@ -126,7 +131,7 @@ def judged(
         own[:, ~left] = -np.einsum("pq,qni->pni", slope, gain_of(jacobian[~left], noise)[0])
         return np.einsum("nip,ni->p", instruments, (wrenches - predicted)[left]), errors.spread(own)
 
-    left = leave_out(len(wrenches), predict)
+    left = cross_validate(len(wrenches), predict)
     covariance = left.widening * (basis @ errors.spread(gain) @ basis.T)
     return replace(payload, covariance=covariance, notes=(*payload.notes, *errors.notes, *left.notes)), left
 
@@ -136,7 +141,7 @@ def rms(residuals: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "2"]:
     return np.sqrt((residuals.reshape(-1, 2, 3) ** 2).mean(axis=(0, 2)))
 
 
-def _check(rotations: np.ndarray, kept: np.ndarray, theta: np.ndarray, settings: Settings) -> None:
+def _check(rotations: np.ndarray, kept: np.ndarray, theta: np.ndarray, settings: PayloadSettings) -> None:
     try:
         check_poses(rotations[kept], settings.direction, theta[:3])
     except NotIdentifiable as refused:
@@ -145,7 +150,7 @@ def _check(rotations: np.ndarray, kept: np.ndarray, theta: np.ndarray, settings:
 
 
 def _refined(
-    theta: np.ndarray, wrenches: np.ndarray, rotations: np.ndarray, spread: np.ndarray, settings: Settings
+    theta: np.ndarray, wrenches: np.ndarray, rotations: np.ndarray, spread: np.ndarray, settings: PayloadSettings
 ) -> tuple[Float[np.ndarray, "12"], Float[np.ndarray, "6 6"], tuple[str, ...], bool]:
     """Return parameters, a sample's covariance, notes, and whether the fit was whitened by the stated noise.
 

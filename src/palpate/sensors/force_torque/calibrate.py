@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from palpate.calls import called_as
 from palpate.errors import InputError
 from palpate.sensors.force_torque._payload_hypotheses import AS_IS, Hypothesis, corrected, diagnose, doubts
-from palpate.sensors.force_torque._payload_solve import Settings, judged, solve
+from palpate.sensors.force_torque._payload_solve import PayloadSettings, judged, solve
 from palpate.signals.payload import STANDARD_GRAVITY, Payload
 from palpate.signals.recording import LARGEST
 from palpate.spatial._arrays import shaped
@@ -74,7 +74,7 @@ def identify_payload(
     solution = solve(*undone, settings)
     payload, left = judged(solution, *undone, settings)
     doubtful = doubts(solution, hypothesis, wrenches, rotations, settings)
-    notes = (*left_out(finite, solution.kept, of), *payload.notes, *doubtful, *_far_centre(payload))
+    notes = (*validated(finite, solution.kept, of), *payload.notes, *doubtful, *_far_centre(payload))
     options = {
         "gravity": "free" if gravity is None else "given",
         "robust": str(robust).lower(),
@@ -104,7 +104,9 @@ def diagnose_payload(
     return diagnose(wrenches, rotations, settings)
 
 
-def settings_of(gravity: ArrayLike | None, magnitude: float, noise: ArrayLike | None, *, robust: bool) -> Settings:
+def settings_of(
+    gravity: ArrayLike | None, magnitude: float, noise: ArrayLike | None, *, robust: bool
+) -> PayloadSettings:
     """The caller's choices, checked; gravity may have any length."""
     if not (np.isfinite(magnitude) and magnitude > 0):
         raise InputError(f"magnitude of gravity must be positive, not {magnitude}")
@@ -115,7 +117,7 @@ def settings_of(gravity: ArrayLike | None, magnitude: float, noise: ArrayLike | 
             raise InputError(f"gravity must be three numbers, not all zero: {gravity}", hint="Leave it out if unknown.")
         direction = direction / largest  # first: the square of 1e200 is no number
         direction = direction / np.linalg.norm(direction)
-    return Settings(direction, float(magnitude), None if noise is None else noise_covariance(noise), robust)
+    return PayloadSettings(direction, float(magnitude), None if noise is None else noise_covariance(noise), robust)
 
 
 def usable(wrenches: Wrench | ArrayLike, rotations: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -135,7 +137,7 @@ def usable(wrenches: Wrench | ArrayLike, rotations: ArrayLike) -> tuple[np.ndarr
     return wrenches[finite], rotations[finite], finite
 
 
-def left_out(finite: Bool[np.ndarray, " n"], kept: Bool[np.ndarray, " m"], of: str) -> tuple[str, ...]:
+def validated(finite: Bool[np.ndarray, " n"], kept: Bool[np.ndarray, " m"], of: str) -> tuple[str, ...]:
     """Sentences about the rows that were not used: those not complete, and of the others those not kept."""
     name = "rows" if of == "samples" else of
     lost, away = np.flatnonzero(~finite), np.flatnonzero(finite)[~kept]

@@ -9,7 +9,7 @@ import numpy as np
 from tyro.conf import arg
 
 from palpate.calibration.clock import ClockOffset, identify_offset
-from palpate.console.calibration import Calibration, Found, origin
+from palpate.console.calibration import Calibration, CalibrationResult, origin
 from palpate.console.options import Log, Output, RigFile
 from palpate.errors import InputError
 from palpate.files.logs import contents, read_poses, read_recording
@@ -42,7 +42,7 @@ class CalibrateClock(Calibration):
     output: Output
     search: Annotated[float, arg(metavar="X")] = 0.5
 
-    def identify(self) -> Found:
+    def identify(self) -> CalibrationResult:
         """Find the offset under which the forces read as a weight that turns with the poses."""
         setup = self.stated.resolve("force_torque")
         sensor = setup.of(ForceTorqueSection)
@@ -70,19 +70,19 @@ class CalibrateClock(Calibration):
             noise=None if wrench is None else wrench.six(),
         )
         known = measured([1e3 * found.offset], [1e3 * found.deviation], "ms")
-        return Found(
+        return CalibrationResult(
             [
                 ("samples", f"{len(recording):,} wrenches, {len(pose_time):,} poses; used: {found.samples:,}"),
                 ("offset", f"{known} added to the poses' stamps"),
                 ("before", f"{1e3 * before:.3f} ms"),
                 ("residual", f"{found.residual:.3g} N, of averages over 10 ms"),
-                ("left out", str(found.left_out)),
+                ("left out", str(found.validation)),
             ],
             found,
             notes=[*recording.notes, *found.notes, *_findings(found, columns=not contents(self.log).topics)],
         )
 
-    def write(self, found: Found) -> None:
+    def write(self, found: CalibrationResult) -> None:
         """Write the offset into the rig."""
         comment = f"s, from {origin(self.record(), 'log')}"
         update_offset(self.rig, self.output, round(found.model.offset, 7), comment=comment)

@@ -9,11 +9,11 @@ from typing import Annotated
 import numpy as np
 from tyro.conf import FlagCreatePairsOff, arg
 
-from palpate.console.calibration import Calibration, Found
+from palpate.console.calibration import Calibration, CalibrationResult
 from palpate.console.options import FileOption, Log, Output
 from palpate.errors import InputError
 from palpate.files.logs import read_recording
-from palpate.files.logs.layout import Layout
+from palpate.files.logs.layout import LogLayout
 from palpate.sensors.force_torque.calibrate import identify_payload
 from palpate.sensors.force_torque.files import of_payload
 from palpate.sensors.force_torque.poses import average_poses
@@ -56,9 +56,9 @@ class CalibratePayload(Calibration):
     magnitude: Annotated[float, arg(metavar="X")] = STANDARD_GRAVITY
     base_frame: Annotated[bool, FlagCreatePairsOff] = False
 
-    def identify(self) -> Found:
+    def identify(self) -> CalibrationResult:
         """Average the poses at rest, and fit the payload to them."""
-        layout = Layout() if self.rig is None else self.stated.layout("force_torque")
+        layout = LogLayout() if self.rig is None else self.stated.layout("force_torque")
         recording = read_recording(self.log, layout)
         if ORIENTATION not in recording.channels:
             raise InputError(
@@ -80,7 +80,7 @@ class CalibratePayload(Calibration):
             provenance=self.record(gravity=self.gravity),
         )
         used = f"{len(counts)} poses at rest of {int(counts.sum()):,} samples" if averaged else "each on its own"
-        return Found(
+        return CalibrationResult(
             [
                 ("samples", f"{len(recording):,}; used: {used}"),
                 *of_payload(payload),

@@ -105,7 +105,7 @@ class Compensation:
         self._kept, self._left = (1.0, np.ones(6)), dict[int, Float[np.ndarray, "6 6"]]()
         self._stated, self.zeros_taken = self._load.copy(), 0
         self._untare()
-        self.state, self.held = np.empty(0), np.concatenate([np.zeros(6), np.eye(3).ravel(), np.zeros(5)])
+        self.state, self.live_inputs = np.empty(0), np.concatenate([np.zeros(6), np.eye(3).ravel(), np.zeros(5)])
         made = self._compensated(self._read(0.0), self._zero)  # compiles, before anything is in a hurry
         self.place(made, made.wrench, np.ones(1), ITSELF)
 
@@ -147,15 +147,18 @@ class Compensation:
         if self._turns:
             if rotation is None:
                 raise InputError(f"update needs the orientation of the sensor: {self.needs_orientation}.")
-            self.held[6:15].reshape(3, 3)[:] = _of_one("rotation", rotation, (3, 3))
-        self.held[:6] = _of_one("reading", reading, (6,))
-        self.held[15:18] = 0.0 if acceleration is None else _of_one("acceleration", acceleration, (3,))
+            self.live_inputs[6:15].reshape(3, 3)[:] = _of_one("rotation", rotation, (3, 3))
+        self.live_inputs[:6] = _of_one("reading", reading, (6,))
+        self.live_inputs[15:18] = 0.0 if acceleration is None else _of_one("acceleration", acceleration, (3,))
         if self._drifts:
-            self.held[19] = self._aged(np.array([time], dtype=np.float64))[0, 0]
+            self.live_inputs[19] = self._aged(np.array([time], dtype=np.float64))[0, 0]
 
     @takes_arrays
     def inputs(
-        self, time: Float[np.ndarray, " n"], readings: Float[np.ndarray, "n 6"], beside: Mapping[str, np.ndarray]
+        self,
+        time: Float[np.ndarray, " n"],
+        readings: Float[np.ndarray, "n 6"],
+        extra_channels: Mapping[str, np.ndarray],
     ) -> Float[np.ndarray, " _"]:
         """Of n samples what `hold` keeps of one: (20 n,), all of a kind one behind the other.
 
@@ -164,7 +167,7 @@ class Compensation:
         Args:
             time: [s].
             readings: as measured.
-            beside: `ORIENTATION`, `ACCELERATION`, `UNSTEADY` of a `Recording`, as far as they are known.
+            extra_channels: `ORIENTATION`, `ACCELERATION`, `UNSTEADY` of a `Recording`, as far as they are known.
 
         Raises:
             InputError: readings of another shape; the orientation is needed, and there is none.
@@ -174,13 +177,13 @@ class Compensation:
             raise InputError(f"the readings of {count} samples must have shape ({count}, 6), not {readings.shape}.")
         made = np.zeros(20 * count)
         made[: 6 * count] = readings.ravel()
-        made[6 * count : 15 * count].reshape(count, 3, 3)[:] = self._rotations(beside, "the stream")
+        made[6 * count : 15 * count].reshape(count, 3, 3)[:] = self._rotations(extra_channels, "the stream")
         if self._weighs:
             for name, part in (
                 (ACCELERATION, slice(15 * count, 18 * count)),
                 (UNSTEADY, slice(18 * count, 19 * count)),
             ):
-                made[part] = beside[name].ravel() if name in beside else 0.0
+                made[part] = extra_channels[name].ravel() if name in extra_channels else 0.0
         if self._drifts:
             made[19 * count :] = self._aged(time)[:, 0]
         return made
@@ -263,7 +266,7 @@ class Compensation:
         self._tared = self._since = float(np.nanmax(made.time))
         self.zeros_taken += 1
         self.revision += 1
-        return Tare(found.said, touch=found.mean, least=SURE * float(np.sqrt(largest)))
+        return Tare(found.sentence, touch=found.mean, least=SURE * float(np.sqrt(largest)))
 
     def reset(self) -> None:
         """Forget when the log began."""
@@ -379,7 +382,7 @@ class Compensation:
         """On the motion."""
         return () if self.motion is None or self.payload is None else self.motion.notes(self.payload.mass)
 
-    def doubts(self) -> tuple[str, ...]:
+    def warnings(self) -> tuple[str, ...]:
         """None."""
         return ()
 
@@ -439,7 +442,7 @@ class Compensation:
 
     def _read(self, time: float) -> _Readings:
         """The inputs of one sample."""
-        made = self.held.copy()
+        made = self.live_inputs.copy()
         reading, rotation, acceleration = made[None, :6], made[6:15].reshape(1, 3, 3), made[None, 15:18]
         now = np.array([time], dtype=np.float64)
         return _Readings(now, reading, rotation, acceleration, made[None, 18:19], made[None, 19:])

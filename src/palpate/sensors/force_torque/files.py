@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.files.models.model import Lines, Model
-from palpate.files.schema import Form, Key
+from palpate.files.schema import Key, TableForm
 from palpate.files.units import measured
 from palpate.signals.payload import Payload
 
@@ -35,7 +35,7 @@ PAYLOAD = Model(
     "palpate calibrate payload",
     of_payload,
     {
-        Payload: Form(
+        Payload: TableForm(
             {
                 "weight": Key("N, in the base frame", required=True),
                 "force_bias": Key("N, in the sensor's frame, as all that follows", required=True),

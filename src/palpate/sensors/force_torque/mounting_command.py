@@ -15,10 +15,10 @@ from tyro.conf import arg
 from palpate.calibration.mounting import Mounting, Spreads, identify_mounting, mean_touches
 from palpate.calibration.presses import find_presses
 from palpate.calibration.touch_error import TouchError, touch_error
-from palpate.console.calibration import Calibration, Found, origin
+from palpate.console.calibration import Calibration, CalibrationResult, origin
 from palpate.console.console import wait
 from palpate.console.options import FileOption, Log, Output, RigFile
-from palpate.contact.ground_truth import Touches
+from palpate.contact.ground_truth import TrueTouches
 from palpate.contact.locate import Locator
 from palpate.contact.wrench_estimator import WrenchEstimator
 from palpate.errors import InputError
@@ -61,7 +61,7 @@ class CalibrateMounting(Calibration):
     marks: FileOption = None
     placement: Annotated[float, arg(metavar="X")] = 0.5e-3
 
-    def identify(self) -> Found:
+    def identify(self) -> CalibrationResult:
         """Find the pose under which the touches act where they were."""
         setup, marks = self.stated.resolve("force_torque"), self.marks
         recording = read_recording(self.log, setup.layout())
@@ -92,11 +92,11 @@ class CalibrateMounting(Calibration):
         mounting, residual, error = _placed(identify, judge, self.placement, marks, len(touches))
         kind = "presses somewhere on the surface" if marks is None else f"touches at the points of {marks}"
         payload = setup.of(ForceTorqueSection).table.payload is not None
-        return Found(
+        return CalibrationResult(
             [
                 ("touches", f"{len(mounting.touches)} used of {len(touches)} {kind}"),
                 *_figures(mounting, initial, residual),
-                ("left out", str(mounting.left_out)),
+                ("left out", str(mounting.validation)),
                 *([] if error is None else [("touches err by", _err_by(error, self.placement))]),
             ],
             (mounting, None if error is None else error.placement(self.placement)),
@@ -104,7 +104,7 @@ class CalibrateMounting(Calibration):
             warnings=_doubts(mounting, initial, residual, payload=payload, anywhere=marks is None),
         )
 
-    def write(self, found: Found) -> None:
+    def write(self, found: CalibrationResult) -> None:
         """Write the pose, its covariance and what touches err by into the rig."""
         mounting, added = found.model
         record = self.record()
@@ -169,8 +169,8 @@ def _placed(
     if marks is None:
         return mounting, residual, None
     error = judge(mounting.touches, lambda rows: identify(rows, placement).pose)
-    if error.beside > placement:
-        placed = error.beside
+    if error.common > placement:
+        placed = error.common
         mounting = identify(every, placed)
         error = judge(mounting.touches, lambda rows: identify(rows, placed).pose)
     return mounting, residual, error
@@ -179,7 +179,7 @@ def _placed(
 def _error(
     recording: Recording,
     wrenches: np.ndarray,
-    touches: Touches,
+    touches: TrueTouches,
     surface: Mesh,
     noise: np.ndarray | None,
     used: Rows,
@@ -187,20 +187,20 @@ def _error(
 ) -> TouchError:
     """What the touches that were used err by beside the noise."""
     names = tuple(np.array(touches.label)[used])
-    kept = Touches(touches.start[used], touches.end[used], touches.point[used], names)
+    kept = TrueTouches(touches.start[used], touches.end[used], touches.point[used], names)
     normals = surface.project(kept.point)[1]
     return touch_error(recording.time, wrenches, kept, normals, noise, lambda rows: pose_from(used[rows]))
 
 
 def _err_by(error: TouchError, marks: float) -> str:
     added = error.placement(marks)
-    told = f"{1e3 * error.beside:.2g} mm along each tangent beside their noise of {1e3 * error.noise:.2g} mm"
+    told = f"{1e3 * error.common:.2g} mm along each tangent beside their noise of {1e3 * error.noise:.2g} mm"
     if not added:
         return f"{told}, no more than the {1e3 * marks:.2g} mm that marks are hit by"
     return f"{told}; {1e3 * added:.2g} mm of it is not how marks are hit, and is in the covariance (placement)"
 
 
-def _presses(recording: Recording, wrenches: np.ndarray, estimator: WrenchEstimator) -> Touches:
+def _presses(recording: Recording, wrenches: np.ndarray, estimator: WrenchEstimator) -> TrueTouches:
     on, off = estimator.locator.on, estimator.locator.off
     start, end = find_presses(recording.time, wrenches, on=on, off=off)
     if not len(start):
@@ -212,10 +212,10 @@ def _presses(recording: Recording, wrenches: np.ndarray, estimator: WrenchEstima
     if not np.all(start <= end):  # NaN too
         raise InputError("times run backwards or are missing within a press.", where=recording.source)
     labels = tuple(f"press {k + 1} at {begin:.2f} s" for k, begin in enumerate(start))
-    return Touches(start, end, np.full((len(start), 3), np.nan), labels)
+    return TrueTouches(start, end, np.full((len(start), 3), np.nan), labels)
 
 
-def _require_overlap(recording: Recording, touches: Touches, source: Path) -> None:
+def _require_overlap(recording: Recording, touches: TrueTouches, source: Path) -> None:
     """Some touch must lie in the log, or the two are not on one clock."""
     known = recording.time[np.isfinite(recording.time)]
     first, last = (known.min(), known.max()) if len(known) else (np.nan, np.nan)

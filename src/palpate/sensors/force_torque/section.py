@@ -13,7 +13,7 @@ from jaxtyping import Float
 from palpate.contact.plausibility import lines_of_action
 from palpate.errors import InputError
 from palpate.files.logs import LogContents, read_recording
-from palpate.files.logs.layout import Layout, axis_matrix
+from palpate.files.logs.layout import LogLayout, axis_matrix
 from palpate.files.logs.opening import survey
 from palpate.files.logs.topics import NONE
 from palpate.files.models import read_model
@@ -21,9 +21,9 @@ from palpate.files.units import FORCE_UNITS, TORQUE_UNITS, to_si
 from palpate.sensors.force_torque.compensation import Compensation
 from palpate.sensors.force_torque.model import ForceTorque
 from palpate.setup import guess
-from palpate.setup.body import Body
-from palpate.setup.built import FIRST, Guess, Prepared
-from palpate.setup.guess_columns import Found, columns_guess
+from palpate.setup.body import GivenBody
+from palpate.setup.built import FIRST, BuiltEstimator, Guess
+from palpate.setup.guess_columns import WrenchColumns, columns_guess
 from palpate.setup.guess_pose import guess_pose
 from palpate.setup.names import made_up
 from palpate.setup.setup import SensorKind, SensorSection, Setup, seen_first
@@ -40,8 +40,8 @@ __all__ = [
     "ForceTorqueSection",
     "accelerated",
     "compensation",
-    "doubted_noise",
     "free_wrenches",
+    "noise_warnings",
     "stated_sensor",
 ]
 
@@ -76,10 +76,10 @@ class ForceTorqueSection(SensorSection):
         return None if self.table.payload is None else read_model(self.link.folder / self.table.payload, Payload)
 
 
-def _layout(setup: Setup) -> Layout:
+def _layout(setup: Setup) -> LogLayout:
     """Where a log keeps wrenches and poses."""
     wrench = setup.of(ForceTorqueSection).table
-    return Layout(
+    return LogLayout(
         wrench=wrench.columns,
         force_unit=wrench.units.force,
         torque_unit=wrench.units.torque,
@@ -126,7 +126,7 @@ def accelerated(setup: Setup, recording: Recording) -> bool:
     return any(bool((block.channels[UNSTEADY] > 0.0).any()) for block in motion.stream(iter([recording])))
 
 
-def doubted_noise(setup: Setup, recording: Recording) -> list[str]:
+def noise_warnings(setup: Setup, recording: Recording) -> list[str]:
     """Return where noise that the rig states is wrong by two or more against a recording."""
     if (stated := setup.of(ForceTorqueSection).table.noise) is None:
         return []
@@ -160,14 +160,14 @@ def compensation(setup: Setup, head: Recording | None) -> Compensation:
     return Compensation(stated_sensor(setup, head), setup.of(ForceTorqueSection).payload, _motion(setup, head))
 
 
-def _build(setup: Setup) -> Prepared:
+def _build(setup: Setup) -> BuiltEstimator:
     stated, head = setup.of(ForceTorqueSection).table.noise is not None, setup.head
     sensor = compensation(setup, head)
     payload = sensor.payload
     made = wrench_estimator(setup, sensor, tare=setup.estimate.tare, drift=setup.followed(6))
-    made.facts["noise_source"] = "given" if stated else "unknown" if sensor.noise is None else "rest of the log"
-    made.said[:0] = [*([] if stated else _noise_said(sensor)), *_payload_said(payload, setup.estimate.tare)]
-    made.doubted += [] if head is None else [*doubted_noise(setup, head), *_turned(payload, sensor, head)]
+    made.settings["noise_source"] = "given" if stated else "unknown" if sensor.noise is None else "rest of the log"
+    made.notes[:0] = [*([] if stated else _noise_said(sensor)), *_payload_said(payload, setup.estimate.tare)]
+    made.warnings += [] if head is None else [*noise_warnings(setup, head), *_turned(payload, sensor, head)]
     return made
 
 
@@ -217,7 +217,7 @@ def _check(table: RigForceTorque | None, path: Path) -> None:
     to_si(wrench.units.torque, TORQUE_UNITS, where=f"{path}: force_torque.units.torque")
 
 
-def _guess(log: Path, contents: LogContents, body: Body | None) -> Guess | None:
+def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | None:
     """Columns or a topic of forces and torques."""
     found = _topics_of(log, contents, body) if contents.topics else columns_guess(log, contents)
     if found is None:
@@ -234,7 +234,7 @@ def _guess(log: Path, contents: LogContents, body: Body | None) -> Guess | None:
     return Guess(found.why, found.layout, text, found.remarks, lacking, found.fields.get("called", ""))
 
 
-def _with_torques(found: Found, wrenches: np.ndarray, size: float | None) -> Found:
+def _with_torques(found: WrenchColumns, wrenches: np.ndarray, size: float | None) -> WrenchColumns:
     """With the unit of the torque, by its numbers where nothing states it, and the noise."""
     fields, remarks, layout = dict(found.fields), list(found.remarks), found.layout
     if "torque_unit" not in fields:
@@ -258,20 +258,20 @@ def _with_torques(found: Found, wrenches: np.ndarray, size: float | None) -> Fou
     return replace(found, layout=layout, fields=fields, remarks=tuple(remarks))
 
 
-def _topics_of(log: Path, contents: LogContents, body: Body | None) -> Found | None:
+def _topics_of(log: Path, contents: LogContents, body: GivenBody | None) -> WrenchColumns | None:
     wrenches = guess.topics_of(contents, "wrench")
     seen = survey(log) if wrenches else None
     if seen is None:
         return None
     several = f"{len(wrenches)} topics hold wrenches: {', '.join(wrenches)}; the first is taken, --topic takes another"
-    pose = guess_pose(seen, Layout(wrench_topic=wrenches[0]), body)
+    pose = guess_pose(seen, LogLayout(wrench_topic=wrenches[0]), body)
     why = f"topic {wrenches[0]!r} holds forces and torques"
     fields = {
         "wrench": f"topic = {guess.quoted(wrenches[0])}",
         "orientation": pose.text,
         "called": seen.named.get(wrenches[0], ("", ""))[0],  # the sensor's frame; "frame" is the rig's key
     }
-    return Found(why, pose.layout, fields, (*([several] if len(wrenches) > 1 else []), *pose.remarks))
+    return WrenchColumns(why, pose.layout, fields, (*([several] if len(wrenches) > 1 else []), *pose.remarks))
 
 
 def _torque_unit(free: np.ndarray, size: float | None) -> str:
@@ -309,7 +309,7 @@ FORCE_TORQUE = SensorKind(
     check=_check,
     options=("payload", "noise"),
     drift="palpate.sensors.force_torque.drift.wrench_drift",
-    doubts=doubted_noise,
+    warnings=noise_warnings,
     view="palpate.sensors.force_torque.view.ForceTorqueView",
     start=lambda setup: seen_first(setup) or (FIRST if setup.of(ForceTorqueSection).table.noise is None else 0.0),
 )

@@ -89,7 +89,7 @@ def force_torque(setup: Setup, payload: Payload | None, mount: Pose) -> Section:
     if orientation.topic is not None or orientation.base is not None or orientation.offset:
         gap = f"gaps of up to {orientation.max_gap:g} s are interpolated"
         facts.append(("orientation", f"clock offset {1e3 * orientation.offset:g} ms; {gap}"))
-    return Section("Payload and mounting", facts=tuple(facts))
+    return Section("Payload and mounting", settings=tuple(facts))
 
 
 def _mounting(pose: Pose, covariance: Float[np.ndarray, "6 6"] | None) -> list[tuple[str, str]]:

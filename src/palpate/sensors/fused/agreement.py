@@ -42,7 +42,7 @@ class Agreement:
         self._unexplained += int(np.count_nonzero(unexplained))
         self._opposed += int(np.count_nonzero(opposed))
 
-    def doubts(self) -> tuple[str, ...]:
+    def warnings(self) -> tuple[str, ...]:
         """Return what may be wrong, as a sentence, where most frames disagree."""
         if self._touched < ENOUGH:
             return ()

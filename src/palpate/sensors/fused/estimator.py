@@ -9,11 +9,11 @@ from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from palpate.contact.contacts import Contacts
+from palpate.contact.drift_gate import ContactShape
 from palpate.contact.estimate import ROW, Status
 from palpate.contact.estimator import Answered, Channels, ContactEstimator, Counts, Known, Rows, Times
 from palpate.contact.locate import Locator
 from palpate.contact.surface_wrenches import Piece, SurfaceWrenches, Wrenches
-from palpate.contact.zero_gate import ContactShape
 from palpate.errors import InputError
 from palpate.sensors.fused.agreement import Agreement
 from palpate.sensors.fused.lasting_unseen import LastingUnseen
@@ -132,8 +132,8 @@ class FusedEstimator(ContactEstimator):
         wrench = self.sensor.tare(recording)
         cells = self.taxels.tare(recording)
         self.reset()
-        doubt = "; ".join(each.doubt for each in (wrench, cells) if each.doubt)
-        return Tare(f"{wrench.said}; {cells.said}", doubt)
+        doubt = "; ".join(each.warning for each in (wrench, cells) if each.warning)
+        return Tare(f"{wrench.note}; {cells.note}", doubt)
 
     def answer(self, block: Recording, watched: bool = False) -> Answered:
         """Answer the frames of a block, with the force of each taxel if `watched`."""
@@ -163,9 +163,9 @@ class FusedEstimator(ContactEstimator):
             )
         return tuple(said)
 
-    def doubts(self) -> tuple[str, ...]:
+    def warnings(self) -> tuple[str, ...]:
         """Return what may be wrong, one sentence each: a skin and a wrench that do not belong together."""
-        return (*self.taxels.doubts(), *self._wrenches.doubts(), *self._agreement.doubts())
+        return (*self.taxels.warnings(), *self._wrenches.warnings(), *self._agreement.warnings())
 
     def _single(self, time: float, reading: ArrayLike, out: Rows, rotation: Known, acceleration: Known) -> int:
         values = shaped(reading, (len(self.taxels.body) + 7,), "reading")

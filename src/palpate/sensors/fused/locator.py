@@ -398,7 +398,7 @@ class FusedLocator:
         _fused.explained(self._places, whitened, factor, self.settings.tangential, PUSHES, out)
         return ranked(self._places, out, self._width)
 
-    def beside(self, fused: Fused, unseen: Unseen, place: int = 0) -> Fused:
+    def neighbours(self, fused: Fused, unseen: Unseen, place: int = 0) -> Fused:
         """Forces of the contacts seen and of one unseen, all estimated anew together; the unseen one is the last.
 
         Args:

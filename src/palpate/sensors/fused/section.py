@@ -9,14 +9,14 @@ import numpy as np
 
 from palpate.errors import InputError
 from palpate.files.logs import LogContents
-from palpate.files.logs.layout import Layout
+from palpate.files.logs.layout import LogLayout
 from palpate.sensors.force_torque.section import FORCE_TORQUE, ForceTorqueSection, compensation
 from palpate.sensors.fused.estimator import FusedEstimator
 from palpate.sensors.fused.locator import FusedLocator, FusionSettings
 from palpate.sensors.taxels.estimator import TaxelEstimator
-from palpate.sensors.taxels.section import SKIN, guess_beside, skin_tare
-from palpate.setup.body import Body
-from palpate.setup.built import Guess, Prepared
+from palpate.sensors.taxels.section import SKIN, guess_with_wrench, skin_tare
+from palpate.setup.body import GivenBody
+from palpate.setup.built import BuiltEstimator, Guess
 from palpate.setup.setup import SensorKind, Setup
 from palpate.setup.wrench import first_seconds
 from palpate.signals.recording import AVERAGED, CELLS, FORCE, TORQUE, Recording
@@ -55,14 +55,14 @@ class RigFusion:
         return FusionSettings(friction, min(self.tangential, friction), self.gain, self.floor, self.alarm)
 
 
-def _layout(setup: Setup) -> Layout:
+def _layout(setup: Setup) -> LogLayout:
     """Return how frames of the skin are read, each with the mean of the wrenches about it."""
     skin, wrench = SKIN.layout(setup), FORCE_TORQUE.layout(setup)
     stated = setup.of(ForceTorqueSection).table.range
     return replace(wrench, arrays=skin.arrays, rate=skin.rate, wrench_range=None if stated is None else stated.six())
 
 
-def _build(setup: Setup) -> Prepared:
+def _build(setup: Setup) -> BuiltEstimator:
     felt, head, link = SKIN.build(setup), setup.head, setup.link
     link.surface().prepared()  # once for all logs of a rig
     if not isinstance(felt.estimator, TaxelEstimator):
@@ -80,12 +80,12 @@ def _build(setup: Setup) -> Prepared:
         known.covered,
         live=head is None,
     )
-    made = Prepared(estimator, felt.said, felt.doubted, {**felt.facts, **vars(settings), **link.settings})
+    made = BuiltEstimator(estimator, felt.notes, felt.warnings, {**felt.settings, **vars(settings), **link.settings})
     tare = skin_tare(setup)
     if head is not None and tare is not None:
         made.tared(sensor.tare(first_seconds(head, tare)))
     elif tare is None:
-        made.said.append("wrenches are taken as they are, so they must be tared: [estimate] tare = seconds")
+        made.notes.append("wrenches are taken as they are, so they must be tared: [estimate] tare = seconds")
     return made
 
 
@@ -99,9 +99,9 @@ def _single(head: Recording | None) -> Recording | None:
     return replace(head, channels={**head.channels, FORCE: spread[:, :3], TORQUE: spread[:, 3:]})
 
 
-def _guess(log: Path, contents: LogContents, body: Body | None) -> Guess | None:
+def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | None:
     """Wrenches, and frames beside them."""
-    felt = guess_beside(log, contents)
+    felt = guess_with_wrench(log, contents)
     found = None if felt is None else FORCE_TORQUE.guess(log, contents, body)
     if felt is None or found is None:
         return None

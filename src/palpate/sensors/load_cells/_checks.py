@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
 from palpate.errors import InputError, NotIdentifiable
-from palpate.sensors.load_cells._log import Rest
+from palpate.sensors.load_cells._log import UnloadedStretch
 from palpate.sensors.load_cells.model import wrench_direction
 
 __all__ = ["check_channels", "check_directions", "check_response"]
@@ -20,7 +20,7 @@ AT_RANGE = 0.001  # share of samples at a limit that is too much
 
 def check_channels(
     voltages: Float[np.ndarray, "n m"],
-    found: list[Rest],
+    found: list[UnloadedStretch],
     noise: Float[np.ndarray, "m m"],
     limits: ArrayLike | None,
     names: tuple[str, ...],

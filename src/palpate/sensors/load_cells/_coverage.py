@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from palpate.sensors.load_cells._fit import Touches
+from palpate.sensors.load_cells._fit import ReferenceBlocks
 from palpate.sensors.load_cells.model import LoadCells
 from palpate.spatial.pose import skew
 
-__all__ = ["Coverage", "coverage"]
+__all__ = ["CalibratedRegion", "coverage"]
 
 PARTS = 3  # along x and along y into which the surface that was touched is cut
 FORCE, FRICTION = 1.0, 0.5  # N, and the sideways share of it, for which errors are predicted
@@ -20,7 +20,7 @@ QUIET = 0.1  # of the normal force: less friction does not show the moment along
 
 
 @dataclass(frozen=True, eq=False)
-class Coverage:
+class CalibratedRegion:
     """Where the calibration was, and how well it knows each place.
 
     Attributes:
@@ -37,7 +37,7 @@ class Coverage:
     notes: tuple[str, ...]
 
 
-def coverage(data: Touches, cells: LoadCells) -> Coverage:
+def coverage(data: ReferenceBlocks, cells: LoadCells) -> CalibratedRegion:
     """From what was touched, and the covariance that came of it."""
     low, high = data.contact[:, :2].min(axis=0), data.contact[:, :2].max(axis=0)
     cell = np.minimum((PARTS * (data.contact[:, :2] - low) / np.maximum(high - low, 1e-9)).astype(int), PARTS - 1)
@@ -50,10 +50,10 @@ def coverage(data: Touches, cells: LoadCells) -> Coverage:
     sideways = np.einsum("nak,nk->na", data.tangents, data.force) / pressing[:, None]
     friction = np.sqrt(np.mean(sideways**2, axis=0))
     notes = _notes(middle, visits, error, friction)
-    return Coverage(data.contact[nearest], visits.astype(float), error, friction, notes)
+    return CalibratedRegion(data.contact[nearest], visits.astype(float), error, friction, notes)
 
 
-def _foretold(data: Touches, cells: LoadCells, k: int) -> Float[np.ndarray, "5"]:
+def _foretold(data: ReferenceBlocks, cells: LoadCells, k: int) -> Float[np.ndarray, "5"]:
     """RMS position error [m] that the calibration's covariance makes of a touch at block k."""
     normal, tangents, at = data.normal[k], data.tangents[k], data.contact[k]
     pushes = [-normal, *(-normal + sign * FRICTION * t for t in tangents for sign in (1, -1))]

@@ -20,14 +20,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from palpate.calibration.left_out import LeftOut, leave_out
+from palpate.calibration.validation import Validation, cross_validate
 from palpate.contact.indentation import Indentation
 from palpate.errors import NotIdentifiable
 from palpate.sensors.load_cells._log import Blocks
 from palpate.signals.correlation import correlation_time
 from palpate.spatial.pose import skew
 
-__all__ = ["Fit", "Touches", "fit", "linear_start", "residuals", "touches"]
+__all__ = ["Fit", "ReferenceBlocks", "fit", "linear_start", "residuals", "touches"]
 
 START = np.array([17e-3] * 3 + [100e-6] * 2 + [1e-4])  # N, m, N m: standard deviations before any residual is seen
 # Of whitening again by what the fit leaves. More would not be better: where whitening and fit settle together, the
@@ -43,7 +43,7 @@ LIGHTEST = 1e-3  # N: the pressing force is not taken to be less, wherever a sta
 
 
 @dataclass(frozen=True, eq=False)
-class Touches:
+class ReferenceBlocks:
     """What the reference says of each block.
 
     Attributes:
@@ -60,9 +60,9 @@ class Touches:
     tangents: Float[np.ndarray, "n 2 3"]
     torque: Float[np.ndarray, " n"]
 
-    def picked(self, rows: Bool[np.ndarray, " n"]) -> Touches:
+    def picked(self, rows: Bool[np.ndarray, " n"]) -> ReferenceBlocks:
         """Return some of them."""
-        return Touches(**{name: values[rows] for name, values in vars(self).items()})
+        return ReferenceBlocks(**{name: values[rows] for name, values in vars(self).items()})
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,15 +109,15 @@ def touches(
     signal: Float[np.ndarray, "n 6"],
     contact: Float[np.ndarray, "n 3"],
     normal: Float[np.ndarray, "n 3"],
-) -> Touches:
+) -> ReferenceBlocks:
     """Prepared."""
     across = np.cross(normal, np.where(np.abs(normal[:, 1:2]) < 0.9, [[0.0, 1.0, 0.0]], [[1.0, 0.0, 0.0]]))
     first = across / np.linalg.norm(across, axis=1, keepdims=True)
     both = np.stack([first, np.cross(normal, first)], axis=1)
-    return Touches(blocks.time, blocks.run, signal, blocks.forces, contact, normal, both, blocks.torques)
+    return ReferenceBlocks(blocks.time, blocks.run, signal, blocks.forces, contact, normal, both, blocks.torques)
 
 
-def linear_start(data: Touches) -> Float[np.ndarray, "36"]:
+def linear_start(data: ReferenceBlocks) -> Float[np.ndarray, "36"]:
     """B by linear least squares: force against the reference, and no moment about the contact but the reference's.
 
     The moment is weighed as the positions are whose error it would be.
@@ -176,7 +176,7 @@ def _step(normal: Float[np.ndarray, "p p"], gradient: Float[np.ndarray, " p"], d
 
 
 def fit(
-    data: Touches,
+    data: ReferenceBlocks,
     starts: Sequence[Float[np.ndarray, "36"]],
     zeros: Float[np.ndarray, "9"],
     *,
@@ -213,7 +213,7 @@ def _whitener(left: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "6 6"]:
 
 
 def residuals(
-    data: Touches, unknowns: Float[np.ndarray, " p"]
+    data: ReferenceBlocks, unknowns: Float[np.ndarray, " p"]
 ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"], Float[np.ndarray, "n 6 l"]]:
     """r, and its derivatives by the wrench and by the law."""
     law, normal = unknowns[36:], data.normal
@@ -247,7 +247,7 @@ def residuals(
 
 
 def _solve(
-    data: Touches, start: np.ndarray, whitener: Float[np.ndarray, "6 6"], *, robust: bool
+    data: ReferenceBlocks, start: np.ndarray, whitener: Float[np.ndarray, "6 6"], *, robust: bool
 ) -> tuple[np.ndarray, float]:
     """Levenberg and Marquardt on a Huber cost, the law kept within its bounds; unknowns and half the cost."""
     found, damping = start, 1e-9
@@ -278,7 +278,7 @@ def _solve(
 
 
 def _whitened(
-    data: Touches, found: np.ndarray, whitener: Float[np.ndarray, "6 6"]
+    data: ReferenceBlocks, found: np.ndarray, whitener: Float[np.ndarray, "6 6"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     left, by_wrench, by_law = residuals(data, found)
     return left @ whitener.T, whitener @ by_wrench, whitener @ by_law
@@ -293,7 +293,7 @@ def _huber(white: Float[np.ndarray, "n 6"], *, robust: bool) -> tuple[Float[np.n
 
 
 def _covariance(
-    data: Touches, found: np.ndarray, whitener: Float[np.ndarray, "6 6"], zeros: Float[np.ndarray, "9"]
+    data: ReferenceBlocks, found: np.ndarray, whitener: Float[np.ndarray, "6 6"], zeros: Float[np.ndarray, "9"]
 ) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, "6"]]:
     """Return H^-1 (sum tau_c s_c^2 J_c' J_c + what the zeros of each run add) H^-1, of the unknowns, and tau.
 
@@ -315,7 +315,7 @@ def _covariance(
 
 
 def _equations(
-    data: Touches,
+    data: ReferenceBlocks,
     found: np.ndarray,
     whitener: Float[np.ndarray, "6 6"],
     white: tuple[np.ndarray, np.ndarray, np.ndarray],
@@ -337,7 +337,7 @@ def _equations(
     return _normal(slopes, data.signal, law_slopes), right, meat
 
 
-def left_out(data: Touches, found: Fit, zeros: Float[np.ndarray, "9"], *, robust: bool) -> LeftOut:
+def validated(data: ReferenceBlocks, found: Fit, zeros: Float[np.ndarray, "9"], *, robust: bool) -> Validation:
     """Compare touches that were left out with what the others predict, by their normal equations, J' r.
 
     Args:
@@ -357,7 +357,7 @@ def left_out(data: Touches, found: Fit, zeros: Float[np.ndarray, "9"], *, robust
         own, error, spread = _equations(part, unknowns, whitener, white, variance, zeros)
         return error, spread + own @ known @ own
 
-    return leave_out(len(data.time), predict)
+    return cross_validate(len(data.time), predict)
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> Float[np.ndarray, " n"]:

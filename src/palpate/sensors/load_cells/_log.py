@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 from palpate.errors import InputError
 from palpate.signals.correlation import correlation_time
 
-__all__ = ["BenchLog", "Blocks", "Rest", "blocks_of", "rest_noise", "rests"]
+__all__ = ["BenchLog", "Blocks", "UnloadedStretch", "blocks_of", "rest_noise", "rests"]
 
 BLOCK = 0.01  # s: a touch moves 25 um meanwhile at 2.5 mm/s, and readings filtered at 100 Hz tell little more
 SMOOTH = 0.05  # s over which a reference force is averaged before it is called none
@@ -63,7 +63,7 @@ class BenchLog:
 
 
 @dataclass(frozen=True, eq=False)
-class Rest:
+class UnloadedStretch:
     """A stretch in which nothing touches.
 
     Attributes:
@@ -96,7 +96,7 @@ class Blocks:
     size: int
 
 
-def rests(log: BenchLog) -> list[Rest]:
+def rests(log: BenchLog) -> list[UnloadedStretch]:
     """The unloaded stretches of a log, in order.
 
     Raises:
@@ -114,7 +114,7 @@ def rests(log: BenchLog) -> list[Rest]:
     return found
 
 
-def _rests_of(log: BenchLog, run: slice) -> Iterator[Rest]:
+def _rests_of(log: BenchLog, run: slice) -> Iterator[UnloadedStretch]:
     width = log.rows(SMOOTH)
     smooth = _smooth(log.forces[run], width)
     light = np.linalg.norm(smooth, axis=1) < max(UNLOADED, NOISES * _noise_of(smooth, width))
@@ -125,7 +125,7 @@ def _rests_of(log: BenchLog, run: slice) -> Iterator[Rest]:
         begin, end = _still(log.voltages[first:last], log)
         if (end - begin) * log.step >= LEAST_REST:
             rows = slice(first + begin, first + end)
-            yield Rest(
+            yield UnloadedStretch(
                 rows, float(log.time[rows].mean()), log.voltages[rows].mean(axis=0), log.forces[rows].mean(axis=0)
             )
 
@@ -161,7 +161,7 @@ def _smooth(values: Float[np.ndarray, "n k"], width: int) -> Float[np.ndarray, "
     return (sums[high] - sums[low]) / (high - low)[:, None]
 
 
-def rest_noise(log: BenchLog, found: list[Rest]) -> tuple[Float[np.ndarray, "m m"], float, float]:
+def rest_noise(log: BenchLog, found: list[UnloadedStretch]) -> tuple[Float[np.ndarray, "m m"], float, float]:
     """Covariance of a reading's voltages, their correlation time [samples], and the reference's deviation [N]."""
     left = list[np.ndarray]()
     for rest in found:
@@ -175,7 +175,7 @@ def rest_noise(log: BenchLog, found: list[Rest]) -> tuple[Float[np.ndarray, "m m
     return np.cov(np.concatenate(left).T), usual, float(pushed.std())
 
 
-def blocks_of(log: BenchLog, found: list[Rest], least: float) -> Blocks:
+def blocks_of(log: BenchLog, found: list[UnloadedStretch], least: float) -> Blocks:
     """Means of blocks in which every sample is loaded by `least` [N], without what the rests read.
 
     Within a run the zero goes straight from one rest to the next, and is held after the last: what was switched off in
@@ -203,7 +203,7 @@ def blocks_of(log: BenchLog, found: list[Rest], least: float) -> Blocks:
     return Blocks(time[:, 0], number, voltages, forces, centres, torques[:, 0], size)
 
 
-def _zeros(log: BenchLog, found: list[Rest]) -> Float[np.ndarray, "n k"]:
+def _zeros(log: BenchLog, found: list[UnloadedStretch]) -> Float[np.ndarray, "n k"]:
     """What voltages and reference read without a load; a run without a rest of its own takes the last before it."""
     zero = np.empty((len(log.time), log.voltages.shape[1] + 3))
     for run in log.runs:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from palpate.calls import called_as
 from palpate.errors import InputError
 from palpate.sensors.load_cells.explanations import explanations
-from palpate.sensors.load_cells.faults import Fault, find_faults
+from palpate.sensors.load_cells.faults import CellFault, find_faults
 from palpate.sensors.load_cells.model import VOLTAGE, LoadCells
 from palpate.sensors.load_cells.zero import Zero, take_zero
 from palpate.signals.filters import Filter
@@ -101,7 +101,7 @@ class LoadCellArray:
         self._channels = np.column_stack([np.zeros(channels), cells.limits])
         self._channels[~self.sound, 1:] = -np.inf, np.inf
         self._settings = np.concatenate([made.metric(), np.zeros((1, 6))])
-        self.state, self.held = np.zeros(count + 2 * channels), np.zeros(channels)
+        self.state, self.live_inputs = np.zeros(count + 2 * channels), np.zeros(channels)
         self._seconds, self.revision, self.zeros_taken, self._settled = seconds, 0, 0, 1.0
         self._placement: Placement | None = None
         self._seen_at: Placement | None = None
@@ -166,21 +166,24 @@ class LoadCellArray:
         if type(time) is not float:
             time = number(time, "time")
         self.hold(time, reading, rotation, acceleration)
-        return self._weighed(np.array([time], dtype=np.float64), self.held[None])
+        return self._weighed(np.array([time], dtype=np.float64), self.live_inputs[None])
 
     def hold(self, time: float, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None) -> None:
         """The voltages of one sample into `held`."""
         values = shaped(reading, (...,), "reading")
         if values.shape != self._shape:
             raise InputError(_SHAPE.format(self.cells.cells, *self._shape, values.shape))
-        self.held[:] = values
+        self.live_inputs[:] = values
         self._live += 1
         if self._live % LIVE == 0:
-            self._keep(self.held[None])
+            self._keep(self.live_inputs[None])
 
     @takes_arrays
     def inputs(
-        self, time: Float[np.ndarray, " n"], readings: Float[np.ndarray, "n m"], beside: Mapping[str, np.ndarray]
+        self,
+        time: Float[np.ndarray, " n"],
+        readings: Float[np.ndarray, "n m"],
+        extra_channels: Mapping[str, np.ndarray],
     ) -> Float[np.ndarray, " _"]:
         """Of n samples what `hold` keeps of one, one behind the other; what there is beside makes no difference.
 
@@ -234,7 +237,7 @@ class LoadCellArray:
         self._taken(zero)
         time = recording.time[np.isfinite(recording.time)]
         self._seconds, self._known = float(np.ptp(time)) if len(time) else START, True
-        return Tare(zero.said, "" if zero.touch is not None else zero.doubt, zero.touch)
+        return Tare(zero.note, "" if zero.touch is not None else zero.warning, zero.touch)
 
     coefficients = 0
 
@@ -307,12 +310,12 @@ class LoadCellArray:
         """Nothing that the tare did not say."""
         return ()
 
-    def doubts(self) -> tuple[str, ...]:
+    def warnings(self) -> tuple[str, ...]:
         """Of the zeros of later starts, and the faults of the cells."""
         zero = () if self._known else ("no zero of the cells was taken: that of the calibration is used",)
-        return (*zero, *self._doubted, *(fault.said for fault in self.faults()))
+        return (*zero, *self._doubted, *(fault.text for fault in self.faults()))
 
-    def faults(self) -> list[Fault]:
+    def faults(self) -> list[CellFault]:
         """What is wrong with the cells, judged by some of the readings so far."""
         kept = np.concatenate(self._kept) if self._kept else np.empty((0, *self._shape))
         return find_faults(self.cells, kept, self.sound, self.names)
@@ -371,7 +374,7 @@ class LoadCellArray:
             )
         else:
             self._taken(zero)
-            self._doubted += [zero.doubt] if zero.doubt else []
+            self._doubted += [zero.warning] if zero.warning else []
         yield from waiting
         waiting.clear()
 

@@ -9,12 +9,12 @@ import numpy as np
 from jaxtyping import Bool
 from numpy.typing import ArrayLike
 
-from palpate.calibration.left_out import LeftOut
+from palpate.calibration.validation import Validation
 from palpate.calls import called_as
 from palpate.errors import InputError
 from palpate.sensors.load_cells._checks import check_channels, check_directions, check_response
-from palpate.sensors.load_cells._coverage import Coverage, coverage
-from palpate.sensors.load_cells._fit import Fit, Touches, fit, left_out, linear_start, touches
+from palpate.sensors.load_cells._coverage import CalibratedRegion, coverage
+from palpate.sensors.load_cells._fit import Fit, ReferenceBlocks, fit, linear_start, touches, validated
 from palpate.sensors.load_cells._log import BenchLog, Blocks, blocks_of, rest_noise, rests
 from palpate.sensors.load_cells.model import LENGTH, LoadCells, require_layout, with_changes
 from palpate.spatial.arguments import takes_arrays
@@ -73,15 +73,15 @@ class LoadCellCalibration:
         fit: what the model leaves of them.
         reference_noise: [N] of one reading of the reference, unloaded.
         coverage: what the log did not visit.
-        left_out: how touches lie that a fit had not seen.
+        validation: how touches lie that a fit had not seen.
     """
 
     cells: LoadCells
-    touches: Touches
+    touches: ReferenceBlocks
     fit: Fit
     reference_noise: float
-    coverage: Coverage
-    left_out: LeftOut
+    coverage: CalibratedRegion
+    validation: Validation
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -152,7 +152,7 @@ def identify_load_cells(
     resting = float(np.mean([rest.rows.stop - rest.rows.start for rest in found])) / correlation
     zeros = np.array([1.0] * 6 + [reference**2] * 3) / resting
     answer = fit(data, [*given, linear_start(data)], zeros, indented=indentation, robust=options.robust)
-    left = left_out(data, answer, zeros, robust=options.robust)
+    left = validated(data, answer, zeros, robust=options.robust)
     answer = replace(answer, covariance=left.widening * answer.covariance)
     drift, misfit = _unexplained(white, basis, blocks, correlation)
     if misfit > UNEXPLAINED[0] or drift > UNEXPLAINED[1]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.console.calibration import Calibration, Found
+from palpate.console.calibration import Calibration, CalibrationResult
 from palpate.console.options import Log, Output, RigFile
 from palpate.files.logs import read_recording
 from palpate.sensors.load_cells.calibrate import CalibrationOptions, LoadCellCalibration, identify_load_cells
@@ -35,7 +35,7 @@ class CalibrateLoadCells(Calibration):
     rig: RigFile
     output: Output
 
-    def identify(self) -> Found:
+    def identify(self) -> CalibrationResult:
         """Fit the cells to the reference's wrenches."""
         setup = self.stated.resolve()
         table = setup.of(LoadCellSection).table
@@ -58,7 +58,7 @@ class CalibrateLoadCells(Calibration):
                 provenance=self.record(indentation=table.indentation),
             ),
         )
-        return Found(
+        return CalibrationResult(
             _figures(found),
             found.cells,
             notes=recording.notes,
@@ -78,7 +78,7 @@ def _figures(found: LoadCellCalibration) -> list[tuple[str, str]]:
         ("samples", f"{cells.samples:,}; {len(found.touches.time):,} blocks of 10 ms loaded"),
         ("reference", f"noise {1e3 * found.reference_noise:.2g} mN"),
         ("residual", f"{1e3 * force:.3g} mN, {1e6 * position:.3g} um, {1e3 * moment:.2g} N mm along the force (rms)"),
-        ("left out", str(found.left_out)),
+        ("left out", str(found.validation)),
         ("predicted error", f"{1e6 * found.coverage.error.max():.2g} um at most from the calibration alone, at 1 N"),
         ("visited", f"{visited} of {len(found.coverage.visits)} parts of the surface"),
         ("zero", f"drifts by {cells.drift:.2g} times the noise of a reading at most"),

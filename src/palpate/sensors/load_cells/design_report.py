@@ -14,7 +14,7 @@ from palpate.sensors.load_cells.model import LoadCells
 from palpate.sensors.load_cells.resolution import Resolution, resolution
 from palpate.surfaces import Surface
 from palpate.viewer import maps
-from palpate.viewer.report import Picture, Report, Section, Table, Tile, picture
+from palpate.viewer.report import Picture, Report, ReportTable, Section, Tile, picture
 
 __all__ = ["Design", "compose", "tiles", "warnings"]
 
@@ -108,7 +108,7 @@ def compose(design: Design) -> Report:
         f"can be known, from {known}.",
         tiles=tuple(tiles(design)),
         warnings=tuple(warnings(design)),
-        sections=tuple(section for section in sections if section.pictures or section.tables or section.facts),
+        sections=tuple(section for section in sections if section.pictures or section.tables or section.settings),
         footer="To first order in the noise; root mean squares in three dimensions, of single readings. Forces and "
         "points in the surface's frame. A soft layer's indentation is not in it.",
     )
@@ -206,7 +206,7 @@ def _dead(design: Design) -> Section:
         except NotIdentifiable as problem:
             rows.append((f"cell {cell + 1} dead", f"no wrench: rank {problem.rank}"))
     caption = "A dead cell still carries load; the others tell the wrench by the forward model, if they are enough."
-    return Section("With a cell less", tables=(Table(_header(design), tuple(rows), caption),))
+    return Section("With a cell less", tables=(ReportTable(_header(design), tuple(rows), caption),))
 
 
 def _variants(design: Design) -> Section:
@@ -220,7 +220,7 @@ def _variants(design: Design) -> Section:
     ):
         rows.append((name, *_summary(design, changed)))
     caption = "Nearer cells know moments better, as their noise has shorter arms, and carry more for the same moment."
-    return Section("What would change it", tables=(Table(_header(design), tuple(rows), caption),))
+    return Section("What would change it", tables=(ReportTable(_header(design), tuple(rows), caption),))
 
 
 def _facts(design: Design) -> Section:
@@ -237,7 +237,9 @@ def _facts(design: Design) -> Section:
         ("drift", f"{1e3 * cells.drift * noise.mean():.3g} mV since then"),
         ("wanted", f"{1e3 * design.accuracy:g} mm"),
     )
-    return Section("What this is for", facts=facts, tables=(Table(("cell", "x [mm]", "y [mm]", "z [mm]"), places),))
+    return Section(
+        "What this is for", settings=facts, tables=(ReportTable(("cell", "x [mm]", "y [mm]", "z [mm]"), places),)
+    )
 
 
 def _header(design: Design) -> tuple[str, ...]:

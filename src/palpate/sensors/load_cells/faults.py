@@ -12,7 +12,7 @@ from palpate.sensors.load_cells.explanations import CHANCE, Explanations, explan
 from palpate.sensors.load_cells.model import LoadCells
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Fault", "find_faults"]
+__all__ = ["CellFault", "find_faults"]
 
 RARE = 0.002  # share of samples that may contradict
 AGREE = 0.9  # share of the contradicting samples that a cause must explain
@@ -25,21 +25,21 @@ PROPORTIONAL = 0.01  # of the squares of a channel in another unit that its mult
 
 
 @dataclass(frozen=True)
-class Fault:
+class CellFault:
     """What is wrong.
 
     Attributes:
         cells: numbers from 0; kind: "dead", "stuck", "saturated", "swapped", "drifting", "unit", "gain", "unclear"
             where each of the cells may be it, or "several".
         share: of the samples in which it shows.
-        said: the sentence, with what to do.
+        text: the sentence, with what to do.
         channels: numbers from 0 of those that are wrong, or may be.
     """
 
     cells: tuple[int, ...]
     kind: str
     share: float
-    said: str
+    text: str
     channels: tuple[int, ...] = ()
 
 
@@ -49,7 +49,7 @@ def find_faults(
     readings: Float[np.ndarray, "n m"],
     sound: Bool[np.ndarray, " some"] | None = None,
     names: tuple[str, ...] = (),
-) -> list[Fault]:
+) -> list[CellFault]:
     """What is wrong with the cells of a log; nothing where they agree.
 
     A wrench explains six of 3 k voltages. Where chi-square of the others is beyond its bound, each channel and each
@@ -79,7 +79,7 @@ def find_faults(
     cause = _explained(made, usable, bad, fits, names) or _swapped(cells, usable[bad], whole, share)
     if cause is None and int(whole.sum()) == 3:
         cause = _still(cells, usable, whole, share)
-    return [cause or Fault((), "several", share, _several(share))]
+    return [cause or CellFault((), "several", share, _several(share))]
 
 
 def _bound(freedom: int) -> float:
@@ -90,7 +90,7 @@ def _bound(freedom: int) -> float:
 
 def _explained(
     made: Explanations, usable: np.ndarray, bad: np.ndarray, fits: np.ndarray, names: tuple[str, ...]
-) -> Fault | None:
+) -> CellFault | None:
     """The channel or cell without which the others agree, or all that may be it."""
     share = np.mean(fits[bad], axis=0)
     if share.max() < AGREE:
@@ -126,7 +126,7 @@ def _far(gains: np.ndarray) -> np.ndarray:
     return (np.abs(gains) > PREFIX) | (np.abs(gains) < 1 / PREFIX)
 
 
-def _unclear(made: Explanations, candidates: list[int], share: float) -> Fault:
+def _unclear(made: Explanations, candidates: list[int], share: float) -> CellFault:
     """Several that explain the same."""
     count, cells = made.cells.cells, tuple(made.cell(e) for e in candidates)
     axes = {"xyz"[(e - count) % 3] if e >= count else "" for e in candidates}
@@ -139,7 +139,7 @@ def _unclear(made: Explanations, candidates: list[int], share: float) -> Fault:
         f"{which} is wrong: their readings cannot tell which. Contacts are the mean of what is found without each, and "
         "their covariances hold all of them"
     )
-    return Fault(cells, "unclear", share, said, _channels(made, candidates))
+    return CellFault(cells, "unclear", share, said, _channels(made, candidates))
 
 
 def _channels(made: Explanations, candidates: list[int]) -> tuple[int, ...]:
@@ -154,12 +154,12 @@ def _label(made: Explanations, which: int) -> str:
 
 def _named(
     made: Explanations, which: int, seen: np.ndarray, due: np.ndarray, bad: np.ndarray, names: tuple[str, ...]
-) -> Fault:
+) -> CellFault:
     """What the readings of a cell or channel say of its fault, beside what they should be."""
     name, share, channels = _label(made, which), float(bad.mean()), _channels(made, [which])
 
-    def fault(kind: str, said: str) -> Fault:
-        return Fault((made.cell(which),), kind, share, said, channels)
+    def fault(kind: str, said: str) -> CellFault:
+        return CellFault((made.cell(which),), kind, share, said, channels)
 
     rest = f"; the other {'cells' if len(channels) > 1 else 'channels'} go on without it, with wider covariances"
     if np.all(_moves(seen) <= STILL * _moves(due).max()) or np.all(seen.std(axis=0) <= STILL * due.std(axis=0).max()):
@@ -216,7 +216,7 @@ def _steady(off: np.ndarray, due: np.ndarray) -> bool:
     return bool(np.sum(explained) < 0.1 * np.sum(off**2))
 
 
-def _swapped(cells: LoadCells, some: np.ndarray, kept: np.ndarray, share: float) -> Fault | None:
+def _swapped(cells: LoadCells, some: np.ndarray, kept: np.ndarray, share: float) -> CellFault | None:
     """The two cells that agree with the others when they are exchanged."""
     best, least, bound = None, AGREE, _bound(3 * int(kept.sum()) - 6)
     for one, other in combinations(np.flatnonzero(kept).tolist(), 2):
@@ -228,7 +228,7 @@ def _swapped(cells: LoadCells, some: np.ndarray, kept: np.ndarray, share: float)
     if best is None:
         return None
     one, other = best
-    return Fault(
+    return CellFault(
         best,
         "swapped",
         share,
@@ -236,7 +236,7 @@ def _swapped(cells: LoadCells, some: np.ndarray, kept: np.ndarray, share: float)
     )
 
 
-def _still(cells: LoadCells, usable: np.ndarray, kept: np.ndarray, share: float) -> Fault | None:
+def _still(cells: LoadCells, usable: np.ndarray, kept: np.ndarray, share: float) -> CellFault | None:
     """Of three cells, the one that does not move while the others do."""
     size = np.sqrt(np.diag(cells.noise)).reshape(-1, 3)
     moves = (usable.std(axis=0).reshape(-1, 3) / size).max(axis=1)
@@ -244,11 +244,11 @@ def _still(cells: LoadCells, usable: np.ndarray, kept: np.ndarray, share: float)
         beside = [other for other in np.flatnonzero(kept) if other != cell]
         column = usable[:, 3 * cell : 3 * cell + 3]
         if moves[cell] <= STILL * moves[beside].max() or moves[cell] < 0.1:
-            return Fault((int(cell),), "dead", share, f"cell {cell + 1} is dead, and of three none can be spared")
+            return CellFault((int(cell),), "dead", share, f"cell {cell + 1} is dead, and of three none can be spared")
         others = np.delete(usable, np.s_[3 * cell : 3 * cell + 3], axis=1)
         if _repeats(column).any() and not _repeats(others).any():
             kind = "saturated" if _leaves(column) else "stuck"
-            return Fault((int(cell),), kind, share, f"cell {cell + 1} is {kind}, and of three none can be spared")
+            return CellFault((int(cell),), kind, share, f"cell {cell + 1} is {kind}, and of three none can be spared")
     return None
 
 

@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from palpate.contact.indentation import Indentation
 from palpate.files.models.model import Lines, Model, span
-from palpate.files.schema import Form, Key
+from palpate.files.schema import Key, TableForm
 from palpate.sensors.load_cells.model import LoadCells
 
 __all__ = ["LOAD_CELLS", "of_load_cells"]
@@ -60,7 +60,7 @@ LOAD_CELLS = Model(
     "palpate calibrate load-cells",
     of_load_cells,
     {
-        LoadCells: Form(
+        LoadCells: TableForm(
             {
                 "drift": Key("of the zero after it was taken, in standard deviations of a reading", least=0.0),
                 "misfit": Key("share of a reading that no wrench explains", least=0.0),
@@ -74,6 +74,8 @@ LOAD_CELLS = Model(
                 "covariance": Key("of E, row by row: 36 x 36", required=True),
             }
         ),
-        Indentation: Form({"depth": Key("m, at 1 N"), "exponent": Key("of the force"), "covariance": Key("of both")}),
+        Indentation: TableForm(
+            {"depth": Key("m, at 1 N"), "exponent": Key("of the force"), "covariance": Key("of both")}
+        ),
     },
 )

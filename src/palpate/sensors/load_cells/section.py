@@ -14,14 +14,14 @@ import numpy as np
 
 from palpate.errors import InputError
 from palpate.files.logs import LogContents
-from palpate.files.logs.layout import ArrayChannel, Layout
+from palpate.files.logs.layout import ArrayChannel, LogLayout
 from palpate.files.models import read_model
 from palpate.sensors.load_cells.array import START, LoadCellArray
 from palpate.sensors.load_cells.model import LoadCells, with_changes
 from palpate.sensors.load_cells.resolution import WANTED, nominal_cells, resolution
 from palpate.setup import guess
-from palpate.setup.body import Body
-from palpate.setup.built import Guess, Prepared
+from palpate.setup.body import GivenBody
+from palpate.setup.built import BuiltEstimator, Guess
 from palpate.setup.names import time_column, wrench_columns
 from palpate.setup.setup import SensorKind, SensorSection, Setup
 from palpate.setup.tables import Three, require_positive
@@ -179,7 +179,7 @@ class LoadCellSection(SensorSection):
         return self.cells if self.table.model is not None else self.table.nominal()
 
 
-def load_cells_layout(setup: Setup, *, bench: bool = False) -> Layout:
+def load_cells_layout(setup: Setup, *, bench: bool = False) -> LogLayout:
     """Return where a log keeps voltages and poses; of a bench, with the reference beside them."""
     frame = setup.of(LoadCellSection)
     table = frame.table
@@ -188,10 +188,10 @@ def load_cells_layout(setup: Setup, *, bench: bool = False) -> Layout:
     arrays = [ArrayChannel(VOLTAGE, (len(names),), names, table.topic, table.volts(count), table="load_cells")]
     if bench:
         arrays.append(ArrayChannel(REFERENCE_CHANNEL, (6,), table.reference, table="load_cells"))
-    return Layout(wrench=None, arrays=tuple(arrays), **setup.common)
+    return LogLayout(wrench=None, arrays=tuple(arrays), **setup.common)
 
 
-def _build(setup: Setup) -> Prepared:
+def _build(setup: Setup) -> BuiltEstimator:
     table, cells = setup.of(LoadCellSection).table, setup.of(LoadCellSection).cells
     tare = setup.estimate.tare or START
     sound = ~np.isin(np.arange(cells.cells) + 1, table.without)
@@ -199,9 +199,9 @@ def _build(setup: Setup) -> Prepared:
     soft = {"indentation": cells.indentation, "accuracy": table.accuracy}
     drift = setup.followed(len(cells.matrix))
     made = wrench_estimator(setup, array, tare=tare, mounted=False, drift=drift, **soft)
-    made.facts["without"] = table.without
-    made.said.append(_least(setup.link.surface(), cells, table))
-    made.doubted += [f"cell {cell} is left out, as the rig says" for cell in table.without]
+    made.settings["without"] = table.without
+    made.notes.append(_least(setup.link.surface(), cells, table))
+    made.warnings += [f"cell {cell} is left out, as the rig says" for cell in table.without]
     return made
 
 
@@ -214,7 +214,7 @@ def _least(surface: Surface, cells: LoadCells, table: RigLoadCells) -> str:
     return f"from {least:.2g} N a touch on the middle of the surface is located within {1e3 * accuracy:g} mm"
 
 
-def _guess(log: Path, contents: LogContents, body: Body | None) -> Guess | None:
+def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | None:
     """Three columns a cell of three or more, or arrays of so many numbers."""
     if contents.topics:
         return _guess_topic(log, contents)
@@ -225,7 +225,7 @@ def _guess(log: Path, contents: LogContents, body: Body | None) -> Guess | None:
     text = guess.time_table(time, guess.time_unit(time)) + _TEXT.format(where=f"columns = {guess.quoted(names)}")
     orientation, remarks = guess.orientation_table(there)
     why = f"{len(names)} columns {names[0]} to {names[-1]} look like three voltages for each of {len(names) // 3} cells"
-    layout = Layout(
+    layout = LogLayout(
         time=time,
         time_unit=guess.time_unit(time),
         wrench=None,
@@ -242,7 +242,7 @@ def _guess_topic(log: Path, contents: LogContents) -> Guess | None:
     text = _TEXT.format(where=f"topic = {guess.quoted(topic)}") + guess.pose_table(guess.topics_of(contents, "pose"))
     why = f"topic {topic!r} holds arrays of {count} numbers, three for each of {count // 3} cells"
     array = ArrayChannel(VOLTAGE, (count,), None, topic, table="load_cells")
-    return Guess(why, Layout(wrench=None, arrays=(array,)), text, (_ORDER,))
+    return Guess(why, LogLayout(wrench=None, arrays=(array,)), text, (_ORDER,))
 
 
 def _voltage_columns(names: Sequence[str]) -> tuple[str, ...] | None:

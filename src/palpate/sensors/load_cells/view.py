@@ -14,7 +14,7 @@ from palpate.sensors.load_cells.layer import LoadCellLayer
 from palpate.sensors.load_cells.model import LoadCells
 from palpate.sensors.load_cells.section import LoadCellSection
 from palpate.setup.setup import Setup
-from palpate.setup.view import Kept
+from palpate.setup.view import LayerData
 from palpate.setup.wrench_view import WrenchView
 from palpate.viewer.report import Section
 from palpate.viewer.run_report import Run
@@ -26,7 +26,7 @@ __all__ = ["LoadCellView", "load_cells"]
 class LoadCellView(WrenchView):
     """Show where load cells are, and what is wrong with them."""
 
-    def layers(self, setup: Setup, kept: Kept, live: tuple[int, ...] | None) -> tuple[Layer, ...]:
+    def layers(self, setup: Setup, kept: LayerData, live: tuple[int, ...] | None) -> tuple[Layer, ...]:
         """Return the cells under the body."""
         return (LoadCellLayer(setup.of(LoadCellSection).cells),)
 
@@ -38,21 +38,21 @@ class LoadCellView(WrenchView):
         """Return the run with a section of the cells."""
         sensor = cast("LoadCellArray", estimator.sensor)
         left_out = (1 + np.flatnonzero(~sensor.sound)).tolist()
-        section = load_cells(sensor.cells, left_out=left_out, said=sensor.notes(), faults=sensor.doubts())
+        section = load_cells(sensor.cells, excluded=left_out, notes=sensor.notes(), faults=sensor.warnings())
         return replace(run, sections=(section, *run.sections))
 
 
-def load_cells(cells: LoadCells, *, left_out: Sequence[int], said: Sequence[str], faults: Sequence[str]) -> Section:
+def load_cells(cells: LoadCells, *, excluded: Sequence[int], notes: Sequence[str], faults: Sequence[str]) -> Section:
     """Return the section of the cells: which are not used, the zero, faults, and the smallest force that is located.
 
     Args:
         cells: the model.
-        left_out: numbers from 1 of cells that are not used.
-        said: of the zero and the smallest force, a sentence each.
+        excluded: numbers from 1 of cells that are not used.
+        notes: of the zero and the smallest force, a sentence each.
         faults: that were found, a sentence each.
     """
     noise = np.sqrt(np.diag(cells.noise))
-    unused = ", ".join(f"cell {number}" for number in left_out)
+    unused = ", ".join(f"cell {number}" for number in excluded)
     facts = (
         ("cells", f"{cells.cells}, calibrated with {cells.samples:,} samples"),
         ("left out", unused or "none"),
@@ -60,4 +60,4 @@ def load_cells(cells: LoadCells, *, left_out: Sequence[int], said: Sequence[str]
         ("drift of the zero", f"{1e3 * cells.drift * noise.mean():.3g} mV (one standard deviation)"),
         ("soft layer", "none" if cells.indentation is None else f"{1e3 * cells.indentation.depth:.3g} mm deep at 1 N"),
     )
-    return Section("Load cells", facts=facts, points=(*said, *faults, *cells.notes))
+    return Section("Load cells", settings=facts, points=(*notes, *faults, *cells.notes))

@@ -28,14 +28,14 @@ class Zero:
 
     Attributes:
         voltage: (m,) [V]; share: its variance over that of one reading.
-        said: what was taken. doubt: why it may be wrong, or nothing.
+        note: what was taken. doubt: why it may be wrong, or nothing.
         touch: (6,) the wrench that a change of the zero since the calibration looks like, if it does.
     """
 
     voltage: Float[np.ndarray, " m"]
     share: float = 0.0
-    said: str = ""
-    doubt: str = ""
+    note: str = ""
+    warning: str = ""
     touch: Float[np.ndarray, "6"] | None = None
 
 

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, UInt8
 
 from palpate.errors import InputError
 from palpate.optical.fisheye import RingView
-from palpate.optical.markers import Blobs, Frame, MarkerColour, MarkerTracker, find_blobs, find_colour
+from palpate.optical.markers import Blobs, FrameProblem, MarkerColour, MarkerTracker, find_blobs, find_colour
 from palpate.optical.ring_response import RingResponse
 from palpate.sensors.marker_ring.calibrate_camera import fit_rings
 from palpate.sensors.marker_ring.model import MarkerRing, RingBody
@@ -169,7 +169,7 @@ def _tracked(tracker: MarkerTracker, frames: np.ndarray) -> np.ndarray:
     pixels = np.full((len(frames), len(tracker.view.angles), 2), np.nan)
     for frame, row in zip(frames, pixels, strict=True):
         tracker.track(frame, row)
-        if tracker.frame != Frame.OK:
+        if tracker.frame != FrameProblem.OK:
             row[:] = np.nan
     return pixels
 

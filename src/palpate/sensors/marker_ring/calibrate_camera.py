@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
-from palpate.calibration.left_out import LeftOut, leave_out, pseudo_inverse
+from palpate.calibration.validation import Validation, cross_validate, pseudo_inverse
 from palpate.errors import InputError, NotIdentifiable
 from palpate.opencv import opencv
 from palpate.optical.fisheye import Fisheye, RingView
@@ -37,7 +37,7 @@ class BoardFit:
         used: numbers of the pictures that were used.
         far: of those that show the board, but contradict the others.
         deviation: of the focal length [px/rad], across or along the picture, whichever is known less.
-        left_out: how corners of pictures lie that the fit had not seen.
+        validation: how corners of pictures lie that the fit had not seen.
     """
 
     camera: Fisheye
@@ -45,7 +45,7 @@ class BoardFit:
     used: tuple[int, ...]
     far: tuple[int, ...]
     deviation: float
-    left_out: LeftOut
+    validation: Validation
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -150,7 +150,7 @@ def fit_lens(
         error = rights[left].sum(axis=0) - own @ (rest.camera - lens.camera)
         return error, variance * (own + own @ pseudo_inverse(others) @ own)
 
-    left = leave_out(len(used), predict)
+    left = cross_validate(len(used), predict)
     far = tuple(number for number in range(len(seen)) if number not in used)
     fx, fy, cx, cy, k1, k2, k3, k4 = lens.camera.tolist()
     camera = Fisheye(fx, fy, cx, cy, k1, k2, k3, k4, *size)

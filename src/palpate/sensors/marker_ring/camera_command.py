@@ -9,11 +9,11 @@ from typing import Annotated
 import numpy as np
 from tyro.conf import arg
 
-from palpate.console.calibration import Calibration, Found
+from palpate.console.calibration import Calibration, CalibrationResult
 from palpate.console.options import Log, Output, require_positive
 from palpate.errors import InputError
 from palpate.files.logs import open_log
-from palpate.files.logs.layout import ImageChannel, Layout
+from palpate.files.logs.layout import ImageChannel, LogLayout
 from palpate.sensors.marker_ring.calibrate_camera import calibrate_board
 from palpate.sensors.marker_ring.camera_file import of_camera
 from palpate.signals.recording import IMAGE
@@ -39,7 +39,7 @@ class CalibrateCamera(Calibration):
     board: Annotated[str, arg(metavar="CxR")] = "9x6"
     square: Annotated[float, arg(metavar="METRES")] = 0.01
 
-    def identify(self) -> Found:
+    def identify(self) -> CalibrationResult:
         """Find the board in the pictures, and fit the lens to its corners."""
         columns, _, rows = self.board.lower().partition("x")
         if not (columns.isdigit() and rows.isdigit() and int(columns) > 2 and int(rows) > 2):
@@ -49,17 +49,17 @@ class CalibrateCamera(Calibration):
         pictures, count = _pictures(self.log)
         fit = calibrate_board([frame for _, frame in pictures], (int(columns), int(rows)), self.square)
         hidden = len(pictures) - len(fit.used) - len(fit.far)
-        return Found(
+        return CalibrationResult(
             [
                 *of_camera(fit.camera),
-                ("deviation", f"{fit.deviation * fit.left_out.widening**0.5:.2g} px/rad of the focal length"),
+                ("deviation", f"{fit.deviation * fit.validation.widening**0.5:.2g} px/rad of the focal length"),
                 ("corners", f"{fit.residual:.2g} px rms, in {len(fit.used)} of {count} pictures"),
-                ("left out", str(fit.left_out)),
+                ("left out", str(fit.validation)),
             ],
             fit.camera,
             notes=[
                 *([f"{hidden} of {len(pictures)} pictures do not show the whole board"] if hidden else []),
-                *fit.left_out.notes,
+                *fit.validation.notes,
             ],
             warnings=[f"picture {pictures[k][0]} contradicts the others and is not used" for k in fit.far],
             next=[f'name it in the rig: camera = "{self.output.name}" under [marker_ring]'],
@@ -68,7 +68,7 @@ class CalibrateCamera(Calibration):
 
 def _pictures(path: Path) -> tuple[list[tuple[int, np.ndarray]], int]:
     """Return at most 40 pictures, evenly spread, each with its number from 1 on; and how many there are."""
-    log = open_log(path, Layout(wrench=None, images=ImageChannel()))
+    log = open_log(path, LogLayout(wrench=None, images=ImageChannel()))
     kept, stride, count = list[tuple[int, np.ndarray]](), 1, 0
     for block in log.blocks():
         for frame in block.channels[IMAGE]:

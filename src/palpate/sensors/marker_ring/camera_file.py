@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from palpate.files.models.model import Lines, Model
-from palpate.files.schema import Form, Key
+from palpate.files.schema import Key, TableForm
 from palpate.optical.fisheye import Fisheye
 
 __all__ = ["CAMERA", "of_camera"]
@@ -24,7 +24,7 @@ CAMERA = Model(
     "palpate calibrate camera",
     of_camera,
     {
-        Fisheye: Form(
+        Fisheye: TableForm(
             {
                 "fx": Key("px/rad at the centre"),
                 "cx": Key("px, of the principal point"),

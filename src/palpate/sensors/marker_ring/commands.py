@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.console.calibration import Calibration, Found
+from palpate.console.calibration import Calibration, CalibrationResult
 from palpate.console.console import progress
 from palpate.console.options import FileOption, Log, Output, RigFile
 from palpate.errors import InputError
@@ -69,7 +69,7 @@ class CalibrateMarkerRing(Calibration):
         named = {"log": frames, "truth": truth, "rig": self.rig}
         return named if self.like is None else {**named, "like": self.like}
 
-    def identify(self) -> Found:
+    def identify(self) -> CalibrationResult:
         """Follow the markers through all frames, and fit their response to the presses."""
         setup = self.stated.resolve("marker_ring")
         before = None if self.like is None else read_model(self.like, MarkerRing).response
@@ -84,7 +84,7 @@ class CalibrateMarkerRing(Calibration):
 
         truth, body = _truth(self.reads["truth"]), setup.of(MarkerRingSection).body()
         ring = calibrate_marker_ring(watched(), truth, body, before, self.record())
-        return Found(
+        return CalibrationResult(
             of_marker_ring(ring),
             ring,
             notes=[*([log.torn] if log.torn else []), *log.notes(), *ring.notes],

@@ -13,7 +13,7 @@ from palpate.calls import called_as
 from palpate.contact.estimate import ROW, Status
 from palpate.contact.estimator import Answered, Channels, ContactEstimator, Counts, Known, Rows, Times, instant, rows_of
 from palpate.errors import InputError
-from palpate.optical.markers import Frame, MarkerTracker
+from palpate.optical.markers import FrameProblem, MarkerTracker
 from palpate.optical.ring_response import ring_basis
 from palpate.sensors.marker_ring.locator import RingFound, RingLocator, RingSettings
 from palpate.sensors.marker_ring.model import MarkerRing
@@ -62,7 +62,7 @@ class RingEstimator(ContactEstimator):
         self._nothing[:_SEEN] = np.nan
         self._nothing[ROW.candidates] = 0.0
         self._tracks = np.full((_track.TRACKS, _track.TRACK), -1.0), np.ones(1, dtype=np.int64)
-        self._bad = dict.fromkeys(Frame, 0)
+        self._bad = dict.fromkeys(FrameProblem, 0)
         self._know(ring)
 
     def _know(self, ring: MarkerRing) -> None:
@@ -79,7 +79,7 @@ class RingEstimator(ContactEstimator):
         self.locator.reset()
         self.tracker.reset()
         self._tracks[0][:], self._tracks[1][:] = -1.0, 1
-        self._bad = dict.fromkeys(Frame, 0)
+        self._bad = dict.fromkeys(FrameProblem, 0)
 
     def tare(self, recording: Recording) -> Tare:
         """Take where the markers are in a window for their rest from now on; see `ContactEstimator.tare`."""
@@ -149,7 +149,7 @@ class RingEstimator(ContactEstimator):
         time: ArrayLike,
         pixels: ArrayLike,
         out: Float[np.ndarray, "*rows width"],
-        frame: Frame = Frame.OK,
+        frame: FrameProblem = FrameProblem.OK,
     ) -> int:
         """`update_into` for whoever knows where the markers are, by a tracker or by a simulation.
 
@@ -160,7 +160,7 @@ class RingEstimator(ContactEstimator):
             frame: what is the matter with it, as `MarkerTracker.frame` says.
         """
         pixels = shaped(pixels, (len(self.ring), 2), "pixels")
-        if not any(frame is each for each in Frame):
+        if not any(frame is each for each in FrameProblem):
             raise InputError(f"frame must be a Frame, not {frame!r:.60}.")
         return self._write(instant(time), pixels, int(frame), rows_of(out, self._width))
 
@@ -188,25 +188,25 @@ class RingEstimator(ContactEstimator):
 
     def notes(self) -> tuple[str, ...]:
         """Return what was met so far, one sentence each."""
-        said = [*self.ring.notes, *([self._tared.said] if self._tared else [])]
+        said = [*self.ring.notes, *([self._tared.note] if self._tared else [])]
         what = {
-            Frame.LOST: "show fewer than half of the markers",
-            Frame.BLACK: "are black",
-            Frame.FROZEN: "repeat the one before",
-            Frame.WRONG_SIZE: "are of another size than the calibration's",
+            FrameProblem.LOST: "show fewer than half of the markers",
+            FrameProblem.BLACK: "are black",
+            FrameProblem.FROZEN: "repeat the one before",
+            FrameProblem.WRONG_SIZE: "are of another size than the calibration's",
         }
         said += [f"{count} frames {what[why]}" for why, count in self._bad.items() if count and why in what]
         return tuple(said)
 
-    def doubts(self) -> tuple[str, ...]:
+    def warnings(self) -> tuple[str, ...]:
         """Return what may be wrong, one sentence each."""
-        return (self._tared.doubt,) if self._tared and self._tared.doubt else ()
+        return (self._tared.warning,) if self._tared and self._tared.warning else ()
 
     def _found(self, pixels: np.ndarray, states: list[int]) -> tuple[RingFound, list[float]]:
-        lost = [n for n, state in enumerate(states) if state != Frame.OK]
+        lost = [n for n, state in enumerate(states) if state != FrameProblem.OK]
         if lost:
             for n in lost:
-                self._bad[Frame(states[n])] += 1
+                self._bad[FrameProblem(states[n])] += 1
             pixels = pixels.copy()
             pixels[lost] = np.nan
         found, seen = self.locator.run_pixels(pixels, self.ring)

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.files.models.model import Lines, Model
-from palpate.files.schema import Form, Key
+from palpate.files.schema import Key, TableForm
 from palpate.optical.fisheye import Fisheye, RingView
 from palpate.optical.markers import MarkerColour
 from palpate.optical.ring_response import RingResponse
@@ -86,7 +86,7 @@ MARKER_RING = Model(
     of_marker_ring,
     {
         **CAMERA.forms,
-        MarkerRing: Form(
+        MarkerRing: TableForm(
             {
                 "radius": Key("m, of the skin's outer surface at the markers"),
                 "inner": Key("m, of the markers"),
@@ -103,7 +103,7 @@ MARKER_RING = Model(
             _marker_ring,
             _marker_ring_keys,
         ),
-        MarkerColour: Form(
+        MarkerColour: TableForm(
             {
                 "score": Key("of a pixel: red, green, blue, bright, dark"),
                 "threshold": Key("share of the way from the skin's score to the markers'"),
@@ -111,7 +111,7 @@ MARKER_RING = Model(
                 "background": Key("px, side of the square whose mean is subtracted; 0: none"),
             }
         ),
-        RingResponse: Form(
+        RingResponse: TableForm(
             {
                 "width": Key("m/N, mean and deviation of the depth of a newton"),
                 "misfit": Key("m/N, left unexplained outwards and along, in equal parts of a turn from the contact on"),

@@ -11,7 +11,7 @@ import numpy as np
 
 from palpate.errors import InputError
 from palpate.files.logs import LogContents, image_size
-from palpate.files.logs.layout import ImageChannel, Layout
+from palpate.files.logs.layout import ImageChannel, LogLayout
 from palpate.files.models import load_toml, read_model
 from palpate.files.schema import parse
 from palpate.optical.fisheye import Fisheye
@@ -19,8 +19,8 @@ from palpate.sensors.marker_ring.estimator import RingEstimator
 from palpate.sensors.marker_ring.locator import RingSettings
 from palpate.sensors.marker_ring.model import MarkerRing, RingBody
 from palpate.setup import guess
-from palpate.setup.body import Body
-from palpate.setup.built import Guess, Prepared
+from palpate.setup.body import GivenBody
+from palpate.setup.built import BuiltEstimator, Guess
 from palpate.setup.setup import SensorKind, SensorSection, Setup
 from palpate.setup.tables import require_path, require_positive
 from palpate.setup.wrench import first_seconds
@@ -132,29 +132,29 @@ def _camera(path: Path) -> Fisheye:
     return read_model(path, Fisheye) if "kind" in table else parse(table, Fisheye, file=str(path))
 
 
-def _layout(setup: Setup) -> Layout:
+def _layout(setup: Setup) -> LogLayout:
     topic = setup.of(MarkerRingSection).table.topic
-    return Layout(wrench=None, images=ImageChannel(topic, table="marker_ring"), **setup.common)
+    return LogLayout(wrench=None, images=ImageChannel(topic, table="marker_ring"), **setup.common)
 
 
-def _build(setup: Setup) -> Prepared:
+def _build(setup: Setup) -> BuiltEstimator:
     table, ring, head = setup.of(MarkerRingSection).table, setup.of(MarkerRingSection).ring, setup.head
     estimator = RingEstimator(ring, table.contacts, mount=setup.link.mount)
-    made = Prepared(estimator, facts=dict(vars(table.contacts)))
+    made = BuiltEstimator(estimator, settings=dict(vars(table.contacts)))
     tare = setup.estimate.tare or table.tare
     if tare is not None and head is not None:
         made.tared(estimator.tare(first_seconds(head, tare)))
     return made
 
 
-def _guess(log: Path, contents: LogContents, body: Body | None) -> Guess | None:
+def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | None:
     """A video, a folder of frames, or a topic of colour images."""
     size = image_size(log)
     if size is None:
         return None
     topics = guess.topics_of(contents, "image")
     where = f"topic = {guess.quoted(topics[0])}\n" if topics else ""
-    layout = Layout(wrench=None, images=ImageChannel(topics[0] if topics else None, table="marker_ring"))
+    layout = LogLayout(wrench=None, images=ImageChannel(topics[0] if topics else None, table="marker_ring"))
     why = f"it holds images of {size[1]} x {size[0]}"
     remarks = ("measure the ring's radius and thickness, and count its markers",)
     return Guess(why, layout, _TEXT.format(where=where), remarks)

@@ -12,7 +12,7 @@ from palpate.sensors.marker_ring.estimator import RingEstimator
 from palpate.sensors.marker_ring.layer import RingLayer
 from palpate.sensors.marker_ring.section import MarkerRingSection
 from palpate.setup.setup import Setup
-from palpate.setup.view import TRACKED, Feed, Kept, SensorView, Words
+from palpate.setup.view import TRACKED, Feed, LayerData, SensorView, Words
 from palpate.surfaces import Surface
 from palpate.viewer.scene import Layer
 
@@ -36,7 +36,7 @@ class MarkerRingView(SensorView):
         """Return the link's surface, or a cylinder as large as the ring."""
         return super().body(setup) or setup.of(MarkerRingSection).surface()
 
-    def layers(self, setup: Setup, kept: Kept, live: tuple[int, ...] | None) -> tuple[Layer, ...]:
+    def layers(self, setup: Setup, kept: LayerData, live: tuple[int, ...] | None) -> tuple[Layer, ...]:
         """Return the ring with its frames and markers."""
         shape = None if live is None else (live[0], live[1])
         return (RingLayer(setup.of(MarkerRingSection).ring, kept.frames, kept.joined(), shape),)

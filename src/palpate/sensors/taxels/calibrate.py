@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from palpate.calibration.left_out import LeftOut, leave_out
+from palpate.calibration.validation import Validation, cross_validate
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.taxels.curve_kinds import FEWEST, chosen
 from palpate.sensors.taxels.intensity import Curve, Intensity
@@ -51,7 +51,7 @@ def identify_curve(
 
 def _identified(
     force: Float[np.ndarray, " n"], intensity: Float[np.ndarray, " n"], kind: str, degree: int | None, top: float | None
-) -> tuple[Curve, str, LeftOut]:
+) -> tuple[Curve, str, Validation]:
     """Return the curve of `identify_curve`, why it is a straight line where it could be another, and how it holds."""
     force, intensity, dropped = _sound(force, intensity)
     _require_spread(force, dropped)
@@ -73,7 +73,7 @@ def _identified(
     return found, why, left
 
 
-def _left_out(curve: Curve, force: Float[np.ndarray, " n"], signed: Float[np.ndarray, " n"]) -> LeftOut:
+def _left_out(curve: Curve, force: Float[np.ndarray, " n"], signed: Float[np.ndarray, " n"]) -> Validation:
     """Compare presses that were left out with a curve of the same kind that the others give.
 
     By their normal equations, J^T r: readings of one press err alike, which the covariance of a fit does not know.
@@ -89,7 +89,7 @@ def _left_out(curve: Curve, force: Float[np.ndarray, " n"], signed: Float[np.nda
         error = slopes.T @ (signed[seen] - zero - rest.intensity(force[seen]))
         return error, (curve.residual**2 + rounding**2) * square + square @ rest.covariance @ square
 
-    return leave_out(len(force), predict, blocks=BLOCKS)
+    return cross_validate(len(force), predict, blocks=BLOCKS)
 
 
 @takes_arrays

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 import numpy as np
 from tyro.conf import arg
 
-from palpate.console.calibration import Calibration, Found
+from palpate.console.calibration import Calibration, CalibrationResult
 from palpate.console.options import Log, Output, Scalar
 from palpate.errors import InputError
 from palpate.files.tables.table import read_table
@@ -51,7 +51,7 @@ class CalibrateIntensity(Calibration):
     scale: Scalar = None
     reference: Scalar = None
 
-    def identify(self) -> Found:
+    def identify(self) -> CalibrationResult:
         """Fit the curve, and the gains, to the presses."""
         force, intensity, cell = _presses(self.log, to_si(self.unit, FORCE_UNITS, where="--unit"))
         record = self.record(kind=self.kind, degree=self.degree, bits=self.bits, unit=self.unit)
@@ -70,7 +70,7 @@ class CalibrateIntensity(Calibration):
             )
         curve = found.curves[0]
         pressed = "" if cell is None else f", {len(np.unique(cell, axis=0))} cells"
-        return Found(
+        return CalibrationResult(
             [
                 ("presses", f"{len(force):,} rows{pressed}"),
                 ("curve", f"{curve.name}, {len(curve.parameters)} parameters, up to {curve.largest:.4g} N"),

@@ -181,7 +181,7 @@ class TaxelEstimator(ContactEstimator):
             said.append("no intensity model: a count is taken for a newton (palpate calibrate intensity makes one)")
         if self.health is None:
             return tuple(said)
-        said += [*self.health.notes, *([self._tared.said] if self._tared.said else [])]
+        said += [*self.health.notes, *([self._tared.note] if self._tared.note else [])]
         drifted = np.abs(self._frames.rest[0] - self.health.baseline) / self.health.noise
         if drifted.max() > self.settings.on:
             cell = self.body.name(int(np.argmax(drifted)))
@@ -198,10 +198,10 @@ class TaxelEstimator(ContactEstimator):
             )
         return tuple(said)
 
-    def doubts(self) -> tuple[str, ...]:
+    def warnings(self) -> tuple[str, ...]:
         """Return what may be wrong, one sentence each: cells that are dead or stuck, a tare that looks like a touch."""
-        found = () if self.health is None else self.health.doubts
-        return (*found, self._tared.doubt) if self._tared.doubt else found
+        found = () if self.health is None else self.health.warnings
+        return (*found, self._tared.warning) if self._tared.warning else found
 
     def _single(self, time: float, reading: ArrayLike, out: Rows, rotation: Known, acceleration: Known) -> int:
         self.require_rest()

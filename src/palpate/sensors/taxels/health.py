@@ -39,7 +39,7 @@ class Health:
         dead: (k,) silent between neighbours that were pressed.
         stuck: (k,) at one value that is not that of the others' rest.
         frames: from which the rest was taken.
-        notes, doubts: what was met, and what may be wrong, one sentence each.
+        notes, warnings: what was met, and what may be wrong, one sentence each.
         hysteresis: what is left of a reading `AFTER` seconds behind a touch, as a share of its height (median over
             releases); NaN where the start of the log holds none.
     """
@@ -50,7 +50,7 @@ class Health:
     stuck: Bool[np.ndarray, " k"]
     frames: int = 1_000
     notes: tuple[str, ...] = field(default=())
-    doubts: tuple[str, ...] = field(default=())
+    warnings: tuple[str, ...] = field(default=())
     hysteresis: float = float("nan")
 
     @property
@@ -90,7 +90,7 @@ def examine(recording: Recording, body: TaxelBody, *, seconds: float | None = No
         rest = cells[time <= time[0] + seconds]
         if len(rest) < FEWEST:
             raise InputError(f"{len(rest)} frames are too few to tare with ({seconds:g} s).", where=recording.source)
-    baseline, noise = resting(rest, whole=body.bits is not None)
+    baseline, noise = resting(rest, counts=body.bits is not None)
     still = np.ptp(cells, axis=0) == 0
     stuck = _stuck(baseline, still, body)
     if stuck.all() or (still.all() and np.ptp(baseline) > 0 and body.bits is not None):
@@ -166,7 +166,7 @@ def tared(
         where = ", ".join(body.name(cell) for cell in high[:5].tolist())
         doubt = f"cells {where} rest high, as under a steady touch: make sure that nothing touched them"
     if before is not None:
-        rest = replace(rest, dead=before.dead, stuck=before.stuck, notes=before.notes, doubts=before.doubts)
+        rest = replace(rest, dead=before.dead, stuck=before.stuck, notes=before.notes, warnings=before.warnings)
     return rest, Tare(said, doubt)
 
 
@@ -188,18 +188,20 @@ def _hysteresis(
 
 
 @takes_arrays
-def resting(cells: Float[np.ndarray, "n k"], *, whole: bool) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+def resting(
+    cells: Float[np.ndarray, "n k"], *, counts: bool
+) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """Mean and deviation of the crowd at each cell's lower end."""
     steps = np.abs(np.diff(cells, axis=0))
     low = np.quantile(cells, 0.1, axis=0)
-    rough = np.maximum(np.median(steps, axis=0) / 0.954, 1.0 if whole else 1e-12 + 1e-6 * np.ptp(cells))
+    rough = np.maximum(np.median(steps, axis=0) / 0.954, 1.0 if counts else 1e-12 + 1e-6 * np.ptp(cells))
     near = np.abs(cells - low) <= 2 * CLOSE * rough
     middle = np.nanmedian(np.where(near, cells, np.nan), axis=0)
     near = np.abs(cells - middle) <= CLOSE * rough
     count = near.sum(axis=0)
     baseline = np.where(near, cells, 0.0).sum(axis=0) / count
     variance = np.where(near, (cells - baseline) ** 2, 0.0).sum(axis=0) / np.maximum(count - 1, 1)
-    least = _QUANTUM if whole else 1e-9 + 1e-3 * float(np.median(np.sqrt(variance)))
+    least = _QUANTUM if counts else 1e-9 + 1e-3 * float(np.median(np.sqrt(variance)))
     return baseline, np.sqrt(np.maximum(variance, least**2))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Int
 
 from palpate.files.models.model import Lines, Model, span
-from palpate.files.schema import Form, Key
+from palpate.files.schema import Key, TableForm
 from palpate.sensors.taxels.intensity import Curve, Intensity
 
 __all__ = ["INTENSITY", "of_intensity"]
@@ -63,7 +63,7 @@ INTENSITY = Model(
     "palpate calibrate intensity",
     of_intensity,
     {
-        Intensity: Form(
+        Intensity: TableForm(
             {
                 "which": Key("the curve of each cell, counted from 0"),
                 "unit": Key(),
@@ -73,7 +73,7 @@ INTENSITY = Model(
             _intensity,
             _intensity_keys,
         ),
-        Curve: Form(
+        Curve: TableForm(
             {
                 "kind": Key(),
                 "parameters": Key("see docs/skin_contacts.md; N and counts"),

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.files.models.model import Lines, Model
-from palpate.files.schema import Form, Key
+from palpate.files.schema import Key, TableForm
 from palpate.sensors.taxels.places import TaxelPlaces
 
 __all__ = ["TAXELS", "of_taxels"]
@@ -73,7 +73,7 @@ TAXELS = Model(
     "palpate calibrate taxels",
     of_taxels,
     {
-        TaxelPlaces: Form(
+        TaxelPlaces: TableForm(
             {
                 "reach": Key("m, deviation of a response over the distance of the poke", least=0.0),
                 "noise": Key("N, N m: deviations of the wrench of a poke"),

@@ -15,8 +15,8 @@ from palpate.spatial.pose import quaternion_from_rotation
 from palpate.surfaces import Surface
 from palpate.viewer.camera import fit
 from palpate.viewer.heat import colours, linear
-from palpate.viewer.scene import MAGNIFICATIONS, Scene, nothing, prepare
-from palpate.viewer.scene3d import Scene3D, Settings
+from palpate.viewer.scene import MAGNIFICATIONS, Scene, no_contacts, prepare
+from palpate.viewer.scene3d import DrawSettings, Scene3D
 from palpate.viewer.server import Served
 from palpate.viewer.widgets import dock, table
 
@@ -208,7 +208,7 @@ class TaxelPage(Served):
         port: int = 8080,
     ) -> None:
         layer = PlacesLayer(places, surface)
-        scene = prepare(surface, nothing(), title, (layer,))
+        scene = prepare(surface, no_contacts(), title, (layer,))
         super().__init__(host, port)
         outward = layer.normals.mean(axis=0)  # of a skin on one side of the link: it is seen from there
         one_sided = float(np.linalg.norm(outward)) > ONE_SIDED
@@ -217,7 +217,7 @@ class TaxelPage(Served):
         self.look(lambda aspect: fit(points, direction / np.linalg.norm(direction), aspect))
         with self._server.atomic():
             scene3d = Scene3D(self._server, scene)
-            scene3d.show(scene.at(0), Settings(heat=False, trail=0.0, magnification=1))
+            scene3d.show(scene.at(0), DrawSettings(heat=False, trail=0.0, magnification=1))
             self._panel(layer, title, facts)
 
     def _panel(self, layer: PlacesLayer, title: str, facts: Sequence[tuple[str, str]]) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from palpate.errors import InputError
 from palpate.files.logs import LogContents
-from palpate.files.logs.layout import ArrayChannel, Layout
+from palpate.files.logs.layout import ArrayChannel, LogLayout
 from palpate.files.models import read_model
 from palpate.sensors.taxels.estimator import TaxelEstimator
 from palpate.sensors.taxels.health import examine
@@ -25,15 +25,15 @@ from palpate.sensors.taxels.places import TaxelPlaces
 from palpate.sensors.taxels.skin_map.files import read_skin_map
 from palpate.sensors.taxels.skin_map.model import SkinMap
 from palpate.setup import guess
-from palpate.setup.body import Body
-from palpate.setup.built import Guess, Prepared
+from palpate.setup.body import GivenBody
+from palpate.setup.built import BuiltEstimator, Guess
 from palpate.setup.names import orientation_columns, position_columns, time_column, wrench_columns
 from palpate.setup.setup import SensorKind, SensorSection, Setup
 from palpate.setup.tables import require_path, require_positive
 from palpate.setup.wrench import first_seconds, noted_filter
 from palpate.signals.recording import CELLS
 
-__all__ = ["SKIN", "RigSkin", "SkinSection", "guess_beside", "skin_tare"]
+__all__ = ["SKIN", "RigSkin", "SkinSection", "guess_with_wrench", "skin_tare"]
 
 RATE = 100.0  # Hz
 FEWEST = 16  # cells: fewer columns of numbers can be anything
@@ -188,14 +188,14 @@ class SkinSection(SensorSection):
         return (int(table.count or 0),) if table.taxels is None else (len(self._read),)
 
 
-def _layout(setup: Setup) -> Layout:
+def _layout(setup: Setup) -> LogLayout:
     skin = setup.of(SkinSection)
     cells = ArrayChannel(CELLS, skin.shape(), skin.table.cells, skin.table.topic, table="skin")
-    made = Layout(wrench=None, arrays=(cells,), **setup.common)
+    made = LogLayout(wrench=None, arrays=(cells,), **setup.common)
     return made if skin.table.rate is None else replace(made, rate=skin.table.rate)
 
 
-def _build(setup: Setup) -> Prepared:
+def _build(setup: Setup) -> BuiltEstimator:
     skin, head = setup.of(SkinSection), setup.head
     body, intensity, tare = skin.body, skin.intensity, skin_tare(setup)
     health = None
@@ -213,9 +213,9 @@ def _build(setup: Setup) -> Prepared:
         rate=rate,
         mount=setup.link.mount,
     )
-    made = Prepared(estimator, said=noted_filter(smooth, rate), facts=dict(vars(setup.contacts)))
+    made = BuiltEstimator(estimator, notes=noted_filter(smooth, rate), settings=dict(vars(setup.contacts)))
     if tare is None:
-        made.said.append(
+        made.notes.append(
             "cells at rest are found in the log itself; tare = seconds in [skin] says when nothing touches"
         )
     return made
@@ -226,7 +226,7 @@ def skin_tare(setup: Setup) -> float | None:
     return setup.estimate.tare or setup.of(SkinSection).table.tare
 
 
-def _guess(log: Path, contents: LogContents, body: Body | None) -> Guess | None:
+def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | None:
     """Images, arrays of frames, or many columns of numbers beside a time."""
     if contents.topics:
         return _of_topic(log, contents)
@@ -243,7 +243,7 @@ def _guess(log: Path, contents: LogContents, body: Body | None) -> Guess | None:
     shape = _sheet((len(cells),))
     orientation, _ = guess.orientation_table(there)
     named = "" if len(known) == 1 else f"cells = {guess.quoted(cells)}\n"
-    layout = Layout(
+    layout = LogLayout(
         time=time,
         time_unit=guess.time_unit(time),
         wrench=None,
@@ -253,7 +253,7 @@ def _guess(log: Path, contents: LogContents, body: Body | None) -> Guess | None:
     return _guessed(shape, why, layout, named, (guess.time_table(time, guess.time_unit(time)), orientation))
 
 
-def guess_beside(log: Path, contents: LogContents) -> Guess | None:
+def guess_with_wrench(log: Path, contents: LogContents) -> Guess | None:
     """Frames in a log that has wrenches too: an array topic, or columns that are numbered alike."""
     if contents.topics:
         arrays = tuple(topic for topic in contents.topics if topic.kind.endswith("MultiArray"))
@@ -266,14 +266,14 @@ def guess_beside(log: Path, contents: LogContents) -> Guess | None:
     if count < FEWEST or "#" not in alike:
         return None
     cells = tuple(name for name in there if name not in known and _NUMBERS.sub("#", name) == alike)
-    layout = Layout(wrench=None, arrays=(ArrayChannel(CELLS, _sheet((count,)), cells, table="skin"),))
+    layout = LogLayout(wrench=None, arrays=(ArrayChannel(CELLS, _sheet((count,)), cells, table="skin"),))
     why = f"{count} columns that are numbered alike look like cells"
     return _guessed(_sheet((count,)), why, layout, f"cells = {guess.quoted(cells)}\n", ("", ""))
 
 
 def _of_array(name: str, shape: tuple[int, int]) -> Guess:
     array = ArrayChannel(CELLS, shape, table="skin")
-    layout = Layout(wrench=None, arrays=(array,), rate=RATE)
+    layout = LogLayout(wrench=None, arrays=(array,), rate=RATE)
     where = f"rate = {RATE:g}                        # Hz, of frames without times: it is not known, correct it\n"
     return _guessed(shape, f"array {name!r} holds frames", layout, where, ("", ""))
 
@@ -284,12 +284,12 @@ def _of_topic(log: Path, contents: LogContents) -> Guess | None:
         return None
     topic, size = found
     shape, poses = _sheet(size), guess.topics_of(contents, "pose")
-    layout = Layout(wrench=None, arrays=(ArrayChannel(CELLS, shape, None, topic, table="skin"),))
+    layout = LogLayout(wrench=None, arrays=(ArrayChannel(CELLS, shape, None, topic, table="skin"),))
     why = f"topic {topic!r} holds {'images' if len(size) == 2 else 'arrays'} of {' x '.join(map(str, size))} numbers"
     return _guessed(shape, why, layout, f"topic = {guess.quoted(topic)}\n", ("", guess.pose_table(poses)))
 
 
-def _guessed(shape: tuple[int, int], why: str, layout: Layout, where: str, around: tuple[str, str]) -> Guess:
+def _guessed(shape: tuple[int, int], why: str, layout: LogLayout, where: str, around: tuple[str, str]) -> Guess:
     rows, columns = shape
     text = around[0] + _TEXT.format(rows=rows, columns=columns, bits=8, where=where) + around[1]
     return Guess(

@@ -13,12 +13,12 @@ from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, Status
 from palpate.contact.estimator import ContactEstimator
 from palpate.errors import InputError
-from palpate.files.logs.samples import Samples
+from palpate.files.logs.samples import SampleReader
 from palpate.sensors.taxels.estimator import TaxelEstimator
 from palpate.sensors.taxels.layer import TaxelLayer, cell_mesh
 from palpate.sensors.taxels.section import SkinSection
 from palpate.setup.setup import Setup
-from palpate.setup.view import TRACKED, Facts, Feed, Kept, SensorView, Words
+from palpate.setup.view import TRACKED, Facts, Feed, LayerData, SensorView, Words
 from palpate.signals.recording import CELLS, Recording
 from palpate.viewer.maps import sheet_map
 from palpate.viewer.report import Section, picture
@@ -47,7 +47,7 @@ class TaxelView(SensorView):
         """Return the setup of the skin alone."""
         return setup
 
-    def layers(self, setup: Setup, kept: Kept, live: tuple[int, ...] | None) -> tuple[Layer, ...]:
+    def layers(self, setup: Setup, kept: LayerData, live: tuple[int, ...] | None) -> tuple[Layer, ...]:
         """Return the taxels with their forces."""
         return (TaxelLayer(setup.of(SkinSection).body, kept.joined(), live is not None),)
 
@@ -91,7 +91,7 @@ class _Cells:
     def __init__(self, tares: Callable[[], int], setup: Setup, made: TaxelEstimator, layer: TaxelLayer) -> None:
         self._tares, self._layer = tares, layer
         self._estimator = TaxelEstimator(made.body, made.intensity, made.health, settings=made.settings)
-        self._samples, self._cells = Samples(setup.layout(), Path("the stream")), len(made.body)
+        self._samples, self._cells = SampleReader(setup.layout(), Path("the stream")), len(made.body)
         self._rows = self._estimator.empty(self._estimator.most)
         self._done, self._free = tares(), list[np.ndarray]()
         self._rested = made.health is not None
@@ -121,14 +121,16 @@ class _Cells:
         self._rested = True
 
 
-def taxels(contacts: Contacts, facts: Facts, shape: tuple[int, int] | None = None, said: Sequence[str] = ()) -> Section:
+def taxels(
+    contacts: Contacts, facts: Facts, shape: tuple[int, int] | None = None, notes: Sequence[str] = ()
+) -> Section:
     """Cells at rest and dead, and where on the unrolled sheet contacts were.
 
     Args:
         contacts: downsampled; with features row and column where the taxels are a sheet.
         facts: of the body of cells, such as how many are dead.
         shape: rows and columns of the sheet.
-        said: of its health, a sentence each.
+        notes: of its health, a sentence each.
     """
     places, pictures = sheet_places(contacts), ()
     if shape is not None and places is not None:
@@ -138,4 +140,4 @@ def taxels(contacts: Contacts, facts: Facts, shape: tuple[int, int] | None = Non
         if len(rows):
             drawn = sheet_map(places[rows], force[rows], "force [N]", shape)
             pictures = (picture(drawn, "Where contacts were on the unrolled sheet, and how hard."),)
-    return Section("Taxels", facts=facts, points=tuple(said), pictures=pictures)
+    return Section("Taxels", settings=facts, points=tuple(notes), pictures=pictures)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from palpate_lab.simulation.arena.fixed_layouts import TRAPS, paper_layout, trap_layout
-from palpate_lab.simulation.arena.layout import Block, Layout
+from palpate_lab.simulation.arena.layout import ArenaLayout, Block
 from palpate_lab.simulation.arena.planner import require_solvable
 from palpate_lab.simulation.arena.random_layouts import DENSITIES, random_layout
 from palpate_lab.simulation.arena.settings import FRAME, RobotSettings
@@ -13,9 +13,9 @@ __all__ = [
     "DENSITIES",
     "FRAME",
     "TRAPS",
+    "ArenaLayout",
     "ArenaWorld",
     "Block",
-    "Layout",
     "RobotSettings",
     "paper_layout",
     "random_layout",

@@ -13,9 +13,9 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from scipy.special import ndtr
 
-from palpate_lab.simulation.ring_camera import HEIGHT, READ, SHOT, Look, Photographer, RingCamera
+from palpate_lab.simulation.ring_camera import HEIGHT, READ, SHOT, Look, RenderedCamera, RingCamera
 
-__all__ = ["SwiftCamera"]
+__all__ = ["TableCamera"]
 
 BACKGROUNDS = 4
 GRAIN = 256  # px: side of the piece of noise that windows are cut from
@@ -25,7 +25,7 @@ SHAPE = float(np.sqrt(OUTLINE / (2.0 * np.pi) * np.sin(2.0 * np.pi / OUTLINE))) 
 PIXEL = 1.0 / 12.0  # px^2: variance of a pixel's own width
 
 
-class SwiftCamera:
+class TableCamera:
     """Draws frames of one camera and one look.
 
     Args:
@@ -38,7 +38,7 @@ class SwiftCamera:
         from palpate_lab.simulation.arena._camera import PER
 
         self.camera, self.look, self.rng = camera, look, rng
-        photographer = Photographer(camera, replace(look, quality=None), rng)
+        photographer = RenderedCamera(camera, replace(look, quality=None), rng)
         self._behind = [photographer.background(0.0) for _ in range(BACKGROUNDS)]
         self._frames = [each.copy() for each in self._behind]
         self._windows: list[np.ndarray] = [np.zeros((0, 4), dtype=np.int64)] * BACKGROUNDS

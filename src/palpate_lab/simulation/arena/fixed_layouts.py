@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.errors import InputError
-from palpate_lab.simulation.arena.layout import GRAVITY, Block, Layout
+from palpate_lab.simulation.arena.layout import GRAVITY, ArenaLayout, Block
 
 __all__ = ["TRAPS", "paper_layout", "trap_layout"]
 
@@ -14,7 +14,7 @@ _FIELD = (3.0, 2.0)  # m
 _WALL = 0.01  # m: half of an inner wall's thickness
 
 
-def paper_layout() -> Layout:
+def paper_layout() -> ArenaLayout:
     """Four robots and two walls with narrow passages, after figure 11 of papers/002, which gives no lengths.
 
     The first wall has passages 1.5 and 2 robots wide, the second one 2 and 2.5. The one in the middle, on the shorter
@@ -36,10 +36,10 @@ def paper_layout() -> Layout:
     )
     starts = [[0.15, y, 0.0] for y in (0.40, 0.80, 1.20, 1.60)]
     goals = [[2.83, y] for y in (1.20, 0.40, 1.60, 0.80)]
-    return Layout(_FIELD, blocks, np.array(starts), np.array(goals), "paper")
+    return ArenaLayout(_FIELD, blocks, np.array(starts), np.array(goals), "paper")
 
 
-def trap_layout(kind: str) -> Layout:
+def trap_layout(kind: str) -> ArenaLayout:
     """An arena in which those who only look ahead are caught.
 
     Args:
@@ -52,12 +52,12 @@ def trap_layout(kind: str) -> Layout:
     if kind == "u":
         arms = tuple(Block(1.35, y, 0.0, (0.25 + _WALL, _WALL)) for y in (0.6, 1.4))
         back = Block(1.6, 1.0, 0.0, (_WALL, 0.4 - _WALL))
-        return Layout(_FIELD, (*arms, back), np.array([[0.3, 1.0, 0.0]]), np.array([[2.7, 1.0]]), "trap u")
+        return ArenaLayout(_FIELD, (*arms, back), np.array([[0.3, 1.0, 0.0]]), np.array([[2.7, 1.0]]), "trap u")
     if kind == "corridor":
         half = 0.5 * 0.165
         sides = tuple(Block(1.5, y, 0.0, (0.5, 0.5 - 0.5 * half)) for y in (0.5 - 0.5 * half, 1.5 + 0.5 * half))
         starts, goals = [[0.4, 0.6, 0.0], [0.4, 1.4, 0.0]], [[2.6, 1.4], [2.6, 0.6]]
-        return Layout(_FIELD, sides, np.array(starts), np.array(goals), "trap corridor")
+        return ArenaLayout(_FIELD, sides, np.array(starts), np.array(goals), "trap corridor")
     raise InputError(f'there is no trap "{kind}"', where="arena", hint=f"Choose one of {', '.join(TRAPS)}.")
 
 

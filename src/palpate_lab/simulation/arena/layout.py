@@ -11,7 +11,7 @@ from jaxtyping import Float
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen
 
-__all__ = ["GRAVITY", "Block", "Layout"]
+__all__ = ["GRAVITY", "ArenaLayout", "Block"]
 
 GRAVITY = 9.81  # m/s^2
 
@@ -77,7 +77,7 @@ class Block:
 
 
 @dataclass(frozen=True, eq=False)
-class Layout(Value):
+class ArenaLayout(Value):
     """An arena; its origin is the lower left corner, and walls stand around it.
 
     Attributes:

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from math import hypot, log, sqrt
 from typing import Any
 
-from palpate_lab.simulation.arena.layout import GRAVITY, Block, Layout
+from palpate_lab.simulation.arena.layout import GRAVITY, ArenaLayout, Block
 from palpate_lab.simulation.arena.settings import FRAME, RobotSettings
 
 __all__ = ["SUBSTEPS", "mjcf", "soften"]
@@ -21,7 +21,7 @@ _FOOT = '''type="sphere" size="0.01" mass="0" contype="4" conaffinity="0" condim
     solref="0.02 1" solimp="0.7 0.7 0.001 0.5 2"'''
 
 
-def mjcf(layout: Layout, robot: RobotSettings) -> str:
+def mjcf(layout: ArenaLayout, robot: RobotSettings) -> str:
     """The model. Robots are planar and carry their skin as a sphere: one contact with a flat side, a corner, another.
 
     Each body has its joints at the origin and without turn, so that qpos are poses in the arena's frame: a body's own
@@ -51,7 +51,7 @@ def mjcf(layout: Layout, robot: RobotSettings) -> str:
 </mujoco>"""
 
 
-def soften(model: Any, layout: Layout, robot: RobotSettings) -> None:
+def soften(model: Any, layout: ArenaLayout, robot: RobotSettings) -> None:
     """Gives the skin its stiffness in N/m.
 
     With solref = (-s, -b) and a constant d MuJoCo's contact bears s r / ((1 - d) w) where it is r deep, with w the sum

@@ -7,14 +7,14 @@ from jaxtyping import Bool, Float
 from scipy import ndimage
 
 from palpate.errors import InputError
-from palpate_lab.simulation.arena.layout import Block, Layout
+from palpate_lab.simulation.arena.layout import ArenaLayout, Block
 
 __all__ = ["require_solvable"]
 
 _CELL = 0.020  # m
 
 
-def require_solvable(layout: Layout, radius: float, *, pushing: bool = False) -> None:
+def require_solvable(layout: ArenaLayout, radius: float, *, pushing: bool = False) -> None:
     """Requires a way for each robot, for a disc that keeps clear of walls and blocks.
 
     Robots are no obstacles to each other but where they start and where they arrive. A way is sought among cells of
@@ -44,7 +44,7 @@ def require_solvable(layout: Layout, radius: float, *, pushing: bool = False) ->
             )
 
 
-def _require_clear(layout: Layout, points: Float[np.ndarray, "n 2"], radius: float, word: str) -> None:
+def _require_clear(layout: ArenaLayout, points: Float[np.ndarray, "n 2"], radius: float, word: str) -> None:
     hint = f"Keep every {word} {radius:.3f} m away from walls and blocks."
     for k, point in enumerate(points):
         if float(np.minimum(point, np.subtract(layout.size, point)).min()) < radius:
@@ -58,7 +58,7 @@ def _require_clear(layout: Layout, points: Float[np.ndarray, "n 2"], radius: flo
             raise InputError(f"{at} is in {what}.", where=_where(layout), hint=hint)
 
 
-def _require_apart(layout: Layout, points: Float[np.ndarray, "n 2"], radius: float, word: str) -> None:
+def _require_apart(layout: ArenaLayout, points: Float[np.ndarray, "n 2"], radius: float, word: str) -> None:
     apart = np.linalg.norm(points[:, None] - points, axis=2) + 2 * radius * np.tri(len(points))
     for i, k in np.argwhere(apart < 2 * radius).tolist():
         raise InputError(
@@ -90,5 +90,5 @@ def _said(point: np.ndarray) -> str:
     return f"({point[0]:.3f}, {point[1]:.3f})"
 
 
-def _where(layout: Layout) -> str:
+def _where(layout: ArenaLayout) -> str:
     return f'arena "{layout.name}"' if layout.name else "arena"

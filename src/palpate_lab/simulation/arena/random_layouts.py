@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
-from palpate_lab.simulation.arena.layout import GRAVITY, Block, Layout
+from palpate_lab.simulation.arena.layout import GRAVITY, ArenaLayout, Block
 from palpate_lab.simulation.arena.planner import require_solvable
 
 __all__ = ["DENSITIES", "random_layout"]
@@ -21,7 +21,7 @@ _BAND = 0.28  # m beyond it in which robots start, and arrive at the other end
 _DRAWS, _TRIES = 300, 200  # of an arena, of one thing in it
 
 
-def random_layout(seed: int, robots: int = 4, density: str = "paper") -> Layout:
+def random_layout(seed: int, robots: int = 4, density: str = "paper") -> ArenaLayout:
     """An arena drawn at random: starts at its left end, goals at its right end, boxes and inner walls between.
 
     Drawn again until a disc 10 mm larger than a robot has a way for each robot round all blocks, movable ones too.
@@ -55,7 +55,7 @@ def random_layout(seed: int, robots: int = 4, density: str = "paper") -> Layout:
     )
 
 
-def _drawn(rng: np.random.Generator, robots: int, density: float, name: str) -> Layout | None:
+def _drawn(rng: np.random.Generator, robots: int, density: float, name: str) -> ArenaLayout | None:
     """One arena; None where something found no room."""
     grown = sqrt(max(robots, 4) / 4)
     width, height = (grown * side for side in _FIELD)
@@ -78,7 +78,9 @@ def _drawn(rng: np.random.Generator, robots: int, density: float, name: str) -> 
             else:
                 return None
     headings = rng.uniform(-pi, pi, robots)
-    return Layout((width, height), tuple(blocks), np.column_stack([starts, headings]), rng.permutation(goals), name)
+    return ArenaLayout(
+        (width, height), tuple(blocks), np.column_stack([starts, headings]), rng.permutation(goals), name
+    )
 
 
 def _spread(

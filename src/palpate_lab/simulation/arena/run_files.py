@@ -14,10 +14,10 @@ from jaxtyping import Float, UInt8
 
 from palpate.errors import InputError
 from palpate.opencv import opencv
-from palpate_lab.simulation.arena.layout import Layout
+from palpate_lab.simulation.arena.layout import ArenaLayout
 from palpate_lab.simulation.bags import header, open_bag
 
-__all__ = ["Frame", "RunRecorder", "files_of", "write_arena", "write_rig"]
+__all__ = ["RecordedFrame", "RunRecorder", "files_of", "write_arena", "write_rig"]
 
 QUALITY = 85  # of JPEG
 BLOCKS = "/truth/blocks"
@@ -44,7 +44,7 @@ topic = "/robot_1/camera/compressed"
 
 
 @runtime_checkable
-class Frame(Protocol):
+class RecordedFrame(Protocol):
     """One moment of a run, as a recorder takes it."""
 
     @property
@@ -115,7 +115,7 @@ def write_rig(recording: Path) -> None:
     file.write_text(RIG.format(name=recording.stem), encoding="utf-8")
 
 
-def write_arena(file: Path, layout: Layout, settings: Mapping[str, object]) -> None:
+def write_arena(file: Path, layout: ArenaLayout, settings: Mapping[str, object]) -> None:
     """The arena and how it was run, as TOML.
 
     Args:
@@ -168,7 +168,7 @@ class RunRecorder:
         self._single = [self._table(files[f"truth {k + 1}"], TOUCHES) for k in range(robots)] if images else []
         self._states, self._blocks = [""] * robots, np.zeros((0, 3))
 
-    def add(self, frame: Frame) -> None:
+    def add(self, frame: RecordedFrame) -> None:
         """The next moment."""
         stamp = round(1e9 * frame.time)
         for robot in range(self._robots):
@@ -242,7 +242,7 @@ class RunRecorder:
         head = header(self._bag.types, stamp, "arena")
         self._bag.write(stamp, BLOCKS, self._type("PoseArray")(head, [self._posed(each) for each in blocks]))
 
-    def _rows(self, frame: Frame) -> None:
+    def _rows(self, frame: RecordedFrame) -> None:
         time = f"{frame.time:.6f}"
         for robot, felt in enumerate(frame.touches):
             rows: list[list[float]] = [] if felt is None else felt.tolist()

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from palpate.errors import InputError
 from palpate.spatial._arrays import frozen
-from palpate_lab.simulation.arena.layout import Layout
+from palpate_lab.simulation.arena.layout import ArenaLayout
 from palpate_lab.simulation.arena.model import SUBSTEPS, mjcf, soften
 from palpate_lab.simulation.arena.settings import FRAME, RobotSettings
 from palpate_lab.simulation.engine import engine
@@ -32,7 +32,7 @@ class ArenaWorld:
         InputError: MuJoCo is not installed.
     """
 
-    def __init__(self, layout: Layout, robot: RobotSettings | None = None, seed: int = 0) -> None:
+    def __init__(self, layout: ArenaLayout, robot: RobotSettings | None = None, seed: int = 0) -> None:
         self.layout, self.robot = layout, robot or RobotSettings()
         self._mujoco = engine("arena")
         self.model = self._mujoco.MjModel.from_xml_string(mjcf(layout, self.robot))

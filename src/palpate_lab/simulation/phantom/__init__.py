@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from palpate_lab.simulation.phantom.lab import LabSettings, PhantomLab, Reading, Truth
-from palpate_lab.simulation.phantom.motion import MOTIONS, Motion, motion, unplanned
+from palpate_lab.simulation.phantom.lab import LabSettings, PhantomLab, PhantomTruth, Reading
+from palpate_lab.simulation.phantom.motion import MOTIONS, SurfaceMotion, motion, unplanned
 from palpate_lab.simulation.phantom.probes import PROBES, Probe, probe
 
 __all__ = [
     "MOTIONS",
     "PROBES",
     "LabSettings",
-    "Motion",
     "PhantomLab",
+    "PhantomTruth",
     "Probe",
     "Reading",
-    "Truth",
+    "SurfaceMotion",
     "motion",
     "probe",
     "unplanned",

@@ -19,10 +19,10 @@ from palpate.spatial._arrays import frozen
 from palpate.spatial.pose import Pose
 from palpate_lab.simulation.engine import engine
 from palpate_lab.simulation.phantom.elfin3 import LINKS, READY, SENSOR, SPEED, mjcf
-from palpate_lab.simulation.phantom.motion import Motion
+from palpate_lab.simulation.phantom.motion import SurfaceMotion
 from palpate_lab.simulation.phantom.probes import Probe, probe
 
-__all__ = ["LabSettings", "PhantomLab", "Reading", "Truth"]
+__all__ = ["LabSettings", "PhantomLab", "PhantomTruth", "Reading"]
 
 Six = tuple[float, float, float, float, float, float]
 
@@ -62,7 +62,7 @@ class LabSettings:
     """
 
     probe: str = "convex"
-    motion: Motion = field(default_factory=Motion)
+    motion: SurfaceMotion = field(default_factory=SurfaceMotion)
     place: tuple[float, float, float] = (0.40, 0.0, 0.15)
     heading: float = np.pi
     stiffness: float = 2e6
@@ -125,7 +125,7 @@ class Reading:
 
 
 @dataclass(frozen=True, eq=False)
-class Truth:
+class PhantomTruth:
     """What really happens at the time of the last reading.
 
     Attributes:
@@ -259,12 +259,12 @@ class PhantomLab:
         self._reading = self._read(self._reading.wrench)
         return self._reading
 
-    def truth(self) -> Truth:
+    def truth(self) -> PhantomTruth:
         """What really happens at the time of the last reading."""
         phantom, sensor, found = self._phantom, self._probe, self._contact
         normal = frozen(phantom[:3, 2])
         x, y, z = sensor[:3].T @ normal
-        return Truth(
+        return PhantomTruth(
             time=self._reading.time,
             phantom=Pose(phantom[:3], phantom[3]),
             sensor=Pose(sensor[:3], sensor[3]),

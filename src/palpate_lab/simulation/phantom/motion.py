@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from palpate.errors import InputError
 
-__all__ = ["MOTIONS", "Breathing", "Motion", "Sine", "Step", "Still", "Sum", "motion", "unplanned"]
+__all__ = ["MOTIONS", "Breathing", "Sine", "Step", "Still", "Sum", "SurfaceMotion", "motion", "unplanned"]
 
 Profile = Callable[[float], tuple[float, float]]  # seconds since the motion began -> value and rate
 
@@ -103,7 +103,7 @@ class Sum:
 
 
 @dataclass(frozen=True)
-class Motion:
+class SurfaceMotion:
     """Height [m] and the angles [rad] of the surface; still before it begins.
 
     Attributes:
@@ -140,7 +140,7 @@ class Motion:
 def unplanned(
     seed: int, *, direction: str = "in-plane", amplitude: float | None = None, step_at: float | None = None,
     begin: float = 2.0,
-) -> Motion:  # fmt: skip
+) -> SurfaceMotion:  # fmt: skip
     """Three sines whose periods (2.5 to 9 s), shares and signs nobody was told, and a step if wanted.
 
     Args:
@@ -163,20 +163,20 @@ def unplanned(
     return _along(direction, Sum(tuple(parts)), begin)
 
 
-def _along(direction: str, profile: Profile, begin: float) -> Motion:
+def _along(direction: str, profile: Profile, begin: float) -> SurfaceMotion:
     if direction == "vertical":
-        return Motion(height=profile, begin=begin)
+        return SurfaceMotion(height=profile, begin=begin)
     if direction == "in-plane":
-        return Motion(in_plane=profile, begin=begin)
+        return SurfaceMotion(in_plane=profile, begin=begin)
     if direction == "out-of-plane":
-        return Motion(out_of_plane=profile, begin=begin)
+        return SurfaceMotion(out_of_plane=profile, begin=begin)
     raise InputError(f"there is no direction {direction!r}", hint="Known: vertical, in-plane, out-of-plane.")
 
 
 MOTIONS = ("still", "vertical", "in-plane", "out-of-plane", "breathing", "unplanned")
 
 
-def motion(name: str, *, period: float | None = None, seed: int = 0, begin: float = 2.0) -> Motion:
+def motion(name: str, *, period: float | None = None, seed: int = 0, begin: float = 2.0) -> SurfaceMotion:
     """A motion by its name, with the paper's amplitudes: 10 mm or 10 deg.
 
     Args:
@@ -191,9 +191,9 @@ def motion(name: str, *, period: float | None = None, seed: int = 0, begin: floa
     if period is not None and not 0.0 < period < np.inf:
         raise InputError(f"a period must be a positive number of seconds, not {period:g}")
     if name == "still":
-        return Motion(begin=begin)
+        return SurfaceMotion(begin=begin)
     if name == "breathing":
-        return Motion(height=Breathing(0.010, period or 4.0), begin=begin)
+        return SurfaceMotion(height=Breathing(0.010, period or 4.0), begin=begin)
     if name == "unplanned":
         return unplanned(seed, step_at=10.0, begin=begin)
     if name not in MOTIONS:

@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from palpate_lab.simulation.bags import Stamped, header, nanoseconds, wrenches, write_bag
 from palpate_lab.simulation.phantom.elfin3 import JOINTS, SENSOR, urdf
-from palpate_lab.simulation.phantom.lab import PhantomLab, Reading, Truth
+from palpate_lab.simulation.phantom.lab import PhantomLab, PhantomTruth, Reading
 from palpate_lab.simulation.phantom.probes import Probe
 
 __all__ = ["PhantomRun", "files_of", "write_run"]
@@ -73,7 +73,7 @@ class PhantomRun:
     readings: list[Reading]
     commands: Float[np.ndarray, "n 6"]
     states: list[str]
-    truths: list[Truth]
+    truths: list[PhantomTruth]
 
     @property
     def time(self) -> Float[np.ndarray, " n"]:
@@ -118,14 +118,14 @@ def write_run(run: PhantomRun, lab: PhantomLab, recording: Path, name: str) -> N
         writer.writerows(_truth_row(truth, probe) for truth in run.truths if truth.press > 0.0)
 
 
-def _truth_row(truth: Truth, probe: Probe) -> list[str]:
+def _truth_row(truth: PhantomTruth, probe: Probe) -> list[str]:
     """Where the tissue presses on the probe, which way and how hard, in the sensor's frame; angles [rad], depth [m]."""
     turn = truth.sensor.rotation.T
     values = [truth.time, *_on_face(truth, probe), *-(turn @ truth.normal), *(turn @ truth.force)]
     return [f"{value:.6f}" for value in (*values, truth.in_plane, truth.out_of_plane, truth.press, truth.depth)]
 
 
-def _on_face(truth: Truth, probe: Probe) -> Float[np.ndarray, "3"]:
+def _on_face(truth: PhantomTruth, probe: Probe) -> Float[np.ndarray, "3"]:
     """Where the pressure's line of action leaves the probe [m]; the centre itself is the mean of what is pressed.
 
     On the tangent plane of the cell that is nearest to the line, of those that face the tissue.
@@ -156,7 +156,7 @@ def _topics(run: PhantomRun, types: Any) -> Iterable[Iterable[Stamped]]:
     )
 
 
-def _contact_wrench(truth: Truth) -> Float[np.ndarray, "6"]:
+def _contact_wrench(truth: PhantomTruth) -> Float[np.ndarray, "6"]:
     """Of the tissue on the probe, about the sensor's origin and in its frame."""
     turn = truth.sensor.rotation.T
     return np.concatenate([turn @ truth.force, turn @ truth.moment])
@@ -177,7 +177,7 @@ def _accelerations(types: Any, readings: list[Reading]) -> Iterator[Stamped]:
         yield stamp, IMU, imu(header(types, stamp, SENSOR), *rest, felt, nothing)
 
 
-def _poses(types: Any, topic: str, truths: list[Truth]) -> Iterator[Stamped]:
+def _poses(types: Any, topic: str, truths: list[PhantomTruth]) -> Iterator[Stamped]:
     point, turn, pose, stamped = (types[name] for name in _names("Point", "Quaternion", "Pose", "PoseStamped"))
     for stamp, truth in zip(nanoseconds(np.array([each.time for each in truths])), truths, strict=True):
         seen = truth.phantom if topic == PHANTOM else truth.sensor

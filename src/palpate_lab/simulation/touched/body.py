@@ -15,7 +15,7 @@ from jaxtyping import Float, Int
 
 from palpate.spatial._arrays import Value, frozen
 from palpate_lab.simulation.engine import engine
-from palpate_lab.simulation.touched.plan import COMING, Touch, course
+from palpate_lab.simulation.touched.plan import COMING, PlannedTouch, course
 from palpate_lab.simulation.touched.settings import GRAVITY, STEP_RATE, ForearmSettings
 
 __all__ = ["Physics", "mjcf", "simulate_physics"]
@@ -88,7 +88,7 @@ _AXES = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
 
 def simulate_physics(
     settings: ForearmSettings,
-    touches: Sequence[Touch],
+    touches: Sequence[PlannedTouch],
     rotations: Float[np.ndarray, "n 3 3"],
     watch: Callable[[int, float], None] | None = None,
 ) -> Physics:
@@ -131,11 +131,11 @@ def simulate_physics(
 
 
 def _hands(
-    settings: ForearmSettings, touches: Sequence[Touch], time: Float[np.ndarray, " n"]
-) -> tuple[Float[np.ndarray, "n k"], dict[int, list[Touch]]]:
+    settings: ForearmSettings, touches: Sequence[PlannedTouch], time: Float[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, "n k"], dict[int, list[PlannedTouch]]]:
     """Where each hand wants its indenter, three coordinates each, and the steps at which an indenter is brought."""
     wanted: Float[np.ndarray, "n k"] = np.full((len(time), 3 * settings.touches), _AWAY)
-    events: dict[int, list[Touch]] = {}
+    events: dict[int, list[PlannedTouch]] = {}
     for slot in range(settings.touches):
         own = sorted((each for each in touches if each.slot == slot), key=lambda each: each.start)
         begin = [max(int(np.ceil((touch.start - COMING) * STEP_RATE)), 0) for touch in own]
@@ -160,7 +160,7 @@ class _Contacts:
         self._wrench = np.zeros(6)
         self._rows: list[tuple[int, int, np.ndarray, np.ndarray, np.ndarray, float]] = []
 
-    def begin(self, touch: Touch, wanted: np.ndarray) -> None:
+    def begin(self, touch: PlannedTouch, wanted: np.ndarray) -> None:
         """Puts an indenter of its size over a touch's place."""
         here = slice(3 * touch.slot, 3 * touch.slot + 3)
         self._data.qpos[here], self._data.qvel[here] = wanted[here], 0.0

@@ -13,7 +13,7 @@ from palpate.signals.recording import CELLS, ORIENTATION, Recording
 from palpate_lab.simulation.bags import Stamped, poses, readings, wrenches, write_bag
 from palpate_lab.simulation.skin_bench import HIGH, JOINT, LOW
 from palpate_lab.simulation.skin_session import load_cell_presses
-from palpate_lab.simulation.touched.run import ForearmRun, Truth
+from palpate_lab.simulation.touched.run import ForearmRun, ForearmTruth
 from palpate_lab.simulation.touched.settings import GRAVITY, ForearmSettings
 
 __all__ = [
@@ -262,7 +262,7 @@ def _about(settings: ForearmSettings, free: Recording | None) -> str:
     )
 
 
-def _write_truth(truth: Truth, path: Path) -> None:
+def _write_truth(truth: ForearmTruth, path: Path) -> None:
     about = (truth.touch, truth.seen, truth.share, truth.speed)
     numbers = np.column_stack([truth.time, truth.point, truth.normal, truth.force, *about])
     layout = ["%.6f"] * 10 + ["%d", "%d", "%.4f", "%.6f"]

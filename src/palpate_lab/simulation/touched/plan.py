@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from palpate_lab.simulation.touched.settings import ForearmSettings
 
-__all__ = ["COMING", "Touch", "course", "plan_presses", "plan_touches"]
+__all__ = ["COMING", "PlannedTouch", "course", "plan_presses", "plan_touches"]
 
 COMING = 0.1  # s before its start, when an indenter hovers over its place
 RAMP = 0.2  # s in which the force rises, and falls
@@ -26,7 +26,7 @@ _PAST_EDGE, _END = 0.014, 0.010  # m from the sheet's edge and from the cylinder
 
 
 @dataclass(frozen=True)
-class Touch:
+class PlannedTouch:
     """One touch.
 
     Attributes:
@@ -38,7 +38,7 @@ class Touch:
         force: [N] of the push along the inward normal, at most.
         lean, heading: [rad] of the push off the normal, and which way in the tangent plane: 0 around, pi/2 along z.
         radius: [m] of the indenter.
-        beside: it is aimed beside the sheet.
+        off_sheet: it is aimed beside the sheet.
     """
 
     number: int
@@ -52,14 +52,14 @@ class Touch:
     lean: float
     heading: float
     radius: float
-    beside: bool
+    off_sheet: bool
 
     def path(self, radius: float) -> Float[np.ndarray, "5 2"]:
         """Places that it passes on the unrolled surface [m]: around, along."""
         return np.array([radius * self.angle, self.along]) + np.linspace(0.0, 1.0, 5)[:, None] * np.array(self.drag)
 
 
-def plan_touches(settings: ForearmSettings, rng: np.random.Generator) -> tuple[Touch, ...]:
+def plan_touches(settings: ForearmSettings, rng: np.random.Generator) -> tuple[PlannedTouch, ...]:
     """Touches that begin, overlap and end at different times until the log ends."""
     spans: list[tuple[float, float, int]] = []
     for slot in range(settings.touches):
@@ -68,7 +68,7 @@ def plan_touches(settings: ForearmSettings, rng: np.random.Generator) -> tuple[T
             end = min(start + float(rng.uniform(SHORTEST, LONGEST)), settings.seconds - 0.5)
             spans.append((start, end, slot))
             start = end + float(rng.uniform(0.4, 1.5))
-    made: list[Touch] = []
+    made: list[PlannedTouch] = []
     for start, end, slot in sorted(spans):
         others = [each for each in made if each.end + 0.3 > start]
         touch = _placed(settings, rng, (len(made), slot, start, end), others)
@@ -78,7 +78,7 @@ def plan_touches(settings: ForearmSettings, rng: np.random.Generator) -> tuple[T
 
 def plan_presses(
     settings: ForearmSettings, rng: np.random.Generator, count: int, settle: float = 0.3
-) -> tuple[Touch, ...]:
+) -> tuple[PlannedTouch, ...]:
     """`count` configurations one after the other, all of the indenters pressing at once and none dragged.
 
     Args:
@@ -87,10 +87,10 @@ def plan_presses(
         count: of configurations.
         settle: [s] that the whole force is held.
     """
-    made: list[Touch] = []
+    made: list[PlannedTouch] = []
     for k in range(count):
         start = settings.quiet + COMING + k * period(settle)
-        group: list[Touch] = []
+        group: list[PlannedTouch] = []
         for slot in range(settings.touches):
             touch = _placed(settings, rng, (len(made) + len(group), slot, start, start + 2 * RAMP + settle), group, 0.0)
             group += [touch] if touch is not None else []
@@ -103,7 +103,7 @@ def period(settle: float) -> float:
     return round(COMING + 2 * RAMP + settle + 0.2, 2)
 
 
-def course(touch: Touch, settings: ForearmSettings, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+def course(touch: PlannedTouch, settings: ForearmSettings, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
     """Where the hand wants the indenter's centre [m], in the link's frame: pushing is wanting it inside."""
     whole = max(touch.end - touch.start - 2 * RAMP - _SETTLED, 1e-6)
     moved = _ease((time - touch.start - RAMP - _SETTLED) / whole)
@@ -128,9 +128,9 @@ def _placed(
     settings: ForearmSettings,
     rng: np.random.Generator,
     when: tuple[int, int, float, float],
-    others: Sequence[Touch],
+    others: Sequence[PlannedTouch],
     drags: float | None = None,
-) -> Touch | None:
+) -> PlannedTouch | None:
     """A touch drawn where it is apart from others; None: there was no room in so many tries."""
     once = 2 * pi * settings.sheet.radius
     taken = [other.path(settings.sheet.radius) for other in others]
@@ -142,14 +142,14 @@ def _placed(
         gaps = [path[:, None] - other[None] for other in taken]
         for gap in gaps:
             gap[..., 0] -= once * np.rint(gap[..., 0] / once)
-        if all(np.linalg.norm(gap, axis=-1).min() >= settings.apart for gap in gaps):
+        if all(np.linalg.norm(gap, axis=-1).min() >= settings.spacing for gap in gaps):
             return touch
     return None
 
 
 def _drawn(
     settings: ForearmSettings, rng: np.random.Generator, when: tuple[int, int, float, float], drags: float
-) -> Touch:
+) -> PlannedTouch:
     sheet, (number, slot, start, end) = settings.sheet, when
     u = rng.random(10).tolist()
     beside = u[0] < settings.unseen
@@ -165,7 +165,7 @@ def _drawn(
         drag = (length, 0.0) if beside else (length * cos(way), length * sin(way))
     light, heavy = settings.force
     small, large = settings.radius
-    return Touch(
+    return PlannedTouch(
         number=number,
         slot=slot,
         start=start,
@@ -177,13 +177,13 @@ def _drawn(
         lean=min(settings.lean * atan(settings.friction) * u[8], 1.2),
         heading=2 * pi * u[9],
         radius=float(rng.uniform(small, large)),
-        beside=beside,
+        off_sheet=beside,
     )
 
 
-def _on_cylinder(touch: Touch, path: Float[np.ndarray, "5 2"], settings: ForearmSettings) -> bool:
+def _on_cylinder(touch: PlannedTouch, path: Float[np.ndarray, "5 2"], settings: ForearmSettings) -> bool:
     """Whether a drag stays where it began: on the sheet, or beside it."""
-    if touch.beside:
+    if touch.off_sheet:
         return True
     half = settings.covered - (settings.margin + 0.5) * settings.sheet.pitch
     last = (settings.sheet.columns - 1 - settings.margin) * settings.sheet.pitch

@@ -13,17 +13,17 @@ from palpate.signals.recording import Recording
 from palpate.spatial._arrays import Value, frozen
 from palpate_lab.simulation.skin_bench import PaperSheet, paper_sheet
 from palpate_lab.simulation.touched.body import Physics, simulate_physics
-from palpate_lab.simulation.touched.plan import COMING, RAMP, Touch, period, plan_presses, plan_touches
+from palpate_lab.simulation.touched.plan import COMING, RAMP, PlannedTouch, period, plan_presses, plan_touches
 from palpate_lab.simulation.touched.sensors import inertia, loads, motion, skin_frames, true_mass, wrench_log
 from palpate_lab.simulation.touched.settings import GRAVITY, STEP_RATE, ForearmSettings
 
-__all__ = ["ForearmRun", "Truth", "simulate_forearm", "simulate_free", "simulate_presses"]
+__all__ = ["ForearmRun", "ForearmTruth", "simulate_forearm", "simulate_free", "simulate_presses"]
 
 Watch = Callable[[int, float], None]
 
 
 @dataclass(frozen=True, eq=False)
-class Truth(Value):
+class ForearmTruth(Value):
     """A row a contact and frame of the skin, in the link's frame, from the engine.
 
     Attributes:
@@ -70,19 +70,19 @@ class ForearmRun(Value):
         contacts: (n, 6) [N, N m] of all contacts about the sensor's origin, in its frame, at the times of `wrench`.
         zero: (n, 6) of the sensor, at the times of `wrench`: bias and drift.
         truth: of the contacts.
-        held: (c,) frames in which configurations of `simulate_presses` are settled; else empty.
+        stationary: (c,) frames in which configurations of `simulate_presses` are settled; else empty.
     """
 
     settings: ForearmSettings
     mass: float
     sheet: PaperSheet
-    touches: tuple[Touch, ...]
+    touches: tuple[PlannedTouch, ...]
     wrench: Recording
     skin: Recording
     contacts: Float[np.ndarray, "n 6"]
     zero: Float[np.ndarray, "n 6"]
-    truth: Truth
-    held: Int[np.ndarray, " c"]
+    truth: ForearmTruth
+    stationary: Int[np.ndarray, " c"]
 
 
 def simulate_forearm(
@@ -126,7 +126,7 @@ def simulate_presses(
     made = _run(replace(settings, seconds=seconds), touches, seconds, rng, watch)
     starts = settings.quiet + COMING + period(settle) * np.arange(configurations)
     held: Int[np.ndarray, " c"] = np.floor((starts + RAMP + settle) * settings.skin_rate + 1e-6).astype(np.int64)
-    return replace(made, held=held)
+    return replace(made, stationary=held)
 
 
 def simulate_free(
@@ -146,7 +146,11 @@ def simulate_free(
 
 
 def _run(
-    settings: ForearmSettings, touches: Sequence[Touch], seconds: float, rng: np.random.Generator, watch: Watch | None
+    settings: ForearmSettings,
+    touches: Sequence[PlannedTouch],
+    seconds: float,
+    rng: np.random.Generator,
+    watch: Watch | None,
 ) -> ForearmRun:
     real = true_mass(settings, rng)
     model = paper_sheet(settings.sheet, rng, noise=settings.cell_noise, unequal=settings.unequal)
@@ -172,10 +176,10 @@ def _run(
     )
 
 
-def _truth(physics: Physics, settings: ForearmSettings, share: Float[np.ndarray, " m"]) -> Truth:
+def _truth(physics: Physics, settings: ForearmSettings, share: Float[np.ndarray, " m"]) -> ForearmTruth:
     time = physics.frame / settings.skin_rate
     places = physics.point, physics.normal, physics.force
-    return Truth(physics.frame, frozen(time), physics.touch, *places, frozen(share), physics.speed)
+    return ForearmTruth(physics.frame, frozen(time), physics.touch, *places, frozen(share), physics.speed)
 
 
 def _weight(settings: ForearmSettings, rotations: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 6"]:

@@ -47,7 +47,7 @@ class ForearmSettings:
         drags: share of touches that are dragged along the surface, by 10 to 40 mm.
         unseen: share of touches beside the sheet.
         margin: [cells] from the sheet's edges within which no touch is aimed.
-        apart: [m] between two touches at once, along the surface.
+        spacing: [m] between two touches at once, along the surface.
         stiffness: [N/m] of the hand that holds an indenter where it is wanted.
         modulus: [Pa] of the skin, E/(1 - nu^2): radius of the pressed disc by Hertz, a^3 = 3 F R / (4 E).
         wrench_rate, skin_rate: [Hz], divisors of 1000.
@@ -74,7 +74,7 @@ class ForearmSettings:
     drags: float = 0.25
     unseen: float = 1 / 6
     margin: float = 0.5
-    apart: float = 0.03
+    spacing: float = 0.03
     stiffness: float = 800.0
     modulus: float = 4e5
     wrench_rate: int = 1000
@@ -97,7 +97,7 @@ class ForearmSettings:
         for name in ("seconds", "mass", "friction", "stiffness", "modulus"):
             if not 0.0 < getattr(self, name) < inf:
                 raise InputError(f"{name} must be positive, not {getattr(self, name)}")
-        for name in ("quiet", "lean", "drags", "unseen", "margin", "apart", "force_noise", "torque_noise", "unequal"):
+        for name in ("quiet", "lean", "drags", "unseen", "margin", "spacing", "force_noise", "torque_noise", "unequal"):
             if not 0.0 <= getattr(self, name) < inf:
                 raise InputError(f"{name} must not be negative, but is {getattr(self, name)}")
         for name in ("force", "radius"):

@@ -12,7 +12,7 @@ from palpate.errors import InputError
 from palpate.sensors.taxels.health import resting
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["AnswerReader", "Answers", "Block", "read_answers"]
+__all__ = ["Activations", "AnswerReader", "Block", "read_answers"]
 
 HEAD = 2048  # frames from which rest and noise are taken
 FEWEST = 16  # frames of a log
@@ -31,7 +31,7 @@ Block = tuple[Float[np.ndarray, "..."], np.ndarray]
 
 @takes_arrays
 @dataclass(frozen=True, eq=False)
-class Answers:
+class Activations:
     """m answers in n frames of k taxels.
 
     Attributes:
@@ -55,7 +55,7 @@ class Answers:
 
 def read_answers(
     frames: Iterable[Block], *, threshold: float | None = None, top: float = np.inf, falling: bool = False
-) -> Answers:
+) -> Activations:
     """What stands above its rest; the rest of each taxel follows its readings while it does not answer.
 
     Args:
@@ -105,7 +105,7 @@ class AnswerReader:
         else:
             self._read(time, values)
 
-    def finish(self) -> Answers:
+    def finish(self) -> Activations:
         """All of them."""
         if not self._started:
             self._start()
@@ -120,7 +120,7 @@ class AnswerReader:
             )
         kept = ~stuck[taxel]
         fell = self._first - self._rest > FELL * self._delta
-        return Answers(
+        return Activations(
             time,
             frame[kept],
             taxel[kept],
@@ -143,7 +143,7 @@ class AnswerReader:
         if np.count_nonzero(known) < FEWEST:
             raise InputError("hardly any of the first frames of taxels can be read.", where="frames")
         cells = cells[known]
-        self._rest, _ = resting(cells[:: 1 + cells.size // TOLD], whole=whole)
+        self._rest, _ = resting(cells[:: 1 + cells.size // TOLD], counts=whole)
         noise = _noise(cells, whole=whole)
         self._first = self._rest.copy()
         usual = ABOVE * float(np.median(noise))

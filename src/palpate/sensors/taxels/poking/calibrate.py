@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float
 
-from palpate.calibration.left_out import LeftOut
+from palpate.calibration.validation import Validation
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.taxels.modules import ModuleLayout
 from palpate.sensors.taxels.places import TaxelPlaces
@@ -15,7 +15,7 @@ from palpate.sensors.taxels.poking import paper
 from palpate.sensors.taxels.poking.pokes import Pokes
 from palpate.sensors.taxels.poking.priors import Priors
 from palpate.sensors.taxels.poking.rigid_groups import Units, fitted, single
-from palpate.sensors.taxels.poking.solve import Solution, left_out, solve
+from palpate.sensors.taxels.poking.solve import PlacesSolution, solve, validated
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import quaternion_from_rotation
 from palpate.surfaces.surface import Surface
@@ -42,7 +42,7 @@ class TaxelCalibration:
         noise: how many times larger the residuals are than their covariance explains.
         nuisances: name -> what was estimated with the taxels: frames and bias (configurations, 6), common (6,),
             cross_talk (6, 6); none by the paper's methods.
-        left_out: how pokes lie that a fit had not seen; nothing by the paper's methods.
+        validation: how pokes lie that a fit had not seen; nothing by the paper's methods.
         notes: what was found; doubts: what may be wrong, a sentence each.
     """
 
@@ -51,9 +51,9 @@ class TaxelCalibration:
     used: int
     noise: float
     nuisances: dict[str, np.ndarray] = field(default_factory=lambda: {})
-    left_out: LeftOut = field(default_factory=LeftOut)
+    validation: Validation = field(default_factory=Validation)
     notes: tuple[str, ...] = ()
-    doubts: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 def calibrate_taxels(
@@ -126,7 +126,7 @@ def _each(pokes: Pokes, method: str, surface: Surface | None) -> TaxelCalibratio
     doubt = "covariances are of each taxel for itself: errors that all pokes share are not in them"
     residual = np.full((len(pokes), 3), np.nan)
     used = int(np.count_nonzero(pokes.weight > 0))
-    return TaxelCalibration(places, residual, used, 1.0, notes=_untouched(places), doubts=(doubt,))
+    return TaxelCalibration(places, residual, used, 1.0, notes=_untouched(places), warnings=(doubt,))
 
 
 def _together(
@@ -160,7 +160,7 @@ def _together(
             where="pokes",
             hint="Look at axes, signs and units of the wrench, and at the link's frame in the sensor's.",
         )
-    left = left_out(pokes, solution, priors, start=begun, deviations=deviations)
+    left = validated(pokes, solution, priors, start=begun, deviations=deviations)
     solution = replace(solution, covariance=left.widening * solution.covariance)
     places = _placed(pokes, solution)
     nuisances = {name: getattr(solution.nuisances, name) for name in ("frames", "common", "bias", "cross_talk")}
@@ -223,7 +223,7 @@ def _require_unmirrored(pokes: Pokes, layout: ModuleLayout, surface: Surface | N
         )
 
 
-def _placed(pokes: Pokes, solution: Solution) -> TaxelPlaces:
+def _placed(pokes: Pokes, solution: PlacesSolution) -> TaxelPlaces:
     units = solution.units
     points, normals = units.places()
     if units.surface is None:
@@ -286,7 +286,7 @@ def _untouched(places: TaxelPlaces) -> tuple[str, ...]:
     return (f"{len(rows)} of {len(places)} taxels never answered, {what}: {listed}",)
 
 
-def _doubts(pokes: Pokes, solution: Solution) -> tuple[str, ...]:
+def _doubts(pokes: Pokes, solution: PlacesSolution) -> tuple[str, ...]:
     said = list[str]()
     if pokes.configurations < 2:
         said.append(

@@ -11,8 +11,8 @@ from typing import Annotated, Literal
 import numpy as np
 from tyro.conf import arg
 
-from palpate.console.calibration import Calibration, Found
-from palpate.console.console import Figure, progress, wait
+from palpate.console.calibration import Calibration, CalibrationResult
+from palpate.console.console import Quantity, progress, wait
 from palpate.console.options import FileOption, Log, Output, RigFile, Scalar
 from palpate.errors import InputError
 from palpate.files.logs import contents
@@ -78,7 +78,7 @@ class CalibrateTaxels(Calibration):
         named = {"pokes": self.log, "rig": self.rig, "start": start, "layout": layout}
         return {name: path for name, path in named.items() if path is not None}
 
-    def identify(self) -> Found:
+    def identify(self) -> CalibrationResult:
         """Find the taxels by pokes, or lay modules on places that were found elsewhere."""
         if self.output.suffix.lower() not in SUFFIXES:
             hint, kind = f"Use {', '.join(SUFFIXES)}.", self.output.suffix
@@ -87,13 +87,13 @@ class CalibrateTaxels(Calibration):
         surface = None if setup.link.stated is None else setup.link.surface()
         return self._placed(setup, surface) if is_taxel_file(self.log) else self._poked(setup, surface)
 
-    def write(self, found: Found) -> None:
+    def write(self, found: CalibrationResult) -> None:
         """Write where the taxels sit, with where that comes from and what was noted."""
         record = {**self.record(method=self.method), **({} if self.layout is None else {"layout": self.layout})}
         notes = (*found.model.notes, *found.notes)
         write_taxel_places(self.output, replace(found.model, provenance=record, notes=notes))
 
-    def _poked(self, setup: Setup, surface: Surface | None) -> Found:
+    def _poked(self, setup: Setup, surface: Surface | None) -> CalibrationResult:
         start = self.reads.get("start")
         places = None if start is None else read_taxel_places(start)
         pokes, table = _pokes(self.log, setup, places), setup.pokes or RigPokes()
@@ -107,22 +107,24 @@ class CalibrateTaxels(Calibration):
             layout=modules,
             priors=Priors(**table.priors.stated()),
         )
-        return Found(
+        return CalibrationResult(
             _figures(pokes, found),
             found.places,
             notes=[*pokes.notes, *said, *found.notes],
-            warnings=[*found.doubts, *_one_configuration(pokes, found)],
+            warnings=[*found.warnings, *_one_configuration(pokes, found)],
             next=_next(setup, self.output, surface),
         )
 
-    def _placed(self, setup: Setup, surface: Surface | None) -> Found:
+    def _placed(self, setup: Setup, surface: Surface | None) -> CalibrationResult:
         """Lay modules where their taxels come nearest to places."""
         if self.method != "modules":
             raise InputError("places of taxels can only be made better as those of modules.", where="--method")
         places = read_taxel_places(self.log)
         modules, said = _layout(self.layout, setup, places, None)
         found = place_modules(places, modules, surface)
-        return Found(of_taxels(found.places), found.places, notes=[*said, *found.notes], warnings=found.doubts)
+        return CalibrationResult(
+            of_taxels(found.places), found.places, notes=[*said, *found.notes], warnings=found.warnings
+        )
 
 
 def _over(table: RigPokes, threshold: float | None) -> RigPokes:
@@ -216,12 +218,12 @@ def _figures(pokes: Pokes, found: TaxelCalibration) -> list[tuple[str, object]]:
     deviation = np.sqrt(np.diag(pokes.noise))
     said = f"{1e3 * deviation[:3].max():.3g} mN, {1e3 * deviation[3:].max():.3g} N mm of a poke's wrench"
     facts: list[tuple[str, object]] = [
-        ("pokes", Figure(", ".join(f"{count} {what}" for what, count in counted.items()), counted)),
+        ("pokes", Quantity(", ".join(f"{count} {what}" for what, count in counted.items()), counted)),
         ("configurations", f"{pokes.configurations}"),
         ("answers", f"{answers:.1f} taxels a poke, above {pokes.threshold:.3g}"),
         ("noise", f"{said}; residuals are {found.noise:.2f} times what is explained"),
         *of_taxels(found.places),
-        *([("left out", str(found.left_out))] if found.left_out.parts else []),
+        *([("left out", str(found.validation))] if found.validation.parts else []),
     ]
     return [*facts, *_nuisances(found)]
 
@@ -233,13 +235,13 @@ def _nuisances(found: TaxelCalibration) -> list[tuple[str, object]]:
         if (value := found.nuisances.get(name)) is not None and value.size:
             six = value.reshape(-1, 6)
             text = f"up to {_most(six[:, :3], 1e3)} mm, {_most(six[:, 3:], 180 / np.pi)} degrees"
-            said.append((f"frame {words}", Figure(text, value)))
+            said.append((f"frame {words}", Quantity(text, value)))
     if (value := found.nuisances.get("bias")) is not None and value.size:
         text = f"up to {_most(value[:, :3], 1.0)} N, {_most(value[:, 3:], 1e3)} N mm"
-        said.append(("bias", Figure(text, value)))
+        said.append(("bias", Quantity(text, value)))
     if (value := found.nuisances.get("cross_talk")) is not None and value.size:
         same = max(float(np.abs(value[:3, :3]).max()), float(np.abs(value[3:, 3:]).max()))
-        said.append(("cross-talk", Figure(f"up to {100 * same:.2g} % among forces, or among torques", value)))
+        said.append(("cross-talk", Quantity(f"up to {100 * same:.2g} % among forces, or among torques", value)))
     return said
 
 
@@ -249,7 +251,7 @@ def _most(rows: np.ndarray, scale: float) -> str:
 
 def _one_configuration(pokes: Pokes, found: TaxelCalibration) -> list[str]:
     """What the paper's methods cannot tell then; the others say it themselves."""
-    if pokes.configurations > 1 or any("one arm configuration" in doubt for doubt in found.doubts):
+    if pokes.configurations > 1 or any("one arm configuration" in doubt for doubt in found.warnings):
         return []
     return [
         "there is one arm configuration only: the sensor's bias and the error of the link's frame cannot be told from "

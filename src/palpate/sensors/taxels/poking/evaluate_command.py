@@ -14,7 +14,7 @@ from palpate.files.models import load_toml
 from palpate.sensors.taxels.place_formats import holds_taxels, read_taxel_places
 from palpate.sensors.taxels.plots import error_map, moved_map
 from palpate.sensors.taxels.poking.evaluate import TaxelErrors, compare_places
-from palpate.viewer.report import Report, Section, Table, Tile, percent, picture, render, require_report
+from palpate.viewer.report import Report, ReportTable, Section, Tile, percent, picture, render, require_report
 
 __all__ = ["evaluate_taxels", "is_taxel_file"]
 
@@ -88,8 +88,8 @@ def _page(names: str, errors: TaxelErrors, facts: list[tuple[str, str]], rows: l
         for k in order.tolist()
     )
     tables = (
-        Table(("[mm]", *HEADER), tuple(rows)),
-        Table(("taxel", "module", "absolute [mm]", "relative [mm]", "touched"), worst, "The farthest off."),
+        ReportTable(("[mm]", *HEADER), tuple(rows)),
+        ReportTable(("taxel", "module", "absolute [mm]", "relative [mm]", "touched"), worst, "The farthest off."),
     )
-    sections = (Section("Errors", pictures=pictures, facts=tuple(facts), tables=tables),)
+    sections = (Section("Errors", pictures=pictures, settings=tuple(facts), tables=tables),)
     return Report(names, f"{names}: taxel by taxel, by their numbers.", tuple(tiles), sections=sections)

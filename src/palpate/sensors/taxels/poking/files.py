@@ -12,7 +12,7 @@ from jaxtyping import Float
 from palpate.errors import InputError
 from palpate.files.logs.layout import ORIENTATION_COLUMNS, POSITION_COLUMNS, WRENCH_COLUMNS
 from palpate.files.tables.stated import Stated
-from palpate.files.tables.table import Table, read_table
+from palpate.files.tables.table import TextTable, read_table
 from palpate.files.units import FORCE_UNITS, TORQUE_UNITS, split_unit, to_si
 from palpate.sensors.taxels.poking.pokes import Pokes
 from palpate.spatial.arguments import takes_arrays
@@ -87,7 +87,7 @@ def read_pokes(path: str | Path, *, threshold: float = 0.0, noise: Float[np.ndar
     )
 
 
-def _scales(table: Table, names: dict[str, str]) -> Float[np.ndarray, "13"]:
+def _scales(table: TextTable, names: dict[str, str]) -> Float[np.ndarray, "13"]:
     """What the units of wrench, quaternion and position are in SI."""
     stated, where = Stated.of_dialect(table.dialect).units, str(table.path)
 

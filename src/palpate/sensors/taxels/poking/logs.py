@@ -10,7 +10,7 @@ import numpy as np
 
 from palpate.errors import InputError
 from palpate.files.logs import Log, Stored, contents, open_log
-from palpate.files.logs.layout import ArrayChannel, Layout
+from palpate.files.logs.layout import ArrayChannel, LogLayout
 from palpate.files.logs.topics import NONE
 from palpate.files.urdf import Kinematics, Urdf
 from palpate.sensors.taxels.section import SKIN
@@ -24,7 +24,7 @@ WRENCH = "force_torque"  # name of the sensor that measures the pokes
 _JOINTS = "joints"
 
 
-def wrench_layout(setup: Setup) -> Layout:
+def wrench_layout(setup: Setup) -> LogLayout:
     """Return how wrenches are read, with poses of the link in the sensor's frame where a Layout has the sensor's.
 
     Raises:
@@ -38,7 +38,7 @@ def wrench_layout(setup: Setup) -> Layout:
             hint='Log the wrench as the sensor reads it, and state frame = "sensor".',
         )
     return replace(
-        Layout(**setup.common) if there is None else there.kind.layout(setup),
+        LogLayout(**setup.common) if there is None else there.kind.layout(setup),
         orientation=table.columns,
         position=table.position,
         orientation_topic=NONE if table.pose is not None else table.topic,
@@ -63,11 +63,11 @@ def open_pokes(path: Path, setup: Setup) -> tuple[Log, Log, Iterator[Recording |
     layout, frames = wrench_layout(setup), open_log(path, cells_layout(setup))
     if layout.urdf is None or layout.frames is None or not contents(path).names:
         log = open_log(path, layout)
-        return log, frames, log.beside(frames)
+        return log, frames, log.merged_with(frames)
     kinematics = Kinematics(Urdf(layout.urdf), *layout.frames)
     joints = ArrayChannel(_JOINTS, (len(kinematics.joints),), kinematics.joints, table="pokes")
     log = open_log(path, replace(layout, frames=None, urdf=None, joints_topic=None, arrays=(joints,)))
-    parts = (_posed(part, kinematics) if isinstance(part, Recording) else part for part in log.beside(frames))
+    parts = (_posed(part, kinematics) if isinstance(part, Recording) else part for part in log.merged_with(frames))
     return log, frames, parts
 
 
@@ -83,7 +83,7 @@ def _posed(block: Recording, kinematics: Kinematics) -> Recording:
     return replace(block, channels={**kept, ORIENTATION: quaternion, POSITION: position})
 
 
-def cells_layout(setup: Setup) -> Layout:
+def cells_layout(setup: Setup) -> LogLayout:
     """Return how frames of taxels are read, without poses."""
     return replace(
         SKIN.layout(setup),

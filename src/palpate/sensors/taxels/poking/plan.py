@@ -20,7 +20,7 @@ from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
 from palpate.surfaces.surface import Surface
 
-__all__ = ["Candidates", "Plan", "after_calibration", "candidates", "known_after", "plan_pokes"]
+__all__ = ["Plan", "PossiblePokes", "after_calibration", "candidates", "known_after", "plan_pokes"]
 
 FORCE = 10.0  # N of a planned poke
 TILT = radians(20.0)  # of the directions that are looked at beside the normal
@@ -34,7 +34,7 @@ Vectors = Float[np.ndarray, "n 3"]
 
 @takes_arrays
 @dataclass(frozen=True, eq=False)
-class Candidates:
+class PossiblePokes:
     """Pokes that could be made, c of them.
 
     Attributes:
@@ -80,7 +80,7 @@ def candidates(
     reachable: Float[np.ndarray, " k"] | None = None,
     nuisances: Nuisances | None = None,
     force: float = FORCE,
-) -> Candidates:
+) -> PossiblePokes:
     """A poke on each taxel, along its normal and leaning to four sides, in each configuration.
 
     Args:
@@ -120,7 +120,7 @@ def _with_rows(
     configuration: Int[np.ndarray, " c"],
     taxel: Int[np.ndarray, " c"],
     force: float,
-) -> Candidates:
+) -> PossiblePokes:
     turn, origin = poses.rotation[configuration], poses.translation[configuration]
     known = Nuisances.none(len(poses.translation)) if nuisances is None else nuisances
     pressed = force * np.einsum("nij,nj->ni", turn, direction)
@@ -145,12 +145,12 @@ def _with_rows(
         for start, columns in at.items():
             rows[each, axis, columns] = by[:, axis, start : start + 6]
         rows[:, axis, -36:] = by[:, axis, 18:]
-    return Candidates(point, direction, configuration, taxel, rows)
+    return PossiblePokes(point, direction, configuration, taxel, rows)
 
 
 def after_calibration(
     places: TaxelPlaces, surface: Surface | None, priors: Priors, *, start: bool = False
-) -> tuple[Units, Float[np.ndarray, "p p"], Candidates]:
+) -> tuple[Units, Float[np.ndarray, "p p"], PossiblePokes]:
     """What a calibration left to be known, from its result: units, covariance of all unknowns, and what can be done.
 
     The pokes themselves are not kept: each counts as one along the normal or leaning, on the taxel that it touched
@@ -187,7 +187,7 @@ def after_calibration(
 @takes_arrays
 def known_after(
     units: Units,
-    options: Candidates,
+    options: PossiblePokes,
     made: Float[np.ndarray, " c"],
     priors: Priors,
     configurations: int,
@@ -204,7 +204,7 @@ def known_after(
 def plan_pokes(
     units: Units,
     covariance: Float[np.ndarray, "p p"],
-    options: Candidates,
+    options: PossiblePokes,
     *,
     wanted: float = 0.0,
     pokes: int = 50,

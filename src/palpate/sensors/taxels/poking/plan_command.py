@@ -14,7 +14,7 @@ from palpate.files.atomic import keep_inputs, write_text
 from palpate.sensors.taxels.place_formats import read_taxel_places
 from palpate.sensors.taxels.places import TaxelPlaces
 from palpate.sensors.taxels.poking import Priors
-from palpate.sensors.taxels.poking.plan import Candidates, Plan, after_calibration, plan_pokes
+from palpate.sensors.taxels.poking.plan import Plan, PossiblePokes, after_calibration, plan_pokes
 from palpate.setup import load_rig
 from palpate.setup.pokes import RigPokes
 
@@ -59,7 +59,7 @@ def plan_pokes_command(
     note(_advice(plan, wanted))
 
 
-def _write(path: Path, options: Candidates, plan: Plan) -> None:
+def _write(path: Path, options: PossiblePokes, plan: Plan) -> None:
     rows = [",".join(_COLUMNS)]
     for k, worst in zip(plan.chosen.tolist(), plan.worst[1:].tolist(), strict=True):
         numbers = (*options.point[k], *options.direction[k], worst)

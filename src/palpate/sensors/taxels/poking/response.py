@@ -21,7 +21,7 @@ from palpate.sensors.taxels.poking.pokes import Pokes
 from palpate.sensors.taxels.poking.rigid_groups import Units, frame_about
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Chart", "Response", "Seen", "centred", "charted", "learned", "seen_among"]
+__all__ = ["LocalTaxels", "PokePlaces", "Response", "centred", "charted", "learned", "seen_among"]
 
 NEAR = 14  # taxels about the strongest one that are looked at
 WIDE = 1.6  # half the width of what is searched for the poke, in spacings
@@ -59,14 +59,14 @@ class Response:
 
 @takes_arrays
 @dataclass(frozen=True, eq=False)
-class Seen:
+class PokePlaces:
     """Where pokes were among the taxels about them, for w taxels each.
 
     Attributes:
         taxels: (n, w) about the poke, -1: none; shares: (n, w) which add up to 1: the poke's place is the sum of shares
             times places of taxels, and `beside`.
         origin: (n,) the taxel that answered most, in whose tangent plane (`tangents`) is
-        beside: (n, 2) [m] what the shares do not reach, and
+        second: (n, 2) [m] what the shares do not reach, and
         covariance: (n, 2, 2) [m^2] of the poke's place.
         found: (n,) whether there was an answer.
     """
@@ -74,7 +74,7 @@ class Seen:
     taxels: Int[np.ndarray, "n w"]
     shares: Float[np.ndarray, "n w"]
     origin: Int[np.ndarray, " n"]
-    beside: Float[np.ndarray, "n 2"]
+    second: Float[np.ndarray, "n 2"]
     covariance: Float[np.ndarray, "n 2 2"]
     found: Bool[np.ndarray, " n"]
 
@@ -83,7 +83,7 @@ class Seen:
         places, normals = units.places()
         axes = tangents(units, normals, self.origin)
         there = np.nan_to_num(places)[np.maximum(self.taxels, 0)]
-        points = np.einsum("nw,nwc->nc", self.shares, there) + np.einsum("nca,na->nc", axes, self.beside)
+        points = np.einsum("nw,nwc->nc", self.shares, there) + np.einsum("nca,na->nc", axes, self.second)
         if units.surface is not None:  # between taxels the chord lies below it, and a lever is too short by that
             points = np.where(self.found[:, None], units.surface.project(points)[0], points)
         return points, axes
@@ -101,7 +101,7 @@ def tangents(
 
 @takes_arrays
 @dataclass(frozen=True, eq=False)
-class Chart:
+class LocalTaxels:
     """Taxels about each poke, in the plane that touches the skin at the strongest answer.
 
     Attributes:
@@ -126,14 +126,14 @@ class Chart:
         return response.scatter**2 + (ROUGH * np.exp(-over)) ** 2
 
 
-def seen_among(chart: Chart, response: Response) -> Seen:
+def seen_among(chart: LocalTaxels, response: Response) -> PokePlaces:
     """Mean and covariance of where each poke was, by the answers."""
     mean, covariance = _posterior(chart, response)
     shares, beside = _shares(chart, mean)
-    return Seen(chart.taxels, shares, chart.origin, beside, covariance, chart.found)
+    return PokePlaces(chart.taxels, shares, chart.origin, beside, covariance, chart.found)
 
 
-def centred(pokes: Pokes, units: Units) -> Seen:
+def centred(pokes: Pokes, units: Units) -> PokePlaces:
     """Pokes at the centroids of their answers: all that can be said where taxels may lie anywhere to each other."""
     order = np.lexsort((-pokes.response, pokes.poke))
     rank = np.arange(len(order)) - pokes.starts[pokes.poke[order]]
@@ -147,10 +147,10 @@ def centred(pokes: Pokes, units: Units) -> Seen:
     shares = shares / np.where(total > 0, total, 1.0)
     origin = np.maximum(np.take_along_axis(taxels, shares.argmax(axis=1)[:, None], axis=1)[:, 0], 0)
     covariance = np.tile(CENTRED**2 * np.eye(2), (len(pokes), 1, 1))
-    return Seen(taxels, shares, origin, np.zeros((len(pokes), 2)), covariance, found)
+    return PokePlaces(taxels, shares, origin, np.zeros((len(pokes), 2)), covariance, found)
 
 
-def learned(chart: Chart, response: Response | None = None) -> Response:
+def learned(chart: LocalTaxels, response: Response | None = None) -> Response:
     """The model of these taxels' responses, by turns with where the pokes were."""
     from scipy.optimize import least_squares  # here: scipy is slow to import
 
@@ -189,7 +189,7 @@ def learned(chart: Chart, response: Response | None = None) -> Response:
     return known
 
 
-def _guess(chart: Chart) -> Response:
+def _guess(chart: LocalTaxels) -> Response:
     """From how strong the strongest answers are, and how far taxels lie apart."""
     strongest = np.nanmax(np.where(chart.found[:, None], chart.log, -np.inf), axis=1, initial=-np.inf)[chart.found]
     if not len(strongest):
@@ -201,12 +201,12 @@ def _guess(chart: Chart) -> Response:
     return Response(float(np.median(strongest)), float(reach))
 
 
-def _picked(chart: Chart, rows: Bool[np.ndarray, " n"]) -> Chart:
+def _picked(chart: LocalTaxels, rows: Bool[np.ndarray, " n"]) -> LocalTaxels:
     same = ("taxels", "flat", "origin", "log", "quiet", "found")
     return replace(chart, **{name: getattr(chart, name)[rows] for name in same})
 
 
-def charted(pokes: Pokes, units: Units) -> Chart:
+def charted(pokes: Pokes, units: Units) -> LocalTaxels:
     """The taxels about the strongest answer of each poke, those that are nearest to it and face the same way.
 
     Of modules only those on the same one: where they lie to each other is known, wherever the module is. (Others would
@@ -249,7 +249,7 @@ def charted(pokes: Pokes, units: Units) -> Chart:
         quiet = np.log(
             max(pokes.threshold, float(np.quantile(pokes.response, 0.02)) if len(pokes.response) else 1.0) / force
         )
-    return Chart(about, flat, origin, log, np.nan_to_num(quiet), found, spacing)
+    return LocalTaxels(about, flat, origin, log, np.nan_to_num(quiet), found, spacing)
 
 
 def _answers(pokes: Pokes, about: Int[np.ndarray, "n w"]) -> Float[np.ndarray, "n w"]:
@@ -264,7 +264,7 @@ def _answers(pokes: Pokes, about: Int[np.ndarray, "n w"]) -> Float[np.ndarray, "
     return np.where(there, pokes.response[order][at], np.nan)
 
 
-def _posterior(chart: Chart, response: Response) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2 2"]]:
+def _posterior(chart: LocalTaxels, response: Response) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2 2"]]:
     """Mean and covariance of a poke's place about the strongest answer, all places alike before: on a grid, twice."""
     from palpate.sensors.taxels.poking._response import posterior  # compiled: loaded when first needed
 
@@ -275,7 +275,9 @@ def _posterior(chart: Chart, response: Response) -> tuple[Float[np.ndarray, "n 2
     return mean, covariance
 
 
-def _shares(chart: Chart, mean: Float[np.ndarray, "n 2"]) -> tuple[Float[np.ndarray, "n w"], Float[np.ndarray, "n 2"]]:
+def _shares(
+    chart: LocalTaxels, mean: Float[np.ndarray, "n 2"]
+) -> tuple[Float[np.ndarray, "n w"], Float[np.ndarray, "n 2"]]:
     """Shares of taxels, least in the sum of squares over their say, whose places give the mean; and what is left."""
     answered = np.isfinite(chart.log)
     say = np.where(answered, 1.0, QUIET) * (chart.taxels >= 0)

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 from palpate.errors import InputError
 from palpate.sensors.taxels.places import TaxelPlaces
-from palpate.sensors.taxels.poking.activations import AnswerReader, Answers, Block
+from palpate.sensors.taxels.poking.activations import Activations, AnswerReader, Block
 from palpate.sensors.taxels.poking.plausibility import believed
 from palpate.sensors.taxels.poking.pokes import Pokes
 from palpate.signals.correlation import correlation_time
@@ -112,7 +112,7 @@ def find_pokes(parts: Iterable[Recording | Block], search: PokeSearch | None = N
     return believed(pokes, start=search.start, saturated=highest)
 
 
-def _read(parts: Iterable[Recording | Block], search: PokeSearch) -> tuple[_Samples, Answers, list[str]]:
+def _read(parts: Iterable[Recording | Block], search: PokeSearch) -> tuple[_Samples, Activations, list[str]]:
     """Frames of many taxels do not fit in memory: what answers in them is kept, beside the whole log of wrenches."""
     reader = AnswerReader(search.threshold, top=search.top, falling=search.falling)
     wrenches = list[tuple[np.ndarray, ...]]()
@@ -180,7 +180,7 @@ def _aligned(quaternion: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4"]:
     return quaternion * sign[:, None]
 
 
-def _stretches(answers: Answers) -> tuple[Float[np.ndarray, "p 2"], Float[np.ndarray, "q 2"]]:
+def _stretches(answers: Activations) -> tuple[Float[np.ndarray, "p 2"], Float[np.ndarray, "q 2"]]:
     """[s] from when to when the steady part of each poke lasts, and each stretch in which a taxel answers at all.
 
     Raises:
@@ -228,7 +228,7 @@ def _most(
     return under + (0.9 * most - low) * (over - under)
 
 
-def _require_sense(samples: _Samples, answers: Answers, active: Float[np.ndarray, "q 2"]) -> None:
+def _require_sense(samples: _Samples, answers: Activations, active: Float[np.ndarray, "q 2"]) -> None:
     """Wrenches and taxels of one time, and nothing touched at first."""
     begin, end = samples.time[0], samples.time[-1]
     if answers.time[-1] < begin or end < answers.time[0]:
@@ -392,7 +392,10 @@ def _noise(samples: _Samples, free: _Free, spans: Float[np.ndarray, "n 2"]) -> F
 
 
 def _cut(
-    answers: Answers, spans: Float[np.ndarray, "n 2"], rows: Float[np.ndarray, "n 16"], noise: Float[np.ndarray, "6 6"]
+    answers: Activations,
+    spans: Float[np.ndarray, "n 2"],
+    rows: Float[np.ndarray, "n 16"],
+    noise: Float[np.ndarray, "6 6"],
 ) -> Pokes:
     """Mean responses of the taxels that answer in half of the frames of a poke's steady part at least."""
     taxels = len(answers.stuck)
@@ -434,7 +437,9 @@ def _configurations(
     return configuration
 
 
-def _of_poke(answers: Answers, spans: Float[np.ndarray, "n 2"]) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " n"]]:
+def _of_poke(
+    answers: Activations, spans: Float[np.ndarray, "n 2"]
+) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " n"]]:
     """In the steady part of which poke each answer is (-1: of none), and how many frames each has."""
     ends = np.searchsorted(answers.time, spans)
     ends[:, 1] = np.searchsorted(answers.time, spans[:, 1], side="right")
@@ -444,7 +449,7 @@ def _of_poke(answers: Answers, spans: Float[np.ndarray, "n 2"]) -> tuple[Int[np.
     return number[answers.frame], np.diff(ends, axis=1)[:, 0]
 
 
-def _highest(answers: Answers, spans: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
+def _highest(answers: Activations, spans: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
     """Pokes in which a taxel reads all that it can."""
     poke, _ = _of_poke(answers, spans)
     return np.bincount(poke[(poke >= 0) & answers.highest], minlength=len(spans)) > 0

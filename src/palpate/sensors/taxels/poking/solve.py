@@ -11,17 +11,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from palpate.calibration.left_out import LeftOut
+from palpate.calibration.validation import Validation
 from palpate.sensors.taxels.poking.neighbour_prior import tied
 from palpate.sensors.taxels.poking.pokes import Pokes
 from palpate.sensors.taxels.poking.priors import Priors
-from palpate.sensors.taxels.poking.response import Response, Seen, centred, charted, learned, seen_among, tangents
+from palpate.sensors.taxels.poking.response import PokePlaces, Response, centred, charted, learned, seen_among, tangents
 from palpate.sensors.taxels.poking.rigid_groups import Units
 from palpate.sensors.taxels.poking.systematic_errors import Nuisances, predicted
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import skew
 
-__all__ = ["Solution", "left_out", "solve"]
+__all__ = ["PlacesSolution", "solve", "validated"]
 
 TAIL = 5.0  # degrees of freedom of the residuals: pokes that fit badly count less
 _STEPS = 40
@@ -36,7 +36,7 @@ _WELL, _MOST_WELL = 2.366, 4.642  # median and 80 % quantile of chi-square with 
 
 @takes_arrays
 @dataclass(frozen=True, eq=False)
-class Solution:
+class PlacesSolution:
     """What fits best.
 
     Attributes:
@@ -75,7 +75,7 @@ def solve(
     *,
     start: Units | None = None,
     deviations: Float[np.ndarray, " f"] | None = None,
-) -> Solution:
+) -> PlacesSolution:
     """Fit units and nuisances.
 
     Args:
@@ -108,18 +108,18 @@ def solve(
     covariance = before.covariance(_all(linear, told, units, pokes, priors)[0])
     if chart is not None:
         covariance = covariance + _shared(linear, told, pokes, units, seen, covariance, DENSER / chart.spacing)
-    return Solution(units, nuisances, response, covariance, linear.residual, weight, noise)
+    return PlacesSolution(units, nuisances, response, covariance, linear.residual, weight, noise)
 
 
 @takes_arrays
-def left_out(
+def validated(
     pokes: Pokes,
-    solution: Solution,
+    solution: PlacesSolution,
     priors: Priors,
     *,
     start: Units | None = None,
     deviations: Float[np.ndarray, " f"] | None = None,
-) -> LeftOut:
+) -> Validation:
     """Compare the torques of pokes that were left out with what the other half of them predicts.
 
     By the squared distance that four of five are within, as some pokes fit badly and hardly count.
@@ -152,10 +152,10 @@ def left_out(
         distances = _square(np.einsum("nij,nj->ni", root, linear.residual[rows]), spread)
         squares.append(float(np.quantile(distances, 0.8)) / _MOST_WELL)
         count += len(rows)
-    return LeftOut(float(np.mean(squares)), len(squares), count) if squares else LeftOut()
+    return Validation(float(np.mean(squares)), len(squares), count) if squares else Validation()
 
 
-def _weights(pokes: Pokes, seen: Seen, linear: _Linear) -> tuple[Float[np.ndarray, " n"], float]:
+def _weights(pokes: Pokes, seen: PokePlaces, linear: _Linear) -> tuple[Float[np.ndarray, " n"], float]:
     """How far each poke counts, 0: not at all; and how many times larger the residuals are than their covariance."""
     distance = _square(linear.residual, linear.spread)
     used = seen.found & (pokes.weight > 0) & np.isfinite(distance)
@@ -259,7 +259,7 @@ def _linear(
     pokes: Pokes,
     units: Units,
     by_place: Float[np.ndarray, "k 3 f"],
-    seen: Seen,
+    seen: PokePlaces,
     nuisances: Nuisances,
 ) -> _Linear:
     """Residuals, and their derivatives where the force most likely was, and the contact is expected.
@@ -291,7 +291,7 @@ def _linear(
 def _by_unit(
     units: Units,
     by_place: Float[np.ndarray, "k 3 f"],
-    seen: Seen,
+    seen: PokePlaces,
     axes: Float[np.ndarray, "n 3 2"],
     by_point: Float[np.ndarray, "n 3 3"],
 ) -> tuple[Int[np.ndarray, "n w"], Float[np.ndarray, "n w 3 f"]]:
@@ -304,7 +304,7 @@ def _by_unit(
     if units.alone:
         return unit, np.einsum("nij,nw,nwjf->nwif", by_point, seen.shares, by_place[about])
     moved = np.einsum("nw,nwjf->njf", seen.shares, by_place[about])  # all on one module
-    turned = -skew(np.einsum("nca,na->nc", axes, seen.beside))
+    turned = -skew(np.einsum("nca,na->nc", axes, seen.second))
     if units.surface is not None:
         turned = turned @ np.cross(axes[:, :, 0], axes[:, :, 1])[..., None]
     moved[..., -turned.shape[2] :] += turned
@@ -381,7 +381,7 @@ def _shared(
     weight: Float[np.ndarray, " n"],
     pokes: Pokes,
     units: Units,
-    seen: Seen,
+    seen: PokePlaces,
     covariance: Float[np.ndarray, "p p"],
     denser: float,
 ) -> Float[np.ndarray, "p p"]:

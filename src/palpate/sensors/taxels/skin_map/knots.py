@@ -82,10 +82,10 @@ def _along(
 
 
 @takes_arrays
-def clusters(values: Float[np.ndarray, " n"], apart: float) -> Float[np.ndarray, " c"]:
+def clusters(values: Float[np.ndarray, " n"], spacing: float) -> Float[np.ndarray, " c"]:
     """Means of the groups of values that lie closer together than `apart`."""
     ordered = np.sort(values)
-    group = np.concatenate([[0], np.cumsum(np.diff(ordered) > apart)])
+    group = np.concatenate([[0], np.cumsum(np.diff(ordered) > spacing)])
     return np.bincount(group, ordered) / np.bincount(group)
 
 

@@ -27,7 +27,7 @@ from palpate.errors import InputError
 from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.bspline import basis_matrices, greville, open_knots, solve_tangent
 
-__all__ = ["Bounds", "Layout", "Parametric", "Sheet"]
+__all__ = ["Bounds", "LaidSheet", "Parametric", "Sheet"]
 
 _STEP = 2e-3  # m, of the geodesics' Runge-Kutta
 _MOST_ELEMENTS = 64  # along either side of the sheet: a cell of a fine one is smaller than what it has to follow
@@ -95,7 +95,7 @@ class Sheet:
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
+class LaidSheet:
     """Where the lattice of a sheet lies, and how much it had to give.
 
     Attributes:
@@ -121,7 +121,7 @@ def lay(
     bounds: Bounds = _EVERYWHERE,
     elements: int = _MOST_ELEMENTS,
     look: Callable[[Grid], None] | None = None,
-) -> Layout:
+) -> LaidSheet:
     """Lay a sheet with its corner at `start`.
 
     Args:
@@ -157,7 +157,7 @@ def lay(
         problem, laid = _Problem(surface, bounds, fine, None), np.zeros_like(laid)
     control, rounds = problem.solve(control, (fine.along(held), side))
     strain, _, _, weights = problem.strain(control)
-    return Layout(laid + fine.at(control, lattice), *_principal(strain, weights), rounds)
+    return LaidSheet(laid + fine.at(control, lattice), *_principal(strain, weights), rounds)
 
 
 class _Grid:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from palpate.files.models.model import Lines, Model
-from palpate.files.schema import Form, Key
+from palpate.files.schema import Key, TableForm
 from palpate.sensors.taxels.skin_map.model import SkinMap
 from palpate.surfaces.bspline import BSplineSurface
 
@@ -84,7 +84,7 @@ SKIN_MAP = Model(
     "palpate map skin",
     of_skin_map,
     {
-        SkinMap: Form(
+        SkinMap: TableForm(
             {
                 "rows": Key(),
                 "columns": Key(),
@@ -100,7 +100,7 @@ SKIN_MAP = Model(
             _skin_map,
             _skin_map_keys,
         ),
-        BSplineSurface: Form(
+        BSplineSurface: TableForm(
             {
                 "degree": Key("in u and in v", required=True),
                 "periodic": Key("in v: the last control points of rows repeat the first", required=True),

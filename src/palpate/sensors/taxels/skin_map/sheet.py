@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from palpate.calls import called_as
 from palpate.errors import InputError, PalpateError
-from palpate.sensors.taxels.skin_map.layout import Layout, Sheet, lay
+from palpate.sensors.taxels.skin_map.layout import LaidSheet, Sheet, lay
 from palpate.sensors.taxels.skin_map.model import SkinMap
 from palpate.sensors.taxels.skin_map.shell import Mode, Planes, Shell, Site, shell
 from palpate.spatial.arguments import takes_arrays
@@ -253,7 +253,7 @@ def _too_large(sheet: Sheet, what: str) -> InputError:
     return InputError(f"a sheet of {size} does not fit here: {what}.", where="sheet", hint=hint)
 
 
-def _areas(found: Shell, layout: Layout, sheet: Sheet) -> Float[np.ndarray, "r c"]:
+def _areas(found: Shell, layout: LaidSheet, sheet: Sheet) -> Float[np.ndarray, "r c"]:
     """By Simpson's rule over each cell."""
     height, length = sheet.size
     steps = height / (2 * sheet.rows), length / (2 * sheet.columns)
@@ -289,7 +289,7 @@ def _inside(points: Float[np.ndarray, "n 2"], edge: Float[np.ndarray, "k 2"]) ->
     return np.count_nonzero(straddles & (u < au + (v - av) / rise * (bu - au)), axis=1) % 2 == 1
 
 
-def _notes(found: Shell, layout: Layout, overlap: Bool[np.ndarray, "r c"]) -> tuple[str, ...]:
+def _notes(found: Shell, layout: LaidSheet, overlap: Bool[np.ndarray, "r c"]) -> tuple[str, ...]:
     notes: list[str] = []
     covered = found.there(_cell_blocks(layout.uv))
     partly = int(np.count_nonzero(~covered.all(axis=(2, 3))))

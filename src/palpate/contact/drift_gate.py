@@ -12,10 +12,10 @@ from jaxtyping import Float
 from palpate.contact.estimate import Status
 from palpate.contact.locate import ON, Locator
 from palpate.signals.wrench_sensor import Placement
-from palpate.signals.zero_filter import FollowedSensor, Window, ZeroFilter
+from palpate.signals.zero_filter import FollowedSensor, ZeroFilter, ZeroWindow
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["DELAY", "Seen"]
+__all__ = ["DELAY", "ChangeKind"]
 
 DELAY = 1.0  # s a window waits: a touch that grows by 20 mN/s is noticed within it, at 40 mN of noise and 200 Hz
 AFTER = 0.5  # s after a touch that are left out: the end of a release that is as slow
@@ -31,7 +31,7 @@ EXPLAINED = 4.0  # standard deviations from the nearest contact within the bound
 SLACK = 0.5e-3  # m by which a body differs from its mesh: a contact is still a contact
 
 
-class Seen(Enum):
+class ChangeKind(Enum):
     """What the wrench of a change looks like."""
 
     CONTACT = 0  # or too little to tell
@@ -54,7 +54,7 @@ class ContactShape:
         self._placement, self._slack = placement, max(slack, SLACK)
         self.lever = locator.surface.size / 2.0  # of couples, beside forces
 
-    def __call__(self, wrench: Float[np.ndarray, "6"], covariance: Float[np.ndarray, "6 6"]) -> Seen:
+    def __call__(self, wrench: Float[np.ndarray, "6"], covariance: Float[np.ndarray, "6 6"]) -> ChangeKind:
         """Of a wrench in the sensor's frame."""
         matrix, factor = self._placement.matrix, self._placement.factor
         located = matrix @ wrench
@@ -67,8 +67,8 @@ class ContactShape:
         rows = self._locator.run(located[None], spread[None], sequential=False)
         status, residual = int(rows.status[0]), float(rows.residual[0])
         if status in (Status.NO_CONTACT, Status.TOO_LIGHT) or (np.isfinite(residual) and residual <= EXPLAINED):
-            return Seen.CONTACT
-        return Seen.NO_CONTACT
+            return ChangeKind.CONTACT
+        return ChangeKind.NO_CONTACT
 
 
 class Jump(NamedTuple):
@@ -86,14 +86,14 @@ class Decided(NamedTuple):
         unused: windows that were given up, in order.
         used: windows after them that are free and go into the filter, in order.
         jump: [unit of the channels] by which the zero jumped before those that are used; None: it did not.
-        held: whether this window is held.
+        withheld: whether this window is held.
         changed: whether it is, though no contact explains it.
     """
 
     unused: list[int]
     used: list[int]
     jump: Float[np.ndarray, " m"] | None
-    held: bool
+    withheld: bool
     changed: bool
 
 
@@ -101,13 +101,13 @@ class _Kept(NamedTuple):
     """A window with its difference from what was expected, and what a skin said."""
 
     number: int
-    window: Window
+    window: ZeroWindow
     off: Float[np.ndarray, " m"]
     spread: Float[np.ndarray, "m m"]
     touched: bool | None
 
 
-class ZeroGate:
+class DriftGate:
     """Decides, window by window, what may go into the filter; each waits `DELAY` for a touch that shows late.
 
     1. A window is free where it differs from the prediction by what zero, noise and payload explain (chi-square, its
@@ -148,7 +148,9 @@ class ZeroGate:
         """Windows that are not decided."""
         return len(self._pending) + len(self._odd)
 
-    def judge(self, number: int, window: Window, strength: float, full: bool, touched: bool | None = None) -> Decided:
+    def judge(
+        self, number: int, window: ZeroWindow, strength: float, full: bool, touched: bool | None = None
+    ) -> Decided:
         """The next window.
 
         Args:
@@ -210,9 +212,9 @@ class ZeroGate:
         if self._before is not None:
             self._ended, self._before, self._fast, self._told = time, None, False, False
         if time < self._ended + AFTER:
-            return Decided([*unused, one.number], [], None, held=False, changed=False)
+            return Decided([*unused, one.number], [], None, withheld=False, changed=False)
         self._pending.append(one)
-        return Decided(unused, self._due(time), None, held=False, changed=False)
+        return Decided(unused, self._due(time), None, withheld=False, changed=False)
 
     def _due(self, time: float) -> list[int]:
         used = list[int]()
@@ -232,14 +234,14 @@ class ZeroGate:
         if jump is None:
             while self._odd[0].window.time < one.window.time - PERSISTS - DELAY:
                 unused.append(self._odd.popleft().number)
-            return Decided(unused, [], None, held=True, changed=changed)
+            return Decided(unused, [], None, withheld=True, changed=changed)
         steady = [self._agree(each, jump) for each in self._odd]
         begin = len(steady) - steady[::-1].index(False) if False in steady else 0
         unused += [self._odd.popleft().number for _ in range(begin)]
         self._pending, self._odd = self._odd, deque[_Kept]()
         self._before, self._fast, self._told = None, False, False
         self._recent = deque(each._replace(off=each.off - jump) for each in self._recent)
-        return Decided(unused, self._due(one.window.time), jump, held=False, changed=True)
+        return Decided(unused, self._due(one.window.time), jump, withheld=False, changed=True)
 
     def _agree(self, one: _Kept, level: Float[np.ndarray, " m"]) -> bool:
         """Is a window of this level, but for noise?"""
@@ -257,7 +259,7 @@ class ZeroGate:
             return False, None  # it still moves
         wrench, covariance = self.sensor.as_wrench(level[None], one.spread + noise / len(last) + stays)
         force = float(np.linalg.norm(wrench[0, :3]))
-        odd = self.shape(wrench[0], covariance) is Seen.NO_CONTACT
+        odd = self.shape(wrench[0], covariance) is ChangeKind.NO_CONTACT
         free = all(each.touched is False for each in self._odd)
         slow = not self._fast and self._slow(one)
         small = force <= SMALL

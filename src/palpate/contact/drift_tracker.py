@@ -11,20 +11,20 @@ from typing import TypeVar
 import numpy as np
 from jaxtyping import Float
 
-from palpate.contact.zero_gate import ContactShape, Decided, ZeroGate
+from palpate.contact.drift_gate import ContactShape, Decided, DriftGate
 from palpate.contact.zero_record import ZeroRecord
 from palpate.errors import InputError
 from palpate.signals.drift import Drift
 from palpate.signals.recording import TEMPERATURE, Recording
 from palpate.signals.zero_filter import (
+    FilterStep,
     FollowedSensor,
     Free,
-    Node,
-    Window,
     ZeroFilter,
     ZeroHistory,
     ZeroState,
     ZeroStatus,
+    ZeroWindow,
     smoothed,
 )
 from palpate.spatial._arrays import shaped
@@ -37,7 +37,7 @@ LONGEST = 6000  # windows that wait: ten minutes
 T = TypeVar("T")
 
 
-class ZeroFollower:
+class DriftTracker:
     """Follows the zero of one sensor, window by window on a grid of the clock, whatever the blocks are cut like.
 
     Before the samples of a window are measured, `enter` says so, which ends the window before; then `add` keeps what
@@ -75,7 +75,7 @@ class ZeroFollower:
         self.sensor, self.drift, self.smooth = sensor, drift, smooth
         slopes = drift.thermal_deviation if self._warms else np.empty(0)
         self.filter = ZeroFilter(drift, np.concatenate([np.full(self._weighs, drift.weight), slopes]))
-        self.gate = ZeroGate(self.filter, sensor, shape, alone)
+        self.gate = DriftGate(self.filter, sensor, shape, alone)
         self._record = ZeroRecord(sensor)
         self.count = 0
         self.reset()
@@ -86,8 +86,8 @@ class ZeroFollower:
         self._window: int | None = None
         self._parts, self._times = list[np.ndarray](), list[np.ndarray]()
         self._touched: bool | None = None
-        self._waiting = dict[int, Window]()
-        self._nodes, self._ready = deque[Node](), deque[ZeroState]()
+        self._waiting = dict[int, ZeroWindow]()
+        self._nodes, self._ready = deque[FilterStep](), deque[ZeroState]()
         self._used = 0
         self._statuses = deque[tuple[float, ZeroStatus, float]]()
         self._kelvin = self._first_kelvin = np.nan  # of the window that was entered, and of the zero's start
@@ -171,20 +171,20 @@ class ZeroFollower:
         usable = np.isfinite(free.value).all(axis=1) & np.isfinite(free.regressor).all(axis=(1, 2)) & np.isfinite(time)
         middle = (self._window + 0.5) * WINDOW
         if not usable.any():
-            self._waiting[number] = Window(middle, *self._nothing())
-            lost = Decided([*self.gate.finish(), number], [], None, held=True, changed=False)
+            self._waiting[number] = ZeroWindow(middle, *self._nothing())
+            lost = Decided([*self.gate.finish(), number], [], None, withheld=True, changed=False)
             self._settle(lost, middle, ZeroStatus.LOST)
             return
         noise, stays = self.sensor.window_noise(kept, usable)
         regressor = self._regressor(free.regressor[usable].mean(axis=0), warmer)
-        window = Window(float(time[usable].mean()), free.value[usable].mean(axis=0), regressor, noise, stays)
+        window = ZeroWindow(float(time[usable].mean()), free.value[usable].mean(axis=0), regressor, noise, stays)
         self._waiting[number] = window
         if window.time <= self._tared:  # the tare has it already
-            self._settle(Decided([number], [], None, held=False, changed=False), middle, ZeroStatus.FREE)
+            self._settle(Decided([number], [], None, withheld=False, changed=False), middle, ZeroStatus.FREE)
             return
         strength = self._strength(window, free, usable, noise * np.count_nonzero(usable))
         decided = self.gate.judge(number, window, strength, free.full, touched)
-        status = ZeroStatus.CHANGED if decided.changed else ZeroStatus.HELD if decided.held else ZeroStatus.FREE
+        status = ZeroStatus.CHANGED if decided.changed else ZeroStatus.HELD if decided.withheld else ZeroStatus.FREE
         self._settle(decided, middle, status)
 
     def restart(self) -> None:
@@ -248,9 +248,9 @@ class ZeroFollower:
             return (*said, "no temperature came: what it does to the zero (thermal in [drift]) was not taken off")
         return said
 
-    def doubts(self) -> tuple[str, ...]:
+    def warnings(self) -> tuple[str, ...]:
         """Changes that were not followed, and a zero that is hardly ever free."""
-        return self._record.doubts(self.gate.jumps)
+        return self._record.warnings(self.gate.jumps)
 
     def _finish(self) -> None:
         self._pass(self.gate.finish())
@@ -281,7 +281,7 @@ class ZeroFollower:
         zero = state.zero + warmer * (self.drift.thermal + state.coefficient[self._weighs :])
         return ZeroState(zero, state.coefficient[: self._weighs], ways @ state.covariance @ ways.T)
 
-    def _strength(self, window: Window, free: Free, usable: np.ndarray, noise: Float[np.ndarray, "m m"]) -> float:
+    def _strength(self, window: ZeroWindow, free: Free, usable: np.ndarray, noise: Float[np.ndarray, "m m"]) -> float:
         """The largest force of a sample, in deviations."""
         expected, spread = self.filter.expected(window.time, window.regressor)
         wrenches, _ = self.sensor.as_wrench(free.value[usable] - expected, noise)
@@ -306,7 +306,7 @@ class ZeroFollower:
         for number in numbers:
             self._keep(self.filter.advance(self._waiting.pop(number).time, number))
 
-    def _keep(self, node: Node) -> None:
+    def _keep(self, node: FilterStep) -> None:
         """For the smoother; as soon as enough is free after some, they are smoothed."""
         if not self.smooth:
             return

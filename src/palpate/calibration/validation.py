@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 from palpate.errors import PalpateError
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["LeftOut", "leave_out", "pseudo_inverse"]
+__all__ = ["Validation", "cross_validate", "pseudo_inverse"]
 
 PARTS = 4
 TELLING = 1e-4  # of the largest: of directions with smaller eigenvalues a part tells nothing but its noise
@@ -19,7 +19,7 @@ OFF = 1.5  # times the stated deviations: beyond it a person is told
 
 
 @dataclass(frozen=True)
-class LeftOut:
+class Validation:
     """Hold how far data that a fit left out lie from what the fit predicts.
 
     Attributes:
@@ -58,12 +58,12 @@ class LeftOut:
 
 
 @takes_arrays
-def leave_out(
+def cross_validate(
     count: int,
     predict: Callable[[Bool[np.ndarray, " n"]], tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"]]],
     parts: int = PARTS,
     blocks: int | None = None,
-) -> LeftOut:
+) -> Validation:
     """Leave out parts of the data, one after the other, and compare each with what the rest predicts.
 
     A part is made of consecutive rows, which share what drifts, so that it tells more than rows picked here and there.
@@ -88,7 +88,7 @@ def leave_out(
         if rank := round(float(np.sum(inverse * covariance))):  # the trace of their product
             squares.append(float(error @ inverse @ error))
             ranks.append(rank)
-    return LeftOut(sum(squares) / sum(ranks), len(ranks), sum(ranks)) if ranks else LeftOut()
+    return Validation(sum(squares) / sum(ranks), len(ranks), sum(ranks)) if ranks else Validation()
 
 
 @takes_arrays
