@@ -177,8 +177,14 @@ def _table(runs: Sequence[Judged]) -> ReportTable:
     header = ("seed", "arrive", "last [s]", "way [m]", "force 99 % [N]", "greatest [N]", "pushes", "deadlocks")
     rows = [
         (
-            f"{run.seed}", f"{run.count} of {len(run.arrived)}",
-            _number(max(run.arrived) if run.complete else np.nan, 1), f"{sum(run.path):.2f}", f"{run.force:.2f}", f"{run.greatest:.2f}", f"{run.pushes}", f"{run.deadlocks}",
+            f"{run.seed}",
+            f"{run.count} of {len(run.arrived)}",
+            _number(max(run.arrived) if run.complete else np.nan, 1),
+            f"{sum(run.path):.2f}",
+            f"{run.force:.2f}",
+            f"{run.greatest:.2f}",
+            f"{run.pushes}",
+            f"{run.deadlocks}",
         )
         for run in runs
     ]  # fmt: skip
