@@ -216,7 +216,7 @@ class Memory:
     def close(self) -> None:
         """Nor to close."""
 
-    def said(self) -> list[str]:
+    def events(self) -> list[str]:
         """Nor anything to say."""
         return []
 

@@ -100,7 +100,7 @@ LATER = frozenset(  # what only examples and commands that take a while make arg
         "live.ros_device.RosDevice.send",
         "live.ros_poses.RosPoses.at",
         "live.serial_device.SerialDevice.send",
-        "files.logs.log.MessageBlock",
+        "files.messages.MessageBlock",
         "setup.edit.update_pose",
         "files.urdf.Kinematics.poses",
         "files.urdf.Kinematics.require_radians",

@@ -172,17 +172,13 @@ def test_what_stands_beside_the_package_imports_in_one_direction() -> None:
 
 
 def test_no_files_import_each_other_in_a_circle() -> None:
+    """Whatever is imported first: a file below a package imports the package's `__init__` too."""
     source = ROOT / "src"
-    files = {".".join(file.relative_to(source).with_suffix("").parts): file for file in source.rglob("*.py")}
-    graph = {name.removesuffix(".__init__"): set[str]() for name in files}
-    for name, file in files.items():
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("palpate"):
-                module = node.module or ""
-                ends = {
-                    f"{module}.{alias.name}" if f"{module}.{alias.name}" in graph else module for alias in node.names
-                }
-                graph[name.removesuffix(".__init__")] |= ends & set(graph)
+    files = {
+        ".".join(file.relative_to(source).with_suffix("").parts).removesuffix(".__init__"): file
+        for file in source.rglob("*.py")
+    }
+    graph = {name: set(_imported(name, file, set(files))) - {name} for name, file in files.items()}
     found = list[set[str]]()
     reached = {name: _reached(graph, name) for name in graph}
     for name in graph:
@@ -190,6 +186,21 @@ def test_no_files_import_each_other_in_a_circle() -> None:
         if circle and circle not in found:
             found.append(circle)
     assert found == []
+
+
+def _imported(name: str, file: Path, files: set[str]) -> Iterator[str]:
+    """Yield the files that a file imports anywhere, and the packages that run when it is imported."""
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("palpate"):
+            module = node.module or ""
+            for alias in node.names:
+                target = f"{module}.{alias.name}" if f"{module}.{alias.name}" in files else module
+                yield target
+                while node in tree.body and "." in target:
+                    target = target.rpartition(".")[0]
+                    if not f"{name}.".startswith(f"{target}."):
+                        yield target
 
 
 @pytest.mark.parametrize(
@@ -249,3 +260,59 @@ def _imports(file: Path) -> Iterator[tuple[ast.stmt, str]]:
             yield node, (node.module or "").partition(".")[0]
         elif isinstance(node, ast.Import):
             yield from ((node, alias.name.partition(".")[0]) for alias in node.names)
+
+
+PLAIN = {"said", "told", "doubted", "beside", "whole", "apart", "left", "held", "ahead", "asked"}
+NAMED_SO = {  # names with these words, and why
+    "left_handed": "handedness, and a key of rigs",
+    "left_speed": "the left track of a robot",
+    "apart": "a key of [marker_ring.contacts]",
+    "left_out": "a key of the ring's model file",
+}
+RIDDLES = ("What", "Of", "How", "Where", "Whether", "Which", "As", "Those", "One")  # docstrings do not begin so
+
+
+def _definitions() -> Iterator[tuple[Path, ast.FunctionDef | ast.ClassDef]]:
+    """Yield the public functions, methods and classes of files that are not private."""
+    for file in sorted((ROOT / "src").rglob("*.py")):
+        if file.name.startswith("_") and file.name != "__init__.py":
+            continue
+        waiting: list[ast.AST] = [ast.parse(file.read_text(encoding="utf-8"))]
+        while waiting:
+            for node in ast.iter_child_nodes(waiting.pop()):
+                if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
+                    yield file, node
+                    if isinstance(node, ast.ClassDef):
+                        waiting.append(node)
+
+
+def _names(node: ast.FunctionDef | ast.ClassDef) -> Iterator[str]:
+    """Yield the name of a definition, and those of its arguments or fields."""
+    yield node.name
+    if isinstance(node, ast.FunctionDef):
+        yield from (each.arg for each in (*node.args.args, *node.args.kwonlyargs))
+    else:
+        yield from (
+            each.target.id
+            for each in node.body
+            if isinstance(each, ast.AnnAssign) and isinstance(each.target, ast.Name)
+        )
+
+
+def test_public_names_are_plain_words() -> None:
+    named = {name for _, node in _definitions() for name in _names(node) if PLAIN & set(name.split("_"))}
+    assert named == set(NAMED_SO)
+
+
+def test_no_two_public_classes_share_a_name() -> None:
+    classes = [node.name for _, node in _definitions() if isinstance(node, ast.ClassDef) and node.col_offset == 0]
+    assert sorted(name for name in set(classes) if classes.count(name) > 1) == []
+
+
+def test_docstrings_are_complete_sentences() -> None:
+    begun = [
+        f"{file.relative_to(ROOT)}:{node.lineno}: {text.splitlines()[0]}"
+        for file, node in _definitions()
+        if (text := ast.get_docstring(node)) and re.split(r"\W", text, maxsplit=1)[0] in RIDDLES
+    ]
+    assert begun == []

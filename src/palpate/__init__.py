@@ -174,7 +174,7 @@ _ELSEWHERE = {  # what else one looks for at the front door
 
 
 def __getattr__(name: str) -> object:
-    """Import what is asked for, once: a program that needs little of Palpate starts quickly."""
+    """Import a public name when it is first requested: a program that needs little of Palpate starts quickly."""
     if name in _HOME:
         value: object = getattr(_import(_HOME[name]), name)
     elif name in _ROOMS:
@@ -191,7 +191,7 @@ def __dir__() -> list[str]:
 
 
 def _hint(name: str) -> str:
-    """Return the line that uses what is not at the front door but elsewhere, or is spelt nearly so; "" for nothing."""
+    """Return a hint with the line to write for a name defined elsewhere, or nearly spelt so; "" if there is none."""
     rooms = (room for room in _ROOMS if hasattr(_import(f"palpate.{room}"), name))
     near = [*(f"{room}.{name}" for room in rooms), *_near(name, __all__, 1)]
     line = _ELSEWHERE.get(name) or "".join(f"palpate.{each}" for each in near[:1])

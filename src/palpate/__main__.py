@@ -1,4 +1,4 @@
-"""`python -m palpate` is `palpate`."""
+"""Run the command line of Palpate, so that `python -m palpate` is `palpate`."""
 
 import sys
 

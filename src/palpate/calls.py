@@ -1,4 +1,4 @@
-"""Answer a wrong argument at the front door with the line to write, and fetch by name what higher rooms define."""
+"""Explain a wrong argument of a public call with the line to write, and import by name from higher layers."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ _KINDS: dict[Any, str] = {
 
 
 class _Numbers:
-    """Stand for NumPy's ArrayLike in an annotation."""
+    """Marker that stands for NumPy's ArrayLike in an annotation."""
 
 
 def by_name(dotted: str) -> Any:
-    """Return what a module defines, imported now: for values that are saved or drawn, and tables of classes.
+    """Return an object that a module defines, imported now, for values to save or draw and for tables of classes.
 
     Args:
         dotted: module and name, "palpate.files.contacts.read_contacts".
@@ -46,13 +46,13 @@ def by_name(dotted: str) -> Any:
 def called_as(line: str, **lines: str) -> Callable[[_Made], _Made]:
     """Decorate a function, or a class for its constructor, so that a call with a wrong argument says what to write.
 
-    Arguments are looked at when a call has failed: one that works costs nothing more. What fails with arguments of the
-    right kinds fails as it did. An attribute that a class does not have is answered with the line, or with those that
-    it has.
+    Arguments are checked only after a call has failed: a call that works costs nothing more. A failure with arguments
+    of the right kinds is raised as it was. An attribute that a class does not have is answered with the line, or with
+    the attributes that the class has.
 
     Args:
-        line: a call as one writes it.
-        lines: the same of methods of the class, by their names; and what is meant by arguments of the function, or
+        line: a call as a user writes it.
+        lines: the same of methods of the class, by their names; and the right call for arguments of the function, or
             attributes of the class, that do not exist.
 
     Raises:
@@ -120,14 +120,14 @@ def _wrong(function: Any, args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> s
 
 
 def _unfit(function: Any, problem: Exception) -> str:
-    """Return the sentence of an error about an argument that has no hint yet, such as about its shape; or ""."""
+    """Return the sentence of an error about an argument without a hint yet, such as about its shape, or ""."""
     if not isinstance(problem, InputError) or problem.where or problem.hint:
         return ""
     return problem.what if problem.what.split()[0] in signature(function).parameters else ""
 
 
 def _taken(function: Any, stated: Signature) -> dict[str, tuple[Any, ...]]:
-    """Return by argument the kinds that its annotation names; none where only type checkers import them."""
+    """Return by argument the kinds that its annotation names; none for names that only type checkers import."""
     found: dict[str, tuple[Any, ...]] = {}
     names = {**getattr(unwrap(function), "__globals__", {}), "ArrayLike": _Numbers}
     for name, parameter in stated.parameters.items():
@@ -143,7 +143,7 @@ def _taken(function: Any, stated: Signature) -> dict[str, tuple[Any, ...]]:
 
 
 def _fits(option: Any, value: Any) -> bool:
-    """Return whether a value is of a kind; true for kinds that are not known here."""
+    """Return whether a value is of a kind; True for unknown kinds."""
     if option is _Numbers or hasattr(option, "dim_str"):
         return _is_numbers(value)
     if option in (float, int):

@@ -1,9 +1,9 @@
 """Every error that Palpate raises on purpose.
 
 PalpateError
-|-- InputError          a file, a row or a field is wrong: what, where, how to correct it
+|-- InputError          a file, a row or a field is wrong: the problem, its place, how to correct it
 |-- GeometryError       a mesh or surface cannot be used as it is
-`-- NotIdentifiable     the data cannot determine what was asked: rank and what is missing
+`-- NotIdentifiable     the data cannot determine the result: rank and what is missing
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ __all__ = ["GeometryError", "InputError", "NotIdentifiable", "PalpateError", "no
 
 
 class PalpateError(Exception):
-    """The root: catch this to catch everything that Palpate says."""
+    """The base class: catch it to catch every error that Palpate raises on purpose."""
 
 
 class InputError(PalpateError):
     """A file, a row or a field cannot be used.
 
     Args:
-        what: what is wrong, a sentence without the place.
+        what: the problem, a sentence without the place.
         where: file, row, column or key, as the user knows it.
         hint: how to correct it.
     """
@@ -32,11 +32,11 @@ class InputError(PalpateError):
 
 
 def not_loaded(problem: ImportError, what: str, extra: str, where: str = "") -> InputError:
-    """What to raise where a library that an extra brings is not there, or is and cannot be used.
+    """Return the error to raise where the library of an extra is missing, or is installed and cannot be loaded.
 
     Args:
-        problem: what the import met.
-        what: needs it, without a stop: "bags need rosbags".
+        problem: the error of the import.
+        what: which use needs the library, without a full stop: "bags need rosbags".
         extra: of Palpate, that brings it.
         where: file, as the user knows it.
     """
@@ -51,11 +51,11 @@ class GeometryError(PalpateError):
 
 
 class NotIdentifiable(PalpateError):  # no Error in the name: it is a finding about the data, not a failure of the code
-    """The data cannot determine what was asked.
+    """The data cannot determine the requested result.
 
     Args:
         message: the sentence a user needs to correct the data.
-        rank: how many directions the data do determine.
+        rank: number of directions that the data determine.
         missing: names of the directions that they do not.
     """
 

@@ -1,4 +1,4 @@
-"""Forked processes, in which the threads of polars are missing: what would wait for them for ever is refused."""
+"""Refuse tables in forked processes, where the threads of polars are missing and would be waited for for ever."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def require_polars_threads() -> None:
 
 
 def _look() -> None:
-    """Before a fork."""
+    """Note before a fork whether polars has started its threads."""
     try:
         names = [(task / "comm").read_text() for task in _TASKS.iterdir()]
     except OSError:
@@ -42,7 +42,7 @@ def _look() -> None:
 
 
 def _forked() -> None:
-    """In the process that was forked; one that it forks lacks the threads just as well."""
+    """Note in a forked process that its threads are missing; a process that it forks lacks them just as well."""
     _threads["missing"] = _threads["missing"] or _threads["started"]
 
 

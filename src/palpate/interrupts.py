@@ -1,4 +1,4 @@
-"""Ctrl-C that is neither lost nor falls where it would do harm."""
+"""Handle Ctrl-C so that it is neither lost nor interrupts an import."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["import_mesh_reader", "importing", "uninterrupted"]
 
 @contextmanager
 def uninterrupted() -> Generator[None]:
-    """Holds Ctrl-C back until the block has ended, then raises `KeyboardInterrupt`.
+    """Hold Ctrl-C back until the block has ended, then raise `KeyboardInterrupt`.
 
     Libraries guard optional imports by `except BaseException`, which swallows a `KeyboardInterrupt` raised within.
     """
@@ -34,7 +34,7 @@ def uninterrupted() -> Generator[None]:
 
 @contextmanager
 def importing() -> Generator[None]:
-    """Hold back Ctrl-C and the garbage collector: new modules have no garbage, and looking is a tenth of the time."""
+    """Hold back Ctrl-C and the garbage collector, which finds nothing in new modules and takes a tenth of the time."""
     collecting = gc.isenabled()
     gc.disable()
     try:

@@ -1,4 +1,4 @@
-"""Tables of named things that are imported when first asked for, which other packages add to by entry points."""
+"""Tables of named objects, imported on first use, to which other packages add by entry points."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ Row = TypeVar("Row")
 
 
 class Registry(Mapping[str, Row]):
-    """Name -> what bears it, in a fixed order.
+    """A mapping from names to objects, in a fixed order.
 
-    Rows of other packages are looked for when a name is asked for that is not in the rows, or when all are.
+    Rows of other packages are searched when a requested name is not in the rows, or when all are requested.
 
     Args:
-        rows: by name, where the thing is defined ("palpate.sensors.taxels.section.SKIN"); it is imported when first
-            asked for.
-        kind: what the things are.
+        rows: by name, the dotted name of the object ("palpate.sensors.taxels.section.SKIN"); it is imported on first
+            use.
+        kind: class of the objects.
         group: of entry points of other packages: `name = "module:THING"`.
-        first: whether theirs come before the others.
+        first: put the rows of other packages before the others.
     """
 
     def __init__(self, rows: Mapping[str, str], kind: type[Row], group: str, *, first: bool = False) -> None:
@@ -61,7 +61,7 @@ class Registry(Mapping[str, Row]):
         return self._rows
 
     def _loaded(self, entry: EntryPoint) -> Row:
-        """Return what an entry point names.
+        """Return the object of an entry point.
 
         Raises:
             InputError: it cannot be imported, or is something else.

@@ -1,4 +1,4 @@
-"""What takes longer than a person waits for in silence is announced once, by the logger "palpate", to stderr.
+"""Announce slow work once, by the logger "palpate", to stderr.
 
 `logging.getLogger("palpate").setLevel(logging.ERROR)` switches it off; commands, which have lines of progress, do.
 """
@@ -17,7 +17,7 @@ _ANNOUNCED: set[str] = set()
 
 @contextmanager
 def waiting(what: str) -> Generator[None]:
-    """Announce what is going on if the block takes longer than two seconds; once a process for the same words."""
+    """Announce the work `what` if the block takes longer than two seconds; once a process for the same words."""
     if what in _ANNOUNCED:
         yield
         return

@@ -1,5 +1,5 @@
-"""The laboratory: simulated worlds with their truth, public benchmark tasks and peers, the papers' own methods.
+"""The laboratory: simulations with their truth, public benchmark tasks and peers, and the papers' own methods.
 
-It comes with `palpate`, which never imports it: its commands (`palpate simulate`, `benchmark`, `demo`) join by an entry
-point.
+It is installed with `palpate`, which never imports it: its commands (`palpate simulate`, `benchmark`, `demo`) are
+found by an entry point.
 """

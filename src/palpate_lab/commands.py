@@ -1,6 +1,6 @@
-"""The laboratory's commands, which join Palpate's by the entry point `palpate.commands`.
+"""Table of the laboratory's commands, which join Palpate's by the entry point `palpate.commands`.
 
-Name -> module, function, and the first paragraph of its docstring; a group of commands -> what they have in common.
+Name of a command -> module, function, and the first paragraph of its docstring; name of a group -> its description.
 """
 
 from __future__ import annotations

@@ -67,7 +67,7 @@ class Plate:
     def notes(self) -> tuple[str, ...]:
         return ()
 
-    doubts = reset = notes
+    warnings = reset = notes
 
 
 LAYOUT = LogLayout(wrench=None, arrays=(ArrayChannel("plate", (3,), COLUMNS, table="plate"),))

@@ -28,7 +28,7 @@ from evidence.logs_written import (
 from palpate.errors import InputError
 from palpate.files.logs import ArrayChannel, LogLayout, contents, missing, open_log, read_recording
 from palpate.files.logs.decoding import ARRAYS, decode
-from palpate.files.logs.log import MessageBlock, Topic
+from palpate.files.messages import MessageBlock, Topic
 from palpate.signals.recording import CELLS, FORCE, ORIENTATION, POSITION, REFERENCE, TORQUE, VOLTAGE
 
 LOG = session(60)

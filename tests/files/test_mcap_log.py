@@ -30,9 +30,9 @@ from palpate.errors import InputError
 from palpate.files.logs import open_log, read_recording
 from palpate.files.logs.decoding import FIXED, decode, seconds
 from palpate.files.logs.layout import LogLayout
-from palpate.files.logs.log import MessageBlock, Topic
 from palpate.files.mcap._walk import walk
 from palpate.files.mcap.reader import MAGIC
+from palpate.files.messages import MessageBlock, Topic
 from palpate.signals.recording import ACCELERATION, ORIENTATION, POSITION, Recording
 
 IMU = "/imu"

@@ -20,8 +20,8 @@ from palpate.errors import InputError
 from palpate.files.contacts import read_contacts
 from palpate.files.logs import LogLayout, contents, open_log, read_poses, read_recording
 from palpate.files.logs.joints import joint_positions
-from palpate.files.logs.log import MessageBlock, Topic
 from palpate.files.logs.transforms import transforms
+from palpate.files.messages import MessageBlock, Topic
 from palpate.setup import load_rig
 from palpate.setup.new import propose_rig
 from palpate.signals.recording import ORIENTATION, POSITION, Recording

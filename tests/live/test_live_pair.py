@@ -40,7 +40,7 @@ class Given:
         self.waiting = self.waiting[count:]
         return count
 
-    def said(self) -> list[str]:
+    def events(self) -> list[str]:
         """Nothing."""
         return []
 

@@ -11,7 +11,7 @@ from pytransform3d import transformations as pt
 from pytransform3d.transform_manager import TransformManager
 from scipy.spatial.transform import Rotation
 
-from palpate.files.logs.log import MessageBlock, Topic
+from palpate.files.messages import MessageBlock, Topic
 from palpate.live.poses import LivePoses
 from palpate.spatial.live_track import LiveTrack
 from tests.support.ros_kinds import TYPES, packed

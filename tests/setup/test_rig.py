@@ -168,6 +168,15 @@ def test_paths_follow_a_rig_into_another_folder(tmp_path: Path) -> None:
     assert rig.surface.load(rig.folder).size > 0
 
 
+def test_the_robots_of_a_rig_follow_it_too(tmp_path: Path) -> None:
+    text = '[surface]\nurdf = "arm.urdf"\nlink = "hand"\n[orientation]\nurdf = "arm.urdf"\nbase = "a"\nsensor = "b"\n'
+    (tmp_path / "rig.toml").write_text(text)
+    (tmp_path / "sub").mkdir()
+    update_pose(tmp_path / "rig.toml", tmp_path / "sub" / "new.toml", Pose.identity(), np.eye(6))
+    moved = (tmp_path / "sub" / "new.toml").read_text()
+    assert moved.count('urdf = "../arm.urdf"') == 2
+
+
 @pytest.mark.parametrize(
     ("header", "time", "wrench", "orientation", "position"),
     [

@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from palpate.errors import InputError
-from palpate.setup import check_rig
+from palpate.setup.rig import check_rig, with_mesh
 from palpate.surfaces import Cylinder, Ellipsoid, EllipticCylinder, ImplicitSurface, Paraboloid, Sphere
 
 RIG = Path("rig.toml")
@@ -63,3 +63,10 @@ def test_lengths_that_are_no_metres_are_doubted() -> None:
     notes = check_rig({"surface": {"kind": "sphere", "radius": 10.0}}, RIG).surface.load(Path()).notes
     assert "in metres?" in notes[0]
     assert not check_rig({"surface": {"kind": "sphere", "radius": 0.01}}, RIG).surface.load(Path()).notes
+
+
+def test_a_mesh_takes_the_place_of_an_equation_and_keeps_its_pose() -> None:
+    table = {"kind": "sphere", "radius": 0.01, "pose": {"xyz": [0.0, 0.0, 0.1]}}
+    surface = with_mesh(check_rig({"surface": table}, RIG), "probe.stl", "mm").surface
+    assert surface is not None
+    assert (surface.kind, surface.unit, surface.radius, surface.pose.xyz) == ("mesh", "mm", None, (0.0, 0.0, 0.1))

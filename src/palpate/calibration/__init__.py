@@ -1,4 +1,4 @@
-"""Calibrate what sensors share, and judge every calibration on data that its fit left out."""
+"""Calibrate what sensors share, and check every calibration on data that its fit did not use."""
 
 from palpate.calibration.clock import ClockOffset, identify_offset
 from palpate.calibration.mounting import Mounting, identify_mounting

@@ -1,4 +1,4 @@
-"""The most probable pose of a surface under touches and a prior: damped Gauss-Newton steps with robust weights."""
+"""Find the most probable pose of a surface from touches and a prior: damped Gauss-Newton with robust weights."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MEDIAN = 2.366  # of the chi-square with 3 degrees of freedom
 
 
 def fit(evidence: Evidence, initial: Pose) -> tuple[Pose, Float[np.ndarray, " n"], float]:
-    """The most probable pose, each touch's distance from it, and the scale of the distances (at least 1)."""
+    """Return the most probable pose, each touch's distance in standard deviations, (n,), and its scale (at least 1)."""
     pose, damping, sizes = initial, 1e-6, evidence.spreads.sizes
     for _ in range(100):
         whitener = evidence.whitener(pose)
@@ -45,7 +45,7 @@ def _scale(distances: Float[np.ndarray, " n"]) -> float:
 
 
 def offset(initial: Pose, pose: Pose) -> Float[np.ndarray, "6"]:
-    """(rotation vector, shift of the origin) from one pose to another, both in the target's axes."""
+    """Return the offset (rotation vector [rad], shift of the origin [m]), (6,), between poses, in the target's axes."""
     from scipy.spatial.transform import Rotation
 
     turn = Rotation.from_matrix(pose.rotation @ initial.rotation.T).as_rotvec()
@@ -53,5 +53,5 @@ def offset(initial: Pose, pose: Pose) -> Float[np.ndarray, "6"]:
 
 
 def apply(whitener: Float[np.ndarray, "n k k"], residual: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
-    """Each touch's residual in standard deviations."""
+    """Return each touch's residual in standard deviations, (n, k)."""
     return np.einsum("nij,nj->ni", whitener, residual)

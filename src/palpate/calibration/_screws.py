@@ -1,4 +1,4 @@
-"""Words for small motions of a body: what a person is told that the data do not see."""
+"""Name small motions of a body, to tell a person which ones the data do not determine."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ NEAR = 0.95  # of its squared length: a direction is called by the axis that it 
 
 
 def name_motions(basis: Float[np.ndarray, "6 k"], angle: float, length: float) -> tuple[str, ...]:
-    """One name for each dimension of a space of small motions.
+    """Return one name for each dimension of a space of small motions.
 
     Args:
         basis: orthonormal columns (rotation / angle, translation of the body's origin / length), in the body's axes.
-        angle: [rad] and
-        length: [m] that the rows were divided by.
+        angle: [rad] that the rows of the rotation were divided by.
+        length: [m] that the rows of the translation were divided by.
 
-    Motions along the body's own axes are named first, as far as the space contains them; then pure translations; what
-    is left is a rotation about an axis somewhere else.
+    Motions along the body's axes are named first, as far as the space contains them; then pure translations; the
+    remaining ones are rotations about an axis somewhere else.
     """
     names: list[str] = []
     while basis.shape[1]:
@@ -44,7 +44,7 @@ def _clearest(basis: Float[np.ndarray, "6 k"], angle: float, length: float) -> t
 
 
 def _screw(rotation: Float[np.ndarray, "3"], translation: Float[np.ndarray, "3"]) -> str:
-    """A rotation about an axis through omega x v / |omega|^2, which slides along it by omega . v / |omega|^2."""
+    """Name a rotation about an axis through omega x v / |omega|^2, which slides along it by omega . v / |omega|^2."""
     square = float(rotation @ rotation)
     through = np.cross(rotation, translation) / square * 1e3
     slide = float(rotation @ translation) / square * 1e3

@@ -1,4 +1,4 @@
-"""What touches say about where a surface sits: a residual that vanishes at the true pose, its slope and its size.
+"""Compute what touches tell about a surface's pose: a residual that vanishes at the true pose, its slope and its size.
 
 Poses are T_sensor_surface = (R, t), moved by x = (omega, delta): R <- exp(omega) R, t <- t + delta.
 """
@@ -26,7 +26,7 @@ STEP = 0.03  # rad, and a third of it in sizes of the surface: over many facets,
 
 @dataclass(frozen=True)
 class Spreads:
-    """Standard deviations of what is not measured, as a caller expects them.
+    """Expected standard deviations of quantities that are not measured.
 
     Args:
         prior: [rad, m] of the initial rotation, and position of the surface's origin, by axis.
@@ -35,7 +35,7 @@ class Spreads:
         friction: of each tangential part of the unit force; used without points only.
 
     Raises:
-        InputError: a placement that is no length.
+        InputError: the placement is not above 0 and at most 1 m.
     """
 
     prior: tuple[float, float] = (radians(10), 0.01)
@@ -49,7 +49,7 @@ class Spreads:
 
     @property
     def sizes(self) -> Float[np.ndarray, "6"]:
-        """Of the prior, of each motion."""
+        """Standard deviations of the prior for each motion, (6,) [rad, m]."""
         return np.repeat(np.asarray(self.prior, dtype=np.float64), 3)
 
 
@@ -60,7 +60,7 @@ class Evidence(ABC):
     Args:
         wrenches: (n, 6) [N, N m] in the sensor frame.
         covariances: (n, 6, 6).
-        spreads: of what is not measured.
+        spreads: standard deviations of quantities that are not measured.
     """
 
     wrenches: Float[np.ndarray, "n 6"]
@@ -69,24 +69,24 @@ class Evidence(ABC):
 
     @abstractmethod
     def residual(self, pose: Pose) -> Float[np.ndarray, "n k"]:
-        """What the pose leaves unexplained."""
+        """Return the residuals at a pose, (n, k)."""
 
     @abstractmethod
     def jacobian(self, pose: Pose) -> Float[np.ndarray, "n k 6"]:
-        """The slope of `residual` in (omega, delta)."""
+        """Return the slope of `residual` in (omega, delta), (n, k, 6)."""
 
     @abstractmethod
     def whitener(self, pose: Pose) -> Float[np.ndarray, "n k k"]:
-        """Makes the residual's expected covariance the identity."""
+        """Return the matrices that make the residual's expected covariance the identity, (n, k, k)."""
 
     def _unexplained(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """M - p x F."""
+        """Return M - p x F."""
         return self.wrenches[:, 3:] - np.cross(points, self.wrenches[:, :3])
 
     def _torque_whitener(
         self, points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"]
     ) -> Float[np.ndarray, "n 3 3"]:
-        """Of M - p x F: noise of M and of F with the lever p, the place of the touch with the lever F, the torsion."""
+        """Return the whitener of M - p x F: noise of M and of F with lever p, touch's place with lever F, torsion."""
         force = skew(self.wrenches[:, :3])
         square = np.sum(self.wrenches[:, :3] ** 2, axis=1)[:, None, None]
         lever = np.concatenate([-skew(points), np.broadcast_to(np.eye(3), (len(points), 3, 3))], axis=2)
@@ -108,33 +108,33 @@ class KnownPoints(Evidence):
     normals: Float[np.ndarray, "n 3"]
 
     def residual(self, pose: Pose) -> Float[np.ndarray, "n k"]:
-        """M - (R p + t) x F."""
+        """Return M - (R p + t) x F, (n, 3) [N m]."""
         return self._unexplained(pose.apply(self.points))
 
     def jacobian(self, pose: Pose) -> Float[np.ndarray, "n k 6"]:
-        """The point moves by omega x (R p) + delta, and -(that) x F = [F]x (that)."""
+        """Return the slope, (n, 3, 6): the point moves by omega x (R p) + delta, and -(that) x F = [F]x (that)."""
         force = skew(self.wrenches[:, :3])
         return np.concatenate([-force @ skew(pose.rotate(self.points)), force], axis=2)
 
     def whitener(self, pose: Pose) -> Float[np.ndarray, "n k k"]:
-        """Of the torque alone."""
+        """Return the whitener of the torque alone, (n, 3, 3)."""
         return self._torque_whitener(pose.apply(self.points), pose.rotate(self.normals))
 
 
 @dataclass(frozen=True)
 class SomewhereOnSurface(Evidence):
-    """Touches anywhere on the surface: each is located with the pose in question, and two priors judge the result.
+    """Touches anywhere on the surface: each is located with the given pose, and two priors judge the result.
 
-    Six equations fit six unknowns, so a located touch leaves no residual of torque but its torsion. What informs is
-    that bodies are mostly pressed, not dragged: the unit force scatters about -n. Both are written in the sensor's
-    frame, so that a turn which changes nothing has no slope; a wrench that misses the surface leaves its moment about
-    the nearest point.
+    Six equations fit six unknowns, so the only residual torque of a located touch is its torsion. The information comes
+    from the prior that bodies are mostly pressed, not dragged: the unit force scatters about -n. Both are written in
+    the sensor's frame, so that a turn which changes nothing has no slope; the residual of a wrench that misses the
+    surface is its moment about the nearest point.
     """
 
     surface: Mesh
 
     def _located(self, pose: Pose) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
-        """Points and normals, in the sensor's frame."""
+        """Return points and normals in the sensor's frame."""
         wrench = Wrench.from_vector(self.wrenches).transformed(pose.inverse())
         found = locate(wrench, self.surface, friction=10.0, torsion=1.0)  # wide: the priors judge, softly
         lost: np.ndarray = ~np.all(np.isfinite(found.point + found.normal), axis=1, keepdims=True)
@@ -142,20 +142,20 @@ class SomewhereOnSurface(Evidence):
         return pose.apply(np.where(lost, nearest, found.point)), pose.rotate(np.where(lost, normal, found.normal))
 
     def residual(self, pose: Pose) -> Float[np.ndarray, "n k"]:
-        """(M - p x F, F / |F| + n) with the located p and n."""
+        """Return (M - p x F, F / |F| + n) with the located p and n, (n, 6)."""
         points, normals = self._located(pose)
         force = self.wrenches[:, :3]
         unit = force / np.linalg.norm(force, axis=1, keepdims=True)
         return np.concatenate([self._unexplained(points), unit + normals], axis=1)
 
     def jacobian(self, pose: Pose) -> Float[np.ndarray, "n k 6"]:
-        """Central differences: the located point has no simple slope."""
+        """Return the slope by central differences, (n, 6, 6): the located point has no simple slope."""
         sizes = np.repeat([STEP, STEP / 3 * self.surface.size], 3)
         pairs = [(self.residual(moved(pose, step)), self.residual(moved(pose, -step))) for step in np.diag(sizes)]
         return np.stack([(up - down) / (2 * size) for (up, down), size in zip(pairs, sizes, strict=True)], axis=2)
 
     def whitener(self, pose: Pose) -> Float[np.ndarray, "n k k"]:
-        """Of the torque as for known points, and of the unit force."""
+        """Return the whitener of the torque, as for known points, and of the unit force, (n, 6, 6)."""
         whole = np.zeros((len(self.wrenches), 6, 6))
         whole[:, :3, :3] = self._torque_whitener(*self._located(pose))
         whole[:, 3:, 3:] = np.eye(3) / self.spreads.friction
@@ -163,13 +163,13 @@ class SomewhereOnSurface(Evidence):
 
 
 def moved(pose: Pose, step: Float[np.ndarray, "6"]) -> Pose:
-    """The pose turned by omega in place and shifted by delta."""
+    """Return the pose turned by omega in place and shifted by delta."""
     turn = Pose.from_rotation_vector(step[:3], np.zeros(3))
     return Pose(turn.rotation @ pose.rotation, pose.translation + step[3:])
 
 
 def _axis_points(wrench: Wrench, surface: Mesh) -> Float[np.ndarray, "n 3"]:
-    """The point of each wrench's axis that is nearest to the middle of the surface."""
+    """Return the point of each wrench's axis that is nearest to the middle of the surface."""
     square = np.sum(wrench.force**2, axis=1, keepdims=True)
     start = np.cross(wrench.force, wrench.torque) / square
     along = np.sum((surface.centre - start) * wrench.force, axis=1, keepdims=True)

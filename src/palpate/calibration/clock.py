@@ -1,4 +1,4 @@
-"""How far the clock of the poses is off the clock of the wrenches, from how the payload's weight turns."""
+"""Identify the delay between the clocks of poses and wrenches from how the payload's weight turns."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ FLAT = 0.03  # s: an offset that is not known better is no answer
 
 @dataclass(frozen=True)
 class ClockOffset:
-    """What is added to the poses' stamps to put them on the wrenches' clock.
+    """Offset that is added to the poses' stamps to put them on the wrenches' clock.
 
     Attributes:
         offset: [s]; its standard deviation is `deviation` [s].
-        residual: [N] robust standard deviation of what the fit leaves, along each axis, of averages over 10 ms.
-        samples: readings that were used.
-        validation: how the offsets of parts of the log agree with those of the rest.
-        notes: what a user should know, one sentence each.
+        residual: [N] robust standard deviation of the fit's residuals, along each axis, of averages over 10 ms.
+        samples: number of readings used.
+        validation: agreement of the offsets of parts of the log with those of the rest.
+        notes: messages for the user, one sentence each.
     """
 
     offset: float
@@ -60,26 +60,26 @@ def identify_offset(
     max_gap: float = 0.25,
     noise: Float[np.ndarray, "6"] | None = None,
 ) -> ClockOffset:
-    """The offset d under which the force reads like a weight that turns with the poses, F(t) = R(t - d)^T w + f0.
+    """Find the offset d at which the force is a weight that turns with the poses, F(t) = R(t - d)^T w + f0.
 
     For each d of a grid, weight w and bias f0 are fitted; the sum of log(1 + r^2 / s^2) over the residuals r (Cauchy's
     likelihood, which touches hardly move) is least at the true d. From there Gauss and Newton's steps on d, w and f0
-    together, weighted 1 / (1 + r^2 / s^2). The deviation is the sandwich of these equations over stretches of 1 s,
-    which holds for residuals that are alike within a stretch.
+    together, weighted 1 / (1 + r^2 / s^2). The standard deviation is the sandwich of these equations over stretches of
+    1 s, which holds for residuals that are correlated within a stretch.
 
     Args:
         time: [s] of the wrenches, on their clock.
         wrenches: (n, 6) [N, N m] in the sensor frame, as logged; only the forces are used.
-        pose_time: [s] of the poses, on theirs.
+        pose_time: [s] of the poses, on their clock.
         quaternions: x, y, z, w: sensor in base.
         payload: weight and bias, where known: then touches may fill most of the log. Without it they are fitted, and
             the sensor must be free in most of the log.
-        search: lowest and highest offset [s] that is looked at.
+        search: lowest and highest offset [s] of the search.
         max_gap: [s] between poses, beyond which there is no orientation.
         noise: (6,) standard deviations of one reading; None: from the log.
 
     Raises:
-        NotIdentifiable: the arm hardly turns, or nothing hangs on the sensor.
+        NotIdentifiable: the arm hardly turns, or the sensor has no payload.
         InputError: wrenches and poses do not overlap, or the best offset lies at the edge of the search.
     """
     track = PoseTrack(max_gap=max_gap)
@@ -119,7 +119,7 @@ class _Problem:
     floor: float
 
     def usable(self, offsets: Float[np.ndarray, " k"], most: int) -> _Problem:
-        """With those of at most so many averages that have a pose at every offset: all are judged by the same."""
+        """Return the problem with at most `most` averages, those with a pose at every offset: all use the same ones."""
         every = max(1, -(-len(self.time) // most))
         time, force = self.time[::every], self.force[::every]
         known: Bool[np.ndarray, " n"] = np.ones(len(time), dtype=bool)
@@ -133,13 +133,13 @@ class _Problem:
         return replace(self, time=time[known], force=force[known])
 
     def columns(self, offset: float) -> Float[np.ndarray, "n 3 6"]:
-        """What multiplies (w, f0)."""
+        """Return the matrices that multiply (w, f0), (n, 3, 6)."""
         rotations = rotation_from_quaternion(self.track.at(self.time - offset)[0])
         identity = np.broadcast_to(np.eye(3), rotations.shape)
         return np.concatenate([rotations.swapaxes(-1, -2), identity], axis=-1)
 
     def fit(self, columns: np.ndarray) -> tuple[Float[np.ndarray, "6"], Float[np.ndarray, "n 3"]]:
-        """(w, f0) and the residuals, by weights that narrow from the spread of all to that of the good."""
+        """Return (w, f0) and the residuals, by weights that narrow from the spread of all to that of the inliers."""
         if self.known is not None:
             return self.known, self.force - columns @ self.known
         weights = np.ones(len(self.force))
@@ -151,14 +151,14 @@ class _Problem:
         return solution, residual
 
     def cost(self, offset: float) -> float:
-        """Twice the negative log-likelihood, but for a constant, with the scale at its least."""
+        """Return twice the negative log-likelihood, up to a constant, with `floor` as the scale."""
         squares = np.sum(self.fit(self.columns(offset))[1] ** 2, axis=1)
         return float(np.sum(np.log(squares + (CAUCHY * self.floor) ** 2)))
 
     def linearised(self, offset: float, solution: Float[np.ndarray, "6"]) -> tuple[np.ndarray, np.ndarray, float]:
-        """What multiplies (w, f0); how the modelled force changes with the offset [N/s]; the scale of what it leaves.
+        """Return the matrices of (w, f0), the modelled force's slope in the offset [N/s], and the residuals' scale.
 
-        The change is a difference over a step, as poses are kinked.
+        The slope is a difference over a step, as poses have kinks.
         """
         columns, span = self.columns(offset), STEP / 2
         slope = (self.columns(offset + span) - self.columns(offset - span)) @ solution / (2 * span)
@@ -172,7 +172,7 @@ def _averaged(
     known: Float[np.ndarray, "6"] | None,
     noise: Float[np.ndarray, "6"] | None,
 ) -> _Problem:
-    """Times and forces averaged over `AVERAGE`, whole ones without a gap; their noise from the log's steps if None."""
+    """Average times and forces over `AVERAGE`, without gaps; estimate the noise from the log if it is None."""
     steps = np.diff(time[np.isfinite(time)])
     steps = steps[steps > 0]
     if not len(steps):
@@ -215,7 +215,7 @@ def _refined(problem: _Problem, offset: float) -> tuple[ClockOffset, Float[np.nd
 
 
 def _judged(problem: _Problem, offset: float) -> ClockOffset:
-    """Return the offset, its deviation widened where parts of the log and the rest have different ones."""
+    """Return the offset, its standard deviation widened where parts of the log and the rest differ."""
     found, _ = _refined(problem, offset)
 
     def predict(left: Bool[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
@@ -242,8 +242,8 @@ def _score(
 def _sums(time: np.ndarray, across: np.ndarray, residual: np.ndarray, spread: float) -> tuple[float, float, float]:
     """Return the sum of psi, one equation for the offset, with its slope and its variance.
 
-    The variance is that of sums over stretches, about their mean: within one residuals may be alike. With few stretches
-    that is sometimes too small by chance, and then what independent residuals would give is taken.
+    The variance is that of sums over stretches, about their mean: residuals may be correlated within one. With few
+    stretches it is sometimes too small by chance; then the variance for independent residuals is used.
     """
     weights = _weights(residual, spread)
     along = np.sum(across * residual, axis=1)
@@ -256,7 +256,7 @@ def _sums(time: np.ndarray, across: np.ndarray, residual: np.ndarray, spread: fl
 
 
 def _solve(columns: Float[np.ndarray, "n 3 p"], target: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Weighted least squares; of least length where turns about one axis leave weight and bias undivided."""
+    """Solve weighted least squares; with least length where turns about one axis do not separate weight and bias."""
     weighted = (columns * weights[:, None, None]).reshape(-1, columns.shape[-1])
     matrix = weighted.T @ columns.reshape(-1, columns.shape[-1])
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
@@ -269,9 +269,9 @@ def _weights(residual: Float[np.ndarray, "n 3"], scale: float) -> Float[np.ndarr
 
 
 def _scale(residual: Float[np.ndarray, "n 3"], floor: float, *, touched: bool = False) -> float:
-    """Standard deviation along an axis from the median absolute residual, and not below the noise.
+    """Return the standard deviation along an axis from the median absolute residual, at least that of the noise.
 
-    From the lowest quarter where touches may fill more than half of the log.
+    It is from the lowest quarter where touches may fill more than half of the log.
     """
     share, of_normal = (0.25, 0.3186) if touched else (0.5, 0.6745)
     return max(float(np.quantile(np.abs(residual), share)) / of_normal, floor)

@@ -1,4 +1,4 @@
-"""How the zero of a sensor wanders, from a log in which nothing touches it: walk, warm-up, temperature."""
+"""Identify the drift of a sensor's bias, from a log without contact: random walk, warm-up, temperature."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ LEAST_KELVIN = 0.1  # K: less change of temperature tells nothing
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class DriftFit(Value):
-    """What a log says of a zero.
+    """The drift of a bias as identified from a log.
 
     Attributes:
-        drift: to be handed to an estimator.
-        walk_deviation: (m,) of `drift.walk`; warm_up_deviation: (m,) of `rate`, whose thermal counterpart is
-            `drift.thermal_deviation`.
+        drift: drift for an estimator.
+        walk_deviation: (m,) standard deviation of `drift.walk`; warm_up_deviation: (m,) of `rate`, whose thermal
+            counterpart is `drift.thermal_deviation`.
         rate: (m,) [unit/s] of the warm-up as this log begins.
-        warm: whether there is a warm-up beyond doubt. Where not, `drift.warm_up` is what the log does not exclude.
-        seen: (m,) whether the walk can be told from none. Where not, `drift.walk` is the most that it may be (95 %).
-        noise: (m,) deviation of the mean over a window; window: [s].
-        samples: that were used; seconds: from the first to the last; touched: share of it that was left out.
-        validation: how the walks of both halves of the log agree.
+        warm: True where there is a significant warm-up. Else `drift.warm_up` is what the log does not exclude.
+        seen: (m,) True where the walk is significant. Else `drift.walk` is its upper bound (95 %).
+        noise: (m,) standard deviation of the mean over a window; window: [s].
+        samples: number used; seconds: from the first to the last; touched: share of the log omitted as touched.
+        validation: agreement of the walks of both halves of the log.
         notes: a sentence each.
     """
 
@@ -61,17 +61,17 @@ class DriftFit(Value):
     notes: tuple[str, ...] = ()
 
     def unsure(self, seconds: float) -> Float[np.ndarray, " m"]:
-        """(m,) deviation of the zero after so many seconds [s] in which it cannot be seen, behind a long free time.
+        """Return the bias's standard deviation, (m,), after `seconds` [s] in contact that follow a long free time.
 
         Its variance, of a filter at rest: walk sqrt(window) noise when the touch begins, then walk^2 t, and the rate,
-        of which the filter knows what this log tells.
+        which the filter knows as well as this log determines it.
         """
         walk = self.drift.walk
         start = walk * np.sqrt(self.window) * self.noise
         return np.sqrt(start + walk**2 * seconds + (self.warm_up_deviation * seconds) ** 2)
 
     def spread(self, sound: Bool[np.ndarray, " k"]) -> DriftFit:
-        """The same of more channels, of which these were looked at; of the others, what is usual of these."""
+        """Return the fit for all k channels, of which the `sound` ones were fitted; others get the rms of these."""
 
         def filled(values: np.ndarray) -> np.ndarray:
             made = np.full(len(sound), np.sqrt(np.mean(np.square(values)))).astype(values.dtype)
@@ -103,24 +103,24 @@ def identify_drift(
     names: Sequence[str] = (),
     window: float = 0.1,
 ) -> DriftFit:
-    """Most likely walk, warm-up and thermal coefficient of a zero.
+    """Identify the most likely random walk, warm-up and thermal coefficient of a bias.
 
-    The likelihood is that of a Kalman filter without knowledge of the zero at the start, in closed form (`fit_walk`);
-    the noise of a window's mean is fitted, not taken from that of a reading, as noise may be coloured; where what is
-    left is not white, windows become longer. Warm-up r s (1 - exp(-t/s)), temperature and what turns with gravity are
-    found by generalised least squares; the warm-up is believed where the ratio of likelihoods is beyond chance by
-    chi-square. A temperature that changes as a warm-up would is left out: of both, only the sum is known, which the
-    warm-up then holds with its deviation.
+    The likelihood is that of a Kalman filter without knowledge of the bias at the start, in closed form (`fit_walk`);
+    the noise of a window's mean is fitted, not taken from that of a reading, as noise may be coloured; where the
+    residuals are not white, windows become longer. Warm-up r s (1 - exp(-t/s)), temperature and errors that turn with
+    gravity are found by generalised least squares; the warm-up is accepted where the likelihood ratio is significant by
+    chi-square. A temperature that changes as a warm-up would is omitted: only the sum of both is known, which the
+    warm-up then contains with its standard deviation.
 
     Args:
         time: (n,) [s].
-        values: (n, m) what is left of the readings when the payload is taken off, or voltages; NaN where there is none.
-        noise: (m,) deviations or (m, m) covariance of one reading, to be compared; None: not stated.
+        values: (n, m) readings after gravity compensation, or voltages; NaN where there is none.
+        noise: (m,) standard deviations or (m, m) covariance of one reading, for comparison; None: not stated.
         temperature: (n,) [K or degrees C]; None or NaN: not known.
-        down: (n, 3) direction of gravity in the sensor's frame: what the payload is off by turns with it, and is no
-            walk. None or NaN: not known, or the sensor keeps still.
-        groups: of channels that are alike, such as the forces; None: three and three of six, else all.
-        names: of the channels, for messages.
+        down: (n, 3) direction of gravity in the sensor's frame: the payload's error turns with it, and is no walk. None
+            or NaN: not known, or the sensor keeps still.
+        groups: channels that are alike, such as the forces; None: three and three of six, else all.
+        names: names of the channels, for messages.
         window: [s] over which readings are averaged.
 
     Raises:
@@ -149,7 +149,7 @@ def identify_drift(
         )
         found = Search(windows_of(when, what, others, window), [list(group) for group in alike], least).run()
     notes += found.notes(noise, float(np.median(np.diff(when))), names)
-    left, larger = found.touched_share()
+    left, larger = found.compare_halves()
     made = _made(found, alike, len(what), kelvin=kelvin is not None)
     if left.widening > UNLIKE:
         notes.append("the zero walks more in one half of the log than in the other: the larger walk is written")
@@ -161,7 +161,7 @@ def identify_drift(
 def _usable(
     time: Float[np.ndarray, " n"], values: Float[np.ndarray, "n m"]
 ) -> tuple[Bool[np.ndarray, " n"], list[str]]:
-    """Rows with a time and all values."""
+    """Return the mask of rows with a time and all values, (n,), and notes; refuse logs that are too short."""
     known = np.isfinite(time) & np.isfinite(values).all(axis=1)
     when, notes = time[known], list[str]()
     if len(when) < 2 or not (span := float(when[-1] - when[0])) >= SHORTEST:
@@ -186,7 +186,7 @@ def _usable(
 
 
 def _require_changing(values: Float[np.ndarray, "n m"], names: Sequence[str]) -> list[str]:
-    """Refuses a channel that is none, and says where readings are too coarse."""
+    """Refuse a channel that never changes, and return a note on readings that are too coarse."""
     same = np.ptp(values, axis=0) == 0.0
     if same.any():
         stuck = ", ".join(name for name, one in zip(names, same, strict=True) if one)
@@ -204,7 +204,7 @@ def _require_changing(values: Float[np.ndarray, "n m"], names: Sequence[str]) ->
 def _temperature(
     temperature: Float[np.ndarray, " n"] | None, used: Bool[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " k"] | None, list[str]]:
-    """Of the rows that are used, where it says something."""
+    """Return the temperature of the used rows, None where it is not informative, and notes."""
     if temperature is None:
         return None, []
     known = temperature[used]
@@ -217,7 +217,7 @@ def _temperature(
 
 
 def _tilts(down: Float[np.ndarray, "n 3"] | None, used: Bool[np.ndarray, " n"]) -> Float[np.ndarray, "k q"]:
-    """Along the axes about which the sensor turns by more than a degree or so, of the rows that are used."""
+    """Return gravity along the axes about which the sensor turns by more than a degree or so, for the used rows."""
     nothing = np.zeros((int(np.count_nonzero(used)), 0))
     if down is None:
         return nothing
@@ -231,7 +231,7 @@ def _tilts(down: Float[np.ndarray, "n 3"] | None, used: Bool[np.ndarray, " n"]) 
 
 
 def _made(found: Search, groups: Sequence[Sequence[int]], samples: int, *, kelvin: bool) -> DriftFit:
-    """As it is handed on."""
+    """Convert the result of the search to a `DriftFit`."""
     best = found.found
     warm_up = np.sqrt(found.rate**2 + found.rate_deviation**2)
     for group in groups:

@@ -1,4 +1,4 @@
-"""What of a log is a zero that wanders: what was touched, how long windows must be, and whether there is a warm-up."""
+"""Separate the drift of a bias from touches, choose the length of windows, and test for a warm-up."""
 
 from __future__ import annotations
 
@@ -46,18 +46,18 @@ SETTLINGS = 9  # that are tried
 
 @takes_arrays
 class Search:
-    """What is touched, the length of windows, whether there is a warm-up: each depends on the others.
+    """A search for touches, the length of windows and a warm-up together, as each depends on the others.
 
     Args:
         windows: means of the log.
-        groups: of channels that are alike.
-        least: (m,) variance of a mean, below which its reading's resolution does not let it.
+        groups: groups of channels that are alike.
+        least: (m,) lower bound of a mean's variance, by the resolution of its readings.
 
     Attributes:
-        found: walk and noise of most likelihood.
-        rate: (m,) of the warm-up at the start; rate_deviation: (m,) of it; settling: [s].
-        warm: whether there is one beyond doubt.
-        touched: stretches that were left out [s]; share: of the log.
+        found: walk and noise of largest likelihood.
+        rate: (m,) of the warm-up at the start; rate_deviation: (m,) its standard deviation; settling: [s].
+        warm: True where there is a significant warm-up.
+        touched: stretches that were omitted as touched [s]; share: their share of the log.
     """
 
     def __init__(self, windows: Windows, groups: list[list[int]], least: Float[np.ndarray, " m"]) -> None:
@@ -66,10 +66,10 @@ class Search:
         self.settling, self.warm, self.correlation, self.touched = np.inf, False, 0.0, list[tuple[float, float]]()
 
     def run(self) -> Search:
-        """Search; what was found is in the attributes.
+        """Run the search and return it; the results are in the attributes.
 
         Raises:
-            InputError: the log is not that of a zero at rest.
+            InputError: the log is not that of a bias at rest.
         """
         self._leave_touches_out()
         self.correlation = self._correlation()
@@ -90,8 +90,8 @@ class Search:
             )
         return self
 
-    def touched_share(self) -> tuple[Validation, Float[np.ndarray, " m"]]:
-        """Compare the walks of both halves of the log; return how they agree, and of each channel the larger one."""
+    def compare_halves(self) -> tuple[Validation, Float[np.ndarray, " m"]]:
+        """Compare the walks of both halves of the log; return their agreement, and the larger walk of each channel."""
         steps, count = self._with(self.settling), len(self._steps.interval)
         if self.span < 2.0 * SHORTEST:
             return Validation(), self.found.walk
@@ -106,7 +106,7 @@ class Search:
         return Validation(float(np.mean(off**2 / variance)), 2, len(firsts)), larger
 
     def _leave_touches_out(self) -> None:
-        """Guess, leave out, fit, and again with what was found, until the same is left out."""
+        """Guess, omit touches, fit, and repeat with the result until the same windows are omitted."""
         everything = self.windows
         walk, noise = first_guess(everything)
         noise = np.maximum(noise, self._least)
@@ -124,7 +124,7 @@ class Search:
         self.touched, self.share = stretches(everything, ~free), 1.0 - float(np.mean(free))
 
     def _fit(self) -> None:
-        """With a warm-up where its likelihood asks for it."""
+        """Fit, with a warm-up where its likelihood justifies it."""
         steps = steps_of(self.windows.middle, self.windows.mean, self.windows.length, GAP)
         self._steps = steps
         without = self._given(None)
@@ -143,20 +143,20 @@ class Search:
         return bool(np.all(alone[:, 0, 0] > DISTINCT * self.found.covariance[:, course, course]))
 
     def _given(self, settling: float | None, start: WalkFit | None = None) -> WalkFit:
-        """The fit with a warm-up of this time, or with none (None), alike channels taken together."""
+        """Return the fit with a warm-up of this settling time, or with none (None), alike channels taken together."""
         return fit_walk(self._with(settling), self._groups, together=np.inf, start=start)
 
     def _with(self, settling: float | None) -> Steps:
         return self._steps.with_shape(*self._changes(settling).T)
 
     def _changes(self, settling: float | None) -> Float[np.ndarray, "k p"]:
-        """By how much each course changes from step to step."""
+        """Return by how much each course changes from step to step."""
         courses = self._courses(self.windows, settling)
         kept = np.diff(self.windows.middle) <= GAP
         return np.diff(courses, axis=0)[kept]
 
     def _courses(self, windows: Windows, settling: float | None) -> Float[np.ndarray, "w p"]:
-        """What the zero may follow: what the windows know of, then a warm-up of rate 1 at the start."""
+        """Return courses that the bias may follow: those of the windows, then a warm-up of rate 1 at the start."""
         if settling is None:
             return windows.courses
         when = windows.middle
@@ -164,7 +164,7 @@ class Search:
         return np.column_stack([windows.courses, warm])
 
     def _settled(self, steady: WalkFit) -> tuple[float, WalkFit]:
-        """The most likely time: for walk and noise as found with a steady rate, then with them found anew."""
+        """Return the most likely settling time: for walk and noise as found with a steady rate, then with new ones."""
         fit = steady
         tried: Float[np.ndarray, " t"] = np.geomspace(self.span / 30.0, 3.0 * self.span, SETTLINGS)
         found = 0.0
@@ -183,17 +183,17 @@ class Search:
         return -self._likelihood(float(np.exp(logarithm)), fit)
 
     def _likelihood(self, settling: float, fit: WalkFit) -> float:
-        """With walk and noise as they are."""
+        """Return the log-likelihood of a settling time with walk and noise as they are."""
         return likelihood_of(self._with(settling), fit)
 
     def _correlation(self) -> float:
-        """The largest, over some lags, of what is left: in the mean of a group's channels."""
+        """Return the largest correlation of the residuals over some lags, in the mean of a group's channels."""
         left = innovations(self._with(self.settling), self.found)
         each: list[Float[np.ndarray, " m"]] = [np.mean(left[lag:] * left[:-lag], axis=0) for lag in range(1, LAGS + 1)]
         return max(abs(float(one[group].mean())) for one in each for group in self._groups)
 
     def notes(self, noise: Float[np.ndarray, "..."] | None, step: float, names: Sequence[str]) -> list[str]:
-        """What a reader should know; `step` [s] from reading to reading, whose stated noise is compared."""
+        """Return notes for the reader; the stated noise is of readings `step` [s] from each other."""
         said: list[str] = []
         if self.touched:
             said.append(f"{self.share:.1%} of the log was left out as touched or disturbed: {described(self.touched)}")
@@ -222,7 +222,7 @@ class Search:
 def _noise_said(
     stated: Float[np.ndarray, "..."], seen: Float[np.ndarray, " m"], count: float, names: Sequence[str]
 ) -> list[str]:
-    """Where windows are far noisier than white noise of the stated size would make them."""
+    """Return a note where windows are far noisier than white noise of the stated size would make them."""
     deviation = np.sqrt(np.diag(stated)) if stated.ndim == 2 else stated
     ratio = seen * np.sqrt(count) / deviation
     wrong = [f"{name} ({times:.2g} times)" for name, times in zip(names, ratio, strict=True) if times > WRONG]
@@ -233,5 +233,5 @@ def _noise_said(
 
 
 def _chi_square(share: float, freedom: int) -> float:
-    """Below which this share of such numbers lies."""
+    """Return the value below which this share of chi-square numbers lies."""
     return 2.0 * float(gammaincinv(freedom / 2.0, share))

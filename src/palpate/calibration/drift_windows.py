@@ -1,4 +1,4 @@
-"""A log as means of short windows, and which of them something touched: what `identify_drift` looks at."""
+"""Average a log over short windows for `identify_drift`, and find the windows without touches."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ LAGS = (2.0, 5.0, 10.0)  # s over which the walk is first guessed
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Windows(Value):
-    """Means.
+    """Means of a log over windows of time.
 
     Attributes:
         middle: (w,) [s] mean time of the samples, from the first sample on.
         mean: (w, m) of the channels.
-        courses: (w, q) of what the zero may follow: a temperature, the direction of gravity.
+        courses: (w, q) of quantities that the bias may follow: a temperature, the direction of gravity.
         length: [s] of a window.
     """
 
@@ -51,12 +51,12 @@ class Windows(Value):
     length: float
 
     def picked(self, rows: Bool[np.ndarray, " w"]) -> Windows:
-        """Those of a mask."""
+        """Return the windows of a mask (w,)."""
         rows = shaped(rows, self.middle.shape, "rows", np.dtype(np.bool_))
         return Windows(self.middle[rows], self.mean[rows], self.courses[rows], self.length)
 
     def doubled(self) -> Windows:
-        """Two and two together."""
+        """Return means over pairs of windows, twice as long; a window without a partner is dropped."""
         index = np.floor(self.middle / (2.0 * self.length)).astype(np.int64)
         _, first, count = np.unique(index, return_index=True, return_counts=True)
 
@@ -75,12 +75,12 @@ def windows_of(
     courses: Float[np.ndarray, "n q"],
     length: float,
 ) -> Windows:
-    """Means over windows of `length` [s], or longer ones: of four samples or more, and no more than 6000.
+    """Return means over windows of `length` [s], or longer ones: of four samples or more, and at most 6000 windows.
 
     Args:
         time: (n,) [s], rising.
         values: (n, m) finite.
-        courses: (n, q); what is missing is taken from its neighbours in time.
+        courses: (n, q); missing values are interpolated in time.
         length: [s].
     """
     span = float(time[-1] - time[0])
@@ -102,7 +102,7 @@ def windows_of(
 
 
 def first_guess(windows: Windows) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
-    """Variances of the walk [unit^2/s] and of a window's mean, which a few touches hardly change: by medians."""
+    """Return variances of the walk [unit^2/s] and of a window's mean, (m,) each; medians resist a few touches."""
     mean, length = windows.mean, windows.length
     noise = np.maximum(_square(mean[1:] - mean[:-1]) / 2.0, 1e-300)
     each: list[np.ndarray] = []
@@ -120,17 +120,17 @@ def untouched(
     noise: Float[np.ndarray, " m"],
     course: Float[np.ndarray, "w m"] | None = None,
 ) -> Bool[np.ndarray, " w"]:
-    """Which windows read what a zero that walks and nothing else would read, six deviations to either side.
+    """Return which windows, (w,), agree with a random walk of the bias, within six standard deviations.
 
-    A Kalman filter of each channel follows the zero; a window that one channel does not expect is left out and does
-    not move it, nor do its neighbours. So a touch is left out until it ends. One that begins slowly is seen when it
-    ends, by the filter that runs backwards: of both, the one that leaves less out is believed.
+    A Kalman filter of each channel tracks the bias; a window that one channel does not expect is omitted and does not
+    move it, nor do its neighbours. So a touch is omitted until it ends. A touch that begins slowly is seen when it
+    ends, by the filter that runs backwards: of both, the one that omits less is used.
 
     Args:
         windows: means.
         walk: (m,) variance [unit^2/s].
         noise: (m,) variance of a mean.
-        course: (w, m) what is known of how the zero moves.
+        course: (w, m) known change of the bias.
     """
     mean = windows.mean if course is None else windows.mean - course
     forward = _gated(windows.middle, mean, walk, noise)
@@ -142,16 +142,16 @@ def untouched(
 
 @takes_arrays
 def require_free(windows: Windows, free: Bool[np.ndarray, " w"], longest: float, share: float) -> None:
-    """Refuses a log that was touched too much to speak of its zero.
+    """Check that a log was touched little enough to show its bias.
 
     Args:
-        windows: all of them.
-        free: of them.
-        longest: [s] that one may last.
-        share: of the log.
+        windows: all windows of the log.
+        free: (w,) True where untouched.
+        longest: [s] that one touch may last.
+        share: largest share of touched windows.
 
     Raises:
-        InputError: it is longer, or more.
+        InputError: a touch is longer, or the share is larger.
     """
     touched = 1.0 - float(np.mean(free))
     start, end = _longest(~free)
@@ -171,7 +171,7 @@ def require_free(windows: Windows, free: Bool[np.ndarray, " w"], longest: float,
 
 
 def _longest(mask: Bool[np.ndarray, " w"]) -> tuple[int, int]:
-    """First and end of the longest stretch."""
+    """Return first and end of the longest stretch."""
     edges = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
     starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     if not len(starts):
@@ -181,7 +181,7 @@ def _longest(mask: Bool[np.ndarray, " w"]) -> tuple[int, int]:
 
 
 def _square(change: Float[np.ndarray, "k m"]) -> Float[np.ndarray, " m"]:
-    """Variance about zero, of the middle half."""
+    """Return the variance about zero, from the median."""
     return (np.median(np.abs(change), axis=0) / 0.6745) ** 2
 
 
@@ -191,7 +191,7 @@ def _gated(
     walk: Float[np.ndarray, " m"],
     noise: Float[np.ndarray, " m"],
 ) -> Bool[np.ndarray, " w"]:
-    """Forward in time, from the first window on, which is believed, as is the first after a gap."""
+    """Filter forward in time; the first window, and the first after a gap, are taken as untouched."""
     zero, variance, last = mean[0].copy(), noise.copy(), float(time[0])
     free = np.ones(len(time), dtype=np.bool_)
     for k in range(1, len(time)):
@@ -211,7 +211,7 @@ def _gated(
 
 
 def described(runs: Sequence[tuple[float, float]], most: int = 3) -> str:
-    """Stretches of time in words: '3.1 to 4.0 s, 7.2 to 7.9 s and 4 more'."""
+    """Return stretches of time in words: '3.1 to 4.0 s, 7.2 to 7.9 s and 4 more'."""
     said = [f"{start:.1f} to {end:.1f} s" for start, end in runs[:most]]
     more = f" and {len(runs) - most} more" if len(runs) > most else ""
     return ", ".join(said) + more
@@ -219,7 +219,7 @@ def described(runs: Sequence[tuple[float, float]], most: int = 3) -> str:
 
 @takes_arrays
 def stretches(windows: Windows, mask: Bool[np.ndarray, " w"]) -> list[tuple[float, float]]:
-    """Beginning and end [s] of each stretch of a mask."""
+    """Return beginning and end [s] of each stretch of a mask."""
     edges = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
     starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     middle, half = windows.middle, windows.length / 2.0

@@ -1,4 +1,4 @@
-"""Where a surface really sits in its sensor's frame, from touches: the largest error of most real set-ups."""
+"""Identify the pose of a surface in its sensor's frame from touches: the largest error of most real set-ups."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ class Mounting:
         pose: T_sensor_surface.
         covariance: (6, 6) of (rotation vector [rad], translation [m]), T = exp(xi) T_mean, in the sensor's frame: its
             last three are about the sensor's origin, so a person reads `position_covariance`.
-        residual: rms of what is left, in the standard deviations that were expected: about 1, more says that
+        residual: rms of the residuals in units of their expected standard deviations: about 1; larger values mean that
             something is not modelled.
         observable: small motions that the touches determine better than the prior does, in the surface's axes.
-        unobservable: those that they do not: there the initial pose and the prior stand.
+        unobservable: the other motions: for these the initial pose and the prior stand.
         touches: numbers of the touches that were used.
-        validation: how touches lie that a fit had not seen.
-        notes: what a user should know, one sentence each.
-        provenance: where it came from.
+        validation: errors of touches that a fit did not use.
+        notes: messages for the user, one sentence each.
+        provenance: sources of the data.
     """
 
     pose: Pose
@@ -69,7 +69,7 @@ class Mounting:
 
     @property
     def position_covariance(self) -> Float[np.ndarray, "3 3"]:
-        """Of where the surface's origin is [m^2], sensor's axes: exp(xi) T moves it by rho + omega x t."""
+        """Covariance of the surface's origin, (3, 3) [m^2], sensor's axes: exp(xi) T moves it by rho + omega x t."""
         moves = np.concatenate([-skew(self.pose.translation), np.eye(3)], axis=1)
         return moves @ self.covariance @ moves.T
 
@@ -89,12 +89,12 @@ def identify_mounting(
     labels: Sequence[str] | None = None,
     spreads: Spreads = _USUAL,
 ) -> Mounting:
-    """The pose of the surface from one compensated wrench a touch.
+    """Identify the pose of the surface from one compensated wrench per touch.
 
     The most probable pose under the touches and a Gaussian prior about `initial`, found by Levenberg and Marquardt's
-    steps with weights by Huber; touches that cannot be reconciled are left out, one at a time, and named.
+    steps with weights by Huber; outliers are omitted, one at a time, and named.
 
-    With points, a touch says M - (R p + t) x F = tau R n: the line of the force, two numbers for six unknowns, so
+    With points, a touch gives M - (R p + t) x F = tau R n: the line of the force, two numbers for six unknowns, so
     three touches whose forces differ in direction and whose points are not on one line determine all.
 
     Without points a touch informs only through the *prior* that forces press more than they drag: the unit force is
@@ -105,17 +105,17 @@ def identify_mounting(
     warning. A body that looks the same when turned or slid keeps the initial pose in that direction.
 
     Args:
-        wrenches: (n, 6) in the sensor frame, compensated, one a touch (`mean_touches`); a row with NaN is left out.
-        surface: in its own frame.
+        wrenches: (n, 6) in the sensor frame, compensated, one per touch (`mean_touches`); a row with NaN is omitted.
+        surface: mesh in the surface's frame.
         initial: T_sensor_surface as drawn or measured by hand.
         points: (n, 3) [m] touched, in the surface's frame; None when not known.
         noise: six standard deviations, one covariance (6, 6), or one for each touch (n, 6, 6), of the rows given.
-            None: small beside the placement. Errors common to all touches (the bias) are not told apart from it.
+            None: small relative to the placement. Errors common to all touches (the bias) are not separated from it.
         labels: names of the touches, for messages.
-        spreads: of the prior, of placement, torsion and friction.
+        spreads: standard deviations of prior, placement, torsion and friction.
 
     Raises:
-        NotIdentifiable: no direction of the pose is seen better than the prior knows it.
+        NotIdentifiable: the touches determine no direction of the pose better than the prior.
         InputError: a mark lies further from the surface than the surface is large, or no pose explains the touches.
     """
     names = [f"touch {k + 1}" for k in range(len(wrenches))] if labels is None else list(labels)
@@ -154,10 +154,10 @@ def mean_touches(
     noise: ArrayLike | None = None,
     covariances: Float[np.ndarray, "m 6 6"] | None = None,
 ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"]]:
-    """One wrench and covariance a touch: the mean over each [start, end] of the finite samples.
+    """Return one wrench and covariance per touch, (n, 6) and (n, 6, 6): the mean of the finite samples in [start, end].
 
     A mean is right because a wrench at a fixed point is linear in the force. `noise` is of one sample and averages
-    out; `covariances` (what the payload's uncertainty adds) is common to the samples and does not. A touch without
+    out; `covariances` (such as the payload's uncertainty) is common to the samples and does not. A touch without
     samples is NaN.
     """
     single = np.zeros((6, 6)) if noise is None else noise_covariance(noise)
@@ -188,7 +188,7 @@ def _judged(
     used: Int[np.ndarray, " k"],
     notes: list[str],
 ) -> Mounting:
-    """Return which directions the touches see better than the prior does, and the covariance of all."""
+    """Return the mounting, with the directions that the touches determine better than the prior, and its covariance."""
     evidence = evidence_of(used)
     prior, sizes = evidence.spreads.prior, evidence.spreads.sizes
     residual, slope = _whitened(evidence, pose)
@@ -271,7 +271,7 @@ def _refusal(free: bool, blind: Float[np.ndarray, "6 k"], spreads: Spreads, note
 
 
 def _strays(points: Float[np.ndarray, "n 3"], surface: Mesh, names: Sequence[str], placement: float) -> list[str]:
-    """Marks that do not lie on the surface: another frame, or another unit."""
+    """Return notes on marks off the surface; raise an InputError for another frame or unit."""
     gaps = np.linalg.norm(surface.project(points)[0] - points, axis=1)
     absurd = np.flatnonzero(gaps > surface.size)
     if len(absurd):

@@ -1,4 +1,4 @@
-"""Which stretches of a log are touches, when nobody wrote them down."""
+"""Find the touches in a log whose times were not recorded."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ def find_presses(
     off: float,
     shortest: int = 10,
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """Start and end [s] of the steady part of every press.
+    """Return start and end [s] of the steady part of every press, (k,) each.
 
     A press is a stretch in which the force stays above `off` and exceeds `on`; its steady part is where the force is
-    at least 0.7 of what it reaches. A finger that slides while it presses is one touch at no place: do not slide.
+    at least 0.7 of its 90th percentile. A finger that slides while it presses touches no single place: do not slide.
 
     Args:
         time: (n,) [s], not running backwards.
         wrenches: (n, 6) compensated [N, N m].
         on: force [N] that a touch exceeds.
         off: force [N] below which it has ended.
-        shortest: samples that make a touch.
+        shortest: least number of samples of the steady part.
     """
     strength = np.where(np.isfinite(wrenches).all(axis=1), np.linalg.norm(wrenches[:, :3], axis=1), 0.0)
     edges = np.flatnonzero(np.diff(np.r_[0, strength > off, 0]))

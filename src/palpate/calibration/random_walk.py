@@ -1,4 +1,4 @@
-"""Likelihood of a zero that walks at random under white noise, from the means of windows: exact, in linear time."""
+"""Compute the likelihood of a bias in a random walk with white noise, from window means: exact, in linear time."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ _FAR = 1e30  # where there is no likelihood
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Steps(Value):
-    """Differences of window means one behind the other, in which the zero itself does not matter.
+    """Differences of consecutive window means, which do not depend on the bias at the start.
 
     Attributes:
         change: (k, m) of m channels.
         interval: (k,) [s] from the middle of one window to that of the next.
-        joined: (k - 1,) whether a step begins in the window in which the one before ends.
+        joined: (k - 1,) True where a step begins in the window in which the one before ends.
         shape: (k, p) by how much p known courses (a warm-up, a temperature) change.
         window: [s] length of a window.
     """
@@ -46,12 +46,12 @@ class Steps(Value):
     window: float
 
     def with_shape(self, *courses: Float[np.ndarray, " k"]) -> Steps:
-        """The same with other known courses."""
+        """Return the steps with other known courses, each (k,)."""
         shape = np.column_stack(courses) if courses else np.zeros((len(self.change), 0))
         return Steps(self.change, self.interval, self.joined, shape, self.window)
 
     def part(self, rows: slice) -> Steps:
-        """Return steps that follow each other."""
+        """Return a range of consecutive steps."""
         first, last, _ = rows.indices(len(self.interval))
         return Steps(
             self.change[rows], self.interval[rows], self.joined[first : last - 1], self.shape[rows], self.window
@@ -61,14 +61,14 @@ class Steps(Value):
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class WalkFit(Value):
-    """What is most likely.
+    """The most likely random walk, noise and courses.
 
     Attributes:
-        walk: (m,) [unit/sqrt(s)]; deviation: (m,) of it.
-        noise: (m,) deviation of a window's mean.
+        walk: (m,) [unit/sqrt(s)]; deviation: (m,) its standard deviation.
+        noise: (m,) standard deviation of a window's mean.
         course: (p, m) coefficients of the known courses; covariance: (m, p, p) of them.
-        likelihood: log of it, at these (not restricted).
-        seen: (m,) whether the walk can be told from none; where not, `walk` is the most that it may be (95 %).
+        likelihood: log-likelihood at these (not restricted).
+        seen: (m,) True where the walk is significant; else `walk` is its upper bound (95 %).
     """
 
     walk: Float[np.ndarray, " m"]
@@ -84,7 +84,7 @@ class WalkFit(Value):
 def steps_of(
     middle: Float[np.ndarray, " w"], mean: Float[np.ndarray, "w m"], window: float, longest: float = np.inf
 ) -> Steps:
-    """Steps from window to window; one over a gap longer than `longest` [s] is left out."""
+    """Return the steps from window to window; a step over a gap longer than `longest` [s] is omitted."""
     apart = np.diff(middle)
     kept = np.flatnonzero(apart <= longest)
     return Steps(np.diff(mean, axis=0)[kept], apart[kept], np.diff(kept) == 1, np.zeros((len(kept), 0)), window)
@@ -93,18 +93,18 @@ def steps_of(
 def fit_walk(
     steps: Steps, groups: Sequence[Sequence[int]], together: float = 14.0, start: WalkFit | None = None
 ) -> WalkFit:
-    """Walk and noise of most (restricted) likelihood, one walk for a group of channels unless they clearly differ.
+    """Fit walk and noise by (restricted) likelihood, with one walk for a group of channels unless they clearly differ.
 
-    The mean over a window of length w of a Wiener process with noise of variance R: steps between windows whose
-    middles are D apart have the variance q^2 (D - w/3) + 2 R, and two that share a window the covariance
+    The mean over a window of length w of a Wiener process with noise of variance R: steps between windows with a
+    distance D of their middles have the variance q^2 (D - w/3) + 2 R, and two that share a window the covariance
     q^2 w/6 - R, whatever gaps there are. So the covariance of all steps is tridiagonal.
 
     Args:
         steps: of m channels.
-        groups: of channels that are alike, such as the three forces.
-        together: twice the log-likelihood that walks of their own must gain (of 3 channels, 14 is 0.1 %); inf: groups
-            stay as they are, and nothing is said of how sure the walk is.
-        start: where to begin; None: at a guess.
+        groups: channels that are alike, such as the three forces.
+        together: twice the log-likelihood that separate walks must gain (of 3 channels, 14 is 0.1 %); inf: groups stay
+            as they are, and the walk gets no standard deviation.
+        start: initial values; None: a guess.
     """
     channels, last = steps.change.shape[1], np.isinf(together)
     walk, spread, noise = np.empty(channels), np.full(channels, np.nan), np.empty(channels)
@@ -126,17 +126,20 @@ def fit_walk(
 
 
 def likelihood_of(steps: Steps, fit: WalkFit) -> float:
-    """Log of the likelihood of a fit's walk and noise under other courses (not restricted)."""
+    """Return the log-likelihood of a fit's walk and noise under other courses (not restricted)."""
     return _courses(steps, fit.walk**2, fit.noise**2)[2]
 
 
 def covariance_of(steps: Steps, fit: WalkFit) -> Float[np.ndarray, "m p p"]:
-    """Return the covariances of the coefficients of other courses, under a fit's walk and noise."""
+    """Return the covariances of the coefficients of other courses, (m, p, p), under a fit's walk and noise."""
     return _courses(steps, fit.walk**2, fit.noise**2)[1]
 
 
 def innovations(steps: Steps, fit: WalkFit) -> Float[np.ndarray, "k m"]:
-    """What each step adds to what those before say, over its deviation: white if the model holds."""
+    """Return each step's difference from its prediction by those before, (k, m), over its standard deviation.
+
+    They are white if the model holds.
+    """
     each = [_Solved(steps, k, fit.walk[k] ** 2, fit.noise[k] ** 2) for k in range(len(fit.walk))]
     return np.column_stack([one.innovations() for one in each])
 
@@ -144,14 +147,14 @@ def innovations(steps: Steps, fit: WalkFit) -> Float[np.ndarray, "k m"]:
 def _courses(
     steps: Steps, walk: Float[np.ndarray, " m"], noise: Float[np.ndarray, " m"]
 ) -> tuple[Float[np.ndarray, "p m"], Float[np.ndarray, "m p p"], float]:
-    """Coefficients of the courses with their covariances, and the likelihood, under given variances."""
+    """Return coefficients of the courses with their covariances, and the likelihood, under given variances."""
     each = [_Solved(steps, k, float(walk[k]), float(noise[k])) for k in range(len(walk))]
     course = np.stack([one.course for one in each], axis=1)
     return course, np.stack([one.covariance for one in each]), sum(one.likelihood(restricted=False) for one in each)
 
 
 class _Solved:
-    """One channel under given variances: the best courses and the likelihood."""
+    """The best courses and the likelihood of one channel under given variances."""
 
     def __init__(self, steps: Steps, channel: int, walk: float, noise: float) -> None:
         change, shape, window = steps.change[:, channel], steps.shape, steps.window
@@ -167,7 +170,7 @@ class _Solved:
         self._left = change - shape @ self.course
 
     def likelihood(self, *, restricted: bool) -> float:
-        """Log of it, but for a constant; restricted: of what is left when the courses are taken off [Patterson]."""
+        """Return the log-likelihood up to a constant; restricted: of the residuals from the courses [Patterson]."""
         if self._failed:
             return -np.inf
         total = float(np.sum(np.log(self.pivots))) + self._square
@@ -176,19 +179,19 @@ class _Solved:
         return -0.5 * total
 
     def best(self) -> float:
-        """The restricted likelihood if both variances are multiplied by the factor that is best for it."""
+        """Return the restricted log-likelihood with both variances multiplied by the best factor."""
         count = len(self.pivots) - len(self.course)
         factor = self._square / count
         return self.likelihood(restricted=True) + 0.5 * (self._square - count - count * np.log(factor))
 
     def innovations(self) -> Float[np.ndarray, " k"]:
-        """White and of variance 1 if the model holds."""
+        """Return the innovations, white and of variance 1 if the model holds."""
         bands = np.stack([np.ones(len(self.pivots)), np.append(self.factors, 0.0)])
         return solve_banded((1, 0), bands, self._left) / np.sqrt(self.pivots)
 
 
 def _inverse(information: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
-    """Invert an information of courses; of some that are alike each has 10,000 times the deviation of one by itself."""
+    """Invert an information of courses; alike courses get 10,000 times the standard deviation of a single one."""
     alone = np.sqrt(np.diag(information))
     alone = np.where(alone > 0.0, alone, 1.0)
     correlation = information / alone / alone[:, None]
@@ -196,7 +199,7 @@ def _inverse(information: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
 
 
 class _Group:
-    """One walk for some channels, noise of their own."""
+    """A common walk of some channels with separate noises."""
 
     def __init__(self, steps: Steps, picked: list[int], start: WalkFit | None) -> None:
         self._steps, self.picked = steps, picked
@@ -212,18 +215,18 @@ class _Group:
         self.walk = float(np.exp(self._best[0] / 2.0))
 
     def judged(self) -> tuple[float, float, bool]:
-        """The walk, its deviation over itself, and whether it is seen: else it is the most that it may be."""
+        """Return the walk, its relative standard deviation, and whether it is significant; else it is a bound."""
         none = sum(_Solved(self._steps, channel, np.exp(LOWEST), 1.0).best() for channel in self.picked)
         seen = bool(2.0 * (self.value - none) > SEEN)
         walk = self._best[0] if seen else self._most(self._best)
         return float(np.exp(walk / 2.0)), self._deviation(self._best), seen
 
     def _loss(self, logarithms: Float[np.ndarray, " _"]) -> float:
-        """Of the variances: of the walk, then of each channel's noise."""
+        """Return the negative log-likelihood for the logarithms of the variances: walk, then each channel's noise."""
         return float(sum(self._each(logarithms)))
 
     def _sloped(self, logarithms: Float[np.ndarray, " v"]) -> tuple[float, Float[np.ndarray, " v"]]:
-        """The loss and its slope; noise of one channel touches only that channel's part."""
+        """Return the loss and its slope; the noise of one channel affects only that channel's part."""
         here = self._each(logarithms)
         walked = self._each(logarithms + _SLOPE * np.eye(len(logarithms))[0])
         noisier = self._each(logarithms + _SLOPE * (np.arange(len(logarithms)) > 0))
@@ -240,7 +243,7 @@ class _Group:
         )
 
     def _deviation(self, best: Float[np.ndarray, " v"]) -> float:
-        """Of the walk over the walk, from how the likelihood bends."""
+        """Return the relative standard deviation of the walk, from the curvature of the likelihood."""
         size = len(best)
         ways = _SHIFT * np.eye(size)
         bend = np.empty((size, size))
@@ -254,7 +257,7 @@ class _Group:
         return float(np.sqrt(np.linalg.inv(bend)[0, 0])) / 2.0  # of a variance's logarithm, half is the deviation's
 
     def _most(self, best: Float[np.ndarray, " v"]) -> float:
-        """Logarithm of the largest variance of a walk that the log does not speak against (95 %, one-sided)."""
+        """Return the logarithm of the largest variance of the walk that the log does not exclude (95 %, one-sided)."""
         low, high = float(best[0]), float(best[1:].max()) + 5.0
         for _ in range(30):
             middle = (low + high) / 2.0
@@ -264,7 +267,7 @@ class _Group:
 
 
 def _first_guess(steps: Steps, channel: int) -> tuple[float, float]:
-    """Logarithms of both variances, from the first two moments of the steps."""
+    """Return guesses of the logarithms of walk and noise variance, from the first two moments of the steps."""
     change = steps.change[:, channel]
     square = float(np.var(change))
     pairs = np.flatnonzero(steps.joined)

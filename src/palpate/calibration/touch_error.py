@@ -1,4 +1,4 @@
-"""What touches at known points err by beside the noise of the wrenches: indentation, marks, the sensor itself."""
+"""Estimate errors of touches at known points beyond wrench noise: indentation, marks, the sensor."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ SURE = 4.0  # over sqrt(n): a correlation time of n touches that differs from 1 
 
 @dataclass(frozen=True)
 class TouchError:
-    """Standard deviations along one tangent [m] of where a sample seems to act, about its mark.
+    """Standard deviations along one tangent [m] of a sample's apparent contact point about its mark.
 
     Attributes:
-        common: beside the noise; it is common to the samples of a touch, and no filter takes it off.
-        noise: of a single sample.
+        common: beyond the noise; common to the samples of a touch, so that no filter removes it.
+        noise: due to the noise of a single sample.
     """
 
     common: float
     noise: float
 
     def placement(self, marks: float) -> float:
-        """What of it is not how well marks are hit [m]."""
+        """Return the part of `common` that is not due to how well marks are hit [m], given its standard deviation."""
         return max(self.common**2 - marks**2, 0.0) ** 0.5
 
 
@@ -45,24 +45,24 @@ def touch_error(
     noise: Float[np.ndarray, "6 6"] | None,
     pose_from: Callable[[Int[np.ndarray, " k"]], Pose],
 ) -> TouchError:
-    """By the moments of the samples: variance components, of which the noise's is known.
+    """Estimate the variance components from the moments of the samples; that of the noise is known.
 
-    A wrench that acts d beside the mark p, across its normal n, has r = M - p x F = d x F + tau n, so
+    A wrench that acts at a distance d from the mark p, across its normal n, has r = M - p x F = d x F + tau n, so
 
         d = n x r / (n . F),    Sigma_d = G Sigma G^T with G = [n]x (-[p]x, 1) / (n . F),
 
     and each touch gives the mean of |d|^2/2 - tr Sigma_d/2 over its samples, weighted by (n . F)^2; touches count
-    alike. They are judged in the order of time, a quarter at a time, by the pose that the others give: where errors
-    change from place to place, a pose takes up those that it is fitted to. Few touches are judged by the pose of all,
-    which fits them too well by (2 n - 6)/(2 n).
+    equally. They are compared in the order of time, a quarter at a time, with the pose that the others give: where
+    errors change from place to place, a pose absorbs those that it is fitted to. Few touches are compared with the pose
+    of all, which fits them too well by (2 n - 6)/(2 n).
 
     Args:
         time: (m,) [s].
-        wrenches: (m, 6) in the sensor's frame, compensated; NaN: left out.
-        touches: (n) at known points in the surface's frame.
-        normals: (n, 3) there.
+        wrenches: (m, 6) in the sensor's frame, compensated; NaN: omitted.
+        touches: n touches at known points in the surface's frame.
+        normals: (n, 3) at these points.
         noise: (6, 6) covariance of a sample; None: none.
-        pose_from: T_sensor_surface by the touches of these numbers.
+        pose_from: returns T_sensor_surface from the touches of these numbers.
     """
     every: Int[np.ndarray, " n"] = np.arange(len(touches), dtype=np.int64)
     folds = np.array_split(every, FOLDS) if len(touches) >= MANY else [every]
@@ -89,7 +89,7 @@ def _moments(
     normal: Float[np.ndarray, "3"],
     noise: Float[np.ndarray, "6 6"] | None,
 ) -> tuple[float, float] | None:
-    """Mean of |d|^2/2 over a touch, and of what the noise makes of it; None where nothing pressed."""
+    """Return the mean of |d|^2/2 over a touch, and the part due to noise; None where nothing pressed."""
     weight = float(np.sum(np.square(wrenches[:, :3] @ normal)))
     if not weight > 0:
         return None
@@ -101,7 +101,7 @@ def _moments(
 
 @takes_arrays
 def spread_in_time(errors: Float[np.ndarray, "n k"]) -> float:
-    """How many touches in a row tell what one does: the correlation time of their errors, 1 where it is not sure."""
+    """Return the correlation time of the touches' errors, in touches; 1 where it is not significant."""
     times = correlation_time(errors)
     longest = float(times.max())
     return longest if longest > 1.0 + SURE / len(errors) ** 0.5 else 1.0

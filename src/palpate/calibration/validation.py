@@ -1,4 +1,4 @@
-"""Judge a calibration by data that its fit left out."""
+"""Check a calibration with data that its fit did not use."""
 
 from __future__ import annotations
 
@@ -20,13 +20,12 @@ OFF = 1.5  # times the stated deviations: beyond it a person is told
 
 @dataclass(frozen=True)
 class Validation:
-    """Hold how far data that a fit left out lie from what the fit predicts.
+    """The errors of predicting data that a fit did not use, relative to what the fit expects.
 
     Attributes:
-        ratio: mean squared distance over what the covariances expect: 1 where they hold; NaN: nothing could be left
-            out.
-        parts: how many parts were left out, one after the other.
-        freedom: how many numbers were compared.
+        ratio: mean squared distance over what the covariances expect: 1 where they hold; NaN: nothing could be omitted.
+        parts: number of parts that were omitted, one after the other.
+        freedom: number of values compared.
     """
 
     ratio: float = np.nan
@@ -35,7 +34,7 @@ class Validation:
 
     @property
     def widening(self) -> float:
-        """Return the factor for covariances: the ratio, or 1 where it may be chance (two sigma of a chi-square)."""
+        """Factor for covariances: the ratio, or 1 where it may be chance (two sigma of a chi-square)."""
         return self.ratio if self.parts and self.ratio > 1.0 + 2.0 * (2.0 / self.freedom) ** 0.5 else 1.0
 
     def __str__(self) -> str:
@@ -48,7 +47,7 @@ class Validation:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """A sentence where the data disagree more than chance makes them."""
+        """Sentence where the data disagree more than by chance; else ()."""
         if self.widening <= OFF**2:
             return ()
         return (
@@ -64,18 +63,18 @@ def cross_validate(
     parts: int = PARTS,
     blocks: int | None = None,
 ) -> Validation:
-    """Leave out parts of the data, one after the other, and compare each with what the rest predicts.
+    """Omit parts of the data, one after the other, and compare each with its prediction from the rest.
 
-    A part is made of consecutive rows, which share what drifts, so that it tells more than rows picked here and there.
-    It is passed over where the rest does not determine the model.
+    A part is made of consecutive rows, which share the drift, so that it tells more than rows picked here and there. It
+    is skipped where the rest does not determine the model.
 
     Args:
-        count: of rows.
-        predict: from which rows are left out, (n,), to how far off they are predicted, and to the covariance of that by
-            the covariances of the fit and of the data.
-        parts: how many.
-        blocks: of consecutive rows that are dealt out to the parts in turn, for logs in which a part would have a range
-            of its own; None: one a part.
+        count: number of rows.
+        predict: maps the mask of omitted rows, (n,), to their prediction error, and to its covariance by the
+            covariances of the fit and of the data.
+        parts: number of parts.
+        blocks: number of blocks of consecutive rows that are dealt out to the parts in turn, for logs in which each
+            part would have a different range; None: one per part.
     """
     part = np.arange(count) * (blocks or parts) // max(count, 1) % parts
     squares, ranks = list[float](), list[int]()
@@ -96,8 +95,8 @@ def pseudo_inverse(matrix: Float[np.ndarray, "p p"], least: float = 1e-12) -> Fl
     """Return the pseudo-inverse of a covariance or an information whose unknowns have different units.
 
     Args:
-        matrix: of unknowns that are scaled alike first.
-        least: of the largest eigenvalue: smaller ones are taken for 0.
+        matrix: its unknowns are scaled alike first.
+        least: eigenvalues below this share of the largest are taken for 0.
     """
     size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     size[size == 0] = np.inf

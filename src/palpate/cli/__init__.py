@@ -1,4 +1,4 @@
-"""The commands: loops and messages, no mathematics."""
+"""Run the commands: loops and messages, no mathematics."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ FAILED, USAGE, INTERRUPTED = 1, 2, 130
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command.
+    """Run one command and return its exit code.
 
     Returns:
         0; 1 when the input cannot be used or the output not be written (one sentence on stderr); 2 for a wrong call;
-        130 after Ctrl-C.
+        130 after Ctrl-C; the command's code where it states another.
     """
     try:
         code = _run(argv)
@@ -72,7 +72,7 @@ def _run(argv: Sequence[str] | None) -> int:
 
 
 def _drop_output() -> None:
-    """What is still to be written goes nowhere: Python writes it once more when it leaves."""
+    """Redirect stdout to nowhere, as Python writes the remaining output once more at exit."""
     try:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except OSError:  # an output that is no file

@@ -1,4 +1,4 @@
-"""Run the command that is called, which alone is imported; a table has what the help says of the others."""
+"""Import and run the called command; help on the others comes from a table, without importing them."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ class _Command:
     about: str
 
     def load(self) -> Callable[..., Any]:
-        """Return the command itself."""
+        """Import and return the command."""
         with importing():
             return getattr(import_module(self.module, "palpate.cli"), self.function)
 
 
 @dataclass(frozen=True)
 class _Group:
-    """Commands of two words, and what they have in common."""
+    """Commands of two words with the same first word, and a description of them all."""
 
     about: str
     commands: dict[str, _Command] = field(default_factory=dict[str, _Command])
@@ -182,9 +182,10 @@ BROKEN: list[str] = []  # what is wrong with other packages
 
 
 def join_others() -> None:
-    """Add what other packages bring: entry points `palpate.commands` and `palpate.calibrations`.
+    """Add commands of other packages: entry points `palpate.commands` and `palpate.calibrations`.
 
-    What cannot be imported, or is no such table, is left out, and said where a call names a command that is not there.
+    Those that cannot be imported, or are no such table, are skipped; `BROKEN` keeps the reasons, which are printed
+    where a call names an unknown command.
     """
     from palpate.registry import Registry
 
@@ -218,7 +219,7 @@ def _noted() -> Generator[None]:
 def run(argv: Sequence[str]) -> None:
     """Parse and run one command; leaves by `SystemExit` on --help and on a wrong call.
 
-    What is misspelt is said in one sentence, as the exit code; everything else that is wrong is said by the parser.
+    A misspelt word is reported in one sentence, as the exit code; other errors in the call are reported by the parser.
     """
     words = list(argv)
     named = [word for word in words if not word.startswith("-")]
@@ -261,7 +262,7 @@ def _parse(called: tuple[str, ...], words: list[str], *, speaks: bool) -> None:
 
 
 def _complete(words: list[str]) -> None:
-    """Print or write what a shell completes by: of all commands with their options."""
+    """Print or write the shell completion of all commands with their options."""
     from tyro.extras import SubcommandApp
 
     app = SubcommandApp()
@@ -277,7 +278,7 @@ def _complete(words: list[str]) -> None:
 
 
 def _listed(called: tuple[str, ...]) -> str:
-    """The help of `palpate`, or of a group: its commands, a paragraph each."""
+    """Return the help of `palpate`, or of a group: its commands, a paragraph each."""
     group = COMMANDS[called[0]] if called else None
     if isinstance(group, _Group):
         about, commands = f"{group.about}.", {name: command.about for name, command in group.commands.items()}
@@ -296,7 +297,7 @@ def _listed(called: tuple[str, ...]) -> str:
 
 
 def _options(called: Sequence[str]) -> set[str]:
-    """The options of a command, as its help lists them."""
+    """Return the options of a command, as its help lists them."""
     every = {"--help", *_EVERYWHERE[bool(called)]}
     if " ".join(called) not in _EACH:
         return every

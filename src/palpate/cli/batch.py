@@ -1,4 +1,4 @@
-"""`palpate batch`: many logs through one rig, on every core or a cluster, and one page about all of them."""
+"""Run `palpate batch`: many logs with one rig, on all cores or a cluster, and one page about all of them."""
 
 from __future__ import annotations
 
@@ -39,18 +39,18 @@ RESULTS, WORKERS = "results of a batch of logs", "--workers"
 
 @dataclass(frozen=True)
 class _Job:
-    """One log.
+    """A log to be done, with all that a worker needs.
 
-    Paths are absolute: a worker may stand in another folder.
+    Paths are absolute: a worker may have another working directory.
 
     Attributes:
-        setup: of all.
+        setup: rig and options of all logs.
         made: digest of version, rig and options, so that a process reads the rig once.
-        called: the log, as it was given.
-        log: that is read.
-        output: of contacts.
-        frame: of the result.
-        parent: number of the process whose child does it; 0: whoever does.
+        called: the log, as the user gave it.
+        log: path of the log.
+        output: file of contacts to write.
+        frame: coordinate frame of the result.
+        parent: id of the process whose child must do it; 0: any process.
     """
 
     setup: RigOptions
@@ -63,7 +63,7 @@ class _Job:
 
     @property
     def key(self) -> str:
-        """One a log, by whatever name it goes."""
+        """Resolved path of the log, the same whatever name it is given by."""
         return str(self.log.resolve())
 
 
@@ -75,9 +75,9 @@ class _Kept:
         log: resolved path.
         output: name of the file of contacts.
         made: digest of version, rig and options.
-        digest: of the log; "" where it could not be read.
+        digest: digest of the log; "" where the log failed.
         size: bytes of the output.
-        result: for the page.
+        result: summary for the page.
     """
 
     log: str
@@ -100,18 +100,18 @@ def batch(
 ) -> None:
     """Find contacts in many logs, each exactly as `palpate estimate` would, and write one page about all of them.
 
-    In the folder stand a file of contacts a log, each with its .toml, batch.html (a row a log) and batch.jsonl (what is
-    done). The same command goes on where it was ended: logs whose output is whole, from the same log, rig, options and
-    version, are not done again. A log that cannot be used is listed with the reason. Exit code 5: done, but some logs
-    failed; 3: one was cut off; 4: nothing in one can be believed.
+    The folder receives a file of contacts per log, each with its .toml, batch.html (a row per log) and batch.jsonl
+    (completed logs). The same command continues where it was ended: logs with a complete output from the same log, rig,
+    options and version are not done again. A log that cannot be used is listed with the reason. Exit code 5: done, but
+    some logs failed; 3: one was cut off; 4: nothing in one can be believed.
 
     Args:
         logs: files, folders (with all that is below) and patterns; see `palpate estimate`.
-        output: folder to write into; made where it is not there, in one that is.
+        output: folder to write into; it is created if only its parent exists.
         setup: what is touched, and how contacts are found.
-        form: of the files of contacts: parquet, csv or mcap.
-        frame: of the results; base needs the sensor's orientation and position in the logs.
-        workers: logs at a time; otherwise one a core.
+        form: format of the files of contacts: parquet, csv or mcap.
+        frame: coordinate frame of the results; base needs the sensor's orientation and position in the logs.
+        workers: number of logs at a time; by default one per core.
         backend: what runs them: processes on this machine, or a dask or ray cluster that sees the same files.
     """
     count = require_backend(backend, workers, WORKERS)
@@ -149,7 +149,7 @@ def batch(
 
 
 def _one(job: _Job) -> _Kept:
-    """One log, in whatever process; whatever is wrong with it is in its result."""
+    """Estimate one log, in any process; return its result, which holds the error if there was one."""
     log, output = job.key, job.output.name
     try:
         digest = log_digest(job.log)  # before: a log that grows meanwhile is another log
@@ -183,24 +183,24 @@ def _failed(job: _Job, why: str) -> _Kept:
 
 
 def _lost(job: _Job) -> _Kept:
-    """Its worker did not live to say anything."""
+    """Return the result of a log whose worker was ended from outside."""
     return _failed(job, "the process that read it was ended: too little memory, or a crash in a library.")
 
 
 @lru_cache(maxsize=1)
 def _rig(setup: RigOptions, made: str) -> Rig:
-    """Read once a process; `made` changes with its files."""
+    """Load the rig, once per process; `made` changes with the rig's files."""
     return setup.load()
 
 
 def _watch(parent: int, done: int, share: float) -> None:
-    """Nobody watches a single log; but a worker whose command was killed ends, before the command goes on anew."""
+    """Raise KeyboardInterrupt in a worker whose command was killed, before the command is started again."""
     if parent and os.getppid() != parent:
         raise KeyboardInterrupt
 
 
 def log_digest(log: Path) -> str:
-    """Of the bytes of a log; of a folder, of names, sizes and times of what is in it."""
+    """Return the SHA-256 of a log's bytes; of a folder, of the names, sizes and times of its files."""
     if not log.is_dir():
         with open_input(log) as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
@@ -210,14 +210,14 @@ def log_digest(log: Path) -> str:
 
 
 def _digest(setup: RigOptions, files: Mapping[str, Path], frame: str) -> str:
-    """Of version, files of the rig and options."""
+    """Return the SHA-256 of version, files of the rig and options."""
     options = {each.name: getattr(setup, each.name) for each in fields(setup) if each.name not in PATHS}
     record = provenance({"rig": setup.rig, **files}, {**options, "frame": frame})
     return hashlib.sha256(repr(record).encode()).hexdigest()
 
 
 def _printable(log: Path) -> str:
-    """As a page can hold it: a name need not be UTF-8."""
+    """Return the path as text that a page can hold: a name need not be UTF-8."""
     return str(log).encode(errors="backslashreplace").decode()
 
 
@@ -236,7 +236,7 @@ def _require_folder(output: Path) -> None:
 
 
 def _require_apart(jobs: Sequence[_Job], setup: RigOptions, files: Mapping[str, Path]) -> None:
-    """No output is an input of any log."""
+    """Raise an InputError where an output is an input of any log."""
     inputs = [setup.rig, *files.values(), *(job.log for job in jobs)]
     read = {path.resolve() for path in inputs if path is not None}
     for path in (path for job in jobs for path in (job.output, record_of(job.output))):
@@ -245,7 +245,7 @@ def _require_apart(jobs: Sequence[_Job], setup: RigOptions, files: Mapping[str, 
 
 
 def _read(path: Path) -> Iterator[_Kept]:
-    """What was done before; of a log that was done several times the last one counts."""
+    """Yield the results of earlier runs; of a log that was done several times the last one counts."""
     if not path.exists():
         return
     _, rows = read_rows(path, RESULTS)
@@ -257,7 +257,7 @@ def _read(path: Path) -> Iterator[_Kept]:
 
 
 def _holds(there: _Kept, job: _Job) -> bool:
-    """Whether a log is done, from the same log, rig, options and version, and its output is still what was written."""
+    """Return whether a log is done from the same log, rig, options and version, and its output is unchanged."""
     output = job.output
     if there.result.failure or there.made != job.made or there.output != output.name:
         return False

@@ -1,4 +1,4 @@
-"""Which logs a batch has, by files, folders and patterns, and how their outputs are called."""
+"""Find the logs of a batch by files, folders and patterns, and name their outputs."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ LOGS = (".csv", ".tsv", ".txt", ".parquet", ".npy", ".npz", ".mcap", ".bag", ".d
 
 
 def logs_of(given: Sequence[Path], output: Path) -> list[Path]:
-    """Every log once, in the order in which they are given; those of a folder, and below it, by name.
+    """Return every log once, in the order in which they are given; those in and below a folder by name.
 
     A folder that is a ROS 2 bag or holds frames is one log.
 
     Args:
-        given: files, folders, and patterns (`*`, `?`, `[...]`, `**`) that the shell left alone.
-        output: folder of the results, which is passed over.
+        given: files, folders, and patterns (`*`, `?`, `[...]`, `**`) that the shell did not expand.
+        output: folder of the results, which is skipped.
 
     Raises:
         InputError: there is no such file, or no log in a folder or by a pattern.
@@ -40,12 +40,12 @@ def logs_of(given: Sequence[Path], output: Path) -> list[Path]:
 
 
 def names_of(logs: Sequence[Path], known: Mapping[Path, str]) -> dict[Path, str]:
-    """How the output of each log is called, without a suffix: as the log, after its folders where two would be alike.
+    """Return the name of each log's output, without a suffix: the log's name, after its folders where two are alike.
 
     Args:
-        logs: of this batch.
-        known: resolved path of a log that was there before -> how its output was called; it stays, and the others are
-            called as if all were new, so that a batch that was ended goes on with the names that it would have had.
+        logs: logs of this batch.
+        known: output names of earlier runs by the resolved path of the log; they stay, and the others are named as if
+            all were new, so that a continued batch uses the names that it would have had.
     """
     names = {log: known[log.resolve()] for log in logs if log.resolve() in known}
     taken, left = {name.lower() for name in known.values()}, [log for log in logs if log not in names]
@@ -68,7 +68,7 @@ def names_of(logs: Sequence[Path], known: Mapping[Path, str]) -> dict[Path, str]
 
 
 def _called(log: Path, depth: int) -> str:
-    """After so many of its folders."""
+    """Return the log's name after `depth` of its folders."""
     return "-".join([*log.parts[-1 - depth : -1], log.stem]).replace("/", "")
 
 
@@ -86,7 +86,7 @@ def _expanded(path: Path, output: Path) -> Iterator[Path]:
 
 
 def _below(folder: Path, output: Path) -> Iterator[Path]:
-    """Logs in a folder and the folders in it."""
+    """Yield the logs in a folder and in the folders below it."""
     if folder.resolve() == output:
         return
     for path in sorted(folder.iterdir()):
@@ -99,5 +99,5 @@ def _below(folder: Path, output: Path) -> Iterator[Path]:
 
 
 def _is_log(folder: Path) -> bool:
-    """A ROS 2 bag, or a folder of frames."""
+    """Return whether the folder is a ROS 2 bag or a folder of frames."""
     return (folder / "metadata.yaml").exists() or holds_frames(folder)

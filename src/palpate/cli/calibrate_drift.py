@@ -1,4 +1,4 @@
-"""`palpate calibrate drift`: how the zero of a sensor wanders, from a log in which nothing touches it."""
+"""Run `palpate calibrate drift`: identify the drift of a sensor's bias from a log in which nothing touches it."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ class CalibrateDrift(Calibration):
     """Find how the zero of a force/torque sensor or of load cells wanders, and write it into the rig.
 
     Leave the sensor untouched for five minutes, best from when it is switched on. With a payload in the rig the arm
-    may move. With [drift] in the rig, `estimate` and `live` follow the zero wherever nothing is touched. Comments in
-    the rig stay.
+    may move. With [drift] in the rig, `estimate` and `live` track the bias while nothing is touched. Comments in the
+    rig stay.
 
     Args:
-        log: of the untouched sensor, in any format that `estimate` reads.
+        log: recording of the untouched sensor, in any format that `estimate` reads.
         rig: TOML of the set-up.
         output: rig to write; it may be the same file.
         window: seconds over which readings are averaged at first.
@@ -50,7 +50,7 @@ class CalibrateDrift(Calibration):
     window: Annotated[float, arg(metavar="X")] = 0.1
 
     def identify(self) -> CalibrationResult:
-        """Fit walk, warm-up and temperature to the readings of the free sensor."""
+        """Fit random walk, warm-up and temperature dependence of the bias to the readings of the untouched sensor."""
         require_positive(self.window, "--window")
         with open_log(self.log, self.stated) as opened:
             setup, recording, notes = _read(self.log, opened)
@@ -97,7 +97,7 @@ def _require_one(setup: Setup, rig: Path) -> None:
 
 
 def _figures(of: SensorDrift, weight: float) -> list[tuple[str, object]]:
-    """Names and values."""
+    """Return names and values of the figures to print."""
     found = of.found
     drift, walks, rates = found.drift, list[str](), list[str]()
     kelvin, noises = list[str](), list[str]()

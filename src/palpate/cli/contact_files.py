@@ -1,4 +1,4 @@
-"""Files of contacts that other commands wrote, in the frame that the body is drawn in."""
+"""Read contacts from files of other commands, in the frame that the body is drawn in."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ __all__ = ["compared_blocks", "on_body", "written"]
 
 
 def written(path: Path) -> Contacts | None:
-    """What a file of contacts holds; None where it is a log."""
+    """Return the contacts in a file; None where the file is a log."""
     return read_contacts(path) if _holds_contacts(path) else None
 
 
 def compared_blocks(path: Path, link: Link) -> Iterator[Contacts]:
-    """Contacts to compare, block by block, in the frame that the body is drawn in.
+    """Return an iterator over the contacts to compare, block by block, in the frame that the body is drawn in.
 
     Raises:
         InputError: there is no such file, it holds none, or they are in a frame in which the body moves.
@@ -35,7 +35,7 @@ def compared_blocks(path: Path, link: Link) -> Iterator[Contacts]:
 
 
 def on_body(contacts: Contacts, path: Path, link: Link) -> Contacts:
-    """As they were written, in the frame that the body is drawn in.
+    """Return the contacts of a file in the frame that the body is drawn in.
 
     Raises:
         InputError: they are in the base frame.

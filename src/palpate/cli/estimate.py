@@ -1,4 +1,4 @@
-"""`palpate estimate`: a log and a rig go in, contacts come out."""
+"""Run `palpate estimate`: find the contacts in a log with a rig."""
 
 from __future__ import annotations
 
@@ -52,22 +52,22 @@ def estimate(
 ) -> None:
     """Find contacts in the log of any sensor, with a rig, or in a log of wrenches with a mesh alone.
 
-    Options given here win over the rig. Beside OUTPUT stands OUTPUT.toml: versions, input hashes, options. Ctrl-C
-    leaves the contacts found so far. Exit code 3: done, but the log was cut off; 4: done, but nothing in it can be
-    believed, for a reason that is said last.
+    Options given here override the rig. OUTPUT.toml is written next to OUTPUT: versions, input hashes, options. Ctrl-C
+    keeps the contacts found so far. Exit code 3: done, but the log was cut off; 4: done, but nothing in it can be
+    believed, for a reason that is printed last.
 
     Args:
         log: CSV, Parquet, NumPy, MCAP or a ROS bag. Wrenches: columns time,fx,fy,fz,tx,ty,tz and, where orientation
             matters, qx,qy,qz,qw, or topics with WrenchStamped and PoseStamped. Load cells: their voltages. A taxel
-            sheet: one column a cell, or arrays, or images. Other names and units stand in the rig.
-        output: contacts to write: .csv, .parquet or .mcap. Without it a summary and the touches are all that is said.
+            sheet: one column a cell, or arrays, or images. The rig states other names and units.
+        output: contacts to write: .csv, .parquet or .mcap. Without it only a summary and the touches are printed.
         setup: what is touched, and how contacts are found.
-        frame: of the result; base needs the sensor's orientation and position in the log.
+        frame: coordinate frame of the result; base needs the sensor's orientation and position in the log.
         report: page to write as well (.html): what was done, pictures, what to improve.
-        truth: what is known of the contacts, to be drawn and judged in the report (see `palpate evaluate`).
-        compare: other contacts, such as of the same log by other settings, to stand beside these in the report.
-        workers: 1: one process does it all; 2 or more: others read and write meanwhile, and so many threads locate;
-            the same bits. Otherwise they do for logs of 100 MB and more, a thread a core.
+        truth: ground truth of the contacts, drawn and evaluated in the report (see `palpate evaluate`).
+        compare: other contacts, such as of the same log by other settings, to compare with these in the report.
+        workers: 1: one process does everything; 2 or more: other processes read and write, and this many threads
+            locate, with identical results. By default 1; for logs of 100 MB and more, one thread per core.
     """
     if workers is not None and workers < 1:
         raise InputError(f"must be 1 at least, not {workers}.", where="--workers")
@@ -100,7 +100,7 @@ def estimate(
 
 
 def _next(log: Path, setup: RigOptions, statuses: Int[np.ndarray, " s"]) -> list[str]:
-    """The command for a log that comes out implausible where a mesh is all that is known."""
+    """Return the command to try next for a log that comes out implausible with a mesh alone; [] otherwise."""
     answered = statuses[Status.CONTACT] + statuses[Status.AMBIGUOUS]
     if setup.rig is not None or setup.mesh is None or statuses[Status.IMPLAUSIBLE] <= answered:
         return []
@@ -109,7 +109,7 @@ def _next(log: Path, setup: RigOptions, statuses: Int[np.ndarray, " s"]) -> list
 
 
 def _workers(opened: OpenedLog, asked: int | None) -> int:
-    """Threads that locate while others read and write, 1: none; a pipe gives its bytes to one process only."""
+    """Return the number of threads that locate; 1: nothing runs in parallel, as for a pipe, which has one reader."""
     count = asked if asked is not None else (cpu_count() or 1) if opened.size >= LONG else 1
     return count if opened.path.is_file() or opened.path.is_dir() else 1
 
@@ -129,7 +129,7 @@ def _ground_truth(truth: Path | None, report: Path | None) -> TrueSamples | True
 
 
 def _compared(path: Path | None, report: Path | None, link: Link) -> tuple[str, RunSummary] | None:
-    """Name and summary of the contacts to stand beside these."""
+    """Return name and summary of the contacts to compare with these; None without any."""
     if path is None:
         return None
     if report is None:

@@ -1,4 +1,4 @@
-"""One log into one file of contacts with OUTPUT.toml beside it: what `palpate estimate` and `palpate batch` do."""
+"""Estimate one log into one file of contacts and OUTPUT.toml, for `palpate estimate` and `palpate batch`."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from palpate.viewer.run_summary import RunSummary
 __all__ = ["Estimated", "estimate_log", "record_of"]
 
 Watch = Callable[[int, float], None]
-"""Is told of samples done, and of the share of the file that was read."""
+"""Function called with the samples done, and the share of the file that was read."""
 
 
 @dataclass(frozen=True)
 class Estimated:
-    """A log that is done.
+    """The result of estimating a log.
 
     Attributes:
-        pipeline: that it went through.
-        summary: of its contacts.
-        record: what stands in OUTPUT.toml.
+        pipeline: pipeline that the log went through.
+        summary: summary of its contacts.
+        record: contents of OUTPUT.toml.
         ended: "whole"; "torn": the log is cut off; "interrupted": by Ctrl-C.
         warnings: what may be wrong.
         short: why not all of the log is in the output, one sentence each.
@@ -51,11 +51,11 @@ class Estimated:
 
 
 class _Stopped(Exception):
-    """Ctrl-C where a file that is not whole must not take its name."""
+    """Ctrl-C was pressed where an incomplete file must not take its name."""
 
 
 def record_of(output: Path) -> Path:
-    """OUTPUT.toml."""
+    """Return the path of OUTPUT.toml."""
     return output.with_name(f"{output.name}.toml") if output.name else output
 
 
@@ -69,20 +69,20 @@ def estimate_log(
     keep_short: bool = True,
     workers: int = 1,
 ) -> Estimated:
-    """Every sample of a log into contacts.
+    """Estimate every sample of a log and write the contacts.
 
     Args:
         opened: the log.
-        output: of contacts; OUTPUT.toml is written when it stands. None: contacts are summed up and not written.
-        frame: of the result.
-        files: what it is made from, for OUTPUT.toml: what each is -> where.
-        watch: is told how far it is.
+        output: file of contacts; OUTPUT.toml is written when it is complete. None: contacts are only summarised.
+        frame: coordinate frame of the result.
+        files: input files by their roles, for OUTPUT.toml.
+        watch: called with the progress.
         keep_short: after Ctrl-C the contacts found so far take the name of OUTPUT; otherwise they stay OUTPUT.part.
-        workers: of more than one, that many threads locate, a process reads and one writes; the same bits.
+        workers: if more than one, that many threads locate, a process reads and one writes, with identical results.
 
     Raises:
         InputError: the log or a file of the rig cannot be used.
-        KeyboardInterrupt: there is no row yet, or it is not to be kept.
+        KeyboardInterrupt: there is no row yet, or they must not be kept.
     """
     keep_memory()
     with ExitStack() as stack:
@@ -111,7 +111,7 @@ def estimate_log(
 
 
 class _Beside(NamedTuple):
-    """What goes on beside this process: reading, writing, and what the inputs are by their content."""
+    """Work in parallel to this process: reading, writing, and hashing the inputs."""
 
     reader: LogReader
     writer: WriterProcess
@@ -120,7 +120,7 @@ class _Beside(NamedTuple):
 
 @contextmanager
 def _beside(opened: OpenedLog, files: Mapping[str, Path | None]) -> Generator[_Beside]:
-    """All of them begin now, while the rest is prepared."""
+    """Start all of them now, while the rest is prepared."""
     inputs: Future[dict[str, str]] = Future()
 
     def hashed() -> None:
@@ -164,7 +164,7 @@ def _written(
 
 
 def _interrupted(pipeline: Pipeline, writer: SummedWriter, watch: Watch) -> bool:
-    """Every sample of the log, block by block; whether Ctrl-C ended it. Without a row there is nothing to keep."""
+    """Estimate every sample, block by block; return whether Ctrl-C ended it, and raise it if there is no row yet."""
     samples = 0
     try:
         for block, found, placed in pipeline.stream():
@@ -180,7 +180,7 @@ def _interrupted(pipeline: Pipeline, writer: SummedWriter, watch: Watch) -> bool
 
 
 def _short(output: Path | None, log: OpenedLog, summary: RunSummary, *, interrupted: bool) -> Iterator[str]:
-    """Why not all of the log is in the output."""
+    """Yield the reasons why not all of the log is in the output."""
     if interrupted:
         holds = "this is of" if output is None else f"{output.name} holds"
         yield f"interrupted: {holds} the {summary.samples:,} samples done until then"

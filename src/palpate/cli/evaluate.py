@@ -1,4 +1,4 @@
-"""`palpate evaluate`: contacts against the truth."""
+"""Run `palpate evaluate`: compare contacts with the ground truth."""
 
 from __future__ import annotations
 
@@ -39,18 +39,18 @@ def evaluate(
     """Errors of location, direction and force, coverage of the ellipses, share of each status.
 
     Contacts may also be compared with a force/torque sensor that carries the body, time,fx,fy,fz,tx,ty,tz, or with a
-    wand that cameras track, time,x,y,z,qx,qy,qz,qw in the body's frame; both need the rig. Places of taxels are
-    compared with other places of them.
+    wand that cameras track, time,x,y,z,qx,qy,qz,qw in the body's frame; both need the rig. Positions of taxels are
+    compared with other positions of the same taxels.
 
     Args:
         contacts: written by `palpate estimate`, of any sensor; or places of taxels (`palpate calibrate taxels`, iCub's
             positions, CSV).
         truth: time,px,py,pz[,nx,ny,nz][,fx,fy,fz] in the contacts' frame, or touches: start,end,px,py,pz[,label];
-            of taxels: any file of where they are.
-        tolerance: seconds; how far the nearest true time may lie.
-        rig: of the body, for a wrench or a wand.
+            for taxels: any file of their positions.
+        tolerance: seconds by which the nearest true time may differ.
+        rig: rig of the body, for a wrench or a wand.
         wand: mesh of the tracked wand.
-        wand_unit: of that mesh.
+        wand_unit: unit of that mesh.
         output: page to write as well (.html), of contacts against a wrench or a wand, or of taxels.
     """
     if is_taxel_file(contacts):
@@ -114,7 +114,7 @@ def _say(report: EvaluationReport) -> None:
 
 
 def _unpaired(report: EvaluationReport) -> list[str]:
-    """Contacts and truths that are left over where there are several at once."""
+    """Return sentences on unmatched contacts and truths where there are several at once."""
     counted = (
         (report.unmatched, "contacts have no truth of their own: others are nearer to it"),
         (report.missed, "truths have no contact, though others of their time have one"),
@@ -123,18 +123,18 @@ def _unpaired(report: EvaluationReport) -> list[str]:
 
 
 def _is_instrument(truth: Path) -> bool:
-    """Whether the columns are those of a wrench or of a wand."""
+    """Return whether the columns are those of a wrench or of a wand."""
     names = set(read_table(truth).names)
     return set(WRENCH) <= names or set(WAND) <= names
 
 
 def truth_times(truth: TrueSamples | TrueTouches) -> np.ndarray:
-    """Of instants, or of both ends of the touches [s]."""
+    """Return the times [s] of instants, or of both ends of the touches."""
     return np.concatenate([truth.start, truth.end]) if isinstance(truth, TrueTouches) else truth.time
 
 
 def summaries(report: EvaluationReport) -> list[tuple[str, ...]]:
-    """Rows of what, mean, median, 95 %, worst and count, each with its unit; none where nothing was compared."""
+    """Return rows of name with unit, mean, median, 95 %, worst and count; none where nothing was compared."""
     what = "location of touches [mm]" if report.touches else "location [mm]"
     degrees = 180 / np.pi
     rows = (
@@ -164,7 +164,7 @@ def _touches(report: EvaluationReport) -> None:
 
 
 def _unanswered(report: EvaluationReport) -> list[str]:
-    """Touches without an error, which no average holds."""
+    """Return sentences on touches without an error, which the averages omit."""
     return [
         f"{len(labels)} of {len(report.touches)} touches {why} and are left out of the averages: {_listed(labels)}"
         for why, labels in (

@@ -1,4 +1,4 @@
-"""`palpate evaluate` against another instrument: a force/torque sensor that carries the body, or a tracked wand."""
+"""Run `palpate evaluate` against a force/torque sensor that carries the body, or a tracked wand."""
 
 from __future__ import annotations
 
@@ -48,15 +48,18 @@ def evaluate_instrument(
     tolerance: float,
     output: Path | None,
 ) -> None:
-    """Compare touches, as medians, with what the columns of `truth` say: a wrench, or poses of a wand.
+    """Compare touches, as medians, with the instrument in the columns of `truth`: a wrench, or poses of a wand.
 
     Args:
-        contacts: the file, and what is in it.
+        contacts: the file, and its contacts.
         truth: table of the instrument.
-        rig_path: of the body.
+        rig_path: rig of the body.
         wand: its mesh and the mesh's unit.
         tolerance: [s] around the time of a touch.
         output: page to write.
+
+    Raises:
+        InputError: no touch lasts three samples, or none can be compared.
     """
     path, found = contacts
     setup = load_rig(rig_path).resolve()
@@ -85,7 +88,7 @@ def evaluate_instrument(
 
 
 def _surface(setup: Setup) -> tuple[Mesh, str]:
-    """Return the mesh of the body: the rig's, or else the map of its sheet."""
+    """Return the mesh of the body, from the rig or else the map of its sheet, and a sentence on which of them it is."""
     if setup.link.stated is None:
         said = "the rig has no [surface]: the sensing layer of the map stands for the body"
         return setup.of(SkinSection).map.mesh(), said
@@ -99,7 +102,7 @@ def _reference(
     wand: tuple[Path, str] | None,
     tolerance: float,
 ) -> Reference:
-    """What the columns of the truth are."""
+    """Return the instrument's measurements from the columns of the truth."""
     (found, alone), (surface, link) = touches, body
     if set(WRENCH) <= set(known.names):
         values = _at(known, WRENCH, found.time, tolerance)
@@ -120,7 +123,7 @@ def _reference(
 
 
 def _at(known: TextTable, columns: tuple[str, ...], times: np.ndarray, tolerance: float) -> np.ndarray:
-    """Medians of what is within the tolerance of each time; NaN where there is nothing."""
+    """Return medians of the rows within the tolerance of each time, (n, columns); NaN where there is none."""
     values, _ = known.numbers(("time", *columns))
     if not (nearest_in_time(times, values[:, 0], tolerance) >= 0).any():
         raise InputError(
@@ -157,7 +160,7 @@ def _facts(judged: InstrumentReport, touches: Contacts, pitch: tuple[float, floa
 
 
 def _named(judged: InstrumentReport) -> list[tuple[str, str, ErrorSummary, float]]:
-    """Name, unit, figures and scale of what was compared."""
+    """Return name, unit, figures and scale of each compared quantity."""
     rows = (("position", "mm", judged.report.location, 1e3), ("direction", "deg", judged.report.normal, 180 / np.pi))
     return [(name, unit, summary, scale) for name, unit, summary, scale in rows if summary is not None]
 
@@ -170,7 +173,7 @@ def _refusals(judged: InstrumentReport, touches: Contacts) -> list[str]:
 def _page(
     names: str, judged: InstrumentReport, touches: Contacts, pitch: tuple[float, float] | None, of: str
 ) -> Report:
-    """Figures, every touch, and where on the unrolled sheet the errors are."""
+    """Return the page: figures, every touch, and the errors over the unrolled sheet."""
     tiles = tuple(
         Tile(name, f"{scale * s.mean:.2f} {unit}", f"mean in space; worst {scale * s.worst:.2f} {unit}")
         for name, unit, s, scale in _named(judged)

@@ -1,4 +1,4 @@
-"""`palpate events`: when it was touched, how hard and where."""
+"""Run `palpate events`: list when, how hard and where it was touched."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def events(
 
 
 def say_touches(found: Events, otherwise: str) -> None:
-    """The table of touches, and where there are too many for a screen `otherwise`: how to have them all."""
+    """Print the table of touches; where there are too many for a screen, `otherwise` tells how to get them all."""
     start, after = since(found.start)
     lines([("time [s]", Quantity(after, start))] if after else [])
     shown = len(found) if in_full() else _SHOWN

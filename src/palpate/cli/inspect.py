@@ -1,4 +1,4 @@
-"""`palpate inspect`: what is in this log, mesh, rig, model or result, in one screen."""
+"""Run `palpate inspect`: summarise a log, mesh, rig, model or result in one screen."""
 
 from __future__ import annotations
 
@@ -53,11 +53,11 @@ def inspect(
     Args:
         file: a log or contacts (CSV, Parquet, MCAP, bag), a video, a folder of frames, STL, OBJ, PLY or DAE, a URDF,
             TOML, places of taxels, a truth.
-        rig: TOML that says where the log keeps what; with it, spectra are those of the contact: payload taken off, and
-            of its place too.
+        rig: TOML with the layout of the log; with it, spectra are those of the contact: force without the payload, and
+            contact point.
         sensor: name of the sensor's table in the rig, where there are several that the log could be of.
-        topic: of the sensor's readings, where the log has several; without it the wrenches of each are judged.
-        spectrum: .html, .svg or .png to draw spectra into; what cut-off of a filter they propose is printed.
+        topic: topic of the sensor's readings, where the log has several; without it, all that have wrenches.
+        spectrum: .html, .svg or .png to draw spectra into; the filter cut-off that they propose is printed.
     """
     suffix, whole = file.suffix.lower(), unfinished(file)
     cut = cut_short(file)
@@ -80,7 +80,7 @@ def inspect(
 
 
 def _data(file: Path, rig: Rig | None, sensor: str | None, topic: str | None, output: Path | None) -> None:
-    """A log, contacts, or a truth."""
+    """Inspect a log, contacts, or a truth."""
     there = None if file.suffix == PART else contents(file)  # a folder of any other name is a bag
     torn = False
     live = there is not None and any(each.name.startswith(LIVE) for each in there.topics)
@@ -188,7 +188,7 @@ _IDLE = {  # keys of a table that mean nothing to what its kind is
 
 
 def _settings(values: Any, prefix: str) -> list[tuple[str, object]]:
-    """Every setting that is in force, defaults included, by its dotted key."""
+    """Return every setting in force, defaults included, by its dotted key."""
     found: list[tuple[str, object]] = []
     hidden = ("folder", "pose_covariance", *_IDLE.get(getattr(values, "kind", ""), ()))
     for field in fields(values):
@@ -210,7 +210,7 @@ def _settings(values: Any, prefix: str) -> list[tuple[str, object]]:
 
 
 def _listed(value: object) -> Quantity:
-    """A tuple as a rig would write it."""
+    """Return a value as text, a tuple as a rig would write it."""
     text = str(value)
     return Quantity(text.replace("(", "[").replace(")", "]") if text.startswith("(") else text, value)
 

@@ -1,4 +1,4 @@
-"""What is in a log of images: how many, how large, when, how bright, and which of them say nothing."""
+"""Inspect a log of images: count, size, times, brightness, and frames without information."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ _DARK = 5.0  # of 255: a mean below it is a black frame, whatever the noise
 
 
 def image_topics(there: LogContents) -> list[str]:
-    """Names of topics with images."""
+    """Return the names of topics with images."""
     return [topic.name for topic in there.topics if topic.count and topic.kind in IMAGES]
 
 
 def image_layouts(there: LogContents, topic: str | None) -> list[LogLayout]:
-    """How each series of images in a log is read; of the topic alone where one is named."""
+    """Return the layout of each series of images in a log; of the topic alone where one is named."""
     alone = LogLayout(wrench=None, images=ImageChannel())
     if there.images is not None:
         return [alone]
@@ -34,15 +34,18 @@ def image_layouts(there: LogContents, topic: str | None) -> list[LogLayout]:
 
 
 def inspect_images(file: Path, there: LogContents, layouts: list[LogLayout]) -> bool:
-    """Say what is in each of some series of images.
+    """Print figures of each series of images.
 
     Args:
         file: the log.
         there: its contents.
-        layouts: how they are read.
+        layouts: layouts of the series.
 
     Returns:
-        Whether the log is torn.
+        True where the log is torn.
+
+    Raises:
+        InputError: the only series cannot be read.
     """
     torn = False
     for layout in layouts:
@@ -86,7 +89,7 @@ def _inspect_one(file: Path, there: LogContents, layout: LogLayout) -> bool:
 
 
 class _Frames:
-    """Of all frames: how many, from when to when, how bright, how many are black or the same as the one before."""
+    """Figures of all frames: count, times, brightness, and how many are black or the same as the one before."""
 
     def __init__(self) -> None:
         self.count = self.black = self.repeated = self._run = self._longest = 0
@@ -96,7 +99,7 @@ class _Frames:
         self._last: np.ndarray | None = None
 
     def add(self, block: Recording) -> None:
-        """The next frames."""
+        """Add the next frames."""
         images = block.channels[IMAGE]
         self.size = (images.shape[1], images.shape[2])
         self._times.append(np.array(block.time))
@@ -113,16 +116,16 @@ class _Frames:
 
     @property
     def ends(self) -> np.ndarray:
-        """The times [s] that are known."""
+        """All finite times [s]."""
         time = np.concatenate(self._times)
         return time[np.isfinite(time)]
 
     def rate(self) -> float | None:
-        """[Hz]."""
+        """Return the rate of the frames [Hz]; None where it is not known."""
         return Recording(np.concatenate(self._times), {}).rate()
 
     def brightness(self) -> Quantity:
-        """The mean of all pixels, and of the darkest and the brightest frame that is not black."""
+        """Return the mean of all pixels, and of the darkest and the brightest frame that is not black."""
         means = np.concatenate(self._means)
         means = means[means >= _DARK]
         if not len(means):
@@ -133,7 +136,7 @@ class _Frames:
         )
 
     def warnings(self, lost: int) -> list[str]:
-        """What may be wrong with them."""
+        """Return sentences on black and repeated frames."""
         found: list[str] = []
         if self.count - lost and self.black == self.count:
             found.append("every frame is black: is the lens covered, or the light off?")

@@ -1,4 +1,4 @@
-"""What is in a log or a file of contacts of any length: counts and ranges of all of it, medians of a share of it."""
+"""Inspect a log or a file of contacts of any length: counts and ranges of all of it, medians of a share of it."""
 
 from __future__ import annotations
 
@@ -37,16 +37,16 @@ _MOST = 40  # rows of a table of channels: where there are more, as in a frame, 
 def inspect_log(
     file: Path, rig: Rig | None, sensor: str | None = None, topic: str | None = None
 ) -> tuple[Recording | None, bool]:
-    """Say what is in a log, of each of its wrenches where none is named.
+    """Print figures of a log; where it has several wrenches and none is named, of each.
 
     Args:
         file: the log.
-        rig: that says where it keeps what; None: guessed from its names.
-        sensor: of the rig.
-        topic: of the sensor's readings.
+        rig: rig with its layout; None: guessed from its names.
+        sensor: name of the sensor in the rig.
+        topic: topic of the sensor's readings.
 
     Returns:
-        What was kept of the first of them (None where no sensor was recognised), and whether the log is torn.
+        Kept samples of the first wrench (None where no sensor was recognised), and whether the log is torn.
     """
     title(f"{file}: a log")
     there = contents(file)
@@ -69,7 +69,7 @@ def inspect_log(
 def _inspect_one(
     file: Path, there: LogContents, rig: Rig | None, sensor: str | None, topic: str | None
 ) -> tuple[Recording | None, bool]:
-    """The readings of one sensor."""
+    """Print figures of one sensor's readings."""
     remarks: tuple[str, ...] = ()
     setup: Setup | None = None
     if rig is not None:
@@ -122,7 +122,7 @@ def _inspect_one(
 
 
 def _asked(file: Path, rig: Rig, sensor: str | None) -> str:
-    """Which bounds of friction and torsion the start of a log asks for, or ""."""
+    """Return the bounds of friction and torsion that the start of a log suggests, as text; "" for none."""
     from palpate.setup.pipeline import HEAD, Pipeline
     from palpate.setup.pipeline import open_log as open_rig_log
 
@@ -136,7 +136,7 @@ def _asked(file: Path, rig: Rig, sensor: str | None) -> str:
 
 
 class _Ranges:
-    """Of all samples: how many, from when to when, the least and the most of each number, how many it lacks."""
+    """Figures of all samples: count, first and last time, smallest and largest of each number, missing numbers."""
 
     def __init__(self, channels: tuple[str, ...]) -> None:
         self.channels = channels
@@ -144,7 +144,7 @@ class _Ranges:
         self.missing, self.least, self.most = np.array(0), np.array(np.inf), np.array(-np.inf)
 
     def add(self, block: Recording) -> None:
-        """The next samples."""
+        """Add the next samples."""
         values = _flat(block, self.channels)
         self.count += len(values)
         self.missing = self.missing + np.count_nonzero(np.isnan(values), axis=0)
@@ -169,7 +169,7 @@ def _labels(block: Recording, channels: tuple[str, ...]) -> list[str]:
 
 
 def say_contents(there: LogContents) -> None:
-    """Say which topics or columns there are."""
+    """Print which topics or columns there are."""
     if there.topics:
         table(
             ("topic", "type", "messages", "rate [Hz]"),
@@ -182,7 +182,7 @@ def say_contents(there: LogContents) -> None:
 
 
 def _rate(count: int, duration: float) -> str:
-    """Of a topic, if its messages are spread over the whole log."""
+    """Return the rate of a topic as text, assuming that its messages are spread over the entire log."""
     return f"{(count - 1) / duration:.4g}" if count > 1 and duration > 0 else "-"
 
 
@@ -233,16 +233,16 @@ def _say_ranges(kept: Recording, ranges: _Ranges) -> None:
 
 
 def _reached(ends: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """The first and the last of some times and of more."""
+    """Return the first and the last of the earlier ends and the new times."""
     known = np.concatenate([ends, time[np.isfinite(time)]])
     return known[[known.argmin(), known.argmax()]] if len(known) else known
 
 
 def inspect_contacts(file: Path) -> Recording:
-    """Say what is in a file of contacts, finished or not.
+    """Print figures of a file of contacts, finished or not.
 
     Returns:
-        What was kept of it: FORCE [N], and PLACE [m], of the strongest contact of each sample, NaN where not answered.
+        Kept samples: FORCE [N], and PLACE [m], of the strongest contact of each sample, NaN where not answered.
     """
     excerpt, counts = Excerpt(), np.zeros(len(Status), dtype=np.int64)
     ends, notes, features = np.empty(0), dict[str, None](), dict[str, None]()

@@ -1,4 +1,4 @@
-"""`palpate live`: a device goes in, contacts come out: a line, a record, a page, messages."""
+"""Run `palpate live`: find contacts in a device's samples; show a line, a page, write a record, send messages."""
 
 from __future__ import annotations
 
@@ -56,20 +56,20 @@ def live(
 ) -> None:
     """Find contacts in the samples of a device as they come; Ctrl-C ends it, and the end of a log that is replayed.
 
-    A line tells rate, contacts, latency and what was dropped. A tare is taken when the key t is pressed, on SIGUSR1
-    (`kill -USR1` of this process), or on the page. Everything that happens is said with its time, and recorded.
+    A line shows rate, contacts, latency and lost samples. A tare is taken when the key t is pressed, on SIGUSR1
+    (`kill -USR1` of this process), or on the page. All events are printed with their times, and recorded.
 
     Args:
-        rig: with a [source]: which device, and where it is (`palpate rig new --source`).
+        rig: rig with a [source]: the device and its address (`palpate rig new --source`).
         record: MCAP to write, readings and contacts: `palpate estimate` and `palpate view` read it, and after a crash
             `palpate recover`.
         split: MB after which another file is begun: run.mcap, run.1.mcap, ...
-        view: show it in a browser.
-        port: of that page; the next free one if it is taken.
+        view: show the contacts in a browser.
+        port: port of that page; the next free one if it is taken.
         host: address to serve it at; the default can be reached from this machine only.
         publish: contacts to ros2[:DOMAIN], udp:HOST:PORT or unix:PATH (JSON lines); may be given again.
         sensor: name of the sensor's table, where the rig has several.
-        seconds: to run; without it until Ctrl-C, or the end of a log that is replayed without a page.
+        seconds: duration; without it until Ctrl-C, or the end of a log that is replayed without a page.
         realtime: ask the system for real-time priority.
     """
     stated = load_rig(rig)
@@ -105,7 +105,7 @@ def live(
 
 
 def _require(stated: Rig, rig: Path, record: Path | None, publish: tuple[str, ...], split: float) -> None:
-    """What can be refused of the files and addresses before anything is started."""
+    """Refuse unusable files and addresses before anything is started."""
     if record is not None:
         keep_inputs(record, (rig, *stated.files().values()))
         require_record(record)
@@ -115,7 +115,7 @@ def _require(stated: Rig, rig: Path, record: Path | None, publish: tuple[str, ..
 
 
 def _readers(ring: Path, rig: Path, record: Path | None, split: float, publish_to: tuple[str, ...]) -> list[Worker]:
-    """The processes that read the ring and write elsewhere."""
+    """Return the processes that read the ring: the recorder and the publishers."""
     parent = os.getpid()
     made: list[Worker] = []
     if record is not None:
@@ -126,7 +126,7 @@ def _readers(ring: Path, rig: Path, record: Path | None, split: float, publish_t
 
 @contextmanager
 def _ring(record: Path | None) -> Generator[Path]:
-    """Where the ring is: beside the record, from which it vanishes when the record is whole, or in memory."""
+    """Give the path of the ring: next to the record, removed once the record is complete, or in memory."""
     if record is not None:
         ring = ring_of(record)
         if ring.exists():
@@ -150,7 +150,7 @@ def _ring(record: Path | None) -> Generator[Path]:
 
 
 def _whole(record: Path, path: Path) -> bool:
-    """Whether everything of a ring is in its record, whatever ended the run; where not, says how to mend it."""
+    """Return whether all of a ring is in its record, whatever ended the run; if not, print how to recover it."""
     ring = StreamBuffer(path)
     received, recorded = ring["received"], ring["recorded"]
     ring.close()
@@ -161,11 +161,11 @@ def _whole(record: Path, path: Path) -> bool:
 
 
 def _made(path: Path, receiver: Worker, trouble: Connection, came: Came) -> StreamBuffer:
-    """The ring, once the receiver has made it.
+    """Return the ring, once the receiver has made it.
 
     Raises:
-        InputError: the receiver could not: its own sentence.
-        KeyboardInterrupt: an end was asked for.
+        InputError: the receiver could not make it, with the receiver's message, or was too slow.
+        KeyboardInterrupt: a signal requested the end.
     """
     end = time.monotonic() + START
     while not path.exists():
@@ -182,7 +182,7 @@ def _made(path: Path, receiver: Worker, trouble: Connection, came: Came) -> Stre
 
 
 def _heard(trouble: Connection, timeout: float = 0.0) -> None:
-    """Raises what the receiver ended with."""
+    """Raise an InputError with the receiver's message if it ended with one."""
     with suppress(EOFError):
         if trouble.poll(timeout):
             raise InputError(trouble.recv_bytes().decode(errors="replace"))
@@ -198,9 +198,9 @@ def _watch(
     *,
     stays: bool,
 ) -> None:
-    """Until Ctrl-C, or for so many seconds: restarts, sentences, a line of figures, tares.
+    """Run until Ctrl-C, or for some seconds: restart processes, print events and a line of figures, take tares.
 
-    A log that is at its end ends it too, unless it `stays` for somebody who looks at it.
+    The end of a replayed log ends it too, unless it `stays` for a person at the page.
     """
     figures, end = FigureLine(ring, token), time.monotonic() + (seconds or float("inf"))
     every, then = LINE if sys.stderr.isatty() else SELDOM, 0.0

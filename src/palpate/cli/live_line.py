@@ -1,4 +1,4 @@
-"""What `palpate live` says of a stream while it runs, and when it ends."""
+"""Print figures of a stream while `palpate live` runs, and when it ends."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ LOOKED_AT = 1 << 14  # samples from which latencies are taken
 
 
 class FigureLine:
-    """A line of figures since the last one, and the sentences that were said meanwhile.
+    """A line of figures since the last one, and the messages of the meantime.
 
     Args:
-        ring: of the stream.
-        token: that opens the page: it stands on the screen alone, and in no record.
+        ring: ring of the stream.
+        token: secret that opens the page: it is shown on the terminal alone, and is in no record.
     """
 
     def __init__(self, ring: StreamBuffer, token: str = "") -> None:
@@ -30,7 +30,7 @@ class FigureLine:
         self._count, self._at, self._lost = ring["answered"], time.monotonic(), 0
 
     def sentences(self) -> None:
-        """Those that are new, each with its time."""
+        """Print new messages, each with its time."""
         said, self._said = self._ring.events(self._said)
         for stamp, sentence in said:
             when = datetime.fromtimestamp(stamp / 1e9).strftime("%H:%M:%S")
@@ -39,7 +39,7 @@ class FigureLine:
             announce(f"{when} {self._opened(sentence)}")
 
     def _opened(self, sentence: str) -> str:
-        """The sentence on the page with an address that opens it."""
+        """Return the message, with the token added where it holds the page's address."""
         begin = "the page is at "
         if not sentence.startswith(begin):
             return sentence
@@ -47,7 +47,7 @@ class FigureLine:
         return f"{begin}{address}/?token={self._token}{blank}{rest}"
 
     def line(self) -> None:
-        """Rate, contacts, latency, drops: in place where a person watches, else one below the other."""
+        """Print rate, contacts, latency and losses: in place on a terminal, else one below the other."""
         ring, now = self._ring, time.monotonic()
         count = ring["answered"]
         rate = (count - self._count) / max(now - self._at, 1e-9)
@@ -65,7 +65,7 @@ class FigureLine:
 
 
 def contacts(slots: np.ndarray) -> str:
-    """Of the last sample: how many, and how strong; or its status."""
+    """Return text on the last sample: number of contacts, largest force and its place; or the status."""
     if not len(slots):
         return "no samples"
     rows = slots["contacts"][-1][: int(slots["rows"][-1])]
@@ -80,7 +80,7 @@ def contacts(slots: np.ndarray) -> str:
 
 
 def latency(slots: np.ndarray) -> str:
-    """From a sample's arrival to its contacts; "" where the clocks have nothing to do with each other."""
+    """Return text on the latency from a sample's arrival to its contacts; "" where the clocks are unrelated."""
     waited = latencies(slots)
     if not len(waited):
         return ""
@@ -89,7 +89,7 @@ def latency(slots: np.ndarray) -> str:
 
 
 def summary(ring: StreamBuffer) -> None:
-    """Of the whole stream, once it has ended."""
+    """Print the figures of the entire stream, once it has ended."""
     received, answered, recorded = ring["received"], ring["answered"], ring["recorded"]
     lines([("samples", Quantity(f"{received:,} received, {answered:,} answered", received))])
     if recorded:

@@ -1,4 +1,4 @@
-"""The page of `palpate live --view`: a process that reads the ring and feeds a page in the browser."""
+"""Run the page of `palpate live --view`: a process that reads the ring and feeds a page in the browser."""
 
 from __future__ import annotations
 
@@ -35,15 +35,15 @@ _GATHERED = ["number", "stamp", "arrived", "ready", "lost", "rows", "contacts"] 
 
 
 def show(ring: Path, rig: Path, host: str, port: int, token: str, parent: int) -> None:
-    """Serve the page until the ring says stop, or the parent is gone; a process of its own.
+    """Serve the page until the ring requests the stop, or the parent is gone; runs in a separate process.
 
     Args:
         ring: file of the stream.
-        rig: of the stream.
+        rig: rig of the stream.
         host: address to serve at.
-        port: the first to try; the next free one is taken and said.
-        token: that opens the page; the ring, which is recorded, does not have it.
-        parent: process.
+        port: the first to try; if it is taken, the next free one is used and reported.
+        token: secret that opens the page; the ring, which is recorded, does not have it.
+        parent: id of the parent process.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which says stop
     read = StreamBuffer(ring)
@@ -65,13 +65,13 @@ def show(ring: Path, rig: Path, host: str, port: int, token: str, parent: int) -
 
 
 def _wait(ring: StreamBuffer, parent: int) -> None:
-    """Until the end: started again, it would meet the same trouble."""
+    """Wait until the end: started again, the page would meet the same error."""
     while not ring["stop"] and not orphaned(parent):
         time.sleep(IDLE)
 
 
 def _serve(page: LivePage, stream: Stream, parent: int) -> None:
-    """Look at the ring, and draw what is new while somebody watches; fewer pictures rather than more of a core."""
+    """Read the ring, and draw new contacts while a browser is connected; fewer pictures rather than more of a core."""
     told, drawn, saved = -np.inf, -1, SAVED
     due = last = time.monotonic()
     spent = time.process_time()
@@ -97,11 +97,11 @@ def _serve(page: LivePage, stream: Stream, parent: int) -> None:
 
 
 class Stream:
-    """What the page knows of the ring: contacts of the last seconds, and figures.
+    """Data of a stream for the page: contacts of the last seconds, and figures.
 
     Args:
-        ring: of the stream.
-        feed: takes slots for the sensor's layer, and whether somebody watches.
+        ring: ring of the stream.
+        feed: passes slots to the sensor's layer, and whether a browser is connected.
     """
 
     def __init__(self, ring: StreamBuffer, feed: Feed) -> None:
@@ -122,11 +122,11 @@ class Stream:
         self._tare = ""
 
     def tare(self, browser: str) -> None:
-        """Ask the receiver for one, as a person did in a browser at that address."""
+        """Request a tare from the receiver, for a browser at that address."""
         self.ring.ask_tare(f"the page ({browser})")
 
     def look(self, watched: bool) -> None:
-        """Read what is new."""
+        """Read new slots from the ring."""
         now = time.monotonic()
         received, answered = self.ring["received"], self.ring["answered"]
         if received != self._received:
@@ -148,14 +148,14 @@ class Stream:
 
     @property
     def newest(self) -> Contacts | None:
-        """Of the last sample that was read, if it has an answer."""
+        """Contacts of the last sample that was read; None where it has no answer."""
         if self._last is None:
             return None
         found = self.ring.form.contacts(self._last)
         return found if len(found) else None
 
     def gather(self) -> None:
-        """What was read since the last time goes into the window and the figures."""
+        """Add slots read since the last call to the window and the figures."""
         now = time.monotonic()
         while self._waited and self._waited[0][0] < now - SECONDS:
             self._waited.popleft()
@@ -169,7 +169,7 @@ class Stream:
             self.window = recent(self.window, found)
 
     def figures(self) -> StreamFigures:
-        """Of now."""
+        """Return the current figures."""
         ring, now = self.ring, time.monotonic()
         said, self._sentence = ring.events(self._sentence)
         for stamp, sentence in said:
@@ -189,7 +189,7 @@ class Stream:
         )
 
     def _waiting(self, now: float) -> tuple[float, float, float] | None:
-        """Latencies, counted now and then; None where stamps have nothing to do with this machine's clock."""
+        """Return latencies [s], updated now and then; None where the stamps are unrelated to this machine's clock."""
         if now - self._latency[0] > COUNTED:
             waited = np.concatenate([np.zeros(0), *(part for _, part in self._waited)])
             middle, most, worst = np.percentile(waited, (50.0, 99.0, 100.0)).tolist() if len(waited) else [0.0] * 3

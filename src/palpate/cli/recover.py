@@ -1,4 +1,4 @@
-"""`palpate recover`: what `palpate live` recorded before it was killed, as a whole file."""
+"""Run `palpate recover`: restore a complete file from a recording of `palpate live` that was killed."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def recover(output: SomeFile, /) -> None:
     Everything that was received is in OUTPUT then; samples that were not answered are readings without contacts.
 
     Args:
-        output: that was recorded to.
+        output: file that was recorded to.
     """
     if output.suffix.lower() != ".mcap":
         raise InputError("no record of `palpate live` ends like this.", where=str(output), hint="Name the .mcap.")

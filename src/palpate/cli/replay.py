@@ -1,4 +1,4 @@
-"""`palpate replay`: a log played through what stands for a device, to try a set-up without one."""
+"""Run `palpate replay`: play a log as a simulated device, to try a set-up without one."""
 
 from __future__ import annotations
 
@@ -43,16 +43,16 @@ def replay(
     """Play a log as a device, on this machine alone, until Ctrl-C; it says the [source] of a rig that reaches it.
 
     Args:
-        log: of any sensor; a rig, where its columns are not plain.
+        log: log of any sensor; with --rig, where its layout cannot be guessed.
         device: an ATI Net F/T, a serial port (a pseudo-terminal), or ROS 2.
-        rig: that says how the log is read.
-        port: of the Net F/T's samples.
-        web: of the Net F/T's page.
-        framing: of the serial port: frames with COBS and CRC-32, or lines of numbers.
-        topic: of ROS 2.
-        domain: of ROS 2.
+        rig: rig with the layout of the log.
+        port: port of the Net F/T's samples.
+        web: port of the Net F/T's page.
+        framing: format of the serial port: frames with COBS and CRC-32, or lines of numbers.
+        topic: ROS 2 topic.
+        domain: ROS 2 domain.
         speed: 2 is twice as fast as it was recorded.
-        seconds: to play; without it to the end of the log.
+        seconds: duration; without it to the end of the log.
         loop: begin again at the end.
     """
     require_positive(speed, "--speed")
@@ -74,7 +74,7 @@ def replay(
 
 
 def _layout(log: Path, rig: Path | None) -> LogLayout:
-    """How the log is read: in SI, along the axes that it was recorded in."""
+    """Return the layout of the log: in SI units, along the axes that it was recorded in."""
     if rig is not None:
         return replace(load_rig(rig).layout(), axes=("x", "y", "z"), left_handed=False)
     guessed = guess_sensor(log)
@@ -100,7 +100,7 @@ def _device(kind: str, source: Replay, *, port: int, web: int, framing: str, top
 
 
 def _played(source: Replay, device: Device, seconds: float | None) -> int:
-    """Every sample at its time, until the end, or Ctrl-C."""
+    """Send every sample at its time, until the end, or Ctrl-C; return the number sent."""
     batch, sent = Batch(source.shape, BLOCK, source.dtype), 0
     end = time.monotonic() + (seconds or float("inf"))
     source.open()

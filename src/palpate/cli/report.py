@@ -1,4 +1,4 @@
-"""A run's report with what needs a comparison: the ground truth, and what to improve."""
+"""Complete a run's report with the comparison to the ground truth, and with advice."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ FINE = "Nothing stands out: models are calibrated, and the samples are answered.
 
 
 def judged(run: Run, truth: TrueSamples | TrueTouches | None = None, *, mounted: bool = False) -> Run:
-    """The run with the ground truth's section and tiles, and with advice from statuses and coverage.
+    """Return the run with the ground truth's section and tiles, and with advice from statuses and coverage.
 
     Args:
         run: with the advice of its sensor.
-        truth: what is known of the contacts, in the surface's frame.
-        mounted: the ellipses hold the uncertainty of where the body sits.
+        truth: ground truth of the contacts, in the surface's frame.
+        mounted: the ellipses contain the uncertainty of the body's mounting.
     """
     found, section = None, Section("Against the ground truth")
     if truth is not None:

@@ -1,4 +1,4 @@
-"""What a run suggests to improve, a sentence each."""
+"""Suggest improvements of a run, a sentence each."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ENOUGH = 50  # samples before their coverage means something
 
 
 def status_advice(counts: Int[np.ndarray, " s"]) -> tuple[str, ...]:
-    """Of statuses that are common; `counts` (len(Status),) are those of all samples."""
+    """Return advice on frequent statuses; `counts` (len(Status),) are those of all samples."""
     total = int(counts.sum())
     loaded = total - int(counts[list(UNLOADED)].sum())
     said: list[str] = []
@@ -36,7 +36,7 @@ def status_advice(counts: Int[np.ndarray, " s"]) -> tuple[str, ...]:
 
 
 def coverage_advice(found: EvaluationReport | None, *, mounted: bool) -> tuple[str, ...]:
-    """Where ellipses are too large or too small for the ground truth; `mounted`: they hold the mounting's part."""
+    """Return advice where ellipses are too large or too small; `mounted`: they contain the mounting's uncertainty."""
     if found is None or found.coverage.count < ENOUGH:
         return ()
     inside = found.coverage.inside

@@ -1,4 +1,4 @@
-"""`palpate rig new`: a commented rig to start from."""
+"""Run `palpate rig new`: write a commented rig to start from."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ _BODIES = (".stl", ".obj", ".ply", ".dae", ".urdf")
 
 @dataclass(frozen=True)
 class _Robot:
-    """What of a URDF is touched.
+    """The touched part of a URDF.
 
     Args:
-        link: of the URDF: which is touched.
-        package: of the URDF, and where it is, if it is not found; may be given again.
+        link: link of the URDF that is touched.
+        package: package that the URDF names, and its folder, if it is not found; may be given again.
     """
 
     link: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None
@@ -55,14 +55,14 @@ def rig_new(
 
     Args:
         log: CSV, Parquet, NumPy, MCAP or a ROS bag: of wrenches, of voltages of load cells, of frames of a taxel sheet.
-            With --source it may be left out: then three seconds of the device are looked at, untouched.
+            With --source it may be omitted: then three seconds of the untouched device are used.
         mesh: STL, OBJ, PLY or DAE of what is touched, or a robot's URDF.
         output: rig.toml to write.
         sensor: force_torque, load_cells or skin, where the log could be of several.
-        rate: of the samples [Hz], where a table has no times, or only a counter.
-        topic: of the sensor's readings, where the log has several.
-        source: of live samples: netft:NAME, serial:/dev/ttyUSB0, ros2, camera:0 or replay:LOG; `palpate live` takes it.
-        robot: what of the URDF is touched.
+        rate: sampling rate [Hz], where a table has no times, or only a counter.
+        topic: topic of the sensor's readings, where the log has several.
+        source: live samples: netft:NAME, serial:/dev/ttyUSB0, ros2, camera:0 or replay:LOG; `palpate live` uses it.
+        robot: touched part of the URDF.
         force: overwrite a rig that is there already.
     """
     live = None if source is None else stated_source(source)

@@ -1,4 +1,4 @@
-"""A rig, and what the command line says over it."""
+"""Combine a rig with the options of the command line that override it."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ FILTERS = Literal["none", "kalman", "butterworth", "zero_phase"]
 
 @dataclass(frozen=True)
 class RigOptions:
-    """What is touched, by which sensor, located how.
+    """The rig, and options that override it: body, sensor, method.
 
     Args:
         rig: TOML of the set-up.
-        mesh: surface, when there is no rig: in the sensor's frame, unless a rig says more.
-        unit: of the mesh file: m, cm, mm, um or in.
+        mesh: surface, in the sensor's frame unless a rig states its pose.
+        unit: unit of the mesh file: m, cm, mm, um or in.
         crease: degrees; facets that meet by less are smooth across their edge; 0 is faceted (default 30).
         payload: model written by `palpate calibrate payload`.
         noise: standard deviation of one reading, force [N] and torque [N m]. Estimated from the log when not given.
         method: soft_finger (default) or wrench_axis.
         friction: bound on the tangent of the angle between force and normal (default 1).
         torsion: bound on torque about the normal over normal force [m] (default 0.005).
-        contact: force [N] at which a contact begins, and below which it ends; otherwise by the noise.
+        contact: force [N] at which a contact begins, and below which it ends; by default from the noise.
         filter: none (default), kalman, butterworth, or zero_phase (forward and backward); details in the rig.
-        cutoff: of a butterworth or zero_phase filter [Hz] (default 10).
-        tare: seconds at the start of the log in which nothing is touched: their mean is taken off.
+        cutoff: cut-off frequency of a butterworth or zero_phase filter [Hz] (default 10).
+        tare: seconds at the start of the log in which nothing is touched: their mean is subtracted.
         sensor: name of the sensor's table in the rig, where there are several that the log could be of.
-        topic: of the sensor's readings, in place of the rig's, where the log has several.
+        topic: topic of the sensor's readings, in place of the rig's, where the log has several.
     """
 
     rig: FileOption = None
@@ -64,10 +64,10 @@ class RigOptions:
     topic: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None
 
     def load(self) -> Rig:
-        """The rig with everything that was said over it.
+        """Return the rig with all options applied.
 
         Raises:
-            InputError: nothing says what is touched, or something said is out of bounds.
+            InputError: neither rig nor mesh is given, or an option is out of bounds.
         """
         rig = self._base()
         if self.crease is not None and rig.surface is not None:
@@ -83,7 +83,7 @@ class RigOptions:
         return replace(rig, filter=self._filter(rig.filter), estimate=_over(rig.estimate, **said))
 
     def open(self, log: Path, rig: Rig) -> OpenedLog:
-        """The log, once it is known of which sensor it is; an option that means nothing to that sensor is refused."""
+        """Open the log; refuse options that mean nothing to its sensor."""
         if self.sensor is not None or len(rig.kinds) == 1:
             self._require_meant(rig.kind(self.sensor))  # before the log is looked at
         opened = open_log(log, rig, self.sensor, self.topic)
@@ -96,7 +96,7 @@ class RigOptions:
                 raise InputError(f"means nothing to {kind.called}: {why}.", where=f"--{option}")
 
     def _base(self) -> Rig:
-        """The rig, its mesh replaced where one is given; or the least rig that a mesh makes."""
+        """Return the rig, its mesh replaced where one is given; or the minimal rig of a mesh."""
         known = None if self.rig is None else load_rig(self.rig)
         if self.mesh is None:
             if self.unit is not None:
@@ -122,7 +122,7 @@ class RigOptions:
 
 
 def _over(table: Made, **said: object) -> Made:
-    """A table of the rig with what options of these names set, checked as the rig's own; None leaves it as it is."""
+    """Return a table of the rig with these options set, checked like the rig's values; None changes nothing."""
     for option, value in said.items():
         key = "kind" if option == "filter" else option
         if value is not None:

@@ -1,4 +1,4 @@
-"""A finished run as values for its report: what every sensor has, and what its view adds."""
+"""Collect the values of a finished run for its report: those of every sensor, and the additions of its view."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ __all__ = ["run_of"]
 def run_of(
     pipeline: Pipeline, summary: RunSummary, record: Mapping[str, str], output: str, warnings: tuple[str, ...]
 ) -> Run:
-    """All that is known of a run when its log is done.
+    """Return the values of a run when its log is done.
 
     Args:
-        pipeline: that has run.
-        summary: of its contacts.
+        pipeline: pipeline that has run.
+        summary: summary of its contacts.
         record: inputs with their hashes, options.
         output: name of the file of contacts.
-        warnings: that were said to the user.
+        warnings: warnings shown to the user.
     """
     log, view = pipeline.log, view_of(pipeline.log.kind)
     run = Run(

@@ -1,4 +1,4 @@
-"""`palpate inspect --spectrum`: how fast force and place move, drawn, and the filter that this proposes."""
+"""Draw spectra of force and contact point for `palpate inspect --spectrum`, and propose a filter."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ KINDS = (".html", ".svg", ".png")
 
 
 def located(recording: Recording, setup: Setup) -> Recording:
-    """Return force and place of the strongest contact of each sample, without the rig's filter."""
+    """Return force and place of the strongest contact of each sample, estimated without the rig's filter."""
     found = replace(setup, filter=RigFilter(), head=recording).prepared().estimator.run(recording)
     return replace(force_and_place(found[found.strongest()]), source=recording.source)
 
 
 def force_and_place(contacts: Contacts) -> Recording:
-    """FORCE [N], and PLACE [m], NaN where not answered; of contacts one a sample."""
+    """Return a recording of FORCE [N], and PLACE [m], NaN where not answered, of one contact per sample."""
     point = np.where(contacts.answered[:, None], contacts.point, np.nan)
     return Recording(contacts.time, {FORCE: contacts.force, PLACE: point})
 
 
 def draw_spectrum(recording: Recording, output: Path, name: str) -> None:
-    """Draw the spectra of FORCE and, where there is one, of PLACE; print what they propose.
+    """Draw the spectra of FORCE and, where there is one, of PLACE; print the filter that they suggest.
 
     Raises:
-        InputError: the log is too short, its rate wanders or its values do not change, or OUTPUT cannot be written.
+        InputError: the log is too short, its rate varies or its values do not change, or OUTPUT cannot be written.
     """
     force = _spectrum(recording, FORCE)
     proposal = propose_cutoff(force)
@@ -65,7 +65,7 @@ def _spectrum(recording: Recording, channel: str) -> Spectrum:
 
 
 def _place(recording: Recording) -> tuple[Spectrum, Cutoff] | None:
-    """Of the answered stretches; None, and said, where they are too short."""
+    """Return spectrum and cut-off of the answered stretches; None, with a note, where they are too short."""
     if PLACE not in recording.channels:
         return None
     try:

@@ -1,4 +1,4 @@
-"""What a person may have meant by a command or an option that there is none of."""
+"""Suggest the command or option that a misspelt one may mean."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _OPTIONS = {  # what is said in another way
 
 
 def command_of(words: Sequence[str], groups: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
-    """The words of a call that name its command, known ones only; `groups` has the commands below each first word."""
+    """Return the known words of a call that name its command; `groups` has the commands below each first word."""
     if not words or words[0] not in groups:
         return ()
     below = len(words) > 1 and words[1] in groups[words[0]]
@@ -32,7 +32,7 @@ def command_of(words: Sequence[str], groups: Mapping[str, Sequence[str]]) -> tup
 
 
 def unknown_command(words: Sequence[str], groups: Mapping[str, Sequence[str]]) -> str | None:
-    """A sentence where a call names a command that there is none of; None where it names one, or none at all."""
+    """Return a sentence where a call names an unknown command; None where it names a known one, or none at all."""
     known = command_of(words, groups)
     rest = words[len(known) :]
     if not rest or rest[0].startswith("-") or (known and not groups[known[0]]) or len(known) > 1:
@@ -53,7 +53,7 @@ def unknown_command(words: Sequence[str], groups: Mapping[str, Sequence[str]]) -
 
 
 def unknown_option(words: Sequence[str], command: Sequence[str], options: Iterable[str]) -> str | None:
-    """A sentence on the first option of a call that its command has none of; None where it has them all."""
+    """Return a sentence on the first option of a call that its command does not have; None where it has them all."""
     known = set(options)
     name = " ".join(["palpate", *command])
     for word in words:
@@ -67,7 +67,7 @@ def unknown_option(words: Sequence[str], command: Sequence[str], options: Iterab
 
 
 def _nearest(word: str, known: Iterable[str]) -> str | None:
-    """The most similar of them, of several the first in the alphabet; None where nothing is alike."""
+    """Return the most similar name, of several the first in the alphabet; None where nothing is alike."""
     bare = word.lower().lstrip("-")
     ranked = [(SequenceMatcher(None, bare, name.lstrip("-")).ratio(), name) for name in sorted(known)]
     share, name = max(ranked, default=(0.0, ""), key=lambda each: each[0])

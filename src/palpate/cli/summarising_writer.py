@@ -1,4 +1,4 @@
-"""Contacts written and summed up block by block, in this process or in one beside it."""
+"""Write and summarise contacts block by block, in this process or in a second one."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ _END, _ABANDON = "end", "abandon"
 
 @runtime_checkable
 class SummedWriter(Protocol):
-    """What a block is given to.
+    """A writer that also summarises its blocks.
 
     Attributes:
-        rows: given so far.
-        summary: of all blocks, once the file is whole.
-        seconds: spent on writing, likewise.
+        rows: number of rows written so far.
+        summary: summary of all blocks, once the file is complete.
+        seconds: time spent on writing, likewise.
     """
 
     rows: int
@@ -39,7 +39,7 @@ class SummedWriter(Protocol):
     seconds: float
 
     def write(self, found: Contacts, placed: Contacts) -> None:
-        """A block in the surface's frame, to be summed up, and in that of the file, to be written."""
+        """Write a block: summarise `found`, in the surface's frame, and write `placed`, in that of the file."""
         ...
 
 
@@ -58,7 +58,7 @@ class _Here:
 
 @contextmanager
 def writing_here(output: Path | None, frame: str, features: tuple[str, ...]) -> Generator[SummedWriter]:
-    """See `palpate.files.contacts.open_contacts`; without an output they are summed up alone."""
+    """Write in this process, see `palpate.files.contacts.open_contacts`; without an output only summarise."""
     if output is None:
         yield _Here(None)
         return
@@ -67,7 +67,7 @@ def writing_here(output: Path | None, frame: str, features: tuple[str, ...]) -> 
 
 
 class WriterProcess(NamedTuple):
-    """A process that writes one file, made by `writer_process`, and how it is told what and says what became of it."""
+    """A process that writes one file, made by `writer_process`, with the ways to send it blocks and get its answer."""
 
     process: BaseProcess
     sender: Sender
@@ -76,7 +76,7 @@ class WriterProcess(NamedTuple):
 
 @contextmanager
 def writer_process() -> Generator[WriterProcess]:
-    """A process that writes when `writing_beside` tells it what: it takes a second to start."""
+    """Start a process that writes once `writing_in_process` sends it blocks: it takes a second to start."""
     sender, receiver = way()
     answer, answers = get_context("spawn").Pipe(duplex=False)
     with background_process("writer", _write, receiver, answers) as process:
@@ -93,7 +93,7 @@ class _Beside:
         self.rows += len(placed)
 
     def put(self, value: object) -> None:
-        """Into the way; why that cannot be, where the writer has failed."""
+        """Send a value to the writer; where the writer has failed, raise its error."""
         try:
             self._process.sender.put(value)
         except (EOFError, OSError):
@@ -101,10 +101,10 @@ class _Beside:
             raise
 
     def end(self) -> None:
-        """Takes the answer.
+        """Receive the writer's answer.
 
         Raises:
-            InputError: it cannot be written, or nobody answers.
+            InputError: the file cannot be written, or the process was ended.
         """
         try:
             answer: Any = self._process.answer.recv()
@@ -119,7 +119,7 @@ class _Beside:
 def writing_in_process(
     process: WriterProcess, output: Path, frame: str, features: tuple[str, ...]
 ) -> Generator[SummedWriter]:
-    """As `writing_here`, by another process."""
+    """Write and summarise as `writing_here` does, in another process."""
     writer = _Beside(process, output)
     writer.put((output, frame, features))
     try:
@@ -134,7 +134,7 @@ def writing_in_process(
 
 
 def _write(receiver: Receiver, answers: Connection) -> None:
-    """The process that writes."""
+    """Run the process that writes."""
     keep_memory()
     try:
         if isinstance(opening := _next(receiver), str):
@@ -154,11 +154,11 @@ def _write(receiver: Receiver, answers: Connection) -> None:
 
 
 class _Abandoned(Exception):
-    """The file is not to be finished."""
+    """The file must not be finished."""
 
 
 def _next(receiver: Receiver) -> Any:
-    """A block, or what comes instead of one; nobody sends any more where the command was killed."""
+    """Return the next block or command; where the sender was killed, the command to abandon the file."""
     try:
         return receiver.get()
     except EOFError:

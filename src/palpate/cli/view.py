@@ -1,4 +1,4 @@
-"""`palpate view`: the log of any sensor, or a file of contacts, as a page in the browser."""
+"""Run `palpate view`: show the log of any sensor, or a file of contacts, as a page in the browser."""
 
 from __future__ import annotations
 
@@ -49,9 +49,9 @@ def view(
         log: a log of any sensor, which is estimated first, or what `palpate estimate` wrote, which is shown as it is;
             or places of taxels, such as `palpate calibrate taxels` writes.
         setup: what is touched and how it is located.
-        compare: other contacts, such as of the same log by other settings, drawn beside these at the same time.
-        film: write a video instead of serving a page: as fast as what happened, drawn without a screen or a browser.
-        port: to serve at; the next free one if it is taken.
+        compare: other contacts, such as of the same log by other settings, drawn next to these at the same time.
+        film: write a video instead of serving a page: at real speed, drawn without a screen or a browser.
+        port: port to serve at; the next free one if it is taken.
         host: address to serve at; the default can be reached from this machine only.
     """
     if film is None:
@@ -78,7 +78,7 @@ def view(
 
 
 def _require_film(film: Path, log: Path) -> None:
-    """Before the work, say what would keep the video from being written."""
+    """Check, before the work, that the video can be written."""
     opencv()
     if film.suffix != ".mp4":
         raise InputError("is not the name of a video.", where=str(film), hint="Name it OUT.mp4.")
@@ -90,7 +90,7 @@ def _require_film(film: Path, log: Path) -> None:
 
 
 def _write_film(scene: Scene, path: Path) -> None:
-    """Every moment; the file is there when it is whole."""
+    """Write every moment to the video; the file appears when it is complete."""
     pictures = ScenePicture(scene)
     with sibling_folder(path) as part:
         with counting(), Video(part / path.name, SIZE, RATE) as video:
@@ -104,7 +104,7 @@ def _write_film(scene: Scene, path: Path) -> None:
 
 
 def _view_taxels(path: Path, setup: RigOptions, host: str, port: int) -> None:
-    """Where taxels sit, on the link of the rig, if there is one."""
+    """Show the positions of taxels, on the link of the rig, if there is one."""
     rig = None if setup.rig is None and setup.mesh is None else setup.load()
     import_mesh_reader()
     places = read_taxel_places(path)
@@ -125,7 +125,7 @@ def _view_taxels(path: Path, setup: RigOptions, host: str, port: int) -> None:
 
 
 def _estimated(path: Path, log: OpenedLog) -> tuple[Scene, list[str]]:
-    """Return a log on its way through the whole chain, and notes about it."""
+    """Estimate a log and return its scene, and notes about it."""
     wait("preparing the surface")
     pipeline = Pipeline.of(log)
     kept, parts, done = LayerData(), list[Contacts](), 0
@@ -144,13 +144,13 @@ def _body(setup: Setup) -> Surface | None:
 
 
 def _main(rig: Rig) -> str:
-    """The sensor of contacts that do not say of which they are."""
+    """Return the name of the sensor for contacts without that information."""
     together = [kind.name for kind in rig.kinds if kind.parts]
     return (together or [rig.kinds[0].name])[0]
 
 
 def _shown(contacts: Contacts, path: Path, rig: Rig, sensor: str | None) -> tuple[Scene, list[str]]:
-    """Contacts as they were written, in the frame that the body is drawn in."""
+    """Return the scene of contacts from a file, in the frame that the body is drawn in, and their notes."""
     name = sensor or str(read_provenance(path).get("sensor", _main(rig)))
     kind = next((each for each in rig.kinds if each.name == name), None)
     setup = rig.resolve(kind)

@@ -1,1 +1,1 @@
-"""Messages, options, progress and interrupts that commands share."""
+"""Provide messages, options, progress and interrupts that commands share."""

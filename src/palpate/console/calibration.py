@@ -1,4 +1,4 @@
-"""Run calibrations: keep their inputs, write the model, print figures and notes."""
+"""Run calibrations: protect their inputs, write the model, print figures and notes."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ Lines = Iterable[tuple[str, object]]
 
 @dataclass(frozen=True)
 class CalibrationResult:
-    """Hold what a calibration found, and what a person should know of it.
+    """The result of a calibration, with the messages for the user.
 
     Args:
         figures: name and value of each.
-        model: what `Calibration.write` writes to the output.
+        model: the model that `Calibration.write` writes to the output.
         notes: about the log and the model, a sentence each.
-        warnings: what to look at before the model is used.
-        hints: what to change in the rig or the log, so that it becomes better.
+        warnings: what to check before the model is used.
+        hints: what to change in the rig or the log to get a better result.
         next: what to do with the output.
     """
 
@@ -43,14 +43,14 @@ class CalibrationResult:
 class Calibration(ABC):
     """A command `palpate calibrate NAME`; a subclass is a dataclass whose fields are its arguments.
 
-    Paths but `output` are what is read, a `rig` with the files that it names; all other fields are settings. Other
-    packages add calibrations by an entry point `palpate.calibrations`, whose name is the command's.
+    Paths other than `output` are inputs, a `rig` together with the files that it names; all other fields are settings.
+    Other packages add calibrations by an entry point `palpate.calibrations`, whose name is the command's.
     """
 
     log: Path
     output: Path
     replaces: ClassVar[str] = ""
-    """File of the rig that the output may replace: a key of `Rig.files`, or "rig" for the rig itself."""
+    """Input that the output may replace: a key of `Rig.files`, or "rig" for the rig itself; "" for none."""
 
     @abstractmethod
     def identify(self) -> CalibrationResult:
@@ -61,26 +61,26 @@ class Calibration(ABC):
         """
 
     def write(self, found: CalibrationResult) -> None:
-        """Write what was found to the output."""
+        """Write the model to the output."""
         write_model(self.output, found.model)
 
     @cached_property
     def stated(self) -> Rig:
-        """The rig that is named, or one that states nothing."""
+        """The rig given as argument, or an empty one without it."""
         rig: Path | None = getattr(self, "rig", None)
         return Rig() if rig is None else load_rig(rig)
 
     @cached_property
     def reads(self) -> dict[str, Path]:
-        """The files that are read, by the names of their arguments."""
+        """Input files by the names of their arguments."""
         return {name: path for name, path in vars(self).items() if isinstance(path, Path) and name != "output"}
 
     def record(self, **settings: object) -> dict[str, str]:
-        """Return where a model comes from: digests of what is read, and settings."""
+        """Return the provenance of a model: digests of the input files, and settings."""
         return provenance(self.reads, settings)
 
     def run(self) -> None:
-        """Identify, write the output, and print what was found."""
+        """Identify the model, write the output, and print the figures and notes."""
         files = [*self.reads.items(), *self.stated.files().items()]
         keep_inputs(self.output, [path for name, path in files if name != self.replaces])
         with counting():
@@ -95,6 +95,6 @@ class Calibration(ABC):
 
 
 def origin(record: dict[str, str], name: str) -> str:
-    """Return a file of a record of provenance in a few words: its name, and the start of its digest."""
+    """Return a short description of a file in a provenance record: its name, and the start of its digest."""
     file, _, digest = record[name].partition(" ")
     return f"{file} ({digest[:19]})"

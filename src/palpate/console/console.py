@@ -1,7 +1,7 @@
-"""How commands speak: a title, lines of name and value, notes; progress on stderr where a person watches.
+"""Print a command's title, lines of name and value, and notes; show progress on stderr if it is a terminal.
 
-The same words are text, or one JSON object (`--json`), or nothing but the warnings (`--quiet`, on stderr). On a
-terminal no command is silent for more than two seconds: where nothing is printed, a line on stderr counts them.
+The output is text, one JSON object (`--json`), or only the warnings on stderr (`--quiet`). On a terminal no command
+is silent for more than two seconds: where nothing is printed, a line on stderr counts the seconds.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ _OTHERS = {"note": "notes", "warning": "warnings", "check": "checks"}
 
 @dataclass(frozen=True)
 class Quantity:
-    """Words for a person with the number, or numbers, that they stand for."""
+    """A text for a person with the number, or numbers, that it stands for."""
 
     text: str
     value: object
@@ -62,7 +62,7 @@ class Quantity:
 
 @dataclass
 class _Voice:
-    """How is spoken, and in JSON what was said so far."""
+    """Settings of the output, and for JSON everything that was printed so far."""
 
     quiet: bool = False
     json: bool = False
@@ -71,7 +71,7 @@ class _Voice:
 
     @property
     def here(self) -> dict[str, Any]:
-        """Where what is said next belongs."""
+        """Dictionary that the next output is added to: that of the current part, or of all."""
         return self.said if self.part is None else self.part
 
 
@@ -80,20 +80,20 @@ def _about(text: str) -> dict[str, Any]:
 
 
 class _Counter:
-    """What is done, and for how many seconds, on one line of stderr where nothing else is printed for a second."""
+    """A counter of seconds on one line of stderr, shown where nothing else is printed for a second."""
 
     def __init__(self) -> None:
         self.doing: str | None = None  # None: nobody waits
         self._since, self._shown = monotonic(), False
 
     def printing(self, doing: str | None = "working") -> None:
-        """Something is printed now, and then is done what `doing` says."""
+        """Note that something is printed now, and that the activity `doing` follows; None: nothing is counted."""
         if self._shown:
             _wipe()
         self.doing, self._since, self._shown = doing, monotonic(), False
 
     def run(self, ended: Event) -> None:
-        """Count until it is over; in a thread of its own."""
+        """Count until the event is set; runs in a separate thread."""
         self.printing()
         while not ended.wait(_TICK):
             seconds = monotonic() - self._since
@@ -110,7 +110,7 @@ _VOICES = [_Voice()]  # the last one speaks
 
 @contextmanager
 def _counted(wanted: bool) -> Generator[None]:
-    """The seconds of silence are counted, once for commands within commands."""
+    """Count the seconds of silence within the block; commands within commands share one counter."""
     if not (wanted and len(_VOICES) == 2 and sys.stderr.isatty()):
         yield
         return
@@ -126,7 +126,7 @@ def _counted(wanted: bool) -> Generator[None]:
 
 @contextmanager
 def spoken(*, quiet: bool, json: bool) -> Generator[None]:
-    """What is said meanwhile is text, or one JSON object when it ends by itself or with an exit code of its own."""
+    """Print output within the block as text, or as one JSON object at its end or exit with a code of 3 or more."""
     _VOICES.append(_Voice(quiet=quiet, json=json))
     library = logging.getLogger("palpate")
     level = library.level
@@ -152,25 +152,25 @@ def _finish() -> None:
 
 
 def in_full() -> bool:
-    """Whether a program listens, to which a long table is not too long."""
+    """Return whether the output is JSON for a program, for which no table is too long."""
     return _VOICES[-1].json
 
 
 def title(text: str) -> None:
-    """What this output is about."""
+    """Print the title of the output."""
     _VOICES[-1].said["title"] = text
     _print(text)
 
 
 def part(text: str) -> None:
-    """What follows is about one of several; in JSON each is an object of its own in `parts`."""
+    """Begin a part, such as one of several topics; in JSON each is a separate object in `parts`."""
     voice = _VOICES[-1]
     voice.part = _about(text)
     voice.said.setdefault("parts", []).append(voice.part)
 
 
 def lines(pairs: Iterable[tuple[str, object]]) -> None:
-    """Name and value, one pair a line; a `Figure` is its value in JSON."""
+    """Print names and values, one pair per line; in JSON a `Quantity` is its value."""
     known = list(pairs)
     width = max([_WIDTH, *(len(name) for name, _ in known)])
     _VOICES[-1].here["facts"] |= {name: _plain(value) for name, value in known}
@@ -179,25 +179,25 @@ def lines(pairs: Iterable[tuple[str, object]]) -> None:
 
 
 def announce(text: str) -> None:
-    """What a person waits for, at once; after it a command may rest, as one does that serves a page."""
+    """Print a message at once, and stop counting seconds, so that a command may wait, such as to serve a page."""
     _print(f"  {text}")
     sys.stdout.flush()
     _COUNTER.printing(None)
 
 
 def step(text: str) -> None:
-    """What a command of several steps does next, at once; for persons."""
+    """Print the next step of a command at once, for persons."""
     _print(text)
     sys.stdout.flush()
 
 
 def muted() -> tuple[str, ...]:
-    """The option that keeps a command which this one runs from speaking where a person does not read along."""
+    """Return the option that silences a command run by this one, where no person reads the output; else ()."""
     return ("--quiet",) if _VOICES[-1].quiet or _VOICES[-1].json else ()
 
 
 def note(texts: Iterable[str], kind: str = "note") -> None:
-    """Sentences that the reader should not miss."""
+    """Print sentences, each after its kind (note, warning, ...); with `--quiet` only warnings, on stderr."""
     voice = _VOICES[-1]
     for text in texts:
         voice.here.setdefault(_OTHERS.get(kind, kind), []).append(text)
@@ -207,7 +207,7 @@ def note(texts: Iterable[str], kind: str = "note") -> None:
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """Columns, the first to the left, the others to the right."""
+    """Print columns, the first aligned left, the others right."""
     cells = [list(header), *(list(row) for row in rows)]
     widths = [max(len(row[k]) for row in cells) for k in range(len(header))]
     keys = [name or "name" for name in header]
@@ -225,7 +225,7 @@ def _print(text: str) -> None:
 
 
 def _plain(value: Any) -> Any:
-    """As JSON has it: a number where the words are one, null for none."""
+    """Convert a value for JSON: numeric text becomes a number; NaN, "-" and infinity become null."""
     if isinstance(value, Quantity):
         return _plain(value.value)
     if isinstance(value, dict):
@@ -248,7 +248,7 @@ def _number(text: str) -> str | int | float | None:
 
 
 def span(times: np.ndarray) -> Quantity:
-    """From the first of some times to the last; seconds since 1970 as a date and the seconds from there."""
+    """Return the first and the last time as text, with both as its value; seconds since 1970 begin with a date."""
     known = times[np.isfinite(times)]
     if not len(known):
         return Quantity("none", None)
@@ -258,7 +258,7 @@ def span(times: np.ndarray) -> Quantity:
 
 
 def shares(counts: np.ndarray) -> list[tuple[str, Quantity]]:
-    """Each status that occurs, with its share and its count; `counts` (len(Status),)."""
+    """Return each status that occurs with its share and its count; `counts` (len(Status),)."""
     total = counts.sum()
     return [
         (
@@ -274,24 +274,24 @@ def shares(counts: np.ndarray) -> list[tuple[str, Quantity]]:
 
 
 def wait(text: str) -> None:
-    """Tell a person why nothing happens; on stderr, so that output stays clean."""
+    """Print on stderr, if it is a terminal, what a person is waiting for; stdout stays clean."""
     if sys.stderr.isatty():
         _COUNTER.printing(text)
         print(f"palpate: {text}", file=sys.stderr, flush=True)
 
 
 def progress(done: int, share: float) -> None:
-    """One line that counts, for a person.
+    """Show the progress in one line of stderr, if it is a terminal.
 
     Args:
         done: samples so far.
-        share: of the file that was read.
+        share: share of the file that was read.
     """
     overwrite(f"{done:,} samples, {share:4.0%} of the log")
 
 
 def overwrite(text: str) -> None:
-    """One line that is written over again and again, for a person."""
+    """Write a line over the previous one on stderr, if it is a terminal."""
     if sys.stderr.isatty():
         _COUNTER.printing(_COUNTER.doing or "working")
         print(f"\rpalpate: {text}", end="\x1b[K", file=sys.stderr, flush=True)
@@ -303,7 +303,7 @@ def _wipe() -> None:
 
 @contextmanager
 def counting() -> Generator[None]:
-    """Wipes the line of `progress` when the block ends, however it does."""
+    """Wipe the line of `progress` when the block ends, also by an error."""
     try:
         yield
     finally:

@@ -1,4 +1,4 @@
-"""Some long pieces of a log of any length."""
+"""Keep some long pieces of a log of any length."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ __all__ = ["Excerpt"]
 
 
 class Excerpt:
-    """Takes all samples of a log in order, and keeps some long pieces of it: steps and spectra need neighbours.
+    """An excerpt of a log: long pieces of consecutive samples, as steps and spectra need neighbours.
 
     Every `stride`-th piece is kept; `stride` doubles when they get too many.
 
@@ -23,7 +23,7 @@ class Excerpt:
         self._kept: list[tuple[int, Recording]] = []  # with the number of the piece that it is of
 
     def add(self, block: Recording) -> None:
-        """The next samples, in blocks of any size."""
+        """Add the next samples, in blocks of any size."""
         start = 0
         while start < len(block):
             number, inside = divmod(self.count, self._piece)
@@ -34,7 +34,7 @@ class Excerpt:
             start = end
 
     def recording(self) -> Recording:
-        """What was kept, with gaps in it."""
+        """Return the kept samples, with gaps between the pieces."""
         return join([part for _, part in self._kept])
 
     def _keep(self, number: int, part: Recording) -> None:

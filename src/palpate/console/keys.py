@@ -1,4 +1,4 @@
-"""What a person or a program asks of a command that runs: keys of the terminal, signals."""
+"""Receive keys of the terminal and signals while a command runs."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["Came", "pressed", "signals"]
 
 @dataclass
 class Came:
-    """Signals so far: `stop` by Ctrl-C or SIGTERM, `tares` by SIGUSR1."""
+    """Signals received so far: `stop` by Ctrl-C or SIGTERM, `tares` counts SIGUSR1."""
 
     stop: bool = False
     tares: int = 0
@@ -23,7 +23,7 @@ class Came:
 
 @contextmanager
 def signals() -> Generator[Came]:
-    """Hears them instead of being ended by them; a command in the background, too, which a shell lets ignore SIGINT."""
+    """Count signals instead of being ended by them, also in the background, where shells let SIGINT be ignored."""
     came = Came()
 
     def hear(number: int, _: FrameType | None) -> None:
@@ -43,7 +43,7 @@ def signals() -> Generator[Came]:
 
 @contextmanager
 def pressed() -> Generator[Callable[[float], str]]:
-    """Waits so many seconds for a key, and returns it, or ""; without a terminal it only waits."""
+    """Give a function that waits for a key for some seconds and returns it, or ""; without a terminal it only waits."""
     if not sys.stdin.isatty():
         yield _waited
         return

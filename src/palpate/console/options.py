@@ -1,4 +1,4 @@
-"""Kinds of arguments, so that help reads the same everywhere."""
+"""Define kinds of arguments, so that help reads the same everywhere."""
 
 from __future__ import annotations
 
@@ -37,20 +37,20 @@ Pair = Annotated[tuple[float, float] | None, arg(metavar="X X", help_behavior_hi
 
 
 def require_positive(value: float | None, option: str) -> None:
-    """Refuse what is not more than nothing, NaN too.
+    """Check that the value of an option is positive; None passes.
 
     Raises:
-        InputError: it is not positive.
+        InputError: it is zero, negative or NaN.
     """
     if value is not None and not value > 0:
         raise InputError("must be positive.", where=option)
 
 
 def require_port(value: int, option: str) -> None:
-    """Refuse what is no port; 0 is any that is free.
+    """Check that the value of an option is a port; 0 is any that is free.
 
     Raises:
-        InputError: it is none.
+        InputError: it is not between 0 and 65535.
     """
     if not 0 <= value < 2**16:
         raise InputError("a port lies between 1 and 65535; 0 is any that is free.", where=option)

@@ -1,4 +1,4 @@
-"""Many jobs: over processes (joblib), Dask or Ray, and kept line by line so that the same command goes on."""
+"""Run many jobs on processes (joblib), Dask or Ray, and keep results line by line so that a command can continue."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ Made = TypeVar("Made")
 
 
 def require_backend(backend: str, workers: int | None, option: str) -> int:
-    """How many workers there will be, 0: as many as the cluster has that is joined; before any work is done.
+    """Check the backend before any work; return the number of workers, 0: all that the joined cluster has.
 
     Args:
         backend: one of `BACKENDS`.
-        workers: asked for; None: one a core.
-        option: that asks for them.
+        workers: requested number; None: one per core.
+        option: name of the option that sets them, for messages.
 
     Raises:
         InputError: there is no such backend, fewer than one worker, or what the backend needs is not installed.
@@ -68,15 +68,15 @@ def each_done(
     option: str,
     lost: Callable[[Job], Result] | None = None,
 ) -> Generator[Result]:
-    """What comes of each job, in the order in which they are done.
+    """Yield the result of each job, in the order in which they finish.
 
     Args:
-        one: what is done; it and its job can be pickled.
+        one: function of a job; it and the jobs can be pickled.
         jobs: all of them.
-        workers: at a time, see `require_backend`. One of "processes" is this process.
+        workers: at a time, see `require_backend`. A single one of "processes" is this process.
         backend: one of `BACKENDS`.
-        option: that asks for workers, for sentences.
-        lost: what comes of a job whose worker is ended from outside (memory, a crash in a library); None: an error.
+        option: name of the option that sets the workers, for messages.
+        lost: result of a job whose worker is ended from outside (memory, a crash in a library); None: an error.
 
     Raises:
         InputError: what the backend needs is not installed, its cluster does not answer, or a worker was ended.
@@ -102,7 +102,7 @@ def each_done(
 def _on_processes(
     one: Callable[[Job], Result], jobs: Sequence[Job], workers: int, missed: Callable[[Job], Result]
 ) -> Generator[Result]:
-    """By joblib. Nobody knows which job ended a worker: the first of those left are tried one by one, then all."""
+    """Run by joblib. Which job ended a worker is unknown: the first remaining ones are tried one by one, then all."""
     joblib = import_module("joblib")
     broken = import_module("concurrent.futures.process").BrokenProcessPool
     left, single = dict(enumerate(jobs)), 0  # `single`: jobs to be tried one by one
@@ -130,7 +130,7 @@ def _numbered(one: Callable[[Job], Result], number: int, job: Job) -> tuple[int,
 def _on_dask(
     one: Callable[[Job], Result], jobs: Sequence[Job], workers: int, missed: Callable[[Job], Result]
 ) -> Generator[Result]:
-    """By its own scheduler: joblib's way to it waits for ever where a worker was ended."""
+    """Run by Dask's scheduler: through joblib it would wait for ever where a worker was ended."""
     distributed = import_module("distributed")
     address = _dask_address()
     own = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": ":0", "silence_logs": logging.CRITICAL}
@@ -158,7 +158,7 @@ def _on_dask(
 def _on_ray(
     one: Callable[[Job], Result], jobs: Sequence[Job], workers: int, missed: Callable[[Job], Result]
 ) -> Generator[Result]:
-    """By its own scheduler: joblib's way to it waits for ever, too, and answers only when all are done."""
+    """Run by Ray's scheduler: through joblib it would wait for ever, too, and answer only when all are done."""
     ray = import_module("ray")
     gone = (ray.exceptions.WorkerCrashedError, ray.exceptions.OutOfMemoryError)
     with _ray(workers) as count:
@@ -186,15 +186,15 @@ def run_kept(
     row: Callable[[Result], Mapping[str, object]],
     lost: Callable[[Job], Result] | None = None,
 ) -> Generator[Result]:
-    """As `each_done`; each result is a line of a file before it is given.
+    """Yield the results of `each_done`; each is first appended to a file as a line.
 
     Args:
-        one: what is done.
+        one: function of a job.
         jobs: all of them.
         kept: the file, see `begin_results`.
         how: workers, backend and option of `each_done`.
-        row: what stands in a result's line.
-        lost: of `each_done`.
+        row: converts a result to the contents of its line.
+        lost: see `each_done`.
     """
     with counting(), closing(each_done(one, jobs, *how, lost)) as results:
         for result in results:
@@ -204,13 +204,13 @@ def run_kept(
 
 
 def read_rows(path: Path, what: str) -> tuple[dict[str, object], list[dict[str, Any]]]:
-    """The settings in the first line of a file of results, and each result's line; see `from_row`.
+    """Return the settings in the first line of a file of results, and each result's line; see `from_row`.
 
-    A last line that is cut, as a killed process leaves it, is no result.
+    A last line that is incomplete, as a killed process leaves it, is ignored.
 
     Args:
-        path: of the file.
-        what: it should hold, for the sentence.
+        path: file of results.
+        what: name of the expected content, for the message.
 
     Raises:
         InputError: it is no such file.
@@ -234,17 +234,17 @@ def read_rows(path: Path, what: str) -> tuple[dict[str, object], list[dict[str, 
 
 
 def from_row(kind: type[Made], row: Mapping[str, Any]) -> Made:
-    """A dataclass of strings, numbers and tuples of them, as its line holds it: null is NaN, and a list a tuple.
+    """Return a dataclass of strings, numbers and tuples of them from its line: null becomes NaN, and a list a tuple.
 
     Raises:
-        KeyError: of a field that is not there.
+        KeyError: a field is missing.
     """
     names = [each.name for each in fields(cast("Any", kind))]
     return kind(**{name: _told(row[name]) for name in names})
 
 
 def begin_results(path: Path, settings: Mapping[str, object], rows: Iterable[Mapping[str, object]]) -> None:
-    """Write a file of results whole, without what is cut, so that lines can be added."""
+    """Write a new file of results, to which lines can be added, with complete lines only."""
     write_text(path, "".join([_line({"settings": settings}), *map(_line, rows)]))
 
 
@@ -267,7 +267,7 @@ def _told(value: object) -> object:
 
 
 def _require_installed(backend: str, option: str) -> None:
-    """Raises InputError: what the backend needs is not."""
+    """Raise an InputError where the package that the backend needs is not installed."""
     module, package = _NEEDED[backend]
     try:
         import_module(module)
@@ -279,13 +279,13 @@ def _require_installed(backend: str, option: str) -> None:
 
 
 def _dask_address() -> str | None:
-    """Of the scheduler that is to be joined; None: one is made."""
+    """Return the address of the Dask scheduler to join; None: a new one is made."""
     return import_module("dask").config.get("scheduler-address", None)
 
 
 @contextmanager
 def _ray(workers: int) -> Generator[int]:
-    """The cluster that RAY_ADDRESS names, or processes of its own, ended with the block; gives how many it has."""
+    """Join the cluster that RAY_ADDRESS names, or start local processes that end with the block; give their number."""
     ray, address = import_module("ray"), os.environ.get("RAY_ADDRESS")
     if ray.is_initialized():
         yield workers or 1
@@ -301,7 +301,7 @@ def _ray(workers: int) -> Generator[int]:
 
 @contextmanager
 def _environment(more: Mapping[str, str]) -> Generator[None]:
-    """Processes that are started meanwhile have these variables, too."""
+    """Set environment variables for processes that are started within the block."""
     before = {name: os.environ.get(name) for name in more}
     os.environ.update(more)
     try:
@@ -316,7 +316,7 @@ def _environment(more: Mapping[str, str]) -> Generator[None]:
 
 @contextmanager
 def _joining(backend: str, address: str | None) -> Generator[None]:
-    """Raises InputError: the cluster does not answer."""
+    """Raise an InputError where the cluster does not answer."""
     try:
         yield
     except (OSError, ValueError, RuntimeError) as problem:  # whatever each of them calls it

@@ -1,4 +1,4 @@
-"""The drift of a sensor's zero as `palpate calibrate drift` prints and writes it."""
+"""Describe the drift of a sensor's bias as `palpate calibrate drift` prints and writes it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ CHI_95 = 2.795  # of three components: the length that 95 % stay below, in devia
 
 
 class ChannelGroup(NamedTuple):
-    """Channels that are printed together: their walk in one unit, all else in another."""
+    """Channels that are printed together: their random walk in one unit, all other figures in another."""
 
     name: str
     channels: slice
@@ -29,13 +29,13 @@ class ChannelGroup(NamedTuple):
 
 @dataclass(frozen=True)
 class SensorDrift:
-    """What a sensor makes of an untouched log: the drift of its zero, and how it is printed.
+    """The drift of a sensor's bias, found in a log without contact, and how it is printed.
 
     Args:
         found: drift of the channels.
-        comments: key of [drift] in a rig -> its unit.
-        groups: of channels.
-        unsure: takes a deviation of each channel, and returns the 95 % bound of force and torque in words.
+        comments: unit of each key of [drift] in a rig.
+        groups: groups of channels.
+        unsure: takes a standard deviation per channel, and returns the 95 % bound of force and torque in words.
         weight: [N] standard deviation of the payload's weight, by its calibration; 0: none or not known.
         notes: on how the log was read, one sentence each.
     """

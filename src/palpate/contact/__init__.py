@@ -1,4 +1,4 @@
-"""From readings and a surface to contacts; `palpate.contact.locate` is the module, `palpate.locate` the function."""
+"""Compute contacts from readings and a surface; `palpate.contact.locate` is a module, `palpate.locate` a function."""
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, ContactEstimate, Status

@@ -1,4 +1,4 @@
-"""Compiled: how far a wrench is from one that a contact within the friction and torsion bounds can make."""
+"""Compiled: distance from a wrench to the nearest that a contact within the friction and torsion bounds can make."""
 
 # pyright: basic
 from __future__ import annotations
@@ -19,7 +19,7 @@ _STEPS = 30  # of the search for the nearest wrench within the bounds
 
 @inner
 def _solve_two(matrix, right, count):
-    """right^T matrix^-1 right and the solution, for one or two equations; (-1, 0, 0) when singular."""
+    """Return right^T matrix^-1 right and the solution, for one or two equations; (-1, 0, 0) when singular."""
     if count == 1:
         if matrix[0, 0] <= 0.0:
             return -1.0, 0.0, 0.0
@@ -35,7 +35,7 @@ def _solve_two(matrix, right, count):
 
 @inner
 def _bounds(wrench, place, t, shape, slopes, settings, values, rows):
-    """The friction and the torsion bound, tan(theta) - mu and |tau| - c |F . n|, and their slopes by W (2, 6)."""
+    """Write tan(theta) - mu and |tau| - c |F . n| into values (2,), and their slopes by the wrench into rows (2, 6)."""
     force, moment, n = wrench[:3], wrench[3:], place[3:]
     size = np.sqrt(dot(force, force))
     pressing = dot(force, n)
@@ -61,7 +61,7 @@ def _bounds(wrench, place, t, shape, slopes, settings, values, rows):
 
 @inner
 def inverse(matrix):
-    """Inverse of a covariance by Gauss and Jordan; NaN where it has none."""
+    """Return the inverse of a covariance by Gauss-Jordan elimination; NaN if it has none."""
     size = len(matrix)
     work, out = matrix.copy(), np.eye(size)
     for i in range(size):
@@ -83,7 +83,7 @@ def inverse(matrix):
 
 @inner
 def _allowed(wrench, place, settings, out):
-    """A wrench that a contact within the bounds makes at this point, near the given one. False if it only pulls."""
+    """Write a wrench near this one that a contact within the bounds makes at this point; False if it only pulls."""
     force, n = wrench[:3], place[3:]
     mu, normal = settings[FRICTION], -dot(force, n)
     side = np.empty(3)
@@ -110,7 +110,7 @@ def _allowed(wrench, place, settings, out):
 
 @inner
 def _metric(a, b, inverse):
-    """sqrt((a - b)' inverse (a - b))."""
+    """Return sqrt((a - b)' inverse (a - b))."""
     total = 0.0
     for i in range(6):
         for j in range(6):
@@ -120,15 +120,15 @@ def _metric(a, b, inverse):
 
 @inner
 def distance_to_bounds(wrench, noise, nodes, corners, settings, first, place, nearest):
-    """Distance in the metric of `noise` from a wrench to the nearest that a contact within the bounds can make.
+    """Return the distance, in the metric of `noise`, from a wrench to the nearest of a contact within the bounds.
 
-    The point and normal of that contact go into `nearest` (6,).
+    The point and normal of that contact are written into `nearest` (6,); NaN is returned if there is none.
 
-    Where the point lies is a function of the wrench, so the bounds are two functions g(W), and the nearest W' with
+    The point is a function of the wrench, so the bounds are two functions g(W), and the nearest W' with
     g(W') <= 0 is found by the damped iteration of Hasofer, Lind, Rackwitz and Fiessler,
     y <- S A' (A S A')^-1 (A y - g).
-    Every step also gives a contact within the bounds; the nearest of those is returned, so that the figure is one that
-    a contact really attains, and where the iteration does not settle (on facets g jumps) it errs to the large side.
+    Every step also gives a contact within the bounds; the nearest of those is returned, so that a contact
+    really attains the distance; if the iteration does not converge (on facets g jumps) it is rather too large.
     """
     t, shape, slopes = np.empty((2, 3)), np.empty((2, 2)), np.empty((2, 6))
     values, rows, active = np.empty(2), np.empty((2, 6)), np.zeros((2, 6))
@@ -186,7 +186,7 @@ def distance_to_bounds(wrench, noise, nodes, corners, settings, first, place, ne
 
 @inner
 def distance_to_point(wrench, noise, place):
-    """Distance from a wrench to the nearest that a soft finger at a given point can make: two linear equations."""
+    """Return the distance from a wrench to the nearest that a soft finger at a point can make; NaN if degenerate."""
     t, work, rows, right = np.empty((2, 3)), np.empty(3), np.empty((2, 6)), np.empty(2)
     tangents(place[3:], t)
     for a in range(2):

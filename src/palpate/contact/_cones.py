@@ -1,9 +1,9 @@
-"""Compiled: how far a wrench is from those that a contact at a sharp edge or corner within the bounds can make.
+"""Compiled: distance from a wrench to those that a contact at a sharp edge or corner within the bounds can make.
 
 For a given normal n those wrenches are a cone: some linear equations and inequalities (`_at_edge`, `_at_corner`), the
 friction |F| <= -sqrt(1 + mu^2) F . n, and the torsion |F . M| <= c (F . n)^2, as tau = F . M/(F . n). The nearest
 of them in the metric of S is found by linearising the last two and solving for the multipliers one by one (Hildreth
-1957). The multipliers say how the distance changes with n, and so where to go among the normals.
+1957). The multipliers give the change of the distance with n, and so the direction to search among the normals.
 """
 
 # pyright: basic
@@ -36,7 +36,7 @@ _SLACK = 2.0  # the gap bounds convex functions; these are nearly so
 
 @inner
 def _moment_row(axis, point, out):
-    """The moment about an axis through a point: axis . (M - p x F) = out . W."""
+    """Write into out (6,) the moment about an axis through a point: axis . (M - p x F) = out . W."""
     cross_into(point, axis, out[:3])
     for k in range(3):
         out[3 + k] = axis[k]
@@ -44,7 +44,7 @@ def _moment_row(axis, point, out):
 
 @inner
 def _bounds_at(w, n, settings, rows, values):
-    """Friction and torsion at w: their slopes into the last two rows, their values into the last two of `values`."""
+    """Write the friction and torsion bounds at w: slopes into the last two rows, values likewise into `values`."""
     size, wide = np.sqrt(dot(w[:3], w[:3])), np.sqrt(1.0 + settings[FRICTION] ** 2)
     pressing, both = dot(w[:3], n), dot(w[:3], w[3:])
     sign, c = 1.0 if both >= 0.0 else -1.0, min(settings[TORSION], _UNBOUND * settings[SCALE])
@@ -58,9 +58,9 @@ def _bounds_at(w, n, settings, rows, values):
 
 @inner
 def _nearest_at(wrench, noise, n, rows, linear, equal, settings, near, lift):
-    """Distance to the cone of a normal; the nearest wrench into near (6,), the multipliers into lift (5,).
+    """Return the distance to the cone of a normal; write the nearest wrench into near (6,), multipliers into lift (5,).
 
-    Rows (5, 6): the first `equal` are zero, those up to `linear` not positive; the last two are friction and torsion.
+    Rows (5, 6): the first `equal` must be zero, those up to `linear` not positive; the last two: friction, torsion.
     """
     values, bound = np.zeros(_ROWS), np.empty(_ROWS)
     lift[:] = 0.0
@@ -105,7 +105,7 @@ def _nearest_at(wrench, noise, n, rows, linear, equal, settings, near, lift):
 
 @inner
 def _at_edge(wrench, noise, line, n, settings, rows, near, lift, turns):
-    """Distance to the contacts of an edge with one normal; the rows' values at the nearest by the normal, turns (5, 3).
+    """Return the distance to the contacts of an edge with one normal; write the rows' slopes by it into turns (5, 3).
 
     With u = e x n, d(u . m) = (m x e) . dn.
     """
@@ -125,7 +125,7 @@ def _at_edge(wrench, noise, line, n, settings, rows, near, lift, turns):
 
 @inner
 def _at_corner(wrench, noise, point, n, settings, rows, near, lift, turns):
-    """The same of a corner: with tangents t, d(t . m) = -(t . dn)(n . m)."""
+    """Return the distance to the contacts of a corner with one normal; with tangents t, d(t . m) = -(t . dn)(n . m)."""
     t, m = np.empty((2, 3)), np.empty(3)
     tangents(n, t)
     _moment_row(t[0], point, rows[0])
@@ -140,7 +140,7 @@ def _at_corner(wrench, noise, point, n, settings, rows, near, lift, turns):
 
 @inner
 def _moment_about(point, w, out):
-    """M - p x F."""
+    """Write M - p x F into out (3,)."""
     cross_into(point, w[:3], out)
     for k in range(3):
         out[k] = w[3 + k] - out[k]
@@ -148,7 +148,7 @@ def _moment_about(point, w, out):
 
 @inner
 def _off_edge(wrench, noise, row, settings):
-    """No contact of an edge is nearer than this: its moment about the edge is zero."""
+    """Return a lower bound of the distance to the contacts of an edge, from the moment about it, which must be zero."""
     line, g = np.empty(14), np.empty((1, 6))
     read_edge(row, settings, line)
     _moment_row(line[3:6], line[:3], g[0])
@@ -163,10 +163,9 @@ def _place_of(row, settings, point):
 
 @inner
 def _off_corner(wrench, noise, row, settings):
-    """No contact of a corner is nearer than about this.
+    """Return an approximate lower bound of the distance to the contacts of a corner.
 
-    The moment there is tau n, |tau| <= c |F|: what of it lies across the mean of the normals is c |F| sin(their angle)
-    at most.
+    The moment there is tau n, |tau| <= c |F|: its part across the mean normal is at most c |F| sin(their angle).
     """
     point, mean, moment, g = np.empty(3), np.empty(3), np.empty(3), np.empty((1, 6))
     length = 0.0
@@ -197,7 +196,7 @@ def _off_corner(wrench, noise, row, settings):
 
 @inner
 def _at(wrench, noise, row, line, mix, settings, n, rows, near, lift, turns):
-    """The distance at the normal that is this mix of the patch's; into turns how the rows turn as the shares change."""
+    """Return the distance at the normal of this mix of shares; write the rows' slopes by the shares into turns."""
     corners = len(mix)
     length = 0.0
     for k in range(3):
@@ -228,7 +227,7 @@ def _at(wrench, noise, row, line, mix, settings, n, rows, near, lift, turns):
 
 @inner
 def _changes(lift, turns, slope):
-    """How the half square of the distance changes with the shares of the normals, into slope."""
+    """Write the derivatives of half the squared distance by the shares of the normals into slope."""
     for i in range(len(slope)):
         slope[i] = 0.0
         for j in range(_ROWS):
@@ -237,7 +236,7 @@ def _changes(lift, turns, slope):
 
 @inner
 def _bends(noise, rows, lift, turns, square):
-    """Its second derivatives (Gauss and Newton): it is y' (A S A')^-1 y/2 of the rows that bind, which turn y."""
+    """Write second derivatives of half the squared distance (Gauss-Newton), y' (A S A')^-1 y/2 of binding rows."""
     count, corners = 0, len(square)
     active, turn = np.empty((_ROWS, 6)), np.empty((_ROWS, corners))
     for j in range(_ROWS):
@@ -260,7 +259,7 @@ def _bends(noise, rows, lift, turns, square):
 
 @inner
 def _inside(slope, square, mix, out):
-    """Where the quadratic model of three normals' shares is least; False where a share is negative there."""
+    """Write the minimum of the quadratic model over three shares into out; return False if one is negative there."""
     p = square[0, 0] - 2.0 * square[0, 2] + square[2, 2]
     q = square[0, 1] - square[0, 2] - square[1, 2] + square[2, 2]
     r = square[1, 1] - 2.0 * square[1, 2] + square[2, 2]
@@ -275,7 +274,7 @@ def _inside(slope, square, mix, out):
 
 @inner
 def _model_least(slope, square, mix, out):
-    """The shares, none of them negative, where the quadratic model is least."""
+    """Write into out the shares, none of them negative, at which the quadratic model is least."""
     corners, least = len(mix), np.inf
     if corners == 3 and _inside(slope, square, mix, out):
         return
@@ -299,7 +298,7 @@ def _model_least(slope, square, mix, out):
 
 @inner
 def _along(slope, square, mix, start, way):
-    """First and second derivative of the model at `start` along `way`."""
+    """Return the first and second derivative of the model at `start` along `way`."""
     first = second = 0.0
     for i in range(len(mix)):
         first += slope[i] * way[i]
@@ -311,7 +310,7 @@ def _along(slope, square, mix, start, way):
 
 @inner
 def _middle(wrench, row, mix):
-    """All normals in equal shares, or one that the force presses where it pulls at that: nothing leads away from it."""
+    """Write equal shares into mix, or the normal that is pressed most if the force pulls at the mean of all normals."""
     pressed = 0.0
     for i in range(len(mix)):
         mix[i] = 1.0 / len(mix)
@@ -326,11 +325,11 @@ def _middle(wrench, row, mix):
 
 @inner
 def _descend(wrench, noise, row, line, settings, most, mix, n, rows, near, lift):
-    """Distance to an edge's or a corner's contacts, and the shares of normals where it is attained; inf beyond `most`.
+    """Return the distance to the contacts of an edge or corner, inf beyond `most`; write the normals' shares into mix.
 
-    From the middle of its normals to where a quadratic model is least, along a secant, again and again. What the best
-    of the normals promises, the gap, bounds what can be gained (Frank and Wolfe 1956): it ends where that is within
-    `_NEAR_ENOUGH`, or not enough.
+    The search goes from the middle of the normals to the least of a quadratic model, along a secant, repeatedly. The
+    gap, the promise of the best of the normals, bounds the possible gain (Frank and Wolfe 1956): the search ends if the
+    gap is within `_NEAR_ENOUGH`, or too small to reach `most`.
     """
     corners = len(mix)
     turns, square, start = np.zeros((_ROWS, corners)), np.zeros((corners, corners)), np.empty(corners)
@@ -385,7 +384,7 @@ def _descend(wrench, noise, row, line, settings, most, mix, n, rows, near, lift)
 
 @inner
 def _to(wrench, noise, row, settings, most, rows, near, place):
-    """Distance to an edge's or a corner's contacts, and the nearest into place (6,), where that is less than `most`."""
+    """Return the distance to the contacts of an edge or corner; write the nearest into place (6,) if below `most`."""
     line, lift = np.empty(14), np.empty(_ROWS)
     corners = 2 if row[KIND] == SHARP else 3
     mix, turns = np.empty(corners), np.empty((_ROWS, corners))
@@ -410,7 +409,7 @@ def _to(wrench, noise, row, settings, most, rows, near, place):
 
 
 def distance_to_edges(wrench, unit, noise, nodes, corners, settings, state, most, place):
-    """The least of `most` and the distances to edges and corners; the nearest contact there goes into place (6,)."""
+    """Return the least of `most` and the distances to edges and corners; write the nearest contact into place (6,)."""
     raise NotImplementedError("compiled code only")
 
 

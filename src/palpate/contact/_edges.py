@@ -1,18 +1,18 @@
-"""Compiled: contacts at sharp edges, where the normal n can be any between those of the two facets.
+"""Compiled: contacts at sharp edges, whose normal n can be any between those of the two facets.
 
-A contact at p = r + s e, 0 <= s <= L, of an edge along e makes M - p x F = tau n with n across e. Along e this says
+A contact at p = r + s e, 0 <= s <= L, of an edge along e makes M - p x F = tau n with n across e. Along e this gives
 
     g W = e . (M - r x F) = 0,
 
 one equation: a wrench of covariance S lies |g W|/sqrt(g S g') standard deviations from the edge, and the nearest that
-fits is W - S g' (g W)/(g S g'). Across e, with m = M - r x F and u = e x n, it says for each normal
+fits is W - S g' (g W)/(g S g'). Across e, with m = M - r x F and u = e x n, it gives for each normal
 
     s = u . m/(F . n),   tau = F . m/(F . n).
 
-So a wrench leaves n open, and with it s. Every n is weighed by how well the wrench keeps the bounds there and by
-1/(F . n)^2, the density of (s, tau) in (u . m, F . m). Where no facet has a contact within the bounds, the mean and the
-spread of s over n are the answer along e; across e it is that of the facet which the noise put it on: its error is the
-noise of g W. A contact on a facet beside an edge stays where it is, but its ellipse holds the edge's places as well.
+So a wrench determines neither n nor s. Every n is weighted by how well the wrench keeps the bounds there and by
+1/(F . n)^2, the density of (s, tau) in (u . m, F . m). If no facet has a contact within the bounds, the mean and the
+spread of s over n are the answer along e; across e it is that of the facet on whose side the noise put it: its error is
+the noise of g W. A contact on a facet next to an edge stays, but its ellipse includes the edge's places as well.
 """
 
 # pyright: basic
@@ -46,7 +46,7 @@ _SUMS = 20  # weight 0, w p 1-3, w n 4-6, w p p' 7-15, likelihood 16, distance 1
 
 @inner
 def exact(wrench, settings, noise):
-    """A covariance that stands for rounding, where the noise is not known."""
+    """Write into noise (6, 6) a covariance that stands for rounding, for use when the noise is not known."""
     force = _EXACT * np.sqrt(dot(wrench[:3], wrench[:3]))
     centre = settings[CENTRE : CENTRE + 3]
     arm = settings[SCALE] + np.sqrt(dot(centre, centre))
@@ -57,7 +57,7 @@ def exact(wrench, settings, noise):
 
 @inner
 def edges_of(wrench, unit, noise, nodes, corners, settings, far, least, rows):
-    """Edges (and corners, from kind `least`) that may lie within `far` deviations of a contact of this wrench."""
+    """Write rows of edges (and corners, by kind `least`) within `far` standard deviations; return the number."""
     centre, force = settings[CENTRE : CENTRE + 3], np.sqrt(dot(wrench[:3], wrench[:3]))
     lever = turn = 0.0
     for k in range(3):
@@ -73,7 +73,7 @@ def edges_of(wrench, unit, noise, nodes, corners, settings, far, least, rows):
 
 @inner
 def reach(wrench, noise, settings):
-    """How far noise moves a contact [m]: `_FAR` standard deviations."""
+    """Return how far noise moves a contact [m]: `_FAR` standard deviations."""
     force = noise[0, 0] + noise[1, 1] + noise[2, 2]
     moment = noise[3, 3] + noise[4, 4] + noise[5, 5] + settings[SCALE] ** 2 * force
     return _FAR * np.sqrt(moment / dot(wrench[:3], wrench[:3]))
@@ -81,7 +81,7 @@ def reach(wrench, noise, settings):
 
 @inner
 def near_previous(wrench, noise, corners, settings, state, rows, count):
-    """Of these edges and corners those where the last contact may have gone; all, where there was none. How many."""
+    """Keep the edges and corners in rows that the last contact, if any, may have reached; return the number."""
     if state[HAS_PREVIOUS] == 0.0:
         return count
     line, kept = np.empty(14), 0
@@ -103,7 +103,7 @@ def near_previous(wrench, noise, corners, settings, state, rows, count):
 
 @inner
 def read_edge(row, settings, line):
-    """Start 0-2 [m], direction 3-5, length 6 [m], first normal 7-9, e x it 10-12, angle to the second normal 13."""
+    """Write start 0-2 [m], direction e 3-5, length 6 [m], first normal n 7-9, e x n 10-12, angle to the second 13."""
     length = 0.0
     for k in range(3):
         line[k] = row[k] * settings[SCALE] + settings[CENTRE + k]
@@ -119,7 +119,7 @@ def read_edge(row, settings, line):
 
 @inner
 def _misfit(wrench, noise, line, g, fitted):
-    """The moment about the edge, its variance, and the nearest wrench without one into fitted (6,)."""
+    """Return the moment about the edge and its variance; write the nearest wrench without it into fitted (6,)."""
     cross_into(line[:3], line[3:6], g)  # e . (r x F) = (e x r) . F
     for k in range(3):
         g[3 + k] = line[3 + k]
@@ -137,7 +137,7 @@ def _misfit(wrench, noise, line, g, fitted):
 
 @inner
 def _below(z):
-    """The normal distribution's share below z."""
+    """Return the normal distribution's share below z."""
     if abs(z) > _FAR:
         return 1.0 if z > 0.0 else 0.0
     return 0.5 * (1.0 + erf(0.7071067811865476 * z))
@@ -211,7 +211,7 @@ def _weigh(wrench, noise, row, number, settings, sums):
 
 @inner
 def _nearest(point, line):
-    """Where along an edge it is nearest to a point, and the squared distance."""
+    """Return where along an edge it is nearest to a point [m], and the squared distance [m^2]."""
     along = 0.0
     for k in range(3):
         along += (point[k] - line[k]) * line[3 + k]
@@ -224,7 +224,7 @@ def _nearest(point, line):
 
 @inner
 def _beside(wrench, noise, place, rows, count, corners, settings):
-    """Is a candidate a contact at one of these edges, but for the noise across it?"""
+    """Return whether a candidate is a contact at one of these edges, within the noise across it."""
     line, g, w = np.empty(14), np.empty(6), np.empty(6)
     pressing = abs(dot(wrench[:3], place[3:]))
     for i in range(count):
@@ -238,7 +238,7 @@ def _beside(wrench, noise, place, rows, count, corners, settings):
 
 @inner
 def _wins(wrench, place, point, state):
-    """Is the edge at `point` to be preferred to a candidate elsewhere? As among candidates (`_kernel._choose`)."""
+    """Return whether the edge at `point` is preferred to a candidate elsewhere, by the rule of `_kernel._choose`."""
     if state[HAS_PREVIOUS] == 1.0:
         here = there = 0.0
         for k in range(3):
@@ -249,24 +249,25 @@ def _wins(wrench, place, point, state):
 
 
 def at_edge(wrench, unit, noise, nodes, corners, settings, state, plausible, place, t, spread):
-    """Change an answer where a sharp edge is near; a surface with an equation has none.
+    """Change an answer if a sharp edge is near; a surface with an equation has no edges.
 
     Args:
         wrench: (6,).
-        unit: (6,) the same in the tree's size.
+        unit: (6,) the wrench about the tree's centre, in its unit size.
         noise: (6, 6) its covariance.
         nodes: of the tree.
         corners: of the tree.
         settings: of the Locator.
         state: the last contact decides between edge and candidate.
-        plausible: how many candidates are within the bounds.
+        plausible: number of candidates within the bounds.
         place: (6,) point and normal of the candidate; changed.
         t: (2, 3) tangents; changed.
         spread: (2, 2) covariance in them [m^2]; changed.
 
     Returns:
-        0: the answer stays; 1: it is the edge's; 2: it stays, 3: it is the edge's, and the other one may be as well.
-        Beside it the distance to the edges within the bounds in standard deviations of the wrench; inf without any.
+        0: the answer stays; 1: the edge's replaces it; 2: it stays, but the edge's is possible too; 3: the edge's
+        replaces it, but the old one is possible too. Then the distance to the edges within the bounds, in standard
+        deviations of the wrench; inf without any.
     """
     raise NotImplementedError("compiled code only")
 
@@ -295,7 +296,7 @@ def _of_mesh(wrench, unit, noise, nodes, corners, settings, state, plausible, pl
 
 @inner
 def _onto(place, nodes, corners, settings):
-    """The nearest point of the surface: noise may put an answer past the far side of a narrow facet."""
+    """Move place to the nearest point of the surface: noise may put an answer past the far side of a narrow facet."""
     point, found = np.empty((1, 3)), np.empty((1, 4))
     for k in range(3):
         point[0, k] = (place[k] - settings[CENTRE + k]) / settings[SCALE]
@@ -308,7 +309,7 @@ def _onto(place, nodes, corners, settings):
 
 @inner
 def _decide(wrench, noise, rows, count, corners, settings, state, plausible, place, t, spread, sums):
-    """What `at_edge` returns first."""
+    """Return the first value that `at_edge` returns, and change the answer accordingly."""
     sums[:] = 0.0
     sums[17], sums[18] = np.inf, -1.0
     for i in range(count):
@@ -347,9 +348,9 @@ def _decide(wrench, noise, rows, count, corners, settings, state, plausible, pla
 
 @inner
 def _widen(sums, mean, place, row, settings, t, spread):
-    """A candidate beside an edge stays where it is; its ellipse holds the edge's places too, as likely as they are.
+    """Widen the ellipse of a candidate next to an edge, which stays, to include the edge's places by their likelihood.
 
-    Along the edge: across it they are apart by the noise of the moment about it, which the ellipse has already.
+    Along the edge only: across it they differ by the noise of the moment about it, which the ellipse contains already.
     """
     line, along = np.empty(14), 0.0
     read_edge(row, settings, line)
@@ -367,7 +368,7 @@ def _widen(sums, mean, place, row, settings, t, spread):
 
 @inner
 def _answer(wrench, noise, rows, count, corners, settings, heaviest, mean, n, square, place, t, spread):
-    """Point, normal, tangents and covariance from the mean along the edges, on the nearest of them."""
+    """Write point, normal, tangents and covariance from the mean along the edges, on the nearest of them."""
     line, best, g, w = np.empty(14), np.empty(14), np.empty(6), np.empty(6)
     least, along, tie = np.inf, 0.0, (1e-6 * settings[SCALE]) ** 2
     for i in range(count):

@@ -1,4 +1,4 @@
-"""Compiled: from one wrench to one row of an estimate (`estimate.ROW`), and the loop over many."""
+"""Compiled: turn one wrench into one row of an estimate (`estimate.ROW`), and loop over many."""
 
 # pyright: basic
 from __future__ import annotations
@@ -76,7 +76,7 @@ _RESIDUAL, _CANDIDATES, _STATUS = 19, 20, 21  # estimate._Row, which compiled co
 
 @inner
 def _choose(wrench, settings, state, found, count, places, torques):
-    """Which candidate is the answer, and how many lie within the bounds; found[:, 7] says which."""
+    """Return the best candidate and the number of candidates within the bounds; mark these in found[:, 7]."""
     best, plausible, nearest = -1, 0, np.inf
     for i in range(count):
         to_metres(found[i], settings, places[i])
@@ -101,7 +101,7 @@ def _choose(wrench, settings, state, found, count, places, torques):
 
 @inner
 def _ambiguous(found, places, count, best, t, spread, noisy, state, branches):
-    """Does another candidate that may be it, and is not told apart, lie outside the 95 % ellipse of the one chosen?"""
+    """Return whether another candidate that is still possible lies outside the 95 % ellipse of the chosen one."""
     det = spread[0, 0] * spread[1, 1] - spread[0, 1] * spread[1, 0]
     for i in range(count):
         if i == best or found[i, 7] == 0.0 or (noisy and not rival(state, branches[i])):
@@ -118,7 +118,7 @@ def _ambiguous(found, places, count, best, t, spread, noisy, state, branches):
 
 @inner
 def _outside(point, place, t, spread, det, limit):
-    """Is a point more than `limit`, in squared standard deviations, from a place with this covariance?"""
+    """Return whether a point is more than `limit` squared standard deviations from a place with this covariance."""
     if not det > 0.0:
         return True
     off = point[:3] - place[:3]
@@ -129,10 +129,10 @@ def _outside(point, place, t, spread, det, limit):
 
 @inner
 def _jumped(wrench, noise, state, place, t, spread):
-    """Is this place far from the mean of its touch, though a contact there would explain the wrench too?
+    """Return whether this place is far from the mean of its touch, though a contact there would explain the wrench too.
 
-    Where the surface is flat within the ellipse one excludes the other, whether the contact slides or not. So one of
-    the two, or both, is off by more than the ellipse says: the surface bends within it, or folds.
+    If the surface is flat within the ellipse one excludes the other, whether the contact slides or not. So at least one
+    of the two is wrong by more than the ellipse shows: the surface bends within it, or folds.
     """
     gap = 0.0
     for k in range(3):
@@ -150,9 +150,9 @@ def _jumped(wrench, noise, state, place, t, spread):
 
 @inner
 def _elsewhere(wrench, unit, noise, nodes, corners, settings, limit, place, t, spread, found, free):
-    """May it be a place outside the ellipse, that noise of `_PROBED` standard deviations along a tangent leads to?
+    """Return whether noise of `_PROBED` standard deviations along a tangent leads to a place outside the ellipse.
 
-    Past an edge, or where the surface bends within the ellipse: slopes say nothing of either.
+    This happens past an edge, or if the surface bends within the ellipse: slopes show neither.
     """
     moved, spot, slopes = np.empty(6), np.empty((1, 6)), np.empty((2, 6))
     if not slopes_at(wrench, place, t, np.zeros((2, 2)), settings[SOFT], slopes):
@@ -181,7 +181,7 @@ def _elsewhere(wrench, unit, noise, nodes, corners, settings, limit, place, t, s
 
 @inner
 def _strength(wrench, noise, settings):
-    """What the thresholds are compared with: the force [N], or how many standard deviations it is from none."""
+    """Return the number to compare with the thresholds: the force [N], or its standard deviations from zero."""
     if settings[ON] >= 0.0:
         return np.sqrt(dot(wrench[:3], wrench[:3]))
     return _deviations(wrench, noise)
@@ -189,7 +189,7 @@ def _strength(wrench, noise, settings):
 
 @inner
 def _deviations(wrench, noise):
-    """How many standard deviations a force is from none."""
+    """Return the distance of a force from zero in standard deviations."""
     x, y, z = wrench[0], wrench[1], wrench[2]
     a, b, c = noise[0, 0], noise[1, 1], noise[2, 2]
     d, e, f = noise[1, 2], noise[0, 2], noise[0, 1]
@@ -203,7 +203,7 @@ def _deviations(wrench, noise):
 
 @inner
 def _gate(wrench, noise, settings, state):
-    """Status before anything is located, or CONTACT; moves the hysteresis."""
+    """Return the status before anything is located, or CONTACT; update the hysteresis."""
     for k in range(6):
         if not abs(wrench[k]) <= LARGEST:  # NaN too
             return _INVALID
@@ -220,7 +220,7 @@ def _gate(wrench, noise, settings, state):
 
 @inner
 def _search(wrench, unit, nodes, corners, settings, limit, found, free):
-    """Candidates of a wrench, which goes into unit in the tree's size; how many. `limit`: friction at most, if any."""
+    """Return the number of candidates of a wrench; write it into unit in the tree's size. `limit`: friction at most."""
     to_unit(wrench, settings, unit)
     count = 0
     while count == 0 and limit < np.inf:  # outside the bounds, wider step by step: a search without a limit is slow
@@ -233,11 +233,11 @@ def _search(wrench, unit, nodes, corners, settings, limit, found, free):
 
 @inner
 def _at_surface(wrench, nodes, corners, settings, near, found, free):
-    """The wrench that the same force would make at the surface, where under a soft layer it acts d below.
+    """Return the wrench that the same force would make at the surface; under a soft layer it acts d below.
 
     A force at p - d n has the moment M = (p - d n) x F + tau n, so M' = M + d n x F, d = depth |F . n|^exponent, is
-    that of a contact at p on the bare surface. Both depend on p: iterated, each step corrected by the last two
-    (Anderson 1965). The candidate followed becomes the last contact, in `near`.
+    that of a contact at p on the bare surface. Both depend on p: this is iterated, each step corrected by the last
+    two (Anderson 1965). The candidate that is followed becomes the last contact, in `near`.
     """
     out, unit, moved = wrench.copy(), np.empty(6), np.empty(3)
     now, before, at_before = np.empty(3), np.zeros(3), np.zeros(3)
@@ -271,7 +271,7 @@ def _at_surface(wrench, nodes, corners, settings, near, found, free):
 
 @inner
 def _workspace():
-    """What `_estimate` writes into on its way, once for many wrenches."""
+    """Return the arrays that `_estimate` writes into, allocated once for many wrenches."""
     places, torques, branches = np.empty((CAPACITY + 1, 6)), np.empty(CAPACITY + 1), np.empty(CAPACITY + 1, np.int64)
     slopes = np.empty((2, 3)), np.empty((2, 2)), np.empty((2, 6)), np.empty((2, 2))
     return np.empty(6), np.empty(6), np.empty((CAPACITY + 1, CANDIDATE)), places, torques, branches, slopes, room()
@@ -279,7 +279,7 @@ def _workspace():
 
 @inlined
 def _estimate(wrench, noise, nodes, corners, settings, state, row, work):
-    """One wrench (6,) with covariance (6, 6) in the surface's frame to one row of `estimate.ROW`."""
+    """Write the row of `estimate.ROW` of one wrench (6,) with covariance (6, 6), in the surface's frame."""
     row[:] = np.nan
     row[_CANDIDATES] = 0.0
     status = _gate(wrench, noise, settings, state)
@@ -374,7 +374,7 @@ def _estimate(wrench, noise, nodes, corners, settings, state, row, work):
 
 @inner
 def _carry(t, spread, out):
-    """A covariance in two tangents to one in space, into out (9,)."""
+    """Write a covariance in two tangents as one in space, into out (9,)."""
     for i in range(3):
         for j in range(i, 3):
             total = 0.0
@@ -386,7 +386,7 @@ def _carry(t, spread, out):
 
 @inner
 def _beside(wrench, unit, noise, nodes, corners, settings, near, plausible, place, t, spread):
-    """What a sharp edge near the answer makes of it (`at_edge`)."""
+    """Return the answer of `at_edge`, with a covariance for rounding if the noise is not known."""
     if settings[NOISY] == 0.0:
         noise = np.empty((6, 6))
         exact(wrench, settings, noise)
@@ -395,15 +395,15 @@ def _beside(wrench, unit, noise, nodes, corners, settings, near, plausible, plac
 
 @inner
 def _least(one, two):
-    """The lesser; NaN is none."""
+    """Return the lesser of two numbers; NaN does not count as lesser."""
     return two if two < one else one
 
 
 @inner
 def _nearest(wrench, unit, noise, nodes, corners, settings, state, away, moved, place, t, spread):
-    """The distance from the bounds where edges and corners may be nearer than `away`; do they take over the answer?
+    """Return the distance from the bounds, with edges and corners nearer than `away`, and whether they give the answer.
 
-    They do where nothing else explains the wrench and they do: point, normal, tangents and covariance are changed then.
+    They give it if nothing else explains the wrench and they do; then point, normal, tangents and covariance change.
     """
     spot = place.copy()
     most = away if away < np.inf else EXPLAINED  # what presses on no facet is looked for near by
@@ -425,7 +425,7 @@ def _nearest(wrench, unit, noise, nodes, corners, settings, state, away, moved, 
 
 @inner
 def _of_others(wrench, noise, nodes, corners, settings, found, places, count, best, away):
-    """The least of `away` and the distances from the bounds at the other candidates."""
+    """Return the least of `away` and the distances from the bounds at the other candidates."""
     spot = np.empty(6)
     for i in range(count):
         if i != best:
@@ -435,7 +435,7 @@ def _of_others(wrench, noise, nodes, corners, settings, found, places, count, be
 
 @inner
 def _off_surface(wrench, unit, noise, nodes, corners, settings, noisy, found, row):
-    """No patch can make this wrench: give the nearest point, flagged."""
+    """Write a row for a wrench that no patch can make: the nearest point, with the status OFF_SURFACE."""
     row[_STATUS] = _OFF_SURFACE
     if nearest_to_axis(unit, nodes, corners, found[0]) == np.inf:
         return
@@ -451,9 +451,9 @@ def _off_surface(wrench, unit, noise, nodes, corners, settings, noisy, found, ro
     """
 )
 def estimate_many(wrenches, noises, forced, nodes, corners, settings, state, sequential, rows):
-    """`_estimate` over (n, 6), or one. noises is (n, 6, 6) or (1, 6, 6); forced (n,) >= 0 is a status known beforehand.
+    """Run `_estimate` over wrenches (n, 6) with noises (n, 6, 6) or (1, 6, 6); forced (n,) >= 0 is a known status.
 
-    In sequence the hysteresis and the previous contact go from sample to sample; otherwise each starts from `state`.
+    If sequential, the hysteresis and the previous contact go from sample to sample; otherwise each starts from `state`.
     """
     start, work = state.copy(), _workspace()
     for i in range(len(wrenches)):
@@ -470,7 +470,7 @@ def estimate_many(wrenches, noises, forced, nodes, corners, settings, state, seq
 
 @released("wrenches n 6, noises n|1 6 6, forced int8 n, settings 14")
 def first_free(wrenches, noises, forced, settings):
-    """The first of the samples of `estimate_many` that is without contact whatever came before it; -1: none is."""
+    """Return the first sample of `estimate_many` that has no contact whatever came before it; -1 if there is none."""
     state = np.zeros(STATE)
     for i in range(len(wrenches)):
         noise = noises[i] if len(noises) > 1 else noises[0]

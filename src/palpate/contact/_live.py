@@ -1,7 +1,7 @@
-"""Compiled: arrays of a sensor packed into one, for loops that take live readings to rows in one call.
+"""Compiled: arrays of a sensor packed into one, for loops that turn live readings into rows in one call.
 
-A call from Python costs 2 us, and every array that is handed over 0.15 us. `memory` holds the arrays that `constants`
-of the sensor names, one behind the other, and `table` (k, 4) where each begins and its shape, with ones in front.
+A call from Python costs 2 us, and every array that is passed 0.15 us. `memory` holds the arrays that the sensor's
+`constants` returns, one after the other, and `table` (k, 4) their offsets and shapes, padded with leading ones.
 """
 
 # pyright: basic
@@ -15,7 +15,7 @@ __all__ = ["matrix", "packed", "stack", "vector"]
 
 
 def packed(arrays: tuple[np.ndarray, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Arrays of up to three axes as memory and table."""
+    """Return arrays of up to three axes packed as memory and table."""
     sizes = np.array([array.size for array in arrays])
     shapes = [(1,) * (3 - array.ndim) + array.shape for array in arrays]
     starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])

@@ -1,4 +1,4 @@
-"""Compiled: where the axes of many wrenches enter a ball, as keys that are near each other where the places are."""
+"""Compiled: compute keys of wrenches that are close to each other if their axes enter a ball at close points."""
 
 # pyright: basic
 from __future__ import annotations
@@ -14,7 +14,7 @@ CELLS = 32  # along each side of the box around the ball
 
 @inner
 def _spread(x):
-    """The number of the cell at x, -1 to 1 across the box, with two empty bits before each of its five."""
+    """Return the number of the cell at x, -1 to 1 across the box, with two empty bits before each of its five bits."""
     cell = 0.5 * CELLS * (x + 1.0)
     number = 0 if not cell > 0.0 else CELLS - 1 if cell >= CELLS else int(cell)  # NaN is the first
     key = 0
@@ -25,7 +25,7 @@ def _spread(x):
 
 @released("wrenches n 6, centre 3, scale float, out out uint16 n")
 def keys(wrenches, centre, scale, out):
-    """Of wrenches (n, 6), force first, and a ball about centre (3,) of radius scale, into out (n,): Morton's order."""
+    """Write keys of wrenches (n, 6), force first, into out (n,): Morton's order of where they enter a ball."""
     for i in range(len(wrenches)):
         fx, fy, fz = wrenches[i, 0], wrenches[i, 1], wrenches[i, 2]
         size = np.sqrt(fx * fx + fy * fy + fz * fz)

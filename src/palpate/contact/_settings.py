@@ -1,4 +1,4 @@
-"""Where a Locator's settings and its state stand in the arrays that the compiled loops read."""
+"""Indices of a Locator's settings and state in the arrays that the compiled loops read."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compiled: how a located point moves with the wrench.
+"""Compiled: compute the change of a located point with the wrench.
 
 A contact at p with unit normal n and torsion tau satisfies M - p x F - tau n = 0 with tau = F . M/(F . n).
 Differentiated along the surface, dn = S dp with S the shape operator, and projected on two tangents t_a:
@@ -6,7 +6,7 @@ Differentiated along the surface, dn = S dp with S the shape operator, and proje
     (F . n) J dp - tau S dp = t . (-dM + p x dF),   J = [[0, -1], [1, 0]],
 
 so dp/dW is a 2 x 2 solve, and the covariance of p is that of W carried through it: rank 2, in the tangent plane. On
-facets, edges and corners S is 0: there the plane across n stands for the surface, which errs to the wide side.
+facets, edges and corners S is 0: there the plane across n replaces the surface, and the covariance is rather too wide.
 """
 
 # pyright: basic
@@ -24,7 +24,7 @@ __all__ = ["sandwich", "sandwich_into", "sensitivity", "slopes_at", "softened", 
 
 @inner
 def tangents(n, out):
-    """Two unit vectors across n, right-handed with it (Duff et al. 2017), into out (2, 3)."""
+    """Write two unit vectors across n, right-handed with it (Duff et al. 2017), into out (2, 3)."""
     sign = 1.0 if n[2] >= 0.0 else -1.0
     a = -1.0 / (sign + n[2])
     b = n[0] * n[1] * a
@@ -34,10 +34,10 @@ def tangents(n, out):
 
 @inner
 def slopes_at(wrench, place, t, shape, soft, slopes):
-    """d(p . t)/dW into slopes (2, 6). False where the wrench does not determine the point.
+    """Write d(p . t)/dW into slopes (2, 6); return False if the wrench does not determine the point.
 
-    For the wrench axis (soft = 0) the moment left over is along F instead of n: the same equations, projected across
-    F instead of across n, with the pitch in the place of tau S.
+    For the wrench axis (soft = 0) the remaining moment is along F instead of n: the same equations, projected across F
+    instead of across n, with the pitch in place of tau S.
     """
     # Numbers instead of parts of arrays: each part would count its references, which takes longer than the arithmetic.
     fx, fy, fz = wrench[0], wrench[1], wrench[2]
@@ -73,14 +73,14 @@ def slopes_at(wrench, place, t, shape, soft, slopes):
 
 @inner
 def _turned(fx, fy, fz, across, a, t, c):
-    """Row a of `across` times F x (row c of t)."""
+    """Return row a of `across` times F x (row c of t)."""
     x, y, z = fy * t[c, 2] - fz * t[c, 1], fz * t[c, 0] - fx * t[c, 2], fx * t[c, 1] - fy * t[c, 0]
     return across[a, 0] * x + across[a, 1] * y + across[a, 2] * z
 
 
 @inner
 def sandwich(left, middle, right):
-    """Left (i, 6) middle (6, 6) right (j, 6)^T, in a new array (i, j)."""
+    """Return left (i, 6) middle (6, 6) right (j, 6)^T in a new array (i, j)."""
     out = np.empty((len(left), len(right)))
     sandwich_into(left, middle, right, out)
     return out
@@ -88,7 +88,7 @@ def sandwich(left, middle, right):
 
 @inner
 def sandwich_into(left, middle, right, out):
-    """Left (i, 6) middle (6, 6) right (j, 6)^T, small and without a call into BLAS, into out (i, j)."""
+    """Write left (i, 6) middle (6, 6) right (j, 6)^T into out (i, j); small matrices, so without BLAS."""
     for i in range(len(left)):
         for j in range(len(right)):
             out[i, j] = 0.0
@@ -102,9 +102,9 @@ def sandwich_into(left, middle, right, out):
 
 @inner
 def softened(force, n, t, shape, settings, slopes):
-    """Slopes G (2, 6) by the wrench at the surface to those by the wrench W as measured, under a soft layer.
+    """Change slopes G (2, 6) by the wrench at the surface into those by the measured wrench W, under a soft layer.
 
-    W' = W + h with h = (0, d n x F), d = depth |F . n|^exponent, of which n moves with the point: dn = S dp. So
+    W' = W + h with h = (0, d n x F), d = depth |F . n|^exponent, where n changes with the point: dn = S dp. So
     dp = G (dW + h_W dW + h_p dp) = (1 - G h_p)^-1 G (1 + h_W) dW.
     """
     work, arm, turn = np.empty(3), np.empty(3), np.empty(3)
@@ -135,7 +135,7 @@ def softened(force, n, t, shape, settings, slopes):
 
 @inner
 def to_metres(candidate, settings, place):
-    """A candidate in metres: p and n into place (6,)."""
+    """Write point p [m] and normal n of a candidate into place (6,)."""
     for k in range(3):
         place[k] = candidate[8 + k] * settings[SCALE] + settings[CENTRE + k]
         place[3 + k] = candidate[11 + k]
@@ -143,7 +143,7 @@ def to_metres(candidate, settings, place):
 
 @inner
 def to_unit(wrench, settings, out):
-    """The wrench about the tree's centre, in its unit size."""
+    """Write the wrench about the tree's centre, in the tree's unit size, into out (6,)."""
     cross_into(settings[CENTRE : CENTRE + 3], wrench[:3], out[3:])
     for k in range(3):
         out[k] = wrench[k]
@@ -152,7 +152,7 @@ def to_unit(wrench, settings, out):
 
 @inner
 def sensitivity(wrench, candidate, place, nodes, corners, settings, t, shape, slopes):
-    """Tangents, shape operator and slopes of a candidate. False where the point is not determined."""
+    """Write tangents, shape operator and slopes of a candidate; return False if the point is not determined."""
     tangents(place[3:], t)
     if settings[SOFT] == 1.0:
         shape_operator(candidate, t, settings[SCALE], nodes, corners, shape)

@@ -1,13 +1,13 @@
-"""Compiled: which of several candidates a touch is, decided by the samples of the touch and not by its first.
+"""Compiled: decide between several candidates by all samples of a touch, and not by its first.
 
 Each candidate is a sample of a *branch*: a place on the surface where this touch may be. While force and torque change,
-a contact stays where it is, or slides; a false branch wanders, since it follows the line of action. So each branch
-remembers its mean place, and in each sample every branch loses r^2 / 2 - log s, with r the distance, in standard
-deviations, of the wrench from the nearest that a contact at that place can make, s the share of its square that the
-sample's own noise has beside what the mean is off, and at most `_WORST`: two branches of a touch that slides lose
-alike. What a branch gains on the one that is believed is summed, D, and its squares, V: without a
-difference D / sqrt(V) is near normal, whatever the samples are. It takes the place of the one believed when
-D > T, and is told apart when D < -T, T = `_LEAST` + `_SURE` sqrt(V).
+a contact stays where it is, or slides; a false branch moves about, since it follows the line of action. So each branch
+remembers its mean place, and in each sample every branch loses r^2 / 2 - log s, at most `_WORST`: two branches of a
+touch that slides lose alike. Here r is the distance, in standard deviations, of the wrench from the nearest that a
+contact at that mean place can make, and s the share of the sample's noise in the sum with the error of the mean. The
+difference to the branch that is believed is summed, D, and its squares, V: without a true difference D / sqrt(V) is
+nearly normal, whatever the samples are. A branch replaces the believed one if D > T, and is no rival if D < -T, with
+T = `_LEAST` + a sqrt(V), where a is `_TAKES` for the first and `_APART` for the second.
 """
 
 # pyright: basic
@@ -59,7 +59,7 @@ _LEAST, _TAKES, _APART = 1.0, 2.5, 2.5
 _LATE, _LATEST = 0.5, 10.0  # handicap a sample of a branch that appears later, and at most
 _WITHIN = 2.0  # samples that a touch counts as old when it begins within another
 _ANOTHER, _SURELY = 5.0, 8.0  # standard deviations from a place beyond which it is another touch, and surely so
-_REACH = 0.1  # of the tree's size: beyond noise: a candidate further from a branch is another
+_REACH = 0.1  # of the tree's size, added to noise: a candidate further from a branch belongs to another
 _MAY_BE = 0.5  # of a candidate that noise alone may have put beyond the bounds, where 1 is within them
 _GRAZING = 60.0  # bound of friction without noise at most
 _STEEPEST = np.arctan(_GRAZING)
@@ -68,7 +68,7 @@ _NEAR = 4.0  # standard deviations beyond a bound, or from a place, at which a b
 
 @inner
 def torsion(w, place, i, soft):
-    """Torque about the normal of place i, (M - p x F) . n, and F . n; numbers, as parts of arrays are slow."""
+    """Return the torque about the normal of place i, (M - p x F) . n, and F . n; without slices of arrays: slow."""
     nx, ny, nz = place[i, 3], place[i, 4], place[i, 5]
     pressing = w[0] * nx + w[1] * ny + w[2] * nz
     if soft == 1.0:
@@ -81,7 +81,7 @@ def torsion(w, place, i, soft):
 
 @inner
 def within_bounds(found, i, torque, pressing, settings):
-    """Is candidate i within the bounds of friction and torsion? Also into found[i, 7]."""
+    """Return whether candidate i is within the bounds of friction and torsion; write 1 or 0 into found[i, 7]."""
     within = found[i, 4] <= settings[FRICTION] and abs(torque) <= settings[TORSION] * abs(pressing)
     found[i, 7] = 1.0 if within else 0.0
     return within
@@ -89,10 +89,10 @@ def within_bounds(found, i, torque, pressing, settings):
 
 @inner
 def friction(wrench, noise, settings, state):
-    """The bound on tan(theta) of a search.
+    """Return the bound on tan(theta) for a search.
 
-    While branches are not told apart it is by so much wider as noise can turn the force: a place that a sample puts
-    beyond the bound may be it.
+    While several branches are possible it is wider by the angle that noise can turn the force: the true place may lie
+    beyond the bound in one sample.
     """
     if state[FOLLOW] == 1.0 or (state[SAMPLES] >= EARLY and state[CONTESTED] == 0.0):
         return settings[FRICTION]
@@ -103,10 +103,10 @@ def friction(wrench, noise, settings, state):
 
 @inner
 def better(found, i, j):
-    """Is candidate i to be preferred to j: met first along the force from outside, then smaller friction angle?
+    """Return whether candidate i is preferred to j: met first along the force from outside, then smaller friction.
 
-    Met first comes first because what presses stands on the side that the force comes from. How often that picks the
-    right one on real probes is in docs/evidence.md.
+    The candidate met first is preferred because the object that presses is on the side from which the force comes. The
+    rate at which this is right on real probes is in docs/evidence.md.
     """
     gap = found[i, 5] - found[j, 5]
     if abs(gap) > 1e-9:
@@ -121,7 +121,7 @@ def _branch(state, k):
 
 @inner
 def forget(state):
-    """The touch is over."""
+    """Reset the branches at the end of a touch."""
     state[SAMPLES] = state[CONTESTED] = 0.0
     for k in range(MOST):
         state[BRANCHES + k * BRANCH] = 0.0
@@ -129,7 +129,7 @@ def forget(state):
 
 @inner
 def _begin(branch, candidate, place, weight, handicap):
-    """A branch at a candidate."""
+    """Begin a branch at a candidate."""
     branch[:] = 0.0
     branch[_HANDICAP] = handicap
     _moved(branch, candidate, place, weight)
@@ -137,7 +137,7 @@ def _begin(branch, candidate, place, weight, handicap):
 
 @inner
 def _moved(branch, candidate, place, weight):
-    """A branch after a sample in which it has a candidate; samples weigh as the square of their force [N^2]."""
+    """Update a branch by its candidate in a sample; samples are weighted by their squared force [N^2]."""
     branch[_WEIGHT] = _KEPT * branch[_WEIGHT] + weight
     share = weight / branch[_WEIGHT]
     for k in range(6):
@@ -147,7 +147,7 @@ def _moved(branch, candidate, place, weight):
 
 @inner
 def beyond(wrench, noise, place, torque, tangent, settings):
-    """By how many standard deviations, squared, a candidate exceeds the bounds of friction and torsion."""
+    """Return by how many squared standard deviations a candidate exceeds the bounds of friction and torsion."""
     pressing = -dot(wrench[:3], place[3:])
     if not pressing > 0.0:
         return np.inf
@@ -169,7 +169,7 @@ def beyond(wrench, noise, place, torque, tangent, settings):
 
 @inner
 def _at(wrench, noise, place, settings):
-    """`beyond` of a contact at a place, (6,) point and normal, with whatever torsion the wrench has there."""
+    """Return `beyond` for a contact at a place (6,), point and normal, with the torsion that the wrench has there."""
     one, turned = np.empty((1, 6)), np.empty(1)
     copy_into(place, one[0])
     turned[0], pressing = torsion(wrench, one, 0, 0.0)
@@ -189,7 +189,7 @@ def _gap(branch, place):
 
 @inner
 def _far(wrench, noise, settings, state):
-    """How far [m] from a branch a candidate is another; noise moves it, and the branch where that is known."""
+    """Return the distance [m] from a branch beyond which a candidate belongs to another; it grows with the noise."""
     known, moved = settings[SCALE] * _REACH, reach(wrench, noise, settings)
     if state[FOLLOW] == 1.0:
         moved *= min(1.0, np.sqrt(dot(wrench[:3], wrench[:3]) / state[BRANCHES + _WEIGHT]))
@@ -198,7 +198,7 @@ def _far(wrench, noise, settings, state):
 
 @inner
 def _alone(wrench, noise, state, settings, place):
-    """Is there but one branch, and the place of it?"""
+    """Return whether there is only one branch and the place belongs to it."""
     for k in range(1, MOST):
         if state[BRANCHES + k * BRANCH] > 0.0:
             return False
@@ -208,7 +208,7 @@ def _alone(wrench, noise, state, settings, place):
 
 @inner
 def _assign(wrench, noise, state, settings, places, near, count, of_branch, of_candidate):
-    """Candidates to branches, the closest pairs first; far beyond the bounds only to the branch that is believed."""
+    """Assign candidates to branches, closest pairs first; those far beyond the bounds only to the believed branch."""
     far = _far(wrench, noise, settings, state)
     for _ in range(MOST):
         least, which, whose = far * far, -1, -1
@@ -229,9 +229,10 @@ def _assign(wrench, noise, state, settings, places, near, count, of_branch, of_c
 
 @inner
 def misfit(wrench, noise, branch, place):
-    """Squared standard deviations from a wrench to the nearest that a contact at a branch's mean place can make.
+    """Return the squared distance from a wrench to the nearest that a contact at a branch's mean place can make.
 
-    The mean place goes into place (6,). Beside it the share of the square that is left with what the mean is off.
+    It is in standard deviations of the wrench. The second value is the share of it that remains once the error of the
+    mean is counted as well. The mean place goes into place (6,).
     """
     known = branch[_WEIGHT]
     length = np.sqrt(dot(branch[MEAN + 3 : MEAN + 6], branch[MEAN + 3 : MEAN + 6]))
@@ -248,9 +249,9 @@ def _threshold(branch, deviations):
 
 @inner
 def _anew(wrench, state, found, places, near, count, best, squares, of_candidate):
-    """Another touch, since a log may hold one sample of each; in doubt what was believed, and its rivals, stay rivals.
+    """Begin another touch, since a log may have one sample of each; if uncertain, old branches remain as rivals.
 
-    Every candidate of the sample may be it, as in the first sample of a touch.
+    Every candidate of the sample is possible, as in the first sample of a touch.
     """
     free = MOST - 1
     for k in range(MOST - 1, -1, -1):
@@ -271,7 +272,7 @@ def _anew(wrench, state, found, places, near, count, best, squares, of_candidate
 
 @inner
 def _believe(state, k, count, of_candidate):
-    """Branch k becomes the first; what the others gained counts against it."""
+    """Make branch k the first; the gains of the others are counted relative to it."""
     gain, squares = state[BRANCHES + k * BRANCH + _GAIN], state[BRANCHES + k * BRANCH + _SQUARES]
     for i in range(BRANCH):
         a, b = BRANCHES + i, BRANCHES + k * BRANCH + i
@@ -291,7 +292,7 @@ def _believe(state, k, count, of_candidate):
 
 @inner
 def _born(wrench, state, found, places, near, count, squares, of_candidate):
-    """Candidates that no branch has had become branches, while there is room."""
+    """Make branches of the candidates that belong to none, while there is room."""
     handicap = min(_LATEST, _LATE * (state[SAMPLES] - 1.0))
     for i in range(count):
         if of_candidate[i] >= 0 or not near[i] < _NEAR**2:
@@ -309,7 +310,7 @@ def _born(wrench, state, found, places, near, count, squares, of_candidate):
 
 @inner
 def _judge(wrench, noise, settings, state, found, places, near, of_branch, squares):
-    """Count a sample's losses, and let the branches move; how far off each is, in squared standard deviations."""
+    """Add a sample's losses and move the branches; write their squared standard deviations into squares (MOST,)."""
     place, first_loss = np.empty(6), 0.0
     for k in range(MOST):
         branch = _branch(state, k)
@@ -330,9 +331,9 @@ def _judge(wrench, noise, settings, state, found, places, near, of_branch, squar
 
 @inner
 def _winner(state, of_branch, squares):
-    """The branch that takes the place of the one that is believed; 0 where none does.
+    """Return the branch that replaces the believed one; 0 if none does.
 
-    Where that one makes no such wrench, any other that does, the one that gained most.
+    If the believed branch cannot make the wrench, any other that can may win; the one that gained most does.
     """
     lost = of_branch[0] < 0 and not squares[0] < _ANOTHER**2
     top, winner = -np.inf if lost else 0.0, 0
@@ -348,9 +349,9 @@ def _winner(state, of_branch, squares):
 
 @inner
 def _remembered(wrench, state, settings, found, places, torques, count, square):
-    """The last candidate of the branch that is believed as one of this sample, in the row after the others.
+    """Write the last candidate of the believed branch into the row after this sample's candidates.
 
-    Its residual takes the place of its height.
+    Its residual is stored in place of its height.
     """
     copy_into(_branch(state, 0)[_LAST : _LAST + CANDIDATE], found[count])
     to_metres(found[count], settings, places[count])
@@ -361,10 +362,10 @@ def _remembered(wrench, state, settings, found, places, torques, count, square):
 
 @inner
 def follow(wrench, noise, settings, state, found, places, torques, count, best, of_candidate):
-    """The candidate of the branch that is believed, after this sample; into of_candidate the branch of each, or -1.
+    """Return the number of the candidate of the believed branch after this sample; write each one's branch, or -1.
 
-    Where that branch has none, though the wrench is near one made there, it is its last one, in row `count`. `best` is
-    the candidate to begin with.
+    The branches go into of_candidate. If the believed branch has no candidate, but the wrench is near one made there,
+    its last candidate is returned, in row `count`. `best` is the candidate to begin with.
     """
     state[SAMPLES] += 1.0
     first, weight = _branch(state, 0), wrench[0] ** 2 + wrench[1] ** 2 + wrench[2] ** 2
@@ -387,7 +388,7 @@ def follow(wrench, noise, settings, state, found, places, torques, count, best, 
 
 @inner
 def _followed(wrench, noise, settings, state, found, places, torques, count, best, of_candidate):
-    """`follow` where there are several branches, or another candidate than the one that is believed."""
+    """Do the work of `follow` if there are several branches, or a candidate away from the believed one."""
     near, of_branch = np.empty(count), np.full(MOST, -1)
     for i in range(count):
         near[i] = 0.0 if found[i, 7] == 1.0 else beyond(wrench, noise, places[i], torques[i], found[i, 4], settings)
@@ -413,7 +414,7 @@ def _followed(wrench, noise, settings, state, found, places, torques, count, bes
 
 @inner
 def rival(state, branch):
-    """Can this branch not be told apart from the one that is believed?"""
+    """Return whether this branch is still possible next to the believed one."""
     if branch < 0:
         return False
     one = _branch(state, branch)

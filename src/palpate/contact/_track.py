@@ -1,4 +1,4 @@
-"""Compiled: which touch of a frame is which of the frames before."""
+"""Compiled: match the touches of a frame with those of the frames before."""
 
 # pyright: basic
 from __future__ import annotations
@@ -20,11 +20,11 @@ TRACK = 8  # identity (-1: free), position (3), velocity (3), time it was last s
     """
 )
 def follow(time, points, count, tracks, following, reach, speed, patience, identity):
-    """Identities of `count` touches at `points`; `tracks` (TRACKS, TRACK) and `following` (1,) are changed.
+    """Write identities of `count` touches at `points` (n, 3) [m]; `tracks` (TRACKS, TRACK) and `following` (1,) change.
 
-    Pairs are joined from the nearest on, by where a track would be by now; none further than reach + speed dt. A touch
-    that is lost is waited for so long as `patience`: two that merge for a moment part under their own names. Distances
-    are those in space, so that the seam of a sheet is no gap.
+    Touches and predicted tracks are paired from the nearest on, within reach + speed dt. A touch that is lost is waited
+    for during `patience` [s]: two that merge for a moment separate with their old identities. Distances are measured in
+    space, so that the seam of a sheet is no gap.
     """
     count = min(count, len(points), len(identity))
     for t in range(len(tracks)):

@@ -1,4 +1,4 @@
-"""Compiled: what touches err by beside their wrench, into the covariance of the point."""
+"""Compiled: widen the covariance of the point by a placement error that the wrench does not show."""
 
 # pyright: basic
 from __future__ import annotations
@@ -10,7 +10,7 @@ __all__ = ["widen"]
 
 @released("rows out n 22, variance float")
 def widen(rows, variance):
-    """Adds variance (1 - n n^T) [m^2] to the covariances in rows (n, 22) of `estimate.ROW`; NaN stays NaN."""
+    """Add variance (1 - n n^T) [m^2] to the covariances in rows (n, 22) of `estimate.ROW`; NaN stays NaN."""
     for row in rows:
         for i in range(3):
             for j in range(3):

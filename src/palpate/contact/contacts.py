@@ -1,4 +1,4 @@
-"""Contacts over time: what every estimator gives, and every file, table, page and report takes."""
+"""Contacts over time: the result of every estimator, and the input of every file, table, page and report."""
 
 from __future__ import annotations
 
@@ -47,15 +47,15 @@ _NO_FEATURES: Mapping[str, Float[np.ndarray, " n"]] = MappingProxyType({})
 )
 @dataclass(frozen=True, eq=False)
 class Contacts:
-    """Contacts in the order of the samples, at least one row a sample; a sample without one has a row that says so.
+    """Contacts in the order of the samples, at least one row per sample; without a contact its status shows this.
 
     Attributes:
         sample: (n,) row of the log, counted from 0.
         time: (n,) [s], as in the log.
-        identity: (n,) which contact it is: it stays while the contact lasts. 0 where there is one at a time.
-        estimate: batch of n: point, force, covariance, status.
-        features: name -> (n,) what a sensor adds, SI (a sheet's row, column, area, ...); NaN without a contact.
-        notes: what was met on the way, one sentence each.
+        identity: (n,) number of the contact, constant while it lasts; 0 if there is only one at a time.
+        estimate: batch of n estimates: point, force, covariance, status.
+        features: name -> (n,) values that a sensor adds, SI (a sheet's row, column, area, ...); NaN without a contact.
+        notes: remarks on the log and the sensor, one sentence each.
     """
 
     sample: Int[np.ndarray, " n"]
@@ -78,7 +78,7 @@ class Contacts:
 
     @classmethod
     def single(cls, time: Float[np.ndarray, " n"], estimate: ContactEstimate, first: int = 0) -> Contacts:
-        """One contact a sample, the samples counted from `first`."""
+        """Make contacts with one row per sample from a batch of n estimates; samples are counted from `first`."""
         time = shaped(time, (None,), "time")
         count = len(time)
         first = integer(first, "first")
@@ -92,7 +92,7 @@ class Contacts:
         rows: Float[np.ndarray, "n width"],
         features: Sequence[str],
     ) -> Contacts:
-        """From rows of a `ContactEstimator`: `ROW`, then its features, then the identity where there are several."""
+        """Make contacts from rows of a `ContactEstimator`: `ROW`, features, and the identity if there are several."""
         end = ROW.length + len(features)
         if type(rows) is not np.ndarray or rows.ndim != 2 or rows.shape[1] < end:
             raise InputError(
@@ -103,7 +103,7 @@ class Contacts:
         return cls(sample, time, identity, ContactEstimate.from_rows(rows[:, : ROW.length]), columns)
 
     def rows(self) -> Float[np.ndarray, "n width"]:
-        """The inverse of `of_rows`, with the identity."""
+        """Return rows (n, width), the inverse of `of_rows`, always with the identity."""
         estimate = self.estimate
         numbers = (estimate.torque[:, None], estimate.covariance.reshape(-1, 9), estimate.residual[:, None])
         whole = np.column_stack([estimate.candidates, estimate.status])
@@ -113,7 +113,7 @@ class Contacts:
 
     @classmethod
     def joined(cls, parts: Sequence[Contacts]) -> Contacts:
-        """One after the other; a feature that some do not have is NaN there."""
+        """Join contacts in order; a feature that some do not have is NaN there."""
         if len(parts) == 1:
             return parts[0]
         names = dict.fromkeys(name for part in parts for name in part.features)
@@ -133,7 +133,7 @@ class Contacts:
         return len(self.sample)
 
     def __bool__(self) -> bool:
-        """Whether a contact was found: any row is answered."""
+        """Return whether a contact was found: any row is answered."""
         return bool(self.estimate)
 
     def __iter__(self) -> Iterator[ContactEstimate]:
@@ -144,7 +144,7 @@ class Contacts:
     @overload
     def __getitem__(self, which: slice | np.ndarray) -> Contacts: ...
     def __getitem__(self, which: int | np.integer[Any] | slice | np.ndarray) -> ContactEstimate | Contacts:
-        """The estimate of one row, or the rows that a slice, a mask or numbers pick."""
+        """Return the estimate of one row, or the contacts that a slice, a mask or an array of indices picks."""
         if isinstance(which, int | np.integer):
             return self.estimate[which]
         return replace(
@@ -157,72 +157,72 @@ class Contacts:
         )
 
     def __reduce__(self) -> tuple[type[Contacts], tuple[object, ...]]:
-        """A view of features cannot be pickled, their values can."""
+        """Pickle the values of the features, since their read-only view cannot be pickled."""
         return Contacts, (self.sample, self.time, self.identity, self.estimate, dict(self.features), self.notes)
 
     @property
     def point(self) -> Float[np.ndarray, "n 3"]:
-        """(n, 3) [m]."""
+        """Contact points, (n, 3) [m]; NaN if there is none."""
         return self.estimate.point
 
     @property
     def normal(self) -> Float[np.ndarray, "n 3"]:
-        """(n, 3) outward."""
+        """Outward unit normals at the points, (n, 3)."""
         return self.estimate.normal
 
     @property
     def force(self) -> Float[np.ndarray, "n 3"]:
-        """(n, 3) [N] on the body."""
+        """Forces on the body, (n, 3) [N]."""
         return self.estimate.force
 
     @property
     def torque(self) -> Float[np.ndarray, " n"]:
-        """(n,) [N m] about the normal."""
+        """Torques about the normals, (n,) [N m]."""
         return self.estimate.torque
 
     @property
     def covariance(self) -> Float[np.ndarray, "n 3 3"]:
-        """(n, 3, 3) [m^2] of the point."""
+        """Covariances of the points, (n, 3, 3) [m^2]."""
         return self.estimate.covariance
 
     @property
     def residual(self) -> Float[np.ndarray, " n"]:
-        """(n,) standard deviations to the nearest plausible wrench."""
+        """Distances to the nearest plausible wrench in standard deviations, (n,)."""
         return self.estimate.residual
 
     @property
     def candidates(self) -> Int[np.ndarray, " n"]:
-        """(n,) how many points explain the reading."""
+        """Numbers of points that explain each reading, (n,)."""
         return self.estimate.candidates
 
     @property
     def status(self) -> Int8[np.ndarray, " n"]:
-        """(n,) `Status` codes."""
+        """`Status` codes, (n,) int8."""
         return self.estimate.status
 
     @property
     def answered(self) -> Bool[np.ndarray, " n"]:
-        """(n,) rows whose status is CONTACT or AMBIGUOUS."""
+        """Mask of the rows whose status is CONTACT or AMBIGUOUS, (n,)."""
         return np.asarray(self.estimate.answered)
 
     @property
     def located(self) -> Bool[np.ndarray, " n"]:
-        """(n,) rows that have a point and a normal, whether or not they are answered."""
+        """Mask of the rows that have a point and a normal, whether or not they are answered, (n,)."""
         return np.asarray(np.isfinite(np.hstack([self.estimate.point, self.estimate.normal])).all(axis=1))
 
     def strongest(self) -> Int[np.ndarray, " s"]:
-        """(s,) the row of each sample whose force is largest; its first row where none has a force."""
+        """Return for each sample the row with the largest force, or its first row if none has a force, (s,)."""
         force = np.linalg.norm(self.estimate.force, axis=1)
         order = np.lexsort((-np.where(np.isfinite(force), force, -1.0), self.sample))
         _, first = np.unique(self.sample[order], return_index=True)
         return order[first]
 
     def with_estimate(self, estimate: ContactEstimate) -> Contacts:
-        """The same rows with other estimates, such as in another frame."""
+        """Return the same rows with other estimates, such as in another frame."""
         return replace(self, estimate=estimate)
 
     def noted(self, notes: Sequence[str]) -> Contacts:
-        """The same rows with other notes."""
+        """Return the same rows with other notes."""
         return replace(self, notes=tuple(notes))
 
     def in_frame(self, pose: Pose) -> Contacts:
@@ -231,15 +231,15 @@ class Contacts:
         The base frame needs the sensor's poses, which are in the log: `palpate.estimate(log, rig, frame="base")`.
 
         Args:
-            pose: T_target_source, one, or one a row.
+            pose: T_target_source, one, or one per row.
 
         Raises:
-            InputError: something else than a pose, such as the name of a frame.
+            InputError: the argument is no pose, such as the name of a frame.
         """
         return self.with_estimate(self.estimate.in_frame(pose))
 
     def touches(self, *, gap: float = 0.05, shortest: float = 0.02) -> Events:
-        """Return start, end, place and peak force of each touch; see `find_touches`."""
+        """Return the start, end, point and peak force of each touch; see `find_touches`."""
         return by_name("palpate.contact.touch_finder.find_touches")(self, gap=gap, shortest=shortest)
 
     @classmethod
@@ -247,7 +247,7 @@ class Contacts:
         """Read a file that `save` or `palpate estimate` wrote.
 
         Raises:
-            InputError: not there, or a row is not one of contacts.
+            InputError: the file does not exist, or a row of it is no contact.
         """
         return by_name("palpate.files.contacts.read_contacts")(path)
 
@@ -255,16 +255,16 @@ class Contacts:
         """Write every row to a .csv, .parquet or .mcap file.
 
         Raises:
-            InputError: another suffix, or a place that cannot be written to.
+            InputError: another suffix, or a path that cannot be written to.
         """
         by_name("palpate.files.contacts.write_contacts")(path, self)
 
     def to_polars(self) -> pl.DataFrame:
-        """As a table, with the columns that files of contacts have."""
+        """Return a polars table with the columns that files of contacts have."""
         return by_name("palpate.contact.table.to_frame")(self)
 
     def to_pandas(self) -> Any:
-        """The same as a pandas table.
+        """Return a pandas table with the columns of `to_polars`.
 
         Raises:
             InputError: pandas is not installed.
@@ -277,15 +277,15 @@ class Contacts:
         return frame(self.to_polars().to_dict(as_series=False))
 
     def plot(self, surface: SurfaceLike | None = None) -> Any:
-        """The touches, numbered, on the body: a drawing that a notebook shows, and that a pointer turns.
+        """Draw the touches, numbered, on the body; a notebook shows the drawing, and the pointer turns it.
 
         Args:
-            surface: the body, in the frame of these contacts; None: they are drawn alone.
+            surface: the body, in the frame of these contacts; None: the touches are drawn alone.
         """
         return by_name("palpate.viewer.notebook.drawing_of_touches")(self, surface)
 
     def _repr_html_(self) -> str:
-        """For notebooks: how many of what, and the touches; every row is in `to_polars`."""
+        """Return HTML for notebooks: the number of rows of each status, and the touches."""
         return by_name("palpate.viewer.notebook.table_of")(self)
 
     def __repr__(self) -> str:
@@ -301,7 +301,7 @@ class Contacts:
 
 
 def _read_only(values: ArrayLike, name: str, dtype: np.dtype[Any] = FLOAT) -> np.ndarray:
-    """The array itself where it is read-only and nobody else's, else a read-only copy."""
+    """Return the array if it is read-only and owns its data, else a read-only copy."""
     if type(values) is not np.ndarray or values.dtype != dtype:
         values = shaped(values, (...,), name, dtype)
     if values.flags.writeable or values.base is not None:

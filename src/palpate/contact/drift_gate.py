@@ -1,4 +1,4 @@
-"""May a window of readings be taken for the zero of a sensor, or does something touch?"""
+"""Decide for each window of readings whether it shows the bias of a sensor or a touch."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from palpate.spatial.arguments import takes_arrays
 __all__ = ["DELAY", "ChangeKind"]
 
 DELAY = 1.0  # s a window waits: a touch that grows by 20 mN/s is noticed within it, at 40 mN of noise and 200 Hz
-AFTER = 0.5  # s after a touch that are left out: the end of a release that is as slow
-PERSISTS = 2.0  # s for which a change must stay as it is to be taken for a jump of the zero
-SPAN, SLOWLY = 3.0, 6.0  # s over which it is told to have been fast, and to have been slow
+AFTER = 0.5  # s after a touch that are not used: the end of a release that is as slow
+PERSISTS = 2.0  # s for which a change must be steady to be taken for a jump of the bias
+SPAN, SLOWLY = 3.0, 6.0  # s over which a change is judged to be fast, and to be slow
 MEMORY = 12.0  # s in which a touch that has ended must be seen to end: the slowest release
-SINGLE, LAGGED, RETURNED = 1e-4, 1e-3, 0.05  # chance that a free window, or the mean of those that wait, is held, or
-# is not seen to be free again
+SINGLE, LAGGED, RETURNED = 1e-4, 1e-3, 0.05  # chance that a free window, or the mean of those that wait, is
+# withheld, or that a window is not found free again after a touch
 SLOW = 0.010  # N/s: half the speed of a touch that reaches 0.2 N in 10 s
-SURELY = 3.0  # deviations: more follow more slow ramps of the zero, and eat two touches of 0.2 N that begin within 10 s
+SURELY = 3.0  # standard deviations: a larger value follows more slow ramps, and two touches of 0.2 N within 10 s
 SMALL = 2.0  # N: a larger change is never taken for a jump
 EXPLAINED = 4.0  # standard deviations from the nearest contact within the bounds: further, and it is none
 SLACK = 0.5e-3  # m by which a body differs from its mesh: a contact is still a contact
 
 
 class ChangeKind(Enum):
-    """What the wrench of a change looks like."""
+    """Kinds of change of the wrench: one that a contact explains, and one that none does."""
 
     CONTACT = 0  # or too little to tell
     NO_CONTACT = 1
@@ -40,22 +40,22 @@ class ChangeKind(Enum):
 
 @takes_arrays
 class ContactShape:
-    """Can one contact of the body make a wrench? By a `Locator` of its own, which remembers nothing.
+    """Test of a wrench: can one contact of the body make it? It has a separate `Locator`, which keeps no memory.
 
     Args:
         locator: on the surface, with the bounds of friction and torsion.
-        placement: of the surface on the sensor.
-        slack: [m] by which places are off, at least half a millimetre.
+        placement: pose of the surface on the sensor, with its covariance.
+        slack: [m] error of the places, at least half a millimetre.
     """
 
     def __init__(self, locator: Locator, placement: Placement, slack: float = 0.0) -> None:
         given = locator.surface, locator.method, locator.friction, locator.torsion
         self._locator = Locator(*given, noise=np.ones(6), indentation=locator.indentation)
         self._placement, self._slack = placement, max(slack, SLACK)
-        self.lever = locator.surface.size / 2.0  # of couples, beside forces
+        self.lever = locator.surface.size / 2.0  # m: converts limits of forces to those of torques
 
     def __call__(self, wrench: Float[np.ndarray, "6"], covariance: Float[np.ndarray, "6 6"]) -> ChangeKind:
-        """Of a wrench in the sensor's frame."""
+        """Return the kind of a change from its wrench (6,) and covariance (6, 6) in the sensor's frame."""
         matrix, factor = self._placement.matrix, self._placement.factor
         located = matrix @ wrench
         force, torque = located[:3], located[3:]
@@ -72,7 +72,7 @@ class ContactShape:
 
 
 class Jump(NamedTuple):
-    """A change that no contact explains: when [s], how large [N], and whether it was followed."""
+    """A change that no contact explains: its time [s], its force [N], and whether the filter followed it."""
 
     time: float
     force: float
@@ -80,14 +80,14 @@ class Jump(NamedTuple):
 
 
 class Decided(NamedTuple):
-    """What a window brought.
+    """Decisions that a new window led to.
 
     Attributes:
-        unused: windows that were given up, in order.
-        used: windows after them that are free and go into the filter, in order.
-        jump: [unit of the channels] by which the zero jumped before those that are used; None: it did not.
-        withheld: whether this window is held.
-        changed: whether it is, though no contact explains it.
+        unused: numbers of the windows that are rejected, in order.
+        used: numbers of later windows that are free and go into the filter, in order.
+        jump: [unit of the channels] by which the bias jumped before the windows in `used`; None: it did not.
+        withheld: whether this window is withheld from the filter.
+        changed: whether a change was found that no contact explains, or a jump was followed.
     """
 
     unused: list[int]
@@ -98,7 +98,7 @@ class Decided(NamedTuple):
 
 
 class _Kept(NamedTuple):
-    """A window with its difference from what was expected, and what a skin said."""
+    """A window with its difference from the prediction, and with the verdict of a skin."""
 
     number: int
     window: ZeroWindow
@@ -108,24 +108,24 @@ class _Kept(NamedTuple):
 
 
 class DriftGate:
-    """Decides, window by window, what may go into the filter; each waits `DELAY` for a touch that shows late.
+    """Gate that decides, window by window, what goes into the filter; each waits `DELAY` for a touch that shows late.
 
-    1. A window is free where it differs from the prediction by what zero, noise and payload explain (chi-square, its
-       own and that of the mean of those that wait) and no sample's force is a contact by itself. Free windows go into
-       the filter a delay later. After a touch, the zero is unsure by all that it may have wandered: what is free by
-       that alone must also have been seen to come back, so that a light touch is not taken for the zero when enough
-       time has passed.
-    2. Others are held, and those that wait are dropped. While one contact of the body explains the change, nothing
-       more happens.
-    3. A change that no contact explains, of at most 2 N, steady for 2 s, is a jump of the zero where a skin felt
-       nothing meanwhile, or where it came at less than `SLOW`: two touches at once are no contact's shape either.
-       Otherwise it is held, and counted in `jumps`.
+    1. A window is free if its difference from the prediction is explained by bias, noise and payload (chi-square tests
+       of the window and of the mean of all that wait) and if no single sample's force is large enough for a contact.
+       Free windows go into the filter after the delay. After a touch, the bias is uncertain by its drift meanwhile:
+       a window that is free only because of this uncertainty must also show that the wrench came back. So a light touch
+       is not mistaken for the bias merely because time has passed.
+    2. All others are withheld, and the windows that wait are dropped. While one contact of the body explains the
+       change, nothing more happens.
+    3. A change of at most 2 N, steady for 2 s, is a jump of the bias if two of these hold: no contact explains it; a
+       skin felt nothing meanwhile; it grew more slowly than `SLOW`. The first is not enough, as two touches at once are
+       no single contact either. Other changes are withheld; both kinds are recorded in `jumps`.
 
     Args:
-        filter: that windows go into; it is asked here, never changed.
-        sensor: whose channels these are.
-        shape: of contacts of the body.
-        alone: nothing ever touches at two places at once, so that shape alone tells a jump.
+        filter: receives the windows; the gate reads it and never changes it.
+        sensor: owner of the channels.
+        shape: test whether one contact of the body explains a wrench.
+        alone: the body is never touched at two places at once, so that the shape alone identifies a jump.
     """
 
     def __init__(self, filter: ZeroFilter, sensor: FollowedSensor, shape: ContactShape, alone: bool = False) -> None:
@@ -138,27 +138,27 @@ class DriftGate:
         self.reset()
 
     def reset(self) -> None:
-        """Nothing waits, nothing is held."""
+        """Forget all windows, waiting or withheld."""
         self._pending, self._odd, self._recent = deque[_Kept](), deque[_Kept](), deque[_Kept]()
-        self._before: Float[np.ndarray, "m m"] | None = None  # covariance of the zero when it began to be held
+        self._before: Float[np.ndarray, "m m"] | None = None  # covariance of the bias when it was last followed
         self._ended, self._fast, self._told = -np.inf, False, False
 
     @property
     def waiting(self) -> int:
-        """Windows that are not decided."""
+        """Number of windows that are not yet decided."""
         return len(self._pending) + len(self._odd)
 
     def judge(
         self, number: int, window: ZeroWindow, strength: float, full: bool, touched: bool | None = None
     ) -> Decided:
-        """The next window.
+        """Decide on the next window.
 
         Args:
-            number: of it.
+            number: of the window.
             window: its mean.
             strength: the largest force of its samples, in standard deviations.
             full: whether a channel was at its range.
-            touched: what a skin says, if there is one.
+            touched: whether a skin feels a touch; None: there is no skin.
         """
         expected, spread = self.filter.expected(window.time, window.regressor)
         one = _Kept(number, window, window.value - expected, spread, touched)
@@ -169,14 +169,14 @@ class DriftGate:
         return self._hold(one) if held else self._release(one)
 
     def finish(self) -> list[int]:
-        """What still waits, given up."""
+        """Return the numbers of all windows that still wait, and drop them."""
         left = [one.number for one in (*self._odd, *self._pending)]
         self._pending.clear()
         self._odd.clear()
         return left
 
     def _free(self, one: _Kept) -> bool:
-        """By statistics."""
+        """Return whether a window is free by the chi-square tests."""
         noise = one.window.noise + one.window.stays
         square = _square(one.off, one.spread + noise)
         if self._before is not None:
@@ -197,7 +197,7 @@ class DriftGate:
         return _square(apart, noise * (1.0 + 1.0 / len(others)) + wandered) <= self._single
 
     def _came_back(self, one: _Kept, noise: Float[np.ndarray, "m m"]) -> bool:
-        """Has a touch ended, or is only so much unknown by now that it might be none?"""
+        """Return whether a touch has ended, and is not merely hidden by the uncertainty that has grown since."""
         assert self._before is not None
         if _square(one.off, self._before + noise) <= self._returned:
             return True
@@ -205,7 +205,7 @@ class DriftGate:
         return moved >= _square(one.off, noise)
 
     def _release(self, one: _Kept) -> Decided:
-        """A free window: it waits; those that waited long enough are used."""
+        """Let a free window wait, and release those that have waited long enough."""
         unused = [each.number for each in self._odd]
         self._odd.clear()
         time = one.window.time
@@ -223,7 +223,7 @@ class DriftGate:
         return used
 
     def _hold(self, one: _Kept) -> Decided:
-        """A touch, or a jump of the zero."""
+        """Withhold a window, a touch or a jump of the bias; after a confirmed jump, release windows."""
         unused = [each.number for each in self._pending]
         self._pending.clear()
         if self._before is None:
@@ -244,11 +244,11 @@ class DriftGate:
         return Decided(unused, self._due(one.window.time), jump, withheld=False, changed=True)
 
     def _agree(self, one: _Kept, level: Float[np.ndarray, " m"]) -> bool:
-        """Is a window of this level, but for noise?"""
+        """Return whether a window agrees with this level within its noise."""
         return _square(one.off - level, one.window.noise + one.window.stays) <= self._single
 
     def _jumped(self, one: _Kept) -> tuple[bool, Float[np.ndarray, " m"] | None]:
-        """Whether no contact explains the change, and by how much the zero jumped, if it did."""
+        """Return whether no contact explains the change, and the jump of the bias or None."""
         time = one.window.time
         if self._odd[0].window.time > time - PERSISTS + 1e-6 or any(each.touched for each in self._odd):
             return False, None
@@ -272,12 +272,12 @@ class DriftGate:
         return odd, None
 
     def _slow(self, one: _Kept) -> bool:
-        """Is it known to have come slowly?"""
+        """Return whether the change is known to have come slowly."""
         _, most, span = self._speed(one, SLOWLY)
         return span >= 0.9 * SLOWLY and most <= 1.0
 
     def _speed(self, one: _Kept, seconds: float) -> tuple[float, float, float]:
-        """How fast it changed over the last seconds, in `SLOW`, at least and at most; and over how many it is known."""
+        """Return the least and the greatest speed of change over the last seconds, in `SLOW`, and the span [s] used."""
         part = [each for each in self._recent if each.window.time > one.window.time - seconds]
         times = np.array([each.window.time for each in part])
         if np.ptp(times) < seconds / 2.0:
@@ -298,5 +298,5 @@ class DriftGate:
 
 
 def _square(off: Float[np.ndarray, " m"], covariance: Float[np.ndarray, "m m"]) -> float:
-    """How many standard deviations, squared."""
+    """Return the squared distance from zero in standard deviations."""
     return float(off @ np.linalg.solve(covariance, off))

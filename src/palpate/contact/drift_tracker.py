@@ -1,4 +1,4 @@
-"""The zero of a sensor of wrenches, followed while nothing touches: windows, gate, filter, and what it says of them."""
+"""Follow the bias of a wrench sensor while nothing touches: windows, gate, filter, record."""
 
 from __future__ import annotations
 
@@ -38,28 +38,28 @@ T = TypeVar("T")
 
 
 class DriftTracker:
-    """Follows the zero of one sensor, window by window on a grid of the clock, whatever the blocks are cut like.
+    """Tracker of one sensor's bias, window by window on a grid of the clock, however blocks are cut.
 
-    Before the samples of a window are measured, `enter` says so, which ends the window before; then `add` keeps what
-    was read in it:
+    Call `enter` before the samples of a window are measured, which ends the window before, then `add` with the
+    readings of the window:
 
         for piece in follower.pieces(time):
-            follower.enter(float(time[piece][0]), kelvin)   # the sensor's zero is now that of this window
+            follower.enter(float(time[piece][0]), kelvin)   # the sensor's bias is now that of this window
             ...                                     # measure, place, locate
             follower.add(time[piece], sensor.kept(...))
 
     Args:
-        sensor: of wrenches.
-        drift: how its zero wanders.
-        shape: of contacts of the body.
-        alone: nothing ever touches at two places at once (`ZeroGate`).
-        smooth: for logs: windows are kept until they can be smoothed (`settled`), and the sensor is left alone.
+        sensor: wrench sensor.
+        drift: model of the drift of its bias.
+        shape: test whether one contact of the body explains a wrench.
+        alone: the body is never touched at two places at once (`DriftGate`).
+        smooth: for logs: windows are kept until they can be smoothed (`settled`), and the sensor is not changed.
 
     Attributes:
-        count: windows that have ended; the next is of this number.
+        count: number of windows that have ended, which is the number of the next.
 
     Raises:
-        InputError: a drift of other channels than the sensor's; a sensor whose noise is not known.
+        InputError: a drift of other channels than the sensor's, or a sensor whose noise is not known.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class DriftTracker:
         self.reset()
 
     def reset(self) -> None:
-        """Begin anew from the zero that the sensor has of its own."""
+        """Begin anew from the sensor's tared bias."""
         self.gate.reset()
         self._window: int | None = None
         self._parts, self._times = list[np.ndarray](), list[np.ndarray]()
@@ -97,7 +97,7 @@ class DriftTracker:
 
     @staticmethod
     def pieces(time: Float[np.ndarray, " n"]) -> Iterator[slice]:
-        """Slices of a block, each of one window; times that are not known belong to the one before."""
+        """Yield slices of a block, one for each window; a time that is not known belongs to the window before."""
         time = shaped(time, (None,), "time")
         if not len(time):
             return
@@ -111,15 +111,15 @@ class DriftTracker:
 
     @staticmethod
     def kelvin(channels: Mapping[str, np.ndarray]) -> float:
-        """Temperature of the first sample of some channels; NaN where there is none."""
+        """Return the temperature of the first sample of some channels; NaN if there is none."""
         return float(channels[TEMPERATURE].flat[0]) if TEMPERATURE in channels else np.nan
 
     def enter(self, time: float, kelvin: float = np.nan) -> bool:
-        """The next samples are of this time [s]: is it another window? Then the one before ends.
+        """Announce the time [s] of the next samples; return whether another window begins, which ends the one before.
 
         Args:
-            time: of the first of them.
-            kelvin: temperature of the sensor then [K or degrees C]; NaN: as it was last.
+            time: [s] of the first of them.
+            kelvin: temperature of the sensor then [K or degrees C]; NaN: unchanged.
         """
         if self.sensor.zeros_taken != self._taken:
             self.restart()
@@ -145,12 +145,12 @@ class DriftTracker:
     def add(
         self, time: float | Float[np.ndarray, " n"], kept: Float[np.ndarray, "n k"], touched: bool | None = None
     ) -> None:
-        """Samples of the window that was entered.
+        """Add samples of the window that was entered.
 
         Args:
-            time: [s], of each, or of one.
-            kept: what `FollowedSensor.kept` makes of them.
-            touched: what a skin over all of the body says: something touches, or nothing does; None: there is none.
+            time: [s] of each sample, or of one.
+            kept: the result of `FollowedSensor.kept` for them.
+            touched: whether a skin over the complete body feels a touch; None: there is no skin.
         """
         self._times.append(np.array([time]) if isinstance(time, float) else np.array(time, dtype=np.float64))
         self._parts.append(kept)
@@ -158,7 +158,7 @@ class DriftTracker:
             self._touched = touched or bool(self._touched)
 
     def close(self) -> None:
-        """The window that was entered has ended."""
+        """End the window that was entered, and let the gate decide on it."""
         if self._window is None or not self._parts:
             return
         time, kept = np.concatenate(self._times), np.concatenate(self._parts)
@@ -188,7 +188,7 @@ class DriftTracker:
         self._settle(decided, middle, status)
 
     def restart(self) -> None:
-        """Another zero was taken: what was followed so far ends."""
+        """Begin anew after another tare of the sensor; the windows so far are settled."""
         self.close()
         self._finish()
         ready = self._ready
@@ -196,24 +196,24 @@ class DriftTracker:
         self._ready = ready
 
     def finish(self) -> None:
-        """The log has ended: all windows are settled."""
+        """End the log: settle all windows."""
         self.close()
         self._finish()
 
     def at(self, time: float) -> ZeroState:
-        """What is known now of the zero then [s], at the temperature of the window that was entered."""
+        """Return the present knowledge of the bias at a time [s], at the temperature of the window that was entered."""
         return self._warmed(self.filter.at(time), self._kelvin)
 
     def settled(self) -> Iterator[ZeroState]:
-        """Smoothed zeros, one a window in which there were samples, as far as they are known."""
+        """Yield smoothed biases, one for each window with samples, as far as they are known."""
         while self._ready:
             yield self._ready.popleft()
 
     def both_sides(self, pieces: Iterable[tuple[Recording, bool | None, T]]) -> Iterator[tuple[T, ZeroState | None]]:
-        """For logs: what belongs to each piece, in order, with its zero, as soon as what came after it is known too.
+        """Yield the item of each piece of a log with its bias, in order, once enough later samples are known.
 
         Args:
-            pieces: samples of one window or of a part of it, what a skin says of them (`add`), what belongs to them.
+            pieces: (samples of one window or a part of it, `touched` as in `add`, the item to yield).
         """
         waiting, zeros, done = deque[tuple[int, T]](), deque[ZeroState](), 0  # done: windows whose zeros were taken
         for samples, touched, what in pieces:
@@ -238,18 +238,18 @@ class DriftTracker:
             yield known, zeros[0] if zeros else last
 
     def history(self) -> ZeroHistory:
-        """Some of the windows so far."""
+        """Return the history of the windows so far, thinned if there are many."""
         return self._record.value()
 
     def notes(self) -> tuple[str, ...]:
-        """How far the zero was followed, and how long it was held."""
+        """Return how far the bias was followed, and the share of the time in which it was not."""
         said = self._record.notes(self.gate.jumps)
         if self._warms and said and np.isnan(self._first_kelvin):
             return (*said, "no temperature came: what it does to the zero (thermal in [drift]) was not taken off")
         return said
 
     def warnings(self) -> tuple[str, ...]:
-        """Changes that were not followed, and a zero that is hardly ever free."""
+        """Return warnings of changes that were not followed, and of a bias that could rarely be followed."""
         return self._record.warnings(self.gate.jumps)
 
     def _finish(self) -> None:
@@ -262,17 +262,17 @@ class DriftTracker:
         return np.zeros(m), np.zeros((m, q)), np.eye(m), np.zeros((m, m))
 
     def _warmer(self, kelvin: float) -> float:
-        """[K] than at the start of the zero."""
+        """Return the temperature [K] relative to the start of the bias; 0 if not known."""
         passed = kelvin - self._first_kelvin if self._warms else 0.0
         return passed if isfinite(passed) else 0.0
 
     def _regressor(self, weights: Float[np.ndarray, "m q"], warmer: float) -> Float[np.ndarray, "m k"]:
-        """By what a window errs for one off in each coefficient: the payload's weight, each channel's slope."""
+        """Return slopes (m, k) of a window's value by each coefficient: the payload's weight, each channel's slope."""
         hangs = weights[:, : self._weighs]
         return np.concatenate([hangs, warmer * np.eye(len(weights))], axis=1) if self._warms else hangs
 
     def _warmed(self, state: ZeroState, kelvin: float) -> ZeroState:
-        """The zero at a temperature, with what is not known of the slopes in its covariance."""
+        """Return the bias at a temperature, with the uncertainty of the slopes in its covariance."""
         if not self._warms:
             return state
         warmer, kept = self._warmer(kelvin), len(state.zero) + self._weighs
@@ -282,7 +282,7 @@ class DriftTracker:
         return ZeroState(zero, state.coefficient[: self._weighs], ways @ state.covariance @ ways.T)
 
     def _strength(self, window: ZeroWindow, free: Free, usable: np.ndarray, noise: Float[np.ndarray, "m m"]) -> float:
-        """The largest force of a sample, in deviations."""
+        """Return the largest force of a sample, in standard deviations."""
         expected, spread = self.filter.expected(window.time, window.regressor)
         wrenches, _ = self.sensor.as_wrench(free.value[usable] - expected, noise)
         _, covariance = self.sensor.as_wrench(np.zeros((0, len(expected))), noise + spread + window.stays)
@@ -291,7 +291,7 @@ class DriftTracker:
         return float(np.sqrt(square.max()))
 
     def _settle(self, decided: Decided, time: float, status: ZeroStatus) -> None:
-        """Windows that are decided go into the filter, or past it; one then has a status."""
+        """Pass decided windows to the filter, or past it; record the status of one."""
         self._statuses.append((time, status, self._kelvin))
         self._pass(decided.unused)
         if decided.jump is not None:
@@ -307,7 +307,7 @@ class DriftTracker:
             self._keep(self.filter.advance(self._waiting.pop(number).time, number))
 
     def _keep(self, node: FilterStep) -> None:
-        """For the smoother; as soon as enough is free after some, they are smoothed."""
+        """Keep a step for the smoother; once enough free windows follow some steps, smooth those."""
         if not self.smooth:
             return
         self._nodes.append(node)
@@ -322,7 +322,7 @@ class DriftTracker:
             self._smooth(len(self._nodes))
 
     def _smooth(self, count: int) -> None:
-        """The first so many."""
+        """Smooth the first `count` steps."""
         found = [self.filter.known_of(*one) for one in smoothed(list(self._nodes), count)][::-1]
         for plain in found:
             time, status, kelvin = self._statuses.popleft()

@@ -1,4 +1,4 @@
-"""The 95 % ellipse of a point on a surface."""
+"""Compute the 95 % ellipse of a point on a surface."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ __all__ = ["ellipse"]
 def ellipse(
     covariance: Float[np.ndarray, "*batch 3 3"], normal: Float[np.ndarray, "*batch 3"]
 ) -> tuple[Float[np.ndarray, "*batch 2"], Float[np.ndarray, "*batch 3 3"]]:
-    """The 95 % ellipse of a point in its tangent plane.
+    """Compute the 95 % ellipse of a point in its tangent plane.
 
-    With B two tangents, the half-axes are sqrt(5.991 eigenvalues of B^T C B), which for two rows have a closed form.
+    With B two tangents, the half-axes are sqrt(5.991 eigenvalues of B^T C B), in closed form for this 2 x 2 matrix.
 
     Args:
         covariance: (*batch, 3, 3) [m^2] of points.
@@ -36,7 +36,7 @@ def ellipse(
 
 
 def _single(covariance: list[float], normal: list[float]) -> tuple[float, ...]:
-    """Half-axes, then the frame row by row, without arrays: a page asks for one at a time, thirty times a second.
+    """Return half-axes, then the frame row by row; without arrays: a page draws one at a time, thirty times a second.
 
     The tangents are right-handed with the normal: Duff et al., Building an Orthonormal Basis, Revisited (2017).
     """
@@ -60,7 +60,7 @@ def _single(covariance: list[float], normal: list[float]) -> tuple[float, ...]:
 
 
 def _between(c: list[float], a: tuple[float, float, float], b: tuple[float, float, float]) -> float:
-    """a^T C b; NaN where C has a value that is none."""
+    """Return a^T C b; NaN if C has a value of NaN."""
     return (
         a[0] * (c[0] * b[0] + c[1] * b[1] + c[2] * b[2])
         + a[1] * (c[3] * b[0] + c[4] * b[1] + c[5] * b[2])

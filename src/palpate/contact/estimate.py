@@ -1,4 +1,4 @@
-"""What an estimate of contact is: the point, the force, how sure, and a status that can be doubted."""
+"""Define the estimate of a contact: point, force, covariance and status."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ CHI2_95 = 5.991464547107979  # 95 % point of chi-square with 2 degrees of freedo
 
 
 class Status(IntEnum):
-    """What became of a sample; stored as int8. *Answered* means CONTACT or AMBIGUOUS."""
+    """Outcome of a sample; stored as int8. *Answered* means CONTACT or AMBIGUOUS."""
 
     CONTACT = 0
     AMBIGUOUS = 1  # answered, but another candidate lies outside the 95 % ellipse of the one given
@@ -38,7 +38,7 @@ class Status(IntEnum):
 
     @classmethod
     def _missing_(cls, value: object) -> Status:
-        """Return the status that a word stands for, spelt as in files or with spaces."""
+        """Return the status for a word, spelt as in files or with spaces; raise InputError if there is none."""
         for each in cls:
             if isinstance(value, str) and value.replace(" ", "_") == each.label:
                 return each
@@ -48,12 +48,12 @@ class Status(IntEnum):
 
     @property
     def label(self) -> str:
-        """As files spell it: lower case."""
+        """Name of the status in files: lower case."""
         return self.name.lower()
 
     @property
     def words(self) -> str:
-        """Return the status as a person reads it: `label` without its underscore."""
+        """Name of the status for a person: `label` with spaces in place of underscores."""
         return self.label.replace("_", " ")
 
     def __str__(self) -> str:
@@ -77,7 +77,7 @@ class Status(IntEnum):
 
 
 class Statuses(np.ndarray):
-    """Hold codes of `Status`, int8; == and != take the words of files, too."""
+    """Codes of `Status`, int8; == and != also take the words used in files."""
 
     def __eq__(self, other: object) -> Any:
         return np.asarray(self) == (Status(other) if isinstance(other, str) else other)
@@ -117,18 +117,18 @@ _ROW = (ROW.length,)
 )
 @dataclass(frozen=True, eq=False, repr=False)
 class ContactEstimate(Value):
-    """Where, how hard, which way and how sure, batched by leading axes, in the surface's frame.
+    """Contact points, forces and their uncertainty, batched by leading axes, in the surface's frame.
 
     Attributes:
-        point: (*batch, 3) [m]; NaN where there is none.
+        point: (*batch, 3) [m] contact point; NaN if there is none.
         normal: (*batch, 3) outward unit normal at the point.
         force: (*batch, 3) [N] on the body.
         torque: (*batch) [N m] about the normal, (M - p x F) . n.
         covariance: (*batch, 3, 3) [m^2] of the point, of rank 2 in the tangent plane; NaN without a noise model.
         residual: (*batch) distance, in standard deviations of the wrench, to the nearest wrench that a contact within
             the friction and torsion bounds can make; 0 inside them.
-        candidates: (*batch) how many points within the bounds explain the wrench.
-        status: (*batch) `Status` as int8; of a single estimate (no batch) a `Status`.
+        candidates: (*batch) number of points within the bounds that explain the wrench.
+        status: (*batch) `Status` as int8; for a single estimate (no batch) a `Status`.
     """
 
     point: Float[np.ndarray, "*batch 3"]
@@ -158,12 +158,12 @@ class ContactEstimate(Value):
 
     @property
     def batch(self) -> tuple[int, ...]:
-        """The leading axes; () for a single estimate."""
+        """Shape of the leading axes; () for a single estimate."""
         return self.torque.shape
 
     @classmethod
     def from_rows(cls, rows: Float[np.ndarray, "*batch 22"]) -> ContactEstimate:
-        """From rows as the compiled loops write them."""
+        """Make estimates from rows (*batch, 22) of the compiled loops; raise InputError for another shape."""
         if type(rows) is not np.ndarray or rows.shape[-1:] != _ROW or rows.dtype != FLOAT:
             rows = shaped(rows, (..., ROW.length), "rows")
         if rows.ndim == 1 and rows.item(ROW.candidates) >= 0 and rows.item(ROW.status) >= 0:  # none of them NaN
@@ -181,7 +181,7 @@ class ContactEstimate(Value):
 
     @classmethod
     def _from_row(cls, row: Float[np.ndarray, "22"]) -> ContactEstimate:
-        """A single one, of parts of `row`, which is its own from now on: in a loop eight copies take 10 us."""
+        """Make a single estimate of views into `row`, which it takes over: in a loop eight copies take 10 us."""
         candidates = np.array(int(row.item(ROW.candidates)), dtype=np.int64)
         row.setflags(write=False)  # and so are its parts
         candidates.setflags(write=False)
@@ -200,19 +200,21 @@ class ContactEstimate(Value):
 
     @classmethod
     def joined(cls, parts: Sequence[ContactEstimate]) -> ContactEstimate:
-        """One after the other along the first axis."""
+        """Join batches of estimates along the first axis, in order; raise an InputError if there are none."""
+        if not parts:
+            raise InputError("there is nothing to join.")
         columns = [part._columns() for part in parts]
         return cls(**{name: np.concatenate([each[name] for each in columns]) for name in columns[0]})
 
     def reshaped(self, batch: tuple[int, ...]) -> ContactEstimate:
-        """The same estimates with other leading axes."""
+        """Return the same estimates with other leading axes."""
         axes = len(self.batch)
         return ContactEstimate(
             **{name: value.reshape((*batch, *value.shape[axes:])) for name, value in self._columns().items()}
         )
 
     def __getitem__(self, which: int | np.integer[Any] | slice | np.ndarray) -> ContactEstimate:
-        """Those of the first axis that a number, a slice, a mask or numbers pick."""
+        """Return the estimates that an index, slice, mask or array of indices picks along the first axis."""
         if not self.batch:
             raise TypeError("a single estimate cannot be indexed")
         return ContactEstimate(**{name: np.array(value[which]) for name, value in vars(self).items()})
@@ -221,11 +223,11 @@ class ContactEstimate(Value):
         return (self[i] for i in range(len(self.status)))
 
     def __bool__(self) -> bool:
-        """Whether a contact was found: any estimate is answered."""
+        """Return whether a contact was found: any estimate is answered."""
         return bool(np.any(self.answered))
 
     def in_frame(self, pose: Pose) -> ContactEstimate:
-        """Return the same estimates with points, normals, forces and covariances in another frame.
+        """Return the estimates with points, normals, forces and covariances in another frame.
 
         The uncertainty of `pose` itself is not added.
 
@@ -245,10 +247,10 @@ class ContactEstimate(Value):
         )
 
     def plot(self, surface: SurfaceLike | None = None) -> Any:
-        """Points, forces and 95 % ellipses on the body: a drawing that a notebook shows, and that a pointer turns.
+        """Draw points, forces and 95 % ellipses on the body; a notebook shows the drawing, and the pointer turns it.
 
         Args:
-            surface: the body, in the frame of these estimates; None: they are drawn alone.
+            surface: the body, in the frame of these estimates; None: the estimates are drawn alone.
         """
         return by_name("palpate.viewer.notebook.drawing_of_estimates")(self, surface)
 
@@ -262,9 +264,9 @@ class ContactEstimate(Value):
 
     @property
     def answered(self) -> Any:
-        """True where the status is CONTACT or AMBIGUOUS."""
+        """True if the status is CONTACT or AMBIGUOUS; (*batch) for a batch."""
         return (np.asarray(self.status) if self.batch else self.status) <= Status.AMBIGUOUS
 
     def _columns(self) -> dict[str, np.ndarray]:
-        """Every field as an array."""
+        """Return every field by name as an array."""
         return {**vars(self), "status": np.asarray(self.status, dtype=np.int8)}

@@ -1,4 +1,4 @@
-"""Turn readings into contacts, for every sensor: the base class of all estimators."""
+"""Define the base class of all estimators, which turn the readings of a sensor into contacts."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ _COUNT = np.dtype(np.int64)
 
 
 class Answered(NamedTuple):
-    """Samples with their contacts.
+    """Samples with the rows of their contacts.
 
     Attributes:
         block: the samples.
         rows: (r, width) of all of them, in order.
-        counts: (n,) how many rows each sample has.
-        seen: what the sensor shows beside contacts: the force [N] of each taxel, (n, k); the places [px] of the
-            markers, (n, m, 2); None: nothing, or it was not wanted.
+        counts: (n,) number of rows of each sample.
+        seen: readings to show next to the contacts: the force [N] of each taxel, (n, k), or the positions [px] of
+            the markers, (n, m, 2); None: there are none, or they were not requested.
     """
 
     block: Recording
@@ -53,21 +53,21 @@ class Answered(NamedTuple):
 
 
 class ContactEstimator(ABC):
-    """Turn readings into contacts; blocks of any size give the same contacts to the last bit.
+    """Base class of estimators; blocks of any size give the same contacts to the last bit.
 
-    The estimator of a sensor defines `answer`, `reset`, `tare` and `_single`; it overrides `answers` where a log is
-    answered better with what comes after a block, and `_arrays` where arrays are answered sooner than recordings.
+    A subclass defines `answer`, `tare`, `reset`, `notes`, `warnings` and `_single`; it overrides `answers` if a log is
+    answered better with later samples, and `_arrays` if arrays are answered faster than recordings.
 
     Args:
-        channels: that a recording must have.
+        channels: names of channels that a recording must have.
         features: names of the columns that the sensor adds.
-        most: rows that one sample has at most.
+        most: largest number of rows of one sample.
         mount: T_sensor_surface, for results in other frames; None: the identity.
-        filter: of the readings; one of zero phase works in `pairs` and `stream` only.
-        dtype: of a reading.
+        filter: applied to the readings; one of zero phase works in `pairs` and `stream` only.
+        dtype: type of a reading.
 
     Attributes:
-        plausibility: judges whether the wrenches of a log fit the body; None: there are none.
+        plausibility: check of whether the wrenches of a log fit the body; None: the sensor has no wrenches.
     """
 
     def __init__(
@@ -87,62 +87,62 @@ class ContactEstimator(ABC):
 
     @abstractmethod
     def answer(self, block: Recording, watched: bool = False) -> Answered:
-        """Answer the samples of a block by those before them, for which no filter may look ahead.
+        """Return the contacts of a block from its samples and earlier ones; the filter must not use later samples.
 
         Args:
             block: the samples.
-            watched: return what the sensor shows beside contacts, too.
+            watched: also return `Answered.seen`.
         """
 
     @abstractmethod
     def tare(self, recording: Recording) -> Tare:
-        """Take what a window reads off from now on, in place of an earlier tare; then `reset`.
+        """Subtract the mean of an untouched window from now on, instead of an earlier tare; then `reset`.
 
         Args:
-            recording: steady and untouched.
+            recording: a steady, untouched window.
 
         Returns:
-            what was taken off, and a warning where it could be a touch, each as a sentence.
+            the tare: a sentence on what is subtracted, and a warning if it could be a touch.
 
         Raises:
-            InputError: too few samples, or not steady: what was seen.
+            InputError: too few samples, or they are not steady; the message has the figures.
         """
 
     @abstractmethod
     def reset(self) -> None:
-        """Forget what samples left; not the tare."""
+        """Forget the state that samples left behind; keep the tare."""
         self._samples = 0
 
     @abstractmethod
     def notes(self) -> tuple[str, ...]:
-        """Return what was met so far, one sentence each."""
+        """Return remarks on the samples so far, one sentence each."""
 
     @abstractmethod
     def warnings(self) -> tuple[str, ...]:
-        """Return what may be wrong, one sentence each."""
+        """Return possible faults, one sentence each."""
 
     @abstractmethod
     def _single(self, time: float, reading: ArrayLike, out: Rows, rotation: Known, acceleration: Known) -> int:
-        """Write the contacts of one sample, as many as fit, and return how many."""
+        """Write the contacts of one sample, as many as fit, and return their number."""
 
     def answers(self, blocks: Iterable[Recording], watched: bool = False) -> Iterator[Answered]:
-        """Answer the blocks of a log, from its start, each as soon as its contacts are known.
+        """Yield the answered blocks of a log, from its start, each as soon as its contacts are known.
 
         Args:
-            blocks: of the log.
-            watched: return what the sensor shows beside contacts, too.
+            blocks: of the log, in order.
+            watched: also return `Answered.seen`.
         """
         return (self.answer(block, watched) for block in blocks)
 
     def empty(self, *batch: int) -> Float[np.ndarray, "*batch width"]:
-        """Return rows to write into: `contact.estimate.ROW`, `features`, and the identity where `most` is above 1."""
+        """Return rows (*batch, width) to write into: `ROW`, `features`, and the identity if `most` is above 1."""
         return np.zeros((*batch, self._width))
 
     def run(self, recording: Recording) -> Contacts:
-        """Return the contacts of a block in the surface's frame, at least one row a sample.
+        """Return the contacts of a block in the surface's frame, at least one row per sample.
 
         Raises:
-            InputError: a channel is missing or has another shape, or the filter looks ahead.
+            InputError: a channel is missing or has another shape, or the filter has zero phase.
         """
         require_forward(self.filter)
         return self._contacts(self.answer(recording), 0)
@@ -154,7 +154,7 @@ class ContactEstimator(ABC):
 
         Args:
             blocks: from the start of the log.
-            watch: is given each block with what the sensor shows beside contacts: see `Answered.seen`.
+            watch: called with each block and its `Answered.seen`.
 
         Raises:
             InputError: a channel is missing or has another shape.
@@ -167,7 +167,7 @@ class ContactEstimator(ABC):
             first += len(answered.block)
 
     def stream(self, blocks: Iterable[Recording]) -> Iterator[Contacts]:
-        """Yield the contacts of `pairs` alone."""
+        """Yield the contacts of each block of a log; `pairs` yields the block as well."""
         return (contacts for _, contacts in self.pairs(blocks))
 
     def update(
@@ -177,17 +177,17 @@ class ContactEstimator(ABC):
         rotation: ArrayLike | None = None,
         acceleration: ArrayLike | None = None,
     ) -> Contacts:
-        """Return the contacts of one live sample in the surface's frame; one row that says so where there is none.
+        """Return the contacts of one live sample in the surface's frame; without a contact, one row with its status.
 
         Args:
             time: [s] on the clock of the samples.
-            reading: as measured; the class says what it is.
-            rotation: (3, 3) sensor in base, where payload or frame need it; NaN: not known now.
+            reading: as measured; see the class for its form.
+            rotation: (3, 3) sensor in base, if payload or frame need it; NaN: not known now.
             acceleration: (3,) [m/s^2] of the sensor's origin in the sensor's frame; None: at rest.
 
         Raises:
-            InputError: the reading has another shape; the rotation is needed and there is none; the rest of a skin is
-                not known; the filter looks ahead.
+            InputError: the reading has another shape; the rotation is needed and missing; the baseline of a skin is not
+                known; the filter has zero phase.
         """
         rows, time, first = self.empty(self.most), instant(time), self._samples
         rows = rows[: self.update_into(time, reading, rows, rotation, acceleration)]
@@ -205,7 +205,7 @@ class ContactEstimator(ABC):
         """Write the contacts of one live sample into rows of `empty`, for a control loop.
 
         Returns:
-            how many rows were written: at least 1, and as many as fit.
+            number of rows written: at least 1, and as many as fit.
         """
         require_forward(self.filter)
         count = self._single(instant(time), reading, rows_of(out, self._width), rotation, acceleration)
@@ -220,17 +220,17 @@ class ContactEstimator(ABC):
         counts: Int[np.ndarray, " n"],
         extra_channels: Mapping[str, ArrayLike] = NOTHING_BESIDE,
     ) -> int:
-        """Write the contacts of arrays of samples into rows of `empty`, for streams.
+        """Write the contacts of arrays of live samples into rows of `empty`, for streams.
 
         Args:
             time: [s].
-            readings: (n, ...) as `update` takes each.
+            readings: (n, ...), each as in `update`.
             out: written from its first row on.
-            counts: how many rows each sample has, in order; written.
-            extra_channels: other channels of a `Recording`, such as `ORIENTATION`, as far as they are known.
+            counts: (n,) number of rows of each sample, in order; written.
+            extra_channels: other channels of a `Recording`, such as `ORIENTATION`, if known.
 
         Returns:
-            how many samples were answered: all, or as many as have room in `out`. Give the others again.
+            number of samples answered: all, or as many as `out` has room for. Pass the others again.
         """
         require_forward(self.filter)
         require_out(out, (None, self._width))
@@ -239,7 +239,7 @@ class ContactEstimator(ABC):
         return done
 
     def _arrays(self, time: Times, readings: np.ndarray, beside: Channels, out: Rows, counts: Counts) -> int:
-        """Answer arrays, as many samples as surely fit at a time; return how many."""
+        """Answer arrays, at a time as many samples as certainly fit; return the number of samples answered."""
         done = used = 0
         while fits := min(len(time) - done, (len(out) - used) // self.most):
             part = slice(done, done + fits)
@@ -259,19 +259,19 @@ class ContactEstimator(ABC):
 
 
 def instant(time: ArrayLike) -> float:
-    """Return the time [s] of one sample as a number, whatever holds it.
+    """Return the time [s] of one sample as a float, from a number or an array of one.
 
     Raises:
-        InputError: it is not one number.
+        InputError: the time is not one number.
     """
     return cast("float", time) if type(time) is float else float(shaped(time, (), "time"))
 
 
 def rows_of(out: Any, width: int) -> Float[np.ndarray, "rows width"]:
-    """Return the rows of `out` that an estimator can write into.
+    """Return `out` as rows (rows, width) that an estimator can write into.
 
     Raises:
-        InputError: they are not as `empty` makes them.
+        InputError: `out` is not as `empty` makes it.
     """
     if type(out) is np.ndarray and out.dtype == FLOAT and out.flags.carray:
         if out.shape == (width,):
@@ -294,8 +294,8 @@ def _samples(
     """Return times, readings and other channels as compiled loops take them: contiguous, float64.
 
     Raises:
-        InputError: there is not one reading and one row of each other channel a time, or `counts` cannot take as many
-            whole numbers.
+        InputError: the number of readings, or of rows of another channel, is not that of the times, or `counts` is
+            no writable array of as many integers.
     """
     time = shaped(time, (None,), "time")
     made = {"readings": shaped(readings, (...,), "readings", dtype)}

@@ -1,4 +1,4 @@
-"""Touches in a series of contacts: when each began and ended, how hard, and where it was."""
+"""Touches in a series of contacts: start, end, force and point of each."""
 
 from __future__ import annotations
 
@@ -17,30 +17,30 @@ __all__ = ["Events", "largest_deviation"]
 
 @called_as("contacts.touches()[0]", contacts="contacts[(contacts.time >= touch.start) & (contacts.time <= touch.end)]")
 class Touch(SimpleNamespace):
-    """Hold one touch of `Events`: the same attributes, numbers and vectors, and its `duration` [s]."""
+    """A single touch of `Events`: the same attributes, numbers and vectors, and its `duration` [s]."""
 
 
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Events:
-    """Touches of one identity each, in the order in which they began in the file; two at once are two.
+    """Touches of one identity each, in the order in which they began in the file; two at once are two touches.
 
     Attributes:
         start: (k,) [s] of the first answered sample.
         end: (k,) [s] of the last.
         point: (k, 3) [m] mean of the answered points, each weighted by one over the trace of its covariance; equally
-            where none has one. Of a touch that slid far on a curved body it lies off the surface.
+            if none has one. For a touch that slid far on a curved body it lies off the surface.
         covariance: (k, 3, 3) [m^2] the same mean of the covariances: that of one sample, not divided by their number,
-            because what is systematic (payload, mounting, filter) does not average out.
+            because systematic errors (payload, mounting, filter) do not average out.
         normal: (k, 3) outward unit normal: direction of the mean.
         peak_force: (k,) [N] largest length of the force.
-        peak_time: (k,) [s] when.
+        peak_time: (k,) [s] time of the largest force.
         mean_force: (k,) [N] mean length of the force.
-        slid: (k,) [m] how far the point, averaged over 0.1 s, got from where it was first.
-        samples: (k,) that were answered.
-        ambiguous: (k,) share of these whose status is AMBIGUOUS.
-        identity: (k,) of the contact; 0 where a sensor has one at a time.
-        features: name -> (k,) mean of what the sensor adds; NaN where no sample has it.
+        slid: (k,) [m] largest distance of the point, averaged over 0.1 s, from the first such average.
+        samples: (k,) number of answered samples.
+        ambiguous: (k,) share of them whose status is AMBIGUOUS.
+        identity: (k,) of the contact; 0 if a sensor has one at a time.
+        features: name -> (k,) mean of the values that the sensor adds; NaN if no sample has it.
     """
 
     start: Float[np.ndarray, " k"]
@@ -63,14 +63,14 @@ class Events:
             object.__setattr__(self, name, features if name == "features" else _read_only(value))
 
     def __reduce__(self) -> tuple[type[Events], tuple[object, ...]]:
-        """A view of features cannot be pickled, their values can."""
+        """Pickle the values of the features, since their read-only view cannot be pickled."""
         return Events, (*(value for name, value in vars(self).items() if name != "features"), dict(self.features))
 
     def __len__(self) -> int:
         return len(self.start)
 
     def __getitem__(self, which: int) -> Touch:
-        """Return one touch: numbers and vectors by the same names, and its duration [s]; also in a `for`."""
+        """Return one touch: numbers and vectors by the same names, and its duration [s]; also used by `for`."""
         columns = {name: value[which] for name, value in vars(self).items() if name != "features"}
         duration = self.end[which] - self.start[which]
         return Touch(
@@ -79,13 +79,13 @@ class Events:
 
     @property
     def deviation(self) -> Float[np.ndarray, " k"]:
-        """(k,) [m] standard deviation of the point in the direction in which it is largest; NaN where not known."""
+        """Standard deviation of each point in the direction in which it is largest, (k,) [m]; NaN if not known."""
         return largest_deviation(self.covariance)
 
 
 @takes_arrays
 def largest_deviation(covariance: Float[np.ndarray, "k 3 3"]) -> Float[np.ndarray, " k"]:
-    """(k,) [m] standard deviation in the direction in which it is largest; NaN where not known."""
+    """Return the standard deviation in the direction in which it is largest, (k,) [m]; NaN if not known."""
     known = np.isfinite(covariance).all(axis=(1, 2))
     largest = np.full(len(covariance), np.nan)
     largest[known] = np.sqrt(np.linalg.eigvalsh(covariance[known])[:, -1].clip(min=0))

@@ -1,4 +1,4 @@
-"""Contacts in another frame than the surface's."""
+"""Transform contacts from the surface's frame to that of the sensor or the base."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ __all__ = ["in_base", "placed"]
 
 
 def placed(contacts: Contacts, block: Recording, frame: str, mount: Pose) -> Contacts:
-    """The contacts of a block in the frame "surface", "sensor" or "base".
+    """Return the contacts of a block in the frame "surface", "sensor" or "base".
 
     Args:
         contacts: of all samples of `block`, in the surface's frame.
-        block: with orientation and position of the sensor, for the base.
-        frame: of the result.
+        block: the samples; for "base" with orientation and position of the sensor.
+        frame: name of the result's frame.
         mount: T_sensor_surface.
     """
     if frame == "surface" or not len(contacts):
@@ -39,10 +39,10 @@ def in_base(
     positions: Float[np.ndarray, "n 3"],
     mount: Pose,
 ) -> ContactEstimate:
-    """Contacts in the base; what has a point but no pose of the sensor becomes NO_POSE.
+    """Return contacts in the base; those with a point but without a pose of the sensor become NO_POSE.
 
     Args:
-        estimate: (n) in the surface's frame.
+        estimate: (n,) in the surface's frame.
         quaternions: (n, 4) x, y, z, w of the sensor in the base; NaN where not known.
         positions: (n, 3) [m] of the sensor in the base; NaN where not known.
         mount: T_sensor_surface.

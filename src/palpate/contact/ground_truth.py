@@ -1,4 +1,4 @@
-"""What is known about contacts from elsewhere: instant by instant, or touch by touch."""
+"""Ground truth of contacts from another source: at instants, or for each touch."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["TrueSamples", "TrueTouches"]
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class TrueSamples:
-    """The truth at instants.
+    """True contacts at instants.
 
     Attributes:
         time: (n,) [s], on the log's clock.

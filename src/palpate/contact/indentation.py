@@ -1,4 +1,4 @@
-"""How deep a touch sinks into a soft layer."""
+"""Model the depth to which a touch sinks into a soft layer."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ __all__ = ["Indentation"]
 @takes_arrays
 @dataclass(frozen=True)
 class Indentation:
-    """How deep below the surface the line of action passes, under a soft layer.
+    """Depth below the surface of the point at which the force acts, under a soft layer.
 
-    A ball of a certain radius that sinks into the layer hands its friction on below the surface, so that the force
+    A ball of a certain radius that sinks into the layer transmits its friction below the surface, so that the force
     acts at c - d n, with c the point of the undeformed surface under the ball and
 
         d = depth |F . n|^exponent        [m], F in newtons.
@@ -27,7 +27,7 @@ class Indentation:
     Args:
         depth: [m] at 1 N.
         exponent: 1/2 for a ball on an elastic foundation, 2/3 for Hertz.
-        covariance: (2, 2) of both.
+        covariance: (2, 2) of depth and exponent.
     """
 
     depth: float
@@ -43,5 +43,5 @@ class Indentation:
         object.__setattr__(self, "covariance", frozen(self.covariance, tail=(2, 2), name="covariance"))
 
     def __call__(self, pressing: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
-        """Depth [m] under |F . n| [N]."""
+        """Return the depth [m] under the normal force |F . n| [N]."""
         return self.depth * np.abs(pressing) ** self.exponent

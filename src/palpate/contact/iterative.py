@@ -1,12 +1,12 @@
-"""The older way to a contact on a surface with an equation: Levenberg-Marquardt from a first guess, kept as a baseline.
+"""Locate a contact on a surface with an equation by Levenberg-Marquardt from a first guess: the baseline method.
 
 Unknown are the point p and a number k; the equations are [bicchi; probe (4); liu]
 
     M - p x F + k grad S(p) = 0,    S(p) = 0,
 
 so that the torque about the outward normal is -k |grad S|. Nothing keeps the point on the touched part of the surface,
-as the `probe` paper remarks: the result says where it ended, and must be asked whether it may be believed. On a mesh
-there is no S; as in that paper a paraboloid is then fitted to the touched region.
+as the `probe` paper remarks: the result has the end point, and its `status` must be checked. A mesh has no S; as in
+that paper a paraboloid is then fitted to the touched region.
 """
 
 from __future__ import annotations
@@ -40,40 +40,40 @@ class Equation(Protocol):
 
     @property
     def size(self) -> float:
-        """Across the whole of it [m]."""
+        """Diameter of the complete surface [m]."""
         ...
 
     @property
     def centre(self) -> Float[np.ndarray, "3"]:
-        """Its middle [m]."""
+        """Middle of the surface (3,) [m]."""
         ...
 
     def value(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-        """S."""
+        """Return S at points (n, 3) [m], (n,), negative inside."""
         ...
 
     def gradient(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """The derivative of S."""
+        """Return the gradient of S at points (n, 3) [m], (n, 3)."""
         ...
 
     def hessian(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
-        """The second derivative of S."""
+        """Return the second derivatives of S at points (n, 3) [m], (n, 3, 3)."""
         ...
 
 
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class IterativeResult:
-    """Where the iteration ended, and what speaks against it.
+    """Result of the iteration: its end point, and its status.
 
     Attributes:
         point: (3,) [m]; normal: (3,) outward; force: (3,) [N] on the body.
         torque: [N m] about the normal.
-        residual: what is left of the equations: moments over |F| times the surface's size, S over its slope and size.
-        evaluations: of the equations, until it stopped.
-        within: the point lies where the equation holds (a fitted paraboloid holds in its region only).
-        status: CONTACT; IMPLAUSIBLE beyond the friction or torsion bound; OFF_SURFACE where it did not converge, pulls
-            instead of pressing, or left the region; NO_CONTACT and INVALID as everywhere.
+        residual: largest error of the equations: moments over |F| times the surface's size, S over its slope and size.
+        evaluations: number of evaluations of the equations.
+        within: whether the point lies where the equation is valid (a fitted paraboloid is valid in its region only).
+        status: CONTACT; IMPLAUSIBLE beyond the friction or torsion bound; OFF_SURFACE if it did not converge, the force
+            pulls instead of pressing, or the point is outside the region; NO_CONTACT and INVALID as everywhere.
     """
 
     point: Float[np.ndarray, "3"]
@@ -87,11 +87,11 @@ class IterativeResult:
 
     @property
     def converged(self) -> bool:
-        """The equations hold."""
+        """True if the equations are satisfied to within 1e-6."""
         return self.residual <= CONVERGED
 
     def estimate(self) -> ContactEstimate:
-        """As the other methods answer; without a covariance, which this method does not give."""
+        """Return the result as a `ContactEstimate`; its covariance is NaN, as this method gives none."""
         return ContactEstimate(
             point=self.point.copy(),
             normal=self.normal.copy(),
@@ -107,12 +107,12 @@ class IterativeResult:
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class PatchParaboloid:
-    """z = a + b x + c y + d x^2 + e x y + f y^2 in a frame of its own, fitted to a region of a mesh.
+    """A paraboloid z = a + b x + c y + d x^2 + e x y + f y^2 in a local frame, fitted to a region of a mesh.
 
     Attributes:
         origin: (3,) [m] the region's middle; axes: (3, 3) rows x, y, z of the frame, z outward.
         coefficients: (6,) a [m], b, c, and d, e, f [1/m].
-        radius: [m] of the region; beyond it the equation says nothing.
+        radius: [m] of the region; beyond it the equation is not valid.
         misfit: [m] rms distance along z between the paraboloid and the mesh in the region.
     """
 
@@ -124,27 +124,27 @@ class PatchParaboloid:
 
     @property
     def size(self) -> float:
-        """The region's diameter [m]."""
+        """Diameter of the region [m]."""
         return 2.0 * self.radius
 
     @property
     def centre(self) -> Float[np.ndarray, "3"]:
-        """The region's middle [m]."""
+        """Middle of the region (3,) [m]."""
         return self.origin
 
     def value(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-        """Height over the paraboloid [m]."""
+        """Return the height of points (n, 3) [m] over the paraboloid, (n,) [m]."""
         local = (points - self.origin) @ self.axes.T
         return local[:, 2] - _monomials(local) @ self.coefficients
 
     def gradient(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """The derivative of `value`."""
+        """Return the gradient of `value` at points (n, 3) [m], (n, 3)."""
         x, y, _ = ((points - self.origin) @ self.axes.T).T
         _, b, c, d, e, f = self.coefficients
         return np.stack([-b - 2 * d * x - e * y, -c - e * x - 2 * f * y, np.ones(len(points))], axis=1) @ self.axes
 
     def hessian(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
-        """The same everywhere."""
+        """Return the second derivatives of `value`, the same at all points, (n, 3, 3) [1/m]."""
         d, e, f = self.coefficients[3:]
         local = np.array([[-2 * d, -e, 0.0], [-e, -2 * f, 0.0], [0.0, 0.0, 0.0]])
         return np.broadcast_to(self.axes.T @ local @ self.axes, (len(points), 3, 3))
@@ -161,21 +161,21 @@ def locate_iteratively(
     friction: float = 1.0,
     torsion: float = 5e-3,
 ) -> IterativeResult:
-    """Solve the four equations by scipy's Levenberg-Marquardt.
+    """Locate the contact of one wrench by solving the four equations with scipy's Levenberg-Marquardt.
 
     Args:
         wrench: (6,) [N, N m] in the surface's frame, force first.
         surface: one with an equation, or a mesh, to which a paraboloid is fitted about the start (slow: to locate many
-            wrenches in one region, call `fit_paraboloid` once and pass what it returns).
-        start: (3,) [m] the first guess; None: where the wrench axis goes in, or passes nearest.
+            wrenches in one region, call `fit_paraboloid` once and pass its result).
+        start: (3,) [m] the first guess; None: the point at which the wrench axis enters, or passes nearest.
         jacobian: "analytic"; "numeric" takes differences, and needs no Hessian.
         radius: [m] of the region of a mesh that the paraboloid is fitted to; None: a tenth of the mesh's size.
         friction: bound on tan(theta), theta between -force and normal.
         torsion: bound on |torque|/|F . n| [m].
 
     Raises:
-        InputError: a Jacobian that is neither.
-        GeometryError: the mesh about the start is no paraboloid.
+        InputError: another `jacobian`.
+        GeometryError: the mesh about the start does not fit a paraboloid.
     """
     if jacobian not in ("analytic", "numeric"):
         raise InputError(f"unknown Jacobian {jacobian!r}.", hint="Use analytic or numeric.")
@@ -202,9 +202,9 @@ def locate_iteratively(
 
 @takes_arrays
 def fit_paraboloid(mesh: Mesh, about: ArrayLike, radius: float | None = None) -> PatchParaboloid:
-    """The paraboloid that fits a mesh best about a point, least squares along the normal there.
+    """Fit a paraboloid to a mesh about a point, by least squares along the normal there.
 
-    The surface is asked at 60 places on rings about the point in the tangent plane, so the mesh may be coarse.
+    The surface is sampled at 60 places on rings about the point in the tangent plane, so the mesh may be coarse.
 
     Args:
         mesh: the surface.
@@ -212,7 +212,8 @@ def fit_paraboloid(mesh: Mesh, about: ArrayLike, radius: float | None = None) ->
         radius: [m] of the region; None: a tenth of the mesh's size.
 
     Raises:
-        GeometryError: the mesh turns away within the region, or lies more than 5 % of the radius (rms) off.
+        GeometryError: the radius is not positive, the mesh turns by more than 90 degrees within the region, or the
+            misfit is more than 5 % of the radius (rms).
     """
     reach = 0.1 * mesh.size if radius is None else float(radius)
     if not reach > 0:
@@ -241,7 +242,7 @@ def fit_paraboloid(mesh: Mesh, about: ArrayLike, radius: float | None = None) ->
 def _solve(
     equation: Equation, force: np.ndarray, moment: np.ndarray, start: np.ndarray, analytic: bool
 ) -> tuple[Float[np.ndarray, "3"], float, float, int]:
-    """Point [m], k, the largest residual and how many evaluations; lengths are taken in the surface's size inside."""
+    """Return point [m], k, largest residual and number of evaluations; inside, lengths are in the surface's size."""
     from scipy.optimize import least_squares
 
     size = equation.size
@@ -272,7 +273,7 @@ def _solve(
 
 
 def _entry(surface: Equation | Mesh, force: np.ndarray, moment: np.ndarray) -> Float[np.ndarray, "3"]:
-    """Where the wrench axis first goes in [m], to a sixty-fourth of the surface's size; else where it is nearest."""
+    """Return the point [m] at which the wrench axis first enters, to 1/64 of the surface's size, else the nearest."""
     along, middle = force / np.linalg.norm(force), surface.centre
     foot = np.cross(force, moment - np.cross(middle, force)) / (force @ force)
     points = middle + foot + np.linspace(-0.5, 0.5, ALONG)[:, None] * surface.size * along
@@ -286,7 +287,7 @@ def _entry(surface: Equation | Mesh, force: np.ndarray, moment: np.ndarray) -> F
 
 
 def _heights(surface: Equation | Mesh, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-    """Positive outside: S, or the distance to a mesh along its normal."""
+    """Return S, or the distance to a mesh along its normal, (n,); positive outside."""
     if not isinstance(surface, Mesh):
         return surface.value(points)
     nearest, normals, _ = surface.project(points)
@@ -299,7 +300,7 @@ def _monomials(local: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 6"]:
 
 
 def _frame(normal: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
-    """Rows x, y, z of a right-handed frame whose z is the normal."""
+    """Return the rows x, y, z of a right-handed frame whose z is the normal, (3, 3)."""
     x = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
     x /= np.linalg.norm(x)
     return np.stack([x, np.cross(normal, x), normal])

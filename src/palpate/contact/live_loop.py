@@ -1,4 +1,4 @@
-"""Live samples from reading to contact in one compiled call, of sensors that such a loop is written for."""
+"""Locate live samples, from reading to contact, in one compiled call, for sensors with a compiled loop."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ __all__: list[str] = []  # for this package alone: arrays are checked where they
 
 @runtime_checkable
 class CompiledSensor(WrenchSensor, Protocol):
-    """A sensor of wrenches with a compiled loop from its readings to rows.
+    """A wrench sensor with a compiled loop that turns its readings into rows.
 
     Attributes:
-        loop: module and name.
-        live_inputs: inputs of one sample.
-        state: what one sample leaves to the next.
-        revision: a number that changes with `constants`.
+        loop: module and name of the loop.
+        live_inputs: inputs of one live sample.
+        state: state that one sample leaves to the next.
+        revision: a number that changes if `constants` does.
     """
 
     loop: str
@@ -34,7 +34,7 @@ class CompiledSensor(WrenchSensor, Protocol):
     revision: int
 
     def hold(self, time: float, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None) -> None:
-        """Write one sample's inputs into `held`."""
+        """Write one sample's inputs into `live_inputs`."""
         ...
 
     def inputs(
@@ -43,7 +43,7 @@ class CompiledSensor(WrenchSensor, Protocol):
         readings: Float[np.ndarray, "n m"],
         extra_channels: Mapping[str, np.ndarray],
     ) -> Float[np.ndarray, " _"]:
-        """Return the inputs of n samples, all of a kind one behind the other."""
+        """Return the inputs of n samples, grouped by kind, one kind after the other."""
         ...
 
     def constants(self, placement: Placement) -> tuple[np.ndarray, ...]:
@@ -52,12 +52,12 @@ class CompiledSensor(WrenchSensor, Protocol):
 
 
 class LiveLoop:
-    """Locate samples in one compiled call each, or a block in one, with the bits of the three steps.
+    """A loop that locates a live sample or a block in one compiled call, with the same results as the separate steps.
 
     Args:
-        sensor: of wrenches.
+        sensor: wrench sensor.
         locator: on the surface.
-        placement: of the surface on the sensor.
+        placement: pose of the surface on the sensor, with its covariance.
     """
 
     def __init__(self, sensor: CompiledSensor, locator: Locator, placement: Placement) -> None:
@@ -79,20 +79,20 @@ class LiveLoop:
         acceleration: ArrayLike | None,
         rows: Float[np.ndarray, "1 width"],
     ) -> None:
-        """Write the contact of one sample."""
+        """Write the contact of one sample into rows (1, width)."""
         self._hold(time, reading, rotation, acceleration)
         self.run(rows)
 
     def block(
         self, time: np.ndarray, readings: np.ndarray, extra_channels: Mapping[str, np.ndarray], rows: np.ndarray
     ) -> np.ndarray:
-        """Write the contacts of a block, and return the inputs that the sensor made of it."""
+        """Write the contacts of a block into rows, and return the inputs that the sensor made from it."""
         inputs = self._given[0].inputs(time, readings, extra_channels)
         self.run(rows, inputs)
         return inputs
 
     def run(self, rows: np.ndarray, inputs: np.ndarray | None = None) -> None:
-        """Write the contacts of inputs; None: of those that the sensor holds."""
+        """Write the contacts of inputs into rows; None: of the sensor's `live_inputs`."""
         sensor, _, placement = self._given
         if self._revision != sensor.revision:
             packed = self._pack(sensor.constants(placement))

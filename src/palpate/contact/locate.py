@@ -1,4 +1,4 @@
-"""From wrenches to contacts on a surface."""
+"""Locate contacts on a surface from wrenches."""
 
 from __future__ import annotations
 
@@ -53,12 +53,12 @@ METHODS = ("soft_finger", "wrench_axis")  # of a Locator; `locate` knows "iterat
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Candidates(Value):
-    """Every contact that one wrench can have on a surface, best first.
+    """All contacts that one wrench can have on a surface, best first.
 
     Attributes:
         point: (k, 3) [m]; normal: (k, 3); torque: (k,) [N m] about the normal.
         friction: (k,) tan of the angle between -force and normal.
-        plausible: (k,) within the friction and torsion bounds.
+        plausible: (k,) whether it is within the friction and torsion bounds.
     """
 
     point: Float[np.ndarray, "k 3"]
@@ -85,7 +85,7 @@ class Candidates(Value):
     locate="locator.run([[0, 0, -5, 0.02, 0, 0]])",
 )
 class Locator:
-    """Prepared location on one surface: the tree is built and the loops are compiled here, never in the loop.
+    """Locator of contacts on one surface: the tree is built and the loops are compiled once, at construction.
 
     Args:
         surface: a `Surface`, such as a `Mesh`; a mesh of trimesh; or the path of a mesh file, which is read here.
@@ -95,11 +95,11 @@ class Locator:
         torsion: bound on |torque|/|F . n| [m].
         noise: standard deviations of force and torque, or of each of the six numbers, or a 6 x 6 covariance, force
             first [N, N m]; None: covariances are NaN unless given with the wrenches.
-        on, off: force [N] from which there is a contact, and below which there is none any more. None for both: where
-            the force is 5.5 standard deviations from zero, and 3, by its covariance in that very sample: noise,
-            payload, motion and tare; without noise only zero force is no contact.
-        indentation: of a soft layer on the surface: how deep below it the force acts; None: rigid.
-        accuracy: [m] 3-D standard deviation above which the answer is TOO_LIGHT; None: none.
+        on, off: force [N] at which a contact begins, and below which it ends. None for both: 5.5 and 3 standard
+            deviations of the force from zero, by its covariance in that sample, which includes noise, payload, motion
+            and tare; without noise only zero force is no contact.
+        indentation: depth at which the force acts below a soft layer on the surface; None: the surface is rigid.
+        accuracy: [m] 3-D standard deviation above which the answer is TOO_LIGHT; None: no limit.
         unit: of a mesh file's numbers: m, cm, mm, um or in.
 
     Raises:
@@ -175,11 +175,11 @@ class Locator:
 
     @staticmethod
     def empty(*batch: int) -> Float[np.ndarray, "*batch 22"]:
-        """Rows to write into; `ContactEstimate.from_rows` names what is in them, `ROW` where."""
+        """Return rows (*batch, 22) of NaN to write into, laid out as `ROW`; see `ContactEstimate.from_rows`."""
         return np.full((*batch, ROW.length), np.nan)
 
     def with_noise(self, noise: Float[np.ndarray, "6 6"]) -> Locator:
-        """The same on the same surface, with another noise, and thresholds from it where they were not given."""
+        """Return a locator on the same surface with another noise, and thresholds from it if they were not given."""
         return Locator(
             self.surface,
             self.method,
@@ -192,7 +192,7 @@ class Locator:
         )
 
     def compiled(self, known: bool) -> tuple[Any, ...]:
-        """For loops that go on from a wrench: noises (0, 6, 6) where its covariance is known, tree, settings, state."""
+        """Return noises, tree, settings and state for loops that go on from a wrench; noises (0, 6, 6) if `known`."""
         noises = np.empty((0, 6, 6)) if known else self._noises
         return noises, *self._arguments, self._noisy if known else self._settings, self._state
 
@@ -201,12 +201,12 @@ class Locator:
         self._state[:] = _state(previous)
 
     def __call__(self, wrench: ArrayLike, out: np.ndarray | None = None) -> None:
-        """Locate one wrench (6,), force first, in the surface's frame, into `out`; carries hysteresis and last contact.
+        """Locate one wrench (6,), force first, in the surface's frame, into `out`; keep hysteresis and last contact.
 
-        Allocates nothing where the wrench is an array of float64, writable or not, a column or a row.
+        Nothing is allocated if the wrench is an array of float64, writable or not, a column or a row.
 
         Args:
-            wrench: six numbers.
+            wrench: six numbers [N, N m].
             out: (22,), a row of `empty()`.
 
         Raises:
@@ -231,18 +231,20 @@ class Locator:
         sequential: bool = True,
         previous: ArrayLike | None = None,
     ) -> ContactEstimate:
-        """Locate one wrench or a time series; carries hysteresis and last contact on, from call to call too.
+        """Locate one wrench or a time series; keep hysteresis and last contact, also from call to call.
 
         Args:
             wrenches: (*batch, 6) in the surface's frame, force first: (6,) for one, (n, 6) for n in the order of time.
             covariances: (*batch, 6, 6), or (6, 6) for all, instead of the Locator's noise.
             statuses: (*batch) a `Status` known beforehand, or -1 for a sample to locate.
-            sequential: False takes each sample on its own and leaves the Locator's memory alone.
-            previous: (3,) [m] the last contact of every sample then.
+            sequential: False locates each sample separately and does not change the Locator's memory.
+            previous: (3,) [m] the last contact, for every sample; only if not sequential.
 
         Raises:
             InputError: other shapes, or numbers that are not real.
         """
+        if sequential and previous is not None:
+            raise InputError("previous is for sequential=False: otherwise the Locator remembers the last contact.")
         wrenches = shaped(wrenches, (..., 6), "wrenches")
         batch = wrenches.shape[:-1]
         if not batch and covariances is None and statuses is None:
@@ -265,9 +267,9 @@ class Locator:
     def locate_one(
         self, wrench: ArrayLike, covariance: ArrayLike | None = None, previous: ArrayLike | None = None
     ) -> ContactEstimate:
-        """One wrench (6,) on its own; the Locator's memory is left alone, so that threads may share it.
+        """Locate one wrench (6,) without changing the Locator's memory, so that threads may share it.
 
-        What `run` answers with `sequential=False`, sooner.
+        The result is that of `run` with `sequential=False`, but faster.
 
         Args:
             wrench: (6,) in the surface's frame, force first.
@@ -289,7 +291,7 @@ class Locator:
         state: Float[np.ndarray, " t"],
         out: Float[np.ndarray, "n 22"],
     ) -> None:
-        """Each on its own, in the order in which they lie in space: less waiting for memory, the same answers."""
+        """Locate each wrench separately, sorted by place in space: less waiting for memory, the same results."""
         centre, scale = settings[CENTRE : CENTRE + 3], float(settings[SCALE])
         for first in range(0, len(out), _BLOCK):
             block = slice(first, first + _BLOCK)
@@ -305,7 +307,7 @@ class Locator:
         state: Float[np.ndarray, " s"],
         covariance: Float[np.ndarray, "6 6"] | None = None,
     ) -> ContactEstimate:
-        """One wrench by itself: what `run` does for a batch would take it five times as long."""
+        """Locate one wrench: the work that `run` does for a batch would take it five times as long."""
         noises, settings = self._noises, self._settings
         if covariance is not None:
             noises, settings = covariance[None], self._noisy
@@ -315,12 +317,12 @@ class Locator:
 
     @property
     def memory(self) -> Float[np.ndarray, " s"]:
-        """What the last sample leaves to the next, itself: hysteresis, last contact, branches of the touch."""
+        """State after the last sample, not a copy, (s,): hysteresis, last contact, branches of the touch."""
         return self._state
 
     @staticmethod
     def no_contact() -> Float[np.ndarray, " s"]:
-        """A memory of its own, of which nothing is left: as behind any sample without contact."""
+        """Return a new memory as it is after any sample without contact."""
         return _state(None)
 
     def first_free(
@@ -329,7 +331,7 @@ class Locator:
         covariances: ArrayLike | None,
         statuses: ArrayLike,
     ) -> int:
-        """The first of the samples of `run_into` that is without contact whatever came before it; -1: none is."""
+        """Return the first sample of `run_into` that has no contact whatever came before it; -1 if there is none."""
         wrenches, noises, statuses, settings = self._sequence(wrenches, covariances, statuses)
         return self._first_free(wrenches, noises, statuses, settings)
 
@@ -341,15 +343,15 @@ class Locator:
         out: np.ndarray,
         memory: Float[np.ndarray, " s"] | None = None,
     ) -> None:
-        """`run` in sequence into rows of `empty()`; copies nothing that is contiguous and writable.
+        """Locate wrenches in sequence, like `run`, into rows of `empty()`; contiguous writable arrays are not copied.
 
         Args:
             wrenches: (n, 6) in the surface's frame, force first.
             covariances: (n, 6, 6), or None for the Locator's noise.
             statuses: (n,) int8, a `Status` known beforehand or -1.
             out: (n, 22).
-            memory: from `no_contact` or of an earlier call, used and changed in place of the Locator's own, so that
-                threads may share it.
+            memory: from `no_contact` or an earlier call, used and changed instead of the Locator's memory, so that
+                threads may share the Locator.
 
         Raises:
             InputError: other shapes, or an `out` that cannot be written into.
@@ -364,7 +366,7 @@ class Locator:
     def _sequence(
         self, wrenches: ArrayLike, covariances: ArrayLike | None, statuses: ArrayLike, count: int | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Wrenches (n, 6), their noises, statuses (n,) and the settings for them as the compiled loops take them."""
+        """Return wrenches (n, 6), noises, statuses (n,) and settings as the compiled loops take them."""
         wrenches = shaped(wrenches, (count, 6), "wrenches")
         count = len(wrenches)
         statuses = shaped(statuses, (count,), "statuses", INT8)
@@ -379,12 +381,11 @@ class Locator:
         statuses: ArrayLike,
         rows: Float[np.ndarray, "n 22"],
     ) -> None:
-        """The rows of one touch once more, from its end to its start, near the contact that was believed at the end.
+        """Locate the rows of one touch again, from its end to its start, near the contact that was believed at the end.
 
-        The end is the hardest pressed of the last samples, of those that are not in doubt if there are any: the very
-        last ones tell little. What comes after it stays. `AMBIGUOUS` stays only where most of the last samples are so.
-        Where that leaves more samples implausible the rows stay: it was more than one touch. The Locator's own memory
-        is left alone.
+        The end is the sample with the largest force among the last ones, only CONTACT if there are any: the very last
+        ones contain little information. Rows after it stay. `AMBIGUOUS` stays only if most of the last samples have it.
+        If more samples become implausible the rows stay: there was more than one touch. The Locator's memory is kept.
 
         Args:
             wrenches: (n, 6) of the touch, in the surface's frame.
@@ -423,7 +424,7 @@ class Locator:
             rows[several, ROW.status] = Status.AMBIGUOUS
 
     def candidates(self, wrench: ArrayLike) -> Candidates:
-        """Every contact that one wrench (6,) can have, those within the bounds first, then as met along the force."""
+        """Return all contacts that one wrench (6,) can have: within the bounds first, then in order along the force."""
         from palpate.surfaces import _kernels
 
         wrench = shaped(wrench, _WRENCH, "wrench")
@@ -448,18 +449,18 @@ class Locator:
 
 
 def _writable(array: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-    """Contiguous float64, copied if read-only: to the compiler a read-only array is another type, compiled again."""
+    """Return contiguous float64, copied if read-only: compiled code would be compiled again for a read-only array."""
     return np.require(array, np.float64, ["C", "W"])
 
 
 def _each(covariances: np.ndarray, batch: tuple[int, ...]) -> Float[np.ndarray, "n 6 6"]:
-    """One covariance a wrench."""
+    """Return one covariance per wrench, (n, 6, 6)."""
     require_batch(covariances, batch, "covariances")
     return _writable(np.broadcast_to(covariances, (*batch, 6, 6)).reshape(-1, 6, 6))
 
 
 def _state(previous: ArrayLike | None) -> Float[np.ndarray, " s"]:
-    """No contact so far, or the last one at a point (3,) [m]."""
+    """Return the state without a contact so far, or with the last one at a point (3,) [m]."""
     state = np.zeros(STATE)
     if previous is not None:
         state[HAS_PREVIOUS], state[PREVIOUS : PREVIOUS + 3] = 1.0, shaped(previous, (3,), "previous")
@@ -467,7 +468,7 @@ def _state(previous: ArrayLike | None) -> Float[np.ndarray, " s"]:
 
 
 def _thresholds(noise: Float[np.ndarray, "6 6"] | None, on: float | None, off: float | None) -> tuple[float, float]:
-    """Forces at which a contact begins and ends, those that are not given by the noise alone."""
+    """Return the forces [N] at which a contact begins and ends; those not given follow from the noise."""
     sigma = 0.0 if noise is None else float(np.sqrt(np.diag(noise)[:3].max()))
     if on is None:
         on = max(ON * sigma, off or 0.0)
@@ -480,7 +481,7 @@ def _thresholds(noise: Float[np.ndarray, "6 6"] | None, on: float | None, off: f
 def _iterated(
     wrenches: Float[np.ndarray, "n 6"], surface: Surface, start: ArrayLike | None, friction: float, torsion: float
 ) -> ContactEstimate:
-    """The baseline, one wrench after the other."""
+    """Return the estimates of the baseline method, one wrench after the other."""
     from palpate.contact.iterative import Equation, locate_iteratively
     from palpate.surfaces.mesh import Mesh
 
@@ -497,9 +498,9 @@ _keeping = Lock()
 
 
 def _prepared(surface: Surface, bounds: _Bounds) -> Locator:
-    """The Locator behind `locate`, kept as long as the surface lives; it does not name its surface, or both would stay.
+    """Return the Locator of `locate`, kept as long as its surface lives; it has no reference to it, or both would stay.
 
-    Threads may share it: it is never used in sequence, so that it has no memory of its own.
+    Threads may share it: it is never used in sequence, so that its memory does not matter.
     """
     of_surface = _kept.get(surface)
     locator = None if of_surface is None else of_surface.get(bounds)
@@ -515,7 +516,7 @@ def _prepared(surface: Surface, bounds: _Bounds) -> Locator:
 
 
 def _six_numbers(wrench: object) -> Float[np.ndarray, "6"] | None:
-    """A copy of six floats in a list, a tuple or an array; None of all else, which is looked at more closely."""
+    """Return a copy of six floats in a list, a tuple or an array; None for anything else."""
     if type(wrench) is not list and type(wrench) is not tuple and type(wrench) is not np.ndarray:
         return None
     try:
@@ -536,20 +537,20 @@ def locate(
     previous: ContactEstimate | ArrayLike | None = None,
     unit: str | None = None,
 ) -> ContactEstimate:
-    """Return where a wrench touches a surface; both in the same frame, each wrench of a batch on its own.
+    """Return the contact of a wrench on a surface, both in the same frame; a batch is located one by one.
 
-    In a loop, a `Locator` is quicker; a mesh file is read, and a mesh of trimesh prepared, at each call of this.
+    In a loop, a `Locator` is faster; here a mesh file is read, and a mesh of trimesh prepared, at each call.
 
     Args:
         wrench: a `Wrench`, or six-vectors (*batch, 6), force first [N, N m].
         surface: a `Surface`, such as a `Mesh`; a mesh of trimesh; or the path of a mesh file.
-        method: "soft_finger", "wrench_axis", or "iterative" (`locate_iteratively`, the older way: slow, without a
-            covariance; on a mesh it fits a paraboloid to the touched region, or refuses).
+        method: "soft_finger", "wrench_axis", or "iterative" (`locate_iteratively`, the older method: slow, without a
+            covariance; on a mesh it fits a paraboloid to the touched region, or raises GeometryError).
         friction: bound on tan(theta), theta between -force and normal.
         torsion: bound on |torque|/|F . n| [m].
         noise: standard deviations of force and torque, or of each of the six numbers, or a 6 x 6 covariance, force
-            first; None takes the wrench's own covariance.
-        previous: the last contact, an estimate or a point [m]: it decides between candidates.
+            first; None: the wrench's covariance.
+        previous: the last contact, an estimate or a point [m]; it decides between candidates.
         unit: of a mesh file's numbers: m, cm, mm, um or in.
 
     Returns:

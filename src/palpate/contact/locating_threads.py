@@ -1,4 +1,4 @@
-"""Samples of a log located by several threads: after one without contact nothing of what came before is left."""
+"""Locate the samples of a log in several threads; a sample without contact makes the next ones independent."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ _Part = tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"] | None, Int8[
 
 
 class _Run:
-    """Samples that one thread locates, one after the other.
+    """Consecutive samples that one thread locates.
 
     Args:
-        start: the memory that they begin with, or the run in whose memory they go on.
-        locator, pool: by what, in the threads of which.
+        start: the memory to begin with, or the run whose memory is continued.
+        locator, pool: the locator, and the threads in which it runs.
     """
 
     def __init__(self, start: _Memory | _Run, locator: Locator, pool: ThreadPoolExecutor) -> None:
@@ -38,27 +38,27 @@ class _Run:
         self._done: Future[_Memory] | None = None
 
     def add(self, part: _Part) -> None:
-        """The next samples, before a thread begins."""
+        """Add the next samples, before a thread begins."""
         self._parts.append(part)
 
     @property
     def begun(self) -> bool:
-        """No more samples are added."""
+        """True once a thread has begun, after which no samples are added."""
         return self._done is not None
 
     @property
     def samples(self) -> int:
-        """So far."""
+        """Number of samples so far."""
         return sum(len(statuses) for _, _, statuses, _ in self._parts)
 
     def begin(self) -> Future[_Memory]:
-        """Let a thread begin; one that it goes on from began before, so that it does not wait for one behind it."""
+        """Start a thread, after that of the run which this one continues, so that no thread waits for a later one."""
         if self._done is None:
             self._done = self._pool.submit(self._located)
         return self._done
 
     def memory(self) -> _Memory:
-        """What the last sample leaves to the next, when it is located."""
+        """Return the memory after the last sample; wait until it is located."""
         return self.begin().result()
 
     def _located(self) -> _Memory:
@@ -70,27 +70,27 @@ class _Run:
 
 
 class Pending(NamedTuple):
-    """Samples that are being located, by the runs that they lie in."""
+    """Samples that are being located, with the runs that contain them."""
 
     located: Located
     runs: tuple[_Run, ...]
 
     def result(self) -> Located:
-        """The samples with their rows."""
+        """Return the samples with their rows; wait until they are located."""
         for run in self.runs:
             run.memory()
         return self.located
 
 
 class LocatingThreads:
-    """`Locator.run_into` of the pieces of a log in their order, the same bits, by several threads.
+    """Threads that run `Locator.run_into` on the pieces of a log in order, with results identical to the last bit.
 
-    A thread takes the samples from one without contact to the next such one in another piece: no more than that is
-    known to depend on each other. It takes fewer of a long touch, and where their result is asked for before.
+    A thread takes the samples from one without contact to the next such sample in another piece: only these are known
+    to depend on each other. It takes fewer of a long touch, and if their result is requested earlier.
 
     Args:
-        locator: goes on from its memory, and has that of the last sample after `finish`.
-        threads: at a time.
+        locator: its memory is continued, and is that of the last sample after `finish`.
+        threads: number of threads at a time.
     """
 
     def __init__(self, locator: Locator, threads: int) -> None:
@@ -107,7 +107,7 @@ class LocatingThreads:
         covariances: Float[np.ndarray, "n 6 6"] | None,
         statuses: Int8[np.ndarray, " n"],
     ) -> Pending:
-        """The next samples, as `Locator.run_into` takes them."""
+        """Begin to locate the next samples, as `Locator.run_into` takes them."""
         located = Located(piece, wrenches, covariances, statuses, self._locator.empty(len(wrenches)))
         cut = self._locator.first_free(wrenches, covariances, statuses) + 1
         if self._run.begun:
@@ -124,7 +124,7 @@ class LocatingThreads:
         return Pending(located, tuple(runs))
 
     def finish(self) -> None:
-        """There are no more samples."""
+        """Write the memory of the last sample back into the locator's."""
         self._locator.memory[:] = self._run.memory()
 
     def __enter__(self) -> LocatingThreads:
@@ -139,7 +139,7 @@ class LocatingThreads:
 def located_in_threads(
     pieces: Iterable[tuple[Piece, Wrenches]], locator: Locator, threads: int
 ) -> Iterator[tuple[Piece, Located]]:
-    """Yield each piece of a log located, by threads that work while the next ones are read, compensated and placed."""
+    """Yield each piece of a log located by threads, while the next pieces are read, compensated and placed."""
     waiting, blocks = deque[tuple[Piece, Pending]](), 0  # that wait from their first piece to their last
     with LocatingThreads(locator, threads) as pool:
         for piece, wrenches in pieces:

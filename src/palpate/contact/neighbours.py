@@ -1,4 +1,4 @@
-"""In which order many wrenches find a large tree in the processor's cache."""
+"""Order many wrenches so that the parts of a large tree that they need stay in the processor's cache."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ __all__ = ["in_space"]
 
 @takes_arrays
 def in_space(wrenches: Float[np.ndarray, "n 6"], centre: Float[np.ndarray, "3"], scale: float) -> Int[np.ndarray, " n"]:
-    """The numbers of the wrenches, those whose axes enter a ball around the body close to each other side by side.
+    """Return the order (n,) that puts wrenches next to each other if their axes enter a ball around the body close by.
 
-    The places of entry go by cells of a grid in Morton's order, whose keys of 15 bits are sorted by digits.
+    The points of entry are sorted by the cells of a grid in Morton's order, with keys of 15 bits (a radix sort).
 
     Args:
-        wrenches: (n, 6) force first, in the surface's frame; what is NaN or without a force comes anywhere.
+        wrenches: (n, 6) force first, in the surface's frame; rows of NaN or without a force are placed anywhere.
         centre: (3,) of the ball [m].
         scale: its radius [m].
     """

@@ -1,4 +1,4 @@
-"""Do the wrenches fit the body? A wrong unit puts the line of action where the body is not."""
+"""Check whether wrenches fit the body: a wrong unit moves the line of action away from the body."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ STICKIEST = 3.0  # friction beyond which it is none: 72 degrees
 
 @dataclass(frozen=True)
 class LinesOfAction:
-    """Where the wrench axes of the loaded samples pass.
+    """Shares of the loaded samples whose wrench axes pass far from the body, or close to the frame's origin.
 
     Attributes:
-        loaded: how many samples were looked at.
-        far: share whose axis passes the body's middle at more than the body's size.
-        near: share whose axis passes the frame's origin at less than a hundredth of the body's size.
+        loaded: number of samples that were examined.
+        far: share whose axis passes the body's middle at a distance of more than the body's size.
+        near: share whose axis passes the frame's origin at a distance below a hundredth of the body's size.
     """
 
     loaded: int
@@ -46,7 +46,7 @@ class LinesOfAction:
 
     @property
     def doubt(self) -> str:
-        """The sentence to say when most of them do not fit, else empty."""
+        """Warning to show if most of the axes do not fit; "" if they do."""
         if self.near > 0.5:
             return (
                 f"{self.near:.0%} of the loaded samples put the force's line through the sensor's origin, within 1 % "
@@ -67,7 +67,7 @@ def lines_of_action(wrenches: Float[np.ndarray, "n 6"], centre: Float[np.ndarray
     The axis of (F, M) passes a point c at |F x (M - c x F)| / |F|^2.
 
     Args:
-        wrenches: (n, 6) without bias and payload [N, N m]; NaN is left out.
+        wrenches: (n, 6) without bias and payload [N, N m]; rows with NaN are left out.
         centre: (3,) middle of the body [m].
         size: of the body [m].
     """
@@ -88,10 +88,10 @@ def lines_of_action(wrenches: Float[np.ndarray, "n 6"], centre: Float[np.ndarray
 
 @takes_arrays
 def never_at_rest(wrenches: Float[np.ndarray, "n 6"], on: float) -> str:
-    """The sentence to say when the force never falls below the threshold of contact, else empty.
+    """Return a warning if the force never falls below the threshold of contact, else "".
 
     Args:
-        wrenches: (n, 6) as they are located [N, N m].
+        wrenches: (n, 6) [N, N m], force first.
         on: force [N] at which a contact begins.
     """
     strength = np.linalg.norm(wrenches[:, :3], axis=1)
@@ -104,12 +104,12 @@ def never_at_rest(wrenches: Float[np.ndarray, "n 6"], on: float) -> str:
 @takes_arrays
 @dataclass(frozen=True)
 class RequiredBounds:
-    """Which bounds of friction and torsion the loaded samples ask for.
+    """Friction and torsion of the loaded samples, compared with the bounds.
 
     Attributes:
         friction: (k,) tan of the angle between -force and normal; torsion: (k,) |torque|/|F . n| [m].
-        bounds: the friction and the torsion that were allowed.
-        size: of the body [m]: no patch is larger.
+        bounds: friction and torsion [m] that were allowed.
+        size: of the body [m]; no patch is larger.
     """
 
     friction: Float[np.ndarray, " k"]
@@ -119,7 +119,7 @@ class RequiredBounds:
 
     @classmethod
     def of(cls, contacts: Contacts, bounds: tuple[float, float], size: float = np.inf) -> RequiredBounds:
-        """By the points, normals and forces of contacts; light ones, which noise turns, are left out."""
+        """Compute friction and torsion from the loaded contacts; light ones, which noise turns, are left out."""
         force, normal = contacts.force, contacts.normal
         strength = np.linalg.norm(force, axis=1)
         loaded = contacts.located & (strength > 0)
@@ -133,7 +133,7 @@ class RequiredBounds:
 
     @property
     def proposal(self) -> str:
-        """The bounds that would hold 95 % of the samples."""
+        """Sentence with the bounds that would include 95 % of the samples; "" without samples."""
         if not len(self.friction):
             return ""
         friction, torsion = (float(np.percentile(values, 95)) for values in (self.friction, self.torsion))
@@ -144,7 +144,7 @@ class RequiredBounds:
 
     @property
     def exceeded(self) -> str:
-        """Which bound is exceeded, how often and by how much, or ""."""
+        """Description of the bounds that are exceeded, with share and amount, or ""."""
         parts: list[str] = []
         for name, values, bound, scale, unit in (
             ("friction", self.friction, self.bounds[0], 1.0, ""),
@@ -159,10 +159,10 @@ class RequiredBounds:
         return " and ".join(parts)
 
     def reach(self, torsion: float) -> float:
-        """How far [m] a patch that makes a torsion [m] reaches at least from its pressure's centre.
+        """Return the least distance [m] from the centre of pressure to which a patch with this torsion [m] extends.
 
-        Coulomb friction mu p per area turns about that centre with no more than int mu p r dA <= mu F_n R, whatever the
-        pressure p; R is the farthest place pressed. A ring makes all of it, an even disc 2/3. mu is the bound.
+        Coulomb friction mu p per area makes a torque about that centre of at most int mu p r dA <= mu F_n R, whatever
+        the pressure p; R is the farthest place pressed. A ring attains it, an even disc 2/3 of it. mu is the bound.
         """
         return torsion / self.bounds[0]
 
@@ -178,29 +178,29 @@ class RequiredBounds:
 
 @runtime_checkable
 class Plausibility(Protocol):
-    """What judges whether the samples of a log fit a body."""
+    """Check of whether the samples of a log fit a body."""
 
     @property
     def size(self) -> float:
-        """[m] of the body."""
+        """Size of the body [m]."""
         ...
 
     def required_bounds(self, contacts: Contacts) -> RequiredBounds:
-        """Return which bounds of friction and torsion the contacts would need."""
+        """Return the bounds of friction and torsion that the contacts would need."""
         ...
 
     def warnings(self, recording: Recording) -> list[str]:
-        """Return what may be wrong, one sentence each."""
+        """Return possible faults of units, bias or mounting, one sentence each."""
         ...
 
 
 @takes_arrays
 def unexplained(counts: Int[np.ndarray, " s"], required: RequiredBounds | None = None) -> list[str]:
-    """Why many of the loaded samples have no contact within the bounds, and which bounds would do; else nothing.
+    """Return a warning if over 10 % of the loaded samples have no contact within the bounds, else an empty list.
 
     Args:
-        counts: (len(Status),) how many estimates have each `Status`.
-        required: which bounds they ask for, where that is known.
+        counts: (len(Status),) number of estimates with each `Status`.
+        required: the bounds that they need, if known; the warning then proposes new ones.
     """
     loaded = int(counts.sum() - counts[list(UNLOADED)].sum())
     if not loaded:
@@ -223,11 +223,11 @@ def unexplained(counts: Int[np.ndarray, " s"], required: RequiredBounds | None =
 
 @takes_arrays
 def unbelievable(counts: Int[np.ndarray, " s"], small: int) -> str:
-    """The sentence to end with when not one sample can be believed, else empty.
+    """Return the final sentence of a report if not one sample can be believed, else "".
 
     Args:
-        counts: (len(Status),) how many estimates have each `Status`.
-        small: of those answered, how many have an ellipse smaller than the body, or none at all.
+        counts: (len(Status),) number of estimates with each `Status`.
+        small: number of answered estimates with an ellipse smaller than the body, or without an ellipse.
     """
     answered = int(counts[Status.CONTACT] + counts[Status.AMBIGUOUS])
     loaded = int(counts.sum() - counts[list(UNLOADED)].sum())

@@ -1,4 +1,4 @@
-"""Wrenches of a sensor in the surface's frame: compensated, their zero followed, filtered, with covariances."""
+"""Compute wrenches of a sensor in the surface's frame: compensated, bias followed, filtered, with covariances."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ ALL = np.ones(1)  # share of the noise's variance where there is no filter
 
 
 class Piece(NamedTuple):
-    """Samples that are measured together: of one window of the zero, where it is followed.
+    """Samples that are measured together; if the bias is followed, they are of one of its windows.
 
     Attributes:
         samples: the samples.
-        ends: the block that ends with them; None where it goes on.
-        touched: whether a skin feels something; None where it cannot tell.
-        averaged: (n,) of how many readings each wrench is the mean; None: each is one.
-        skin: what the skin answers, where there is one.
+        ends: the block that ends with them; None if it continues.
+        touched: whether a skin feels a touch; None if it cannot tell.
+        averaged: (n,) number of readings in the mean that each wrench is; None: 1.
+        skin: the contacts of the skin, if there is one.
     """
 
     samples: Recording
@@ -59,22 +59,22 @@ class Wrenches(NamedTuple):
 
 
 class SurfaceWrenches:
-    """Turn readings of a sensor into wrenches about the surface's frame, sample by sample or from a log.
+    """Conversion of a sensor's readings into wrenches about the surface's frame, sample by sample or from a log.
 
-    The filter acts in the sensor's frame. In a log a zero that is followed is smoothed by what comes after, and a
-    filter of zero phase looks ahead; both keep pieces waiting.
+    The filter acts in the sensor's frame. In a log a bias that is followed is smoothed by later samples, and a filter
+    of zero phase uses later samples; both keep pieces waiting.
 
     Args:
-        sensor: of wrenches.
-        placement: of the surface on the sensor.
-        filter: of the wrenches; None: none.
-        rate: [Hz] of the samples, which a filter needs; `of`: what they are called.
-        drift: how the sensor's zero drifts; None: it is not followed.
-        shape: of contacts on the surface, for a zero that is followed.
-        logs: smooth the zero in logs.
+        sensor: wrench sensor.
+        placement: pose of the surface on the sensor, with its covariance.
+        filter: applied to the wrenches; None: none.
+        rate: [Hz] of the samples, required with a filter; `of`: name of the samples in error messages.
+        drift: model of the bias's drift; None: the bias is not followed.
+        shape: test whether a contact on the surface explains a wrench, for a bias that is followed.
+        logs: smooth the bias in logs.
 
     Raises:
-        InputError: a filter without a rate, or a drift of a sensor whose zero cannot be followed.
+        InputError: a filter without a rate, or a drift for a sensor whose bias cannot be followed.
     """
 
     def __init__(
@@ -102,11 +102,11 @@ class SurfaceWrenches:
 
     @property
     def followed(self) -> bool:
-        """Whether the zero is followed."""
+        """True if the bias is followed."""
         return self._follower is not None
 
     def reset(self) -> None:
-        """Forget what samples left; not the tare."""
+        """Forget the state that samples left behind; keep the tare."""
         self.sensor.reset()
         if self._forward is not None:
             self._forward.reset()
@@ -115,7 +115,7 @@ class SurfaceWrenches:
         self._told = self._follower
 
     def cuts(self, time: Float[np.ndarray, " n"]) -> list[slice]:
-        """Return where a block is cut: where the zero may change, or into 4,096 samples; at least one slice."""
+        """Return slices at which a block is cut: where the bias may change, or after 4,096 samples; at least one."""
         if self._follower is not None:
             return list(self._follower.pieces(time)) or [slice(0, 0)]
         return [slice(start, min(start + PIECE, len(time))) for start in range(0, max(1, len(time)), PIECE)]
@@ -128,7 +128,7 @@ class SurfaceWrenches:
                 yield Piece(block.picked(cut), block if cut is cuts[-1] else None)
 
     def forward(self, pieces: Iterable[Piece]) -> Iterator[tuple[Piece, Wrenches]]:
-        """Yield the wrenches of each piece, by what came before it."""
+        """Yield each piece with its wrenches, computed from this and earlier samples."""
         for piece in pieces:
             samples, follower = piece.samples, None
             if len(samples):
@@ -139,7 +139,7 @@ class SurfaceWrenches:
             yield piece, self._placed(measured, *self._filtered(measured), piece.averaged)
 
     def of_log(self, pieces: Iterable[Piece]) -> Iterator[tuple[Piece, Wrenches]]:
-        """Yield the wrenches of each piece of a log, smoothed by what comes after where that is wanted."""
+        """Yield each piece of a log with its wrenches, smoothed by later samples if requested."""
         smoother = self._follows(smooth=True) if self._logs or self._ahead else None
         if smoother is None and not self._ahead:
             yield from self.forward(pieces)
@@ -166,7 +166,7 @@ class SurfaceWrenches:
         averaged: np.ndarray | None = None,
         touched: bool | None = None,
     ) -> Wrenches:
-        """Return the wrench of one live sample, the mean of `averaged` readings."""
+        """Return the wrench of one live sample, which is the mean of `averaged` readings."""
         follower = self.entered(time, kelvin)
         measured = self.sensor.single(time, reading, rotation, acceleration)
         made = self._placed(measured, *self._filtered(measured), averaged)
@@ -175,31 +175,31 @@ class SurfaceWrenches:
         return made
 
     def entered(self, time: float, kelvin: float) -> DriftTracker | None:
-        """Return what follows the zero, after telling it the time [s] and temperature of the samples that come next."""
+        """Tell the bias tracker the time [s] and temperature of the next samples; return it, or None without one."""
         if self._follower is not None:
             self._follower.enter(time, kelvin)
             self._told = self._follower
         return self._follower
 
     def unfiltered(self, recording: Recording) -> Wrenches:
-        """Return the wrenches of a recording without the filter."""
+        """Return the unfiltered wrenches of a recording in the surface's frame."""
         measured = self.sensor.measure(recording)
         return self._placed(measured, measured.wrench, ALL)
 
     def history(self) -> ZeroHistory | None:
-        """Return how the zero went since the last reset, in live samples or a log; None where it is not followed."""
+        """Return the course of the bias since the last reset, in a stream or a log; None if it is not followed."""
         return None if self._told is None else self._told.history()
 
     def notes(self) -> tuple[str, ...]:
-        """Return what was met so far, one sentence each."""
+        """Return remarks on the sensor and its bias so far, one sentence each."""
         return (*self.sensor.notes(), *(() if self._told is None else self._told.notes()))
 
     def warnings(self) -> tuple[str, ...]:
-        """Return what may be wrong with the sensor and its zero, one sentence each."""
+        """Return possible faults of the sensor and its bias, one sentence each."""
         return (*self.sensor.warnings(), *(() if self._told is None else self._told.warnings()))
 
     def _least(self) -> float:
-        """Return the least share of white noise that the filter leaves."""
+        """Return the least share of white noise's variance that the filter leaves."""
         if self._recursion is None:
             return 1.0
         return BothWays(self._recursion, self._rate).least if self._ahead else float(self._recursion.share.min())
@@ -226,7 +226,7 @@ class SurfaceWrenches:
             self.sensor.follow(zero)
 
     def _filtered(self, measured: Measured) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, " k"]]:
-        """Return wrenches by way of the filter, and the share of the noise that it leaves."""
+        """Return filtered wrenches, and the share of the noise that the filter leaves."""
         if self._forward is None or self._ahead:
             return measured.wrench, ALL
         wrenches = measured.wrench

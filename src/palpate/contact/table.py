@@ -1,4 +1,4 @@
-"""Contacts as the rows of a table: the columns that files have, in every format, and what a sensor adds behind them."""
+"""Convert contacts to and from tables with the columns of files, followed by those that a sensor adds."""
 
 from __future__ import annotations
 
@@ -36,18 +36,18 @@ LABELS = [status.label for status in Status]  # at the place of their code
 
 
 def schema(features: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Column -> type of polars."""
+    """Return the polars type of each column."""
     types: dict[str, Any] = {name: pl.Int64 if name in WHOLE else pl.Float64 for name in COLUMNS}
     return types | {"status": pl.String} | dict.fromkeys(features, pl.Float64)
 
 
 def features_of(names: tuple[str, ...] | list[str]) -> tuple[str, ...]:
-    """Those names of columns that are features of a sensor."""
+    """Return the column names that are features of a sensor."""
     return tuple(name for name in names if name not in COLUMNS)
 
 
 def to_frame(contacts: Contacts) -> pl.DataFrame:
-    """The columns of `COLUMNS`, then features; null where a number is NaN, the status's label."""
+    """Return a table with the columns of `COLUMNS`, then features; null for NaN, statuses as labels."""
     require_polars_threads()
     estimate = contacts.estimate
     numbers = np.column_stack([estimate.point, estimate.normal, estimate.force, estimate.torque])
@@ -68,10 +68,10 @@ def to_frame(contacts: Contacts) -> pl.DataFrame:
 
 
 def from_frame(frame: pl.DataFrame) -> Contacts:
-    """The inverse of `to_frame`; columns may stand in any order.
+    """Return the contacts of a table, the inverse of `to_frame`; columns may have any order.
 
     Raises:
-        ValueError: a whole number or a status is missing, there is no such status, or an answered row has no point.
+        ValueError: an integer or a status is missing, a status is unknown, or an answered row has no point.
     """
     whole = frame.select(WHOLE)
     if whole.null_count().sum_horizontal().item():
@@ -91,7 +91,7 @@ def from_frame(frame: pl.DataFrame) -> Contacts:
 
 
 def pointless(estimate: ContactEstimate) -> int | None:
-    """The first row that is answered, but has no point."""
+    """Return the first row that is answered but has no point; None if there is none."""
     rows = np.flatnonzero(estimate.answered & ~np.isfinite(estimate.point).all(axis=1))
     return int(rows[0]) if len(rows) else None
 
@@ -106,7 +106,7 @@ def assembled(
     features: dict[str, Float[np.ndarray, " n"]],
     notes: tuple[str, ...] = (),
 ) -> Contacts:
-    """From columns; `numbers` are those of `NUMBERS`. The residual is NaN: files do not hold it."""
+    """Make contacts from columns, with those of `NUMBERS` in `numbers`. The residual, not in files, is NaN."""
     vectors, variances = numbers[:, 1:11], numbers[:, 11:]
     covariance = np.empty((len(sample), 3, 3))
     covariance[:, *_UPPER] = variances

@@ -1,4 +1,4 @@
-"""How contacts are found in frames of taxels."""
+"""Settings with which contacts are found in frames of taxels."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ __all__ = ["TaxelSettings"]
 
 @dataclass(frozen=True)
 class TaxelSettings:
-    """How contacts are found.
+    """Thresholds, drift and tracking by which contacts are found in frames of taxels.
 
     Args:
-        on, off: a contact begins where a cell stands so many deviations of its noise above its rest, and reaches as far
-            as cells that stand `off` above: a threshold of each cell's own, that follows its drift.
-        sure, share: two peaks are two contacts if the saddle lies deeper than `sure` deviations and than this share of
-            the lower peak.
-        unequal: share by which a cell's gain may be off from its curve, beside its noise; None: 0.02 of cells whose
-            curves are known, 0.1 of others.
-        drift: [s] in which the rest of an untouched cell is followed; inf: it stays.
-        walk: [counts/sqrt(s)] by which a cell's rest wanders. Where it is stated, it takes the place of `drift`: the
-            rest is followed by a Kalman filter, a second late and while nothing touches the cell, and what is not
-            known of it is in the thresholds and the covariance. 0: not known.
-        reach, speed, patience: of identities: a contact may be `reach` [m] off from one frame to the next, and move at
-            `speed` [m/s] beside that; one that is lost is waited for `patience` [s].
+        on, off: a contact begins at a taxel that reads `on` standard deviations of its noise above its baseline, and
+            extends over taxels that read `off` above it: each taxel has its own threshold, which follows its drift.
+        sure, share: two peaks are two contacts if the saddle between them is deeper than `sure` standard deviations and
+            than this share of the lower peak.
+        unequal: share by which a taxel's gain may differ from its curve, in addition to its noise; None: 0.02 for
+            taxels whose curves are known, 0.1 for others.
+        drift: [s] time in which the baseline of an untouched taxel is followed; inf: it stays.
+        walk: [counts/sqrt(s)] random walk of a taxel's baseline. If stated, it replaces `drift`: the baseline is
+            followed by a Kalman filter, a second late and while nothing touches the taxel, and its uncertainty widens
+            the thresholds and the covariance. 0: not known.
+        reach, speed, patience: for identities: a contact may differ by `reach` [m] from one frame to the next, plus
+            `speed` [m/s] of motion; one that is lost is waited for during `patience` [s].
     """
 
     on: float = 6.0

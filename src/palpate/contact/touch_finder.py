@@ -21,11 +21,11 @@ FAINT = 0.1  # of the heaviest window's weight: what weighs less has no say in t
 
 
 def find_touches(contacts: Contacts, *, gap: float = 0.05, shortest: float = 0.02) -> Events:
-    """Return the touches among contacts; see `TouchFinder`.
+    """Return the touches among contacts, found by a `TouchFinder`.
 
     Args:
         contacts: of any sensor.
-        gap: [s]; answered samples of one identity that are closer belong to one touch, whatever lies between them.
+        gap: [s]; answered samples of one identity that are closer in time belong to one touch, whatever is between.
         shortest: [s]; a touch that lasts less is left out.
     """
     finder = TouchFinder(gap=gap, shortest=shortest)
@@ -34,7 +34,7 @@ def find_touches(contacts: Contacts, *, gap: float = 0.05, shortest: float = 0.0
 
 
 class _Span:
-    """Name the columns of times: of a sample, of a window, of a touch."""
+    """Columns of the times of a sample, a window or a touch."""
 
     start = 0
     end = 1
@@ -46,7 +46,7 @@ class _Span:
 
 
 class _Sum:
-    """Name the columns of sums; behind them the sum of each feature, then how many samples have it."""
+    """Columns of sums, followed by the sum of each feature, then by the number of samples that have it."""
 
     count = 0
     ambiguous = 1
@@ -60,11 +60,11 @@ class _Sum:
 
 
 class TouchFinder:
-    """Find touches in contacts that come block by block; ten rows of sums a second and identity are kept.
+    """Finder of touches in contacts that come block by block; ten rows of sums per second and identity are kept.
 
     Args:
-        gap: [s]; answered samples of one identity that are closer, beyond one and a half steps of the samples, belong
-            to one touch.
+        gap: [s]; answered samples of one identity that are closer than this plus one and a half sample steps belong to
+            one touch.
         shortest: [s]; a touch that lasts less is left out.
     """
 
@@ -76,7 +76,7 @@ class TouchFinder:
         self._windows: list[tuple[np.ndarray, np.ndarray]] = []
 
     def add(self, contacts: Contacts) -> None:
-        """Add the next contacts; numbers that no sensor gives are left out, as their sums would overflow."""
+        """Add the next contacts; impossibly large numbers are left out, as their sums would overflow."""
         time, estimate = contacts.time, contacts.estimate
         known = np.abs(time) <= LATEST  # not NaN
         steps = np.diff(np.concatenate([self._last, time[known]]))
@@ -115,18 +115,18 @@ class TouchFinder:
 
 
 def _firsts(ends: Bool[np.ndarray, " m"], count: int) -> Int[np.ndarray, " k"]:
-    """Return the first row of each group of `count` rows; `ends` says after which rows a group ends."""
+    """Return the first row of each group of `count` rows; `ends` tells after which rows a group ends."""
     return np.flatnonzero(np.concatenate([[True], ends])[:count])
 
 
 def _changes(spans: Float[np.ndarray, "n s"]) -> Bool[np.ndarray, " m"]:
-    """Return after which rows another window of time, or another identity, begins."""
+    """Return a mask of the rows after which another window of time, or another identity, begins."""
     later = np.diff(np.floor(spans[:, _Span.start] / WINDOW)) != 0
     return later | (np.diff(spans[:, _Span.identity]) != 0)
 
 
 def _widened(sums: Float[np.ndarray, "n w"], width: int) -> Float[np.ndarray, "n v"]:
-    """Return sums with the columns of features that came later."""
+    """Return sums with the columns of features that came later, filled with zeros."""
     had, have = (sums.shape[1] - _Sum.length) // 2, (width - _Sum.length) // 2
     if had == have:
         return sums
@@ -139,7 +139,7 @@ def _widened(sums: Float[np.ndarray, "n w"], width: int) -> Float[np.ndarray, "n
 def _samples(
     contacts: Contacts, features: tuple[str, ...]
 ) -> tuple[Float[np.ndarray, "n s"], Float[np.ndarray, "n w"]]:
-    """Return when each answered contact was, and what it adds to the sums."""
+    """Return the time and identity of each answered contact, and its terms in the sums."""
     estimate, count = contacts.estimate, len(contacts)
     strength = np.linalg.norm(estimate.force, axis=1)
     spans = np.stack([contacts.time] * 2 + [strength, contacts.time, contacts.identity, np.zeros(count)], axis=1)
@@ -164,7 +164,7 @@ def _samples(
 
 
 def _merged(spans: Float[np.ndarray, "n s"], firsts: Int[np.ndarray, " k"]) -> Float[np.ndarray, "k s"]:
-    """Return start, end, largest force and its time, identity and first row, of all from each first to the next."""
+    """Return start, end, largest force and its time, identity and first row of each group of rows."""
     if not len(firsts):
         return np.empty((0, _Span.length))
     group = np.repeat(np.arange(len(firsts)), np.diff(np.append(firsts, len(spans))))
@@ -182,14 +182,14 @@ def _added(sums: Float[np.ndarray, "n w"], firsts: Int[np.ndarray, " k"]) -> Flo
 
 
 def _place(sums: Float[np.ndarray, "n w"]) -> Float[np.ndarray, "n 3"]:
-    """Return the mean points."""
+    """Return the mean points (n, 3) [m], weighted if there are weights."""
     weight, count = sums[:, _Sum.weight, None], sums[:, _Sum.count, None]
     weighed = sums[:, _Sum.weighted] / np.where(weight > 0, weight, 1.0)
     return np.where(weight > 0, weighed, sums[:, _Sum.plain] / count)
 
 
 def _reach(sums: Float[np.ndarray, "n w"], firsts: Int[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-    """Return how far the means of windows lie from the first; windows of little weight do not count."""
+    """Return the largest distance [m] of mean points of windows from the first, without windows of little weight."""
     place = _place(sums)
     weight = np.where(sums[:, _Sum.weight] > 0, sums[:, _Sum.weight], sums[:, _Sum.count])
     reach = np.zeros(len(firsts))

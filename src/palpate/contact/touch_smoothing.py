@@ -1,4 +1,4 @@
-"""On logs a touch is decided as a whole: what its last samples know holds for its first ones too."""
+"""Decide on a complete touch of a log: its last samples correct the first ones."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ _APART = 0.05  # of the body's size between samples: the touch may have changed 
 
 
 class Located(NamedTuple):
-    """A block as it was located, sample after sample.
+    """A block with its located samples.
 
     Attributes:
         block: of the log.
-        wrench, covariance, status: (n, ...) what was located; covariance None: the locator's noise.
-        rows: (n, 22) the estimates.
+        wrench, covariance, status: (n, ...) input of the locator; covariance None: the locator's noise.
+        rows: (n, 22) estimates.
     """
 
     block: Recording
@@ -36,7 +36,7 @@ class Located(NamedTuple):
 
 
 def joined(block: Recording, pieces: list[Located]) -> Located:
-    """Return the pieces of a block as one."""
+    """Return the pieces of a block joined as one."""
     if len(pieces) == 1:
         return pieces[0]._replace(block=block)
     wrench, status, rows = (
@@ -47,7 +47,7 @@ def joined(block: Recording, pieces: list[Located]) -> Located:
 
 
 def rejoined(parts: Iterable[tuple[Piece, Located]]) -> Iterator[Located]:
-    """Yield blocks from their pieces."""
+    """Yield complete blocks, joined from their pieces."""
     pieces = list[Located]()
     for piece, part in parts:
         pieces.append(part)
@@ -57,9 +57,9 @@ def rejoined(parts: Iterable[tuple[Piece, Located]]) -> Iterator[Located]:
 
 
 def smooth_touches(parts: Iterable[Located], locator: Locator) -> Iterator[Located]:
-    """Blocks as soon as the touches in them have ended, their rows corrected where a touch turned out to be another.
+    """Yield blocks once the touches in them have ended, with rows corrected if a touch turned out to be elsewhere.
 
-    A touch whose samples had several candidates is followed back from the one that was believed at its end.
+    A touch whose samples had several candidates is followed back from the candidate believed at its end.
     """
     waiting: list[Located] = []
     done = count = 0  # samples of the blocks that wait: settled, and all
@@ -83,7 +83,7 @@ def smooth_touches(parts: Iterable[Located], locator: Locator) -> Iterator[Locat
 
 
 def _settle(waiting: list[Located], begin: int, end: int, locator: Locator) -> None:
-    """Touches from one sample to another of the blocks that wait."""
+    """Correct the touches from one sample to another of the blocks that wait."""
     first = 0
     pieces: list[Located] = []
     for part in waiting:
@@ -109,7 +109,7 @@ def _cut(values: np.ndarray | None, piece: slice) -> np.ndarray | None:
 
 
 def _spans(rows: Float[np.ndarray, "n 22"]) -> list[slice]:
-    """Touches: from the first located sample after one without contact to the last before the next."""
+    """Return slices of touches: from the first located sample after one without contact to the last before the next."""
     touching = rows[:, ROW.status] != Status.NO_CONTACT
     edges = np.flatnonzero(np.diff(touching, prepend=False, append=False))
     located = np.isfinite(rows[:, 0])
@@ -122,7 +122,7 @@ def _spans(rows: Float[np.ndarray, "n 22"]) -> list[slice]:
 
 
 def _several(rows: Float[np.ndarray, "n 22"], size: float) -> bool:
-    """Could these samples be of more than one branch?"""
+    """Return whether these samples may belong to more than one branch."""
     points: Float[np.ndarray, "k 3"] = rows[np.isfinite(rows[:, 0]), ROW.point]
     moved: Bool[np.ndarray, " k"] = np.linalg.norm(np.diff(points, axis=0), axis=1) > _APART * size
     return bool((rows[:, ROW.candidates] > 1).any() or moved.any())

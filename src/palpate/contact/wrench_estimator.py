@@ -1,4 +1,4 @@
-"""From readings to contacts by way of the wrench: sensor, tare, filter, mounting, method."""
+"""Turn a wrench sensor's readings into contacts: sensor, tare, filter, mounting, method."""
 
 from __future__ import annotations
 
@@ -40,44 +40,44 @@ __all__ = ["WrenchEstimator"]
     estimate='estimator.run(palpate.Recording(time, {"force": force, "torque": torque}))',
 )
 class WrenchEstimator(ContactEstimator):
-    """Locate the contact of each wrench, of any sensor of wrenches, on any surface.
+    """Estimator of one contact per sample, for any wrench sensor on any surface.
 
     A reading is six numbers [N, N m] as measured, force first, in the frame that `ForceTorque.frame` names; or the
-    voltages of load cells. Each sample has one row.
+    voltages of load cells. Each sample gives one row.
 
-    The filter acts on the wrench in the sensor's frame; its share of the noise goes into the covariance, and what
-    sensor, tare and mounting add, the same in every sample, stays whole. A sample that the sensor gives a status passes
-    the filter by; a gap starts the filter afresh (`sensors.smoothing`).
+    The filter acts on the wrench in the sensor's frame; it reduces the noise in the covariance, but not the errors of
+    sensor, tare and mounting, which are the same in every sample. A sample to which the sensor gives a status bypasses
+    the filter; a gap restarts the filter (`palpate.signals.smoothing`).
 
     Args:
-        locator: on the surface, in the surface's frame; or the surface, as `Locator` takes it. One without noise takes
-            the sensor's, and thresholds from it where none were given.
-        sensor: of wrenches, such as a `Compensation` or a `LoadCellArray`; a `ForceTorque` stands for one that
+        locator: on the surface, in the surface's frame; or the surface, as `Locator` takes it. A locator without noise
+            gets the sensor's, and thresholds from it if none were given.
+        sensor: wrench sensor, such as a `Compensation` or a `LoadCellArray`; a `ForceTorque` is taken as one that
             carries no payload.
         mount: T_sensor_surface.
         mount_covariance: (6, 6) of its (rotation vector [rad], translation [m]), perturbed on the left.
-        filter: of the wrench; None: none. One of zero phase works in `pairs` and `stream` only.
-        rate: [Hz] of the samples; a filter needs it.
-        mounted: wrenches are about the sensor's frame. False: calibrated about the surface's, so that `mount` only
-            says where results are in other frames.
-        live: for samples as they come: the loop of single ones is compiled now, some seconds once a machine. False is
-            for logs: `pairs` and `stream` decide a touch as a whole when it has ended (`whole_touches`).
-        placement: [m] standard deviation, along each tangent, of where touches act beside what their wrenches explain:
-            found by `palpate calibrate mounting`, or stated, as of a body that flattens. It widens the covariance of
+        filter: applied to the wrench; None: none. One of zero phase works in `pairs` and `stream` only.
+        rate: [Hz] of the samples; required with a filter.
+        mounted: wrenches are about the sensor's frame. False: they are calibrated about the surface's frame, so that
+            `mount` only transforms results to other frames.
+        live: for a stream: the loop of single samples is compiled now, some seconds once per machine. False is for
+            logs: `pairs` and `stream` decide on a complete touch when it has ended (`smooth_touches`).
+        placement: [m] standard deviation, along each tangent, of the error of points that the wrenches do not explain:
+            found by `palpate calibrate mounting`, or stated, as for a body that flattens. It widens the covariance of
             the point, and changes no status.
-        drift: how the sensor's zero wanders: it is followed while nothing touches (`ZeroGate`), and what is not known
-            of it widens the covariance, so that a contact begins where the force is more than that. For logs
-            (`live=False`) the zero is smoothed by what comes after a touch, for which blocks wait 10 minutes at most.
+        drift: model of the bias's drift: the bias is followed while nothing touches (`DriftGate`), and its uncertainty
+            widens the covariance, so that a contact begins at a force above it. For logs (`live=False`) the bias is
+            smoothed by the samples after a touch, for which blocks wait 10 minutes at most.
 
     Attributes:
-        kelvin: temperature of the sensor [K or degrees C] for `update` and `update_into`, which take no channels: to be
-            set as it changes, where `drift` has a `thermal`. Blocks bring theirs (`TEMPERATURE`).
-        threads: in which `pairs` and `stream` locate while later blocks are read: sooner where there are cores to
-            spare, the same bits. 0: in none but the caller's, as where the zero is followed.
+        kelvin: temperature of the sensor [K or degrees C] for `update` and `update_into`, which take no channels: set
+            it as it changes if `drift` has a `thermal`. Blocks contain their own (`TEMPERATURE`).
+        threads: number of threads in which `pairs` and `stream` locate while later blocks are read: faster on idle
+            cores, with identical results. 0: the caller's thread, which is also used if the bias is followed.
 
     Raises:
-        InputError: a filter without a rate, or with one that is too low for it; or a negative placement; a drift of
-            other channels than the sensor's, or of a sensor whose noise is not known.
+        InputError: a filter without a rate, or with one that is too low for it; a negative placement; a drift of other
+            channels than the sensor's, or for a sensor whose noise is not known.
     """
 
     @takes_arrays
@@ -119,28 +119,28 @@ class WrenchEstimator(ContactEstimator):
         self.reset()
 
     def empty(self, *batch: int) -> Float[np.ndarray, "*batch 22"]:
-        """Return rows to write into, of NaN; `ContactEstimate.from_rows` names what is in them, `ROW` where."""
+        """Return rows (*batch, 22) of NaN to write into, laid out as `ROW`; see `ContactEstimate.from_rows`."""
         return self.locator.empty(*batch)
 
     def reset(self) -> None:
-        """Forget what samples left: filter, last contact, hysteresis; not the tare."""
+        """Forget the state that samples left behind: filter, last contact, hysteresis; keep the tare."""
         super().reset()
         self._wrenches.reset()
         self.locator.reset()
 
     def tare(self, recording: Recording) -> Tare:
-        """Take the mean of a window off from now on; see `ContactEstimator.tare`."""
+        """Subtract the mean of an untouched recording from now on; see `ContactEstimator.tare`."""
         taken = self.sensor.tare(recording)
         self.reset()
         return Tare(taken.note, taken.warning or self._touched(taken))
 
     def answer(self, block: Recording, watched: bool = False) -> Answered:
-        """Answer the samples of a block, one row each."""
+        """Return the contacts of a block, one row per sample."""
         located = rejoined(self._located(self._wrenches.forward(self._wrenches.pieces([block]))))
         return self._answered(next(located))
 
     def answers(self, blocks: Iterable[Recording], watched: bool = False) -> Iterator[Answered]:
-        """Answer the blocks of a log, from its start, each as soon as its contacts are known.
+        """Yield the answered blocks of a log, from its start, each as soon as its contacts are known.
 
         For logs (`live=False`) blocks wait until the touches in them end. A sensor may cut blocks where its log begins
         anew.
@@ -153,19 +153,19 @@ class WrenchEstimator(ContactEstimator):
         return map(self._answered, smooth_touches(located, self.locator) if self._whole else located)
 
     def contact_wrenches(self, recording: Recording) -> Wrenches:
-        """Return the wrenches of a recording in the surface's frame, not filtered."""
+        """Return the unfiltered wrenches of a recording in the surface's frame."""
         return self._wrenches.unfiltered(recording)
 
     def zero_history(self) -> ZeroHistory | None:
-        """Return how the zero went since the last reset, in live samples or a log; None where it is not followed."""
+        """Return the course of the bias since the last reset, in a stream or a log; None if it is not followed."""
         return self._wrenches.history()
 
     def notes(self) -> tuple[str, ...]:
-        """Return what was met so far by the sensor and on the surface, one sentence each."""
+        """Return remarks on the sensor and the surface so far, one sentence each."""
         return (*self.locator.surface.notes, *self._wrenches.notes())
 
     def warnings(self) -> tuple[str, ...]:
-        """Return what may be wrong with the sensor, and with its zero where it is followed."""
+        """Return possible faults of the sensor, and of its bias if it is followed, one sentence each."""
         return self._wrenches.warnings()
 
     def _single(self, time: float, reading: ArrayLike, out: Rows, rotation: Known, acceleration: Known) -> int:
@@ -205,13 +205,13 @@ class WrenchEstimator(ContactEstimator):
         return Answered(located.block, self._widened(located.rows), np.ones(len(located.rows), dtype=np.int64))
 
     def _widened(self, rows: Float[np.ndarray, "n width"]) -> Float[np.ndarray, "n width"]:
-        """Add what touches err by beside their wrenches to the covariances, after a touch was decided."""
+        """Add the placement error, which wrenches do not show, to the covariances, after a touch was decided."""
         if self.placement > 0.0:
             self._widen(rows, self.placement**2)
         return rows
 
     def _touched(self, taken: Tare) -> str:
-        """Return where a steady touch would be that reads what a tare took off, if the surface can be touched so."""
+        """Return a sentence on a steady touch that would read what a tare subtracted; "" if none is possible."""
         force = 0.0 if taken.touch is None else float(np.linalg.norm(taken.touch[:3]))
         if taken.touch is None or force <= max(self.locator.on, taken.least):
             return ""

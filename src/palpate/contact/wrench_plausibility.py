@@ -1,4 +1,4 @@
-"""Do the wrenches of a log fit the body on which they are located?"""
+"""Check whether the wrenches of a log fit the body on which they are located."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ __all__ = ["WrenchPlausibility"]
 
 
 class WrenchPlausibility:
-    """Judge an estimator of wrenches by some samples of a log.
+    """Check of the wrenches of an estimator by some samples of a log.
 
     Args:
         locator: on the surface.
-        wrenches: of the sensor.
+        wrenches: turns readings of the sensor into wrenches about the surface's frame.
         mount: T_sensor_surface.
     """
 
@@ -26,15 +26,15 @@ class WrenchPlausibility:
 
     @property
     def size(self) -> float:
-        """[m] of the body."""
+        """Size of the body [m]."""
         return self._locator.surface.size
 
     def required_bounds(self, contacts: Contacts) -> RequiredBounds:
-        """Return which bounds of friction and torsion the contacts would need."""
+        """Return the bounds of friction and torsion that the contacts would need."""
         return RequiredBounds.of(contacts, (self._locator.friction, self._locator.torsion), self.size)
 
     def warnings(self, recording: Recording) -> list[str]:
-        """Return what units, bias or mounting may be wrong, one sentence each."""
+        """Return warnings of wrong units, bias or mounting, one sentence each."""
         surface = self._locator.surface
         wrenches = self._wrenches.unfiltered(recording).wrench
         sensed = wrenches @ self._mount.wrench_matrix().T  # saturated ones too: a wrong unit saturates a sensor

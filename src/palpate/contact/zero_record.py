@@ -1,4 +1,4 @@
-"""How a zero that was followed went, in bounded memory, and what is to be said of it."""
+"""Record the course of a bias in bounded memory, with notes and warnings."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from palpate.signals.zero_filter import FollowedSensor, ZeroHistory, ZeroState, 
 __all__ = ["ZeroRecord"]
 
 KEPT = 20_000  # windows, evenly spread
-MOSTLY = 0.9  # of the time: held for longer is worth a doubt, in a log of
-LEAST = 3000  # windows
-LEARNT = 0.8  # of what was not known of the payload's weight is left: it was learnt
-SAID = 3  # jumps that are named
+MOSTLY = 0.9  # share of the time: a bias not followed for longer gives a warning, in a log of
+LEAST = 3000  # or more windows
+LEARNT = 0.8  # of the initial standard deviation of the payload's weight: below it, the weight was learnt
+SAID = 3  # jumps that notes list
 
 
 class ZeroRecord:
-    """Windows as they come, every so manieth of them kept.
+    """Record of windows; of a long log only every k-th is kept.
 
     Args:
-        sensor: tells what a change of the zero is as a wrench.
+        sensor: converts a change of the bias into a wrench.
     """
 
     def __init__(self, sensor: FollowedSensor) -> None:
@@ -31,7 +31,7 @@ class ZeroRecord:
         self._first: ZeroState | None = None
 
     def add(self, time: float, state: ZeroState, status: ZeroStatus) -> None:
-        """The next window."""
+        """Add the next window."""
         self._counts[status] += 1
         self._span = [*self._span[:1], time]
         self._first, self._last = self._first or state, state
@@ -42,7 +42,7 @@ class ZeroRecord:
             self._rows, self._stride = self._rows[::2], 2 * self._stride
 
     def value(self) -> ZeroHistory:
-        """What was kept."""
+        """Return the history of the windows that were kept."""
         zeros = [state.zero for _, state, _ in self._rows]
         channels = len(zeros[0]) if zeros else len(self._sensor.start()[1].zero)
         deviations = [np.sqrt(np.diag(state.covariance)[:channels]) for _, state, _ in self._rows]
@@ -57,7 +57,7 @@ class ZeroRecord:
         )
 
     def notes(self, jumps: list[Jump]) -> tuple[str, ...]:
-        """How far, and how much of the time it was held."""
+        """Return notes on the change of the bias, and how long it was not followed."""
         if self._first is None or self._last is None:
             return ()
         channels = len(self._last.zero)
@@ -78,7 +78,7 @@ class ZeroRecord:
         return tuple(said)
 
     def warnings(self, jumps: list[Jump]) -> tuple[str, ...]:
-        """Jumps that may be touches, and a zero that is hardly free."""
+        """Return warnings of jumps that may be touches, and of a bias rarely followed."""
         left = [jump for jump in jumps if not jump.followed]
         said = list[str]()
         if left:

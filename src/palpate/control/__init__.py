@@ -1,4 +1,4 @@
-"""Contacts become motion: admittance, alignment with what is touched, the limits and the states of a loop."""
+"""Turn contacts into motion: admittance, alignment with a touched surface, limits and states of a control loop."""
 
 from palpate.control.admittance import Admittance
 from palpate.control.align import AlignController

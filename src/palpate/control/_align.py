@@ -1,4 +1,4 @@
-"""Compiled: the small steps of a control cycle, each of which would take NumPy 50 us of calls."""
+"""Compiled: the small steps of a control cycle, each of which would take 50 us of calls in NumPy."""
 
 # pyright: basic
 from __future__ import annotations
@@ -15,14 +15,14 @@ STEEPEST = 0.866  # sine of the largest angle that a place on the face can mean
 
 @inner
 def _turned(matrix, vector, out):
-    """Out = matrix vector."""
+    """Write matrix (3, 3) times vector (3,) into out."""
     for i in range(3):
         out[i] = matrix[i, 0] * vector[0] + matrix[i, 1] * vector[1] + matrix[i, 2] * vector[2]
 
 
 @inner
 def _back(matrix, vector, out):
-    """Out = matrix^T vector."""
+    """Write matrix^T (3, 3) times vector (3,) into out."""
     for i in range(3):
         out[i] = matrix[0, i] * vector[0] + matrix[1, i] * vector[1] + matrix[2, i] * vector[2]
 
@@ -36,11 +36,11 @@ def _cross(a, b, out):
 
 @entry("motion 12, sensor 3 3, inertia 3 3, load 3, wrench 6, out out 6, acceleration out 3, moved out 3")
 def felt(motion, sensor, inertia, load, wrench, out, acceleration, moved):
-    """The wrench (6,) with what turning the payload takes added, M + I al + w x I w, and its centre's acceleration.
+    """Write the wrench (6,) plus the moment that turns the payload, M + I al + w x I w, and its centre's acceleration.
 
     motion (12,) of the payload's centre in the base (`Arm.motion_into`), sensor (3, 3) in the base; acceleration (3,)
-    comes out in the sensor's frame. load (3,): mass times the vector from the tip to the payload's centre. moved (3,):
-    the moment about the tip, in the sensor's frame, that all of the payload's motion takes.
+    is in the sensor's frame. load (3,): mass times the vector from the tip to the payload's centre. moved (3,):
+    the moment about the tip, in the sensor's frame, that the payload's complete motion takes.
     """
     turning, speeding, momentum, gyro = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     _back(sensor, motion[3:6], turning)
@@ -65,11 +65,11 @@ def felt(motion, sensor, inertia, load, wrench, out, acceleration, moved):
     """
 )
 def sensed(row, sensor, place, face, middle, axes, tip, moved, rotation, at, found, variance, force):
-    """What a law is given: axes of the face and its middle in the base; place, variance and force in the face's axes.
+    """Write a law's input: axes of the face and its middle in the base; place, variance and force in the face's axes.
 
     row (22,) of the estimate in the surface's frame, where the face has its axes (3, 3) `face` and its `middle`; `axes`
     and `tip` are the same in the sensor's frame, whose pose is sensor, place. A share of `moved`, see `felt`, is taken
-    to be misjudged: it adds to the variance of the place what such a moment moves it by.
+    as its error: the displacement by this moment adds to the variance of the place.
     """
     for i in range(3):
         at[i] = place[i]
@@ -94,7 +94,7 @@ def sensed(row, sensor, place, face, middle, axes, tip, moved, rotation, at, fou
 
 @inner
 def _outward(values, axes, out):
-    """The normal in the base of a surface that leans by two angles in the axes of the first touch, into the tissue."""
+    """Write the normal in the base, into the tissue, of a surface that leans by two angles in the first axes."""
     x, y = np.tan(values[0]), np.tan(values[1])
     length = np.sqrt(x * x + y * y + 1.0)
     for i in range(3):
@@ -110,12 +110,12 @@ def _outward(values, axes, out):
 def observed(
     place, variance, force, rotation, tip, radii, axes, origin, values, wanted, stiffness, floor, readings, worth
 ):
-    """Angles and height of the surface by one contact, into readings (3,); the force [N] that presses comes out.
+    """Write angles and height of the surface from one contact into readings (3,); return the normal force [N].
 
-    worth (3,): the variances of the readings, of the angles by that of the place (2,), none below the floor (3,).
+    worth (3,): variances of the readings, for the angles from that of the place (2,), none below floor (3,).
 
-    place, force (3,) in the face's axes, which stand as `rotation` with their middle at `tip`; axes, origin: of the
-    first touch; values (3,): what is believed of the surface so far, for the lowest point of the probe.
+    place, force (3,) are in the face's axes, whose pose is `rotation`, `tip`; axes, origin: of the first touch;
+    values (3,): present estimate of the surface, for the lowest point of the probe.
     """
     normal, local, low = np.empty(3), np.empty(3), np.empty(3)
     local[0], local[1] = place[0] / radii[0], place[1] / radii[1]
@@ -147,7 +147,7 @@ def observed(
 
 @entry("goal 3, smoothing 3, period float, value out 3, rate out 3")
 def smoothed(goal, smoothing, period, value, rate):
-    """Values and rates (c,) over a period [s] to goals (c,), critically damped, `smoothing` (c,) [s] behind."""
+    """Move values and rates (c,) over a period [s] to goals (c,), critically damped, with lags `smoothing` (c,) [s]."""
     for c in range(len(value)):
         w = 2.0 / smoothing[c]
         decay = np.exp(-w * period)
@@ -160,11 +160,11 @@ def smoothed(goal, smoothing, period, value, rate):
 
 @entry("values 3, axes 3 3, origin 3, depth float, rotation 3 3, tip 3, out out 6")
 def target(values, axes, origin, depth, rotation, tip, out):
-    """The step (6,) from a pose (rotation, tip) to that which meets the surface, in base axes.
+    """Write the step (6,) from a pose (rotation, tip) to the pose that meets the surface, in base axes.
 
-    The axis is to be its normal n, turned there by the least rotation (Rodrigues), so that the probe does not spin. The
-    surface itself, `depth` above where the wanted force is felt, meets the first axis at one point; the tip is to be
-    `depth` below that point along n, so that a surface which turns is not dragged sideways.
+    The probe's axis goes to the normal n by the least rotation (Rodrigues), so that the probe does not spin. The
+    surface, `depth` above the height of the wanted force, meets the first axis at one point; the tip goes `depth` below
+    that point along n, so that a surface which turns is not dragged sideways.
     """
     n, v, turned = np.empty(3), np.empty(3), np.empty((3, 3))
     _outward(values, axes, n)
@@ -183,7 +183,7 @@ def target(values, axes, origin, depth, rotation, tip, out):
 
 @inner
 def _vector(to, of, out):
-    """Rotation vector in the base that turns one set of axes into another, less than half a turn away."""
+    """Write the rotation vector in the base that turns the axes `of` into `to`, by less than half a turn."""
     out[0] = out[1] = out[2] = 0.0
     trace = 0.0
     for j in range(3):

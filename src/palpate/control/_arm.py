@@ -30,7 +30,7 @@ def _start(rotation, position):
 
 @inner
 def _shift_into(chain, i, rotation, out):
-    """R t_i, in base axes."""
+    """Write R t_i, in base axes, into out (3,)."""
     x, y, z = chain[i, _SHIFT], chain[i, _SHIFT + 1], chain[i, _SHIFT + 2]
     for r in range(3):
         out[r] = rotation[r, 0] * x + rotation[r, 1] * y + rotation[r, 2] * z
@@ -38,7 +38,7 @@ def _shift_into(chain, i, rotation, out):
 
 @inner
 def _orient(chain, i, rotation, axis):
-    """R <- R R_i, and the axis of joint i in base axes."""
+    """Set R to R R_i, and write the axis of joint i in base axes."""
     for r in range(3):
         a, b, c = rotation[r, 0], rotation[r, 1], rotation[r, 2]
         for k in range(3):
@@ -52,7 +52,7 @@ def _orient(chain, i, rotation, axis):
 
 @inner
 def _turn(axis, angle, rotation):
-    """R <- exp([axis] angle) R: Rodrigues' formula, column by column."""
+    """Set R to exp([axis] angle) R by Rodrigues' formula, column by column."""
     c, s = math.cos(angle), math.sin(angle)
     for k in range(3):
         x, y, z = rotation[0, k], rotation[1, k], rotation[2, k]
@@ -64,7 +64,7 @@ def _turn(axis, angle, rotation):
 
 @inner
 def _walk(chain, q, point, rotation, position, axes):
-    """To the point of the sensor frame; leaves where each joint is in axes[0:3] and its axis in axes[3:6]."""
+    """Go to the point of the sensor frame; write the place of each joint into axes[0:3] and its axis into axes[3:6]."""
     _start(rotation, position)
     work = np.zeros((2, 3))
     axis, step = work[0], work[1]
@@ -89,13 +89,13 @@ def _walk(chain, q, point, rotation, position, axes):
 
 @entry("chain n+1 16, q n, rotation out 3 3, translation out 3")
 def pose(chain, q, rotation, translation):
-    """T_base_sensor at joint positions q (n,), into rotation (3, 3) and translation (3,)."""
+    """Write T_base_sensor at joint positions q (n,) into rotation (3, 3) and translation (3,)."""
     _walk(chain, q, np.zeros(3), rotation, translation, np.empty((6, len(q))))
 
 
 @entry("chain n+1 16, q n, point 3, out out 6 n")
 def jacobian(chain, q, point, out):
-    """Of a point of the sensor frame: linear rows, then angular, in base axes, into out (6, n)."""
+    """Write the Jacobian of a point of the sensor frame, linear rows, then angular, in base axes, into out (6, n)."""
     position, rotation = np.empty(3), np.empty((3, 3))
     _walk(chain, q, point, rotation, position, out)
     for i in range(len(q)):
@@ -110,7 +110,7 @@ def jacobian(chain, q, point, out):
 
 @inner
 def _carry(step, out, work):
-    """Of a point d = `step` [m] further along a rigid body: v + w x d, a + al x d + w x (w x d)."""
+    """Move the reference point by d = `step` [m] along a rigid body: v + w x d, a + al x d + w x (w x d)."""
     turn, swing, twice = work[0], work[1], work[2]
     cross_into(out[3:6], step, turn)
     cross_into(out[9:12], step, swing)
@@ -122,9 +122,9 @@ def _carry(step, out, work):
 
 @entry("chain n+1 16, q n, rate n, change n, point 3, out out 12")
 def motion(chain, q, rate, change, point, out):
-    """Of a point of the sensor frame: velocity, angular velocity, acceleration, angular acceleration, into out (12,).
+    """Write velocity, angular velocity, acceleration, angular acceleration of a sensor-frame point into out (12,).
 
-    From joint to joint, in base axes: a body's own motion, then what the joint adds to it.
+    From joint to joint, in base axes: the motion of a body, then the contribution of its joint.
     """
     rotation, work = np.empty((3, 3)), np.zeros((5, 3))
     axis, step = work[3], work[4]
@@ -158,9 +158,9 @@ def motion(chain, q, rate, change, point, out):
 
 @entry("jacobian 6 n, e 6, damping float, out out n")
 def damped_step(jacobian, e, damping, out):
-    """J' y into out (n,), where (J J' + damping^2 I) y = e; returns |damping^2 y| / |e|, or NaN with out zero.
+    """Write J' y into out (n,), where (J J' + damping^2 I) y = e; return |damping^2 y| / |e|, or NaN with out zero.
 
-    Cholesky's factor of a 6 x 6 matrix; a pivot that is not positive is a singular or a bad matrix.
+    By Cholesky factorisation of a 6 x 6 matrix; a pivot that is not positive means a singular or a bad matrix.
     """
     n, work = jacobian.shape[1], np.empty((7, 6))
     y = work[6]
@@ -203,9 +203,9 @@ def damped_step(jacobian, e, damping, out):
 
 @inner
 def _brakes(room, slowing):
-    """The longest step after which steps that shorten by `slowing` a cycle end within `room`.
+    """Return the longest step after which steps that shorten by `slowing` per cycle end within `room`.
 
-    k slowing + r, where k (k + 1) / 2 slowing + (k + 1) r = room: what the steps add up to.
+    k slowing + r, where k (k + 1) / 2 slowing + (k + 1) r = room: the sum of the steps.
     """
     if not room > 0.0:
         return 0.0
@@ -221,9 +221,9 @@ def _brakes(room, slowing):
 
 @entry("limits 4 n, q n, step n, last n, dt float, out out n")
 def limit(limits, q, step, last, dt, out):
-    """Into out (n,): q + step as far as the limits (4, n) allow; returns the share of the step, NaN for a hold.
+    """Write q + step into out (n,) as far as the limits (4, n) allow; return the share of the step, NaN for a hold.
 
-    last (n,) is the step before this one, which an acceleration is counted from. out may be q itself.
+    last (n,) is the previous step, from which the acceleration is computed. out may be q itself.
     """
     share, sound = 1.0, 0.0 < dt < math.inf
     for k in range(len(q)):
@@ -259,7 +259,7 @@ def limit(limits, q, step, last, dt, out):
 
 @entry("chain n+1 16, q n, offset n, axes 3 3, tip 3, turned out 3 3, at out 3")
 def stance(chain, q, offset, axes, tip, turned, at):
-    """Axes (3, 3) and a tip (3,) of the sensor's frame in the base, where the joints are `offset` (n,) off q (n,)."""
+    """Write axes (3, 3) and a tip (3,) of the sensor's frame in the base, for joints `offset` (n,) away from q (n,)."""
     rotation, translation, joints = np.empty((3, 3)), np.empty(3), np.empty(len(q))
     for k in range(len(q)):
         joints[k] = q[k] + offset[k]
@@ -275,7 +275,7 @@ def stance(chain, q, offset, axes, tip, turned, at):
 
 @inner
 def _bound(e, begin, most):
-    """Three entries of a wanted step no longer than `most`."""
+    """Shorten three entries of a wanted step to a length of at most `most`."""
     size = math.sqrt(e[begin] * e[begin] + e[begin + 1] * e[begin + 1] + e[begin + 2] * e[begin + 2])
     if size > most:
         for i in range(begin, begin + 3):
@@ -284,10 +284,10 @@ def _bound(e, begin, most):
 
 @entry("chain n+1 16, limits 4 n, offset n, point 3, e out 6, bounds 3, dt float, command out n, last out n")
 def stepped(chain, limits, offset, point, e, bounds, dt, command, last):
-    """One period on: the joint command (n,) and its step (n,) are written anew, toward a wanted step e (6,) of a point.
+    """Advance the joint command (n,) and its step (n,) by one period, toward a wanted step e (6,) of a point.
 
-    e is shortened to what bounds (3,) allow: the speeds [m/s, rad/s] of the point, and before them the damping; one
-    that is not finite is no motion. Where the joints are, they are `offset` (n,) off the command.
+    e is shortened to the speeds of the point in bounds (3,), damping, [m/s] and [rad/s]; if it is not finite it is set
+    to zero. The joints are at command + `offset` (n,).
     """
     n = len(command)
     joints, step, following = np.empty(n), np.empty(n), np.empty(n)

@@ -1,4 +1,4 @@
-"""Compiled: Kalman filters on each of some series that take turns: interacting multiple models."""
+"""Compiled: Kalman filters on each of several series, combined as interacting multiple models."""
 
 # pyright: basic
 from __future__ import annotations
@@ -14,7 +14,7 @@ STATE = 10  # of a filter: value, rate, its rate; the six entries of their covar
 
 @inner
 def _predict(s, dt, jerk, jump):
-    """One filter over dt: white noise of these densities on the third derivative and on the value itself."""
+    """Predict one filter over dt: white noise of these densities on the third derivative and on the value."""
     h = 0.5 * dt * dt
     p00, p01, p02, p11, p12, p22 = s[3], s[4], s[5], s[6], s[7], s[8]
     a0, a1, a2 = p00 + dt * p01 + h * p02, p01 + dt * p11 + h * p12, p02 + dt * p12 + h * p22  # first row of F P
@@ -31,7 +31,7 @@ def _predict(s, dt, jerk, jump):
 
 @inner
 def _correct(s, z, variance):
-    """One filter by one reading; the logarithm of how likely that was, but for a constant."""
+    """Correct one filter by one reading; return the log-likelihood of the reading, up to a constant."""
     total = s[3] + variance
     missed = z - s[0]
     k0, k1, k2 = s[3] / total, s[4] / total, s[5] / total
@@ -50,11 +50,11 @@ def _correct(s, z, variance):
 
 @entry("dt float, rates 3, out out n n")
 def changed(dt, rates, out):
-    """Probabilities (k, k) that the row's filter is the right one and after dt [s] the column's.
+    """Write the probabilities (k, k) that the row's filter is right now and the column's after dt [s].
 
-    The last filter is for jumps. rates (3,) [1/s]: with which a smooth motion is drawn anew from the k - 1 kinds of it,
-    a jump begins, and one ends in any of them. With S what all smooth kinds have together, dS/dt = -begins S +
-    ends (1 - S), and what one has more than its share of S goes by exp(-(changes + begins) t).
+    The last filter is for jumps. rates (3,) [1/s]: of a smooth motion being drawn anew from its k - 1 kinds, of the
+    begin of a jump, and of its end in any of these kinds. With S the total probability of all smooth kinds, dS/dt =
+    -begins S + ends (1 - S), and the excess of one over its share of S decays by exp(-(changes + begins) t).
     """
     changes, begins, ends = rates[0], rates[1], rates[2]
     k = len(out)
@@ -72,7 +72,7 @@ def changed(dt, rates, out):
 
 @inner
 def _mix(filters, shares, mixed):
-    """State and covariance (9,) of the filters (k, STATE), each by its share (k,)."""
+    """Write the mixed state and covariance (9,) of the filters (k, STATE), each weighted by its share (k,)."""
     for j in range(9):
         mixed[j] = 0.0
     for i in range(len(filters)):
@@ -89,7 +89,7 @@ def _mix(filters, shares, mixed):
 
 @inner
 def _interact(filters, change, old, shares):
-    """Each filter begins from what all know, by how likely they were right before it; its probability is predicted."""
+    """Start each filter from the mixture of all, by their earlier probabilities, and predict its probability."""
     for i in range(len(filters)):
         for j in range(STATE):
             old[i, j] = filters[i, j]
@@ -106,7 +106,7 @@ def _interact(filters, change, old, shares):
 
 @inner
 def _weigh(filters, likely):
-    """Probabilities by how likely (k,), as logarithms, the reading was to each; they sum to one."""
+    """Update probabilities by the log-likelihoods (k,) of the reading in each filter; they sum to one."""
     best, total = likely[0], 0.0
     for i in range(1, len(filters)):
         best = max(best, likely[i])
@@ -119,9 +119,9 @@ def _weigh(filters, likely):
 
 @entry("readings n, variances n, dt float, densities n m 2, rates 3, filters out n m 10, mixed out n 9")
 def advance(readings, variances, dt, densities, rates, filters, mixed):
-    """All filters (c, k, STATE) by dt [s], and by the readings (c,) that are not NaN; the mixtures (c, 9) of them.
+    """Advance filters (c, k, STATE) by dt [s] and by the readings (c,) that are not NaN; write their mixtures (c, 9).
 
-    densities (c, k, 2): of the noise that drives each, see `_predict`; rates (3,): see `changed`.
+    densities (c, k, 2): of the noise that drives each filter, see `_predict`; rates (3,): see `changed`.
     """
     count = filters.shape[1]
     change, old = np.empty((count, count)), np.empty((count, STATE))
@@ -143,7 +143,7 @@ def advance(readings, variances, dt, densities, rates, filters, mixed):
 
 @entry("mixed n 9, ahead float, value out n, rate out n")
 def foresee(mixed, ahead, value, rate):
-    """What the mixtures (c, 9) expect `ahead` [s] from now, and how fast it then moves, into (c,) each."""
+    """Write the values (c,) that the mixtures (c, 9) predict `ahead` [s] from now, and their rates (c,)."""
     for c in range(len(mixed)):
         value[c] = mixed[c, 0] + ahead * mixed[c, 1] + 0.5 * ahead * ahead * mixed[c, 2]
         rate[c] = mixed[c, 1] + ahead * mixed[c, 2]

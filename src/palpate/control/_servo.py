@@ -12,13 +12,13 @@ __all__ = ["follow", "separate"]
 
 @inner
 def _along(state, line, begun, ramp, lag, start, end):
-    """State (3, n), joints, speeds and accelerations, from `start` to `end` [s], while the reference r is one line.
+    """Advance state (3, n), joints, speeds, accelerations, from `start` to `end` [s]; the reference r is one line.
 
     line (2, n): r goes from the first to the second within `ramp` from `begun` on, and stays. With w = 2/lag
 
         q = r - 2 r'/w + (a + b t) exp(-w t),
 
-    a and b by what q and q' are at the start.
+    with a and b from q and q' at the start.
     """
     moving = start < begun + ramp
     step = end - start
@@ -44,7 +44,7 @@ def _along(state, line, begun, ramp, lag, start, end):
 
 @entry("state out 3 n, line 2 n, begun float, ramp float, lag float, start float, end float")
 def follow(state, line, begun, ramp, lag, start, end):
-    """As `_along`, by way of where the ramp ends."""
+    """Advance state (3, n) from `start` to `end` [s] as `_along` does, also across the end of the ramp."""
     middle = begun + ramp
     if start < middle < end:
         _along(state, line, begun, ramp, lag, start, middle)
@@ -55,9 +55,9 @@ def follow(state, line, begun, ramp, lag, start, end):
 
 @entry("past k n, times k, time float, joints n, offset n, out out n")
 def separate(past, times, time, joints, offset, out):
-    """Feedback (n,) less what the past (m, n) was at the nearest of the times (m,), less offset (n,), into out (n,).
+    """Write feedback (n,) less offset (n,) and the past (m, n) at the nearest of the times (m,) into out (n,).
 
-    Returns its root mean square; NaN where the feedback is not finite.
+    The root mean square of out is returned; NaN if the feedback is not finite.
     """
     nearest, total = 0, 0.0
     for k in range(1, len(times)):

@@ -1,4 +1,4 @@
-"""Compiled: what it costs to stand in each cell of a map of touched places, and the cheapest way through it."""
+"""Compiled: compute the cost of each cell of a map of touched places, and find the cheapest way through it."""
 
 # pyright: basic
 from __future__ import annotations
@@ -14,9 +14,9 @@ DIAGONAL = np.sqrt(2.0)
 
 @released("marks k 3, origin 2, cell float, hard float, soft float, near float, cost out n m")
 def fill(marks, origin, cell, hard, soft, near, cost):
-    """Cost of a unit of length in every cell: 1 + the greatest that a mark says of it.
+    """Write the cost of a unit of length in every cell: 1 + the greatest contribution of a mark.
 
-    A mark (x, y, weight) says its weight within `hard` [m], and `near` of its weight, falling to none, up to `soft`.
+    A mark (x, y, weight) contributes its weight within `hard` [m], and `near` times its weight, falling to 0 at `soft`.
     """
     rows, columns = cost.shape
     cost[:] = 1.0
@@ -67,14 +67,14 @@ def _sift_down(keys, items, size):
 
 @inner
 def _octile(a, b, columns):
-    """The shortest way between two cells without obstacles, in cells."""
+    """Return the length [cells] of the shortest way between two cells without obstacles."""
     rows_off, columns_off = abs(a // columns - b // columns), abs(a % columns - b % columns)
     return max(rows_off, columns_off) + (DIAGONAL - 1.0) * min(rows_off, columns_off)
 
 
 @inner
 def _search(cost, start, goal, before, total):
-    """A* over cells and their eight neighbours; a step costs its length times the mean of both cells' cost."""
+    """Search by A* over cells and their eight neighbours; a step costs its length times the mean cost of both cells."""
     rows, columns = cost.shape
     flat = cost.ravel()
     keys, items = np.empty(8 * rows * columns + 1), np.empty(8 * rows * columns + 1, np.int64)
@@ -113,7 +113,7 @@ def _search(cost, start, goal, before, total):
 
 @inner
 def _straight(cost, a, b):
-    """Cost of the straight line between the middles of two cells [cells], sampled twice a cell."""
+    """Return the cost [cells] of the straight line between the middles of two cells, sampled twice per cell."""
     columns = cost.shape[1]
     ra, ca, rb, cb = a // columns, a % columns, b // columns, b % columns
     length = np.hypot(float(rb - ra), float(cb - ca))
@@ -127,10 +127,12 @@ def _straight(cost, a, b):
 
 @released("cost n m, start int64 2, goal int64 2, way out k 2")
 def find_way(cost, start, goal, way):
-    """The cheapest way from one cell (row, column) to another, its corners into `way` (n, 2): how many, and its cost.
+    """Write the corners of the cheapest way from one cell (row, column) to another into `way` (n, 2).
 
-    Corners are left out wherever the straight line costs no more than the way between them. `way` keeps the first
-    corners where there are more than it holds. The cost is in cells; 0 corners: start and goal are one cell.
+    The number of corners and the cost of the way are returned; 0 corners: start and goal are one cell.
+
+    Corners are left out if the straight line costs no more than the way between them. `way` keeps the first corners if
+    there are more than it has room for. The cost is in cells.
     """
     columns = cost.shape[1]
     first, last = start[0] * columns + start[1], goal[0] * columns + goal[1]

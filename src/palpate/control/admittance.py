@@ -1,4 +1,4 @@
-"""Force and place become velocities: the admittances (7) and (8) of `probe`, and the selection (9)."""
+"""Compute velocities from force and contact point: the admittances (7) and (8) of `probe`, and the selection (9)."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ __all__ = ["Admittance", "force_error", "selected_step", "turning_error"]
 class Admittance:
     """A mass with a damper that an error pushes: M dv/dt + D v = error, (7) and (8) of `probe`.
 
-    As printed, explicit Euler: v_k = v_{k-1} + dt/M (error - D v_{k-1}). In its steady state v = error / D, reached
-    with the time constant M/D; dt D/M < 2 is necessary for that alone, `palpate.control.stability` says what is against
-    an environment and with a delay.
+    As printed, it is integrated by explicit Euler: v_k = v_{k-1} + dt/M (error - D v_{k-1}). In steady state v =
+    error / D, reached with the time constant M/D; dt D/M < 2 is necessary for that alone; `palpate.control.stability`
+    has the conditions against an environment and with a delay.
 
     Args:
-        mass: [kg] of a force, [m s^2/rad] of a place.
-        damping: [N s/m] of a force, [m s/rad] of a place.
+        mass: [kg] for a force, [m s^2/rad] for a contact point.
+        damping: [N s/m] for a force, [m s/rad] for a contact point.
 
     Raises:
         InputError: one of them is not positive and finite.
@@ -39,7 +39,7 @@ class Admittance:
             raise InputError(f"mass ({self.mass}) and damping ({self.damping}) must be positive.")
 
     def step(self, velocity: float, error: float, dt: float) -> float:
-        """The velocity of this cycle [m/s, rad/s].
+        """Return the velocity of this cycle [m/s, rad/s].
 
         Args:
             velocity: of the last cycle.
@@ -47,27 +47,27 @@ class Admittance:
             dt: [s] between them.
 
         Returns:
-            0, a hold, where it would not be finite.
+            the velocity; 0, which holds the pose, if it would not be finite.
         """
         found = velocity + dt / self.mass * (error - self.damping * velocity)
         return found if math.isfinite(found) else 0.0
 
 
 def force_error(force: float, wanted: float) -> float:
-    """f_z - f_d of (7), which pushes the probe along z, out of the flange and into the tissue [N].
+    """Return f_z - f_d of (7) [N], which pushes the probe along z, out of the flange and into the tissue.
 
-    The tissue pushes back, so f_z < 0 where it is pressed and f_d is -`wanted`: pressed too lightly, the error is
+    The tissue pushes back, so f_z < 0 while pressed, and f_d is -`wanted`: if pressed too lightly, the error is
     positive and the probe goes deeper.
 
     Args:
         force: z of the force on the probe, in the sensor's frame [N].
-        wanted: how hard it is to press, positive [N].
+        wanted: wanted contact force, positive [N].
     """
     return force + wanted
 
 
 def turning_error(x: float, y: float) -> tuple[float, float]:
-    """What turns the probe about x and about y, for a contact at (x, y) from where it should be [m].
+    """Return the errors that turn the probe about x and y, for a contact at (x, y) from its wanted place [m].
 
     (8) sets each turn equal to the offset along its own axis; geometry pairs them crosswise. On a convex probe that
     points along z the outward normal at (x, y) is n = (x/R_x, y/R_y, 1) to first order, R its radii there. The tissue
@@ -88,11 +88,11 @@ def selected_step(
     dt: float,
     out: Float[np.ndarray, " 6"],
 ) -> None:
-    """The wanted step of the sensor, (9) of `probe`: only along its z, only about its x and y; in base axes.
+    """Write the wanted step of the sensor, (9) of `probe`: only along its z, only about its x and y; in base axes.
 
         e = dt [R (S_z . v), R (S_xy . w)],   S_z = (0, 0, 1),  S_xy = (1, 1, 0)
 
-    The dt is missing in print, where e is called a difference of poses and made of velocities.
+    The dt is missing in print, where e is called a difference of poses but is made of velocities.
 
     Args:
         rotation: R of the sensor in the base.

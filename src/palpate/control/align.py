@@ -1,4 +1,4 @@
-"""A robot that presses a probe on a surface with a wanted force, at right angles, by force sensing alone."""
+"""Control a robot that presses a probe on a surface with a wanted force, at right angles, by force sensing alone."""
 
 from __future__ import annotations
 
@@ -44,28 +44,28 @@ class _Loaded(Protocol):
 
 @called_as("palpate.AlignController(arm, palpate.WrenchEstimator(mesh, sensor), force=7.0)")
 class AlignController:
-    """Wrench, joints and time in, joint command out, at the sensor's rate.
+    """Controller from wrench, joints and time to a joint command, at the sensor's rate.
 
-    Each call corrects what is known of robot and surface; once a period of the robot there is a new command, between
-    them the last one is given again. The steps of a cycle: where the robot is (`ServoModel`), what its motion adds to
-    the wrench, the contact (`WrenchEstimator`), the state (`Supervisor`), the wanted step of the tip (`MotionLaw`),
-    joints within their limits ((10) of `probe`, `limited`).
+    Each call corrects the models of robot and surface; once per period of the robot there is a new command, and between
+    them the last one is repeated. The steps of a cycle: pose of the robot (`ServoModel`), inertial part of the wrench,
+    contact (`WrenchEstimator`), state (`Supervisor`), wanted step of the tip (`MotionLaw`), joints within their limits
+    ((10) of `probe`, `_arm.stepped`).
 
     Args:
-        arm: from the base to the sensor.
-        estimator: of the contact, live; without a filter for `Follow`, which has its own.
-        force: [N] wanted.
-        face: of the probe, in the surface's frame; None: that of the estimator's mesh which looks along z.
-        servo: how the robot follows commands.
-        limits: see there.
-        law: of motion; None: `Follow`.
+        arm: the chain from the base to the sensor.
+        estimator: of the contact, live; without a filter for `Follow`, which filters itself.
+        force: [N] wanted contact force.
+        face: of the probe, in the surface's frame; None: the face along z of the estimator's mesh.
+        servo: model of how the robot follows commands; None: `Servo()`.
+        limits: limits of force, motion and time; None: `Limits()`.
+        law: law of motion; None: `Follow`.
         inertia: (3, 3) [kg m^2] of the payload about its centre, in the sensor's frame. None: that of the mesh's hull,
-            filled evenly with the payload's mass. What is wrong in it looks like a contact that moves whenever the
-            robot turns the probe.
+            filled evenly with the payload's mass. An error in it looks like a contact that moves whenever the robot
+            turns the probe.
 
     Raises:
         InputError: the limit on force is not above the wanted force; the surface is no mesh and no face is given; or
-            the estimator filters, and `Follow` would be late by what it does not know of.
+            the estimator filters, which adds a delay that `Follow` does not know of.
     """
 
     @takes_arrays
@@ -129,36 +129,36 @@ class AlignController:
 
     @property
     def state(self) -> State:
-        """What it does now."""
+        """Present state of the control loop."""
         return self.supervisor.state
 
     @property
     def why(self) -> str:
-        """What led to the state."""
+        """Reason for the present state, as a sentence."""
         return self.supervisor.why
 
     @property
     def contact(self) -> Float[np.ndarray, " 22"]:
-        """The last estimate, a row of `ROW`; written anew by the next call."""
+        """Last estimate, (22,), a row of `ROW`; the next call overwrites it."""
         return self._row
 
     @property
     def drifted(self) -> float:
-        """[rad] by which drift within its bounds may have turned the probe since the tare.
+        """Largest angle [rad] by which drift within its bounds may have turned the probe since the tare.
 
-        A torque of dM, or a sideways force of dF at the tip's distance, moves the contact by dM/force, and that turns
-        the probe by as much over the smaller of the face's radii, as the law knows them by now.
+        A torque of dM, or a sideways force of dF at the tip's distance, moves the contact by dM/force, which turns the
+        probe by this over the smaller of the face's radii, as the law knows them at present.
         """
         return 0.0 if self._tared is None else (self._time - self._tared) * self._drifts / float(self.law.radii.min())
 
     def tare(self, recording: Recording, time: float) -> Tare:
-        """What the untouched sensor reads is taken off from now on (`WrenchEstimator.tare`); the drift begins anew."""
+        """Subtract the untouched sensor's reading (`WrenchEstimator.tare`); its drift counts from this time [s]."""
         taken = self.estimator.tare(recording)
         self._tared = time
         return taken
 
     def start(self, time: float, joints: ArrayLike) -> None:
-        """Anew from these joints, at rest, from the approach on; the first `update` does it."""
+        """Begin anew from these joints, at rest, with the approach; the first `update` does it."""
         self._command[:] = shaped(joints, self._command.shape, "joints")
         if not np.isfinite(self._command).all():
             raise InputError("the joints to start from must be finite.", where="joints")
@@ -175,18 +175,18 @@ class AlignController:
     def update(
         self, time: float, wrench: ArrayLike | None, joints: ArrayLike, acceleration: ArrayLike | None = None
     ) -> Float[np.ndarray, " n"]:
-        """The joint command to send now.
+        """Return the joint command to send now.
 
         Args:
-            time: [s] of the reading, on one monotonic clock; one that does not grow is a repetition, and is left out.
-            wrench: (6,) as the sensor reads it; None, NaN or the same numbers again: no new reading.
-            joints: (n,) [rad] the robot's newest feedback, the same until the next one.
-            acceleration: (3,) [m/s^2] what an accelerometer at the sensor's origin reads, in the sensor's frame; None:
+            time: [s] of the reading, on one monotonic clock; one that does not grow is ignored.
+            wrench: (6,) [N, N m] as the sensor reads it; None, NaN or the same numbers again: no new reading.
+            joints: (n,) [rad] the robot's newest feedback, unchanged until the next one.
+            acceleration: (3,) [m/s^2] reading of an accelerometer at the sensor's origin, in the sensor's frame; None:
                 from the robot's model.
 
         Returns:
-            (n,) within the arm's limits, whatever came in; to be sent once a period, changed or not. The array is
-            written anew by the next call.
+            (n,) within the arm's limits, whatever the input; send it once per period, changed or not. The next call
+            overwrites the array.
 
         Raises:
             InputError: joints of another number than the arm's.
@@ -220,7 +220,7 @@ class AlignController:
         return self._command
 
     def _heed(self, time: float, said: Feedback) -> None:
-        """What the robot's feedback means for what was observed, and for going on."""
+        """Keep or discard observations according to the robot's feedback; stop after too many lost commands."""
         if said == Feedback.AGREES:
             self._unheard = 0
             self.law.keep()
@@ -231,7 +231,7 @@ class AlignController:
                 self.supervisor.stop(time, f"the robot has not followed the last {self._unheard} commands")
 
     def _new(self, wrench: ArrayLike | None) -> bool:
-        """Whether there is a reading that was not there before."""
+        """Return whether the wrench is a new, finite reading; store it."""
         if wrench is None:
             return False
         reading = np.asarray(wrench, dtype=np.float64)
@@ -243,7 +243,7 @@ class AlignController:
         return True
 
     def _sense(self, time: float, acceleration: ArrayLike | None) -> None:
-        """The contact, the state, and what the law learns from it."""
+        """Estimate the contact, update the state, and pass the reading to the law."""
         moved = self._acceleration(acceleration)
         self.estimator.update_into(time, self._felt, self._row, self._sensor, moved)
         row = self._row
@@ -263,7 +263,7 @@ class AlignController:
             self.supervisor.pressed(time)
 
     def _acceleration(self, said: ArrayLike | None) -> Float[np.ndarray, " 3"]:
-        """Of the payload's centre, in the sensor's frame, without gravity; what turning it takes leaves the wrench."""
+        """Return the acceleration (3,) of the payload's centre, in the sensor's frame; compensate its rotation."""
         model, centre, moved = self.model, self._centre, self._moved
         moves = model.joints, model.speeds, model.accelerations
         self._moves.motion.unchecked(self.arm.chain, *moves, centre, self._motion)
@@ -278,7 +278,7 @@ class AlignController:
         return np.asarray(said, dtype=np.float64) + self._sensor.T @ self._gravity + lever
 
     def _fill(self, time: float) -> None:
-        """What the law is given."""
+        """Write the input of the law for this reading."""
         seen = self.seen
         seen.time = time
         face = (self._face_axes, self._middle, self._axes, self._tip, self._spent)
@@ -286,7 +286,7 @@ class AlignController:
         self._kernel.sensed.unchecked(self._row, self._sensor, self._place, *face, *out)
 
     def _move(self, time: float) -> None:
-        """A new command, by the state: where the last one leads, the wanted step from there, the joints for it."""
+        """Compute a new command from the state: pose of the last command, wanted step from it, joints."""
         self._e[:] = 0.0
         arm, offset, axes, tip = self.arm, self.model.offset, self._stance, self._foremost
         self._moves.stance.unchecked(arm.chain, self._command, offset, self._axes, self._tip, axes, tip)
@@ -305,7 +305,7 @@ class AlignController:
         self.model.send(time, self._command)
 
     def _guard(self, time: float, axes: Float[np.ndarray, "3 3"], tip: Float[np.ndarray, " 3"]) -> None:
-        """Where the loop may not go on."""
+        """Stop the loop if the tip, the lean or the drift exceeds its limit."""
         supervisor, limits = self.supervisor, self.limits
         moved = math.dist(tip.tolist(), self._home.tolist())
         if supervisor.state == State.APPROACH:
@@ -329,7 +329,7 @@ class AlignController:
 
 
 def _filled(surface: object, rotation: Float[np.ndarray, "3 3"], mass: float) -> Float[np.ndarray, "3 3"]:
-    """Inertia [kg m^2] of a mesh's hull of this mass about its own centre, turned into the sensor's frame."""
+    """Return the inertia (3, 3) [kg m^2] of a mesh's hull with this mass about its centre, in the sensor's frame."""
     if mass == 0.0 or not isinstance(surface, Mesh):
         return np.zeros((3, 3))
     from trimesh import Trimesh  # here: it takes 0.2 s to import

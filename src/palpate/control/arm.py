@@ -1,4 +1,4 @@
-"""A serial arm, prepared for a control loop: where its sensor is, how a point of it moves, what the joints allow."""
+"""Model a serial arm for a control loop: pose of its sensor, motion of a point on it, limits of its joints."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ class Arm(Value):
     fixed in the sensor's frame, linear rows first. `load_arm` of `palpate.files.arm` reads one from a URDF.
 
     Args:
-        names: of the joints, from the base on.
+        names: names of the joints, from the base on.
         placements: P, a batch of n + 1 poses.
-        axes: (n, 3) of each joint in the frame after P; scaled to length 1.
-        revolute: (n,) whether it turns [rad] or slides [m].
-        lower, upper: (n,) positions that it may have; infinite where it turns for ever.
-        speed: (n,) the most [rad/s, m/s].
-        acceleration: (n,) the most [rad/s^2, m/s^2]; infinite where none is stated.
+        axes: (n, 3) axis of each joint in the frame after P; scaled to length 1.
+        revolute: (n,) True for a joint that turns [rad], False for one that slides [m].
+        lower, upper: (n,) limits of the positions; infinite if unlimited.
+        speed: (n,) largest speed [rad/s, m/s].
+        acceleration: (n,) largest acceleration [rad/s^2, m/s^2]; None: infinite.
 
     Attributes:
-        chain: (n + 1, 16) all of it as compiled loops take it, see `_arm`; not to be changed.
-        limits: (4, n) lower, upper, speed and acceleration, likewise.
+        chain: (n + 1, 16) geometry as compiled loops take it, see `_arm`; do not change it.
+        limits: (4, n) lower, upper, speed and acceleration; do not change it.
 
     Raises:
-        InputError: lengths that differ, an axis without a direction, a range that is empty, a speed that is not
-            positive and finite.
+        InputError: lengths differ, an axis has no direction, a range is empty, a speed is not positive and finite, or
+            an acceleration is not positive.
     """
 
     names: tuple[str, ...]
@@ -92,14 +92,14 @@ class Arm(Value):
 
     @property
     def middle(self) -> Float[np.ndarray, " n"]:
-        """(n,) halfway between the limits; 0 where there are none."""
+        """Joint positions halfway between the limits, (n,) [rad, m]; 0 for unlimited joints."""
         bounded = np.isfinite(self.lower) & np.isfinite(self.upper)
         return np.where(bounded, 0.5 * (np.where(bounded, self.lower, 0.0) + np.where(bounded, self.upper, 0.0)), 0.0)
 
     def pose_into(
         self, q: Float[np.ndarray, " n"], rotation: Float[np.ndarray, "3 3"], translation: Float[np.ndarray, " 3"]
     ) -> None:
-        """T_base_sensor at joint positions q [rad, m]."""
+        """Write T_base_sensor at joint positions q (n,) [rad, m] into rotation (3, 3) and translation (3,) [m]."""
         require_out(rotation, (3, 3))
         require_out(translation, (3,))
         _arm.pose(self.chain, self._joints(q), rotation, translation)
@@ -107,12 +107,14 @@ class Arm(Value):
     def jacobian_into(
         self, q: Float[np.ndarray, " n"], point: Float[np.ndarray, " 3"], out: Float[np.ndarray, "6 n"]
     ) -> None:
-        """d(velocity, angular velocity)/d(rates): z x (p - o) and z of a joint that turns, z and 0 of one that slides.
+        """Write the Jacobian of (velocity, angular velocity) by the joint rates into out.
+
+        Its column is z x (p - o) and z for a joint that turns, z and 0 for one that slides.
 
         Args:
             q: (n,) joint positions.
             point: (3,) in the sensor's frame [m], whose velocity the linear rows are.
-            out: (6, n).
+            out: (6, n) in base axes, linear rows first.
         """
         require_out(out, (6, len(self.names)))
         _arm.jacobian(self.chain, self._joints(q), shaped(point, (3,), "point"), out)
@@ -125,32 +127,32 @@ class Arm(Value):
         point: Float[np.ndarray, " 3"],
         out: Float[np.ndarray, " 12"],
     ) -> None:
-        """Velocity, angular velocity, acceleration and angular acceleration of a point of the sensor's frame.
+        """Write velocity, angular velocity, acceleration and angular acceleration of a point of the sensor's frame.
 
         From joint to joint (Luh, Walker and Paul 1980, its outward half), with o the vector to the next origin,
 
-            v += w x o,   a += al x o + w x (w x o),   then of a joint that turns w += z q',  al += w x z q' + z q''
-            and of one that slides v += z q',  a += 2 w x z q' + z q''
+            v += w x o,   a += al x o + w x (w x o),   then for a joint that turns w += z q',  al += w x z q' + z q''
+            and for one that slides v += z q',  a += 2 w x z q' + z q''
 
         Args:
             q: (n,) joint positions.
             rate: (n,) their velocities.
             change: (n,) their accelerations.
             point: (3,) in the sensor's frame [m].
-            out: (12,) in base axes [m/s, rad/s, m/s^2, rad/s^2]; gravity is not in it.
+            out: (12,) in base axes [m/s, rad/s, m/s^2, rad/s^2]; without gravity.
         """
         require_out(out, (12,))
         place = shaped(point, (3,), "point")
         _arm.motion(self.chain, self._joints(q), self._joints(rate), self._joints(change), place, out)
 
     def pose(self, q: ArrayLike) -> Pose:
-        """T_base_sensor at joint positions q."""
+        """Return T_base_sensor at joint positions q (n,) [rad, m]."""
         rotation, translation = np.empty((3, 3)), np.empty(3)
         self.pose_into(self._joints(q), rotation, translation)
         return Pose(rotation, translation)
 
     def jacobian(self, q: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0)) -> Float[np.ndarray, "6 n"]:
-        """As `jacobian_into`, in a new array."""
+        """Return the Jacobian (6, n) at joint positions q of a point (3,) [m], as `jacobian_into` writes it."""
         out = np.empty((6, len(self.names)))
         self.jacobian_into(self._joints(q), shaped(point, (3,), "point"), out)
         return out

@@ -1,4 +1,4 @@
-"""What every law of motion in contact is given, and what it answers: the two that are there walk one loop."""
+"""Interface of every law of motion in contact: its input `Sensed` and its methods, called by one loop."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ __all__ = ["MotionLaw", "Sensed"]
 
 
 class Sensed:
-    """What is known at a reading; one object, written anew each time.
+    """Input of a law at a reading; one object, overwritten each time.
 
     Attributes:
         time: [s] of the reading.
-        rotation: (3, 3) the axes of the probe's face in the base.
-        tip: (3,) [m] the middle of the face in the base.
-        place: (3,) [m] the contact, off the middle, in the face's axes.
-        variance: (2,) [m^2] of its first two, by the noise of the reading.
+        rotation: (3, 3) axes of the probe's face in the base.
+        tip: (3,) [m] middle of the face in the base.
+        place: (3,) [m] contact point relative to the middle, in the face's axes.
+        variance: (2,) [m^2] of the first two entries of `place`, from the noise of the reading.
         force: (3,) [N] of the environment on the probe, in the face's axes; pressing is force[2] < 0.
     """
 
@@ -30,38 +30,38 @@ class Sensed:
 
 @runtime_checkable
 class MotionLaw(Protocol):
-    """How a probe that touches is to move.
+    """Law of motion of a probe in contact.
 
-    Steps are (6,), translation of the tip [m] then rotation vector [rad], in base axes: e of (9) in `probe`.
+    Steps are (6,), translation of the tip [m] then rotation vector [rad], in base axes, e of (9) in `probe`.
     """
 
     delay: float
-    """[s] from a command to the motion; the loop sets it."""
+    """Delay [s] from a command to the motion; the loop sets it."""
 
     radii: Float[np.ndarray, " 2"]
-    """[m/rad] by how much the contact moves for an angle, along the face and across."""
+    """Displacement of the contact per angle [m/rad], along the face and across, (2,)."""
 
     ready: bool
-    """Whether what it needs to know for `hold` is known."""
+    """True once everything that `hold` needs is known."""
 
     def start(self, seen: Sensed) -> None:
-        """The first reading of a touch."""
+        """Begin with the first reading of a touch."""
         ...
 
     def observe(self, seen: Sensed) -> None:
-        """Each reading that was located, from the first on."""
+        """Take in a reading that was located; called for each, from the first on."""
         ...
 
     def keep(self) -> None:
-        """What was observed so far was seen from where the robot was said to be: its feedback agrees."""
+        """Confirm the observations so far: the robot's feedback agrees with its modelled pose."""
         ...
 
     def forget(self) -> None:
-        """What was observed since was not: a command never reached the robot."""
+        """Discard the observations since the last `keep`: a command never reached the robot."""
         ...
 
     def press(self, seen: Sensed, period: float, out: Float[np.ndarray, " 6"]) -> None:
-        """The step of one period [s] until it is ready."""
+        """Write the step (6,) of one period [s], while not `ready`, into out."""
         ...
 
     def hold(
@@ -72,5 +72,5 @@ class MotionLaw(Protocol):
         period: float,
         out: Float[np.ndarray, " 6"],
     ) -> None:
-        """The step of one period [s] from then on; rotation and tip are what was commanded last."""
+        """Write the step (6,) of one period [s], once `ready`, into out; rotation and tip are of the last command."""
         ...

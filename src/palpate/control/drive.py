@@ -1,4 +1,4 @@
-"""Two tracks side by side: what they do to a robot, and what they must do for a wanted motion."""
+"""Convert between the speeds of two parallel tracks and the motion of the robot."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ __all__ = ["DifferentialDrive"]
 @called_as("palpate.DifferentialDrive(track=0.085, top=0.05)")
 @dataclass(frozen=True)
 class DifferentialDrive:
-    """A robot that steers by the difference of its two tracks, without slip.
+    """A robot that steers by the difference of its two track speeds, without slip.
 
     Forward [m/s] is along the robot's heading, turn [rad/s] counter-clockwise; `left` and `right` are the speeds of
     the tracks [m/s], positive forward: forward = (left + right)/2, turn = (right - left)/track.
 
     Args:
         track: [m] between the middles of the tracks.
-        top: [m/s], the fastest a track goes, either way.
+        top: [m/s] largest speed of a track, forward and backward.
 
     Raises:
-        InputError: one that is not positive.
+        InputError: a value that is not positive and finite.
     """
 
     track: float = 0.085
@@ -37,10 +37,10 @@ class DifferentialDrive:
                 raise InputError(f"{name} must be positive, not {value}.", where="drive")
 
     def wheels(self, forward: float, turn: float) -> tuple[float, float]:
-        """Speeds of the left and the right track [m/s] for a motion.
+        """Return the speeds of the left and the right track [m/s] for a forward speed [m/s] and a turn rate [rad/s].
 
-        Where one would pass `top` both are scaled down together: the robot is slower on the same curve. Numbers that
-        are not finite stop it.
+        If one would exceed `top` both are scaled down together: the robot is slower on the same curve. Inputs that are
+        not finite give zero speeds.
         """
         half = 0.5 * self.track * turn
         left, right = forward - half, forward + half
@@ -51,6 +51,6 @@ class DifferentialDrive:
             left, right = left * (self.top / fastest), right * (self.top / fastest)
         return left, right
 
-    def twist(self, left_speed: float, right: float) -> tuple[float, float]:
-        """The motion that two tracks make: forward [m/s] and turn [rad/s]."""
-        return 0.5 * (left_speed + right), (right - left_speed) / self.track
+    def twist(self, left_speed: float, right_speed: float) -> tuple[float, float]:
+        """Return the forward speed [m/s] and turn rate [rad/s] of the robot for the speeds of its tracks [m/s]."""
+        return 0.5 * (left_speed + right_speed), (right_speed - left_speed) / self.track

@@ -1,4 +1,4 @@
-"""What moves in an unknown way: where it is, how fast, and where it will be in a moment."""
+"""Estimate and predict unknown motion: its value, its rate, and its value a moment later."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ RATES = (0.1, 0.3, 10.0)  # 1/s: a smooth motion becomes another, a jump begins,
 
 
 class MotionBank:
-    """Kalman filters on each of some series that take turns by what they foresee; no period or shape is assumed.
+    """A bank of Kalman filters on each of several series, combined by likelihood; no period or shape is assumed.
 
-    Each filter believes in a second derivative that white noise of its own density changes, from slow motions to quick
-    ones; for the last, which is for jumps, the value itself has such a noise besides. A motion may change from one
-    filter to another at any time: each begins a step from the mixture of all, by how likely they were right before it
+    Each filter assumes a second derivative driven by white noise of a different density, from slow motions to fast
+    ones; in the last, which is for jumps, the value is driven by such noise as well. A motion may change from one
+    filter to another at any time: each begins a step from the mixture of all, by their probabilities before it
     (interacting multiple models, Blom and Bar-Shalom 1988 [bar-shalom]). Prediction is by the mixture.
 
     Args:
-        sizes: (c,) of the motions to expect, one a series, in its unit: their order of magnitude is enough.
+        sizes: (c,) of the expected motions, one per series, in its unit; the order of magnitude is enough.
 
     Raises:
         InputError: a size that is not positive.
@@ -58,12 +58,12 @@ class MotionBank:
 
     @takes_arrays
     def start(self, values: ArrayLike, rates: ArrayLike | None = None, series: int | slice = slice(None)) -> None:
-        """Begin at these values (c,), known to about the sizes, and at rest within the sizes over a second.
+        """Begin at these values (c,), known to about the sizes, and at rest to within the sizes per second.
 
         Args:
-            values: (c,), or of the series that begin.
-            rates: as many, 0 if not told.
-            series: which; all if not told.
+            values: (c,), or as many as there are series that begin.
+            rates: as many as values; None: 0.
+            series: index or slice of those that begin; all by default.
         """
         filters = self._filters[series]
         shape = filters.shape[:-2]
@@ -77,7 +77,7 @@ class MotionBank:
         self.keep()
 
     def scale(self, factors: Float[np.ndarray, " c"]) -> None:
-        """What was read so far, in another unit: each series, how fast it goes and what is unsure times its factor."""
+        """Change the units of the series: multiply values, rates and standard deviations by factors (c,)."""
         factors = shaped(factors, self.sizes.shape, "factors")
         for known in (self._filters, self._mixed[:, None]):
             known[..., :3] *= factors[:, None, None]
@@ -85,15 +85,15 @@ class MotionBank:
         self.keep()
 
     def keep(self) -> None:
-        """Remember what is known now, for `recall`."""
+        """Store the present state, for `recall`."""
         self._kept[0][:], self._kept[1][:] = self._filters, self._mixed
 
     def recall(self) -> None:
-        """Know again what was kept last, or begun with."""
+        """Restore the state that was stored last, by `keep`, `start` or `scale`."""
         self._filters[:], self._mixed[:] = self._kept
 
     def update(self, step: float, readings: Float[np.ndarray, " c"], variances: Float[np.ndarray, " c"]) -> None:
-        """Over a step [s] of time, then by one reading of each series; NaN: none of that series."""
+        """Advance by a step [s], then correct by one reading and variance of each series, (c,); NaN: no reading."""
         shape = self.sizes.shape
         if type(step) is not float:
             step = number(step, "step")
@@ -101,16 +101,16 @@ class MotionBank:
         self._advance(readings, variances, step, self._densities, self._rates, self._filters, self._mixed)
 
     def predict(self, delay: float) -> tuple[Float[np.ndarray, " c"], Float[np.ndarray, " c"]]:
-        """Values and rates `ahead` [s] from now; the arrays are written anew by the next call."""
+        """Return values and rates `delay` [s] from now, (c,) each; the next call overwrites the arrays."""
         self._foresee(self._mixed, delay, self._value, self._rate)
         return self._value, self._rate
 
     @property
     def deviations(self) -> Float[np.ndarray, " c"]:
-        """Standard deviations of the values now."""
+        """Standard deviations of the present values, (c,)."""
         return np.sqrt(self._mixed[:, 3])
 
     @property
     def weights(self) -> Sequence[Sequence[float]]:
-        """How probably each filter is the right one now, a row a series; they sum to one."""
+        """Probabilities of the filters now, a row per series; each row sums to one."""
         return self._filters[..., 9].tolist()

@@ -1,4 +1,4 @@
-"""What every navigator is given and gives, and what navigators share: touches, headings, steering, measured speed."""
+"""Interface of navigators and their common parts: touches, headings, steering, measured speed."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ _PAUSE = 0.2  # s between two updates beyond which the integral does not count t
 
 @runtime_checkable
 class Navigator(Protocol):
-    """Touches and a pose in, speeds of the tracks out.
+    """Interface of a navigator: from touches and a pose to speeds of the tracks.
 
     Attributes:
-        state: what it does now, such as "move to goal".
-        why: a sentence: what led to the state, or what it waits for.
-        arrived: the goal was reached; it stays so until `reset`.
+        state: its present action, such as "move to goal".
+        why: a sentence: the reason for the state, or the event that it waits for.
+        arrived: whether the goal was reached; it stays True until `reset`.
     """
 
     state: str
@@ -38,12 +38,12 @@ class Navigator(Protocol):
     def update(
         self, time: float, touches: Float[np.ndarray, "k 2"] | None, pose: Float[np.ndarray, "3"]
     ) -> tuple[float, float]:
-        """What the tracks are to do from now on.
+        """Return the track speeds from now on.
 
         Args:
             time: [s] on one monotonic clock, the caller's.
             touches: angle [rad] in the robot's frame, 0 ahead, counter-clockwise, and force [N] that presses inward
-                there, one row each; None: the skin says nothing (`planar_touches`).
+                there, one row each; None: the skin has no valid reading (`planar_touches`).
             pose: x [m], y [m] and heading [rad] of the robot in the frame of its goal.
 
         Returns:
@@ -52,23 +52,23 @@ class Navigator(Protocol):
         ...
 
     def reset(self) -> None:
-        """Anew: nothing touched yet, the goal not reached."""
+        """Begin anew: nothing touched yet, the goal not reached."""
         ...
 
 
 def planar_touches(contacts: Contacts) -> Float[np.ndarray, "k 2"] | None:
-    """The touches of one frame as navigators take them, of any sensor's contacts.
+    """Return the touches of one frame, in the form that navigators take, from any sensor's contacts.
 
-    What counts is the part of the force that presses, along the normal, in the plane x-y of the contacts' frame:
-    friction says nothing of where an obstacle is. Where a row has no normal the whole force does. Rows without a force,
-    or whose force does not press, are left out; contacts that are doubted (OFF_SURFACE, IMPLAUSIBLE) are touches.
+    Only the normal force counts, in the plane x-y of the contacts' frame: friction does not show the place of an
+    obstacle. If a row has no normal the complete force counts. Rows without a force, or whose force does not press,
+    are left out; contacts that are not answered (OFF_SURFACE, IMPLAUSIBLE) are touches.
 
     Args:
         contacts: the rows of one frame, in the robot's frame.
 
     Returns:
-        (k, 2) angle [rad] where it is touched (opposite of the direction in which it is pressed) and force [N]; None
-        where the sensor said nothing: a reading that is invalid, saturated or lacks a pose.
+        (k, 2) angle [rad] of each touch (opposite to the direction in which it presses) and force [N]; None if the
+        sensor has no valid reading: it is invalid, saturated or lacks a pose.
     """
     status = contacts.status
     if len(status) == 0 or np.isin(status, _SILENT).any():
@@ -83,15 +83,15 @@ def planar_touches(contacts: Contacts) -> Float[np.ndarray, "k 2"] | None:
 
 
 def heading_error(wanted: float, heading: float) -> float:
-    """By how much to turn [rad], counter-clockwise, in [-pi, pi]; from `heading` to `wanted`, any turns."""
+    """Return the angle [rad] to turn counter-clockwise, in [-pi, pi], from `heading` to `wanted`, modulo full turns."""
     return math.remainder(wanted - heading, math.tau)
 
 
 def require_goal(goal: ArrayLike) -> tuple[float, float]:
-    """The goal (x, y) [m].
+    """Return the goal (x, y) [m] as two floats.
 
     Raises:
-        InputError: it is not two finite numbers.
+        InputError: the goal is not two finite numbers.
     """
     numbers = shaped(goal, (...,), "goal")
     if numbers.shape != (2,) or not np.isfinite(numbers).all():
@@ -102,14 +102,14 @@ def require_goal(goal: ArrayLike) -> tuple[float, float]:
 class Steering:
     """A PI controller of the heading: turn = k_p e + k_i integral of e, through the drive.
 
-    The robot goes forward by the cosine of the error, and turns on the spot where it looks more than 90 deg away. The
+    The forward speed is scaled by the cosine of the error; beyond 90 deg the robot turns on the spot. The
     integral counts only while the error is small, and is bounded, so that long turns on the spot do not wind it up.
 
     Args:
-        drive: of the robot.
+        drive: the robot's drive.
         proportional: k_p [1/s].
         integral: k_i [1/s^2].
-        small: [rad] up to which the integral counts; it is forgotten beyond.
+        small: [rad] up to which the integral counts; it is reset beyond.
     """
 
     def __init__(
@@ -119,16 +119,16 @@ class Steering:
         self._sum, self._time = 0.0, math.nan
 
     def reset(self) -> None:
-        """Forget the integral; for a new direction."""
+        """Forget the integral, for a new direction."""
         self._sum, self._time = 0.0, math.nan
 
     def wheels(self, time: float, error: float, speed: float) -> tuple[float, float]:
-        """Speeds of the tracks [m/s].
+        """Return the speeds of the left and the right track [m/s].
 
         Args:
             time: [s].
             error: [rad] by which to turn (`heading_error`).
-            speed: [m/s] wanted straight ahead; 0: only turn.
+            speed: [m/s] wanted forward speed; 0: only turn.
         """
         step = time - self._time
         if abs(error) > self.small:
@@ -141,13 +141,13 @@ class Steering:
 
 
 class Speedometer:
-    """The velocity of a robot from noisy poses: the slope of a straight line through those of a window.
+    """Estimator of a robot's velocity from noisy poses: the slope of a straight line fitted over a window.
 
-    With noise of s [m] in each of n poses at a distance of h [s] the slope's deviation is s/h sqrt(12/(n^3 - n)):
+    With noise of s [m] in each of n poses, every h [s], the slope's standard deviation is s/h sqrt(12/(n^3 - n)):
     0.8 mm/s for 0.5 mm, 30 Hz and 0.5 s.
 
     Args:
-        window: [s].
+        window: [s] length of the window.
     """
 
     def __init__(self, window: float = 0.5) -> None:
@@ -159,9 +159,9 @@ class Speedometer:
         self._seen.clear()
 
     def velocity(self, time: float, x: float, y: float) -> tuple[float, float]:
-        """(2,) [m/s] over the window that ends now; (NaN, NaN) before half of the window is known.
+        """Add a pose; return the velocity (x, y) [m/s] over the window that ends now, NaN before half of it is known.
 
-        A time that does not grow is a repetition and adds nothing; poses that are not finite are left out.
+        A time that does not grow, or a pose that is not finite, adds nothing.
         """
         seen = self._seen
         if math.isfinite(x) and math.isfinite(y) and not (seen and time <= seen[-1][0]):

@@ -1,4 +1,4 @@
-"""The law of `probe` as printed, corrected where it must be: admittances of force and angle. It is the baseline."""
+"""Law of the `probe` paper, corrected where necessary: admittances of force and angle, the baseline."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ USED = np.full(1, -1, dtype=np.int8)
 
 @takes_arrays
 class Plain:
-    """(7), (8) and (9) of `probe`, the axes of (8) paired crosswise (`turning_error`), on a low-passed place.
+    """Law by (7), (8) and (9) of `probe`, with (8) paired crosswise (`turning_error`), on a low-passed contact point.
 
-    The estimator's own filter is the caller's: the paper's is `Kalman(1e-6, 2e-4)`.
+    The caller chooses the estimator's filter: the paper's is `Kalman(1e-6, 2e-4)`.
 
     Args:
-        face: that presses.
-        force: [N] wanted.
+        face: the face that presses.
+        force: [N] wanted contact force.
         pushing: admittance of the force.
-        bandwidth: [rad/s] of the angle: D of (8) is R/bandwidth for each axis, and M/D that of the force.
-        stiffest: [N/m] that is to be touched: a force loop that would be unstable there is refused.
-        servo: how the robot follows, for that; None: the usual one.
+        bandwidth: [rad/s] of the angle: D of (8) is R/bandwidth for each axis, and M/D is that of `pushing`.
+        stiffest: [N/m] greatest stiffness to be touched, at which the force loop must be stable.
+        servo: model of the robot, for the stability check; None: `Servo()`.
         rate: [Hz] of the readings.
-        smoothing: [s] time constant of the estimator's filter, for that; 0: none.
+        smoothing: [s] time constant of the estimator's filter, for the stability check; 0: none.
 
     Raises:
-        InputError: unstable, with the bound; or a bandwidth that is not positive.
+        InputError: a loop is unstable (the message has the bound), or a bandwidth is not positive.
     """
 
     delay = 0.0
@@ -78,24 +78,24 @@ class Plain:
         self._off, self._turn, self._speed = 0.0, np.zeros(2), 0.0
 
     def start(self, seen: Sensed) -> None:
-        """At rest."""
+        """Start at rest."""
         self._low_pass.reset()
         self._turn[:], self._speed = 0.0, 0.0
 
     def observe(self, seen: Sensed) -> None:
-        """Force, and the place by way of the low-pass."""
+        """Read the force error, and the contact point through the low-pass."""
         self._time[0], self._place[0] = seen.time, seen.place[:2]
         self._low_pass(self._time, USED, self._place)
         self._off = force_error(float(seen.force[2]), self.force)
 
     def keep(self) -> None:
-        """The paper's law knows of no feedback."""
+        """Do nothing: the paper's law uses no feedback."""
 
     def forget(self) -> None:
-        """See `keep`."""
+        """Do nothing: the paper's law uses no feedback."""
 
     def press(self, seen: Sensed, period: float, out: Float[np.ndarray, " 6"]) -> None:
-        """As `hold`."""
+        """Write the step that `hold` writes, from the present pose."""
         self.hold(seen.time, seen.rotation, seen.tip, period, out)
 
     def hold(
@@ -106,7 +106,7 @@ class Plain:
         period: float,
         out: Float[np.ndarray, " 6"],
     ) -> None:
-        """(7) and (8) by a cycle, and (9)."""
+        """Write the step (6,) of one period [s], by (7), (8) and (9)."""
         self._speed = self.pushing.step(self._speed, self._off, period)
         x, y = self._place[0].tolist()
         for k, error in enumerate(turning_error(x, y)):

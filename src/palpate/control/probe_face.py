@@ -1,4 +1,4 @@
-"""Which part of a body is to lie on a surface, and what the place of a contact there says about the surface's angle."""
+"""Find the face of a body that lies on a surface, and relate the contact point to the surface's angle."""
 
 from __future__ import annotations
 
@@ -31,22 +31,23 @@ EPSILON = 1e-9
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class ProbeFace(Value):
-    """The face that a probe is to press with.
+    """The face with which a probe presses.
 
-    A surface that leans against it by a small angle a presses more on one side. On an elastic foundation of k [N/m^3]
-    the place of the contact, the centre of pressure, then moves by
+    A surface that leans by a small angle a relative to it presses more on one side. On an elastic foundation of
+    k [N/m^3] the place of the contact, the centre of pressure, then moves by
 
         R a,   R = k I/force = (K/force) <x^2>,
 
-    with I the second moment of the patch that is pressed, K = k A its stiffness [N/m] and <x^2> = I/A. Of a convex face
-    R is its radius, whatever the stiffness, until the patch meets the face's end; of a flat one of half width b it is
-    b^2/(3 depth): stiff tissue moves the contact more. The axes pair crosswise, which (8) of `probe` leaves open: an
+    with I the second moment of the pressed patch, K = k A its stiffness [N/m] and <x^2> = I/A. For a convex face
+    R is its radius, whatever the stiffness, until the patch reaches the face's end; for a flat one of half width b it
+    is b^2/(3 depth): stiff tissue moves the contact more. The axes pair crosswise, which (8) of `probe` leaves open: an
     offset along x is a lean about y.
 
     Args:
-        place: (3,) [m] the middle of the face, in the surface's frame: the wanted place of the contact.
+        place: (3,) [m] middle of the face in the surface's frame: the wanted contact point.
         axes: (3, 3) columns x (along the face), y (across) and z (outward normal), in the surface's frame.
-        cells: (n, 7) of the face and the sides behind it, in its axes about its middle: place [m], normal, area [m^2].
+        cells: (n, 7) cells of the face and the sides behind it, in its axes about its middle: place [m], normal, area
+            [m^2].
 
     Raises:
         GeometryError: there are no cells.
@@ -65,15 +66,15 @@ class ProbeFace(Value):
 
     @classmethod
     def of(cls, mesh: Mesh, axis: ArrayLike = (0.0, 0.0, 1.0), along: ArrayLike = (1.0, 0.0, 0.0)) -> ProbeFace:
-        """The face of a mesh that looks along an axis.
+        """Return the face of a mesh that looks along an axis.
 
         Args:
             mesh: of the probe.
-            axis: (3,) out of the probe, to what it is pressed on; of the mesh's frame.
-            along: (3,) the direction in which the face is long; its part across the axis counts.
+            axis: (3,) out of the probe, toward the surface that it presses; in the mesh's frame.
+            along: (3,) direction in which the face is long; only its part across the axis counts.
 
         Raises:
-            GeometryError: nothing of the mesh looks that way, or `along` has no part across the axis.
+            GeometryError: no facet of the mesh looks that way, or `along` has no part across the axis.
         """
         z = np.asarray(axis, dtype=np.float64) / float(np.linalg.norm(axis))
         x = np.asarray(along, dtype=np.float64) - z * float(np.dot(along, z))
@@ -102,14 +103,14 @@ class ProbeFace(Value):
         return cls(axes @ origin, axes, np.column_stack([centres - origin, normals, areas]))
 
     def radii(self, force: float, stiffness: float | None = None) -> Float[np.ndarray, " 2"]:
-        """R along x and along y [m/rad], when the face presses a foundation.
+        """Compute R along x and along y (2,) [m/rad], when the face presses an elastic foundation.
 
-        The depth is where the force, k times the volume that is displaced, and K, k times the area, are in the ratio
-        asked for.
+        The depth is that at which the force, k times the displaced volume, and K, k times the area, have the given
+        ratio.
 
         Args:
-            force: [N].
-            stiffness: K [N/m] at that force; None: of a light touch, where only the curvature counts.
+            force: [N] contact force.
+            stiffness: K [N/m] at that force; None: for a light touch, in which only the curvature counts.
         """
         straight = self._leaning(0, 0.0)
         light = stiffness is None
@@ -126,7 +127,7 @@ class ProbeFace(Value):
         return np.array(found)
 
     def _met(self, k: int, lean: float, centre: Float[np.ndarray, " 3"]) -> float:
-        """Along x or y, where the force through a centre of pressure, which lies inside, leaves the face."""
+        """Return where along x or y [m] the force through a centre of pressure, which lies inside, leaves the face."""
         towards = np.array([0.0, 0.0, np.cos(lean)])
         towards[k] = np.sin(lean)
         ahead = (self.cells[:, :3] - centre) @ towards
@@ -135,7 +136,7 @@ class ProbeFace(Value):
         return float(centre[k]) + float(ahead[near].max()) * np.sin(lean)
 
     def _leaning(self, k: int, lean: float) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Depths of the cells behind the middle, and areas, as seen along an axis that leans towards x or y."""
+        """Return depths of the cells behind the middle, and projected areas, along an axis leaning towards x or y."""
         towards = np.array([0.0, 0.0, np.cos(lean)])
         towards[k] = np.sin(lean)
         return -self.cells[:, :3] @ towards, self.cells[:, 6] * np.maximum(self.cells[:, 3:6] @ towards, 0.0)
@@ -144,7 +145,7 @@ class ProbeFace(Value):
 def _depth(
     behind: Float[np.ndarray, " n"], area: Float[np.ndarray, " n"], enough: Callable[[float, float], bool]
 ) -> float:
-    """How deep cells have to be pressed until the displaced volume [m^3] and the area of the patch [m^2] are enough."""
+    """Return the depth [m] at which the displaced volume [m^3] and the area of the patch [m^2] satisfy `enough`."""
     low, high = float(behind.min()), float(behind.min()) + 10.0 * DEPTH
     for _ in range(60):
         depth = 0.5 * (low + high)

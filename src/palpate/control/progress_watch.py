@@ -1,4 +1,4 @@
-"""Whether a robot still gets on: nearer to its goal, or where it has not been before."""
+"""Watch whether a robot makes progress: nearer to its goal, or to new places."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ MOST = 16_384  # places: beyond, the first are forgotten
 
 
 class ProgressWatch:
-    """Tells a robot that searches from one that only goes over the same ground.
+    """A watch that distinguishes a robot that searches from one that only repeats its way.
 
-    A long way round brings a robot no nearer for minutes, but always to new ground; a goal that cannot be reached
-    brings it back to where it was, again and again.
+    On a long detour a robot comes no nearer for minutes, but always to new places; if a goal cannot be reached, it
+    returns to old places again and again.
 
     Args:
-        within: [s] in which it should have come nearer to its goal.
-        ground: places that are enough in that time instead, if they are new to it.
-        nearer: [m] that it must have come nearer.
-        place: [m] from one place to the next.
+        within: [s] in which it should come nearer to its goal.
+        ground: number of new places that are enough in that time instead.
+        nearer: [m] by which it must come nearer.
+        place: [m] distance from one place to the next.
 
     Attributes:
-        doubtful: it came neither nearer nor to enough that is new; until it comes nearer.
+        doubtful: True once it came neither nearer nor to enough new places, until it comes nearer.
 
     Raises:
         InputError: `ground` is less than 1.
@@ -38,20 +38,20 @@ class ProgressWatch:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything."""
+        """Forget all places and the nearest distance."""
         self.doubtful = False
         self._nearest, self._since = inf, 0.0
         self._been: dict[tuple[int, int], None] = {}  # a set in order: the first place is the first key
         self._new = deque[float](maxlen=self.ground)  # [s] of the last places
 
     def update(self, time: float, x: float, y: float, far: float) -> float:
-        """For how long it has come no nearer [s].
+        """Add the present place; return the time [s] since the robot last came nearer to its goal.
 
         Args:
             time: [s].
-            x: where it is [m].
-            y: the same.
-            far: [m] from its goal.
+            x: position of the robot [m].
+            y: position of the robot [m].
+            far: [m] distance from its goal.
         """
         if far < self._nearest - self.nearer:
             self._nearest, self._since, self.doubtful = far, time, False

@@ -1,4 +1,4 @@
-"""Whether what a robot presses against moves: the only way to tell a box from a wall by touch."""
+"""Test whether a pressed object moves: the only way to distinguish a box from a wall by touch."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ GONE = 0.2  # s without a touch after which a contact has ended
 
 
 class Push(Enum):
-    """What is known of what is pressed."""
+    """Result of a push test so far."""
 
     WAITING = "seeing whether what is ahead moves"
     MOVES = "what is ahead moves"
@@ -23,15 +23,15 @@ class Push(Enum):
 
 @dataclass
 class PushTest:
-    """Follows one contact ahead, at the caller's rate.
+    """A test of one contact, updated at the caller's rate.
 
     Args:
-        settle: [s] until the force is there: a soft skin is pressed in first.
-        test: [s] in which it must move.
-        moved: [m] by which.
+        settle: [s] until the force has built up: a soft skin is pressed in first.
+        test: [s] in which the object must move.
+        moved: [m] distance by which it must move.
 
     Attributes:
-        push: what is known; None: nothing is pressed.
+        push: result so far; None: nothing is pressed.
     """
 
     settle: float
@@ -44,13 +44,13 @@ class PushTest:
     _from: tuple[float, float, float] | None = None  # x, y [m], time [s]
 
     def end(self) -> None:
-        """Nothing is pressed any more."""
+        """End the test: nothing is pressed."""
         self.push = None
 
     def touch(self, time: float, place: tuple[float, float], way: tuple[float, float]) -> Push:
-        """The robot at a place [m] presses in a direction (a unit vector).
+        """Update the test by the robot's place [m] and pressing direction (a unit vector); return the result.
 
-        It moves where the robot gets on in that direction: what slides past does not.
+        The object moves if the robot advances in that direction; sliding past it does not count.
         """
         if self.push is None or way[0] * self._way[0] + way[1] * self._way[1] < SAME:
             self.push, self._since, self._way, self._from = Push.WAITING, time, way, None
@@ -69,6 +69,6 @@ class PushTest:
         return self.push
 
     def none(self, time: float) -> None:
-        """Nothing is felt ahead now."""
+        """Note that nothing is felt; after 0.2 s the test ends."""
         if self.push is not None and time - self._seen > GONE:
             self.end()

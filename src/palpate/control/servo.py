@@ -1,4 +1,4 @@
-"""What a position-controlled robot makes of the commands that it is given: where its joints are now, and how fast."""
+"""Model a position-controlled robot: positions, speeds and accelerations of its joints from its commands."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Feedback", "Servo", "ServoModel"]
 
-REMEMBERED = 64  # moments, to find what feedback is to be compared with
+REMEMBERED = 64  # past moments, with the nearest of which feedback is compared
 BEGUN = 4  # commands that are remembered
-SHOWN = 2  # of them of which one may never have come: an older one would have shown in feedback before
-FAINT = 2e-5  # rad or m that feedback is off the model at least: encoders
-ODD = 4.0  # times what it usually is off
-USUAL = 0.05  # share of the newest feedback in that
+SHOWN = 2  # of them that may be lost: an older lost one would have shown in earlier feedback
+FAINT = 2e-5  # rad or m: least difference of feedback from the model (encoders)
+ODD = 4.0  # times the usual difference
+USUAL = 0.05  # share of the newest feedback in the usual difference
 
 
 @dataclass(frozen=True)
 class Servo:
-    """How a robot follows joint commands; what its maker states, or a step shows.
+    """Times with which a robot follows joint commands, from its data sheet or a step response.
 
     A command waits for `delay`, is reached along a straight line within `ramp`, and the joints follow that line as a
     critically damped system of second order, w = 2/lag:
@@ -34,8 +34,8 @@ class Servo:
 
     Args:
         period: [s] between two commands.
-        delay: [s] until the robot begins with one.
-        ramp: [s] that it takes to interpolate from one to the next; usually the period. 0: none.
+        delay: [s] from a command until the robot begins to follow it.
+        ramp: [s] in which it interpolates from one command to the next; usually the period. 0: none.
         lag: [s] by which its joints lag behind a ramp. 0: none.
 
     Raises:
@@ -57,22 +57,22 @@ class Servo:
 
     @property
     def total_delay(self) -> float:
-        """[s] from a command to where joints are that follow a ramp of commands: it is reached this much later."""
+        """Delay [s] from a command to the joints that follow a ramp of commands: delay, ramp and lag together."""
         return self.delay + self.ramp + self.lag
 
 
 class Feedback(Enum):
-    """What feedback says of the model."""
+    """Result of comparing feedback with the model."""
 
     AGREES = "agrees"
     ODD = "odd"
-    """It is not finite, or unusually far off, and no lost command explains that."""
+    """The feedback is not finite, or unusually far from the model, and no lost command explains this."""
     LOST = "lost"
-    """The newest command that should show in it never came."""
+    """The newest command that should show in the feedback never came."""
 
 
 class _Course:
-    """Joints on their way: exact from one change of the line that they follow to the next."""
+    """Motion of joints: exact from one change of the line that they follow to the next."""
 
     def __init__(self, servo: Servo, time: float, joints: Float[np.ndarray, " n"]) -> None:
         from palpate.control import _servo as kernel  # compiled: loaded when first needed
@@ -82,19 +82,19 @@ class _Course:
         self.state[0] = self.line[:] = joints
 
     def copy(self) -> _Course:
-        """Another that goes on from here."""
+        """Return a copy that continues from the present state."""
         made = object.__new__(_Course)  # for every command
         made.servo, made.time, made.begun, made._follow = self.servo, self.time, self.begun, self._follow
         made.state, made.line = self.state.copy(), self.line.copy()
         return made
 
     def follow(self, time: float) -> None:
-        """To a later time [s]; earlier ones are left alone."""
+        """Advance to a later time [s]; earlier times are ignored."""
         self._follow(self.state, self.line, self.begun, self.servo.ramp, self.servo.lag, self.time, time)
         self.time = max(self.time, time)
 
     def take(self, begins: float, target: Float[np.ndarray, " n"]) -> None:
-        """The line leads to a new command from this time on."""
+        """Let the line lead to a new command from this time on."""
         self.follow(begins)
         share = 1.0 if self.servo.ramp == 0.0 else min(1.0, (begins - self.begun) / self.servo.ramp)
         self.line[0] += share * (self.line[1] - self.line[0])
@@ -103,7 +103,7 @@ class _Course:
 
 @dataclass(frozen=True, eq=False)
 class _Begun:
-    """A command, when it began, and the course that it changed."""
+    """A command, the time when it began, and the course before it."""
 
     time: float
     target: Float[np.ndarray, " n"]
@@ -112,21 +112,21 @@ class _Begun:
 
 @takes_arrays
 class ServoModel:
-    """Joints, their speeds and accelerations between and ahead of the robot's own feedback.
+    """A model of joints, their speeds and accelerations, between and before the robot's feedback.
 
     Exact for ramps: the solution of the differential equation in closed form from one change of the ramp to the next.
-    What the joints are off it in their feedback (sag, deflection, friction) is followed slowly and added. A command
-    that was lost on its way shows in the feedback after it should have begun, and is taken out.
+    The difference of the feedback from it (sag, deflection, friction) is followed slowly and added. A lost command
+    shows in the feedback after it should have begun, and is removed from the model.
 
     Args:
-        servo: how the robot follows.
-        count: n, of joints.
+        servo: times with which the robot follows commands.
+        count: n, the number of joints.
         correction: [s] time constant by which feedback corrects the model.
 
     Attributes:
-        offset: (n,) what the joints are off the model, by their feedback.
-        missed: how many commands never came, as far as feedback tells: it must come about once a command, and the
-            joints must lag behind it.
+        offset: (n,) difference of the joints from the model, by their feedback.
+        missed: number of commands that never came, as far as feedback shows: it must come about once per command, and
+            the joints must lag behind the command.
     """
 
     def __init__(self, servo: Servo, count: int, correction: float = 0.1) -> None:
@@ -143,7 +143,7 @@ class ServoModel:
         self.start(0.0, np.zeros(count))
 
     def start(self, time: float, joints: Float[np.ndarray, " n"]) -> None:
-        """At rest at these joints, with nothing commanded."""
+        """Begin at rest at these joints at a time [s], with nothing commanded."""
         self._course, self._fed = _Course(self.servo, time, joints), time
         self.offset[:], self._joints[:] = 0.0, joints
         self._waiting.clear()
@@ -153,11 +153,11 @@ class ServoModel:
         self._kept = 0
 
     def send(self, time: float, joints: Float[np.ndarray, " n"]) -> None:
-        """A command, given now."""
+        """Add a command (n,) sent at a time [s]."""
         self._waiting.append((time + self.servo.delay, joints.copy()))
 
     def advance(self, time: float) -> None:
-        """To a later time [s]; earlier ones are left alone."""
+        """Advance the model to a later time [s]; earlier times are ignored."""
         while self._waiting and self._waiting[0][0] <= time:
             self._take(*self._waiting.popleft())
         self._course.follow(time)
@@ -166,9 +166,9 @@ class ServoModel:
         self._kept = (self._kept + 1) % REMEMBERED
 
     def correct(self, time: float, joints: Float[np.ndarray, " n"]) -> Feedback:
-        """By feedback of the joints as they were at this time, at most some cycles ago.
+        """Correct the model by feedback of the joints (n,) at a time [s], at most some cycles ago; return its verdict.
 
-        Where a command never came, the model is that of a robot which never had it, from when on it should have begun.
+        If a command never came, it is removed from the model from the time at which it should have begun.
 
         Raises:
             InputError: feedback of another number of joints.
@@ -194,21 +194,21 @@ class ServoModel:
 
     @property
     def joints(self) -> Float[np.ndarray, " n"]:
-        """(n,) where they are now; written anew by `advance`, as the next two are."""
+        """Present joint positions (n,) [rad, m]; `advance` overwrites them, and the speeds and accelerations."""
         return self._joints
 
     @property
     def speeds(self) -> Float[np.ndarray, " n"]:
-        """(n,) their derivatives."""
+        """Present joint speeds (n,) [rad/s, m/s]."""
         return self._course.state[1]
 
     @property
     def accelerations(self) -> Float[np.ndarray, " n"]:
-        """(n,) theirs."""
+        """Present joint accelerations (n,) [rad/s^2, m/s^2]."""
         return self._course.state[2]
 
     def _take(self, begins: float, target: Float[np.ndarray, " n"]) -> None:
-        """A command begins."""
+        """Begin a command."""
         self._course.follow(begins)
         self._begins.append(_Begun(begins, target, self._course.copy()))
         self._course.take(begins, target)
@@ -217,7 +217,7 @@ class ServoModel:
         return [each for each in self._begins if each.time > command.time]
 
     def _without(self, command: _Begun, time: float, joints: Float[np.ndarray, " n"]) -> float:
-        """Root mean square of what the feedback is off joints that never had this command."""
+        """Return the root mean square difference of the feedback from joints that never had this command."""
         course = command.before.copy()
         for each in self._after(command):
             if each.time <= time:
@@ -226,7 +226,7 @@ class ServoModel:
         return math.dist(joints, course.state[0] + self.offset) / math.sqrt(len(joints))
 
     def _take_out(self, command: _Begun) -> None:
-        """As if this command had never come: what was modelled since is modelled anew; later ones begin as they did."""
+        """Remove a command that never came: model the time since again; later commands begin as they did."""
         later = deque(self._after(command))
         while self._begins and self._begins[-1].time >= command.time:
             self._begins.pop()

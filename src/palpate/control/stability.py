@@ -1,7 +1,7 @@
-"""Whether a loop with its delay is stable: the spectral radius of one cycle, and gains refused by it.
+"""Check the stability of a loop with delay by the spectral radius of one cycle, and reject unstable gains.
 
-A cycle of a linear loop takes its state x to A x. What the state holds (velocity, estimate, commands under way, servo)
-decays if, and only if, every eigenvalue of A lies inside the unit circle.
+A cycle of a linear loop takes its state x to A x. The state (velocity, estimate, commands under way, servo) decays
+if, and only if, every eigenvalue of A lies inside the unit circle.
 """
 
 from __future__ import annotations
@@ -36,15 +36,15 @@ _FINE = 60  # halvings of a bracket: to rounding
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class DelayedRobot(Value):
-    """What lies between a command and the reading that feels it, in cycles of the controller.
+    """Model of the path from a command to the reading that feels it, in cycles of the controller.
 
     Args:
-        dt: a cycle [s].
-        delay: cycles that a command waits; with 0 the next reading feels all of it.
-        ramp: whether the robot then goes straight from one command to the next over a cycle, instead of at once.
-        lag: [s] of the servo that follows; 0: none.
-        order: of the servo, 1 or 2; of second order it is critically damped, of natural frequency 2/lag.
-        smoothing: time constant [s] of a first-order low-pass over what is measured; 0: none.
+        dt: length of a cycle [s].
+        delay: cycles that a command waits; with 0 the next reading feels it fully.
+        ramp: whether the robot then moves linearly from one command to the next over a cycle, instead of at once.
+        lag: [s] of the servo; 0: none.
+        order: of the servo, 1 or 2; a second-order servo is critically damped, with natural frequency 2/lag.
+        smoothing: time constant [s] of a first-order low-pass over the measurement; 0: none.
 
     Raises:
         InputError: dt that is not positive, a negative delay, lag or smoothing, another order.
@@ -70,7 +70,7 @@ class DelayedRobot(Value):
         return type(self), (self.dt, self.delay, self.ramp, self.lag, self.order, self.smoothing)
 
     def _discrete(self) -> Float[np.ndarray, "m k"]:
-        """Rows of the servo's next state, from its state and the commands at the cycle's start and end; exact."""
+        """Return rows of the servo's next state, from its state and the commands at a cycle's start and end; exact."""
         if self.lag == 0:
             return np.zeros((0, 2))
         from scipy.linalg import expm  # here: it takes 0.1 s to import
@@ -90,17 +90,17 @@ class DelayedRobot(Value):
 
     @property
     def size(self) -> int:
-        """States: the commands under way, the servo, the smoothed reading."""
+        """Number of states: the commands under way, the servo, the smoothed reading."""
         return self.delay + 1 + len(self._servo) + 1
 
     def read(self, state: Rows) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """The position at a reading, and as it is smoothed."""
+        """Return the position at a reading, and its smoothed value."""
         position = state[self.delay + 1] if len(self._servo) else state[self.delay]
         share = 1.0 if self.smoothing == 0 else -math.expm1(-self.dt / self.smoothing)
         return position, state[-1] + share * (position - state[-1])
 
     def move(self, state: Rows, command: Float[np.ndarray, " n"], smoothed: Float[np.ndarray, " n"]) -> Rows:
-        """The state at the next reading. state[0] is the command before this one, state[1] the one before that."""
+        """Return the state at the next reading. state[0] is the previous command, state[1] the one before that."""
         commands = np.vstack([command, state[: self.delay]])
         parts = [commands]
         if len(self._servo):
@@ -110,16 +110,16 @@ class DelayedRobot(Value):
 
 @dataclass(frozen=True)
 class Tracker:
-    """An estimator with a memory that fades, and a prediction: what stands in for a steady Kalman filter.
+    """An estimator with fading memory and a prediction, which models a Kalman filter in steady state.
 
-    Value, rate (and second derivative) are predicted over a cycle and corrected by gains times what is new. With
+    Value, rate (and second derivative) are predicted over a cycle and corrected by gains times the innovation. With
     p = exp(-bandwidth dt) they are 1 - p; 1 - p^2, (1 - p)^2; or 1 - p^3, 1.5 (1 - p)^2 (1 + p), (1 - p)^3, so that all
-    its poles lie at p (Morrison 1969). The command is the value `ahead` seconds later.
+    its poles lie at p (Morrison 1969). The command is the value `prediction` seconds later.
 
     Args:
-        bandwidth: [rad/s].
-        prediction: [s].
-        order: 0 a value that stays, 1 a constant rate, 2 a constant acceleration.
+        bandwidth: [rad/s] of the poles.
+        prediction: [s] time over which the value is predicted.
+        order: 0: constant value, 1: constant rate, 2: constant acceleration.
     """
 
     bandwidth: float
@@ -128,38 +128,38 @@ class Tracker:
 
     def __post_init__(self) -> None:
         if self.order not in (0, 1, 2) or not (0 < self.bandwidth < math.inf and 0 <= self.prediction < math.inf):
-            raise InputError("a tracker is of order 0, 1 or 2, with a bandwidth above 0 and an ahead of 0 or more.")
+            raise InputError("a tracker has order 0, 1 or 2, a bandwidth above 0 and a prediction of 0 s or more.")
 
     def gains(self, dt: float) -> Float[np.ndarray, " m"]:
-        """Of value, rate and second derivative."""
+        """Return the gains of value, rate and second derivative, (order + 1,), for a cycle of dt [s]."""
         p = math.exp(-self.bandwidth * dt)
         q = 1.0 - p
         every = ((q,), (1 - p**2, q**2 / dt), (1 - p**3, 1.5 * q**2 * (1 + p) / dt, q**3 / dt**2))
         return np.array(every[self.order])
 
     def transition(self, time: float) -> Float[np.ndarray, "m m"]:
-        """What takes value and derivatives `time` [s] further."""
+        """Return the matrix (order + 1, order + 1) that advances value and derivatives by `time` [s]."""
         whole = np.array([[1.0, time, 0.5 * time * time], [0.0, 1.0, time], [0.0, 0.0, 1.0]])
         return whole[: self.order + 1, : self.order + 1]
 
 
 def _radius(size: int, cycle: Callable[[Rows], Rows]) -> float:
-    """Of a linear cycle: its matrix is what it makes of the unit vectors."""
+    """Return the spectral radius of a linear cycle, whose matrix is its image of the unit vectors."""
     return float(np.abs(np.linalg.eigvals(cycle(np.eye(size)))).max())
 
 
 def admittance_radius(robot: DelayedRobot, admittance: Admittance, stiffness: float) -> float:
-    """Spectral radius of (7) against a spring, or of (8) on a round probe.
+    """Compute the spectral radius of (7) against a spring, or of (8) on a round probe.
 
     One cycle reads y (smoothed: m), and with error = -K m
 
         v <- v + dt/M (-K m - D v),   command <- command + dt v
 
-    (8) is the same with the contact's gain in place of K: the offset per angle [m/rad], which is the probe's radius
-    where it is round.
+    (8) is the same with the contact's gain in place of K: the offset per angle [m/rad], the probe's radius if it is
+    round.
 
     Args:
-        robot: delay and lag.
+        robot: its delay and lag.
         admittance: mass and damping.
         stiffness: K [N/m], or [m/rad].
     """
@@ -174,17 +174,17 @@ def admittance_radius(robot: DelayedRobot, admittance: Admittance, stiffness: fl
 
 
 def observer_radius(robot: DelayedRobot, tracker: Tracker, ratio: float) -> float:
-    """Spectral radius of a loop that observes the surface and goes there.
+    """Compute the spectral radius of a loop that observes the surface and moves there.
 
-    The surface's angle is taken to be z = y - offset / R, with y the probe's own and offset = R_true (y - surface): so
-    z = (1 - g) y + g surface with g = R_true/R, and the robot's own motion comes back by 1 - g. The smoothing of the
-    robot's readings acts on the offset alone, as a filter over the wrench does: y - g m. A command is what the tracker
-    makes of z. For heights, g is the true stiffness over the assumed one.
+    The surface's angle is taken as z = y - offset / R, with y the probe's angle and offset = R_true (y - surface): so
+    z = (1 - g) y + g surface with g = R_true/R, and the robot's motion feeds back by 1 - g. The smoothing of the
+    robot's readings acts on the offset alone, as a filter over the wrench does: y - g m. A command is the tracker's
+    prediction from z. For heights, g is the true stiffness over the assumed one.
 
     Args:
-        robot: delay and lag.
+        robot: its delay and lag.
         tracker: bandwidth and prediction.
-        ratio: g.
+        ratio: g, true over assumed.
     """
     predict, gains = tracker.transition(robot.dt), tracker.gains(robot.dt)
     known, out = len(gains), tracker.transition(tracker.prediction)[0]
@@ -199,13 +199,13 @@ def observer_radius(robot: DelayedRobot, tracker: Tracker, ratio: float) -> floa
 
 
 def stiffest(robot: DelayedRobot, admittance: Admittance) -> float:
-    """The stiffness that is just no longer stable [N/m, m/rad]; 0 where none is."""
+    """Return the stiffness at which the loop just ceases to be stable [N/m, m/rad]; 0 if no stiffness is stable."""
     first = 1e-4 * admittance.damping / robot.dt
     return _edge(first, 1e9 * first, lambda k: admittance_radius(robot, admittance, k) < 1.0)
 
 
 def least_damping(robot: DelayedRobot, mass: float, stiffness: float) -> float:
-    """The damping from which on the loop is stable, at this mass; infinite where none makes it so."""
+    """Return the damping above which the loop is stable at this mass; infinite if there is none."""
     most = 2.0 * mass / robot.dt  # beyond it the admittance alone is unstable
 
     def unstable(damping: float) -> bool:
@@ -216,7 +216,7 @@ def least_damping(robot: DelayedRobot, mass: float, stiffness: float) -> float:
 
 
 def _edge(first: float, last: float, holds: Callable[[float], bool]) -> float:
-    """Where from `first` up something ceases to hold, between steps of a tenth; 0 if at once, `last` if nowhere."""
+    """Return where `holds` ceases, searched in steps of a tenth and refined; 0 if at once, `last` if nowhere."""
     if not holds(first):
         return 0.0
     low = first
@@ -231,16 +231,16 @@ def _edge(first: float, last: float, holds: Callable[[float], bool]) -> float:
 
 
 def require_stable(robot: DelayedRobot, admittance: Admittance, stiffness: float, what: str = "force") -> None:
-    """Requires that an admittance be stable against the stiffest environment.
+    """Require that an admittance be stable against the stiffest environment.
 
     Args:
-        robot: delay and lag.
+        robot: its delay and lag.
         admittance: mass and damping.
-        stiffness: the greatest that is met: [N/m] of a force, [m/rad] of an orientation.
+        stiffness: greatest of the environment: [N/m] for a force, [m/rad] for an orientation.
         what: "force" or "orientation", for the units of the message.
 
     Raises:
-        InputError: it is not; the sentence holds the bound.
+        InputError: the loop is unstable (the message has the bound), or the stiffness is not positive.
     """
     if not (0 < stiffness < math.inf):
         raise InputError(f"the stiffness of the {what} loop must be positive, not {stiffness}.")
@@ -258,7 +258,7 @@ def require_stable(robot: DelayedRobot, admittance: Admittance, stiffness: float
 
 
 def _advice(robot: DelayedRobot, admittance: Admittance, stiffness: float, what: str) -> str:
-    """What to set instead: a damping, or both where at this mass none is enough."""
+    """Return a sentence that proposes a damping, or also a mass if no damping is enough at this mass."""
     of_damping, _, of_mass = _UNITS[what]
     least = least_damping(robot, admittance.mass, stiffness)
     if admittance.damping < least < math.inf:
@@ -274,6 +274,6 @@ def _advice(robot: DelayedRobot, admittance: Admittance, stiffness: float, what:
 
 
 def _up(value: float) -> str:
-    """Three digits, rounded up."""
+    """Return a number as text with three digits, rounded up."""
     unit = 10.0 ** (math.floor(math.log10(value)) - 2)
     return f"{math.ceil(value / unit - 1e-9) * unit:.3g}"

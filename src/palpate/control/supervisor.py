@@ -1,4 +1,4 @@
-"""Which state a contact loop is in, and why: it holds or retreats where it cannot know, and never guesses."""
+"""Supervise the state of a contact loop: it holds or retreats if the contact is not known, and never guesses."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ BRIEF = 0.5  # s: after a shorter loss the loop goes on holding, for what it kno
 
 
 class State(StrEnum):
-    """What the loop does now."""
+    """State of a contact loop."""
 
     APPROACH = "approach"  # moves along the probe's axis until something is touched
     CONTACT = "contact"  # presses until the wanted force is there, and learns how stiff it is
@@ -31,26 +31,26 @@ class State(StrEnum):
 @takes_arrays
 @dataclass(frozen=True)
 class Limits:
-    """What a loop must never pass, and how long it waits.
+    """Limits of a contact loop, and the times for which it waits.
 
     Args:
         force: [N] largest contact force; beyond it the loop retreats and stops.
-        speed: [m/s] of the tip.
-        turn: [rad/s] of the probe.
-        approach: [m/s] towards what is to be touched, and of the retreat.
-        travel: [m] how far to approach before giving up, and how far the tip may be from where it first touched.
-        tilt: [rad] how far the probe may lean from where it first touched.
-        touch: [N] by which the approach knows that it has touched; more than what its own motion is misjudged by.
-        lost: [s] without contact before it counts as lost, and `patience` [s] before a lost one is given up.
-        stale: [s] without a new reading of the sensor before the loop holds still.
-        patience: [s], see `lost`.
-        drift: (force, torque) bounds of the sensor's drift [N/s, N m/s] since its tare. It cannot be seen in contact,
-            so that the angle by which it turns the probe is predicted: beyond `drift_angle` [rad] the loop stops and
-            asks for a tare.
-        drift_angle: [rad], see `drift`.
+        speed: [m/s] largest speed of the tip.
+        turn: [rad/s] largest turn rate of the probe.
+        approach: [m/s] speed of the approach and of the retreat.
+        travel: [m] largest distance of the approach, and of the tip from its first contact.
+        tilt: [rad] largest lean of the probe from its axis at first contact.
+        touch: [N] force that ends the approach; more than the error of the inertial forces of the motion.
+        lost: [s] without contact after which it counts as lost.
+        stale: [s] without a new reading of the sensor after which the loop holds still.
+        patience: [s] after which a lost contact is given up.
+        drift: (force, torque) bounds of the sensor's drift [N/s, N m/s] since its tare. It cannot be measured in
+            contact, so the angle by which it turns the probe is predicted: beyond `drift_angle` [rad] the loop stops
+            and requests a tare.
+        drift_angle: [rad] largest angle due to drift, see `drift`.
 
     Raises:
-        InputError: one that is not positive, or a drift that is negative.
+        InputError: a limit is not positive and finite, or a drift is negative.
     """
 
     force: float = 20.0
@@ -77,11 +77,11 @@ class Limits:
 
 
 class Supervisor:
-    """The states of a loop and what leads from one to the next.
+    """State machine of a contact loop.
 
     Args:
-        limits: see there.
-        force: [N] the wanted one.
+        limits: of force and waiting times.
+        force: [N] wanted contact force.
 
     Raises:
         InputError: the limit on force is not above the wanted force.
@@ -100,26 +100,27 @@ class Supervisor:
         self.start(0.0)
 
     def start(self, time: float) -> None:
-        """Anew, from the approach on."""
+        """Begin anew with the approach."""
         self._to(State.APPROACH, "nothing touched yet", time)
         self._seen = self._touched = time
         self.retreating = False
 
     def stop(self, time: float, why: str, *, retreat: bool = False) -> None:
-        """For good; `start` begins anew."""
+        """Stop for good, with a reason, and retreat if requested; `start` begins anew."""
         if self.state != State.STOPPED:
             self._to(State.STOPPED, why, time)
             self.retreating = retreat
 
     @property
     def settled(self) -> float:
-        """[s] when the present state began."""
+        """Time [s] when the present state began."""
         return self._since
 
     def fresh(self, time: float, status: int, force: float) -> None:
-        """A reading came: its `Status`, and the length of the contact's force [N].
+        """Update the state by a new reading: its `Status`, and the length of the contact force [N].
 
-        A saturated or invalid reading says nothing, and counts as none.
+        A saturated or invalid reading, or one without a pose, counts as none; a saturated one after the approach stops
+        the loop.
         """
         if status in (Status.SATURATED, Status.INVALID, Status.NO_POSE):
             why = Status(status).label
@@ -146,11 +147,11 @@ class Supervisor:
         return None
 
     def silent(self, time: float) -> None:
-        """A moment without a new reading."""
+        """Update the state at a time [s] without a new reading."""
         self._silent(time, "no new reading of the sensor")
 
     def pressed(self, time: float) -> None:
-        """The wanted force is there, and what was to be learned is known."""
+        """Change from CONTACT to HOLD: the wanted force is there, and the law is ready."""
         if self.state == State.CONTACT:
             self._to(State.HOLD, "force and angle are held", time)
 

@@ -1,8 +1,8 @@
-"""What a robot has touched, where, and how sure it still is of it: a small map, and the cheapest way through it.
+"""Remember touched places with a belief in each, and find the cheapest way between them.
 
-The memory that the paper's state machine [marker ring, V] has not. Places are points; belief in each fades with time,
-because what was touched may have been a robot, or may have been pushed since, and is taken back where the robot's own
-body has passed. A place is never forbidden, only costly, so that there is always a way.
+The paper's state machine [marker ring, V] has no such memory. Places are points; belief in each fades with time,
+because the touched object may have been a robot, or may have been pushed since, and a place is removed if the robot's
+body has passed there. A place is never forbidden, only costly, so that there is always a way.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ LINE = 3  # places that make a wall
 
 @dataclass(frozen=True)
 class TouchMapSettings:
-    """How places are remembered.
+    """Settings of the memory of places and of the cost of ways.
 
     Attributes:
-        cell: [m] of the map that ways are found in.
-        weight: how many times its length a way costs through a place that was touched just now.
+        cell: [m] size of a cell of the map in which ways are found.
+        weight: cost, relative to its length, of a way through a place that was touched just now.
         fade: [s] in which belief in a place falls to 1/e.
-        merge: [m]: nearer touches are one place.
-        again: [s] after which one more touch of a place is another: each adds `weight`.
+        merge: [m] touches nearer than this are one place.
+        again: [s] after which a further touch of a place counts again: each adds `weight`.
         clearance: [m] beyond the body, within which a way costs a little more.
-        near: that cost, as a share of `weight`, where the body just touches.
-        margin: [m] that a way may lead around everything known.
-        slack: [m] that a soft body may be pressed in.
+        near: this extra cost, as a share of `weight`, where the body just touches.
+        margin: [m] by which a way may go beyond all known places.
+        slack: [m] by which a soft body may be pressed in.
     """
 
     cell: float = 0.02
@@ -48,11 +48,11 @@ class TouchMapSettings:
 
 
 class TouchMap:
-    """Places touched by a round body.
+    """A map of places touched by a round body.
 
     Args:
         radius: [m] of the body.
-        settings: how places are remembered.
+        settings: of memory and costs; None: `TouchMapSettings()`.
     """
 
     def __init__(self, radius: float, settings: TouchMapSettings | None = None) -> None:
@@ -60,7 +60,7 @@ class TouchMap:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything."""
+        """Forget all places."""
         self._places = np.zeros((MOST, 4))  # x, y, time of the last touch, belief of all touches
         self._count = 0
 
@@ -69,11 +69,11 @@ class TouchMap:
 
     @property
     def places(self) -> Float[np.ndarray, "n 3"]:
-        """Where [m], and when last [s]."""
+        """Places, (n, 3): x, y [m] and the time of the last touch [s]."""
         return self._places[: self._count, :3].copy()
 
     def touch(self, time: float, x: float, y: float, belief: float = 1.0) -> None:
-        """Remember that something stands at a point [m], and how surely it stands there."""
+        """Remember an obstacle at a point [m], touched at a time [s], with a belief (1: an ordinary touch)."""
         places, count = self._places, self._count
         if count:
             off = np.hypot(places[:count, 0] - x, places[:count, 1] - y)
@@ -89,7 +89,7 @@ class TouchMap:
         self._count = count + 1
 
     def clear(self, x: float, y: float, within: float) -> None:
-        """Forget the places that lie within a distance [m] of a point: the body stands there."""
+        """Forget the places within a distance [m] of a point, because the body is there."""
         count = self._count
         if not count:
             return
@@ -99,13 +99,13 @@ class TouchMap:
             self._places[: self._count] = self._places[:count][kept]
 
     def nearest(self, x: float, y: float) -> float:
-        """Distance [m] of the nearest place; inf where there is none."""
+        """Return the distance [m] from a point to the nearest place; inf if there is none."""
         if not self._count:
             return inf
         return float(np.hypot(self._places[: self._count, 0] - x, self._places[: self._count, 1] - y).min())
 
     def in_line(self, x: float, y: float, normal: float) -> bool:
-        """Whether a wall may go through a point with a normal [rad]: `LINE` places near it lie on its tangent."""
+        """Return whether a wall may pass a point with a normal [rad]: `LINE` places near it lie on its tangent."""
         places = self._places[: self._count, :2] - (x, y)
         off = np.abs(places @ np.array([cos(normal), sin(normal)]))
         aside = np.abs(places @ np.array([-sin(normal), cos(normal)]))
@@ -114,7 +114,7 @@ class TouchMap:
     def way(
         self, time: float, start: tuple[float, float], goal: tuple[float, float]
     ) -> tuple[Float[np.ndarray, "n 2"], float]:
-        """The cheapest way: its corners after the start [m], the goal last, and its cost [m]; its length where free."""
+        """Return the cheapest way: its corners (n, 2) [m] after the start, and its cost [m], its length if free."""
         from palpate.control._touch_map import fill, find_way  # compiled: loaded when first needed
 
         set_, places = self.settings, self._places[: self._count]

@@ -1,14 +1,15 @@
-"""A robot that finds its way by touch: it remembers what it touched, plans round it, and pushes what moves.
+"""Navigate by touch: remember touched places, plan a way around them, and push what moves.
 
-Beyond the state machine of the paper [marker ring, V], which forgets a touch as soon as it has backed away from it:
+This extends the state machine of the paper [marker ring, V], which forgets a touch as soon as it has backed away from
+it:
 
-* what stands fast is remembered (`TouchMap`) and a way is found round all of it, again and again; walls are followed,
-  because each touch makes the way along them the cheaper one, and pockets are left for the same reason;
-* motion into a contact is slowed in proportion to what is left of the force allowed, so that a touch stays soft;
-* what is ahead is pushed, and stands fast if it has not moved after a while (`PushTest`);
-* what pushes back is given way to;
-* what holds the robot unfelt is remembered as well, and a track that does not follow is noticed (`TrackWatch`);
-* a search that only goes over the same ground says so (`ProgressWatch`), and in the end it stops.
+* an obstacle that does not move is remembered (`TouchMap`) and a way is found around all of them, again and again;
+  the robot follows walls, because each touch makes the way along them cheaper, and leaves pockets for this reason too;
+* motion into a contact is slowed in proportion to the remaining allowed force, so that a touch stays soft;
+* an object ahead is pushed, and counts as fixed if it has not moved after a while (`PushTest`);
+* the robot gives way to anything that pushes back;
+* an obstacle that is not felt is remembered as well, and a track that does not follow is noticed (`TrackWatch`);
+* a search that only repeats its way is reported (`ProgressWatch`), and finally stopped.
 """
 
 from __future__ import annotations
@@ -40,35 +41,36 @@ Felt = list[tuple[float, float]]  # angle [rad], force [N]
 
 @dataclass(frozen=True)
 class TouchNavigatorSettings:
-    """How the robot moves and what it believes.
+    """Settings of a `TouchNavigator`: motion, forces and memory.
 
     Attributes:
-        radius: [m] of its round skin.
-        reach: [m] from the goal at which it has arrived.
-        force: [N] that no contact should be pressed with.
+        radius: [m] of the robot's round skin.
+        reach: [m] distance from the goal at which the robot has arrived.
+        force: [N] largest force that a contact should have.
         stiffness: [N/m] of the skin.
-        soften: [s] in which the force that is left is used up, at the least.
-        flank, relief, off: what presses on a flank with more than `flank` [N] is left at `relief` [rad/N], up to `off`.
-        squeeze: share of `force` on both flanks from which it does not go on between them.
-        felt: [N]: less is no touch.
-        firm: [N]: less is not remembered.
-        facing: [rad] from the heading within which a contact is in the way.
-        glancing: [rad] from the heading beyond which it is passed rather than pushed.
-        settle, test, moved: of `PushTest`.
-        known: [m]: what is nearer to a remembered place is not pushed again.
-        clearance, wall: [m] to both sides of a touch where its surface is taken to go on: of one touch, and of one in
-            line with others.
-        passed, pushed: belief in what was only passed, and in what did not move when pushed, beside 1 of other touches.
-        back: [s] for which it backs away from what stands fast.
-        slow: share of the top speed at which it does.
-        turn: [rad/s] fastest.
-        still: [m], [s]: who has moved less in so long is stuck.
-        doubt, ground: [s] after which it says that its goal may be out of reach, if it has come no nearer in that time,
-            nor to so many places where it has not been before; see `ProgressWatch`.
-        patience: [s] after which it stops, if it has come no nearer to its goal.
+        soften: [s] least time in which the remaining allowed force is used up.
+        flank, relief, off: from a contact on a flank with more than `flank` [N] the heading turns away by `relief`
+            [rad/N], up to `off` [rad].
+        squeeze: share of `force` on both flanks above which the robot does not go on between them.
+        felt: [N] a smaller force is no touch.
+        firm: [N] a smaller force is not remembered.
+        facing: [rad] angle from the heading within which a contact is in the way.
+        glancing: [rad] angle from the heading beyond which a contact is passed rather than pushed.
+        settle, test, moved: arguments of `PushTest`.
+        known: [m] a contact nearer to a remembered place is not pushed again.
+        clearance, wall: [m] distance to both sides of a touch over which its surface is assumed to continue: for a
+            single touch, and for one in line with others.
+        passed, pushed: belief in a touch that was only passed, and in one that did not move when pushed; 1 for others.
+        back: [s] for which the robot backs away from a fixed obstacle.
+        slow: share of the top speed at which it backs away.
+        turn: [rad/s] largest turn rate.
+        still: ([m], [s]) a robot that has moved less than this distance in this time is stuck.
+        doubt, ground: [s] after which the goal is reported as possibly out of reach, if the robot has come neither
+            nearer in that time nor to `ground` new places; see `ProgressWatch`.
+        patience: [s] after which the robot stops if it has come no nearer to its goal.
         push: False: nothing is pushed on purpose.
         remember: False: no memory.
-        map: how places are remembered.
+        map: settings of the memory of places.
     """
 
     radius: float = 0.055
@@ -107,18 +109,18 @@ class TouchNavigatorSettings:
 @called_as("palpate.TouchNavigator(goal=(1.2, 0.0))")
 @takes_arrays
 class TouchNavigator:
-    """From touches and pose to the speeds of both tracks, at the caller's rate (30 Hz in mind); see `Navigator`.
+    """A `Navigator` with a memory of touches, updated at the caller's rate (meant for 30 Hz).
 
     States: "move to goal", "push", "back off", "give way", "escape", "blind", "no pose", "stopped", "arrived".
 
     Args:
-        goal: (2,) [m], in the frame of the poses.
-        drive: of the robot.
-        settings: how it moves.
-        seed: of its own draws, which part robots that stand in each other's way.
+        goal: (2,) [m] in the frame of the poses.
+        drive: the robot's drive; None: `DifferentialDrive()`.
+        settings: of motion, forces and memory.
+        seed: of its random draws, which separate robots that block each other.
 
     Raises:
-        InputError: a goal that is not two finite numbers, or settings that cannot be.
+        InputError: the goal is not two finite numbers, or `ground` is less than 1.
     """
 
     def __init__(
@@ -137,7 +139,7 @@ class TouchNavigator:
         self.reset()
 
     def reset(self) -> None:
-        """Anew: nothing touched yet, the goal not reached."""
+        """Begin anew: nothing touched yet, the goal not reached."""
         self.state, self._why, self.arrived = "move to goal", "nothing is in the way", False
         self.why = self._why
         self.map.reset()
@@ -154,7 +156,7 @@ class TouchNavigator:
     def update(
         self, time: float, touches: Float[np.ndarray, "k 2"] | None, pose: Float[np.ndarray, "3"]
     ) -> tuple[float, float]:
-        """Speeds of the left and the right track [m/s]; see `Navigator.update`."""
+        """Return the speeds of the left and the right track [m/s]; see `Navigator.update`."""
         x, y, heading = (float(value) for value in pose)
         far = hypot(self.goal[0] - x, self.goal[1] - y)
         if self.arrived or far < self.settings.reach:
@@ -182,7 +184,7 @@ class TouchNavigator:
         return self._sent
 
     def _fault(self, time: float, here: Pose, far: float, *, touched: bool) -> str | None:
-        """Why it cannot go on, if it cannot."""
+        """Return the reason why the robot cannot go on; None if it can."""
         side = self._watch.update(time, here, self._sent, touched=touched)
         if side is not None:
             return f"the {side} track does not follow"
@@ -191,7 +193,7 @@ class TouchNavigator:
         return None
 
     def _decided(self, time: float, here: Pose, felt: Felt) -> tuple[float, float]:
-        """Forward speed and turn rate; the state and why."""
+        """Return the forward speed and turn rate; set the state and its reason."""
         behind = any(cos(angle) < -0.5 for angle, _ in felt)
         if time < self._until and not behind:
             return self._leave
@@ -228,7 +230,7 @@ class TouchNavigator:
     # what is touched
 
     def _remember(self, time: float, here: Pose, felt: Felt) -> None:
-        """What touches beside the way is remembered as it is; what lay where the robot stands is gone."""
+        """Remember touches outside the way as passed; remove the places on which the robot stands."""
         set_ = self.settings
         if not set_.remember:
             self.map.reset()
@@ -241,7 +243,7 @@ class TouchNavigator:
         self._changed = self._changed or len(self.map) != before
 
     def _mark(self, time: float, here: Pose, way: float, force: float, beside: float, belief: float = 1.0) -> None:
-        """Remember a touch of a surface that goes on to both sides of it [m]."""
+        """Remember a touch of a surface that continues to both sides of it [m]."""
         out = self.settings.radius - force / self.settings.stiffness
         for aside in np.linspace(-beside, beside, 5 if beside > 0.03 else 3).tolist() if beside else (0.0,):
             x = here[0] + out * cos(way) - aside * sin(way)
@@ -250,13 +252,13 @@ class TouchNavigator:
         self._changed = True
 
     def _squeezed(self, felt: Felt) -> Felt:
-        """What presses on both flanks at once, if the weaker of them does hard: a gap that only gets narrower."""
+        """Return the contacts on both flanks, if the weaker side presses hard: a gap that only gets narrower."""
         flanks = [(angle, force) for angle, force in felt if abs(cos(angle)) < cos(self.settings.glancing)]
         hard = [max((force for angle, force in flanks if angle * side > 0.0), default=0.0) for side in (1.0, -1.0)]
         return flanks if min(hard) > self.settings.squeeze * self.settings.force else []
 
     def _pressed(self, time: float, here: Pose, ahead: Felt) -> str | None:
-        """Why what is ahead is taken to stand fast, if it is; it is remembered then."""
+        """Return the reason why the contact ahead counts as fixed, and remember it; None if it does not."""
         set_ = self.settings
         strongest = max(force for _, force in ahead)
         firm = strongest > set_.firm
@@ -278,7 +280,7 @@ class TouchNavigator:
         return why
 
     def _stands(self, time: float, here: Pose, ahead: Felt, belief: float = 1.0) -> None:
-        """What is ahead stands fast: remember it, on a wall if it is in line with what is known."""
+        """Remember the contacts ahead as fixed, as parts of a wall if they are in line with known places."""
         self._test.end()
         if not self.settings.remember:
             return
@@ -302,7 +304,7 @@ class TouchNavigator:
         return time - self._stood[2] > seconds
 
     def _followed(self, time: float, here: Pose) -> tuple[float, float]:
-        """Forward speed and turn rate along the cheapest way, which is found anew where something changed."""
+        """Return forward speed and turn rate along the cheapest way, which is found again after changes."""
         if time - self._planned > (0.3 if self._changed else 2.0):
             way, cost = self.map.way(time, here[:2], self.goal)
             corners = [(here[0], here[1]), *((float(x), float(y)) for x, y in way)]
@@ -319,10 +321,10 @@ class TouchNavigator:
         return self.drive.top * cos(off) * (1.0 - abs(degrees(off)) / 60.0), turn
 
     def _soft(self, forward: float, felt: Felt) -> float:
-        """The forward speed [m/s] at which no contact is pressed harder than allowed.
+        """Return the forward speed [m/s] at which no contact is pressed harder than allowed.
 
         A contact at angle a is pressed in by v cos(a), so that its force F grows by k v cos(a): v is bounded such that
-        what is left, F_max - F, lasts for `soften`. Beyond F_max the bound turns round.
+        the remaining F_max - F lasts for `soften`. Beyond F_max the bound changes its sign.
         """
         set_, high, low = self.settings, inf, -inf
         for angle, force in felt:
@@ -334,9 +336,9 @@ class TouchNavigator:
         return 0.5 * (low + high) if low > high else max(low, min(high, forward))
 
     def _aside(self, turn: float, felt: Felt) -> float:
-        """The turn rate [rad/s] that takes the heading off what presses on a flank, the more the harder it does.
+        """Return the turn rate [rad/s] that turns the heading away from contacts on a flank, more for a larger force.
 
-        Tracks cannot step aside: a flank is relieved only by driving on at an angle to what it touches.
+        Tracks cannot step aside: a flank is relieved only by driving on at an angle to the contact.
         """
         set_, high, low = self.settings, inf, -inf
         for angle, force in felt:
@@ -351,5 +353,5 @@ class TouchNavigator:
 
 
 def _at(here: Pose, angle: float, radius: float) -> tuple[float, float]:
-    """Where a touch is [m]."""
+    """Return the point (x, y) [m] of a touch at an angle [rad] on the robot's skin."""
     return here[0] + radius * cos(here[2] + angle), here[1] + radius * sin(here[2] + angle)

@@ -1,4 +1,4 @@
-"""Whether a robot moves as its tracks are told to: one that is stuck, and what holds the robot unfelt."""
+"""Watch whether a robot moves as its tracks are commanded: find a stuck track, or an obstacle that is not felt."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ __all__ = ["TrackWatch"]
 
 
 class TrackWatch:
-    """Compares poses with what was asked for, over windows in which nothing is felt.
+    """A watch that compares poses with commanded track speeds, over windows in which nothing is felt.
 
-    Of each track the gain is found by which it follows: the least squares of what it made on what it was asked,
-    sum(made asked) / sum(asked^2), frame by frame, so that a robot that wavers tells as much as one that drives on.
+    The gain by which each track follows is a least-squares fit of its motion to the command, frame by frame,
+    sum(made commanded) / sum(commanded^2), so that a robot that wavers is as informative as one that drives on.
 
     Args:
-        drive: of the robot.
-        window: [s].
-        least: [m/s] that a track must have been asked for, root mean square.
+        drive: the robot's drive.
+        window: [s] length of a window.
+        least: [m/s] root mean square speed that a track must have been commanded.
         follows: gain below which a track does not follow.
         times: windows in a row before a track is called stuck.
 
     Attributes:
-        held: in the window that has just ended neither track followed.
+        held: whether neither track followed in the window that has just ended.
     """
 
     def __init__(
@@ -40,26 +40,26 @@ class TrackWatch:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything."""
+        """Forget all poses and windows."""
         self._last: tuple[float, float, float, float] | None = None
         self._stuck = [0, 0]
         self._begin(0.0)
 
     def _begin(self, time: float) -> None:
-        """A new window."""
+        """Begin a new window."""
         self.held, self._since, self._frames = False, time, 0
         self._both, self._asked = [0.0, 0.0], [0.0, 0.0]
 
     def update(
         self, time: float, pose: tuple[float, float, float], wheels: tuple[float, float], *, touched: bool
     ) -> str | None:
-        """Which track does not follow, "left" or "right", if one does not.
+        """Add a pose; return the track that does not follow, "left" or "right", or None.
 
         Args:
             time: [s].
-            pose: x, y [m], heading [rad], now.
-            wheels: track speeds [m/s] asked for since the last call.
-            touched: something is felt, so that no conclusion can be drawn.
+            pose: x, y [m], heading [rad] now.
+            wheels: track speeds [m/s] commanded since the last call.
+            touched: whether a touch is felt, so that no conclusion can be drawn.
         """
         last, self._last = self._last, (time, *pose)
         self.held = False
@@ -78,7 +78,7 @@ class TrackWatch:
         return next((name for name, k in zip(("left", "right"), self._stuck, strict=True) if k >= self.times), None)
 
     def _made(self, last: tuple[float, float, float, float], pose: tuple[float, float, float]) -> tuple[float, float]:
-        """How far [m] the left and the right track went."""
+        """Return the distances [m] that the left and the right track covered."""
         _, x, y, heading = last
         turned = heading_error(pose[2], heading)
         middle = heading + 0.5 * turned
@@ -86,7 +86,7 @@ class TrackWatch:
         return forward - 0.5 * self.drive.track * turned, forward + 0.5 * self.drive.track * turned
 
     def _judge(self, seconds: float) -> bool:
-        """Whether neither track followed in the window that ends now; who did not alone is counted."""
+        """Return whether neither track followed in the window that ends; count a track that alone did not."""
         enough = (self.least * seconds) ** 2 / self._frames  # sum of squares at `least`, frame by frame
         gains = [both / asked if asked > enough else None for both, asked in zip(self._both, self._asked, strict=True)]
         slow = [gain is not None and gain < self.follows for gain in gains]

@@ -1,4 +1,4 @@
-"""Holding force and angle on what moves: its surface is observed, foreseen over the loop's delay, and met there."""
+"""Hold force and angle on a moving surface: observe it, predict it over the loop's delay, and meet it there."""
 
 from __future__ import annotations
 
@@ -28,23 +28,23 @@ PATIENCE = 6.0  # s, after which the stiffness stays as it was stated
 
 @takes_arrays
 class Follow:
-    """Ours: the surface's two angles and its height, each with its speed, are states that readings correct.
+    """Palpate's law: the surface's two angles and its height, each with its rate, are states that readings correct.
 
-    Where a face of R (`ProbeFace`) is touched u off its middle, what it touches leans by asin(u/R). With that normal n
-    turned into the base by the robot's own pose, the surface leans by a = atan2(nx, nz), b = atan2(ny, nz) in the axes
-    that the probe had when it first touched; its height is that of the probe's lowest point, less what the force is off
-    the wanted one over the stiffness K. All three are the surface's, not the probe's: the robot's own motion does not
-    enter them, which is why they can be foreseen over the loop's delay (`MotionBank`) and met there by position.
+    If a face of R (`ProbeFace`) is touched u away from its middle, the surface leans by asin(u/R). With that normal n
+    turned into the base by the robot's pose, the surface leans by a = atan2(nx, nz), b = atan2(ny, nz) in the axes
+    that the probe had when it first touched; its height is that of the probe's lowest point, less the excess of the
+    force over the wanted one divided by the stiffness K. All three are the surface's, not the probe's: the robot's
+    motion does not enter them, so they can be predicted over the loop's delay (`MotionBank`) and met by position.
 
     K is fitted while the probe first presses, to depth = c + s t + a sqrt(force), whose slope at the wanted force is
-    1/K: a body that is round presses as sqrt(force) or nearly so. A wrong one converges where it is above half of the
-    true one; so do the angles, whose R follows from K.
+    1/K: a round body presses as sqrt(force) or nearly so. With a wrong K the loop converges if it is above half of
+    the true one; so do the angles, whose R follows from K.
 
     Args:
-        face: that presses.
-        force: [N] wanted.
-        stiffness: [N/m] of what is touched, where the first press does not tell.
-        stiffest: [N/m] to be expected: how gently it first presses.
+        face: the face that presses.
+        force: [N] wanted contact force.
+        stiffness: [N/m] of the surface, used if the first press does not determine it.
+        stiffest: [N/m] greatest stiffness to expect; it determines how gently the probe first presses.
 
     Raises:
         InputError: a number that is not positive, or a stiffness above the stiffest.
@@ -76,7 +76,7 @@ class Follow:
         self._smooth, self._rate = np.zeros(3), np.zeros(3)
 
     def start(self, seen: Sensed) -> None:
-        """Axes and place of the touch; what was learned of the stiffness stays."""
+        """Take axes and origin from the first reading of a touch; the fitted stiffness is kept."""
         self._axes[:], self._origin[:] = seen.rotation, seen.tip
         self._sums[:], self._right[:] = 0.0, 0.0
         self._begun = self._time = seen.time
@@ -87,7 +87,7 @@ class Follow:
         self._touch = float(np.sqrt(seen.force @ seen.force))
 
     def observe(self, seen: Sensed) -> None:
-        """The surface by one reading."""
+        """Correct the surface by one reading."""
         pressing = self._read(seen)
         self.bank.update(seen.time - self._time, self._readings, self._variances)
         self._pressing += min(1.0, (seen.time - self._time) / 0.05) * (pressing - self._pressing)
@@ -96,24 +96,24 @@ class Follow:
             self._learn(seen, pressing)
 
     def keep(self) -> None:
-        """The surface as it is known now was seen from where the robot was said to be."""
+        """Store the present surface estimate: the robot's feedback agrees with the pose it was seen from."""
         self.bank.keep()
         self._kept = self._time
 
     def forget(self) -> None:
-        """The surface is what it was when it was kept last, if that was not long ago.
+        """Restore the surface estimate that was kept last, if that was not long ago.
 
-        What was learned of the stiffness stays: some readings of hundreds.
+        The fit of the stiffness keeps all readings: only some of hundreds are wrong.
         """
         if self._time - self._kept < RECALLED:
             self.bank.recall()
             self._time = self._kept
 
     def press(self, seen: Sensed, period: float, out: Float[np.ndarray, " 6"]) -> None:
-        """Along the probe's axis by (wanted - force)/D, D = 2 K late: without overshoot.
+        """Write a step along the probe's axis at a speed of (wanted - force)/D, D = 2 K `delay`: without overshoot.
 
-        K is the stiffest to be expected at first, then what force over travel says so far; a round body is up to three
-        times stiffer than that where it stands.
+        K is `stiffest` at first, then three times the force over the travel so far, if less: at its present depth a
+        round body is up to three times stiffer than that ratio.
         """
         require_out(out, (6,))
         out[:] = 0.0
@@ -130,7 +130,7 @@ class Follow:
         period: float,
         out: Float[np.ndarray, " 6"],
     ) -> None:
-        """To where the surface will be when the command is met: tip on it, axis against it, no spin."""
+        """Write the step to the predicted pose of the surface at the command: tip on it, axis against it, no spin."""
         require_out(out, (6,))
         behind = float(SMOOTHING[0]) - 0.5 * period  # a command is already led there over the period that it begins
         values, rates = self.bank.predict(time - self._time + self.delay + behind)
@@ -139,7 +139,7 @@ class Follow:
         self._target(self._smooth, self._axes, self._origin, self.depth, rotation, tip, out)
 
     def _read(self, seen: Sensed) -> float:
-        """Readings of the surface and their variances; the force that presses [N]."""
+        """Write readings of the surface and their variances; return the normal force [N]."""
         values, _ = self.bank.predict(seen.time - self._time)
         contact = (seen.place, seen.variance, seen.force, seen.rotation, seen.tip)
         frame = (self.radii, self._axes, self._origin)
@@ -147,7 +147,7 @@ class Follow:
         return self._observed(*contact, *frame, values, *wanted, self._readings, self._variances)
 
     def _learn(self, seen: Sensed, pressing: float) -> None:
-        """Stiffness from depth against time and force, from a third of the wanted force on."""
+        """Fit the stiffness from depth against time and force, from a third of the wanted force on."""
         if self._pressing > 0.3 * self.force:
             row = np.array([1.0, seen.time - self._begun, np.sqrt(max(0.0, pressing) / self.force)])
             self._sums += np.outer(row, row)
@@ -158,7 +158,7 @@ class Follow:
             self._know()
 
     def _know(self) -> None:
-        """Take the fitted stiffness if it is one, and begin to follow from here."""
+        """Take the fitted stiffness if it is valid, and begin to follow from here."""
         if np.linalg.matrix_rank(self._sums) == 3:
             fitted: Float[np.ndarray, " 3"] = np.linalg.solve(self._sums, self._right)
             compliance = 0.5 * float(fitted[2]) / self.force
@@ -176,6 +176,6 @@ class Follow:
         self.ready = True
 
     def _know_radii(self) -> None:
-        """How far the contact moves for an angle, by the stiffness."""
+        """Set the radii [m/rad], the displacement of the contact per angle, from the stiffness."""
         for k in (0, 1):
             self.radii[k] = np.interp(np.log(self.stiffness), np.log(self._grid), self._table[:, k])

@@ -1,1 +1,1 @@
-"""Estimates against the truth: errors, coverage, tables."""
+"""Compare estimates with the ground truth: errors, coverage, tables."""

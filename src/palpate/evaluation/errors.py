@@ -1,4 +1,4 @@
-"""How far estimates lie from the truth, and whether their covariance says so."""
+"""Compute errors of estimates, and how well their covariance predicts them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _FLAT = 1e-9  # of the largest variance: below it a direction has none
 @takes_arrays
 @dataclass(frozen=True)
 class ErrorSummary:
-    """What a person wants to know of many errors, in their unit."""
+    """Count, mean, median, 95 % percentile and largest of many errors, in their unit."""
 
     count: int
     mean: float
@@ -29,7 +29,7 @@ class ErrorSummary:
 
     @classmethod
     def of(cls, errors: Float[np.ndarray, " n"]) -> ErrorSummary | None:
-        """Of the finite ones; None where there is none."""
+        """Return the summary of the finite errors; None where there is none."""
         known = errors[np.isfinite(errors)]
         if not len(known):
             return None
@@ -37,14 +37,14 @@ class ErrorSummary:
         return cls(len(known), float(known.mean()), float(np.median(known)), p95, float(known.max()))
 
     def row(self, scale: float) -> tuple[str, ...]:
-        """As text under `HEADER`, times `scale`."""
+        """Return the figures as text under `HEADER`, times `scale`."""
         figures = (self.mean, self.median, self.p95, self.worst)
         return (*(f"{scale * value:.3f}" for value in figures), f"{self.count:,}")
 
 
 @dataclass(frozen=True)
 class EllipseCoverage:
-    """Whether the covariance tells the truth: 2 degrees of freedom in the tangent plane.
+    """Agreement between covariance and errors, with 2 degrees of freedom in the tangent plane.
 
     Attributes:
         count: estimates with a covariance of rank 2.
@@ -59,13 +59,13 @@ class EllipseCoverage:
 
 @takes_arrays
 def distances(points: Float[np.ndarray, "n 3"], truth: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-    """[m], NaN where either is."""
+    """Return the distances between points, (n,) [m]; NaN where either point is NaN."""
     return np.linalg.norm(points - truth, axis=-1)
 
 
 @takes_arrays
 def angles(one: Float[np.ndarray, "n 3"], other: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-    """Between directions [rad], exact for small ones too; NaN where either is NaN or zero."""
+    """Return the angles between directions, (n,) [rad], exact for small ones too; NaN where either is NaN or zero."""
     sine, cosine = np.linalg.norm(np.cross(one, other), axis=-1), np.sum(one * other, axis=-1)
     zero = (np.linalg.norm(one, axis=-1) == 0) | (np.linalg.norm(other, axis=-1) == 0)
     return np.where(zero, np.nan, np.arctan2(sine, cosine))
@@ -75,10 +75,10 @@ def angles(one: Float[np.ndarray, "n 3"], other: Float[np.ndarray, "n 3"]) -> Fl
 def coverage(
     estimate: ContactEstimate, truth: Float[np.ndarray, "n 3"], which: Bool[np.ndarray, " n"]
 ) -> EllipseCoverage:
-    """Of the estimates named by `which`; those whose covariance is NaN or not of rank 2 are left out.
+    """Return the coverage of the estimates that `which` selects; covariances that are NaN or not of rank 2 are omitted.
 
     The squared distance is d' C^+ d, C^+ the inverse within the two directions in which C has variance: the truth lies
-    on the surface, so that what d has along the normal is curvature.
+    on the surface, so the component of d along the normal is due to curvature.
     """
     usable = which & np.isfinite(estimate.covariance).all(axis=(-2, -1)) & np.isfinite(truth).all(axis=-1)
     rows: Int[np.ndarray, " k"] = np.flatnonzero(usable)

@@ -1,4 +1,4 @@
-"""How far contacts are from the ground truth."""
+"""Compare contacts with the ground truth."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["EvaluationReport", "JudgedTouch", "evaluate", "report"]
 
 @dataclass(frozen=True)
 class JudgedTouch:
-    """One touch: the median of its answered samples against its known point.
+    """The median of one touch's answered samples, compared with its known point.
 
     Attributes:
         label: as in the truth.
@@ -38,19 +38,19 @@ class JudgedTouch:
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class EvaluationReport:
-    """What `palpate evaluate` prints.
+    """Result of a comparison with the ground truth, as `palpate evaluate` prints it.
 
     Attributes:
         samples: rows of contacts; matched: with a truth; answered: of those matched.
-        statuses: (len(Status),) how many of the matched rows have each.
+        statuses: (len(Status),) number of matched rows with each status.
         location: [m] of the answered rows, or of the touches where the truth is touches.
-        normal: [rad] between normals, None where the truth has none; force_angle likewise.
+        normal: [rad] between normals, None where the truth has none; force_angle: likewise between forces.
         force: [N] length of the difference, None where the truth has none.
-        coverage: of the answered rows' covariance.
+        coverage: coverage of the answered rows' covariance.
         errors: (n,) [m] of each answered row, turned: (n,) [rad] of its normal; NaN where it has no truth.
         touches: one for each, where the truth is touches.
-        unmatched: answered contacts at an instant whose truths others are nearer to.
-        missed: truths at an instant at which other truths have a contact, and they none.
+        unmatched: answered contacts at an instant whose truths all belong to other contacts.
+        missed: truths without a contact at an instant at which another truth has one.
     """
 
     samples: int
@@ -70,12 +70,12 @@ class EvaluationReport:
 
 
 def evaluate(contacts: Contacts, truth: TrueSamples | TrueTouches, *, tolerance: float = 0.02) -> EvaluationReport:
-    """Compare contacts with what is known: at every instant a truth has one contact at most, and a contact one truth.
+    """Compare contacts with the truth: at every instant a truth has at most one contact, and a contact one truth.
 
     Args:
         contacts: of any sensor, several at a time or not, in the truth's frame.
         truth: instants (matched to the nearest within `tolerance` [s]; several may have one time) or touches.
-        tolerance: [s].
+        tolerance: largest difference of the times [s].
     """
     if isinstance(truth, TrueTouches):
         match, due, own = match_touches(contacts, truth)
@@ -93,13 +93,13 @@ def report(
     due: Bool[np.ndarray, " n"] | None = None,
     touches: tuple[JudgedTouch, ...] = (),
 ) -> EvaluationReport:
-    """What there is to say of contacts that are matched.
+    """Return the report on contacts that are matched to truths.
 
     Args:
         contacts: n of them.
         truth: k of them.
         match: (n,) number of the truth of each contact, -1 for none.
-        due: (n,) there was a truth at its time; None: where it has one.
+        due: (n,) there was a truth at its time; None: unmatched contacts are not counted.
         touches: of which `location` is the summary, if there are any.
     """
     answered = (match >= 0) & contacts.answered
@@ -137,14 +137,14 @@ def _touch(contacts: Contacts, truth: TrueTouches, which: int, rows: Int[np.ndar
 
 
 def _missed(time: Float[np.ndarray, " k"], match: Int[np.ndarray, " n"]) -> int:
-    """Truths without a contact at an instant at which another one has one."""
+    """Count truths without a contact at an instant at which another truth has one."""
     found = np.zeros(len(time), dtype=bool)
     found[match[match >= 0]] = True
     return int(np.count_nonzero(~found & np.isin(time, time[found])))
 
 
 def _picked(values: Float[np.ndarray, "k 3"], match: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-    """The matched rows, NaN where there is none."""
+    """Return the matched rows, NaN where there is none."""
     if not len(values):
         return np.full((len(match), 3), np.nan)
     return np.where((match >= 0)[:, None], values[match], np.nan)

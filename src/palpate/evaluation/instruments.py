@@ -1,4 +1,4 @@
-"""Touches of any sensor against another instrument: a force/torque sensor that carries the body, or a tracked wand."""
+"""Compare touches of any sensor with a force/torque sensor that carries the body, or with a tracked wand."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ _MEASURED = ("point", "normal", "force", "torque", "covariance")
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """What another instrument says of the touches.
+    """Contact points of the touches as another instrument measured them.
 
     Attributes:
-        point: (n, 3) [m] in the link's frame; NaN where it says nothing.
+        point: (n, 3) [m] in the link's frame; NaN where there is no measurement.
         direction: (n, 3) outward, along which the force came; NaN where it is not known.
-        refused: n sentences, "" where there is an answer.
-        name: of the instrument.
+        refused: n reasons why there is no measurement, "" where there is one.
+        name: name of the instrument.
     """
 
     point: Float[np.ndarray, "n 3"]
@@ -58,14 +58,14 @@ class Reference:
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class InstrumentReport:
-    """Position and direction of touches against an instrument.
+    """Errors of position and direction of touches against an instrument.
 
     Attributes:
         report: location, and normal against the instrument's direction.
         along: (3,) mean absolute error along x, y and z [m].
         paper_position: as the paper gives it, with the errors along z set to zero; paper_direction: mean absolute
             difference of the unit vectors' x and y [skin map, 4.3].
-        reference: what it was compared with.
+        reference: measurements that it was compared with.
     """
 
     report: EvaluationReport
@@ -77,13 +77,13 @@ class InstrumentReport:
 
 @takes_arrays
 def wrench_points(surface: Mesh, wrenches: Float[np.ndarray, "n 6"], *, alone: Bool[np.ndarray, " n"]) -> Reference:
-    """Where the line of the force meets the link, and from where it comes [skin map, (6) to (9)].
+    """Return where the line of each force meets the link, and the direction it comes from [skin map, (6) to (9)].
 
     E = F x N / |F|^2 is the foot of the line. A wrench with torque along its force is no single force, and is refused:
     its line is off by up to |F . N| / |F|^2 times the tangent of the angle to the normal.
 
     Args:
-        surface: of the link, in its frame, in which the wrenches are written too.
+        surface: mesh of the link in its frame, in which the wrenches are given too.
         wrenches: (n, 6) [N, N m] about the link's origin.
         alone: (n,) there was one touch; several have one resultant, which lies at neither.
     """
@@ -103,7 +103,7 @@ def wrench_points(surface: Mesh, wrenches: Float[np.ndarray, "n 6"], *, alone: B
 
 
 def _why(alone: bool, newtons: float, pitch: float, met: bool) -> str:
-    """What speaks against taking a wrench for one force."""
+    """Return why a wrench cannot be taken for one force; "" where it can."""
     if not np.isfinite(newtons):
         return "no wrench at its time"
     if not alone:
@@ -125,13 +125,13 @@ def wand_points(
     rotation: Float[np.ndarray, "n 3 3"],
     position: Float[np.ndarray, "n 3"],
 ) -> Reference:
-    """Where a tracked wand meets the link: the middle of what lies inside, or the nearest point within `TOUCHING`.
+    """Return where a tracked wand meets the link: middle of the part inside, or the nearest point within `TOUCHING`.
 
     Args:
-        surface: of the link.
-        wand: (v, 3) points of the wand's surface, in its own frame.
-        rotation: of the wand in the link's frame; NaN where it was lost.
-        position: [m] of its origin there.
+        surface: mesh of the link.
+        wand: (v, 3) points of the wand's surface in the wand's frame [m].
+        rotation: (n, 3, 3) of the wand in the link's frame; NaN where it was lost.
+        position: (n, 3) [m] of the wand's origin in the link's frame; NaN where it was lost.
     """
     points, said = np.full((len(position), 3), np.nan), list[str]()
     for k in range(len(position)):
@@ -157,11 +157,11 @@ def wand_points(
 
 
 def judge(touches: Contacts, reference: Reference) -> InstrumentReport:
-    """Touches against an instrument, one for one.
+    """Compare touches with an instrument, one to one.
 
     Args:
-        touches: n of them, one for each touch.
-        reference: n of them.
+        touches: n contacts, one for each touch.
+        reference: n measurements.
     """
     apart = touches.point - reference.point
     components: Float[np.ndarray, "n 2"] = np.abs(touches.normal - reference.direction)[:, :2]
@@ -178,7 +178,7 @@ def judge(touches: Contacts, reference: Reference) -> InstrumentReport:
 
 
 def perfect(pitch: tuple[float, float]) -> tuple[float, float]:
-    """What a perfect map errs by where a touch is smaller than a cell: mean distance, and mean along each axis [m].
+    """Return the errors of a perfect map for touches smaller than a cell: mean distance, and mean along each axis [m].
 
     A point anywhere in a square of side a lies 0.3826 a from its middle on average, and a/4 along each axis.
     """
@@ -187,7 +187,7 @@ def perfect(pitch: tuple[float, float]) -> tuple[float, float]:
 
 
 def touch_rows(contacts: Contacts) -> list[Int[np.ndarray, " _"]]:
-    """The answered rows of each touch that lasted three samples or more."""
+    """Return the answered rows of each touch that lasted three samples or more."""
     found, answered = find_touches(contacts, shortest=0.0), contacts.answered
     rows = [
         np.flatnonzero(answered & (contacts.identity == identity) & (contacts.time >= start) & (contacts.time <= end))
@@ -197,7 +197,7 @@ def touch_rows(contacts: Contacts) -> list[Int[np.ndarray, " _"]]:
 
 
 def touches_of(contacts: Contacts) -> tuple[Contacts, Bool[np.ndarray, " k"]]:
-    """Each touch that lasted three samples or more as one contact, the median of its rows; and whether it was alone."""
+    """Return each touch of three samples or more as one contact, the median of its rows; and whether it was alone."""
     touches, answered = touch_rows(contacts), np.flatnonzero(contacts.answered)
     _, sample, felt = np.unique(contacts.sample[answered], return_inverse=True, return_counts=True)
     several = np.zeros(len(contacts), dtype=bool)
@@ -208,12 +208,12 @@ def touches_of(contacts: Contacts) -> tuple[Contacts, Bool[np.ndarray, " k"]]:
 
 @takes_arrays
 def medians(contacts: Contacts, touches: list[Int[np.ndarray, " _"]]) -> Contacts:
-    """One contact for each of some touches: the median of its rows."""
+    """Return one contact for each touch, given by its rows: their median."""
     return Contacts.joined([contacts[:0], *(_median(contacts[rows]) for rows in touches)])
 
 
 def _median(contacts: Contacts) -> Contacts:
-    """One contact in place of those of a touch."""
+    """Return the median of a touch's contacts as one contact."""
     first, estimate = contacts[:1], contacts.estimate
     values = {name: np.median(getattr(estimate, name), axis=0, keepdims=True) for name in _MEASURED}
     values["normal"] /= np.linalg.norm(values["normal"])

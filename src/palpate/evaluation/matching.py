@@ -1,4 +1,4 @@
-"""Which contact is which truth: by time, then by place, one to one."""
+"""Match contacts to truths one to one: by time, then by place."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ _NOWHERE = 1e9  # m: how far a contact that is not answered is from every truth
 def nearest_in_time(
     time: Float[np.ndarray, " n"], known: Float[np.ndarray, " k"], tolerance: float
 ) -> Int[np.ndarray, " n"]:
-    """For each time the index of the nearest known one, -1 where none is within `tolerance`; neither need be sorted."""
+    """Return for each time the index of the nearest known one, (n,), -1 where none is within `tolerance`.
+
+    Neither need be sorted; all times are in seconds.
+    """
     order = np.argsort(known)
     order = order[np.isfinite(known[order])]
     if not len(order):
@@ -35,14 +38,14 @@ def nearest_in_time(
 def match_instants(
     contacts: Contacts, truth: TrueSamples, tolerance: float
 ) -> tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    """Which truth each contact has, -1 for none, and whether there is one at its time.
+    """Return the number of each contact's truth, (n,), -1 for none, and whether there is a truth at its time, (n,).
 
-    The contacts of one sample have different truths, those that make the sum of distances least.
+    The contacts of one sample have different truths, chosen so that the sum of distances is least.
 
     Args:
         contacts: of any sensor.
         truth: several may have one time.
-        tolerance: [s] of their times.
+        tolerance: largest difference of the times [s].
     """
     match = nearest_in_time(contacts.time, truth.time, tolerance)
     due = match >= 0
@@ -62,7 +65,7 @@ def match_instants(
 
 
 def _nearest_pairs(points: Float[np.ndarray, "n 3"], known: Float[np.ndarray, "k 3"]) -> Int[np.ndarray, " n"]:
-    """Which known point each point has, -1 for none: pairs with the least sum of distances; rows of NaN come last."""
+    """Return the known point of each point, -1 for none, by the least sum of distances; rows of NaN are paired last."""
     from scipy.optimize import linear_sum_assignment  # here: scipy is slow to import
 
     apart = np.linalg.norm(points[:, None] - known, axis=-1)
@@ -75,9 +78,10 @@ def _nearest_pairs(points: Float[np.ndarray, "n 3"], known: Float[np.ndarray, "k
 def match_touches(
     contacts: Contacts, truth: TrueTouches
 ) -> tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"], list[Int[np.ndarray, " _"]]]:
-    """As `match_instants`, and the rows of each touch: of the identity nearest to it, and those without a point.
+    """Return the two arrays of `match_instants`, and the rows of each touch.
 
-    Where touches overlap at an end only, a row is of the first of them.
+    A touch has the rows of the identity nearest to it, and those without a point. Where touches overlap at an end
+    only, a row belongs to the first of them.
     """
     inside = [
         np.flatnonzero((contacts.time >= start) & (contacts.time <= end))
@@ -99,7 +103,7 @@ def match_touches(
 
 
 def _identities(contacts: Contacts, truth: TrueTouches, inside: list[Int[np.ndarray, " _"]]) -> list[int | None]:
-    """Of the contact of each touch: the nearest ones are given first, and never twice to touches at once."""
+    """Return the identity of each touch's contact: nearest pairs first, and none for two touches at the same time."""
     pairs: list[tuple[float, int, int]] = []
     for k, rows in enumerate(inside):
         answered = rows[contacts.answered[rows]]

@@ -1,4 +1,4 @@
-"""An arm for a control loop, from a robot's description (URDF)."""
+"""Build an arm for a control loop from a robot description (URDF)."""
 
 from __future__ import annotations
 
@@ -19,18 +19,19 @@ __all__ = ["load_arm"]
 def load_arm(
     urdf: str | Path, base: str, sensor: str, joints: Sequence[str] | None = None, acceleration: float = np.inf
 ) -> Arm:
-    """The joints between two links, their limits and the fixed transforms between them.
+    """Return the arm between two links: its moving joints, their limits and the fixed transforms between them.
 
     Args:
-        urdf: the file; xacro must be expanded.
+        urdf: the URDF file; xacro must be expanded.
         base: link that twists and poses are given in.
         sensor: link of the force/torque sensor.
-        joints: their names in the order of the joint arrays, which must be that of the chain; None: whichever they are.
-        acceleration: [rad/s^2, m/s^2] the most of every joint, which no URDF states.
+        joints: names in the order of the joint arrays, which must be the order of the chain; None: all joints that move
+            in the chain.
+        acceleration: [rad/s^2, m/s^2] limit of every joint, which no URDF states.
 
     Raises:
-        InputError: no such file, link or joint, nothing that moves, a joint that follows another, or one without a
-            range or a speed.
+        InputError: there is no such file, link or joint; nothing moves between the links; a joint mimics another, or
+            has no range or no speed limit.
     """
     robot = Urdf(Path(urdf))
     steps = robot.steps(base, sensor)
@@ -57,7 +58,7 @@ def load_arm(
 
 
 def _require_asked(names: tuple[str, ...], joints: Sequence[str] | None, where: str) -> None:
-    """InputError where other joints, or another order of them, are expected."""
+    """Raise an InputError if `joints` differs from the moving joints of the chain, or from their order."""
     if joints is None or tuple(joints) == names:
         return
     for name in joints:
@@ -70,7 +71,7 @@ def _require_asked(names: tuple[str, ...], joints: Sequence[str] | None, where: 
 
 
 def _placed(robot: Urdf, steps: list[tuple[Joint, bool]]) -> tuple[Pose, np.ndarray]:
-    """Fixed transforms between joints, one batch, and the axes (n, 3)."""
+    """Return the fixed transforms between n joints, one batch of n + 1 poses, and the joints' axes (n, 3)."""
     fixed, places, axes = Pose.identity(), list[Pose](), list[np.ndarray]()
     for joint, down in steps:
         if down:

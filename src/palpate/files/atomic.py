@@ -1,4 +1,4 @@
-"""Files that are either whole or not there, and never an input of the command that writes them."""
+"""Write files that are either complete or absent, and never overwrite an input of the command."""
 
 from __future__ import annotations
 
@@ -30,28 +30,28 @@ __all__ = [
 ]
 
 PART = ".part"
-WHOLE = "whole.part"  # in a folder that grew: what it became
+WHOLE = "whole.part"  # in an OUTPUT.part that is a folder, the file that replaces OUTPUT
 
 
 def keep_inputs(output: Path, inputs: Iterable[Path | None], *, siblings: Iterable[Path] = ()) -> None:
-    """Refuse, before any work is done, to write over what is read, over what is no regular file, or into no folder.
+    """Refuse, before any work is done, an output that is an input, is no regular file, or has no folder.
 
-    What will be written is reserved until the command ends: no other process writes it meanwhile.
+    The outputs are reserved until the command ends, so that no other process can write them.
 
     Args:
-        output: what will be written.
-        inputs: what is read; None is passed over. A file that may be updated in place is left out.
-        siblings: what else will be written, such as OUTPUT.toml.
+        output: file to write.
+        inputs: files to read; None is skipped. Leave out a file that may be updated in place.
+        siblings: other files to write, such as OUTPUT.toml.
 
     Raises:
-        InputError: a file to write is an input (by whatever name or link), a folder, a pipe or a device, or in a
-            folder that is not there, or another process writes it.
+        InputError: a file to write is an input (under any name or link), a folder, a pipe or a device, or its folder
+            does not exist, or another process is writing it.
     """
     read = [(path, _status(path)) for path in inputs if path is not None]
     grown = Path(f"{output}{PART}")
     for written in (output, *siblings, grown):
         target = _status(written)
-        if written is not grown:  # a folder of that name may be what a killed process left
+        if written is not grown:  # a folder of that name may remain from a killed process
             _refuse_irregular(written, target)
         for path, status in read:
             if target is not None and status is not None and os.path.samestat(target, status):
@@ -61,30 +61,31 @@ def keep_inputs(output: Path, inputs: Iterable[Path | None], *, siblings: Iterab
 
 
 def reserve_output(path: Path) -> None:
-    """Let no other process write a file or a folder until the command ends; see `require_folder`.
+    """Reserve a file or folder to write until the command ends, so that no other process writes it meanwhile.
 
     Raises:
-        InputError: another process writes it, or it would be in a folder that is not there.
+        InputError: another process is writing it, or its parent folder does not exist.
     """
     require_folder(path)
     reserve(_target(path))
 
 
 def part(path: Path) -> Path:
-    """Where a file that grows for long stands until it is finished: OUTPUT.part, beside what OUTPUT leads to."""
+    """Return OUTPUT.part, the path of a file while it is being written, next to the file that OUTPUT resolves to."""
     target = _target(path)
     return target.with_name(target.name + PART)
 
 
 @contextmanager
 def growing(path: Path) -> Generator[Path]:
-    """OUTPUT.part, to be written bit by bit; it takes the place of OUTPUT when the block ends well or by Ctrl-C.
+    """Yield OUTPUT.part, to be written piece by piece; it replaces OUTPUT when the block ends well or by Ctrl-C.
 
-    After any other error it stays as it is, and so it does if the process is killed: what was done is in it. What was
-    there before is removed. It may be a folder; then the file `WHOLE` in it takes the place.
+    After any other error, or if the process is killed, OUTPUT.part stays with the work done so far. One that an earlier
+    run made is removed first. OUTPUT.part may be a folder; then the file `WHOLE` in it replaces OUTPUT.
 
     Raises:
-        InputError: as `replacing`.
+        InputError: OUTPUT cannot be written, is a folder, a pipe or a device, its folder does not exist, or another
+            process is writing it.
     """
     _refuse_irregular(path, _status(path))
     target, temporary = _target(path), part(path)
@@ -101,13 +102,13 @@ def growing(path: Path) -> Generator[Path]:
 
 @contextmanager
 def replacing(path: Path) -> Generator[Path]:
-    """A temporary path beside `path` that takes its place when the block ends well, and vanishes when it does not.
+    """Yield a temporary path next to `path` that replaces it when the block ends well and is deleted otherwise.
 
-    Links are followed: what they lead to is replaced.
+    Links are followed: their target is replaced.
 
     Raises:
-        InputError: the folder is not there, or may not be written, `path` is a folder, a pipe or a device, or another
-            process writes it.
+        InputError: the folder does not exist or may not be written, `path` is a folder, a pipe or a device, or another
+            process is writing it.
     """
     _refuse_irregular(path, _status(path))
     target = _target(path)
@@ -125,7 +126,7 @@ def replacing(path: Path) -> Generator[Path]:
 
 @contextmanager
 def writing(path: Path) -> Generator[None]:
-    """Says an error of the system as an `InputError` that names `path`."""
+    """Turn an operating system error (OSError) in the block into an `InputError` that names `path`."""
     try:
         yield
     except OSError as problem:
@@ -133,10 +134,10 @@ def writing(path: Path) -> Generator[None]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write `text` as UTF-8, whole or not at all.
+    """Write `text` as UTF-8, either completely or not at all.
 
     Raises:
-        InputError: it cannot be written, or holds what is not UTF-8: the name of some file.
+        InputError: the file cannot be written, or the text contains a file name that cannot be encoded as UTF-8.
     """
     try:
         raw = text.encode()
@@ -147,7 +148,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def _target(path: Path) -> Path:
-    """What a name leads to."""
+    """Resolve a path and its links to the file it leads to."""
     try:
         return path.resolve()
     except (OSError, ValueError, RuntimeError) as problem:  # the last two: a NUL in the name, links in a circle
@@ -155,7 +156,7 @@ def _target(path: Path) -> Path:
 
 
 def _place(temporary: Path, target: Path) -> None:
-    """What was finished takes its name; nothing happens where nothing was left, or joining it was interrupted."""
+    """Rename a finished temporary file to its target; do nothing if there is no file, or joining it was interrupted."""
     with writing(target):
         if (temporary / WHOLE).exists():
             (temporary / WHOLE).replace(target)
@@ -165,7 +166,7 @@ def _place(temporary: Path, target: Path) -> None:
 
 
 def _clear(temporary: Path) -> None:
-    """Remove what a killed process left, but no folder that may be somebody's own."""
+    """Remove what a killed process wrote, but raise an InputError for a folder with foreign files in it."""
     if not temporary.is_dir():
         temporary.unlink(missing_ok=True)
         return
@@ -179,7 +180,7 @@ def _clear(temporary: Path) -> None:
 
 
 def irregular(status: os.stat_result) -> str:
-    """Return what a path leads to where that is no regular file, and "" where it is one."""
+    """Return what kind of thing a path is, such as "a folder", or "" for a regular file."""
     if stat.S_ISREG(status.st_mode):
         return ""
     kinds = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
@@ -192,10 +193,10 @@ def _refuse_irregular(path: Path, status: os.stat_result | None) -> None:
 
 
 def require_folder(path: Path) -> None:
-    """Refuse what is to be written in a folder that is not there: a command makes what it is to fill, nothing above.
+    """Refuse a path whose parent folder does not exist: commands create their own output folder, but nothing above it.
 
     Raises:
-        InputError: there is no such folder.
+        InputError: the parent folder does not exist.
     """
     folder = _target(path).parent
     if not folder.is_dir():
@@ -204,7 +205,7 @@ def require_folder(path: Path) -> None:
 
 
 def _status(path: Path) -> os.stat_result | None:
-    """Of what a name leads to; None where there is nothing, or where writing will say what is wrong."""
+    """Return the status of the path's target; None if it does not exist or cannot be examined."""
     try:
         return path.stat()
     except (OSError, ValueError):
@@ -223,7 +224,7 @@ def _umask() -> int:
 
 @contextmanager
 def sibling_folder(output: Path) -> Generator[Path]:
-    """A folder beside the output that is gone afterwards, after Ctrl-C too: what is finished has been moved out."""
+    """Yield a temporary folder next to the output and delete it afterwards, even after Ctrl-C."""
     folder = Path(tempfile.mkdtemp(prefix=f".{output.stem}.", suffix=PART, dir=output.absolute().parent))
     try:
         yield folder

@@ -1,4 +1,4 @@
-"""truth.csv, in its two forms: instants, or touches with a start and an end."""
+"""Read truth.csv, the known contacts: at instants, or as touches with a start and an end."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ _FORCE = ("fx", "fy", "fz")
 
 
 def read_ground_truth(path: Path) -> TrueSamples | TrueTouches:
-    """Read `time,px,py,pz[,nx,ny,nz][,fx,fy,fz]` or `start,end,px,py,pz[,label]`.
+    """Read a CSV file `time,px,py,pz[,nx,ny,nz][,fx,fy,fz]` or `start,end,px,py,pz[,label]`.
 
     Raises:
-        InputError: neither of the two forms, or a row without a time or a point, or with a field that is no number.
+        InputError: the file has neither form, a row lacks its time or point, or a field is not a number.
     """
     table = read_table(path)
     if {"start", "end"} <= set(table.names):
@@ -42,10 +42,10 @@ def read_ground_truth(path: Path) -> TrueSamples | TrueTouches:
 
 
 def read_touches(path: Path) -> TrueTouches:
-    """Read the second form only, `start,end,px,py,pz[,label]`.
+    """Read known touches from a CSV file of the form `start,end,px,py,pz[,label]`.
 
     Raises:
-        InputError: it is not of that form, or a row is without a start, an end or a point.
+        InputError: the file does not have this form, or a row lacks its start, end or point, or ends before it starts.
     """
     return _touches(read_table(path))
 

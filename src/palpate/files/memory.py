@@ -1,7 +1,7 @@
-"""Free memory stays with the process.
+"""Keep freed memory in the process.
 
-Blocks of a log come and go by the thousand. The C library gives the memory of each back to the system, above all that
-of threads, and the system clears it anew for the next: of Dask workers that was a fifth of the CPU time.
+Thousands of blocks of a log are allocated and freed. By default the C library returns the memory of each to the system,
+above all that of threads, and the system clears it again for the next: a fifth of the CPU time of Dask workers.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from contextlib import suppress
 
 __all__ = ["KEEPING", "keep_memory"]
 
-# Of glibc's malloc: as the environment has them, as `mallopt` does, and the value. One arena for all threads; memory of
-# arrays up to 32 MiB, the most that can be said, taken from it; and what is free of it given back from 1 GiB on.
+# Settings of glibc's malloc: name in the environment, number for `mallopt`, value. All threads share one arena; arrays
+# up to 32 MiB, the largest threshold allowed, are allocated in it; free memory is returned from 1 GiB on.
 _SETTINGS = (
     ("MALLOC_ARENA_MAX", -8, 1),
     ("MALLOC_MMAP_THRESHOLD_", -3, 1 << 25),
@@ -22,7 +22,7 @@ KEEPING = {name: value for name, _, value in _SETTINGS}  # environment of proces
 
 
 def keep_memory() -> None:
-    """From now on this process keeps its memory, the threads that it starts included; glibc only."""
+    """Make this process, including threads that it starts later, keep freed memory; has an effect with glibc only."""
     with suppress(OSError, TypeError, AttributeError):  # another C library
         mallopt = ctypes.CDLL(None).mallopt
         for _, number, value in _SETTINGS:

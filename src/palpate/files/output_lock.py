@@ -1,7 +1,7 @@
 """Let one process at a time write an output, by a lock that the system releases when the process dies.
 
-OUTPUT's lock is the file `.OUTPUT.lock` in the folder of what OUTPUT leads to, so that every spelling of a path has the
-same; it is removed when it is released. Where the file system has no locks, nothing is locked.
+OUTPUT's lock is the file `.OUTPUT.lock` in the folder of the file that OUTPUT resolves to, so that every spelling of a
+path has the same lock; the file is removed on release. Where the file system has no locks, nothing is locked.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _RESERVED: list[tuple[int, set[Path], ExitStack]] = []  # by commands of this pr
 
 @contextmanager
 def reserving() -> Generator[set[Path]]:
-    """Keep what `reserve` is called for meanwhile reserved until the block ends."""
+    """Yield the set of targets reserved by `reserve` during the block; all are released when it ends."""
     with ExitStack() as stack:
         entry = threading.get_ident(), set[Path](), stack
         _RESERVED.append(entry)
@@ -37,20 +37,20 @@ def reserving() -> Generator[set[Path]]:
 
 @contextmanager
 def inherited(target: Path) -> Generator[None]:
-    """Take an output as reserved meanwhile: the process that started this one has reserved it."""
+    """Treat an output as reserved during the block: the parent process has reserved it."""
     with reserving() as targets:
         targets.add(target)
         yield
 
 
 def reserve(target: Path) -> None:
-    """Let no other process write this output until the block of `reserving` ends; does nothing outside of one.
+    """Let no other process write this output until the enclosing `reserving` block ends; outside of one, do nothing.
 
     Args:
         target: absolute path, without links.
 
     Raises:
-        InputError: another process writes it.
+        InputError: another process is writing it.
     """
     own = [entry for entry in _RESERVED if entry[0] == threading.get_ident()]
     if own and not _reserved(target):
@@ -61,13 +61,13 @@ def reserve(target: Path) -> None:
 
 @contextmanager
 def only_writer(target: Path) -> Generator[None]:
-    """Let nobody else write this output meanwhile, unless it is reserved already.
+    """Lock an output against other writers during the block, unless this process has reserved it already.
 
     Args:
         target: absolute path, without links.
 
     Raises:
-        InputError: another process or thread writes it.
+        InputError: another process or thread is writing it.
     """
     with ExitStack() as stack:
         if not _reserved(target):
@@ -93,7 +93,7 @@ def _locked(target: Path) -> Generator[None]:
 
 
 def _lock(file: Path, target: Path) -> int | None:
-    """Open and lock a file; None where there are no locks."""
+    """Open and lock a file, and return its handle; None where there are no locks."""
     while fcntl is not None:
         try:
             handle = _opened(file)
@@ -124,7 +124,7 @@ def _lock(file: Path, target: Path) -> int | None:
 
 
 def _opened(file: Path) -> int:
-    """Open the lock's file, which may be another user's: to lock it, reading is enough."""
+    """Open the lock file; one that another user owns is opened for reading, which is enough to lock it."""
     flags = os.O_NOFOLLOW | os.O_CLOEXEC
     try:
         return os.open(file, os.O_RDWR | os.O_CREAT | flags, 0o666)
@@ -133,7 +133,7 @@ def _opened(file: Path) -> int:
 
 
 def _holder(handle: int) -> str:
-    """The process that has the lock, which it writes just after it took it."""
+    """Return the name of the process that has the lock, which it writes just after locking; else "unknown"."""
     for _ in range(10):
         if said := os.pread(handle, 300, 0).decode(errors="replace"):
             return said

@@ -1,4 +1,4 @@
-"""TOML tables into values, driven by annotations; what does not fit is named, with its place and the nearest fit."""
+"""Convert TOML tables to values, driven by annotations; errors name the key and suggest the nearest known name."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ _ROUNDING = 1e-6  # of a correlation that a file states in seven digits
 
 @dataclass(frozen=True)
 class Key:
-    """What a file says of a key beyond its type.
+    """Constraints and the comment of a key in a file, in addition to its type.
 
     Args:
-        comment: what is written beside it, with the unit.
-        least: what its numbers must not be below.
-        infinite: they may be inf, which 1e18 stands for too.
-        unknown: they may be NaN: not known. An empty row of a matrix is one of NaN.
-        required: it must be there, although the value has a default.
+        comment: text written next to the key, with the unit.
+        least: smallest value allowed for its numbers.
+        infinite: its numbers may be inf, which 1e18 and more mean too.
+        unknown: its numbers may be NaN, meaning not known. An empty row of a matrix is a row of NaN.
+        required: the key must be present although the value has a default.
     """
 
     comment: str = ""
@@ -52,13 +52,13 @@ class Key:
 
 @dataclass(frozen=True)
 class TableForm:
-    """How values of a class stand in a file.
+    """The form in which values of a class are written to a file.
 
     Args:
-        keys: what is to be said of each, in the order of the file; those without an entry come after them.
-        build: annotated function from the keys of the file to a value; None: the class itself. `**` of it stands for
+        keys: name -> constraints and comment, in the order of the file; keys without an entry follow these.
+        build: annotated function from the keys of the file to a value; None: the class. Its parameter `**rest` takes
             those of `keys` that are fields of the class.
-        spell: from a value to the keys of the file; None: its fields.
+        spell: function from a value to the keys of the file; None: the fields of the value.
     """
 
     keys: Mapping[str, Key]
@@ -74,23 +74,23 @@ def parse(
     key: str = "",
     forms: Mapping[type, TableForm] = types.MappingProxyType({}),
 ) -> Model:
-    """A `model` from a table of TOML; nested dataclasses are nested tables, tuples and arrays are lists.
+    """Build a `model` from a TOML table; nested dataclasses are nested tables, tuples and arrays are lists.
 
     Args:
-        table: as tomllib gives it.
+        table: the table, as tomllib returns it.
         model: a dataclass of str, bool, int, float, tuples of these, arrays annotated with their shape, Mapping, other
             dataclasses, and unions with None. Equal letters in the shapes of one table are equal sizes, and a square
-            array is a covariance. A float is finite, unless its field's metadata are `INFINITE` or its `Key` says so.
-        file: for messages.
+            array is a covariance. A float is finite, unless its field's metadata are `INFINITE` or its `Key` allows it.
+        file: path of the file, for messages.
         key: dotted path of this table in the file.
-        forms: of the classes whose files say more than the annotations.
+        forms: class -> form, for classes whose files hold more than the annotations.
 
     Raises:
-        InputError: a key is unknown or missing, or its value is of another kind.
+        InputError: a key is unknown or missing, or its value has the wrong type, shape or range.
     """
     form = forms.get(model, TableForm({}))
     build = form.build or model
-    hints = get_type_hints(build)  # of a class, of its fields: what its constructor takes in their place is no key
+    hints = get_type_hints(build)  # of a class its fields: other parameters of its constructor are not keys
     parameters = {name: each for name, each in signature(build).parameters.items() if name in hints or name == "rest"}
     if "rest" in parameters:
         own = signature(model).parameters
@@ -122,10 +122,11 @@ def parse(
 def covariance_matrix(
     rows: Sequence[Sequence[float]] | Float[np.ndarray, "n k"], size: int, name: str
 ) -> Float[np.ndarray, "size size"]:
-    """A matrix that can be a covariance, up to rounding.
+    """Return `rows` as an array after checking that it can be a covariance, up to rounding.
 
     Raises:
-        ValueError: another shape, not symmetric, or a variance is negative; `name` says which.
+        ValueError: the matrix is not `size` x `size`, not symmetric, or not positive semidefinite; the message names it
+            by `name`.
     """
     if [len(row) for row in rows] != [size] * size:
         raise ValueError(f"{name} must be {size} x {size} numbers")
@@ -143,7 +144,7 @@ def covariance_matrix(
 
 @dataclass(frozen=True)
 class _Reader:
-    """Reads the value of one key; `sizes` are those of the letters in the shapes of its table."""
+    """Reader of the value of one key; `sizes` maps the letters in the shapes of its table to their sizes."""
 
     file: str
     said: Key
@@ -151,7 +152,7 @@ class _Reader:
     sizes: dict[str, int]
 
     def value(self, value: Any, hint: Any, key: str) -> Any:
-        """`value` as `hint` asks, or the sentence that says what was expected."""
+        """Convert `value` to the type `hint`, or raise an InputError that states what was expected."""
         for option in _options(hint):
             if is_dataclass(option) and isinstance(value, dict):
                 table, kind = cast("dict[str, Any]", value), cast("type[Any]", option)
@@ -178,7 +179,7 @@ class _Reader:
         raise InputError(f"{key} must be {expected}, not {_shown(value)}.", where=self.file)
 
     def _number(self, value: int | float, key: str) -> float:
-        """As float64, for which an integer may be too large."""
+        """Convert a number to float64 and check it against the limits of the key; an integer may be too large."""
         if self.said.infinite and abs(value) >= _LARGEST:
             return copysign(inf, value)
         if abs(value) <= _LARGEST:
@@ -201,7 +202,7 @@ class _Reader:
         )
 
     def _array(self, values: list[Any], hint: type[AbstractArray], key: str) -> np.ndarray[Any, np.dtype[Any]]:
-        """Of one axis or of two, of the sizes that `hint` asks."""
+        """Convert a list to an array of one or two axes, with the sizes that `hint` states."""
         kind, names = _leaf(hint), hint.dim_str.split()
         if len(names) == 1:
             rows = self._tuple(values, tuple[kind, ...], key)
@@ -230,7 +231,7 @@ class _Reader:
 
 
 def _stated(model: Any) -> dict[str, Key]:
-    """What the fields' metadata say."""
+    """Return the keys that the metadata of a dataclass's fields describe."""
     known = fields(model) if is_dataclass(model) else ()
     return {field.name: Key(infinite=True) for field in known if "infinite" in field.metadata}
 
@@ -240,17 +241,17 @@ def _is_array(option: Any) -> bool:
 
 
 def _lists(hint: Any) -> bool:
-    """A tuple of tuples."""
+    """Check whether an annotation is a tuple of tuples."""
     return get_origin(get_args(hint)[0]) is tuple
 
 
 def _nested(hint: Any) -> bool:
-    """An array of two axes."""
+    """Check whether an annotation is an array of two axes."""
     return len(hint.dim_str.split()) == 2
 
 
 def _leaf(hint: type[AbstractArray]) -> type:
-    """Of an array's annotation: bool, int or float."""
+    """Return the element type of an array's annotation: bool, int or float."""
     first = str(next(iter(hint.dtypes)))
     return bool if first.startswith("bool") else int if first.startswith("int") else float
 

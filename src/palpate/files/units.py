@@ -1,4 +1,4 @@
-"""Units as people write them, and what they are in SI."""
+"""Parse units in their usual spellings and convert them to SI."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ TORQUE_UNITS: Mapping[str, float] = {
     "lbf in": _POUND * _INCH,
 }
 TIME_UNITS: Mapping[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-SAMPLES = "samples"  # a unit of time: a counter, of which so many make a second as the rate says
+SAMPLES = "samples"  # unit of time of a sample counter, which the rate converts to seconds
 ACCELERATION_UNITS: Mapping[str, float] = {"m/s^2": 1.0, "g": _KILOPOND, "mg": _KILOPOND * 1e-3}
 
 _ALIASES: Mapping[str, tuple[str, ...]] = {  # as the tables spell it -> as others do, in lower case, squeezed
@@ -69,7 +69,7 @@ _ALIASES: Mapping[str, tuple[str, ...]] = {  # as the tables spell it -> as othe
 }
 _KNOWN_AS = {alias: name for name, aliases in _ALIASES.items() for alias in aliases}
 _TABLES = (TIME_UNITS, FORCE_UNITS, TORQUE_UNITS, ACCELERATION_UNITS)
-_FOREIGN = re.compile(  # units of no table here: what has one is refused, not read as SI
+_FOREIGN = re.compile(  # units in none of the tables: a column with one is refused, not read as SI
     r"[mu]?v|volts?|counts?|cts|lsb|bits|digits|%|percent|mins?|minutes?|hr?s?|hours?|d|days?", re.IGNORECASE
 )
 _BRACKETED = re.compile(r"\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))")
@@ -77,7 +77,7 @@ _TRAILING = re.compile(r"^(.*?\w)(?:\s*/\s*|\s+in\s+|[_\s]+)([^\s_/]+|m/s\^?2)$"
 
 
 def to_si(unit: str, table: Mapping[str, float], *, where: str) -> float:
-    """What one `unit` is in SI; "N m", "Nm", "N*m" and "N.m" are the same, and "N/1000" is a thousandth of "N".
+    """Return the size of one `unit` in SI; "Nm", "N*m" and "N.m" mean "N m", and "N/1000" is a thousandth of "N".
 
     Raises:
         InputError: the unit is not in the table.
@@ -92,16 +92,16 @@ def to_si(unit: str, table: Mapping[str, float], *, where: str) -> float:
 
 
 def known_unit(unit: str, table: Mapping[str, float]) -> str | None:
-    """A unit as the table spells it, None where it is none of these."""
+    """Return the unit in the spelling of the table, or None if the table does not have it."""
     spelled, bare = _spelled(tuple(table)), _squeezed(unit)
     return spelled.get(bare) or spelled.get(_squeezed(_KNOWN_AS.get(bare.lower(), "?")))
 
 
-@lru_cache(maxsize=1 << 15)  # a log of many columns is asked for each of them several times
+@lru_cache(maxsize=1 << 15)  # called several times for each of the columns of a log
 def split_unit(name: str) -> tuple[str, str]:
-    """What is measured, and the unit that a column's name says, or "": `Fx [N]`, `Fx (N)`, `Fx_N`, `Fx / N`.
+    """Split a column's name into quantity and unit ("" if it has none), as in `Fx [N]`, `Fx (N)`, `Fx_N` and `Fx / N`.
 
-    In brackets anything but an index or an axis counts as a unit, elsewhere only what is known and cannot be else.
+    Text in square brackets is a unit unless it is an index or an axis; elsewhere only a known, unambiguous unit counts.
     """
     units = [(match, (match[1] or match[2] or "").strip()) for match in _BRACKETED.finditer(name)]
     units = [(match, text) for match, text in units if not re.fullmatch(r"\d*|[xyzwXYZW]", text)]
@@ -116,7 +116,7 @@ def split_unit(name: str) -> tuple[str, str]:
 
 
 def _known(unit: str, *, certain: bool = False) -> bool:
-    """Whether a unit is known; `certain`: as its table spells it, or as a word, for `fx_n` and `fx_g` say no unit."""
+    """Check whether a unit is known; `certain`: spelled as in its table, or a word (`fx_n` and `fx_g` have no unit)."""
     if certain and len(unit) < 3:
         return unit != "g" and any(unit in table for table in _TABLES)
     return any(known_unit(unit, table) for table in _TABLES)
@@ -131,7 +131,7 @@ def _positive(text: str) -> float:
 
 
 def near(name: str, names: Iterable[str]) -> str:
-    """A sentence that offers the names nearest to `name`, or lists them when few, or nothing."""
+    """Return a hint with the names nearest to `name`, else the first twelve names; "" if there are no names."""
     known = list(names)
     by_lower = {other.lower(): other for other in known}
     close = [by_lower[match] for match in difflib.get_close_matches(name.lower(), list(by_lower), n=3, cutoff=0.6)]
@@ -142,7 +142,7 @@ def near(name: str, names: Iterable[str]) -> str:
 
 
 def measured(values: Iterable[float], spreads: Iterable[float], unit: str) -> str:
-    """Values and their standard deviations, with the digits that the deviations leave standing."""
+    """Format values with their standard deviations, to the digits that the standard deviations justify."""
     both = list(zip(values, spreads, strict=True))
     largest = max((spread for _, spread in both), default=0.0)
     digits = min(8, max(0, 1 - floor(log10(largest)))) if largest > 0 and isfinite(largest) else 4

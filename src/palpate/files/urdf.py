@@ -1,4 +1,4 @@
-"""A robot's description (URDF): a link's meshes as a surface, frames that fixed joints join, kinematics of others."""
+"""Read a robot description (URDF): a link's meshes, the tree of fixed frames, and the kinematics of moving joints."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from palpate.surfaces.mesh import Mesh
 
 __all__ = ["GEOMETRIES", "Kinematics", "LinkBody", "Urdf"]
 
-GEOMETRIES = ("visual", "collision")  # the first that a link has is taken: what it is drawn with is closer to its shape
+GEOMETRIES = ("visual", "collision")  # in order of preference: the visual geometry is closer to the shape
 _XACRO = "Expand it first: xacro robot.urdf.xacro > robot.urdf (ROS 2: ros2 run xacro xacro ...)."
 _MOVING = ("revolute", "continuous", "prismatic")
 _ROUND, _HALVED = 96, 4  # facets round a cylinder, halvings of an icosahedron: chords err by R / 1500 or less
@@ -35,7 +35,7 @@ _ROUND, _HALVED = 96, 4  # facets round a cylinder, halvings of an icosahedron: 
 
 @dataclass(frozen=True)
 class Joint:
-    """Parent and child link, T_parent_child where it is at zero, and what it follows: a joint, or "", and how."""
+    """A joint with T_parent_child at position zero, the joint it mimics or "", and the factor and offset of this."""
 
     name: str
     kind: str
@@ -49,12 +49,12 @@ class Joint:
 @takes_arrays
 @dataclass(frozen=True)
 class LinkBody:
-    """What a link is made of, in its frame [m].
+    """The triangles of a link, in its frame [m].
 
     Attributes:
-        vertices, faces: of all its meshes and primitives.
-        geometry: which of `GEOMETRIES` it was taken from.
-        files: of meshes.
+        vertices, faces: (v, 3) [m] and (f, 3), of all its meshes and primitives.
+        geometry: the entry of `GEOMETRIES` it was taken from.
+        files: mesh files that were read.
     """
 
     vertices: Float[np.ndarray, "v 3"]
@@ -63,10 +63,10 @@ class LinkBody:
     files: tuple[Path, ...]
 
     def mesh(self, source: str, **options: Any) -> Mesh:
-        """As a surface, with the options of `Mesh.from_arrays`.
+        """Return the link as a surface, with the options of `Mesh.from_arrays`.
 
         Raises:
-            GeometryError: there is nothing usable in it; `source` says in what.
+            GeometryError: the triangles make no usable surface; the message begins with `source`.
         """
         try:
             return Mesh.from_arrays(self.vertices, self.faces, **options)
@@ -75,14 +75,14 @@ class LinkBody:
 
 
 class Urdf:
-    """A description that was read.
+    """A robot description, read from a URDF file.
 
     Args:
-        path: of the file.
-        packages: name -> its folder; others are looked for above the file, and where ROS keeps them.
+        path: the URDF file.
+        packages: name of a ROS package -> its folder; others are searched for above the file and in ROS's paths.
 
     Raises:
-        InputError: no such file, no URDF, or one that xacro has still to expand.
+        InputError: there is no such file, it is not a URDF, or xacro must be expanded first.
     """
 
     def __init__(self, path: Path, packages: Mapping[str, Path] | None = None) -> None:
@@ -102,40 +102,42 @@ class Urdf:
 
     @property
     def links(self) -> tuple[str, ...]:
-        """Their names, in the order of the file."""
+        """Names of the links, in the order of the file."""
         return tuple(self._links)
 
     def shaped(self) -> list[str]:
-        """Links that have a geometry."""
+        """Return the names of the links that have a geometry."""
         return [name for name, link in self._links.items() if any(_shapes(link, each) for each in GEOMETRIES)]
 
     def fixed(self) -> FrameTree:
-        """The links, as far as fixed joints join them."""
+        """Return the tree of the links that fixed joints connect."""
         return FrameTree((joint.parent, joint.child, joint.origin) for joint in self.joints if joint.kind == "fixed")
 
     def root(self, link: str) -> str:
-        """The topmost link above one.
+        """Return the name of the topmost link above `link`.
 
         Raises:
-            InputError: no such link, a link of two parents, or a loop.
+            InputError: there is no such link, a link has two parents, or the joints form a loop.
         """
         self.require(link)
         return FrameTree((joint.parent, joint.child, joint.origin) for joint in self.joints).up(link)[-1]
 
     def chain(self, base: str, sensor: str) -> list[Joint]:
-        """The joints between two links, those that do not move left out.
+        """Return the joints that move between two links, in the order of the file; fixed joints are omitted.
 
         Raises:
-            InputError: no such link, a loop, or a joint that moves otherwise than about or along one axis.
+            InputError: there is no such link, no joints connect the two, they form a loop, or a joint moves other than
+                about or along one axis.
         """
         found = [joint for joint, _ in self.steps(base, sensor) if joint.kind != "fixed"]
         return sorted(found, key=self.joints.index)
 
     def steps(self, base: str, sensor: str) -> list[tuple[Joint, bool]]:
-        """All joints from one link to another, and whether each is passed from its parent to its child.
+        """Return all joints from one link to another, each with True if it is passed from its parent to its child.
 
         Raises:
-            InputError: as `chain`.
+            InputError: there is no such link, no joints connect the two, they form a loop, or a joint moves other than
+                about or along one axis.
         """
         for link in (base, sensor):
             self.require(link)
@@ -156,19 +158,19 @@ class Urdf:
         return found
 
     def axis(self, joint: Joint) -> Float[np.ndarray, " 3"]:
-        """Of a joint, in its own frame and of any length; x where the file says none."""
+        """Return the axis of a joint, (3,), in the joint's frame and of any length; x if the file does not give one."""
         element = self._element(joint).find("axis")
         if element is None:
             return np.array([1.0, 0.0, 0.0])
         return self._numbers(element, "xyz", f"the axis of joint {joint.name!r}", (1.0, 0.0, 0.0))
 
     def limits(self, joint: Joint) -> tuple[float, float, float]:
-        """Least and greatest position of a joint, and its greatest speed: 0 where the file says none, as URDF has it.
+        """Return the lowest and highest position [rad, m] of a joint and its speed limit [rad/s, m/s]; 0 if omitted.
 
-        The range of a continuous joint is without end.
+        The range of a continuous joint is -inf to inf.
 
         Raises:
-            InputError: numbers that cannot be read, or none at all.
+            InputError: the joint has no <limit>, or a number in it cannot be read.
         """
         element, of = self._element(joint).find("limit"), f"the limit of joint {joint.name!r}"
         if element is None:
@@ -180,19 +182,19 @@ class Urdf:
         return self._elements[self.joints.index(joint)]
 
     def require(self, link: str) -> None:
-        """InputError where there is no such link."""
+        """Raise an InputError if there is no link of this name."""
         if link not in self._links:
             raise InputError(f"there is no link {link!r}.", where=str(self.path), hint=near(link, self._links))
 
     def body(self, link: str, geometry: str | None = None) -> LinkBody:
-        """Meshes, boxes, cylinders and spheres of a link, each with its scale and origin, in the link's frame.
+        """Return the triangles of a link's meshes, boxes, cylinders and spheres, scaled and placed in the link's frame.
 
         Args:
-            link: its name.
-            geometry: of `GEOMETRIES`; None: the first that it has.
+            link: name of the link.
+            geometry: one of `GEOMETRIES`; None: the first that the link has.
 
         Raises:
-            InputError: no such link, nothing in it, a package or a mesh that is not there.
+            InputError: there is no such link, it has no such geometry, or a package or mesh is missing.
         """
         self.require(link)
         kinds = GEOMETRIES if geometry is None else (geometry,)
@@ -210,7 +212,7 @@ class Urdf:
         return LinkBody(np.concatenate(vertices), np.concatenate(faces), taken, tuple(dict.fromkeys(files)))
 
     def _shape(self, shape: Any, link: str) -> tuple[np.ndarray, np.ndarray, Path | None]:
-        """Vertices [m] in the shape's own frame, counter-clockwise faces, and the file that they are from."""
+        """Return vertices [m] in the shape's frame, counter-clockwise faces, and the mesh file or None."""
         mesh = shape.find("geometry/mesh")
         if mesh is None:
             return *arrays_of(self._primitive(shape.find("geometry"), f"link {link!r}"), str(self.path)), None
@@ -221,7 +223,7 @@ class Urdf:
         return points * scale, faces[:, ::-1] if mirrored else faces, file
 
     def _primitive(self, geometry: Any, of: str) -> Any:
-        """As a mesh of trimesh."""
+        """Return a box, cylinder or sphere as a trimesh mesh; raise an InputError for any other shape."""
         from trimesh import creation
 
         for kind in geometry:
@@ -235,10 +237,10 @@ class Urdf:
         raise InputError(f"{of} has a geometry that is none of URDF's.", where=str(self.path))
 
     def resolve(self, name: str) -> Path:
-        """The file that `package://NAME/...`, `file://...` or a path beside the URDF means.
+        """Return the file that `package://NAME/...`, `file://...` or a path relative to the URDF names.
 
         Raises:
-            InputError: the package, or the file in it, is not there.
+            InputError: the package, or the file, does not exist, or the scheme is another one.
         """
         scheme, _, rest = name.rpartition("://")
         rest = unquote(rest) if scheme else rest
@@ -262,7 +264,7 @@ class Urdf:
         return found
 
     def _folders(self, package: str) -> Iterator[Path]:
-        """Where a package may be: as told, above the URDF, where ROS keeps them."""
+        """Yield the folders where a package may be: from `packages`, or above the URDF, then in ROS's paths."""
         if package in self.packages:
             yield self.packages[package]
             return
@@ -294,7 +296,7 @@ class Urdf:
         )
 
     def _origin(self, element: Any, of: str) -> Pose:
-        """Its `origin`: rpy are angles about the fixed axes x, y, z, in this order."""
+        """Return the pose in an element's `origin`: rpy are angles about the fixed axes x, y, z, in this order."""
         from scipy.spatial.transform import Rotation  # here: it takes 0.1 s to import
 
         origin = element.find("origin")
@@ -306,7 +308,7 @@ class Urdf:
     def _numbers(
         self, element: Any, key: str, of: str, default: tuple[float, ...] | None = None
     ) -> Float[np.ndarray, " k"]:
-        """Three of them as a rule; one of a primitive that says one."""
+        """Read the numbers of an attribute: three for a vector (xyz, rpy, size, scale), else one."""
         text = element.get(key)
         if text is None and default is not None:
             return np.array(default)
@@ -322,13 +324,14 @@ class Urdf:
 
 @takes_arrays
 class Kinematics:
-    """One link in another, from the positions of the joints between them, by pinocchio.
+    """Forward kinematics of one link in another, computed by pinocchio from the joint positions between them.
 
     Attributes:
-        joints: whose positions [rad, m] are needed; those that mimic another are not, but what they follow is.
+        joints: names of the joints whose positions [rad, m] are needed; a joint that mimics another is replaced by the
+            joint it follows.
 
     Raises:
-        InputError: no such link, or pinocchio is not installed.
+        InputError: there is no such link, pinocchio is not installed, or cannot use the URDF.
     """
 
     def __init__(self, urdf: Urdf, base: str, sensor: str) -> None:
@@ -362,19 +365,24 @@ class Kinematics:
         ]
 
     def require_radians(self, values: Float[np.ndarray, "n k"], where: str) -> None:
-        """InputError where most positions of a joint that cannot turn all the way are more than a turn."""
+        """Raise an InputError if most positions of a limited revolute joint exceed 2 pi: they must be degrees."""
         if not len(values):
             return
         beyond = np.mean(np.abs(values) > 2 * np.pi, axis=0) > 0.5  # fewer may be faults
         for k in np.flatnonzero(beyond & np.array(self._limited, dtype=bool)):
             raise InputError(
-                f"joint {self.joints[k]!r} reads {values[0, k]:.4g}, more than a turn: is it in degrees?",
+                f"joint {self.joints[k]!r} reads up to {np.abs(values[:, k]).max():.4g}, more than a turn: "
+                "is it in degrees?",
                 where=where,
                 hint="Positions of joints are in radians.",
             )
 
     def poses(self, values: Float[np.ndarray, "n k"]) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 3"]]:
-        """Quaternions x, y, z, w and positions [m] of the sensor in the base, at positions of `joints`."""
+        """Return the sensor's pose in the base for each row of joint positions.
+
+        The poses are quaternions x, y, z, w (n, 4) and positions (n, 3) [m]; `values` [rad, m] has a column for each of
+        `joints`.
+        """
         pin, model, data = self._pin, self._model, self._data
         moved = np.ones(len(values), dtype=bool)
         moved[1:] = (values[1:] != values[:-1]).any(axis=1)
@@ -400,7 +408,7 @@ def _shapes(link: Any, geometry: str) -> list[Any]:
 
 
 def _declares(file: Path, package: str) -> bool:
-    """Whether a package.xml is that of a package."""
+    """Check whether a package.xml names this package."""
     try:
         return file.is_file() and ElementTree.parse(file).getroot().findtext("name", "").strip() == package
     except (OSError, ElementTree.ParseError):
@@ -408,7 +416,7 @@ def _declares(file: Path, package: str) -> bool:
 
 
 def _collada_unit(file: Path) -> float:
-    """Metres in one unit of a COLLADA file, which alone of these formats says it; 1 of any other."""
+    """Return the metres in one unit of a COLLADA file, the only one of these formats to state it; 1 for others."""
     if file.suffix.lower() != ".dae":
         return 1.0
     with file.open("rb") as content:

@@ -1,1 +1,1 @@
-"""Live: sources of samples, the ring that they and their contacts pass through, and what reads it."""
+"""Estimate contacts live: sources of samples, the ring of samples and contacts, and the processes that read it."""

@@ -1,8 +1,9 @@
-"""Compiled: what is done with every sample, each in one call, because each call of NumPy costs 1 us and more.
+"""Compiled loops for each sample of a stream; one call replaces many of NumPy, each of which costs 1 us or more.
 
-Slots (k, words) are int64, and their numbers seen as float64 are the same memory; which word holds what is `Form.slot`,
-with the contacts in the middle and the values at the end. Nothing here says that a slot is whole: that is a store of
-its own, after the call, since within one call the compiler may order stores as it likes.
+Slots (k, words) are int64, and a view of the same memory as float64 holds their real numbers; `SlotForm.slot` gives the
+meaning of each word, with the contacts in the middle and the values at the end. No function here marks a slot as
+complete: the caller does that with a separate store after the call, because the compiler may reorder stores within one
+call.
 """
 
 # pyright: basic
@@ -27,7 +28,7 @@ _EXACT = 1 << 53  # below it every integer is a double
     """
 )
 def take_in(slots, first, count, stamp, arrived, lost, values, posed, orientation, position, acceleration, unsteady):
-    """So many samples from number `first` on, values (n, m); without `posed` the last four are not read."""
+    """Store `count` samples from number `first` on in their slots, values (n, m); poses are read only if `posed`."""
     reals = slots.view(np.float64)
     before, count = slots.shape[1] - values.shape[1], min(count, len(stamp))
     for k in range(count):
@@ -46,7 +47,7 @@ def take_in(slots, first, count, stamp, arrived, lost, values, posed, orientatio
 
 @entry("slots out int64 n m, first int, rows k w, counts int64 s, now int")
 def answer(slots, first, rows, counts, now):
-    """Rows (m, width), counts[k] of them for sample `first` + k, known at `now` [ns]."""
+    """Store contacts in slots: rows (m, width), counts[k] of them for sample `first` + k, known at `now` [ns]."""
     reals = slots.view(np.float64)
     row, width = 0, rows.shape[1]
     for k in range(len(counts)):
@@ -60,7 +61,7 @@ def answer(slots, first, rows, counts, now):
 
 @entry("stamp int64 n")
 def seconds(stamp):
-    """The bits of `palpate.files.logs.decoding.seconds`."""
+    """Return stamps [ns] as times [s], bit for bit as `palpate.files.logs.decoding.seconds` does."""
     times = np.empty(len(stamp))
     for k in range(len(stamp)):
         whole = stamp[k] // _BILLION
@@ -78,10 +79,10 @@ def seconds(stamp):
     """
 )
 def stamped(count, seconds, nanoseconds, least, now, stamp, said, size):
-    """Stamps [ns] of so many datagrams that were received, `now` where the kernel did not say them.
+    """Fill the stamps [ns] of `count` received datagrams: the kernel's, or `now` if the kernel gave none.
 
-    `said` is how many bytes the kernel said beside each: from `least` on, a stamp. It is set to `size` again, which is
-    how many it may say, and what it was of the last datagram is returned (0: there is none).
+    `said` is the number of bytes of control data that came with each datagram; with `least` or more they hold a stamp.
+    Each is reset to `size`, the room for control data; the last datagram's number is returned (0: no datagram).
     """
     last = np.int64(0)
     for k in range(min(count, len(stamp))):

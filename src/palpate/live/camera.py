@@ -1,4 +1,4 @@
-"""A camera as a source of images."""
+"""Read live images from a camera."""
 
 from __future__ import annotations
 
@@ -20,14 +20,16 @@ AGAIN = 1.0  # s between attempts to open a camera that was lost
 
 
 class CameraSource:
-    """A camera that OpenCV opens, by its number or file; frames are stamped when they are read.
+    """A camera that OpenCV opens, as a source of images, which are stamped when they are read.
+
+    The camera is opened at once: its first image gives the size of all.
 
     Args:
-        address: number ("0"), device ("/dev/video0"), or a video, which comes as fast as it is read.
-        rate: [Hz] that is asked of it; None: its own.
+        address: number ("0"), device ("/dev/video0"), or a video, which is played as fast as it is read.
+        rate: [Hz] requested from the camera; None: its default.
 
     Raises:
-        InputError: OpenCV is not installed, or there is no such camera: its first frame says how large images are.
+        InputError: OpenCV is not installed, or the camera does not exist, is in use or may not be opened.
     """
 
     dtype: DTypeLike = np.uint8
@@ -54,15 +56,15 @@ class CameraSource:
 
     @classmethod
     def of(cls, stated: RigSource, setup: Setup) -> CameraSource:
-        """Return the camera that a [source] names."""
+        """Return the camera that a rig's [source] names, already open."""
         own = setup.link.folder / stated.address
         return cls(str(own) if own.is_file() else stated.address, stated.rate)
 
     def open(self) -> None:
-        """It is open already."""
+        """Do nothing: the camera is open since it was made."""
 
     def receive(self, batch: Batch, timeout: float) -> int:
-        """One frame; a camera that was lost is opened again."""
+        """Fill a batch with one image and return 1; return 0 if none came. A lost camera is opened again."""
         if self._first is not None:
             frame, self._first = self._first, None
         elif self._device is None:
@@ -81,12 +83,12 @@ class CameraSource:
         return 1
 
     def events(self) -> list[str]:
-        """Lost, and found again."""
+        """Return the events since the last call: camera lost or back, images of another size."""
         said, self._said = self._said, []
         return said
 
     def close(self) -> None:
-        """Let go of it."""
+        """Release the camera; may be called again."""
         if self._device is not None:
             self._device.release()
         self._device = None
@@ -103,7 +105,7 @@ class CameraSource:
         return True
 
     def _reopened(self, timeout: float) -> int:
-        """Try again, not too often."""
+        """Try to open a lost camera again, once a second at most, and return 0."""
         if time.monotonic() - self._tried < AGAIN:
             time.sleep(timeout)
             return 0

@@ -1,4 +1,4 @@
-"""A few seconds of a device as a log, so that a rig can be guessed from them."""
+"""Record a few seconds of a device as a log, from which a rig can be guessed."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ __all__ = ["listen", "stated_source"]
 SECONDS = 3.0
 
 
-def stated_source(said: str) -> RigSource:
-    """KIND:ADDRESS, such as netft:192.168.1.1; of ROS 2 the kind alone.
+def stated_source(stated: str) -> RigSource:
+    """Return the [source] for a text KIND:ADDRESS, such as netft:192.168.1.1; ROS 2 needs only the kind.
 
     Raises:
-        InputError: there is no such kind, or the address is missing.
+        InputError: the kind is unknown, or the address is missing.
     """
-    kind, _, address = said.partition(":")
+    kind, _, address = stated.partition(":")
     return parse({"kind": kind, **({"address": address} if address else {})}, RigSource, file="--source")
 
 
 def listen(source: RigSource, folder: Path, seconds: float = SECONDS) -> Path:
-    """What a source of wrenches gives for some seconds, as a table in a folder.
+    """Write the wrenches that a source gives within `seconds` [s] to a CSV file in a folder, and return its path.
 
     Raises:
-        InputError: it cannot be opened, gives something else, or nothing.
+        InputError: the source cannot be opened, does not give wrenches, or gives fewer than two samples.
     """
     device = source_of(source, Rig(folder=Path.cwd()).resolve())
     if device.shape != (6,):

@@ -1,4 +1,4 @@
-"""Frames with COBS and CRC-32: how a device sends samples so that damage is noticed and costs the frames it touches.
+"""Read and write samples as frames with COBS and CRC-32, so that damage is noticed and costs only the damaged frames.
 
 A frame is `stuffed(head numbers check) 0x00`, all little endian:
 
@@ -6,16 +6,16 @@ A frame is `stuffed(head numbers check) 0x00`, all little endian:
 |---|---|
 | 1 | version of this format: 1 |
 | 1 | type of the numbers: 0 u8, 1 i8, 2 u16, 3 i16, 4 u32, 5 i32, 6 f32, 7 f64 |
-| 2 | how many numbers |
+| 2 | count of numbers |
 | 4 | counter: one more than that of the sample before, whether that was sent or not; 0 follows 2^32 - 1 |
 | numbers | in the order of a log's columns (a wrench force first), in the rig's units |
 | 4 | CRC-32 of all before it, as zlib and Ethernet have it |
 
-Stuffing (COBS, Cheshire and Baker 1999) takes the zeros out, so that 0x00 is only ever the end of a frame: each run of
-bytes that are not zero, of 254 at most, stands behind a byte that says how far it is to the next such byte; where
-that is less than 255 and more follows, a zero is meant. `docs/serial.md` has it in C.
+Stuffing (COBS, Cheshire and Baker 1999) removes the zeros, so that 0x00 occurs only at the end of a frame: a code byte
+precedes each run of at most 254 bytes that are not zero and gives the distance to the next code byte. If that distance
+is less than 255 and more follows, the data have a zero there. `docs/serial.md` has the code in C.
 
-A counter that stands still is taken as none. A counter that goes back says that the device began anew.
+A counter that does not change is ignored. A counter that goes back means that the device has restarted.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ _WRAP = 1 << 32  # of the counter
 
 
 class CobsFrames:
-    """Samples out of bytes as they come; nothing is lost but frames that are not whole.
+    """A decoder of COBS frames that turns bytes, fed in any pieces, into samples; only damaged frames are lost.
 
     Args:
-        count: numbers a sample.
+        count: number of values in a sample.
     """
 
     unit = "frame"
@@ -58,15 +58,15 @@ class CobsFrames:
         self._damaged = self._foreign = self._other = self._restarts = self._lost = 0
 
     def feed(self, data: bytes) -> None:
-        """Take bytes as they were read."""
+        """Append bytes as they were read from the port."""
         self._rest += data
 
     def take(self, values: Float[np.ndarray, "n k"], lost: Int[np.ndarray, " n"]) -> int:
-        """Read samples of what was fed, as many as fit, and return how many.
+        """Decode as many of the samples fed as fit into the arrays, and return how many.
 
         Args:
-            values: filled from the first row on.
-            lost: samples missing before each, by the device's counter.
+            values: (n, count), filled from the first row on.
+            lost: (n,), filled with the number of samples missing before each, by the device's counter.
         """
         found = at = 0
         while found < len(values) and (end := self._rest.find(0, at)) >= 0:
@@ -77,11 +77,11 @@ class CobsFrames:
             at, self._joined = end + 1, True
         self._rest = self._rest[at:]
         if found < len(values) and len(self._rest) > self._longest:
-            self._rest = b""  # no frame is so long: what is left of it fails its check
+            self._rest = b""  # no frame is so long: its remaining bytes fail their check
         return found
 
     def _sample(self, encoded: bytes) -> tuple[np.ndarray, int] | None:
-        """Return the numbers of a frame and how many samples are missing before it, or None where it is no sample."""
+        """Return the numbers of a frame and the number of samples missing before it, or None if it is no sample."""
         try:
             frame = cobs.decode(encoded) if len(encoded) <= self._longest else b""
             version, code, count, counter = _HEAD.unpack_from(frame)
@@ -100,7 +100,7 @@ class CobsFrames:
         return np.frombuffer(frame, kind, count, _HEAD.size), self._missing(counter)
 
     def _missing(self, counter: int) -> int:
-        """Return how many samples are missing; none where the counter stands still or went back, to begin anew."""
+        """Return the number of samples missing before a counter; 0 if it is the same or has gone back (a restart)."""
         ahead = 1 if self._last is None else (counter - self._last) % _WRAP
         self._last = counter
         if ahead >= _WRAP // 2:
@@ -110,15 +110,15 @@ class CobsFrames:
         return max(0, ahead - 1)
 
     def waiting(self) -> int:
-        """Samples that still lie in what was fed."""
+        """Return the number of frame ends in the bytes fed and not decoded yet."""
         return self._rest.count(0)
 
     def forget(self) -> None:
-        """Begin anew with the next byte, as after a broken connection; the counter is kept."""
+        """Discard the bytes fed so far, as after a broken connection; the counter is kept."""
         self._rest, self._joined = b"", False
 
     def faults(self) -> list[str]:
-        """What went wrong since this was last asked."""
+        """Return the faults since the last call: damaged frames, missing samples, other frames, restarts."""
         found: list[str] = []
         if self._damaged:
             found.append(f"{self._damaged} damaged {_plural('frame', self._damaged)}")
@@ -133,7 +133,7 @@ class CobsFrames:
         return found
 
     def awaited(self) -> str:
-        """Why the bytes that came gave no sample, for a message."""
+        """Return the words that explain why the bytes received gave no sample, for a message."""
         if self._foreign:
             return f"frames of {self._other} numbers, where the sensor has {self._count}: is it another device?"
         return "none of them a whole frame: is it `baud` or `framing`?"
@@ -141,15 +141,15 @@ class CobsFrames:
 
 @takes_arrays
 def encoded(values: Float[np.ndarray, "n k"], counter: int, number: str) -> tuple[bytes, Int[np.ndarray, " n"]]:
-    """Samples as frames.
+    """Encode samples as frames.
 
     Args:
-        values: one row a frame; of whole numbers the nearest that the type has.
-        counter: of the first.
-        number: one of `TYPES`.
+        values: (n, k), one row a frame; for a type of integers they are rounded and clipped.
+        counter: counter of the first sample.
+        number: type of the numbers, one of `TYPES`.
 
     Returns:
-        the bytes, and where each frame ends in them.
+        The bytes, and (n,) the index in them at which each frame ends.
     """
     numbers = _rounded(values, np.dtype(f"<{number}"))
     frames = list[bytes]()
@@ -160,7 +160,7 @@ def encoded(values: Float[np.ndarray, "n k"], counter: int, number: str) -> tupl
 
 
 def _rounded(values: Float[np.ndarray, "*any"], kind: np.dtype[Any]) -> np.ndarray:
-    """Numbers as a type has them: of whole numbers the nearest, the ends of its range beyond it, 0 for NaN."""
+    """Return values as a type; for integers they are rounded and clipped to its range, and NaN becomes 0."""
     if kind.kind == "f":
         return values.astype(kind)
     limits = np.iinfo(kind.name)

@@ -1,4 +1,4 @@
-"""Datagrams that wait at a socket, many by one call, with the kernel's stamps and its count of those it dropped."""
+"""Read many waiting datagrams of a socket in one call, with the kernel's stamps and its count of dropped datagrams."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ __all__ = ["Datagrams", "ask_buffer", "packed_address"]
 
 _TIMESTAMPNS, _RXQ_OVFL, _RCVBUFFORCE = 35, 40, 33  # of Linux, not in `socket`
 _DONTWAIT = 0x40
-_ADDRESS = 16  # bytes of a sockaddr_in, of which the first 8 say who
+_ADDRESS = 16  # bytes of a sockaddr_in, of which the first 8 identify the sender
 
 
 class _Message(ctypes.Structure):
-    """`struct msghdr`; pointers are numbers, so that NumPy sees them."""
+    """The C structure `msghdr`, with pointers as integers so that NumPy can fill them."""
 
     _fields_ = [
         ("name", ctypes.c_size_t),
@@ -35,19 +35,19 @@ class _Message(ctypes.Structure):
 
 
 class _Header(ctypes.Structure):
-    """`struct mmsghdr`."""
+    """The C structure `mmsghdr`: a message's header and the length received."""
 
     _fields_ = [("message", _Message), ("length", ctypes.c_uint32)]
 
 
 class _Vector(ctypes.Structure):
-    """`struct iovec`."""
+    """The C structure `iovec`: address and size of a buffer."""
 
     _fields_ = [("base", ctypes.c_size_t), ("size", ctypes.c_size_t)]
 
 
 class _Control(ctypes.Structure):
-    """What the kernel says beside a datagram: always its stamp, and the drops behind it once there were any."""
+    """Control data of a datagram from the kernel: its stamp, and the number of dropped datagrams once there are any."""
 
     _fields_ = [
         ("size", ctypes.c_size_t),
@@ -64,15 +64,15 @@ class _Control(ctypes.Structure):
 
 
 class Datagrams:
-    """What waits at a UDP socket of IPv4; the arrays are filled again and again.
+    """A reader of datagrams from a UDP socket of IPv4, which fills the same arrays again in each call.
 
     Attributes:
-        slot: (size,) of a structured dtype: the bytes of each, as many as it holds.
-        length: (size,) bytes of each, at most a slot's.
-        sender: (size,) each sender as `packed_address` says it.
-        stamp: (size,) int64 [ns] since 1970: when each arrived at the kernel; when it was read, where the kernel does
-            not say.
-        dropped: datagrams that the kernel dropped so far because the buffer was full; 0 where it does not say.
+        slot: (size,) of a structured dtype: the bytes of each datagram, as far as a slot holds them.
+        length: (size,) number of bytes of each, at most a slot's.
+        sender: (size,) address of each sender, as `packed_address` returns it.
+        stamp: (size,) int64 [ns] since 1970: arrival of each at the kernel; the time of the read if the kernel gives no
+            stamp.
+        dropped: number of datagrams that the kernel dropped so far because the buffer was full; 0 if it does not count.
     """
 
     def __init__(self, receiver: socket.socket, slots: np.dtype[np.void], size: int) -> None:
@@ -86,7 +86,7 @@ class Datagrams:
         self._many: _Many | None = _Many(self) if sys.platform == "linux" else None
 
     def take(self, most: int) -> int:
-        """As many as wait, at most `most`; never waits.
+        """Read the waiting datagrams, up to `most`, without waiting, and return how many.
 
         Raises:
             OSError: the socket cannot be read.
@@ -95,7 +95,7 @@ class Datagrams:
         return self._many.take(self, most) if self._many is not None else self._one_by_one(most)
 
     def fileno(self) -> int:
-        """Of the socket."""
+        """Return the file descriptor of the socket."""
         return self._socket.fileno()
 
     def _one_by_one(self, most: int) -> int:
@@ -111,7 +111,7 @@ class Datagrams:
 
 
 class _Many:
-    """recvmmsg of Linux: every datagram that waits, by one call."""
+    """A reader by Linux's recvmmsg, which takes all waiting datagrams in one call."""
 
     def __init__(self, owner: Datagrams) -> None:
         from palpate.live import _stream  # compiled: loaded when first needed
@@ -151,23 +151,23 @@ class _Many:
         return count
 
     def _stamped(self, owner: Datagrams, count: int) -> int:
-        """Fills the stamps; how many bytes the kernel said beside the last datagram."""
+        """Fill the stamps, and return the number of bytes of control data of the last datagram."""
         least, size = _Control.drops_size.offset, self._controls.itemsize
-        now = time.time_ns()  # for the kernel stamps from a moment after it was asked
+        now = time.time_ns()  # the kernel starts to stamp a moment after the request
         return self._stamps(count, self._seconds, self._nanoseconds, least, now, owner.stamp, self._said, size)
 
 
 def packed_address(address: tuple[str, int]) -> int:
-    """A numeric IPv4 address and a port as the first 8 bytes of Linux's own form."""
+    """Return a numeric IPv4 address and port as an integer: the first 8 bytes of Linux's sockaddr_in."""
     raw = struct.pack("=H", socket.AF_INET) + struct.pack(">H", address[1]) + socket.inet_aton(address[0])
     return int.from_bytes(raw, sys.byteorder)
 
 
 def ask_buffer(receiver: socket.socket, size: int) -> int:
-    """Ask for a receive buffer of `size` bytes, by force where that is allowed.
+    """Request a receive buffer of `size` bytes, beyond the system's limit if that is permitted.
 
     Returns:
-        bytes that were granted; the kernel's own bookkeeping has as much again.
+        The number of bytes granted; on Linux half of the kernel's figure, which includes as much for bookkeeping.
     """
     if sys.platform == "linux":
         try:
@@ -180,10 +180,10 @@ def ask_buffer(receiver: socket.socket, size: int) -> int:
 
 
 def _rows(kind: type[ctypes.Structure], size: int) -> np.ndarray:
-    """That many of a C structure, side by side."""
+    """Return an array (size,) of a C structure, filled with zeros."""
     return np.zeros(size, dtype=np.dtype((np.void, kind)))
 
 
 def _each(rows: np.ndarray) -> UInt64[np.ndarray, " n"]:
-    """Where each row of an array begins."""
+    """Return the memory address at which each row of an array begins, (n,)."""
     return (rows.ctypes.data + np.arange(len(rows)) * rows.strides[0]).astype(np.uint64)

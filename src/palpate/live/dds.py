@@ -1,4 +1,4 @@
-"""A participant in a domain of DDS: the network under ROS 2, through cyclonedds, without an installation of ROS."""
+"""Join a domain of DDS, the network of ROS 2, through cyclonedds and without an installation of ROS."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from palpate.errors import InputError, not_loaded
-from palpate.files.logs.log import MessageBlock, Topic
+from palpate.files.messages import MessageBlock, Topic
 from palpate.live.ros_types import idl_type, ros_type_name
 
 __all__ = ["DEPTH", "LOOPBACK", "DdsNode", "DdsReader", "Writer", "ros_name"]
@@ -25,24 +25,24 @@ __all__ = ["DEPTH", "LOOPBACK", "DdsNode", "DdsReader", "Writer", "ros_name"]
 DEPTH = 8192  # messages that wait in a reader, at most: 1.2 s at 7 kHz
 LOOPBACK = "127.0.0.1"
 _PARTICIPANTS = 32  # on one machine, that find each other without multicast
-_FAST_DDS = "1.15"  # as a vendor of DDS: it describes some types otherwise, which would keep readers and writers apart
+_FAST_DDS = "1.15"  # as a vendor of DDS: it describes some types differently, so readers and writers would not match
 _PORTS = 250  # of a domain, from 7400 on
-_BUFFER = 2**22  # bytes that the kernel is asked to keep for each port: it gives what it may
+_BUFFER = 2**22  # bytes of receive buffer requested for each port; the kernel may grant less
 _OPEN = "ports of DDS are open to other machines, too: this system does not let them be kept to loopback"
 _BLOCKED = 10_000_000  # ns that a write may wait for slow readers
-_ids = count(0x10000)  # of domains inside this process: each node has one of its own
+_ids = count(0x10000)  # of domains inside this process: each node has its own
 
 
 def ros_name(name: str) -> str:
-    """Of a topic, absolute."""
+    """Return the absolute name of a topic of ROS: "wrench" -> "/wrench"."""
     return f"/{name.lstrip('/')}"
 
 
 def _cyclone() -> SimpleNamespace:
-    """What is used of cyclonedds.
+    """Return the public names of cyclonedds' modules in one namespace.
 
     Raises:
-        InputError: it is not installed.
+        InputError: cyclonedds is not installed.
     """
     try:
         import_module("cyclonedds")
@@ -55,11 +55,11 @@ def _cyclone() -> SimpleNamespace:
 
 
 class DdsNode:
-    """A participant with a configuration of its own, so that no file or variable of the environment matters.
+    """A participant in a domain, with its own configuration, independent of files and environment variables.
 
     Args:
         domain: number of the domain, as ROS_DOMAIN_ID.
-        interface: name or address of that of the network; "" stays on this machine: loopback, without multicast.
+        interface: name or address of the network interface; "" stays on this machine: loopback, without multicast.
     """
 
     def __init__(self, domain: int = 0, interface: str = "") -> None:
@@ -75,10 +75,10 @@ class DdsNode:
         """Join the domain.
 
         Returns:
-            a sentence where the ports of this process could not be kept to the loopback interface, else "".
+            A sentence if the ports of this process could not be restricted to the loopback interface, else "".
 
         Raises:
-            InputError: cyclonedds is not installed, there is no such interface, or too many are on it already.
+            InputError: cyclonedds is not installed, the interface does not exist, or too many participants are on it.
         """
         dds = _cyclone()
         _check_interface(self.interface)
@@ -100,7 +100,7 @@ class DdsNode:
         return _keep_to_loopback(self.domain, before)
 
     def close(self) -> None:
-        """Leave; its readers and writers end with it. May be called twice."""
+        """Leave the domain and end the node's readers and writers; may be called again."""
         for end in self._ends:
             end.entity = end.waiting = None
         self._ends = []
@@ -109,15 +109,18 @@ class DdsNode:
     def reader(
         self, topic: str, kind: str, *, reliable: bool = False, latched: bool = False, depth: int = DEPTH
     ) -> DdsReader:
-        """Of one topic.
+        """Return a reader of one topic; the node must be open.
 
         Args:
             topic: name as in ROS.
-            kind: type of its messages.
-            reliable: ask for what was lost again, from publishers that offer it; else it hears all publishers, and
-                what the network loses stays lost, and counted.
-            latched: ask for what was published before, too (/tf_static).
-            depth: messages that wait at most; of more, the newest are lost, and counted (of a reliable one the oldest).
+            kind: type of the messages.
+            reliable: request lost messages again, from publishers that offer it; else all publishers are heard, and
+                messages that the network loses are only counted.
+            latched: also request messages that were published before (/tf_static).
+            depth: most messages that wait; beyond it the newest are lost and counted, or with `reliable` the oldest.
+
+        Raises:
+            InputError: the topic's name is not valid in ROS, or the type is unknown.
         """
         policy, kept = self._dds.Policy, self._dds.Policy.Durability
         quality = (
@@ -132,7 +135,7 @@ class DdsNode:
         return made
 
     def writer(self, topic: str, kind: str, *, latched: bool = False, depth: int = 100) -> Writer:
-        """To one topic, reliably; `latched` keeps the last `depth` messages for who comes later."""
+        """Return a reliable writer to one topic; `latched` keeps the last `depth` messages for later readers."""
         policy, kept = self._dds.Policy, self._dds.Policy.Durability
         quality = [policy.Reliability.Reliable(_BLOCKED), policy.History.KeepLast(depth)]
         if latched:
@@ -143,7 +146,7 @@ class DdsNode:
         return made
 
     def topics(self) -> list[Topic]:
-        """What others publish now: topics of ROS, with the number of publishers as count."""
+        """Return the topics of ROS that are published now, with the number of publishers as `count`."""
         state = self._dds
         alive = state.SampleState.Any | state.ViewState.Any | state.InstanceState.Alive
         condition = state.ReadCondition(self._seen, alive)
@@ -155,7 +158,7 @@ class DdsNode:
         return [Topic(*key, "cdr", publishers) for key, publishers in sorted(found.items())]
 
     def settled(self, patience: float, names: Sequence[str] = ()) -> list[Topic]:
-        """What others publish, once all of `names` are there, or `patience` [s] has passed."""
+        """Return the published topics once all of `names` are among them, or after `patience` [s]."""
         deadline = time.monotonic() + patience
         while True:
             there = self.topics()
@@ -172,17 +175,17 @@ class DdsNode:
 
 
 class _End:
-    """A reader or a writer, as long as its node is open."""
+    """A reader or a writer, which can be used while its node is open."""
 
     def __init__(self, entity: Any, dds: Any) -> None:
         self.entity, self.waiting, self._dds = entity, None, dds
 
 
 class DdsReader(_End):
-    """Messages of one topic, as bytes.
+    """A reader of one topic, whose messages are bytes.
 
     Attributes:
-        topic: name and type.
+        topic: name and type of the topic.
     """
 
     def __init__(self, entity: Any, dds: Any, topic: Topic) -> None:
@@ -194,11 +197,11 @@ class DdsReader(_End):
         self._lost = 0
 
     def wait(self, timeout: float) -> bool:
-        """Until something is there, for as long as `timeout` [s]; whether there is."""
+        """Wait up to `timeout` [s] for a message, and return whether there is one."""
         return self.waiting.wait(round(max(timeout, 0.0) * 1e9)) > 0
 
     def take(self, limit: int = DEPTH) -> MessageBlock:
-        """All that waits, up to `limit` messages; their times are those at which they were sent."""
+        """Return the waiting messages, up to `limit` of them, with the times [ns] at which they were sent."""
         samples = [sample for sample in self.entity.take(limit) if sample.sample_info.valid_data]
         length = np.array([len(sample.data) for sample in samples], dtype=np.int64)
         sent = np.array([sample.sample_info.source_timestamp for sample in samples], dtype=np.int64)
@@ -207,26 +210,26 @@ class DdsReader(_End):
         return MessageBlock(data, {0: self.topic}, np.zeros(len(samples), dtype=np.int64), sent, start, length)
 
     def lost(self) -> int:
-        """Messages that were lost on the way or had no room, since this was last asked."""
+        """Return the number of messages since the last call that the network lost or that had no room."""
         total = self.entity.get_sample_lost_status().total_count + self.entity.get_sample_rejected_status().total_count
         self._lost, before = total, self._lost
         return total - before
 
     @property
     def publishers(self) -> int:
-        """How many are heard now."""
+        """Number of publishers that the reader hears now."""
         return self.entity.get_subscription_matched_status().current_count
 
 
 class Writer(_End):
-    """Sends messages that are ready as bytes."""
+    """A writer to one topic, whose messages are bytes."""
 
     def __init__(self, entity: Any, dds: Any, made: Any) -> None:
         super().__init__(entity, dds)
         self._made = made
 
     def write(self, data: bytes) -> bool:
-        """One message; False where readers were too slow to take it."""
+        """Send one message; return False if readers were too slow to take it within 10 ms."""
         try:
             self.entity.write(self._made(data))
         except self._dds.DDSException as problem:
@@ -237,12 +240,12 @@ class Writer(_End):
 
     @property
     def readers(self) -> int:
-        """How many listen now."""
+        """Number of readers that listen to the topic now."""
         return len(self.entity.get_matched_subscriptions())
 
 
 def _configuration(domain: int, interface: str) -> str:
-    """For cyclonedds; a domain of a number of its own inside the process can share that of others on the network."""
+    """Return the XML configuration for cyclonedds; the domain's id inside the process differs from its network id."""
     local = not interface
     key = "address" if local or _is_address(interface) else "name"
     peers = f'<Peers><Peer address="{LOOPBACK}"/></Peers>' if local else ""
@@ -261,7 +264,7 @@ def _is_address(text: str) -> bool:
 
 
 def _check_interface(interface: str) -> None:
-    """InputError unless this machine has it."""
+    """Raise InputError unless this machine has the network interface, by name or address; "" is allowed."""
     names = [name for _, name in socket.if_nameindex()]
     if not interface or interface in names:
         return
@@ -277,7 +280,7 @@ def _check_interface(interface: str) -> None:
 
 
 def _sockets() -> dict[str, int]:
-    """Every socket of this process, as far as the system lists them: name -> file descriptor."""
+    """Return the sockets of this process, name -> file descriptor; none if the system has no /proc."""
     folder, found = Path("/proc/self/fd"), dict[str, int]()
     for name in os.listdir(folder) if folder.is_dir() else ():
         with suppress(FileNotFoundError):  # that of the folder itself
@@ -286,14 +289,14 @@ def _sockets() -> dict[str, int]:
 
 
 def _keep_to_loopback(domain: int, before: Collection[str]) -> str:
-    """Closes the ports of a domain to other interfaces: cyclonedds opens them to all, whatever it is told.
+    """Close the ports of a domain to other interfaces than loopback: cyclonedds opens them to all in any case.
 
     Args:
-        domain: whose ports.
-        before: sockets of this process that are not meant.
+        domain: number of the domain.
+        before: names of this process's sockets to leave as they are.
 
     Returns:
-        a sentence where the system does not allow it, else "".
+        A sentence if the system does not allow it, else "".
     """
     option = getattr(socket, "SO_BINDTODEVICE", None)
     names = [name for _, name in socket.if_nameindex() if name.startswith("lo")]
@@ -309,7 +312,7 @@ def _keep_to_loopback(domain: int, before: Collection[str]) -> str:
 
 
 def _receiving(domain: int, before: Collection[str]) -> Iterator[socket.socket]:
-    """Second handles of the sockets that receive for a domain."""
+    """Yield a second handle of each socket that receives for a domain and is not in `before`."""
     first = 7400 + _PORTS * domain
     for name, handle in _sockets().items():
         if name in before:

@@ -1,4 +1,4 @@
-"""What stands for a device, so that a set-up can be tried without one: a log is played through it."""
+"""The protocol of simulated devices, through which a log is played to try a set-up without the real device."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ __all__ = ["Device"]
 
 @runtime_checkable
 class Device(Protocol):
-    """Speaks as the real device does, to whoever asks; samples are sent when they are given."""
+    """A simulated device that speaks the real device's protocol and sends the samples that it is given."""
 
     def open(self) -> str:
-        """Begin to listen.
+        """Begin to listen for connections.
 
         Returns:
-            the [source] of a rig that reaches it, as lines of TOML.
+            The [source] of a rig that reaches the device, as lines of TOML.
 
         Raises:
             InputError: the port or file is taken, or may not be used.
@@ -26,17 +26,17 @@ class Device(Protocol):
         ...
 
     def send(self, stamp: Int[np.ndarray, " n"], values: Float[np.ndarray, "n k"]) -> int:
-        """Send samples now, to those who asked for them.
+        """Send samples now to the listeners that requested them.
 
         Args:
-            stamp: [ns] of each in the log.
-            values: SI, of a wrench force first, in the sensor's axes.
+            stamp: (n,) [ns] time of each sample in the log.
+            values: (n, k) in SI units and in the sensor's axes; a wrench has its force first.
 
         Returns:
-            how many were sent: 0 while nobody listens.
+            The number of samples sent; 0 while nobody listens.
         """
         ...
 
     def close(self) -> None:
-        """Stop; may be called twice."""
+        """Stop the device; calling it again does nothing."""
         ...

@@ -1,4 +1,4 @@
-"""Contacts as JSON over UDP or a UNIX socket, for anything that can read a line: a datagram a sample."""
+"""Publish contacts as lines of JSON over UDP or a UNIX socket, one datagram for each sample."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ Address = str | tuple[str, int] | tuple[str, int, int, int]
 
 
 def datagram_address(to: str) -> tuple[socket.AddressFamily, Address]:
-    """Where datagrams go.
+    """Return the family and address of the socket to which datagrams are sent.
 
     Args:
         to: "udp:HOST:PORT" or "unix:PATH".
 
     Raises:
-        InputError: it is neither, there is no such host or port, or the path is too long or in no folder.
+        InputError: the address has another form, the host is unknown, or the path is too long or its folder missing.
     """
     kind, _, rest = to.partition(":")
     if kind == UNIX:
@@ -56,7 +56,7 @@ def _unix(path: str, to: str) -> tuple[socket.AddressFamily, Address]:
 
 
 class JsonLines:
-    """One JSON object a datagram, which ends with a newline; a number that is none is null.
+    """A publisher of one JSON object per datagram, which ends with a newline; numbers that are not finite are null.
 
     ```json
     {"sample": 1200, "time": 1700000001.2, "status": "contact", "contacts": [{"identity": 0, "status": "contact",
@@ -64,21 +64,21 @@ class JsonLines:
     ```
 
     `contacts` are those that have a place, the strongest first, each with the sensor's features in SI; `status` is that
-    of the strongest, or says why there is none. Nothing waits: what the network or a slow listener cannot take is
-    dropped and counted; where nobody listens nothing happens.
+    of the strongest, or says why there is none. The publisher never waits: lines that the network or a slow listener
+    cannot take are dropped and counted; without a listener nothing is sent.
 
     Args:
         to: "udp:HOST:PORT" or "unix:PATH", a datagram socket that the listener makes.
-        rate: [Hz] at most; the newest sample goes out, and whatever changes the status or who is in contact goes at
-            once. 0: every sample.
-        clock: [s], for the rate.
+        rate: [Hz] at most; the newest sample is sent, and any sample that changes the status or the identities is sent
+            at once. 0: every sample.
+        clock: function that returns the time [s] for the rate.
 
     Attributes:
-        sent: lines that somebody could take.
-        dropped: lines for which there was no room, or that were too long for a datagram.
+        sent: number of lines sent.
+        dropped: number of lines without room, or too long for a datagram.
 
     Raises:
-        InputError: there is no such address.
+        InputError: the address is not valid.
     """
 
     def __init__(self, to: str, rate: float = 100.0, clock: Callable[[], float] = monotonic) -> None:
@@ -93,10 +93,10 @@ class JsonLines:
         self._waiting: Contacts | None = None
 
     def publish(self, contacts: Contacts) -> None:
-        """Send what is due of the next samples.
+        """Send those samples that are due at the rate.
 
         Args:
-            contacts: in order; none: only what had to wait for the rate is sent.
+            contacts: the contacts of the next samples, in order; without any, a sample that waited for the rate goes.
         """
         for one, last in _each(contacts, every=not self._period):
             state = (*one.status.tolist(), *one.identity.tolist())
@@ -110,11 +110,11 @@ class JsonLines:
             self._waiting = None
 
     def tare_requested(self) -> bool:
-        """Nobody can: datagrams go one way."""
+        """Return False: listeners cannot request a tare, because datagrams go one way."""
         return False
 
     def events(self) -> list[str]:
-        """What happened since this was last asked: lines that were dropped, every ten seconds at most."""
+        """Return a sentence on lines dropped since the last one, every 10 s at most; else no sentence."""
         now = self._clock()
         if self.dropped == self._said_of or now < self._say_at:
             return []
@@ -122,7 +122,7 @@ class JsonLines:
         return [f"{self.to}: {more} lines were dropped, because they did not fit in; {self.sent} were sent"]
 
     def close(self) -> None:
-        """May be called twice."""
+        """Close the socket; may be called again."""
         self._socket.close()
 
     def _send(self, contacts: Contacts) -> None:
@@ -132,14 +132,14 @@ class JsonLines:
             self._socket.sendto(line, self._address)
         except (ConnectionRefusedError, FileNotFoundError):  # nobody listens
             return
-        except OSError:  # no room, too long, no way there: the line is lost, and `said` counts it
+        except OSError:  # no room, too long, no route: the line is lost, and `events` reports it
             self.dropped += 1
             return
         self.sent += 1
 
 
 def _each(contacts: Contacts, every: bool) -> Iterator[tuple[Contacts, bool]]:
-    """Each sample, and whether it is the last; unless `every` is wanted, only those where something may change."""
+    """Yield (contacts of a sample, whether it is the last); unless `every`, only samples that may change the state."""
     if not len(contacts):
         return
     starts = np.flatnonzero(np.diff(contacts.sample, prepend=contacts.sample[0] - 1))
@@ -153,7 +153,7 @@ def _each(contacts: Contacts, every: bool) -> Iterator[tuple[Contacts, bool]]:
 
 
 def _object(contacts: Contacts) -> dict[str, Any]:
-    """One sample."""
+    """Return the JSON object of one sample."""
     order = np.argsort(-np.nan_to_num(np.linalg.norm(contacts.force, axis=1), nan=-1.0), kind="stable")
     found = contacts[order]
     return {

@@ -1,18 +1,18 @@
-"""Lines of numbers, as makers print them: what a sensor sends to a terminal.
+"""Read and write samples as lines of numbers, as sensors print them to a terminal.
 
-A line ends with CR, LF or both. Numbers stand between commas, semicolons, tabs or blanks, in brackets or not, with
+A line ends with CR, LF or both. Numbers are separated by commas, semicolons, tabs or blanks, with or without brackets,
 labels (`Fx=1.2`), units and other text: `( 0.12 , -3.4 , ...)`, `0.001 N 0.0009 Nm`, `4711;1,5;-0,25`, `+  1.23kg`.
 
-- A number begins where no letter or digit stands before it: the 1 of `F1=` is none. It is none before `:` or `=` either
-  (`12:30:05.2` is one number, 5.2), nor where digits and letters are mixed (`3F2A`). `nan` and `inf` are numbers.
-- A comma is a decimal comma where every comma of the line stands between two digits, no number has two or a point,
-  and something else sets numbers apart: `1,5;2,5` and `1,5 2,5`, but not `1,2`.
-- The sensor's numbers are those that `columns` names, else all, else all but the first: a counter or a time.
-- How many numbers a line has is learnt from the first; one with another number is not understood, until ten in a row
-  agree on it.
+- A number must not follow a letter or digit: the 1 of `F1=` is no number. It must not precede `:` or `=` either
+  (`12:30:05.2` is one number, 5.2), nor be mixed with letters (`3F2A`). `nan` and `inf` are numbers.
+- A comma is a decimal comma if every comma of the line is between two digits, no number has two commas or a point, and
+  another character separates the numbers: `1,5;2,5` and `1,5 2,5`, but not `1,2`.
+- The sensor's numbers are those that `columns` names, or else all, or else all but the first: a counter or a time.
+- The count of numbers in a line is learnt from the first line; a line with another count is rejected, until ten in a
+  row agree on it.
 
-The first line after a connection is passed over, as its beginning may be missing. Lines have no check: a digit that was
-damaged into another digit is not noticed, which is what frames (`palpate.live.cobs`) are for.
+The first line after a connection is skipped, because its beginning may be missing. Lines have no checksum: a digit that
+was damaged into another digit is not noticed; frames (`palpate.live.cobs`) detect this.
 """
 
 from __future__ import annotations
@@ -36,16 +36,16 @@ _POINT = re.compile(rb"\d\.\d")
 _NO_DECIMAL = re.compile(rb"(?<!\d),|,(?!\d)|,\d+,")
 _TEXT = bytes([9, *range(32, 127), *range(128, 256)])  # what a line of text may hold
 _AGREE = 10  # lines with another count of numbers, after which it is the count
-_LONGEST = 65536  # bytes without an end of line, which is no text then
+_LONGEST = 65536  # bytes without an end of line, beyond which they are not text
 _SHOWN = 60  # characters of a line in a message
 
 
 class LineFrames:
-    """Samples out of lines as they come.
+    """A decoder of lines that turns bytes, fed in any pieces, into samples.
 
     Args:
-        count: numbers a sample.
-        columns: which of the numbers of a line, from 0. None: see above.
+        count: number of values in a sample.
+        columns: indices of the sample's values among the numbers of a line, from 0; None: the last `count` numbers.
     """
 
     unit = "line"
@@ -62,7 +62,7 @@ class LineFrames:
         self._changed = ""
 
     def feed(self, data: bytes) -> None:
-        """Take bytes as they were read."""
+        """Append bytes as they were read from the port."""
         *lines, self._rest = (self._rest + data).replace(b"\r", b"\n").split(b"\n")
         if lines and not self._joined:
             self._joined = True
@@ -73,14 +73,14 @@ class LineFrames:
             self.forget()
 
     def take(self, values: Float[np.ndarray, "n k"], lost: Int[np.ndarray, " n"]) -> int:
-        """Samples of what was fed, as many as fit.
+        """Decode as many of the samples fed as fit into `values`.
 
         Args:
-            values: filled from the first row on.
-            lost: set to 0, as lines have no counter that is known to be one.
+            values: (n, count), filled from the first row on.
+            lost: (n,), set to 0, because no number of a line is known to be a counter.
 
         Returns:
-            how many.
+            The number of samples.
         """
         rows: list[list[float]] = []
         while self._lines and len(rows) < len(values):
@@ -93,16 +93,16 @@ class LineFrames:
         return len(rows)
 
     def waiting(self) -> int:
-        """Samples that still lie in what was fed."""
+        """Return the number of lines fed and not decoded yet."""
         return len(self._lines)
 
     def forget(self) -> None:
-        """Begin anew with the next line but one, as after a broken connection."""
+        """Discard the incomplete line and skip the next one, as after a broken connection."""
         self._rest = b""
         self._joined = False
 
     def faults(self) -> list[str]:
-        """What went wrong since this was last asked."""
+        """Return the faults since the last call, in words: lines not understood, and a changed count of numbers."""
         found = [self._changed] if self._changed else []
         if self._strange:
             lines = "1 line" if self._strange == 1 else f"{self._strange} lines"
@@ -111,12 +111,12 @@ class LineFrames:
         return found
 
     def awaited(self) -> str:
-        """Why the bytes that came gave no sample, for a message."""
+        """Return the words that explain why the bytes received gave no sample, for a message."""
         example = f"; the last line was {self._example}" if self._example else ""
         return f"no line of {self._wanted()} among them: is it `baud`, `framing` or `columns`{example}?"
 
     def _row(self, line: bytes) -> list[float] | None:
-        """The sensor's numbers; None, and counted, where the line is not understood."""
+        """Return the sensor's numbers in a line; None if the line is not understood, which is counted."""
         found = numbers(line)
         if found is None:
             return self._refuse(line, "no text")
@@ -128,7 +128,7 @@ class LineFrames:
         return [found[column] for column in self._columns]
 
     def _learn(self, width: int) -> bool:
-        """Whether so many numbers are what a line has from now on."""
+        """Learn the count of numbers in a line, and return whether it is accepted from now on."""
         fits = width > max(self._columns) if self._columns else width in (self._count, self._count + 1)
         self._agreeing = self._agreeing + 1 if fits and width == self._other else int(fits)
         self._other = width
@@ -153,7 +153,7 @@ class LineFrames:
 
 
 def numbers(line: bytes) -> list[float] | None:
-    """The numbers of a line, see above; None where it is no text."""
+    """Return the numbers of a line by the rules of this module; None if the line is not text."""
     if line.translate(None, _TEXT):
         return None
     if not line.isascii():
@@ -170,14 +170,14 @@ def numbers(line: bytes) -> list[float] | None:
 
 @takes_arrays
 def printed(values: Float[np.ndarray, "n k"], counter: int) -> tuple[bytes, Int[np.ndarray, " n"]]:
-    """Samples as lines: the counter and the numbers, to the last bit.
+    """Format samples as lines of the counter and the numbers, which read back to the same bits.
 
     Args:
-        values: one row a line.
-        counter: of the first.
+        values: (n, k), one row for each line.
+        counter: counter of the first sample.
 
     Returns:
-        the bytes, and where each line ends in them.
+        The bytes, and (n,) the index in them at which each line ends.
     """
     lines = [
         ",".join([str((counter + k) % 2**32), *map(repr, row)]).encode() + b"\r\n"

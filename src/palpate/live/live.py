@@ -1,4 +1,4 @@
-"""A source and the estimator of a rig in one process: samples in, rows of contacts out, and none lost in between."""
+"""Run a source and the estimator of a rig in one process: samples in, rows of contacts out, without loss of samples."""
 
 from __future__ import annotations
 
@@ -46,22 +46,22 @@ from palpate.spatial.arguments import takes_arrays
 __all__ = ["AnsweredSamples", "Live", "open_live"]
 
 NUMBERS = 1 << 22  # of a batch
-JUMP = 50_000_000  # ns between the clock of the day and the one that only runs, which is a jump
+JUMP = 50_000_000  # ns of change between the system's clock and the monotonic one, which counts as a jump
 TILT = 9.81 / 3**0.5  # m/s^2 along each axis, for a radian by which the direction of gravity is off
 PAUSE = 0.005  # s
 AGAIN = 10.0  # s between sentences on starts that cannot be used
-TARE = 1.0  # s, where the rig does not say
+TARE = 1.0  # s of a tare if the rig states none
 
 
 @takes_arrays
 @dataclass(frozen=True)
 class AnsweredSamples:
-    """Samples that were answered, in order.
+    """Samples with their contacts, in order; iteration gives time [s] and row.
 
     Attributes:
         stamp: (n,) [ns] since 1970.
-        counts: (n,) rows of each.
-        rows: (m, width) as `ContactEstimator.empty` has them.
+        counts: (n,) number of rows of each sample.
+        rows: (m, width) the rows of all samples, as `ContactEstimator.empty` returns them.
     """
 
     stamp: Int[np.ndarray, " n"]
@@ -69,12 +69,12 @@ class AnsweredSamples:
     rows: Float[np.ndarray, "m width"]
 
     def __iter__(self) -> Iterator[tuple[float, Float[np.ndarray, " width"]]]:
-        """Time [s] and row of each contact, or of each sample without one."""
+        """Yield (time [s], row) of each contact; a sample without a contact has one row."""
         return zip(np.repeat(seconds(self.stamp), self.counts).tolist(), self.rows, strict=True)
 
 
 class _Samples(NamedTuple):
-    """Samples of a batch, as an estimator takes them."""
+    """Samples of a batch as arrays for an estimator: times, readings and further channels."""
 
     stamp: Int[np.ndarray, " n"]
     time: Float[np.ndarray, " n"]
@@ -82,25 +82,25 @@ class _Samples(NamedTuple):
     extra_channels: Mapping[str, np.ndarray]
 
     def recording(self, names: tuple[str, ...], frame: str) -> Recording:
-        """As a value."""
+        """Return the samples as a `Recording` with the channels `names`."""
         return Recording(
             self.time, {**split_channels(names, self.readings), **self.extra_channels}, frame=frame, source="the stream"
         )
 
 
 class _Window:
-    """The next samples, until they last so many seconds."""
+    """A window that collects samples until they span `length` [s]."""
 
     def __init__(self, length: float) -> None:
         self.length, self.held = length, list[_Samples]()
 
     def add(self, samples: _Samples) -> bool:
-        """One more batch; whether that is enough."""
+        """Add samples, and return whether the window is full."""
         self.held.append(samples)
         return bool(self.held[-1].stamp[-1] - self.held[0].stamp[0] >= 1e9 * self.length)
 
     def joined(self) -> _Samples:
-        """All of them."""
+        """Return all samples of the window as one."""
         first = self.held[0]
         beside = {
             name: np.concatenate([each.extra_channels[name] for each in self.held]) for name in first.extra_channels
@@ -110,19 +110,20 @@ class _Window:
 
 
 class Live:
-    """Contacts of a device, as they come; see `open_live`.
+    """Live contacts of a device, estimated in this process; see `open_live`.
 
-    What the rig wants from the start of a stream (a tare, the noise, cells at rest) is taken from its first seconds.
-    The samples of these are answered as soon as that is known, in order and by the same numbers as in a log. A start
-    that cannot be used, because it is not at rest, is said; its samples are INVALID, and the next seconds are taken.
+    Values that the rig needs from the start of a stream (a tare, the noise, cells at rest) are taken from its first
+    seconds. The samples of these seconds are answered once the values are known, in order and with the same numbers as
+    in a log. If the start cannot be used, because it is not at rest, this is reported; its samples are INVALID, and the
+    next seconds are taken.
 
     Args:
-        rig: with a [source], or its file.
-        sensor: name of the sensor's table, where there are several.
-        source: that takes the place of the rig's.
+        rig: a rig with a [source], or its file.
+        sensor: name of the sensor's table, if there are several.
+        source: source that replaces the rig's.
 
     Raises:
-        InputError: the rig cannot be used.
+        InputError: the rig cannot be used, or its source lacks something, such as an orientation.
     """
 
     def __init__(self, rig: Rig | str | Path, sensor: str | None = None, source: Source | None = None) -> None:
@@ -154,7 +155,7 @@ class Live:
         self._clock, self._quiet = _offset(), 0.0
 
     def form(self, frame: str = "surface", rig: str = "") -> SlotForm:
-        """What passes through a ring of this stream."""
+        """Return the description of samples and contacts for a ring of this stream; `frame` is the contacts' frame."""
         estimator, source, layout = self.estimator, self.source, self.setup.layout()
         channels = layout.images or next(iter(layout.arrays), None)
         topic = layout.wrench_topic if channels is None else LIVE_BOTH if self.kind.parts else channels.topic
@@ -173,7 +174,7 @@ class Live:
         )
 
     def into(self, ring: StreamBuffer) -> None:
-        """From now on samples go through a ring as they are received, and their contacts as they are known."""
+        """Store samples in a ring as they are received, and their contacts as they are known, from now on."""
         if (most := max(1, ring.safe // 2)) < len(self._batch):  # or one batch would lap its readers
             self._batch = Batch(self.source.shape, most, self.source.dtype)
         ring.take_in(self._batch, 0, self._batch.turned)  # of nothing: compiles, before samples come
@@ -182,12 +183,12 @@ class Live:
 
     @property
     def patient(self) -> bool:
-        """Whether samples wait until they are asked for, as those of a log do that is replayed as fast as it goes."""
+        """True if samples wait until they are received, as for a log that is replayed as fast as possible."""
         return isinstance(self.source, Replay) and self.source.patient
 
     @property
     def ended(self) -> bool:
-        """Whether no more samples come: a log is at its end, which a device never is."""
+        """True if no more samples come, because a replayed log is at its end; a device never is."""
         return isinstance(self.source, Replay) and self.source.ended
 
     def __enter__(self) -> Live:
@@ -205,26 +206,26 @@ class Live:
         self._maker.shutdown(wait=False, cancel_futures=True)
 
     def __iter__(self) -> Iterator[tuple[float, Float[np.ndarray, " width"]]]:
-        """Time [s] and row of each contact, until a replayed log ends; a sample without one has a row that says so."""
+        """Yield (time [s], row) of each contact until a replayed log ends; samples without a contact have a row too."""
         while not self.ended:
             yield from self.step()
         yield from self.finish()
 
     def events(self) -> list[str]:
-        """What happened since this was last asked, one sentence each."""
+        """Return the events since the last call, one sentence each."""
         said, self._said = self._said, []
         return said
 
     def tare(self) -> None:
-        """Take a tare over the next second, or as long as the rig says; whether it was taken is `said`."""
+        """Take a tare over the next second, or the rig's time; `events` reports whether it was taken."""
         if self._start is None and self._tare is None:
             self._tare = _Window(self.setup.estimate.tare or TARE)
 
     def step(self, timeout: float = 0.1) -> AnsweredSamples:
-        """The samples that wait, answered; none where no sample comes within so many seconds.
+        """Return the waiting samples with their contacts; no samples if none comes within `timeout` [s].
 
         Raises:
-            InputError: the estimator needs what the source does not give, such as an orientation.
+            InputError: the estimator needs a value that the source does not give, such as an orientation.
         """
         count = 0 if self._held_back(timeout) else self.source.receive(self._batch, timeout)
         self._watch()
@@ -238,7 +239,7 @@ class Live:
         return answers
 
     def _held_back(self, timeout: float) -> bool:
-        """Whether samples wait, having been asked to: of one batch more the recorder would lose some."""
+        """Return whether samples must wait, because the recorder would lose some with one batch more."""
         ring = self._ring
         if ring is None or not (self.patient and ring["recording"]):
             return False
@@ -253,10 +254,10 @@ class Live:
         return AnsweredSamples(np.zeros(0, np.int64), np.zeros(0, np.int64), self._rows[:0])
 
     def _require_enough(self) -> None:
-        """That wrenches can be answered as the source gives them, asked before the device is.
+        """Check that wrenches can be answered without poses if none are given, before the device is opened.
 
         Raises:
-            InputError: it needs an orientation, and nothing gives one.
+            InputError: the estimator needs an orientation, and neither source nor rig gives one.
         """
         if isinstance(self.estimator, WrenchEstimator) and not self._posed:
             nothing = self._samples.readings(np.zeros((1, *self.source.shape), self.source.dtype))
@@ -268,7 +269,7 @@ class Live:
             self.estimator.reset()
 
     def _taken(self, count: int) -> _Samples:
-        """Of the batch, as the estimator wants them; arrays that nobody writes into any more."""
+        """Return the first `count` samples of the batch, copied, in the estimator's units; store them in the ring."""
         batch, beside = self._batch, dict[str, np.ndarray]()
         if self._poses is not None:
             self._poses.at(batch.stamp[:count]).into(batch)
@@ -282,7 +283,7 @@ class Live:
         return _Samples(stamp, self._seconds(stamp), self._samples.readings(batch.values[:count]), beside)
 
     def _answered(self, samples: _Samples) -> AnsweredSamples:
-        """Through the estimator, as many at a time as there is room for."""
+        """Return samples with their contacts, estimated in pieces that fit the buffers, and store these in the ring."""
         total, done, parts = len(samples.stamp), 0, list[np.ndarray]()
         counts = np.zeros(total, dtype=np.int64)
         while done < total:
@@ -302,7 +303,7 @@ class Live:
         return AnsweredSamples(samples.stamp, counts, parts[0] if len(parts) == 1 else np.concatenate(parts))
 
     def _started(self, start: _Window, samples: _Samples | None) -> AnsweredSamples:
-        """The first seconds: samples are kept until what the rig wants of them is known."""
+        """Collect samples of the first seconds; return them, answered, once the values of the start are known."""
         enough = samples is not None and start.add(samples)
         if self._build is None:
             if enough:
@@ -313,14 +314,14 @@ class Live:
         return self._built(start, self._build) if self._build.done() else self._none
 
     def finish(self) -> AnsweredSamples:
-        """Samples of a start that still wait, when there are no more to come."""
+        """Return the samples of a start that still wait, with their contacts; call it when no more samples come."""
         start, build = self._start, self._build
         if start is None or not start.held:
             return self._none
         return self._built(start, self._prepared(start) if build is None else build)
 
     def _prepared(self, start: _Window) -> Future[BuiltEstimator]:
-        """What the first seconds tell, found while more samples are received."""
+        """Start to build the estimator from the first seconds in a thread, while more samples are received."""
         seen = start.joined()
         setup, span = self.setup, 1e-9 * float(seen.stamp[-1] - seen.stamp[0])
         if setup.filter.rate is None and span > 0:  # stamps on arrival come in bursts: the steps between say little
@@ -328,7 +329,7 @@ class Live:
         return self._maker.submit(setup.with_head(seen.recording(self.estimator.channels, self._frame)).prepared)
 
     def _built(self, start: _Window, build: Future[BuiltEstimator]) -> AnsweredSamples:
-        """The samples of the start."""
+        """Return the answered samples of the start; they are INVALID if it cannot be used."""
         self._build = None
         try:
             made = build.result()
@@ -343,7 +344,7 @@ class Live:
         return self._answered(start.joined())
 
     def _refused(self, samples: _Samples) -> AnsweredSamples:
-        """Samples to which there is no answer."""
+        """Return samples with status INVALID, one row each, and store them in the ring."""
         count = len(samples.stamp)
         rows, counts = self.estimator.empty(count), np.ones(count, dtype=np.int64)
         rows[:] = np.nan
@@ -354,7 +355,7 @@ class Live:
         return AnsweredSamples(samples.stamp, counts, rows)
 
     def _tared(self, samples: _Samples) -> None:
-        """A tare that was asked for, once its window is full."""
+        """Take the requested tare once its window is full."""
         if self._tare is None or not self._tare.add(samples):
             return
         window, self._tare = self._tare.joined(), None
@@ -366,7 +367,7 @@ class Live:
             self._said += [taken.note, *([taken.warning] if taken.warning else [])]
 
     def _watch(self) -> None:
-        """What the source says, and whether the clock jumped."""
+        """Collect events of the source and the poses, and report a jump of the system's clock."""
         self._said += [*self.source.events(), *(() if self._poses is None else self._poses.events())]
         clock = _offset()
         if abs(clock - self._clock) > JUMP:
@@ -377,7 +378,7 @@ class Live:
 
 @called_as('palpate.open_live("rig.toml")')
 def open_live(rig: Rig | str | Path, sensor: str | None = None) -> Live:
-    """Contacts of the device that a rig's [source] names, in this process: for a controller of your own.
+    """Return live contacts of the device that a rig's [source] names, in this process: for your own controller.
 
     ```python
     with palpate.open_live("rig.toml") as live:
@@ -386,12 +387,12 @@ def open_live(rig: Rig | str | Path, sensor: str | None = None) -> Live:
     ```
 
     Args:
-        rig: with a [source], or its file.
-        sensor: name of the sensor's table, where there are several.
+        rig: a rig with a [source], or its file.
+        sensor: name of the sensor's table, if there are several.
 
     Returns:
-        to be entered, which connects. `palpate.contact.estimate.ROW` names what stands where in a row; the columns of
-        `estimator.features` follow, and the identity where there are several contacts, which are a row each.
+        A context manager that connects when it is entered. `palpate.contact.estimate.ROW` names the columns of a row;
+        the columns of `estimator.features` follow, and the identity if a sample can have several contacts, a row each.
 
     Raises:
         InputError: the rig cannot be used; on entering, the device cannot be opened.
@@ -400,10 +401,10 @@ def open_live(rig: Rig | str | Path, sensor: str | None = None) -> Live:
 
 
 def _unseen(setup: Setup) -> Setup:
-    """Return the setup without what needs samples: a filter of which the rate is not known yet.
+    """Return the setup without its filter if the filter's rate must be measured from samples first.
 
     Raises:
-        InputError: the filter looks ahead.
+        InputError: the filter is zero_phase, which needs later samples.
     """
     if setup.filter.kind == "zero_phase":
         hint = 'Use kind = "butterworth" or "kalman".'
@@ -412,5 +413,5 @@ def _unseen(setup: Setup) -> Setup:
 
 
 def _offset() -> int:
-    """[ns] of the day's clock over the one that only runs."""
+    """Return the difference [ns] of the system's clock and the monotonic clock."""
     return time.time_ns() - time.monotonic_ns()

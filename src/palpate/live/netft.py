@@ -1,4 +1,4 @@
-"""ATI Net F/T and Ethernet Axia: wrenches over UDP, as the device sends them (RDT)."""
+"""Read live wrenches from an ATI Net F/T or Ethernet Axia over UDP (RDT)."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 __all__ = ["BIAS", "REQUEST", "SAMPLE", "START", "STOP", "NetFt"]
 
-REQUEST = struct.Struct(">HHI")  # 0x1234, a command, how many samples (0: for ever)
+REQUEST = struct.Struct(">HHI")  # 0x1234, a command, number of samples (0: without end)
 HEADER, STOP, START, BIAS = 0x1234, 0, 2, 0x42
 SAMPLE = np.dtype([("rdt", ">u4"), ("ft", ">u4"), ("status", ">u4"), ("counts", ">i4", 6)])
 _SLOTS = np.dtype(
@@ -39,12 +39,12 @@ _SLOTS = np.dtype(
         "names": ["rdt", "ft", "status", "counts"],
         "formats": [">u4", ">u4", ">u4", (">i4", 6)],
         "offsets": [0, 4, 8, 12],
-        "itemsize": 64,  # more than a sample, so that a longer datagram is told
+        "itemsize": 64,  # more than a sample, so that a longer datagram is noticed
     }
 )
 _BUFFER = 4 << 20  # bytes of receive buffer to ask for: more than a second at the fastest rate
 _BOOKED = 832  # bytes that Linux books in twice the buffer for each datagram
-_ASK = 0.5  # s without a sample after which the device is asked to send again, and again
+_ASK = 0.5  # s without a sample between requests to the device to send
 _FIRST, _PAGE, _PAGE_AGAIN = 2.0, 2.0, 0.3  # s to wait: for the first sample; for the page; for it, while samples come
 _RETRY, _RETRIES = 2.0, 5  # s between tries to read the page after a reconnection, and how many
 _SAID_EACH = 1.0  # s between two sentences of one kind
@@ -52,16 +52,16 @@ _MOST_SAID = 200
 
 
 class NetFt:
-    """A Net F/T as a source; see `palpate.live.source.Source`.
+    """A Net F/T as a `palpate.live.source.Source`.
 
-    Values are N and N m about the origin and in the axes that the device is set to, whatever units it is set to.
-    Samples whose status says that they are not to be believed are NaN.
+    Values are in N and N m, whatever units the device is set to, about the origin and in the axes that it is set to.
+    Samples whose status marks them as invalid are NaN.
 
     Args:
         address: name or IPv4 address.
-        port: of its samples (RDT, UDP).
-        web: of its page (HTTP).
-        rate: [Hz] at which samples are expected; None: as the device says.
+        port: UDP port of its samples (RDT).
+        web: TCP port of its page (HTTP).
+        rate: [Hz] at which samples are expected; None: the rate on the device's page.
     """
 
     shape: tuple[int, ...] = (6,)
@@ -75,7 +75,7 @@ class NetFt:
 
     @classmethod
     def of(cls, stated: RigSource, setup: Setup) -> NetFt:
-        """Return the device that a [source] names.
+        """Return the device that a rig's [source] names, not opened yet.
 
         Raises:
             InputError: the rig has no force/torque sensor, or its units are not N and N m.
@@ -95,10 +95,10 @@ class NetFt:
         return cls(stated.address, stated.port, stated.web, stated.rate)
 
     def open(self) -> None:
-        """Read the device's page, ask for samples, and wait for the first.
+        """Read the device's page, request samples, and wait for the first.
 
         Raises:
-            InputError: no such name, nothing there, another device, or it sends nothing.
+            InputError: the name is unknown, the device does not answer, is no Net F/T, or sends no samples.
         """
         self.close()
         self._host = self._resolved()
@@ -115,7 +115,10 @@ class NetFt:
         self._say_connected()
 
     def receive(self, batch: Batch, timeout: float) -> int:
-        """See `Source.receive`; a device that sends nothing for 0.5 s is asked to start again, every 0.5 s."""
+        """Fill a batch and return how many samples came; request a silent device to start again every 0.5 s.
+
+        Wait up to `timeout` [s] for the first sample.
+        """
         deadline = time.monotonic() + timeout
         if timeout > 0:
             self._wait(min(timeout, self._ask_at - time.monotonic()))
@@ -130,7 +133,7 @@ class NetFt:
             self._wait(min(deadline, self._ask_at) - now)
 
     def events(self) -> list[str]:
-        """See `Source.said`; what happens often is said once a second, with how often."""
+        """Return the events since the last call, one sentence each; counts of frequent events come once a second."""
         now = time.monotonic()
         if self._close and now >= self._tell_at and (told := list(self._counted())):
             self._said.extend(told)
@@ -140,7 +143,7 @@ class NetFt:
         return said
 
     def close(self) -> None:
-        """Ask the device to stop, and leave."""
+        """Request the device to stop, and close the socket; may be called again."""
         for receiver in self._close:
             self._send(STOP)
             self._said.extend(self._counted())
@@ -179,7 +182,10 @@ class NetFt:
         return str(found[0][4][0])
 
     def _await_first(self) -> None:
-        """Ask until a sample of the device waits; what else waits before it is taken away, and counted."""
+        """Request samples until one of the device waits; other datagrams before it are read and counted.
+
+        Raise InputError if none comes within 2 s, or a request cannot be sent.
+        """
         end = time.monotonic() + _FIRST
         while (now := time.monotonic()) < end:
             if now >= self._ask_at and (problem := self._ask(now)):
@@ -200,7 +206,7 @@ class NetFt:
         )
 
     def _peek(self) -> bool | None:
-        """Whether what waits first is a sample of the device; None: nothing waits."""
+        """Return whether the first waiting datagram is a sample of the device; None: none waits."""
         try:
             content, sender = self._socket.recvfrom(_SLOTS.itemsize, socket.MSG_PEEK)
         except (BlockingIOError, InterruptedError):
@@ -208,12 +214,12 @@ class NetFt:
         return len(content) == SAMPLE.itemsize and sender == (self._host, self._port)
 
     def _wait(self, seconds: float) -> None:
-        """Until something waits at the socket."""
+        """Wait up to `seconds` [s] until a datagram waits at the socket."""
         if seconds > 0:
             self._poll.poll(math.ceil(seconds * 1e3))
 
     def _send(self, command: int) -> str:
-        """Send a command; what kept it from being sent."""
+        """Send a command, and return the reason in words if it failed, else ""."""
         try:
             self._socket.sendto(REQUEST.pack(HEADER, command, 0), (self._host, self._port))
         except OSError as problem:
@@ -227,7 +233,7 @@ class NetFt:
         return self._send(START)
 
     def _keep(self, taken: int, batch: Batch) -> int:
-        """Put the samples among what was taken into the batch; how many."""
+        """Fill a batch with the samples among the datagrams read, and return how many."""
         rows = self._genuine(taken)
         if rows is not None and not len(rows):
             return 0
@@ -253,7 +259,7 @@ class NetFt:
         return count
 
     def _genuine(self, taken: int) -> Int[np.ndarray, " n"] | None:
-        """Which of the datagrams are samples of the device; None: all."""
+        """Return the indices of the datagrams that are samples of the device; None: all are."""
         length, sender = self._datagrams.length[:taken], self._datagrams.sender[:taken]
         if length.tolist().count(SAMPLE.itemsize) == taken == sender.tolist().count(self._peer):
             return None
@@ -263,7 +269,7 @@ class NetFt:
         return np.flatnonzero(~(wrong | strange))
 
     def _bad(self, status: Int[np.ndarray, " n"], now: float) -> Bool[np.ndarray, " n"]:
-        """Where samples are not to be believed; every change of the status is said, each at most once a second."""
+        """Return (n,) whether each sample is invalid; report changes of the status, each at most once a second."""
         bad = self._word.bad(status)
         before = np.concatenate([[self._last_status], status[:-1]])
         for new in dict.fromkeys(status[status != before].tolist()):
@@ -271,13 +277,13 @@ class NetFt:
                 self._status_said[new] = now
                 left = "; its samples are left out (NaN) as long" if self._word.bad(np.array([new]))[0] else ""
                 self._say(f"status 0x{new:08x}: {self._word.read(new)}{left}")
-        if len(self._status_said) > _MOST_SAID:  # of a word that means nothing
+        if len(self._status_said) > _MOST_SAID:  # the status word takes arbitrary values
             self._status_said.clear()
         self._last_status = int(status[-1])
         return bad
 
     def _watch(self, now: float) -> None:
-        """Ask again where nothing comes."""
+        """Request samples again if none have come, and report the silence once."""
         if now < self._ask_at:
             return
         problem = self._ask(now)
@@ -296,7 +302,7 @@ class NetFt:
             )
 
     def _back(self, now: float, restarted: bool, missing: int | None) -> None:
-        """Samples come again, or count anew: say so, and read the page again, for the tool may be another."""
+        """Report that samples come again or that counters restarted, and read the page again: the tool may differ."""
         if missing is None:
             guess = f", about {(now - self._heard) * self._page.rate:.0f}" if self._page.rate and self._away else ""
             count = f"its counters began anew, so that nothing tells how many are missing{guess}"
@@ -312,7 +318,7 @@ class NetFt:
         self._read_again()
 
     def _read_again(self) -> None:
-        """The page; samples wait in the buffer as long. Where it does not answer in time, tried a few times more."""
+        """Read the page again while samples wait in the buffer; if it does not answer in time, schedule another try."""
         self._retry_at = math.inf
         try:
             page = read_page(self._host, self._web, where=self._address, timeout=_PAGE_AGAIN)
@@ -334,7 +340,7 @@ class NetFt:
         self._word = status_word(page.product)
 
     def _counted(self) -> Iterator[str]:
-        """What happens often, as far as it was not said yet."""
+        """Yield sentences on frequent events (missing, dropped, late, repeated, other datagrams) not reported yet."""
         sequence = self._sequence
         now = {
             "missing": sequence.missing,

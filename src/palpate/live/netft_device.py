@@ -1,4 +1,4 @@
-"""A stand-in for an ATI Net F/T: its page over HTTP and its samples over UDP, on this machine alone."""
+"""Simulate an ATI Net F/T: its page over HTTP and its samples over UDP, on this machine only."""
 
 from __future__ import annotations
 
@@ -28,20 +28,20 @@ _WORD = 1 << 32
 
 
 class NetFtDevice:
-    """Speaks as a Net F/T does; see `palpate.live.device.Device`.
+    """A simulated Net F/T; see `palpate.live.device.Device`.
 
-    Realtime streaming (command 2), stop (0) and bias (0x42) are honoured, for several listeners at once, where the real
-    one has one; other commands are passed over. A value that is NaN, or beyond 2147 N or N m, is sent with the status
-    of a saturated transducer.
+    The commands for realtime streaming (2), stop (0) and bias (0x42) are obeyed, for several listeners at once, while
+    the real device has one; other commands are ignored. A value that is NaN, or beyond 2147 N or N m, is sent with the
+    status of a saturated transducer.
 
     Args:
-        port: UDP port of the samples; 0: any that is free.
-        web: TCP port of the page; 0: any that is free.
-        rate: [Hz] that the page says.
-        serial: of the calibration that the page says.
+        port: UDP port of the samples; 0: any free port.
+        web: TCP port of the page; 0: any free port.
+        rate: [Hz] that the page states.
+        serial: serial number of the calibration that the page states.
 
     Attributes:
-        port, web: the ports in use, once it is open.
+        port, web: the ports in use, once the device is open.
     """
 
     def __init__(self, port: int = 0, web: int = 0, *, rate: float = 7000.0, serial: str = "FT00000") -> None:
@@ -54,7 +54,7 @@ class NetFtDevice:
         self._closing: list[Callable[[], object]] = []
 
     def open(self) -> str:
-        """Begin to listen on 127.0.0.1.
+        """Begin to listen on 127.0.0.1, and return the [source] of a rig as TOML.
 
         Raises:
             InputError: a port is taken, or may not be used.
@@ -68,11 +68,11 @@ class NetFtDevice:
         return f'[source]\nkind = "netft"\naddress = "{_HOST}"\nport = {self.port}\nweb = {self.web}\n'
 
     def send(self, stamp: Int[np.ndarray, " n"], values: Float[np.ndarray, "n k"]) -> int:
-        """Send samples now; the stamps are not sent, for a Net F/T has none.
+        """Send samples now to all listeners, and return the largest number sent to one; 0 if nobody listens.
 
         Args:
-            stamp: passed over.
-            values: (n, 6) N and N m.
+            stamp: ignored, because a Net F/T sends no stamps.
+            values: (n, 6) force [N] and torque [N m].
         """
         exact = np.rint(values * _PER_UNIT)
         good: Bool[np.ndarray, " n"] = np.all(np.abs(exact) <= _LARGEST, axis=1)  # not NaN either
@@ -88,7 +88,7 @@ class NetFtDevice:
             return max((self._stream(address, samples) for address in list(self._listeners)), default=0)
 
     def close(self) -> None:
-        """Stop; may be called twice."""
+        """Stop the device and free its ports; may be called again."""
         for stop in self._closing:
             stop()
         self._closing.clear()
@@ -112,7 +112,7 @@ class NetFtDevice:
         self._closing[:0] = [ending.set, server.shutdown, commands.join, pages.join]
 
     def _obey(self, ending: threading.Event) -> None:
-        """Take commands until the end."""
+        """Obey commands of listeners until the event `ending` is set."""
         poll = select.poll()
         poll.register(self._socket, select.POLLIN)
         while not ending.is_set():
@@ -136,7 +136,7 @@ class NetFtDevice:
                 self._bias = self._counts
 
     def _stream(self, address: tuple[str, int], samples: np.ndarray) -> int:
-        """To one listener, as many as it still asks for."""
+        """Send samples to one listener, as many as its request still allows, and return how many."""
         sent, asked = self._listeners[address]
         count = len(samples) if not asked else min(len(samples), asked - sent)
         samples["rdt"] = (sent + 1 + np.arange(len(samples))) % _WORD
@@ -149,7 +149,7 @@ class NetFtDevice:
         return count
 
     def _xml(self) -> bytes:
-        """The part of the page that clients read."""
+        """Return the part of the page that clients read, as XML."""
         said = {
             "prodname": "Palpate stand-in for a Net F/T",
             "setserial": self._serial,
@@ -166,13 +166,13 @@ class NetFtDevice:
 
 
 def _answers(page: bytes) -> type[BaseHTTPRequestHandler]:
-    """What serves one page, and nothing else."""
+    """Return the class of a request handler that serves one page."""
 
     class Handler(BaseHTTPRequestHandler):
-        timeout = 2.0  # s, for who connects and asks nothing
+        timeout = 2.0  # s, for a client that connects and requests nothing
 
         def do_GET(self) -> None:
-            """The page, or that there is none."""
+            """Send the page, or status 404 for any other path."""
             found = self.path.partition("?")[0] == PAGE
             self.send_response(200 if found else 404)
             self.send_header("Content-Type", "text/xml")
@@ -182,14 +182,14 @@ def _answers(page: bytes) -> type[BaseHTTPRequestHandler]:
                 self.wfile.write(page)
 
         def log_message(self, format: str, *args: object) -> None:
-            """Nothing: it would write to the terminal."""
+            """Log nothing, instead of a line on the terminal."""
 
     return Handler
 
 
 @contextmanager
 def _taken(kind: str, port: int) -> Generator[None]:
-    """Says that a port cannot be had as an `InputError`."""
+    """Raise an `InputError` in place of an OSError, for a port that cannot be used."""
     try:
         yield
     except OSError as problem:

@@ -1,4 +1,4 @@
-"""What a Net F/T says of itself: counts, units and rate, from the page that it serves."""
+"""Read the page that a Net F/T serves: its counts per unit, units, rate and name."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ _NOT = "Is address that of a Net F/T, and web the port of its page?"
 
 @dataclass(frozen=True)
 class NetFtPage:
-    """What is said of the calibration in use.
+    """The values of a Net F/T's page that concern the calibration in use.
 
     Attributes:
-        force, torque: counts of one N and of one N m.
-        units: of force and torque, as the device has them.
-        rate: [Hz] at which it sends; None: it does not say.
-        product, serial: what it is, and the number of the transducer's calibration; may be empty.
-        streaming: whether sending (RDT) is switched on.
+        force, torque: counts per N and per N m.
+        units: units of force and torque that the device is set to.
+        rate: [Hz] at which it sends samples; None: the page does not give it.
+        product, serial: name of the product and serial number of the transducer's calibration; may be empty.
+        streaming: whether sending of samples (RDT) is switched on.
     """
 
     force: float
@@ -45,10 +45,10 @@ class NetFtPage:
 
     @classmethod
     def parsed(cls, content: bytes, where: str) -> NetFtPage:
-        """From what the page holds.
+        """Return the values of a page's XML; `where` names the device in errors.
 
         Raises:
-            InputError: it is not the page of a Net F/T, or its counts or units make no sense.
+            InputError: it is not the page of a Net F/T, or its counts or units are not valid.
         """
         said = _elements(content, where)
         if missing := [name for name in ("cfgcpf", "cfgcpt", "scfgfu", "scfgtu") if not said.get(name)]:
@@ -73,26 +73,26 @@ class NetFtPage:
 
     @property
     def called(self) -> str:
-        """What it is, for a sentence."""
+        """Words for the device in a sentence: product and calibration."""
         return (self.product or "Net F/T") + (f", calibration {self.serial}" if self.serial else "")
 
     @property
     def scale(self) -> str:
-        """Counts and units, for a sentence."""
+        """Words for the counts per N and per N m and the units in a sentence."""
         return f"{self.force:.9g} counts per N and {self.torque:.9g} per N m (it is set to {' and '.join(self.units)})"
 
 
 def read_page(host: str, port: int, *, where: str, timeout: float) -> NetFtPage:
-    """Ask a device what it is.
+    """Read the page of a Net F/T over HTTP.
 
     Args:
-        host: name or address.
-        port: of its page.
-        where: how the device is called in a sentence.
-        timeout: [s] for all of it.
+        host: name or address of the device.
+        port: TCP port of its page.
+        where: name of the device in errors.
+        timeout: [s] for the complete exchange.
 
     Raises:
-        InputError: it does not answer, or is another device.
+        InputError: the device does not answer in time, or is no Net F/T.
     """
     deadline = time.monotonic() + timeout
     try:
@@ -114,7 +114,10 @@ def read_page(host: str, port: int, *, where: str, timeout: float) -> NetFtPage:
 
 
 def _received(link: socket.socket, deadline: float, where: str) -> bytes:
-    """All that a server says until it closes; what is too long, or comes drop by drop, is given up."""
+    """Return all bytes until the server closes or the answer is complete.
+
+    Raise TimeoutError at the deadline [s], or InputError if the answer is too long.
+    """
     raw = bytearray()
     while (left := deadline - time.monotonic()) > 0:
         link.settimeout(left)
@@ -128,14 +131,14 @@ def _received(link: socket.socket, deadline: float, where: str) -> bytes:
 
 
 def _complete(raw: bytearray) -> bool:
-    """Whether all that the header promises is there, for a server that does not close."""
+    """Return whether the answer has as many bytes as its header states, for a server that does not close."""
     head, blank, body = bytes(raw).partition(b"\r\n\r\n")
     length = re.search(rb"(?im)^content-length:\s*(\d{1,9})\s*$", head.replace(b"\r", b""))
     return bool(blank) and length is not None and len(body) >= int(length[1])
 
 
 class _Heard(io.BytesIO):
-    """What was received, as `HTTPResponse` wants it."""
+    """A wrapper of received bytes as the socket that `HTTPResponse` expects."""
 
     def makefile(self, mode: str) -> io.BytesIO:
         return io.BytesIO(self.getvalue())
@@ -156,7 +159,7 @@ def _body(raw: bytes, where: str) -> bytes:
 
 
 def _elements(content: bytes, where: str) -> dict[str, str]:
-    """Name of each element in lower case -> its text, the first of a name; nothing that could act on a terminal."""
+    """Return name of an element in lower case -> text of its first occurrence, printable letters only, 60 at most."""
     try:
         if b"\0" in content or b"<!DOCTYPE" in content:  # entities, which may grow without end
             raise ValueError("a document type")
@@ -178,7 +181,7 @@ def _counts(said: Mapping[str, str], name: str, where: str) -> float:
 
 
 def _number(text: str) -> float:
-    """0 where it is none."""
+    """Return the number in a text, or 0 if it is not a finite number."""
     try:
         value = float(text)
     except ValueError:

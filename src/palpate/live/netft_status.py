@@ -1,4 +1,4 @@
-"""The status word of ATI's Ethernet sensors: which bits say what, and which leave the values to be believed.
+"""Decode the status word of ATI's Ethernet sensors: the meaning of each bit, and the bits that leave values valid.
 
 The bits are those of ATI's manuals 9620-05-NET FT (Net F/T) and 9610-05-Ethernet Axia (Axia); the two differ.
 """
@@ -67,28 +67,28 @@ _AXIA: Mapping[int, str] = {
 @takes_arrays
 @dataclass(frozen=True)
 class StatusWord:
-    """How a product's status reads.
+    """The meaning of a product's status word.
 
     Attributes:
-        bits: number of a bit -> what it says.
-        harmless: the bits beside which the values are as good as ever.
+        bits: number of a bit -> its meaning in words.
+        harmless: mask of the bits that leave the values valid.
     """
 
     bits: Mapping[int, str]
     harmless: int
 
     def bad(self, status: Int[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-        """Where the values are not to be believed: any other bit, or an error that no bit explains."""
+        """Return (n,) whether a sample's values are invalid: a harmful bit is set, or only the error bit 31 is."""
         return ((status & ~self.harmless) != 0) | (status == _ERROR)
 
     def read(self, status: int) -> str:
-        """What a status says, in words."""
+        """Return the meaning of a status in words, such as "watchdog, settings"; "well" for 0."""
         said = [self.bits.get(bit, f"bit {bit}") for bit in range(31) if status >> bit & 1]
         return ", ".join(said) or ("an error that it does not name" if status else "well")
 
 
 def status_word(product: str) -> StatusWord:
-    """How the status of a product reads, by the name on its page."""
+    """Return the status word of a product by the name on its page: an Axia's, or else a Net F/T's."""
     if "axia" in product.lower():
         return StatusWord(_AXIA, _ERROR | _MONITOR)
     return StatusWord(_BOX, _ERROR | _MONITOR | 1 << 1 | 1 << 18 | 1 << 19 | 1 << 21)

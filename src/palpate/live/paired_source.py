@@ -1,4 +1,4 @@
-"""Two devices as one source: the frames of a skin, each with the mean of the wrenches about it."""
+"""Combine two devices as one source: samples of a skin, each with the mean of the wrenches around its time."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from palpate.setup.tables import RigOrientation
 
 __all__ = ["PairedSource"]
 
-WAITS = 0.1  # s that a frame waits for the wrenches about it
+WAITS = 0.1  # s that a skin's sample waits for the wrenches around its time
 
 
 class PairedSource:
-    """Frames with wrenches beside them, each a row of its numbers, the wrench, and of how many readings it is the mean.
+    """A source of a skin's samples with wrenches: its values, the mean wrench, and the number of readings in the mean.
 
-    A frame waits until wrenches have come that are half a step newer; where none comes within 0.1 s it goes without,
-    and what comes later is left out of it.
+    A sample waits until wrenches half a step newer have come; after 0.1 s without them it is given with the wrenches
+    that have come, or NaN without any, and later wrenches are not used for it.
 
     Args:
-        frames: of arrays.
-        wrenches: (6,) force first, stamped by the same clock.
-        means: of these; not asked before.
+        frames: the source of the skin's samples.
+        wrenches: the source of wrenches (6,), force first, stamped by the same clock.
+        means: averages the wrenches; not used before.
     """
 
     dtype: DTypeLike = np.float64
@@ -49,10 +49,10 @@ class PairedSource:
 
     @classmethod
     def of(cls, stated: RigSource, setup: Setup) -> PairedSource:
-        """Return the two devices of a sensor that is made of a skin and a force/torque sensor.
+        """Return the source of a sensor that combines a skin and a force/torque sensor, not opened yet.
 
         Raises:
-            InputError: what the [source] says cannot be.
+            InputError: the [source], or its `wrench`, does not fit the sensor.
         """
         layout, both = setup.layout(), list[Source]()
         for part, source in zip(setup.kind.parts, (stated, stated.wrench or stated), strict=True):
@@ -65,13 +65,13 @@ class PairedSource:
         return cls(both[0], both[1], WrenchMeans(0.0, layout.max_gap, limits))
 
     def open(self) -> None:
-        """Connect to both."""
+        """Connect to both devices; raise InputError if one cannot be opened."""
         self._wrenches.open()
         self._frames.open()
         self._heard = time.monotonic()
 
     def receive(self, batch: Batch, timeout: float) -> int:
-        """See `palpate.live.source.Source`."""
+        """Fill a batch with samples and their wrenches, and return how many."""
         self._take(self._frames.receive(self._frame, 0.0 if len(self._stamp) else timeout))
         end = time.monotonic() + min(timeout, WAITS)
         while True:
@@ -85,17 +85,17 @@ class PairedSource:
         return self._given(batch, min(ready, len(batch)))
 
     def events(self) -> list[str]:
-        """Of both, and whether wrenches come that belong to no frame."""
+        """Return the events of both devices since the last call, and whether samples stay without wrenches."""
         said, self._said = self._said, []
         return [*said, *self._frames.events(), *self._wrenches.events()]
 
     def close(self) -> None:
-        """Leave both."""
+        """Disconnect from both devices."""
         self._frames.close()
         self._wrenches.close()
 
     def _take(self, count: int) -> None:
-        """More frames, which wait."""
+        """Append samples of the skin to those that wait for wrenches."""
         if not count:
             return
         if not len(self._stamp):
@@ -105,13 +105,13 @@ class PairedSource:
         self._values = np.concatenate([self._values, self._frame.values[:count].reshape(count, -1)])
 
     def _hear(self) -> None:
-        """More wrenches."""
+        """Receive wrenches, and add them to the means."""
         count = self._wrenches.receive(self._wrench, 0.0)
         if count:
             self._means.add(seconds(self._wrench.stamp[:count]), self._wrench.values[:count].copy())
 
     def _given(self, batch: Batch, count: int) -> int:
-        """The first of the frames that wait."""
+        """Fill a batch with the first `count` waiting samples and their wrenches, and return how many."""
         if not count:
             return 0
         time_ = seconds(self._stamp[:count])
@@ -126,7 +126,7 @@ class PairedSource:
         return count
 
     def _watch(self, found: bool) -> None:
-        """Frames that stay without wrenches are said once, and their end."""
+        """Report once that samples stay without wrenches, and once that wrenches come again."""
         now = time.monotonic()
         if found:
             if self._quiet:

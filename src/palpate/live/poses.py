@@ -1,4 +1,4 @@
-"""Where the sensor is, from messages as they come: of a topic of poses, or the tree of /tf."""
+"""Compute live poses of the sensor from messages of a topic of poses, or of the tree of /tf."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from jaxtyping import Float, Int
 
 from palpate.errors import InputError
 from palpate.files.logs.decoding import decode, seconds
-from palpate.files.logs.log import MessageBlock, Topic
 from palpate.files.logs.transforms import TREES, transforms
+from palpate.files.messages import MessageBlock, Topic
 from palpate.live.source import SILENT, Batch
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.frames import FramePath, FrameTree
@@ -22,7 +22,7 @@ from palpate.spatial.pose_track import PoseTrack, sound_quaternions
 
 __all__ = ["LivePoses", "Posed"]
 
-_KEPT = 2.0  # s of poses, beyond max_gap: samples may be late, too
+_KEPT = 2.0  # s of poses kept beyond max_gap, because samples may be late too
 
 
 @takes_arrays
@@ -30,10 +30,10 @@ class Posed(NamedTuple):
     """Poses of the sensor in the base at times of samples.
 
     Attributes:
-        quaternion: x, y, z, w; NaN where there is no answer.
-        position: [m].
-        age: [s] of the pose behind it; 0 where poses of both sides are known.
-        turned: [rad] rms of the angle by which the answer may be off because of its age: see `LiveTrack`.
+        quaternion: (n, 4) x, y, z, w; NaN if the pose is not known.
+        position: (n, 3) [m].
+        age: (n,) [s] age of the latest pose before the sample; 0 if poses before and after it are known.
+        turned: (n,) [rad] rms error of the orientation because of its age, see `LiveTrack`.
     """
 
     quaternion: Float[np.ndarray, "n 4"]
@@ -42,24 +42,24 @@ class Posed(NamedTuple):
     turned: Float[np.ndarray, " n"]
 
     def into(self, batch: Batch) -> None:
-        """Beside the first n samples of a batch."""
+        """Write the poses to the first n samples of a batch; accelerations become NaN."""
         count = len(self.age)
         batch.orientation[:count], batch.position[:count] = self.quaternion, self.position
         batch.acceleration[:count], batch.turned[:count] = np.nan, np.nan_to_num(self.turned)
 
 
 class LivePoses:
-    """Fed with messages, asked for poses; neither waits for the other.
+    """Poses of the sensor that grow with each message, and can be requested at any time without waiting.
 
-    Messages of /tf are composed edge by edge: each edge is interpolated between its own neighbours in time, or goes on
-    as a `LiveTrack` does; those of /tf_static hold. The age is that of the oldest edge on the way, and the squares of
-    what each may have turned add up.
+    Transforms of /tf are composed edge by edge: each edge is interpolated between its neighbours in time, or
+    extrapolated as by `LiveTrack`; transforms of /tf_static are constant. The age is that of the oldest edge on the
+    path, and the squared errors of the edges' angles are added.
 
     Args:
-        frames: base and sensor, in the tree of /tf; None: messages are poses of the sensor in the base.
+        frames: base and sensor in the tree of /tf; None: messages are poses of the sensor in the base.
         offset: [s] added to the stamps of the poses to put them on the samples' clock.
-        max_gap: [s] beyond which an age, or a gap between poses, has no answer.
-        hold: poses are held, not extrapolated.
+        max_gap: [s] largest age, and largest gap between poses, at which a pose is returned.
+        hold: poses are kept constant instead of extrapolated.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class LivePoses:
         self._pending: list[str] = []
 
     def add(self, messages: MessageBlock) -> None:
-        """More messages, all of one topic: of a type of poses, or of transforms. Without a stamp, when it was sent."""
+        """Add messages of one topic, poses or transforms; a stamp of 0 is replaced by the time of sending."""
         if not len(messages.time):
             return
         topic = next(iter(messages.topics.values()))
@@ -101,7 +101,7 @@ class LivePoses:
 
     @takes_arrays
     def at(self, stamp: Int[np.ndarray, " n"]) -> Posed:
-        """At the times [ns] of samples."""
+        """Return the sensor's poses at times (n,) [ns] of samples; NaN where they are not known."""
         if (path := self._way()) is None:
             nothing = np.full((len(stamp), 9), np.nan)
             self._watch(found=False)
@@ -118,7 +118,7 @@ class LivePoses:
         return Posed(quaternion, position, age, turned)
 
     def events(self) -> list[str]:
-        """What happened since this was last asked, one sentence each."""
+        """Return the events since the last call, one sentence each: no poses, unreadable messages, a clock set back."""
         if self._silent is not None and time.monotonic() - self._silent > SILENT and "silent" not in self._told:
             self._told.add("silent")
             self._pending.append(self._problem or "there are no poses yet: the sensor's orientation is not known")
@@ -163,14 +163,14 @@ class LivePoses:
             self._grow(self._edges[edge], stamps, rows.values[which])
 
     def _hold(self, edge: tuple[str, str], values: Float[np.ndarray, "k 7"]) -> None:
-        """The newest transform of /tf_static, unless the edge is on /tf, too: that is newer."""
+        """Set an edge to the last valid transform of /tf_static, unless /tf has the edge too."""
         sound = values[sound_quaternions(values[:, 3:]) & np.isfinite(values).all(axis=1)]
         if len(sound) and edge not in self._edges:
             self._tree.add(*edge, Pose.from_quaternion(sound[-1, 3:], sound[-1, :3]))
             self._path = None
 
     def _way(self) -> FramePath | None:
-        """From base to sensor, as far as the tree has grown."""
+        """Return the path from base to sensor in the tree; None while the tree does not connect them."""
         if self._path is None and self._frames is not None and self._tree.frames:
             try:
                 self._path = self._tree.path(*self._frames)
@@ -185,7 +185,7 @@ class LivePoses:
         return self._path
 
     def _watch(self, *, found: bool, age: float = 0.0) -> None:
-        """Notices since when samples have been without poses, and when they have them again."""
+        """Note the time since which samples have no poses, and report when they have poses again."""
         if found:
             if self._silent is not None and "silent" in self._told:
                 self._pending.append("samples have poses again")
@@ -200,7 +200,7 @@ class LivePoses:
             self._silent = time.monotonic()
 
     def _named(self) -> Iterator[tuple[str, LiveTrack]]:
-        """Every track, with the words that tell it from others."""
+        """Yield each track with the words that distinguish it from others."""
         yield "", self._track
         for (parent, child), track in self._edges.items():
             yield f" of {child!r} in {parent!r}", track

@@ -1,4 +1,4 @@
-"""Contacts out of a running `palpate live`: to ROS 2, or as JSON to a socket, by a process that reads the ring."""
+"""Publish the contacts of a running `palpate live`, read from its ring, to ROS 2 or as JSON to a socket."""
 
 from __future__ import annotations
 
@@ -28,22 +28,22 @@ _HINT = "Write ros2, ros2:DOMAIN, udp:HOST:PORT or unix:PATH."
 
 @runtime_checkable
 class Publisher(Protocol):
-    """Takes contacts as they come; whoever listens gets some of them, and nothing waits for him."""
+    """A protocol of publishers, which send contacts to listeners and never wait for them."""
 
     def publish(self, contacts: Contacts) -> object:
-        """The next samples, in order; none: what had to wait for the rate may go out now."""
+        """Publish the contacts of the next samples, in order; without any, send samples that waited for the rate."""
         ...
 
     def tare_requested(self) -> bool:
-        """Whether somebody has asked for a tare since this was last asked."""
+        """Return whether a listener has requested a tare since the last call."""
         ...
 
     def events(self) -> list[str]:
-        """What happened since this was last asked, one sentence each."""
+        """Return the events since the last call, one sentence each."""
         ...
 
     def close(self) -> None:
-        """May be called twice."""
+        """Close the publisher; may be called again."""
         ...
 
 
@@ -71,7 +71,7 @@ _PUBLISHERS: dict[str, Callable[[str, SlotForm, RigSource | None, float], Publis
 
 
 def _domain(to: str) -> int | None:
-    """Of "ros2:DOMAIN"; None where it is not said."""
+    """Return the number of the domain in "ros2:DOMAIN", or None for "ros2"; raise InputError if it is not valid."""
     _, colon, number = to.partition(":")
     if not colon:
         return None
@@ -81,13 +81,13 @@ def _domain(to: str) -> int | None:
 
 
 def require_address(to: str) -> None:
-    """Say what is wrong with an address before anything starts.
+    """Check an address to publish to, before any process starts.
 
     Args:
         to: "ros2", "ros2:DOMAIN", "udp:HOST:PORT" or "unix:PATH".
 
     Raises:
-        InputError: it is none of these, or there is no such host or folder.
+        InputError: the address has another form, or its host or folder does not exist.
     """
     kind = to.partition(":")[0]
     if kind not in _PUBLISHERS:
@@ -99,27 +99,27 @@ def require_address(to: str) -> None:
 
 
 def open_publisher(to: str, form: SlotForm, source: RigSource | None = None, rate: float = RATE) -> Publisher:
-    """What publishes to an address.
+    """Return an open publisher to an address.
 
     Args:
-        to: as `require_address` takes it.
-        form: of what passes through the ring.
-        source: of the rig; it says the network of ROS 2.
+        to: the address, see `require_address`.
+        form: description of the ring's samples and contacts.
+        source: the rig's [source], which gives domain and interface of ROS 2; None: domain 0 on this machine.
         rate: [Hz] at most; 0: every sample.
 
     Raises:
-        InputError: the address is wrong, or ROS 2 cannot be reached.
+        InputError: the address is not valid, or the domain of ROS 2 cannot be joined.
     """
     require_address(to)
     return _PUBLISHERS[to.partition(":")[0]](to, form, source, rate)
 
 
 def publish(ring: Path, to: str, rig: Path, parent: int, rate: float = RATE) -> None:
-    """A process that publishes what passes through a ring, from now on, until it is stopped or its parent is gone.
+    """Publish the contacts of a ring from now on, until it says stop or the parent is gone; the target of a process.
 
-    What is wrong with the address is said in the ring, and the process ends with 1.
+    If the address cannot be used, the reason is stored in the ring, and the process exits with 1.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which says stop
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C and says stop
     read = StreamBuffer(ring)
     try:
         publisher = open_publisher(to, read.form, load_rig(rig).source, rate)

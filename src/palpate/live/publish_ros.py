@@ -1,4 +1,4 @@
-"""Contacts to ROS 2: a pose, a wrench, markers to look at, and everything."""
+"""Publish contacts to ROS 2: a pose, a wrench, markers for viewers, and a message with all values."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TOPICS = {
     "/palpate/contact/contacts": "palpate_msgs/ContactArray",
 }
 _POSE, _WRENCH, _MARKERS, _CONTACTS = TOPICS
-_DRAWN = 30.0  # Hz: nobody sees more
+_DRAWN = 30.0  # Hz of markers: viewers need no more
 _BACK = 1.0  # s: stamps that go back by more are another clock
 _HEADER = 16  # bytes of a message before the name of its frame
 _ARROW, _SPHERE, _ADD, _DELETE_ALL = 0, 2, 0, 3
@@ -35,23 +35,23 @@ _LIFE = 500_000_000  # ns after which a viewer forgets a marker, if nobody renew
 
 
 class RosPublisher:
-    """Publishes contacts as they come, no more often than is asked.
+    """A publisher of contacts to topics of ROS 2, at a limited rate.
 
     `/palpate/contact/pose` (PoseWithCovarianceStamped: the strongest contact, z along its outward normal; the
     covariance is that of the point, and 0, which is "not known", in the rows of the rotation) and
     `/palpate/contact/wrench` (WrenchStamped: its force on the body and its torque about the normal, at that point) are
-    silent while nothing is located. `/palpate/contact/contacts` (palpate_msgs/ContactArray) has every row of a sample,
-    also one that says that there is no contact; `/palpate/contact/markers` is for viewers, 30 times a second.
+    silent while no contact is located. `/palpate/contact/contacts` (palpate_msgs/ContactArray) has every row of a
+    sample, also the row of a sample without a contact; `/palpate/contact/markers` is for viewers, 30 times a second.
 
-    A message on `/palpate/tare` (std_msgs/Empty) asks for a tare. It is no service: a client of Fast DDS finds its
-    answer by the "related sample identity" beside the message, which cyclonedds neither shows of a request nor writes
-    to an answer.
+    A message on `/palpate/tare` (std_msgs/Empty) requests a tare. It is no service, because a client of Fast DDS finds
+    its answer by the "related sample identity" sent with a message, which cyclonedds neither shows for a request nor
+    writes to an answer.
 
     Args:
         frame_id: name of the frame of the contacts.
-        features: that every contact has.
-        rate: [Hz] of messages, at most, by the contacts' own times.
-        domain, interface: as of a `Node`.
+        features: names of the features that every contact has.
+        rate: [Hz] of messages at most, by the contacts' times.
+        domain, interface: domain and network interface, see `DdsNode`.
     """
 
     def __init__(
@@ -72,10 +72,10 @@ class RosPublisher:
         self._said: list[str] = []
 
     def open(self) -> None:
-        """Join the domain.
+        """Join the domain and announce the topics.
 
         Raises:
-            InputError: it cannot be joined.
+            InputError: the domain cannot be joined.
         """
         if said := self._node.open():
             self._said.append(said)
@@ -83,13 +83,13 @@ class RosPublisher:
         self._tare = self._node.reader(TARE, "std_msgs/Empty", reliable=True, depth=10)
 
     def publish(self, contacts: Contacts) -> int:
-        """The samples that are due.
+        """Publish those samples that are due at the rate.
 
         Args:
-            contacts: in the order of their times.
+            contacts: the contacts of the next samples, in the order of their times.
 
         Returns:
-            how many samples were published.
+            The number of samples published.
         """
         first = np.flatnonzero(np.diff(contacts.sample, prepend=contacts.sample[:1] - 1))
         due = self._due.of(contacts.time[first])
@@ -99,11 +99,11 @@ class RosPublisher:
         return int(np.count_nonzero(due))
 
     def tare_requested(self) -> bool:
-        """Whether somebody has asked for a tare since this was last asked."""
+        """Return whether a message on `/palpate/tare` has come since the last call."""
         return self._tare is not None and len(self._tare.take().time) > 0
 
     def events(self) -> list[str]:
-        """What happened since this was last asked, one sentence each."""
+        """Return the events since the last call, one sentence each, such as dropped messages."""
         if self._dropped:
             self._said.append(f"{self._dropped} messages to ROS 2 were dropped: a reader is too slow")
             self._dropped = 0
@@ -111,12 +111,12 @@ class RosPublisher:
         return said
 
     def close(self) -> None:
-        """Leave the domain; may be called twice."""
+        """Leave the domain; may be called again."""
         self._writers, self._tare = {}, None
         self._node.close()
 
     def _publish(self, rows: Contacts) -> None:
-        """Rows of one sample."""
+        """Publish the rows of one sample; pose and wrench only if a contact is located."""
         _, (everything, poses, wrenches) = self._messages.of(rows)
         self._write(_CONTACTS, self._array(everything, rows))
         strongest = int(rows.strongest()[0])
@@ -135,7 +135,7 @@ class RosPublisher:
             self._dropped += 1
 
     def _array(self, everything: np.ndarray, rows: Contacts) -> bytes:
-        """A ContactArray; each contact as in a file, its features behind all of them."""
+        """Return a ContactArray as bytes: each contact as in a file, then the features of all."""
         head = _payload(everything[:1])
         named = int(everything["named"][0])
         start = _HEADER + named
@@ -154,13 +154,13 @@ class RosPublisher:
 
 
 class _Due:
-    """Which of some rising times are far enough apart."""
+    """A limiter of the rate, which selects times at least a period from each other."""
 
     def __init__(self, rate: float) -> None:
         self._period, self._next = 1.0 / rate, -np.inf
 
     def of(self, time: Float[np.ndarray, " n"]) -> np.ndarray:
-        """(n,) whether each is due."""
+        """Return (n,) whether each of the times [s], in increasing order, is due."""
         due = np.zeros(len(time), dtype=bool)
         for k, at in enumerate(time.tolist()):
             if at >= self._next - 1e-3 * self._period or at < self._next - self._period - _BACK:
@@ -171,12 +171,12 @@ class _Due:
 
 
 def markers(contacts: Contacts, stamp: int, frame_id: str) -> bytes:
-    """A MarkerArray: first what was drawn before goes, then an arrow that pushes and a 95 % ellipsoid each.
+    """Return a MarkerArray as bytes: it deletes earlier markers, and draws an arrow and a 95 % ellipsoid per contact.
 
     Args:
-        contacts: rows of one sample; those that are answered are drawn.
-        stamp: [ns].
-        frame_id: of the contacts.
+        contacts: rows of one sample; answered contacts with a place and a finite force are drawn.
+        stamp: [ns] of the headers.
+        frame_id: frame of the contacts.
     """
     shown = np.flatnonzero(contacts.answered & contacts.located & np.isfinite(contacts.force).all(axis=1))
     message = Cdr().numbers("I", 1 + 2 * len(shown))
@@ -207,7 +207,7 @@ def _marker(
     colour: tuple[float, ...],
     points: np.ndarray | None = None,
 ) -> None:
-    """One Marker behind its header: number, kind and action; position, quaternion and scale; points."""
+    """Append a Marker without its header: id, type and action; position, quaternion and scale; colour; points."""
     position, quaternion, scale = where
     turn = (0.0, 0.0, 0.0, 1.0) if quaternion is None else tuple(quaternion.tolist())
     message.text(space).numbers("i", *what).numbers("d", *position.tolist(), *turn, *scale.tolist())
@@ -222,7 +222,7 @@ def _marker(
 
 
 def _ellipsoid(covariance: Float[np.ndarray, "3 3"]) -> tuple[Float[np.ndarray, "4"], Float[np.ndarray, "3"]]:
-    """Quaternion and diameters [m] of the 95 % ellipsoid; a small ball where the covariance is not known."""
+    """Return quaternion (4,) and diameters (3,) [m] of the 95 % ellipsoid; a small ball for an unknown covariance."""
     if not np.isfinite(covariance).all():
         return np.array([0.0, 0.0, 0.0, 1.0]), np.full(3, _SMALLEST)
     variance, axes = np.linalg.eigh(covariance)
@@ -232,5 +232,5 @@ def _ellipsoid(covariance: Float[np.ndarray, "3 3"]) -> tuple[Float[np.ndarray, 
 
 
 def _payload(record: np.ndarray) -> bytes:
-    """The message in one record of a file."""
+    """Return the message in a record of an MCAP file as bytes, without the record's head."""
     return record.tobytes()[MESSAGE.itemsize :]

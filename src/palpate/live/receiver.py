@@ -1,4 +1,4 @@
-"""The process that receives samples and answers them, and does nothing else."""
+"""Receive samples and estimate their contacts in a process that does nothing else."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ _LOCK_NOW_AND_LATER = 3  # MCL_CURRENT | MCL_FUTURE
 def receive(
     rig: Path, ring: Path, sensor: str | None, parent: int, trouble: Connection, realtime: bool, recorded: bool
 ) -> None:
-    """Until the ring says stop, or the parent is gone; a process of its own.
+    """Pass samples and contacts through a ring until it says stop or the parent is gone; the target of a process.
 
     Args:
-        rig: with a [source].
-        ring: file to make, or to go on with where one before this was killed.
-        sensor: name of the sensor's table, where there are several.
-        parent: process.
-        trouble: is sent the sentence (UTF-8) that ends this, if the rig or the device cannot be used.
-        realtime: ask for real-time priority, unless samples wait.
-        recorded: somebody records the ring, and samples that can wait do so.
+        rig: file of a rig with a [source].
+        ring: file to make, or to continue if an earlier process was killed.
+        sensor: name of the sensor's table, if there are several.
+        parent: id of the parent process.
+        trouble: receives the error (UTF-8) that ends this process, if the rig or the device cannot be used.
+        realtime: request real-time priority, unless samples can wait.
+        recorded: the ring is recorded, and samples that can wait do so.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which says stop
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C and says stop
     try:
         live = Live(rig, sensor)
         with live:  # before the ring is there: without a device nothing is begun
@@ -52,7 +52,7 @@ def receive(
 
 
 def orphaned(parent: int) -> bool:
-    """Whether the parent process is gone."""
+    """Return whether the parent process, given by its id, is gone."""
     return os.getppid() != parent
 
 
@@ -76,7 +76,7 @@ def _say(live: Live, ring: StreamBuffer) -> None:
 
 
 def _opened(path: Path, form: SlotForm, recorded: bool) -> StreamBuffer:
-    """The ring that is there, or a new one, which appears whole."""
+    """Return the existing ring, or a new one, whose file appears only when it is complete."""
     if path.exists():
         ring = StreamBuffer(path)
         if ring.form != form:
@@ -95,7 +95,7 @@ def _opened(path: Path, form: SlotForm, recorded: bool) -> StreamBuffer:
 
 
 def _hurried() -> str:
-    """Ask for real-time priority, and for memory that is not paged out; what was granted."""
+    """Request real-time priority and memory that is not paged out, and return the sentence on what was granted."""
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     except (AttributeError, PermissionError):
@@ -108,6 +108,6 @@ def _hurried() -> str:
 
 
 def _steady() -> None:
-    """No pauses of the garbage collector over what is here to stay."""
+    """Exempt existing objects from garbage collection, so that it does not pause the loop for them."""
     gc.collect()
     gc.freeze()

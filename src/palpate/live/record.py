@@ -1,7 +1,7 @@
-"""The recorder of `palpate live`: what passes through a ring, as MCAP files that each open on their own.
+"""Record the samples, contacts and events of a ring as MCAP files, each of which can be opened without the others.
 
-It is a process of its own. Killed and started again, it goes on where its file ends, as long as the ring still holds
-what came after; `palpate.live.recover` does the same when everything was killed.
+The recorder is a separate process. After a kill and a restart it continues where its file ends, as long as the ring
+still has the samples after it; `palpate.live.recover` does the same after all processes were killed.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ Given = ParamSpec("Given")
 
 RING = ".ring"
 POLL = 0.02  # s between looks at the ring
-SPAN = 0.25  # s of a chunk: what a kill of the machine's power may cost beyond what was synced
+SPAN = 0.25  # s of a chunk: a loss of power may cost so much beyond the last sync
 CHUNK = 2048  # samples of a chunk, at most
 BYTES = 1 << 23  # of slots of a chunk, at most
 SYNC = 1.0  # s between syncs
@@ -41,16 +41,17 @@ QUIET, SILENT, GRACE = (
 
 
 def ring_of(output: Path) -> Path:
-    """The ring beside a record: OUTPUT.ring."""
+    """Return the path of the ring that belongs to a record: OUTPUT.ring."""
     growing = part(output)
     return growing.with_name(f"{growing.name.removesuffix(PART)}{RING}")
 
 
 def require_record(output: Path) -> None:
-    """Refuse a record that cannot begin, before any work is done.
+    """Check that a record can begin, before any work is done.
 
     Raises:
-        InputError: no .mcap; an earlier one was cut short; files of a longer one stand there.
+        InputError: the name does not end in .mcap, an earlier run was cut short, or several files of an earlier record
+            exist.
     """
     if output.suffix.lower() != ".mcap":
         raise InputError(f"no record ends in {output.suffix!r}.", where=str(output), hint="Use .mcap.")
@@ -65,18 +66,18 @@ def require_record(output: Path) -> None:
 
 
 def record(ring: Path, output: Path, split: float, parent: int) -> None:
-    """Write what passes through a ring until it says stop or the parent is gone, and everything answered is written.
+    """Record a ring until it says stop, or the parent is gone and no more samples come; the target of a process.
+
+    If the record cannot be written (another process writes it, or OUTPUT.part is another file), the reason is stored in
+    the ring, and the process exits with 1.
 
     Args:
-        ring: file.
-        output: MCAP; it grows as OUTPUT.part.
+        ring: file of the ring.
+        output: MCAP file; it grows as OUTPUT.part.
         split: bytes after which another file is begun: run.1.mcap, run.2.mcap, ...
-        parent: process.
-
-    Where nothing can be recorded (another process does it, OUTPUT.part is of something else), that is said in the ring,
-    and the process ends with 1.
+        parent: id of the parent process.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which says stop
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C and says stop
     opened = StreamBuffer(ring)
     try:
         with only_one(ring), writing(output):
@@ -93,10 +94,10 @@ def record(ring: Path, output: Path, split: float, parent: int) -> None:
 
 @contextmanager
 def only_one(ring: Path) -> Generator[None]:
-    """Nobody else writes the record of this ring meanwhile; the system lets go of it when a process dies.
+    """Lock a ring so that only this process writes its record; the system releases the lock if the process dies.
 
     Raises:
-        InputError: somebody does.
+        InputError: another process has the lock.
     """
     with ring.open("rb") as held:
         try:
@@ -107,21 +108,21 @@ def only_one(ring: Path) -> Generator[None]:
 
 
 class Recorder:
-    """Takes samples from a ring to files, in order; where there is a file that a killed one began, it goes on in it.
+    """A recorder that writes a ring's samples to files, in order, and continues the file of a recorder that was killed.
 
-    The ring's words are kept so that this works from wherever it was killed: "file" is the file that is written, which
-    begins with sample "began", behind "noted" sentences in files before it; "recorded" the number of the next sample,
-    "missed" the samples that came too fast and are in no file, "bytes" those of all files.
+    Numbers in the ring's head let it continue after a kill at any point: "file" is the index of the current file, which
+    begins with sample "began", after "noted" sentences in earlier files; "recorded" is the number of the next sample,
+    "missed" the number of samples that came too fast and are in no file, "bytes" the size of all files.
 
     Args:
-        ring: that only this one records.
-        output: the first file.
-        split: bytes after which another is begun.
+        ring: the ring, which no other recorder reads.
+        output: path of the first file.
+        split: bytes after which another file is begun.
 
     Attributes:
         next: number of the next sample to write.
-        file: that grows; None before there is something to write, and once the disk is full.
-        full: whether it is.
+        file: the file that grows; None before there is something to write, and once the disk is full.
+        full: whether the disk is full.
     """
 
     def __init__(self, ring: StreamBuffer, output: Path, split: float) -> None:
@@ -141,7 +142,7 @@ class Recorder:
             self._opened()
 
     def step(self) -> None:
-        """Write what was answered, if it is enough for a chunk or waits for long."""
+        """Write answered samples if they fill a chunk or have waited for 0.25 s, and sentences; sync once a second."""
         ring, now = self._ring, time.monotonic()
         waiting = self._until() - self.next
         if waiting >= self._most or (waiting and now - self._written >= SPAN):
@@ -158,12 +159,12 @@ class Recorder:
         self._samples(self._ring["received"])
         self._sentences()
         if self.file is None and not self._ring["file"] and not self.full:
-            self._guarded(self._opened)  # of nothing: a file without a sample is one too
+            self._guarded(self._opened)  # a record without a sample still has a file
         if self.file is not None:
             self._guarded(self._end, self.file)
 
     def _until(self) -> int:
-        """What was answered; and what waits for an answer so long that the ring would go over it."""
+        """Return the number after the last sample to write: answered, or soon to be overwritten in the ring."""
         ring = self._ring
         return max(ring["answered"], ring["received"] - len(ring.slots) // 2)
 
@@ -196,7 +197,7 @@ class Recorder:
             self._opened().append(raw, [view])
 
     def _opened(self) -> RecordFile:
-        """The file to write into, begun or gone on with."""
+        """Return the current file, which is begun or continued if it is not open."""
         if self.file is None:
             ring = self._ring
             self.file = RecordFile(named(self._output, ring["file"]), self._topics, ring["received"])
@@ -210,7 +211,7 @@ class Recorder:
         ring.say(f"{count} samples from sample {self.next} on are not recorded: the disk was too slow for the ring")
 
     def _grown(self) -> None:
-        """Say how far it is; begin another file where this one is large enough."""
+        """Store the progress in the ring, and end the file if it has reached the size at which files are split."""
         ring = self._ring
         if self.full:
             return
@@ -221,19 +222,19 @@ class Recorder:
                 self._guarded(self._end, self.file)
 
     def _end(self, file: RecordFile) -> None:
-        """A whole file, and another with what comes."""
+        """End a file and give it its name; later samples begin another file."""
         ring = self._ring
         self.next -= file.end()
         ring["recorded"] = ring["began"] = self.next
         ring["noted"] = self._noted
-        ring["file"] += 1  # from here on, who goes on gives the file its name
+        ring["file"] += 1  # if killed from here on, the next recorder renames the file
         self.file = None
         file.place()
         self._before += _size(file.path)
         ring["bytes"] = self._before
 
     def _guarded(self, act: Callable[Given, object], *args: Given.args, **kwargs: Given.kwargs) -> bool:
-        """Whether it was done; a full disk ends the record, with what was written until then."""
+        """Call a function and return whether it succeeded; an OSError, as of a full disk, ends the record."""
         try:
             act(*args, **kwargs)
         except OSError as problem:
@@ -255,14 +256,14 @@ class Recorder:
 
 
 class _Quiet:
-    """Whether nothing comes any more."""
+    """A check whether a ring still changes, for the end of a record."""
 
     def __init__(self, ring: StreamBuffer) -> None:
         self._ring, self._state = ring, (0, 0, 0)
         self._began = self._changed = 0.0
 
     def ended(self) -> bool:
-        """To be asked again and again once an end was asked for."""
+        """Return whether the ring has not changed for long enough; call it repeatedly once an end was requested."""
         ring, now = self._ring, time.monotonic()
         state = ring["received"], ring["answered"], ring["alive"]
         self._began = self._began or now

@@ -1,4 +1,4 @@
-"""One file of a live record while it grows: what is whole in it stays so, and is gone on with after a kill."""
+"""Write one file of a live record so that its complete part stays valid, and continue it after a kill."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ _HEAD = 1 << 14  # bytes that a file may have whose head is torn
 
 
 def named(output: Path, which: int) -> Path:
-    """The files of a record: run.mcap, run.1.mcap, run.2.mcap, ..."""
+    """Return the path of a record's file by its index: run.mcap, run.1.mcap, run.2.mcap, ..."""
     return output.with_name(f"{output.stem}.{which}{output.suffix}") if which else output
 
 
 def grown(output: Path) -> list[int]:
-    """Which files of a record stand there unfinished."""
+    """Return the indices of a record's unfinished files (OUTPUT.part) in increasing order."""
     found = [0] if part(output).exists() else []
     target = part(output).with_name(part(output).name.removesuffix(PART))
     pattern = re.compile(re.escape(target.stem) + r"\.([1-9]\d*)" + re.escape(target.suffix + PART))
@@ -41,13 +41,13 @@ def grown(output: Path) -> list[int]:
 
 
 class Span(NamedTuple):
-    """The samples in a file.
+    """The range of samples in a file.
 
     Attributes:
-        first: number of the first.
-        end: number after the last.
-        samples: how many; less than `end - first` where some are missing.
-        noted: number of the last sentence, 0 where there is none.
+        first: number of the first sample.
+        end: number after the last sample.
+        samples: number of samples in the file; less than `end - first` if some are missing.
+        noted: number of the last sentence; 0 if there is none.
     """
 
     first: int
@@ -57,11 +57,11 @@ class Span(NamedTuple):
 
 
 def span_of(found: Regained, latest: int) -> Span:
-    """Which samples are in a file.
+    """Return the range of samples in a file.
 
     Args:
-        found: the file.
-        latest: number after the last sample that there is; numbers in files are modulo 2**32.
+        found: the complete part of the file.
+        latest: number after the last sample of the stream, which resolves the file's numbers modulo 2**32.
     """
     noted = found.sequences[EVENTS].most if EVENTS in found.sequences else 0
     count = sum(chunk.counts[READINGS - 1] for chunk in found.writer.chunks)
@@ -73,20 +73,20 @@ def span_of(found: Regained, latest: int) -> Span:
 
 
 class RecordFile:
-    """OUTPUT.part, begun or gone on with; what was torn at its end is cut off.
+    """A growing file OUTPUT.part, begun or continued; an incomplete chunk at its end is cut off.
 
     Args:
-        path: that it will have.
-        topics: of what it holds; None: whatever it holds already.
-        latest: number after the last sample that there is.
+        path: path of the file once it is ended, OUTPUT.
+        topics: topics of the file; None: those that the existing file has.
+        latest: number after the last sample of the stream.
 
     Attributes:
         path: as given.
-        span: samples that it held when it was opened.
+        span: the range of samples that the file held when it was opened.
 
     Raises:
-        InputError: there is a file of something else.
-        OSError: it cannot be written.
+        InputError: the existing file is no record, or has other topics.
+        OSError: the file cannot be written.
     """
 
     def __init__(self, path: Path, topics: tuple[WrittenTopic, ...] | None, latest: int) -> None:
@@ -114,36 +114,36 @@ class RecordFile:
 
     @property
     def size(self) -> int:
-        """Bytes so far."""
+        """Number of bytes so far."""
         return self._writer.size
 
     def append(self, records: np.ndarray, messages: Sequence[np.ndarray]) -> None:
-        """Append a chunk.
+        """Append a chunk of messages.
 
         Args:
             records: bytes of all its messages.
-            messages: the same bytes as rows of one channel each.
+            messages: views of the same bytes, one array of rows for each channel.
 
         Raises:
-            OSError: the disk is full; what was there before is still whole once the file is ended.
+            OSError: the disk is full; earlier chunks are still complete once the file is ended.
         """
         raw, chunk = self._writer.chunk(records, messages)
-        self._size = self._writer.size  # what one before this could not write to its end is written over
+        self._size = self._writer.size  # an earlier incomplete chunk is overwritten
         self._write(raw)
         self._writer.chunks.append(chunk)
 
     def sync(self) -> None:
-        """Everything so far is on the disk."""
+        """Wait until all data so far are on the disk; raise OSError if they cannot be written."""
         os.fdatasync(self._file)
 
     def end(self) -> int:
-        """Write what ends the file; where the disk has no room for that, the last chunks give way.
+        """Write the records that end the file; if the disk is full, the last chunks are removed to make room.
 
         Returns:
-            how many samples gave way.
+            The number of samples removed.
 
         Raises:
-            OSError: there is no room even then.
+            OSError: there is no room even without chunks.
         """
         given = 0
         while True:
@@ -159,12 +159,12 @@ class RecordFile:
                 given += self._writer.chunks.pop().counts[READINGS - 1]
 
     def place(self) -> None:
-        """The ended file takes its name."""
+        """Close the ended file and rename OUTPUT.part to OUTPUT."""
         self.close()
         place(self.path)
 
     def close(self) -> None:
-        """Leave it as it is; may be called twice."""
+        """Close the file as it is; may be called again."""
         if self._file >= 0:
             os.close(self._file)
             self._file = -1
@@ -177,13 +177,13 @@ class RecordFile:
 
 
 def _require_small(growing: Path, topics: tuple[WrittenTopic, ...] | None) -> None:
-    """Refuse to write over a file whose head cannot be read, unless it is nothing but a head that was not written."""
+    """Raise InputError if a file with an unreadable head would be overwritten, unless it is only an incomplete head."""
     if growing.exists() and (topics is None or growing.stat().st_size > _HEAD):
         raise InputError("is no file of `palpate live`, or nothing in it is whole.", where=str(growing))
 
 
 def place(path: Path) -> None:
-    """OUTPUT.part becomes OUTPUT, also should the power be cut now."""
+    """Rename OUTPUT.part to OUTPUT, and wait until the new name is on the disk."""
     growing = part(path)
     target = growing.with_name(growing.name.removesuffix(PART))
     growing.replace(target)

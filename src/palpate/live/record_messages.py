@@ -1,4 +1,4 @@
-"""What a live record holds: the readings as a log of the same rig has them, their contacts, and what happened."""
+"""Make the messages of a live record: readings as a log of the same rig has them, their contacts, and events."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ _VECTOR_STAMPED = f"std_msgs/Header header\ngeometry_msgs/Vector3 vector\n{STAMP
 
 
 def record_topics(form: SlotForm) -> tuple[WrittenTopic, ...]:
-    """What a record declares: the contacts, the readings, events, poses and accelerations."""
+    """Return the topics of a record: contacts, readings and events, and with poses also poses and accelerations."""
     if form.images:
         readings = WrittenTopic(form.topic or f"{LIVE}image", "sensor_msgs/msg/Image", _IMAGE)
     elif form.wrenches:
@@ -82,13 +82,13 @@ def record_topics(form: SlotForm) -> tuple[WrittenTopic, ...]:
 
 
 class RecordMessages:
-    """Makes the messages of slots of a ring.
+    """An encoder of a ring's slots as MCAP messages.
 
-    The sequence number of a reading is the number of its sample, that of a sentence its number from 1 (modulo 2**32):
-    by these a record is gone on with. A sentence on lost samples is made from the samples, and has the number 0.
+    The sequence number of a reading is the number of its sample, that of a sentence its number from 1 (modulo 2**32); a
+    recorder continues a record by them. A sentence on lost samples is made from the samples and has the number 0.
 
     Args:
-        form: of the ring.
+        form: description of the ring's samples and contacts.
     """
 
     def __init__(self, form: SlotForm) -> None:
@@ -98,11 +98,11 @@ class RecordMessages:
         self._acceleration = ChannelRows(ACCELERATION, *stamped(_SENSOR, (("vector", "<f8", (3,)),)))
 
     def of(self, slots: np.ndarray, first: int) -> tuple[np.ndarray, list[np.ndarray]]:
-        """The bytes of all messages of some samples, and a view of them a channel.
+        """Return the bytes of all messages of some samples, and a view of the bytes for each channel.
 
         Args:
-            slots: in order.
-            first: number of the sample in the first.
+            slots: (n,) slots of the ring, in order.
+            first: number of the sample in the first slot.
         """
         contacts = self._form.contacts(slots)
         times = slots["stamp"].clip(0, LATEST)
@@ -126,13 +126,13 @@ class RecordMessages:
 
 
 def event(stamp: int, sentence: str, number: int, level: int = _INFO) -> tuple[np.ndarray, np.ndarray]:
-    """A message of a sentence: its bytes, and a view of it.
+    """Return the message of a sentence as bytes, and a view of them as a record.
 
     Args:
-        stamp: [ns] when it was said.
-        sentence: what was.
-        number: of it, from 1; 0 where it has none.
-        level: as rcl_interfaces/Log has them.
+        stamp: [ns] time of the sentence.
+        sentence: the sentence.
+        number: number of the sentence, from 1; 0 if it has none.
+        level: level as in rcl_interfaces/Log: 20 for information, 30 for a warning.
     """
     text = sentence.encode() + b"\0"
     fields: Fields = (
@@ -153,7 +153,7 @@ def event(stamp: int, sentence: str, number: int, level: int = _INFO) -> tuple[n
 
 
 def _missing(lost: Int[np.ndarray, " n"], gaps: Int[np.ndarray, " k"], first: int) -> str:
-    """'3 samples are missing before sample 1200'."""
+    """Return the sentence on lost samples, such as "3 samples are missing before sample 1200"."""
     count, here = int(lost.sum()), first + int(gaps[0])
     where = f"before sample {here}" if len(gaps) == 1 else f"at {len(gaps)} places from sample {here} on"
     return f"{count} {'sample is' if count == 1 else 'samples are'} missing {where}"
@@ -168,7 +168,7 @@ def _said(name: str, text: bytes) -> Mapping[str, object]:
 
 
 def _fields(form: SlotForm) -> tuple[Fields, Mapping[str, object]]:
-    """Of a message of the readings, and what all of them hold."""
+    """Return the fields of a message of readings, and the values that all such messages share."""
     if form.wrenches:
         return stamped(_SENSOR, WRENCH_FIELDS)
     size = int(np.prod(form.shape))
@@ -193,7 +193,7 @@ def _fields(form: SlotForm) -> tuple[Fields, Mapping[str, object]]:
 
 
 def _array(shape: tuple[int, ...], size: int) -> tuple[Fields, Mapping[str, object]]:
-    """Dimensions with a label, a size and a stride each, then the numbers."""
+    """Return the fields of a Float64MultiArray (label, size, stride of each axis; numbers), and its constant values."""
     names = [b"row\0", b"column\0"] if len(shape) == 2 else [b"axis%d\0" % k for k in range(len(shape))]
     fields: Fields = (("dimensions", "<u4", ()),)
     common: dict[str, object] = {"dimensions": len(shape), "count": size}

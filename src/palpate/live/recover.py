@@ -1,4 +1,4 @@
-"""After everything was killed: what was received is put together from the record that grew and from the ring."""
+"""Recover a live record after all processes were killed, from its unfinished file and the ring."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from palpate.live.stream_buffer import StreamBuffer
 
 __all__ = ["cut_short", "recover"]
 
-ALIVE = 2e9  # ns since a receiver last wrote that it is there, within which it is
+ALIVE = 2e9  # ns since a receiver's last sign of life, within which it counts as running
 _READ = 4096  # slots at a time
 
 
 def recover(output: Path) -> str:
-    """Make OUTPUT whole from OUTPUT.part and OUTPUT.ring, and remove the ring.
+    """Complete OUTPUT from OUTPUT.part and OUTPUT.ring, and remove the ring.
 
-    Samples that were received but not answered become readings without contacts. Killed in between, it can be run
-    again; where there is nothing to do, it says so.
+    Samples that were received but not answered become readings without contacts. It can be run again if it was killed;
+    a complete OUTPUT stays as it is.
 
     Returns:
-        a sentence: how many samples were where, and which are missing.
+        A sentence on the number of samples in the record and in the ring, and the number missing.
 
     Raises:
-        InputError: it is being written, there is nothing of that name, or the ring is damaged.
+        InputError: the record is being written, no file has that name, the ring is damaged, or the disk is full.
     """
     ring = ring_of(output)
     if ring.exists():
@@ -47,7 +47,9 @@ def recover(output: Path) -> str:
 
 
 def cut_short(file: Path) -> str:
-    """What stands beside a file of a live record that was not ended, as a sentence; "" where it was. Changes nothing.
+    """Return a sentence on the samples of an unfinished live record, in its file and ring; "" if there is no ring.
+
+    No file is changed.
 
     Args:
         file: OUTPUT, OUTPUT.part or OUTPUT.ring.
@@ -98,14 +100,14 @@ def _from_ring(path: Path, output: Path) -> str:
 
 
 def _cut_unsound(ring: StreamBuffer, first: int) -> int:
-    """Let the ring end before the first slot that another sample stands in, or none, as after a loss of power.
+    """End the ring before the first slot that does not hold its sample, as after a loss of power.
 
     Args:
-        ring: of which not every page may have reached the disk.
-        first: number of the sample to go on with.
+        ring: the ring, some pages of which may not have reached the disk.
+        first: number of the sample to continue with.
 
     Returns:
-        by how many samples.
+        The number of samples cut off.
     """
     at, received = first, ring["received"]
     while at < received:
@@ -119,7 +121,7 @@ def _cut_unsound(ring: StreamBuffer, first: int) -> int:
 
 
 def _alone(path: Path) -> str:
-    """Of a file without a ring: what is whole in it."""
+    """End and rename an unfinished file without a ring, and return a sentence on its number of samples."""
     file = RecordFile(path, None, 0)
     file.end()
     file.place()

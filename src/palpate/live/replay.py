@@ -1,4 +1,4 @@
-"""A log as a source: its samples come at the times of its own clock, or as fast as they are taken."""
+"""Replay a log as a source of live samples, at its recorded times or as fast as samples are taken."""
 
 from __future__ import annotations
 
@@ -23,16 +23,17 @@ __all__ = ["Replay", "bare", "values_of"]
 
 
 def bare(layout: LogLayout) -> LogLayout:
-    """The same columns and topics, with numbers as they are recorded: neither units nor axes are changed."""
+    """Return the layout with numbers as they are recorded: units and axes are not converted."""
     arrays = tuple(replace(array, scale=1.0) for array in layout.arrays)
     units = {"force_unit": "N", "torque_unit": "N m", "acceleration_unit": "m/s^2"}
     return replace(layout, arrays=arrays, axes=("x", "y", "z"), left_handed=False, **units)
 
 
 def values_of(recording: Recording) -> np.ndarray:
-    """Its readings (n, ...): wrenches force first; or the one array or image that it has.
+    """Return the readings of a recording, (n, ...): wrenches, force first; or its only array or image.
 
-    An array with a wrench beside it comes flat, then the wrench, and of how many readings that is the mean.
+    If the recording has an array and wrenches, each row holds the flat array, the wrench, and the number of readings
+    that the wrench is the mean of, if recorded.
     """
     channels = recording.channels
     beside = (FORCE, TORQUE, ORIENTATION, POSITION, ACCELERATION, AVERAGED)
@@ -45,20 +46,23 @@ def values_of(recording: Recording) -> np.ndarray:
 
 
 class Replay:
-    """The log that a rig's [source] names, as a device that gives its samples one after the other.
+    """A log as a source that gives its samples one after the other.
 
-    Stamps are the log's own times; those that are missing, repeat or run backwards come at once. The end of the log is
-    said; with `loop` it begins again, the times going on.
+    Stamps are the log's times; samples whose times are missing, repeat or run backwards come at once. The end of the
+    log is reported; with `loop` the log begins again, and the times continue.
 
     Args:
-        path: of the log.
-        layout: of the log; `bare`: its numbers come as they are recorded.
+        path: the path of the log.
+        layout: the layout of the log; a `bare` one gives numbers as they are recorded.
         speed: 1: as recorded; 0: as fast as samples are taken.
         loop: begin again at the end.
 
     Attributes:
-        ended: whether the log is at its end, and no more samples come.
-        patient: whether its samples wait until they are asked for, which those of a device, or at a speed, do not.
+        ended: whether the log is at its end and no more samples come.
+        patient: whether samples wait until they are received (speed 0), as a device's samples do not.
+
+    Raises:
+        InputError: the log cannot be read, or holds no samples.
     """
 
     def __init__(self, path: Path, layout: LogLayout, speed: float = 1.0, loop: bool = False) -> None:
@@ -78,18 +82,18 @@ class Replay:
 
     @classmethod
     def of(cls, stated: RigSource, setup: Setup) -> Replay:
-        """Return the log that a [source] names."""
+        """Return the log that a rig's [source] names, its numbers as recorded; raise InputError if it is missing."""
         path = setup.link.folder / stated.address
         if not path.exists():
             raise InputError("there is no such log to replay.", where=f"{path}, [source] of the rig")
         return cls(path, bare(setup.layout()), stated.speed, stated.loop)
 
     def open(self) -> None:
-        """Begin with the first sample now."""
+        """Start the clock: the first sample comes now."""
         self._begun = time.monotonic()
 
     def receive(self, batch: Batch, timeout: float) -> int:
-        """The samples whose time has come."""
+        """Fill a batch with due samples and return how many; wait up to `timeout` [s] for the first."""
         if self._held is None:
             piece = next(self._rest, None)
             if piece is None:
@@ -114,16 +118,16 @@ class Replay:
         return count
 
     def events(self) -> list[str]:
-        """Its end."""
+        """Return the sentence on the log's end, once."""
         said, self._said = self._said, []
         return said
 
     def close(self) -> None:
-        """Nothing is kept open."""
+        """Stop the replay; no more samples come."""
         self._rest, self._held = iter(()), None
 
     def _due(self, times: Float[np.ndarray, " n"], timeout: float) -> int:
-        """How many of the next samples have come, waiting for the first of them."""
+        """Return the number of the next samples that are due, after a wait for the first of up to `timeout` [s]."""
         if not self._speed:
             return len(times)
         waiting = (float(np.nan_to_num(times[0])) - self._first) / self._speed - (time.monotonic() - self._begun)
@@ -140,7 +144,7 @@ class Replay:
         return iter(open_log(self.path, self._layout).blocks())
 
     def _samples(self) -> Iterator[Recording]:
-        """Blocks of the log, again and again where that is asked for, times going on."""
+        """Yield blocks of the log; with `loop` again and again, with times that continue."""
         shift, last = 0.0, np.nan
         while True:
             fresh = True

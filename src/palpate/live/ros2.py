@@ -1,4 +1,4 @@
-"""Samples from a topic of ROS 2, and the sensor's pose from others; no installation of ROS is needed."""
+"""Read live samples from a topic of ROS 2, and the sensor's pose from others; no installation of ROS is needed."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ from palpate.errors import InputError
 from palpate.files.logs.decoding import decode, has_header
 from palpate.files.logs.image_messages import image_messages
 from palpate.files.logs.layout import ImageChannel, LogLayout
-from palpate.files.logs.log import LogContents, MessageBlock, Topic
+from palpate.files.logs.log import LogContents
 from palpate.files.logs.topics import NONE, choose, choose_images, main_channel
+from palpate.files.messages import MessageBlock, Topic
 from palpate.live.dds import DEPTH, DdsNode, DdsReader, ros_name
 from palpate.live.poses import Posed
 from palpate.live.ros_poses import RosPoses, published, wanted
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 
 __all__ = ["RosTopics"]
 
-_OWN = "/palpate/"  # what Palpate publishes itself is never taken for a sensor
+_OWN = "/palpate/"  # topics of Palpate's own, never taken for a sensor's
 _MEMORY = 2**26  # bytes of messages that wait, at most
 _IMAGES = 16  # that wait, at most
 _JUMP = 2.0  # s
@@ -39,20 +40,19 @@ _PLAIN = 0x100  # the bytes 0 and 1: CDR, little-endian
 
 
 class RosTopics:
-    """One topic as a source: wrenches, arrays or images, whatever the rig's sensor is made of.
+    """A topic of ROS 2 as a source: wrenches, arrays or images, as the rig's sensor reads them.
 
-    Times are the stamps of the headers; where messages have none, or none but 0, those at which they were sent.
+    Times are the stamps of the headers; if messages have no header, or only stamps of 0, the times of sending.
 
     Args:
-        layout: of a log of the same rig: it names the topic, or not, and says what is in it.
-        node: of the domain; it is opened and closed with this.
-        poses: of the sensor; None where nothing is said of them.
+        layout: layout of a log of the same rig, which may name the topic and gives the shape of a sample.
+        node: node in the domain, which is opened and closed with the source.
+        poses: reader of the sensor's poses; None: the rig names none.
         patience: [s] to wait for topics to be announced, and for the first image.
 
     Attributes:
-        topic: that is read, once open.
-        posed: where the sensor was at the samples of the last batch, how old that is and how far off it may be; None
-            where nothing is said of poses.
+        topic: the topic that is read, once open.
+        posed: poses of the sensor at the samples of the last batch, with age and possible error; None: there are none.
     """
 
     def __init__(self, layout: LogLayout, node: DdsNode, poses: RosPoses | None = None, patience: float = 3.0) -> None:
@@ -76,10 +76,10 @@ class RosTopics:
 
     @classmethod
     def of(cls, stated: RigSource, setup: Setup) -> RosTopics:
-        """Return the topic of the sensor, in the domain of its [source]; not opened yet.
+        """Return the topic of the sensor in the domain that the rig's [source] names, not opened yet.
 
         Raises:
-            InputError: the rig wants poses of joint states.
+            InputError: the rig takes poses from joint states, which are not read live.
         """
         node = DdsNode(stated.domain, stated.interface)
         poses = RosPoses(setup.orientation, node) if wanted(setup.orientation) else None
@@ -89,8 +89,8 @@ class RosTopics:
         """Join the domain, find the topic and begin to listen.
 
         Raises:
-            InputError: the domain cannot be joined, nobody publishes the topic that is named, it holds something else,
-                or none or several could be meant; no image came.
+            InputError: the domain cannot be joined, nobody publishes the named topic, it has another type, none or
+                several topics fit, or no image came.
         """
         if said := self._node.open():
             self._said.append(said)
@@ -102,7 +102,7 @@ class RosTopics:
         self._heard = time.monotonic()
 
     def receive(self, batch: Batch, timeout: float) -> int:
-        """See `palpate.live.source.Source`."""
+        """Fill a batch with waiting samples and poses; return how many; wait up to `timeout` [s] for the first."""
         if self._reader is None or not self._reader.wait(timeout):
             self._listen()
             return 0
@@ -125,19 +125,19 @@ class RosTopics:
         return count
 
     def events(self) -> list[str]:
-        """See `palpate.live.source.Source`."""
+        """Return the events of topic and poses since the last call, one sentence each."""
         said, self._said = self._said, []
         return said if self._poses is None else [*said, *self._poses.events()]
 
     def close(self) -> None:
-        """Leave the domain; may be called twice."""
+        """Leave the domain; may be called again."""
         if self._poses is not None:
             self._poses.close()
         self._reader = None
         self._node.close()
 
     def _begin(self) -> None:
-        """Find the topic, and listen to it."""
+        """Find the topic, and listen to it and to the poses."""
         self.topic = self._chosen()
         if self.topic.count > 1:
             self._said.append(f"{self.topic.count} nodes publish {self.topic.name!r}: their samples are mixed")
@@ -174,7 +174,7 @@ class RosTopics:
         return choose(contents, alone)["main"]
 
     def _first_image(self, reader: DdsReader) -> None:
-        """Its size is that of all."""
+        """Wait for the first image, whose size is that of all; raise InputError if none comes."""
         deadline = time.monotonic() + self._patience
         cv2 = opencv()
         while (left := deadline - time.monotonic()) > 0:
@@ -190,7 +190,7 @@ class RosTopics:
         )
 
     def _decoded(self, messages: MessageBlock) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Stamps of headers [ns], times of sending [ns] and numbers, of messages that can be read."""
+        """Return (stamps of headers [ns], times of sending [ns], values) of the messages that can be read."""
         if self._layout.images is not None:
             stamps, values, sound = self._images(messages)
         elif self._alike is not None and (quick := self._alike.read(messages)) is not None:
@@ -222,7 +222,7 @@ class RosTopics:
     def _timed(
         self, stamp: Int[np.ndarray, " n"], sent: Int[np.ndarray, " n"], values: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Times of samples, and these; a first message whose stamp is 0 waits for the second: a log may begin at 0."""
+        """Return (times [ns], values); a first stamp of 0 waits for the next, and if that is 0 too none are used."""
         if self._stamped is None:
             if self._held is not None:
                 both = zip(self._held, (stamp, sent, values), strict=True)
@@ -242,7 +242,7 @@ class RosTopics:
         )
 
     def _listen(self) -> None:
-        """Says once that nothing comes."""
+        """Report once that no messages come."""
         silent = 0.0 if self._heard is None else time.monotonic() - self._heard
         if silent > SILENT and not self._quiet and self._reader is not None:
             self._quiet = True
@@ -259,13 +259,13 @@ class RosTopics:
 
 
 class _Clock:
-    """Compares the stamps of samples that have just come with the time that has passed."""
+    """A check that compares stamps of samples with the time that has passed between them."""
 
     def __init__(self) -> None:
         self._last: tuple[int, int] | None = None
 
     def jumped(self, stamp: int) -> float:
-        """By how many seconds the stamps jumped since the last sample; 0.0 where by less than `_JUMP`."""
+        """Return the jump [s] of the stamps since the last sample; 0.0 if it is at most `_JUMP`."""
         now, last = time.monotonic_ns(), self._last
         self._last = (stamp, now)
         if last is None:
@@ -275,12 +275,12 @@ class _Clock:
 
 
 class _Alike:
-    """Reads wrenches that differ from one before in stamp and numbers alone: a sensor's frame keeps its name.
+    """A decoder of wrenches that differ from a first one in stamp and numbers only, as a sensor's frame keeps its name.
 
-    That takes 10 us instead of the 200 of a decoder that expects anything in each message.
+    It takes 10 us instead of the 200 us of the general decoder.
 
     Args:
-        message: begins with one that can be read.
+        message: bytes that begin with a valid message.
     """
 
     def __init__(self, message: bytes) -> None:
@@ -296,12 +296,12 @@ class _Alike:
         )
 
     def read(self, messages: MessageBlock) -> tuple[np.ndarray, np.ndarray] | None:
-        """Stamps [ns] and values; None where one of them is not like the first."""
+        """Return stamps (n,) [ns] and values (n, 6); None if a message differs from the first in more than these."""
         if not (messages.length == self._layout.itemsize).all():
             return None
         rows = np.frombuffer(messages.data, dtype=self._layout)
         if not ((rows["form"] == _PLAIN) & (rows["named"] == self._named)).all():
             return None
         values = rows["values"].copy()
-        values[np.isnan(values)] = np.nan  # of the many that bytes can make, the one that arithmetic does not warn of
+        values[np.isnan(values)] = np.nan  # the quiet NaN, which arithmetic does not warn of
         return rows["sec"].astype(np.int64) * 10**9 + rows["nanosec"], values

@@ -1,4 +1,4 @@
-"""A stand-in for a driver that publishes to ROS 2."""
+"""Simulate a driver that publishes samples to ROS 2."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ __all__ = ["RosDevice"]
 
 
 class RosDevice:
-    """Publishes samples: six numbers as WrenchStamped, three colours as Image, anything else as Float64MultiArray.
+    """A simulated driver: six numbers are published as WrenchStamped, three colours as Image, else Float64MultiArray.
 
     Args:
-        topic: to publish.
-        shape: of one sample: (6,) of a wrench, (height, width, 3) of images, else an array.
-        domain, interface: as of a `Node`.
-        frame_id: of headers.
+        topic: topic to publish.
+        shape: shape of one sample: (6,) for a wrench, (height, width, 3) for an image, any other for an array.
+        domain, interface: domain and network interface, see `DdsNode`.
+        frame_id: frame that headers name.
     """
 
     def __init__(
@@ -35,14 +35,18 @@ class RosDevice:
 
     @property
     def kind(self) -> str:
-        """Type of its messages."""
+        """Type of the messages, such as "geometry_msgs/WrenchStamped"."""
         if self._shape == (6,):
             return "geometry_msgs/WrenchStamped"
         images = len(self._shape) == 3 and self._shape[2] == 3
         return "sensor_msgs/Image" if images else "std_msgs/Float64MultiArray"
 
     def open(self) -> str:
-        """See `palpate.live.device.Device`; the topic stands with the sensor in a rig."""
+        """Join the domain, and return the [source] of a rig as TOML.
+
+        Raises:
+            InputError: the domain cannot be joined.
+        """
         self._node.open()
         self._writer = self._node.writer(self._topic, self.kind, depth=1000)
         lines = ["[source]", 'kind = "ros2"', f"domain = {self._node.domain}"]
@@ -51,18 +55,18 @@ class RosDevice:
         return "\n".join([*lines, f'# and topic = "{ros_name(self._topic)}" in the table of the sensor', ""])
 
     def send(self, stamp: Int[np.ndarray, " n"], values: Float[np.ndarray, "n k"]) -> int:
-        """See `palpate.live.device.Device`.
+        """Publish samples, and return how many were sent; 0 if nobody listens.
 
         Args:
-            stamp: [ns], of the headers; an array has none.
-            values: the numbers of a sample in one row.
+            stamp: (n,) [ns] stamps of the headers; arrays have no header.
+            values: (n, k), the numbers of a sample in one row.
         """
         if self._writer is None or not self._writer.readers:
             return 0
         return sum(self._writer.write(message) for message in self._messages(stamp, values))
 
     def close(self) -> None:
-        """Leave the domain."""
+        """Leave the domain; may be called again."""
         self._writer = None
         self._node.close()
 

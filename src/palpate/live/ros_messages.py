@@ -1,4 +1,4 @@
-"""Messages of ROS 2 as bytes (CDR, little-endian), ready to be sent."""
+"""Write messages of ROS 2 as bytes (CDR, little-endian)."""
 
 from __future__ import annotations
 
@@ -17,53 +17,53 @@ _HEAD = b"\0\1\0\0"  # plain, little-endian
 
 
 class Cdr:
-    """Writes one message from front to back; numbers stand at multiples of their size behind the first four bytes."""
+    """A writer of one message from front to back; numbers are aligned to their size, counted from the fifth byte."""
 
     def __init__(self) -> None:
         self._data = bytearray(_HEAD)
 
     def align(self, size: int) -> Cdr:
-        """To a multiple of `size`."""
+        """Append zeros up to a multiple of `size` bytes, and return the writer."""
         self._data += bytes(-(len(self._data) - len(_HEAD)) % size)
         return self
 
     def numbers(self, code: str, *values: float | int) -> Cdr:
-        """All of one type, a letter of `struct`."""
+        """Append aligned numbers of one type, a letter of `struct`, and return the writer."""
         packed = Struct(f"<{len(values)}{code}")
         self.align(packed.size // max(len(values), 1) or 1)
         self._data += packed.pack(*values)
         return self
 
     def text(self, text: str) -> Cdr:
-        """A string."""
+        """Append a string with its length, and return the writer."""
         raw = text.encode() + b"\0"
         self.numbers("I", len(raw))
         self._data += raw
         return self
 
     def header(self, stamp: int, frame_id: str) -> Cdr:
-        """Of a stamp [ns] and the name of a frame."""
+        """Append a std_msgs/Header of a stamp [ns] and the name of a frame, and return the writer."""
         self.numbers("i", stamp // 10**9).numbers("I", stamp % 10**9)
         return self.text(frame_id)
 
     def raw(self, data: bytes) -> Cdr:
-        """Bytes as they are, such as numbers of an array."""
+        """Append bytes as they are, such as numbers of an array, and return the writer."""
         self._data += data
         return self
 
     def done(self) -> bytes:
-        """The message."""
+        """Return the bytes of the message."""
         return bytes(self._data)
 
 
 @takes_arrays
 def stamped(frame_id: str, stamp: Int[np.ndarray, " n"], values: Float[np.ndarray, "n k"]) -> list[bytes]:
-    """Messages of a header and k doubles: WrenchStamped (force first), PoseStamped, PoseWithCovarianceStamped.
+    """Return n messages of a header and k doubles: WrenchStamped, PoseStamped or PoseWithCovarianceStamped.
 
     Args:
         frame_id: name of the frame.
-        stamp: [ns] of each.
-        values: in the order of the message.
+        stamp: (n,) [ns] of each message.
+        values: (n, k) in the order of the message; a wrench has its force first.
     """
     head = np.frombuffer(Cdr().header(0, frame_id).align(8).done(), dtype=np.uint8)
     rows = np.empty((len(stamp), len(head) + 8 * values.shape[1]), dtype=np.uint8)
@@ -76,11 +76,11 @@ def stamped(frame_id: str, stamp: Int[np.ndarray, " n"], values: Float[np.ndarra
 
 @takes_arrays
 def array_message(values: np.ndarray, names: Sequence[str] = ("rows", "columns")) -> bytes:
-    """A Float64MultiArray of one sample.
+    """Return a Float64MultiArray of one sample.
 
     Args:
-        values: of any shape.
-        names: of the axes, where there are two.
+        values: the sample, of any shape.
+        names: names of the axes, used if `values` has as many axes.
     """
     message = Cdr().numbers("I", values.ndim)
     for axis, size in enumerate(values.shape):
@@ -92,7 +92,11 @@ def array_message(values: np.ndarray, names: Sequence[str] = ("rows", "columns")
 
 @takes_arrays
 def image_message(stamp: int, frame_id: str, image: np.ndarray) -> bytes:
-    """An Image: (height, width, 3) uint8 blue, green, red as bgr8; (height, width) uint8 as mono8."""
+    """Return an Image: (height, width, 3) uint8 blue, green, red as bgr8; (height, width) uint8 as mono8.
+
+    Raises:
+        InputError: the image has neither two nor three axes.
+    """
     if image.ndim not in (2, 3):
         raise InputError(f"image must have shape (height, width) or (height, width, 3), not {image.shape}.")
     height, width = image.shape[:2]

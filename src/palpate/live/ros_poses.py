@@ -1,4 +1,4 @@
-"""Poses of the sensor from topics of ROS 2, for samples from anywhere."""
+"""Read poses of the sensor from topics of ROS 2, for samples of any source."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from jaxtyping import Int
 
 from palpate.errors import InputError
 from palpate.files.logs.decoding import role
-from palpate.files.logs.log import Topic
 from palpate.files.logs.topics import NONE, POSE_KINDS
+from palpate.files.messages import Topic
 from palpate.files.units import near
 from palpate.live.dds import DdsNode, DdsReader, ros_name
 from palpate.live.poses import LivePoses, Posed
@@ -20,15 +20,15 @@ from palpate.setup.tables import RigOrientation
 __all__ = ["RosPoses"]
 
 _TREE = (("/tf", False), ("/tf_static", True))
-_STATIC = 1000  # transforms of so many publishers are waited for
+_STATIC = 1000  # messages of transforms that a reader keeps
 
 
 class RosPoses:
-    """Hears the topic of poses, or /tf and /tf_static, that the [orientation] of a rig names.
+    """A reader of the topic of poses, or of /tf and /tf_static, that a rig's [orientation] names.
 
     Args:
-        orientation: that table; it names a topic, or base and sensor.
-        node: of the domain; opened and closed by whoever made it.
+        orientation: the [orientation]; it names a topic, or base and sensor.
+        node: node in the domain; its owner opens and closes it.
         patience: [s] to wait for the topic to be announced.
     """
 
@@ -41,14 +41,14 @@ class RosPoses:
 
     @classmethod
     def of(cls, orientation: RigOrientation, source: RigSource | None) -> RosPoses | None:
-        """Return poses with a node of its own; None where the rig names nothing to hear.
+        """Return a reader with its own node; None if the rig names no topic or frames.
 
         Args:
-            orientation: the table.
-            source: whose domain is joined.
+            orientation: the [orientation].
+            source: the [source], whose domain is joined; None: domain 0 on this machine.
 
         Raises:
-            InputError: the rig wants poses of joint states, which are not read live.
+            InputError: the rig takes poses from joint states, which are not read live.
         """
         if not wanted(orientation):
             return None
@@ -58,10 +58,10 @@ class RosPoses:
         return made
 
     def open(self) -> None:
-        """Begin to listen.
+        """Begin to listen to the topics.
 
         Raises:
-            InputError: the domain cannot be joined, nobody publishes the topic, or it holds something else.
+            InputError: the domain cannot be joined, nobody publishes the topic, or it does not hold poses.
         """
         if self._own is not None and (said := self._own.open()):
             self._said.append(said)
@@ -78,18 +78,18 @@ class RosPoses:
             raise
 
     def at(self, stamp: Int[np.ndarray, " n"]) -> Posed:
-        """At times [ns] of samples, with every message that has come."""
-        for reader in reversed(self._readers):  # what holds comes first
+        """Return the sensor's poses at times (n,) [ns] of samples, from all messages received so far."""
+        for reader in reversed(self._readers):  # static transforms first
             self.poses.add(reader.take())
         return self.poses.at(stamp)
 
     def events(self) -> list[str]:
-        """What happened since this was last asked, one sentence each."""
+        """Return the events since the last call, one sentence each, such as poses that are too old."""
         said, self._said = [*self._said, *self.poses.events()], []
         return said
 
     def close(self) -> None:
-        """Stop; may be called twice."""
+        """Stop listening; may be called again."""
         self._readers = []
         if self._own is not None:
             self._own.close()
@@ -103,10 +103,10 @@ class RosPoses:
 
 
 def wanted(orientation: RigOrientation) -> bool:
-    """Whether a rig names poses that are heard live.
+    """Return whether a rig's [orientation] names a topic of poses or frames, which are read live.
 
     Raises:
-        InputError: it wants poses of joint states.
+        InputError: it takes poses from joint states, which are not read live.
     """
     if orientation.urdf is not None:
         raise InputError(
@@ -118,10 +118,10 @@ def wanted(orientation: RigOrientation) -> bool:
 
 
 def published(name: str, there: Sequence[Topic], where: str) -> Topic:
-    """The topic of this name.
+    """Return the topic of this name from the published topics `there`.
 
     Raises:
-        InputError: nobody publishes it.
+        InputError: nobody publishes it; `where` is named as the place.
     """
     found = next((topic for topic in there if topic.name == name), None)
     if found is None:

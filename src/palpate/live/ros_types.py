@@ -1,4 +1,4 @@
-"""Types of ROS 2 as a DDS knows them: their names, and what they are made of."""
+"""Convert message types of ROS 2 to types of DDS: their names and their members."""
 
 from __future__ import annotations
 
@@ -63,11 +63,11 @@ DEFINITIONS: Mapping[str, str] = {
     "float64[9] covariance, uint8 status",
     "palpate_msgs/ContactArray": f"{_STAMPED}palpate_msgs/Contact[] contacts, string[] features, float64[] values",
 }
-"""Type, without "/msg/" as elsewhere here -> its members as ROS writes them, in their order."""
+"""Message type, without "/msg/" -> its members in order, as ROS writes them."""
 
 
 class Raw:
-    """The bytes of one message, as it is handed to cyclonedds and as that hands it on; `info` says when it was sent."""
+    """The bytes of one message to or from cyclonedds; `sample_info` of a received message has the time of sending."""
 
     def __init__(self, data: bytes) -> None:
         self.data = data
@@ -75,23 +75,23 @@ class Raw:
 
 
 def dds_type_name(kind: str) -> str:
-    """'geometry_msgs/Wrench' -> 'geometry_msgs::msg::dds_::Wrench_'."""
+    """Return the name of a type in DDS: "geometry_msgs/Wrench" -> "geometry_msgs::msg::dds_::Wrench_"."""
     package, _, name = kind.partition("/")
     return f"{package}::msg::dds_::{name}_"
 
 
 def ros_type_name(name: str) -> str:
-    """The other way; what is no message of ROS stays as it is."""
+    """Return the name of a DDS type in ROS: the inverse of `dds_type_name`; a name of another form stays as it is."""
     package, between, last = name.partition("::msg::dds_::")
     return f"{package}/{last.removesuffix('_')}" if between else name
 
 
 @cache
 def idl_type(kind: str) -> Any:
-    """A class for cyclonedds: what it needs to know of a type, while messages pass through it as bytes.
+    """Return the class by which cyclonedds knows a message type; messages stay bytes.
 
-    cyclonedds checks what it receives against the members, and tells them to others on the network; decoding each
-    message into objects would take 22-88 us, and is left out.
+    cyclonedds checks received messages against the members, and announces these on the network; decoding each message
+    into objects would take 22-88 us, and is not done.
 
     Raises:
         InputError: the type is none of `DEFINITIONS`.

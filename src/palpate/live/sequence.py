@@ -1,4 +1,4 @@
-"""The two counters in each sample of a Net F/T: what is missing, what came late or twice, and where they began anew."""
+"""Find missing, late and repeated samples and restarts of a Net F/T by the two counters in each sample."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ __all__: list[str] = []  # for this package alone
 
 _ROUND = 1 << 32
 _LATE = 4096  # positions behind the last within which a sample is late or repeated, not the first of another count
-_FASTEST = 20_000.0  # Hz: no such device counts faster, so that a greater jump is no loss
+_FASTEST = 20_000.0  # Hz: no Net F/T counts faster, so a larger jump is no loss of samples
 
 
 class SequenceCounters:
-    """Follows both counters, modulo 2^32, over any number of blocks.
+    """A reader of both counters, modulo 2^32, over any number of blocks.
 
-    `rdt` counts what was sent since sending was started, `ft` what was measured since the device was: a step of one is
-    always the same number of steps of the other.
+    `rdt` counts the samples sent since sending was started, `ft` the samples measured since the device was started:
+    each step of `rdt` is the same number of steps of `ft`.
 
     Attributes:
-        gaps, missing: how often samples were missing, and how many.
-        late: samples that had been counted missing and came after all.
-        repeated: samples that came twice, and are not given twice.
-        restarts: how often `rdt` began anew.
-        unknown: at how many of these `ft` did too, so that nothing tells how many are missing.
+        gaps, missing: number of gaps, and of samples missing in them.
+        late: number of samples that were counted missing and arrived later.
+        repeated: number of samples that arrived twice; the second is dropped.
+        restarts: number of restarts of `rdt`.
+        unknown: number of these restarts at which `ft` restarted too, so that the number of missing samples is unknown.
     """
 
     def __init__(self) -> None:
@@ -36,22 +36,22 @@ class SequenceCounters:
         self._expected = False
 
     def expect_restart(self) -> None:
-        """The device was asked to start again: where `rdt` falls next, it began anew."""
+        """Note that the device was requested to start again: if `rdt` falls next, that is a restart."""
         self._expected = True
 
     def follow(
         self, rdt: list[int], ft: list[int], stamp: list[int], lost: Int[np.ndarray, " room"]
     ) -> list[int] | None:
-        """One block of samples, in order of arrival; lists, for most blocks hold one sample.
+        """Follow the counters through one block of samples, in order of arrival; in lists, as most blocks hold one.
 
         Args:
-            rdt: position of each in what is sent.
-            ft: position of each in what is measured.
-            stamp: [ns] of arrival.
-            lost: filled from its start: how many are missing before each of those to keep.
+            rdt: counter of sent samples, for each sample.
+            ft: counter of measured samples, for each sample.
+            stamp: [ns] of arrival of each sample.
+            lost: filled from its start: number of samples missing before each that is kept.
 
         Returns:
-            which to keep; None: all.
+            Indices of the samples to keep; None: all.
         """
         last, first, count = self._last, rdt[0], len(rdt)
         if (last is None or first == (last[0] + 1) % _ROUND) and rdt == list(range(first, first + count)):
@@ -66,14 +66,14 @@ class SequenceCounters:
         return [k for k, _ in kept]
 
     def _each(self, rdt: list[int], ft: list[int], stamp: list[int]) -> Iterator[tuple[int, int]]:
-        """Those to keep: which, and how many are missing before it."""
+        """Yield (index, number of samples missing before it) of each sample to keep."""
         for k, newest in enumerate(zip(rdt, ft, stamp, strict=True)):
             before = self._one(*newest)
             if before is not None:
                 yield k, before
 
     def _one(self, rdt: int, ft: int, stamp: int) -> int | None:
-        """How many are missing before one; None: it is not new."""
+        """Return the number of samples missing before one; None: it is a repeated sample."""
         if self._last is None:
             return self._newest(rdt, ft, stamp, 0)
         step, seconds = _signed(rdt - self._last[0]), (stamp - self._last[2]) * 1e-9
@@ -108,12 +108,12 @@ class SequenceCounters:
         return before
 
     def _learn(self, rdt: int, ft: int, later_rdt: int, later_ft: int) -> None:
-        """How many steps of `ft` one of `rdt` is."""
+        """Learn the number of steps of `ft` for one step of `rdt`."""
         steps = (later_rdt - rdt) % _ROUND
         if steps and (advance := _signed(later_ft - ft)) > 0:
             self._ratio = max(1, round(advance / steps))
 
 
 def _signed(step: int) -> int:
-    """The shorter way round."""
+    """Return a step modulo 2^32 as a signed number, from -2^31 to 2^31 - 1."""
     return (step + _ROUND // 2) % _ROUND - _ROUND // 2

@@ -1,9 +1,10 @@
-"""Sensors on a serial port: frames with COBS and CRC-32 (`palpate.live.cobs`), or lines (`palpate.live.lines`).
+"""Read a sensor on a serial port: frames with COBS and CRC-32 (`palpate.live.cobs`), or lines (`palpate.live.lines`).
 
-A port does not say when bytes arrived. The last sample of a read is stamped with the computer's clock right after it,
-and those before it go back from there by the period that the rig states as `rate`, else by the time that their bytes
-take at `baud`; never further than to the sample before, so that stamps do not decrease. If the clock goes back, they
-count on by that period. How late a read is depends on kernel and adapter: FTDI's wait for 16 ms unless told otherwise.
+A port does not tell when bytes arrived. The last sample of a read is stamped with the computer's clock right after the
+read. Earlier samples of the read are stamped backwards from there, one period apart: the period of the rig's `rate`, or
+the time that their bytes take at `baud`; but never before the last stamp, so that stamps do not decrease. If the clock
+goes back, stamps continue with this period. The latency of a read depends on kernel and adapter: FTDI's wait for 16 ms
+by default.
 """
 
 from __future__ import annotations
@@ -31,42 +32,42 @@ if TYPE_CHECKING:
 __all__ = ["Framing", "SerialPort"]
 
 _READ, _PIECES = 65536, 16  # bytes, and how often they are taken at once: more than the kernel holds
-_BEHIND = 100_000_000  # ns: a step of the clock that is worth a sentence
+_BEHIND = 100_000_000  # ns: smallest step back of the clock that is reported
 _AGAIN = 0.5  # s between attempts to open a port that vanished
-_NOISE = 1.0  # s of bytes without a sample, after which that is said
+_NOISE = 1.0  # s of bytes without a sample, after which that is reported
 _OFTEN = 1.0  # s between sentences about damage
 _BITS = 10  # of a byte on the line, with start and stop
-_KEPT = 100  # sentences, if nobody asks for them
+_KEPT = 100  # sentences kept at most until `events` is called
 _BUSY = (errno.EAGAIN, errno.EBUSY)
 _NO_PORT = (errno.ENOENT, errno.ENXIO, errno.ENODEV)
 
 
 @runtime_checkable
 class Framing(Protocol):
-    """Bytes into samples."""
+    """A protocol of decoders that turn bytes, fed in any pieces, into samples."""
 
     def feed(self, data: bytes) -> None:
-        """Take bytes as they were read."""
+        """Append bytes as they were read from the port."""
         ...
 
     def take(self, values: Float[np.ndarray, "n k"], lost: Int[np.ndarray, " n"]) -> int:
-        """Samples of what was fed, as many as fit; how many."""
+        """Decode as many of the samples fed as fit into `values` (n, k) and `lost` (n,), and return how many."""
         ...
 
     def waiting(self) -> int:
-        """Samples that still lie in what was fed."""
+        """Return the number of samples fed and not decoded yet."""
         ...
 
     def forget(self) -> None:
-        """Begin anew with the next byte, as after a broken connection."""
+        """Discard the bytes fed so far, as after a broken connection."""
         ...
 
     def faults(self) -> list[str]:
-        """What went wrong since this was last asked."""
+        """Return the faults since the last call, in words."""
         ...
 
     def awaited(self) -> str:
-        """Why the bytes that came gave no sample, for a message."""
+        """Return the words that explain why the bytes received gave no sample, for a message."""
         ...
 
 
@@ -75,7 +76,7 @@ class SerialPort:
 
     Args:
         stated: the rig's [source].
-        shape: of one sample.
+        shape: shape of one sample.
     """
 
     dtype: DTypeLike = np.float64
@@ -99,10 +100,10 @@ class SerialPort:
 
     @classmethod
     def of(cls, stated: RigSource, setup: Setup) -> SerialPort:
-        """Return the port that a [source] names, not opened yet.
+        """Return the port that a rig's [source] names, not opened yet.
 
         Raises:
-            InputError: the sensor sends images, or `columns` do not fit.
+            InputError: the sensor has neither a wrench nor one array as its reading, or `columns` do not fit.
         """
         layout = setup.layout()
         if layout.wrench is not None:
@@ -114,17 +115,21 @@ class SerialPort:
         return cls(stated, layout.arrays[0].shape)
 
     def open(self) -> None:
-        """Open the port for this process alone.
+        """Open the port for this process only.
 
         Raises:
-            InputError: pyserial is missing; there is no such port, no permission, it is taken or no port; no such baud.
+            InputError: pyserial is missing, the port does not exist, is in use, is no serial port or may not be opened,
+                or it does not support the baud rate.
         """
         self.close()
         self._port = self._opened()
         self._begin(time.monotonic())
 
     def receive(self, batch: Batch, timeout: float) -> int:
-        """See `Source`. Where more waits than the batch holds, the next call gives it without reading again."""
+        """Fill a batch and return how many samples came; wait up to `timeout` [s] for the first.
+
+        The next call gives samples that had no room, before it reads again.
+        """
         end = time.monotonic() + timeout
         if count := self._take(batch):
             return count
@@ -141,7 +146,7 @@ class SerialPort:
                 return 0
 
     def events(self) -> list[str]:
-        """See `Source`; damage at most once a second."""
+        """Return the events since the last call, one sentence each; damage is reported once a second at most."""
         now = time.monotonic()
         if self._sound and now - self._fault >= _OFTEN and (faults := self._frames.faults()):
             self._say(f"{'; '.join(faults)}.")
@@ -151,13 +156,13 @@ class SerialPort:
         return sentences
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port; may be called again."""
         if self._port is not None:
             self._port.close()
             self._port = None
 
     def _take(self, batch: Batch) -> int:
-        """Samples of what was read, stamped."""
+        """Fill a batch with decoded samples and their stamps, and return how many."""
         count = self._frames.take(batch.values.reshape(len(batch), -1), batch.lost)
         if count == 0:
             return 0
@@ -172,7 +177,7 @@ class SerialPort:
         return count
 
     def _spread(self, stamp: Int[np.ndarray, " n"], total: int) -> None:
-        """Stamps [ns] of the first samples of a read, of which `total` are still to be given."""
+        """Fill the stamps [ns] of the next samples of a read that has `total` samples remaining."""
         if self._behind:
             self._arrived = self._stamp + round(total * self._period)
         step = min(round(self._period), (self._arrived - self._stamp) // total)
@@ -180,15 +185,15 @@ class SerialPort:
         self._stamp = int(stamp[-1])
 
     def _read(self, port: Serial) -> None:
-        """All that is there; the port is closed if it vanished."""
+        """Read all waiting bytes; close the port if it has vanished."""
         pieces: list[bytes] = []
         gone = ""
         try:
             while len(pieces) < _PIECES and (more := os.read(port.fileno(), _READ)):
                 pieces.append(more)
-            gone = "" if pieces else "hung up"  # nothing at all, though there was something to read
+            gone = "" if pieces else "hung up"  # no bytes, although the port was readable
         except BlockingIOError:
-            pass  # read empty, as some kernels say it; others give nothing
+            pass  # some kernels report an empty port so; others return no bytes
         except OSError as problem:
             gone = str(problem.strerror)
         if pieces:
@@ -210,7 +215,7 @@ class SerialPort:
         return now
 
     def _return(self, left: float) -> None:
-        """Waits at most `left` [s] for the next attempt to open the port again, and makes it if it is time."""
+        """Wait up to `left` [s] for the next attempt to open a vanished port, and make the attempt if it is due."""
         time.sleep(max(0.0, min(left, self._tried + _AGAIN - time.monotonic())))
         now = time.monotonic()
         if now < self._tried + _AGAIN:
@@ -219,7 +224,7 @@ class SerialPort:
         try:
             self._port = self._opened()
         except InputError:
-            return  # that it is away was said, and is said again if it lasts
+            return  # `events` has reported that it is away
         self._say(f"the port is back after {now - self._away:.1f} s.")
         self._begin(now)
 
@@ -228,7 +233,7 @@ class SerialPort:
         self._heard, self._told, self._bytes = now, False, 0
 
     def _watch(self, now: float) -> None:
-        """Says once that no samples come."""
+        """Report once that no samples come."""
         quiet = now - self._heard
         if self._told:
             return
@@ -245,10 +250,10 @@ class SerialPort:
         self._said.append(f"{self._stated.address}: {what}")
 
     def _opened(self) -> Serial:
-        """The port, for this process alone.
+        """Return the port, opened for this process only.
 
         Raises:
-            InputError: as `open`.
+            InputError: pyserial is missing, or the port cannot be opened.
         """
         try:
             import termios
@@ -263,10 +268,10 @@ class SerialPort:
 
 
 def _frames(stated: RigSource, count: int) -> Framing:
-    """What the framing of a rig says.
+    """Return the decoder for a rig's framing.
 
     Raises:
-        InputError: `columns` do not fit.
+        InputError: `columns` are given for frames, or their number is wrong.
     """
     if stated.framing == "cobs":
         if stated.columns is not None:
@@ -286,7 +291,7 @@ def _frames(stated: RigSource, count: int) -> Framing:
 
 
 def _explained(problem: Exception, stated: RigSource) -> InputError:
-    """The sentence for a port that cannot be opened."""
+    """Return the error that explains why a port cannot be opened."""
     number, where = getattr(problem, "errno", None), stated.address
     if number in _NO_PORT:
         return InputError("there is no such port.", where=where, hint=_ports())

@@ -1,4 +1,4 @@
-"""A sensor on a serial port that is none: a pseudo-terminal, on which samples are sent as a device would."""
+"""Simulate a sensor on a serial port: samples are sent on a pseudo-terminal as a real device sends them."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ __all__ = ["SerialDevice"]
 
 
 class SerialDevice:
-    """Sends samples with a counter that runs on whether anybody listens or not; a `Device`.
+    """A simulated serial sensor, a `Device`; its counter also counts samples that nobody listens to.
 
-    What the listener has not read yet is held by the kernel, some kB; what does not fit is dropped, in whole samples.
+    The kernel stores some kB that the listener has not read yet; samples that do not fit are dropped as complete units.
 
     Args:
         framing: "cobs" or "lines", see `palpate.live.cobs` and `.lines`.
-        number: type of the numbers of a frame: one of `palpate.live.cobs.TYPES`.
-        link: a symbolic link to be kept to the pseudo-terminal, whose own name changes each time; None: none.
+        number: type of the numbers in a frame: one of `palpate.live.cobs.TYPES`.
+        link: path of a symbolic link to the pseudo-terminal, whose name changes each time; None: no link.
 
     Attributes:
-        dropped: samples for which there was no room.
+        dropped: number of samples dropped for lack of room.
     """
 
     def __init__(self, framing: str = "cobs", number: str = "f4", link: str | Path | None = None) -> None:
@@ -39,10 +39,10 @@ class SerialDevice:
         self._heard = False  # by somebody, when samples were last sent
 
     def open(self) -> str:
-        """See `Device`.
+        """Open the pseudo-terminal, and return the [source] of a rig as TOML.
 
         Raises:
-            InputError: there are no pseudo-terminals, or `link` is something else or cannot be made.
+            InputError: the system has no pseudo-terminals, or `link` is a file or cannot be made.
         """
         self.close()
         try:
@@ -53,14 +53,14 @@ class SerialDevice:
             raise InputError(f"no pseudo-terminal can be had ({problem}).", hint="Send as another device.") from problem
         tty.setraw(other)
         name = os.ttyname(other)
-        os.close(other)  # so that one is told whether somebody else has it open
+        os.close(other)  # so that the kernel reports whether somebody else has it open
         os.set_blocking(self._line, False)
         self._keep_link(name)
         address = json.dumps(str(self._link or name))  # quoted as TOML quotes, too
         return f'[source]\nkind = "serial"\naddress = {address}\nframing = "{self._framing}"\n'
 
     def send(self, stamp: Int[np.ndarray, " n"], values: Float[np.ndarray, "n k"]) -> int:
-        """See `Device`; never waits."""
+        """Send samples without waiting, and return how many there was room for."""
         data, ends = self._encoded(values)
         self._counter = (self._counter + len(values)) % 2**32
         if self._line is None or not self._listened(self._line):
@@ -76,7 +76,7 @@ class SerialDevice:
         return sent
 
     def close(self) -> None:
-        """See `Device`: as if it was unplugged."""
+        """Close the pseudo-terminal, as if the sensor were unplugged, and remove the link; may be called again."""
         if self._line is not None:
             os.close(self._line)
             self._line = None
@@ -94,7 +94,7 @@ class SerialDevice:
         return encoded(values, self._counter, self._number)
 
     def _listened(self, line: int) -> bool:
-        """Whether the other end is open; a new listener is given the end of a frame first."""
+        """Return whether the other end is open; a new listener gets the end of a frame first."""
         poll = select.poll()
         poll.register(line, select.POLLOUT)
         heard = not any(event & select.POLLHUP for _, event in poll.poll(0))
@@ -116,7 +116,7 @@ class SerialDevice:
 
 
 def _written(line: int, data: bytes) -> int:
-    """Bytes for which there was room."""
+    """Write data without waiting, and return the number of bytes for which there was room."""
     written = 0
     while written < len(data):
         try:

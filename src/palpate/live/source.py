@@ -1,4 +1,4 @@
-"""What a source of live samples is, whatever the device: it fills a batch, and says what went wrong on the way."""
+"""The protocol of sources of live samples, which fill batches and report what went wrong."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from numpy.typing import DTypeLike
 __all__ = ["BATCH", "Batch", "Source"]
 
 BATCH = 1024  # samples that a source gives at once, at most
-SILENT = 5.0  # s without a sample, after which a source says so
+SILENT = 5.0  # s without a sample, after which a source reports it
 
 
 class Batch:
-    """Samples as a source gives them; the arrays are filled again and again.
+    """Arrays for samples of a source, which fills the same arrays again in each call.
 
     Attributes:
-        stamp: (size,) int64 [ns] since 1970: the time of each: when it arrived, by the kernel where that says so, or as
-            its message or log states it.
-        arrived: (size,) int64 [ns] since 1970, where that is another time than `stamp`; None: it is not.
-        lost: (size,) int64: samples missing just before it, by the device's counter; 0 where it has none.
+        stamp: (size,) int64 [ns] since 1970: time of each sample, as its message or log states it; else its arrival,
+            stamped by the kernel if possible.
+        arrived: int64 [ns] since 1970: arrival of each sample, if it differs from `stamp`; None: it does not.
+        lost: (size,) int64 number of samples missing just before each, by the device's counter; 0 without a counter.
         values: (size, *shape) as a log of the same rig holds them: a wrench force first, in the rig's units and axes.
-        orientation: (size, 4) quaternion x, y, z, w of the sensor in the base, NaN where the source knows none.
-        turned: (size,) [rad] rms of the angle by which the orientation may be off because it is old; 0: it is not.
-        position: (size, 3) [m].
-        acceleration: (size, 3), in the rig's unit, NaN where the source knows none.
+        orientation: (size, 4) quaternion x, y, z, w of the sensor in the base; NaN if the source knows none.
+        turned: (size,) [rad] rms error of the orientation because of its age; 0: it is up to date.
+        position: (size, 3) [m] of the sensor in the base; NaN if the source knows none.
+        acceleration: (size, 3) of the sensor in its own frame, in the rig's unit; NaN if the source knows none.
     """
 
     def __init__(self, shape: tuple[int, ...], size: int = BATCH, dtype: DTypeLike = np.float64) -> None:
@@ -45,12 +45,14 @@ class Batch:
 
 @runtime_checkable
 class Source(Protocol):
-    """A device, or what stands for one. Nothing is opened before `open`; a lost connection is mended by `receive`.
+    """A source of live samples: a device, or a log in place of one.
+
+    `open` connects, and `receive` restores a lost connection.
 
     Attributes:
-        shape: of one sample: (6,) of a wrench.
-        dtype: of its numbers: float64; uint8 of images.
-        poses: whether orientation, position and acceleration are filled too, as far as they are known.
+        shape: shape of one sample: (6,) for a wrench.
+        dtype: type of its numbers: float64, or uint8 for images.
+        poses: whether `receive` also fills orientation, position and acceleration, as far as they are known.
     """
 
     shape: tuple[int, ...]
@@ -58,25 +60,25 @@ class Source(Protocol):
     poses: bool
 
     def open(self) -> None:
-        """Connect.
+        """Connect to the device.
 
         Raises:
-            InputError: there is no such device, no permission, or it is another one; how to mend it.
+            InputError: there is no device of this name, permission is missing, or it is another kind of device.
         """
         ...
 
     def receive(self, batch: Batch, timeout: float) -> int:
-        """Every sample that waits, as many as the batch holds; waits for the first as long as `timeout` [s].
+        """Fill a batch with all waiting samples that it has room for; wait up to `timeout` [s] for the first.
 
         Returns:
-            how many; 0 when none came, or a connection was lost and is not back yet.
+            The number of samples; 0 if none came, or a connection was lost and is not restored yet.
         """
         ...
 
     def events(self) -> list[str]:
-        """What happened since this was last asked, one sentence each: a gap, a restart, no samples for 5 s."""
+        """Return the events since the last call, one sentence each: a gap, a restart, no samples for 5 s."""
         ...
 
     def close(self) -> None:
-        """Leave the device as it was found; may be called twice, and without `open`."""
+        """Disconnect and leave the device as it was found; may be called again, or without `open`."""
         ...

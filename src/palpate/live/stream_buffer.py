@@ -1,12 +1,12 @@
-"""The ring: a mapped file that samples and their contacts pass through, from one writer to any number of readers.
+"""The ring: a mapped file that passes samples and their contacts from one writer to any number of readers.
 
-The writer never waits for a reader: a reader that is too slow is lapped, and notices. A sample is in the file as soon
-as it was received ("received"), its contacts a moment later ("answered"), and the file outlives every process, so that
-what was received is there after any `kill -9`; `palpate.live.record` reads it back.
+The writer never waits for a reader: a reader that is too slow is lapped, and detects it. A sample is in the file as
+soon as it is received ("received"), its contacts a moment later ("answered"). The file outlives every process, so
+received samples survive any `kill -9`; `palpate.live.record` reads them.
 
-The head takes 64 KiB: numbers that processes share, each of them in a cache line of its own and, but for "asked" (for
-tares) and "recording", written by one process; a description as JSON; the last sentences on what happened. Behind it
-stand the slots, all of one structured type.
+The head takes 64 KiB: numbers that processes share, each in a separate cache line and written by one process, except
+for "asked" (for tares) and "recording"; a description as JSON; the last sentences on events. The slots follow it, all
+of one structured type.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ _JSON, _SAID = 4096, 24576  # where the description and the sentences begin
 SENTENCES, SENTENCE = 128, 320  # kept, and bytes of each
 SIZE = 1 << 26  # bytes of slots, as a rule
 LEAST = 512  # slots
-READERS = 2  # what "stop" says to those who read, once the writer has ended by the 1 that it was told
+READERS = 2  # value of "stop" that ends readers; the writer ends at 1 before
 MARGIN = 1024  # slots: the largest batch
 LATE = 60.0  # s: between two clocks, and no latency
 _NONE = np.zeros((0, 0))
@@ -57,20 +57,20 @@ _NONE = np.zeros((0, 0))
 
 @dataclass(frozen=True)
 class SlotForm:
-    """What passes through a ring: what describes a sample and its contacts to whoever opens it.
+    """Description of the samples and contacts in a ring, for processes that open it.
 
     Attributes:
         sensor: name of the sensor's kind.
-        shape: of one reading.
-        images: whether readings are uint8, and no float64.
+        shape: shape of one reading.
+        images: whether readings are uint8 rather than float64.
         features: columns that the sensor adds to its contacts.
-        width: numbers of a row of contacts.
-        max_contacts: rows of one sample.
-        frame: that the contacts are in.
-        rig: file that all this was made from.
+        width: number of values in a row of contacts.
+        max_contacts: largest number of rows of one sample.
+        frame: frame of the contacts.
+        rig: file of the rig that the stream was made from.
         poses: whether a pose comes with each sample.
-        topic: that the rig reads a log of these readings from; "": whichever there is.
-        wrenches: whether readings are wrenches, and nothing else.
+        topic: topic that the rig reads a log of these readings from; "": the only one of its kind.
+        wrenches: whether readings are wrenches only.
     """
 
     sensor: str
@@ -86,7 +86,7 @@ class SlotForm:
     wrenches: bool = False
 
     def slot(self) -> np.dtype[np.void]:
-        """Of one sample."""
+        """Return the structured type of a slot, which holds one sample and its contacts."""
         return np.dtype(
             [
                 ("number", "<i8"),  # of the sample, from 1: a page of the file that was not written has another
@@ -106,7 +106,7 @@ class SlotForm:
         )
 
     def contacts(self, slots: np.ndarray) -> Contacts:
-        """Of slots in order; samples without an answer have no row."""
+        """Return the contacts in slots, in order; samples that are not answered have no row."""
         rows, sample, times = slots["contacts"], slots["number"] - 1, seconds(slots["stamp"])
         counts = slots["rows"] * (slots["ready"] > 0)
         if (counts == 1).all():  # as a rule
@@ -117,17 +117,23 @@ class SlotForm:
 
 
 def latencies(slots: np.ndarray) -> Float[np.ndarray, " k"]:
-    """[s] from the arrival to the contacts of each slot that is answered; none where two clocks are compared."""
+    """Return the latency [s] from arrival to contacts of each answered slot, (k,).
+
+    It is empty if the median is negative or above 60 s, because arrival was stamped by another clock.
+    """
     waited = 1e-9 * (slots["ready"] - slots["arrived"])[slots["ready"] > 0]
     return waited if len(waited) and 0.0 <= np.median(waited) < LATE else waited[:0]
 
 
 class StreamBuffer:
-    """One mapped file, opened by its writer or by a reader.
+    """A ring in a mapped file, opened by its writer or by a reader.
 
     Attributes:
-        path: of the file.
-        form: of what passes through it.
+        path: path of the file.
+        form: description of its samples and contacts.
+
+    Raises:
+        InputError: the file cannot be opened, is no ring, is damaged, or is of another version.
     """
 
     def __init__(self, path: Path) -> None:
@@ -154,10 +160,12 @@ class StreamBuffer:
 
     @classmethod
     def make(cls, path: Path, form: SlotForm, size: int = SIZE) -> StreamBuffer:
-        """A new one of so many bytes, all of which the disk grants now: a map cannot say later that it is full.
+        """Make a new ring with `size` bytes of slots, at least 512 slots, and return it opened.
+
+        The disk allocates all bytes now, because a mapped file cannot report a full disk later.
 
         Raises:
-            InputError: it cannot be written, or the disk is full.
+            InputError: the file cannot be written, or the disk is full.
         """
         slot = form.slot().itemsize
         count = max(LEAST, size // slot)
@@ -178,29 +186,29 @@ class StreamBuffer:
         return cls(path)
 
     def __getitem__(self, word: str) -> int:
-        """A number that processes share."""
+        """Return a number of the head, which processes share, by its name."""
         return int(self._words[_PLACE[word], 0])
 
     def __setitem__(self, word: str, value: int) -> None:
         self._words[_PLACE[word], 0] = value
 
     def close(self) -> None:
-        """Let go of the file, which stays."""
+        """Unmap the file, which stays on the disk."""
         del self._words, self.slots, self._memory, self._sentences
         self._map.close()
 
     @cached_property
     def _loops(self) -> ModuleType:
-        """Compiled: of the writer alone, so that readers need not load them."""
+        """Compiled loops of the writer, imported when first used so that readers need not load them."""
         from palpate.live import _stream
 
         return _stream
 
     def take_in(self, batch: Batch, count: int, unsteady: Float[np.ndarray, " n"]) -> int:
-        """The writer's: so many samples of a batch are received.
+        """Store the first `count` samples of a batch as received; only for the writer.
 
         Returns:
-            the number of the first.
+            The number of the first sample.
         """
         first, form, arrived = self["received"], self.form, batch.stamp if batch.arrived is None else batch.arrived
         values = batch.values.reshape(len(batch), -1)
@@ -227,7 +235,7 @@ class StreamBuffer:
     def answer(
         self, rows: Float[np.ndarray, "rows width"], counts: Int[np.ndarray, " n"], *, known: bool = True
     ) -> None:
-        """The writer's: contacts of the next samples, `counts` rows each; not `known`: there is no answer to them."""
+        """Store the next samples' contacts, `counts` rows each, or mark them as not answered; only for the writer."""
         if self.form.max_contacts > 1 and counts.max(initial=0) > self.form.max_contacts:
             raise ValueError(f"a sample has {counts.max()} rows, and there is room for {self.form.max_contacts}")
         first = self["answered"]
@@ -235,21 +243,21 @@ class StreamBuffer:
         self["answered"] = first + len(counts)
 
     def say(self, sentence: str) -> None:
-        """Keep a sentence with the time, for all who read the ring; any process may, one at a time."""
+        """Store a sentence with its time for all readers of the ring; any process may call this, one at a time."""
         with self._alone():
             self._keep(sentence)
 
     def ask_tare(self, by: str) -> None:
-        """Ask the writer for a tare, and keep who did; any process may."""
+        """Request a tare from the writer, and store a sentence that names `by`; any process may call this."""
         with self._alone():
             self._keep(f"tare asked for by {by}")
             self["asked"] += 1
 
     @contextmanager
     def _alone(self) -> Generator[None]:
-        """While no other process, and no other thread of this one, does the same."""
-        with self._talking, self.path.open("r+b") as file:  # the lock of the file is one for all threads of a process
-            fcntl.lockf(file, fcntl.LOCK_EX, 1, _SAID)  # let go of when the file is closed, or the process killed
+        """Lock the sentences and the requests against other processes and threads."""
+        with self._talking, self.path.open("r+b") as file:  # threads of a process share the file's lock
+            fcntl.lockf(file, fcntl.LOCK_EX, 1, _SAID)  # released when the file is closed or the process is killed
             yield
 
     def _keep(self, sentence: str) -> None:
@@ -259,38 +267,38 @@ class StreamBuffer:
         self["said"] = count + 1
 
     def events(self, since: int) -> tuple[list[tuple[int, str]], int]:
-        """Stamps [ns] and sentences from a number on, as far as they are kept, and the number to go on from."""
+        """Return (stamp [ns], sentence) from number `since` on, of the last 128, and the number to continue from."""
         count = self["said"]
         kept = [self._sentences[k % SENTENCES] for k in range(max(since, count - SENTENCES), count)]
         return [(int(each["stamp"]), bytes(each["text"]).decode(errors="replace")) for each in kept], count
 
     def read(self, first: int, most: int, word: str = "answered") -> tuple[np.ndarray, int]:
-        """A copy of slots from a number on, and the number of the first: larger where this reader was lapped.
+        """Return a copy of slots, and the number of the first, which is above `first` if this reader was lapped.
 
         Args:
-            first: number of the sample to go on with.
-            most: slots.
-            word: up to which number: "answered", or "received".
+            first: number of the sample to continue with.
+            most: number of slots at most.
+            word: number of the head to read up to: "answered" or "received".
         """
         while True:
             end = self[word]
             first = max(first, self._oldest())
             count = min(most, max(end - first, 0))
             parts = [self.slots[here].copy() for here, _ in self._parts(first, count)]
-            if first >= self._oldest():  # nothing was written over meanwhile
+            if first >= self._oldest():  # no slot was overwritten during the copy
                 return parts[0] if len(parts) == 1 else np.concatenate([self.slots[:0], *parts]), first
 
     def _oldest(self) -> int:
-        """The number of the first slot that the writer will not touch with its next batch."""
+        """Return the number of the oldest sample that the writer's next batch does not overwrite."""
         return max(0, self["received"] - self.safe)
 
     @property
     def safe(self) -> int:
-        """How many of the last samples readers can be sure of."""
+        """Number of the last samples that the writer's next batch does not overwrite."""
         return len(self.slots) - min(MARGIN, len(self.slots) // 2)
 
     def _parts(self, first: int, count: int) -> Sequence[tuple[slice, slice]]:
-        """Where so many slots from a number on stand, and which of the samples each part holds."""
+        """Return (slice of the slots, slice of the samples) of each contiguous part of `count` samples from `first`."""
         begin = first % len(self.slots)
         room = len(self.slots) - begin
         if count <= room:

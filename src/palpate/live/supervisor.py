@@ -1,4 +1,4 @@
-"""Processes of `palpate live`: started, watched, started again when they died, and ended in order."""
+"""Start the processes of `palpate live`, restart those that die, and end them in order."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from palpate.live.stream_buffer import READERS, StreamBuffer
 
 __all__ = ["Worker", "WorkerSupervisor"]
 
-AGAIN, WITHIN = 5, 30.0  # times that a process may die within so many seconds before it is given up
+AGAIN, WITHIN = 5, 30.0  # a process is given up if it dies more than AGAIN times within WITHIN [s]
 PATIENCE = 20.0  # s that a process may take to end
 
 
 @dataclass
 class Worker:
-    """A process.
+    """A function that runs in a process, which can be started again.
 
     Args:
-        name: for sentences.
-        target: what it runs, importable.
-        arguments: of it.
+        name: name in sentences.
+        target: the function, importable.
+        arguments: arguments of the function.
     """
 
     name: str
@@ -36,32 +36,32 @@ class Worker:
     died: list[float] = field(default_factory=list[float])
 
     def start(self) -> None:
-        """As a process of its own that has nothing of this one but the arguments."""
+        """Start the function in a new process, which shares nothing with this one but the arguments."""
         made = get_context("spawn").Process(target=self.target, args=self.arguments, name=f"palpate {self.name}")
         made.start()
         self.process = made
 
     @property
     def alive(self) -> bool:
-        """Whether it runs."""
+        """True while the process runs."""
         return self.process is not None and self.process.is_alive()
 
 
 class WorkerSupervisor:
-    """Watches workers; what it does is said in the ring.
+    """A supervisor that restarts workers and reports each restart in the ring.
 
     Args:
-        workers: who writes the ring first, which is ended first, then those who read it.
+        workers: the writer of the ring, which is ended first, and then its readers.
     """
 
     def __init__(self, workers: list[Worker]) -> None:
         self.workers = workers
 
     def watch(self, ring: StreamBuffer) -> None:
-        """Start again what died; to be called a few times a second.
+        """Restart workers that have died; call this a few times a second.
 
         Raises:
-            InputError: the writer died again and again; without it nothing comes any more.
+            InputError: the writer died more than 5 times within 30 s, and no more samples come without it.
         """
         now = time.monotonic()
         for worker in [each for each in self.workers if not (each.alive or each.given_up)]:
@@ -79,9 +79,9 @@ class WorkerSupervisor:
             ring.say(f"the {worker.name} {why}, and was started again")
 
     def stop(self, ring: StreamBuffer | None) -> list[str]:
-        """Let all end in order, the writer first; which of them had to be killed, one sentence each.
+        """End all workers in order, the writer first, and return a sentence on each that had to be killed.
 
-        Without a ring nothing was begun, and there is nothing to wait for, or to be said.
+        Without a ring nothing has begun: workers are ended without waiting, and no sentences are returned.
         """
         said: list[str] = []
         for level, workers in ((1, self.workers[:1]), (READERS, self.workers[1:])):
@@ -93,7 +93,7 @@ class WorkerSupervisor:
 
 
 def _ended(worker: Worker, end: float) -> str:
-    """Waits until a process has ended, or ends it; the sentence on that."""
+    """Wait for a process until `end` [s], then kill it; return a sentence if it was killed, else ""."""
     process = worker.process
     if process is None:
         return ""

@@ -1,4 +1,4 @@
-"""Compiled: the angle from the axis of a fisheye lens at which a pixel looks, and where it meets a plane."""
+"""Compiled: the angle from a fisheye lens's axis at which a pixel looks, and the point where its ray meets a plane."""
 
 # pyright: basic
 from __future__ import annotations
@@ -12,14 +12,14 @@ __all__ = ["angles", "displaced", "to_plane"]
 
 @released("bent n, lens 4, reach float, steps int, theta out n, low out n, high out n")
 def angles(bent, lens, reach, steps, theta, low, high):
-    """Theta from theta_d: Newton's steps, halving where one leaves the bracket, until all have settled.
+    """Compute theta from theta_d by Newton's steps, halving where one leaves the bracket, until all have settled.
 
     Args:
         bent: (n,) theta_d, of the pixels.
         lens: (4,) k1 to k4.
-        reach: the largest theta.
-        steps: at most.
-        theta: (n,) is filled.
+        reach: the largest theta [rad].
+        steps: largest number of steps.
+        theta: (n,) is filled [rad]; NaN where theta_d is NaN.
         low: (n,) scratch, the bracket.
         high: (n,) scratch.
     """
@@ -53,15 +53,15 @@ def angles(bent, lens, reach, steps, theta, low, high):
 
 @released("pixels n 2, lens 10, pose 12, heights m, steps int, out out n 2")
 def to_plane(pixels, lens, pose, heights, steps, out):
-    """`RingView.to_plane` without arrays between its steps.
+    """Compute `RingView.to_plane` without arrays between its steps.
 
     Args:
         pixels: (n, 2).
         lens: (10,) fx, fy, cx, cy, k1 to k4, the largest theta and theta_d.
         pose: (12,) rotation, row after row, and translation of the camera in the plane's frame.
-        heights: (k,) of the planes [m], for one pixel after the other, over and over.
-        steps: at most, of `angles`.
-        out: (n, 2) is filled; NaN where nothing of the plane is seen.
+        heights: (m,) of the planes [m], for one pixel after the other, over and over.
+        steps: largest number of steps, of `angles`.
+        out: (n, 2) is filled [m]; NaN where the pixel's ray does not meet the plane.
     """
     x, y, bent, theta, low, high = np.empty((6, len(pixels)))
     for i in range(len(pixels)):
@@ -83,7 +83,7 @@ def to_plane(pixels, lens, pose, heights, steps, out):
 
 @released("pixels n 2, lens 10, pose 12, heights m, steps int, resting m 2, axes m 2 2, out out n 2")
 def displaced(pixels, lens, pose, heights, steps, resting, axes, out):
-    """`MarkerRing.displacements`: `to_plane`, less where the markers rest (m, 2), along their axes (m, 2, 2)."""
+    """Compute `MarkerRing.displacements`: `to_plane` less the places at rest (m, 2), along the axes (m, 2, 2)."""
     to_plane(pixels, lens, pose, heights, steps, out)
     for i in range(len(pixels)):
         m = i % len(resting)

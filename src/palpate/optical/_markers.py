@@ -1,6 +1,6 @@
 """Compiled: from pixels to the centroids of markers, and from candidates around a ring to its labels.
 
-Every loop runs over one frame in one order: the last bits do not depend on how a video is cut.
+Every loop runs over one image in one order: the last bits do not depend on how a video is cut.
 """
 
 # pyright: basic
@@ -21,7 +21,7 @@ _CAP = 0.3  # of the contrast: a pixel well inside a marker counts no more for b
 
 @inner
 def _score(flat, at, weights):
-    """How much the pixel that begins there looks like a marker, 0 to 255: its channels' weighted sum, in sixteenths.
+    """Return how much the pixel that begins at `at` looks like a marker, 0 to 255: its channels' weighted sum over 16.
 
     Indices are unsigned, and numbers have 32 bits, so that loops over it become vector instructions.
     """
@@ -32,7 +32,7 @@ def _score(flat, at, weights):
 
 @released("image uint8 h w 3, every int, lit int, sample out uint8 a b")
 def sampled(image, every, lit, sample):
-    """How many bytes of every so many rows are above `lit`, and whether those rows are as in `sample`, which is filled.
+    """Count the bytes above `lit` in every `every`-th row, and tell whether those rows equal `sample`, which is filled.
 
     Args:
         image: (h, w, 3) uint8, contiguous.
@@ -55,7 +55,7 @@ def sampled(image, every, lit, sample):
 
 @released("image uint8 h w 3, weights int32 4, out out uint8 h w, histogram out int64 256")
 def score_image(image, weights, out, histogram):
-    """The score of every pixel (h, w) uint8, and how often each score (256,) int64 occurs in every other row."""
+    """Compute the score of every pixel, (h, w) uint8, and the histogram (256,) int64 of every other row's scores."""
     histogram[:] = 0
     for y in range(image.shape[0]):
         row = image[y].reshape(-1)
@@ -68,13 +68,13 @@ def score_image(image, weights, out, histogram):
 
 @released("score uint8 h w, labels int32 h w, boxes int32 k 5, base float, levels out k, sums out k 7")
 def blob_sums(score, labels, boxes, base, levels, sums):
-    """Of every label: pixels above half of its level, and their score above it: count, w, wx, wy, wxx, wxy, wyy.
+    """Sum for every label the pixels above half of its level, weighted by score: count, w, wx, wy, wxx, wxy, wyy.
 
     Args:
         score: (h, w) uint8.
         labels: (h, w) int32, 0 is no blob.
-        boxes: (k, 5) int32, left, top, width and height of each label.
-        base: score of what is no marker.
+        boxes: (k, 5) int32, left, top, width, height and area of each label.
+        base: score of the background.
         levels: (k,) is filled: mean score of the pixels above half of the peak.
         sums: (k, 7) is filled; x and y from the box's corner, so that small numbers keep their bits.
     """
@@ -111,9 +111,9 @@ def blob_sums(score, labels, boxes, base, levels, sums):
 
 @inner
 def _scores(flat, columns, weights, own, x0, y0, width, scores, values):
-    """Fills a window's scores, row after row, and what its pixels are weighed by.
+    """Fill a window's scores, row after row, and the values that weigh its pixels.
 
-    That is the score, or the markers' own channel, which the others' noise does not reach.
+    The values are the scores, or the markers' own channel, which the noise of the other channels does not reach.
     """
     for y in range(len(scores) // width):
         first = 3 * ((y0 + y) * columns + x0)
@@ -131,7 +131,7 @@ def _scores(flat, columns, weights, own, x0, y0, width, scores, values):
 
 @inner
 def _range(scores):
-    """The lowest and the highest score."""
+    """Return the lowest and the highest score."""
     low, peak = np.uint8(255), np.uint8(0)
     for score in scores:
         low, peak = min(low, score), max(peak, score)
@@ -140,7 +140,7 @@ def _range(scores):
 
 @inner
 def _above(scores, least):
-    """How many scores are above a threshold, and their sum."""
+    """Return the number of scores above a threshold, and their sum."""
     count, total = np.int32(0), np.int32(0)
     for score in scores:
         above = np.int32(score > least)
@@ -151,7 +151,7 @@ def _above(scores, least):
 
 @inner
 def _others(scores, values, least):
-    """The sum of the values of pixels whose scores are not above a threshold."""
+    """Return the sum of the values of pixels whose scores are not above a threshold."""
     total = np.int32(0)
     for k in range(len(scores)):
         total = np.int32(total + np.int32(values[k]) * np.int32(scores[k] <= least))
@@ -160,7 +160,7 @@ def _others(scores, values, least):
 
 @inner
 def _base(scores, width, peak, low):
-    """The score of what is no marker: the mean of the rim's dimmer part."""
+    """Return the score of the background: the mean of the rim's dimmer part."""
     height, total, count = len(scores) // width, 0, 0
     for y in range(height):
         step = 1 if y == 0 or y == height - 1 else max(1, width - 1)
@@ -174,7 +174,7 @@ def _base(scores, width, peak, low):
 
 @inner
 def _seed(scores, width, least, row, column):
-    """The pixel above the threshold that is nearest to where the marker is expected; -1: none."""
+    """Return the pixel above the threshold that is nearest to where the marker is expected; -1: none."""
     middle = int(np.rint(row)) * width + int(np.rint(column))
     if scores[middle] > least:
         return middle
@@ -190,7 +190,7 @@ def _seed(scores, width, least, row, column):
 
 @inner
 def _refined(flat, rows, columns, weights, own, base, level, reach, middle, bright):
-    """The centroid of what stands out around `middle`, into it: weights rise from 30 to 60 % of the contrast.
+    """Refine `middle` to the centroid of the bright pixels around it: weights rise from 30 to 60 % of the contrast.
 
     So a pixel of the edge counts by how far it is covered, and noise on either side of the edge does not. `bright`
     (n, 3) int32 is scratch: only pixels that weigh anything are gone through.
@@ -230,7 +230,7 @@ def _refined(flat, rows, columns, weights, own, base, level, reach, middle, brig
 
 @inner
 def _window(expected, half, rows, columns):
-    """Left, top, width and height of a marker's window, and whether it is looked for at all."""
+    """Return left, top, width and height of a marker's window, and whether the marker is looked for at all."""
     ex, ey = expected[0], expected[1]
     if not (ex > -0.5 and ey > -0.5 and ex < columns - 0.5 and ey < rows - 0.5):
         return 0, 0, 0, 0, False
@@ -241,9 +241,9 @@ def _window(expected, half, rows, columns):
 
 @inner
 def _fetched(flat, rows, columns, expected, halves):
-    """Reads a byte of each cache line of the windows; what it adds up means nothing.
+    """Read a byte of each cache line of the windows; the sum that it returns means nothing.
 
-    Reads that nothing waits for go on side by side: a frame that is not in the cache is measured a quarter faster.
+    Reads that nothing waits for go on side by side: an image that is not in the cache is measured a quarter faster.
     """
     total = 0
     for i in range(len(expected)):
@@ -259,17 +259,17 @@ def _fetched(flat, rows, columns, expected, halves):
 
 @released("image uint8 h w 3, weights int32 4, expected n 2, halves int64 n, out out n 7")
 def measure_windows(image, weights, expected, halves, out):
-    """Each marker's blob, measured in a square window about where it is expected.
+    """Measure each marker's blob in a square window about where it is expected.
 
-    The threshold is half of the window's level, the mean of what is above half of its peak; the blob is what hangs
-    together (4 neighbours) with the nearest pixel above it. Its centroid is refined in the markers' own channel.
+    The threshold is half of the window's level, the mean of the scores above half of its peak; the blob is the pixels
+    above it that are connected (4 neighbours) to the nearest one. Its centroid is refined in the markers' own channel.
 
     Args:
         image: (h, w, 3) uint8, contiguous.
         weights: (4,) int32 of the score.
-        expected: (m, 2) [px]; NaN: not looked for.
-        halves: (m,) int64, half the side of each window [px].
-        out: (m, 7) is filled: x, y, pixels, spread (trace of the second moments) [px^2], level above the base,
+        expected: (n, 2) [px]; NaN: not looked for.
+        halves: (n,) int64, half the side of each window [px].
+        out: (n, 7) is filled: x, y, pixels, spread (trace of the second moments) [px^2], level above the base,
             pixels above the threshold that belong to something else, and 0 (measured), 1 (nothing) or 2 (cut by rim).
     """
     own, middle, side = -1, np.empty(2), 0
@@ -348,19 +348,19 @@ def measure_windows(image, weights, expected, halves, out):
 
 @entry("got n 7, rest n 2, seen bool n, size float, contrast float, fits out bool n")
 def plausible(got, rest, seen, size, contrast, fits):
-    """Which windows show what may be a marker: whole, and of the area, shape and contrast of one, and it alone.
+    """Mark the windows that show one complete marker alone, of its usual area, shape and contrast.
 
     A stray blob of q times the marker's mass, at a distance D, moves the centroid of both by s = D q / (1 + q), and
-    adds D^2 q / (1 + q)^2 = s^2 / q to the second moments: so area and moments that are too large by q and by e times
-    the marker's own tell that s is the root of q e times its root mean square radius.
+    adds D^2 q / (1 + q)^2 = s^2 / q to the second moments: so if area and moments are too large by q and by e times
+    the marker's own, s is the root of q e times its root mean square radius.
 
     Args:
-        got: (m, 7) of `measure_windows`.
-        rest: (m, 2) area and spread at rest.
-        seen: (m,) bool, in the last frame, or found in this: their mean contrast and area are the usual ones.
+        got: (n, 7) of `measure_windows`.
+        rest: (n, 2) area and spread at rest.
+        seen: (n,) bool, in the last image, or found in this: their mean contrast and area are the usual ones.
         size: greatest ratio of areas.
         contrast: least level above the base.
-        fits: (m,) bool is filled.
+        fits: (n,) bool is filled.
     """
     total, large, count = 0.0, 0.0, 0
     for i in range(len(got)):
@@ -380,21 +380,21 @@ def plausible(got, rest, seen, size, contrast, fits):
 
 @inner
 def _doubtful(got, fits, seen, expected, sizes, size, alone, rest, gaps, pairs):
-    """Whether any window leaves a doubt about which marker is where.
+    """Return whether any window leaves open which marker is where.
 
-    One that changes its size and leaves its way at once may have something of its colour beside it.
+    A marker that changes its size and leaves its path at the same time may have something of its colour next to it.
 
     Args:
-        got: as of `plausible`, as fits, seen, size and rest.
+        got: see `plausible`, also for fits, seen, size and rest.
         fits: (m,) bool.
         seen: (m,) bool.
         expected: (m, 2) [px].
-        sizes: (m,) areas in the last frame.
+        sizes: (m,) areas in the last image.
         size: greatest ratio of areas.
         alone: (m,) bool, no neighbour at rest reaches into the window.
         rest: (m, 2) area and spread at rest.
         gaps: (m,) to the nearest neighbour at rest [px].
-        pairs: (p, 2) int64, markers that must stand apart.
+        pairs: (p, 2) int64, markers that must not be in the same place.
     """
     for i in range(len(got)):
         if fits[i] != seen[i]:
@@ -423,22 +423,22 @@ def _doubtful(got, fits, seen, expected, sizes, size, alone, rest, gaps, pairs):
     """
 )
 def follow(image, weights, known, limits, got, seen, expected, last, step, sizes, age, out):
-    """Measures the markers in their windows and, where none leaves a doubt, takes them: whether it does.
+    """Measure the markers in their windows and take the result, unless a window is ambiguous; return whether it did.
 
     Args:
-        image: as of `measure_windows`.
-        weights: as of `measure_windows`.
-        known: half sides of the windows (m,) int64; areas and spreads at rest (m, 2); no neighbour at rest reaches into
-            the window (m,) bool; gaps to the nearest neighbour at rest (m,) [px]; `pairs` of `_doubtful`.
-        limits: greatest ratio of areas, least level above the base, the longest step that is gone on with [px].
-        got: (m, 7) is filled by `measure_windows`.
-        seen: (m,) bool, in the last frame.
-        expected: (m, 2) [px] of those that were not; changed: those that were are expected one step on.
-        last: (m, 2) where markers were [px]; changed, as all that follows.
-        step: (m, 2) that they went since the frame before.
-        sizes: (m,) areas.
-        age: (m,) int64, frames since a marker was seen.
-        out: (m, 2) is filled where it takes them: as `last`, NaN of what is not seen.
+        image: see `measure_windows`.
+        weights: see `measure_windows`.
+        known: half sides of the windows (n,) int64; areas and spreads at rest (n, 2); no neighbour at rest reaches into
+            the window (n,) bool; gaps to the nearest neighbour at rest (n,) [px]; `pairs` of `_doubtful`.
+        limits: greatest ratio of areas, least level above the base, the longest step that is continued [px].
+        got: (n, 7) is filled by `measure_windows`.
+        seen: (n,) bool, in the last image.
+        expected: (n, 2) [px] of the markers not seen; filled for those seen: one step on.
+        last: (n, 2) last places of the markers [px]; changed if the result is taken, like the following arrays.
+        step: (n, 2) from the image before the last [px].
+        sizes: (n,) areas.
+        age: (n,) int64, images since a marker was seen.
+        out: (n, 2) is filled if the result is taken: equal to `last`, NaN for markers not seen.
     """
     halves, rest, alone, gaps, pairs = known
     size, contrast, longest = limits
@@ -463,24 +463,24 @@ def follow(image, weights, known, limits, got, seen, expected, last, step, sizes
 
 @inlined
 def _rough(a, b, gap, steady, share):
-    """What it costs that two markers `gap` apart are displaced by a and b: small where both are, free where steep."""
+    """Return the cost of displacements a and b of two markers `gap` apart: their difference, over its usual size."""
     scale = (steady + share * max(np.hypot(a[0], a[1]), np.hypot(b[0], b[1]))) * np.sqrt(gap)
     return ((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2) / (2.0 * scale * scale)
 
 
 @released("first int64 m+1, moved k 2, own k, settings 4, chosen out int64 m")
 def label_path(first, moved, own, settings, chosen):
-    """The candidates around a ring that are cheapest together.
+    """Choose the candidates around a ring that are cheapest together.
 
     A path runs twice around the ring, from candidate to candidate, and may leave markers out; the middle turn is the
-    answer, so that it matters nowhere where the path begins. [Viterbi 1967]
+    answer, so that the start of the path matters nowhere [Viterbi 1967].
 
     Args:
         first: (m + 1,) int64, candidates first[i] to first[i + 1] are of marker i.
         moved: (k, 2) their displacement from rest.
-        own: (k,) what each costs by itself.
+        own: (k,) each candidate's own cost.
         settings: (4,) cost of a marker left out; scale of displacement at rest; its share of the displacement; longest
-            gap over which neighbours tell anything.
+            gap over which neighbours predict anything.
         chosen: (m,) int64 is filled, -1: missing.
     """
     m, k = len(first) - 1, len(moved)

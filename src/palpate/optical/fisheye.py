@@ -1,4 +1,4 @@
-"""A fisheye camera, and how it sees the plane of a ring of markers.
+"""A fisheye camera, and its view of the plane of a ring of markers.
 
 A ray at the angle theta from the optical axis lands at f theta_d from the principal point, with
 theta_d = theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8) [Kannala and Brandt 2006], as OpenCV's
@@ -33,7 +33,7 @@ class Fisheye:
     Args:
         fx, fy: pixels per radian at the centre.
         cx, cy: principal point [px]; (0, 0) is the middle of the first pixel.
-        k1, k2, k3, k4: of theta_d; all zero is an equidistant lens.
+        k1, k2, k3, k4: coefficients of theta_d; all zero is an equidistant lens.
         width, height: of the image [px].
 
     Raises:
@@ -60,20 +60,20 @@ class Fisheye:
 
     @classmethod
     def equidistant(cls, width: int = 640, height: int = 480) -> Fisheye:
-        """A lens whose image is as wide as half the world: a start where nothing is known of the camera."""
+        """Return a lens whose image spans 180 degrees along its longer side: a start for an unknown camera."""
         f = max(width, height) / np.pi
         return cls(f, f, (width - 1) / 2, (height - 1) / 2, width=width, height=height)
 
     @cached_property
     def reach(self) -> float:
-        """The largest theta [rad] up to which theta_d rises, at most pi: no ray from beyond it has a pixel."""
+        """Largest theta [rad] up to which theta_d rises, at most pi: no ray from beyond it has a pixel."""
         slope = np.polynomial.Polynomial([1.0, 0.0, 3 * self.k1, 0.0, 5 * self.k2, 0.0, 7 * self.k3, 0.0, 9 * self.k4])
         roots = slope.roots()
         turns = roots.real[(np.abs(roots.imag) < 1e-12) & (roots.real > 0)]
         return float(min(np.pi, *turns)) if len(turns) else float(np.pi)
 
     def project(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 2"]:
-        """Pixels of points in the camera's frame [m]; NaN where `reach` is exceeded."""
+        """Return the pixels (*batch, 2) of points in the camera's frame [m]; NaN where theta exceeds `reach`."""
         x, y, z = np.moveaxis(np.asarray(points, dtype=np.float64), -1, 0)
         r = np.asarray(np.hypot(x, y))
         theta = np.asarray(np.arctan2(r, z))
@@ -83,13 +83,13 @@ class Fisheye:
         return np.stack([self.fx * scale * x + self.cx, self.fy * scale * y + self.cy], axis=-1)
 
     def rays(self, pixels: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 3"]:
-        """Unit directions in the camera's frame of what is seen at pixels; NaN outside the lens."""
+        """Return unit directions (*batch, 3) in the camera's frame of the rays through pixels; NaN outside the lens."""
         return self._seen(pixels)[0]
 
     def rays_with_slope(
         self, pixels: Float[np.ndarray, "*batch 2"]
     ) -> tuple[Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3 2"]]:
-        """Unit directions, and their derivative by the pixel [1/px]."""
+        """Return unit directions of rays through pixels, and their derivative by the pixel, (*batch, 3, 2) [1/px]."""
         rays, plane, bent, theta, ratio = self._seen(pixels)
         slope = 1.0 / self._bent(theta)[1]
         near = bent < 1e-9
@@ -102,7 +102,7 @@ class Fisheye:
         return rays, matrix / self._focal
 
     def _seen(self, pixels: Float[np.ndarray, "*batch 2"]) -> tuple[np.ndarray, ...]:
-        """Rays, pixels over the focal lengths, their radius theta_d, theta, and sin(theta) over that radius."""
+        """Return rays, pixels over the focal lengths, their radius theta_d, theta, and sin(theta) over that radius."""
         plane = (np.asarray(pixels, dtype=np.float64) - self._middle) / self._focal
         bent = np.asarray(np.sqrt(plane[..., 0] * plane[..., 0] + plane[..., 1] * plane[..., 1]))
         theta = self._angle(bent)
@@ -127,19 +127,19 @@ class Fisheye:
 
     @cached_property
     def numbers(self) -> Float[np.ndarray, " 10"]:
-        """fx, fy, cx, cy, k1 to k4, the largest theta and its theta_d, as the compiled loops take them."""
+        """Numbers of the lens for the compiled loops: fx, fy, cx, cy, k1 to k4, the largest theta and its theta_d."""
         bends = (self.k1, self.k2, self.k3, self.k4)
         return frozen(np.array([self.fx, self.fy, self.cx, self.cy, *bends, self.reach, self._widest]))
 
     def _bent(self, theta: Float[np.ndarray, "*batch"]) -> tuple[Float[np.ndarray, "*batch"], ...]:
-        """theta_d, and its derivative."""
+        """Return theta_d and its derivative by theta."""
         t = theta * theta
         value = np.asarray(theta * (1.0 + t * (self.k1 + t * (self.k2 + t * (self.k3 + t * self.k4)))))
         slope = 1.0 + t * (3 * self.k1 + t * (5 * self.k2 + t * (7 * self.k3 + t * 9 * self.k4)))
         return value, np.asarray(slope)
 
     def _angle(self, bent: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
-        """Theta from theta_d: Newton's steps, halving where one leaves the bracket; NaN beyond `reach`."""
+        """Return theta [rad] from theta_d; NaN beyond `reach`."""
         from palpate.optical._fisheye import angles  # compiled: loaded when first needed
 
         flat = np.ascontiguousarray(bent).reshape(-1)
@@ -151,7 +151,7 @@ class Fisheye:
 @takes_arrays
 @dataclass(frozen=True, eq=False, init=False)
 class RingView(Value):
-    """Where a camera sees a ring of markers, and where they rest.
+    """A camera's view of a ring of markers, and the markers' places at rest.
 
     The ring's frame: origin in the ring's centre, z along the barrel's axis towards the camera, angles about z from x.
     Further rings of as many markers may stand above and below it: the markers are given ring by ring.
@@ -160,11 +160,12 @@ class RingView(Value):
         camera: the lens.
         pose: T_ring_camera.
         radius: of the ring of markers [m].
-        angles: (m,) at which they rest [rad].
+        angles: (m,) of the markers at rest [rad].
         rings: (r,) heights of the rings of markers [m]; the first is 0.
 
     Raises:
-        InputError: a radius or angles that are none, a camera in the ring's plane.
+        InputError: a radius that is not positive, fewer than three angles or NaN among them, a camera in the ring's
+            plane, or a ring that is not in front of the camera.
     """
 
     camera: Fisheye
@@ -192,17 +193,17 @@ class RingView(Value):
 
     @cached_property
     def rest(self) -> Float[np.ndarray, "m 2"]:
-        """Where markers rest in the ring's plane [m]."""
+        """Places of the markers at rest in the ring's plane, (m, 2) [m]."""
         return frozen(self.radius * np.stack([np.cos(self.angles), np.sin(self.angles)], axis=-1))
 
     @cached_property
     def ring(self) -> Int[np.ndarray, " m"]:
-        """The ring of each marker, a number into `rings`."""
+        """Ring of each marker, (m,), an index into `rings`."""
         return np.repeat(np.arange(len(self.rings)), len(self.angles) // len(self.rings))
 
     @cached_property
     def heights(self) -> Float[np.ndarray, " m"]:
-        """Of each marker at rest [m]."""
+        """Height of each marker at rest, (m,) [m]."""
         return frozen(self.rings[self.ring])
 
     @cached_property
@@ -212,11 +213,12 @@ class RingView(Value):
     def to_plane(
         self, pixels: Float[np.ndarray, "*batch 2"], heights: Float[np.ndarray, " k"] = _GROUND
     ) -> Float[np.ndarray, "*batch 2"]:
-        """Points [m] that are seen at pixels, of the plane z = 0; NaN where a ray does not meet it.
+        """Return the points [m] of planes z = height that are seen at pixels; NaN where a ray does not meet its plane.
 
         Args:
-            pixels: any number.
-            heights: of the planes [m], for one pixel after the other, over and over: `heights` of all markers' pixels.
+            pixels: (*batch, 2).
+            heights: (k,) of the planes [m], for one pixel after the other, over and over: `heights` of all markers'
+                pixels.
         """
         from palpate.optical._fisheye import to_plane  # compiled: loaded when first needed
 
@@ -226,11 +228,11 @@ class RingView(Value):
 
     @cached_property
     def numbers(self) -> tuple[Float[np.ndarray, " 10"], Float[np.ndarray, " 12"]]:
-        """The lens and where it is, as the compiled loop takes them."""
+        """The lens (10,) and its pose (12,), as the compiled loop takes them."""
         return self.camera.numbers, np.concatenate([self.pose.rotation.reshape(-1), self.pose.translation])
 
     def _length(self, ray: Float[np.ndarray, "*batch 3"], height: ArrayLike) -> Float[np.ndarray, "*batch 1"]:
-        """How far along a ray the plane z = height is; NaN where it is behind."""
+        """Return the distance along a ray to the plane z = height; NaN where the plane is behind."""
         with np.errstate(divide="ignore", invalid="ignore"):
             length = (height - self.pose.translation[2]) / ray[..., 2]
             return np.where(length > 0, length, np.nan)[..., None]
@@ -238,7 +240,7 @@ class RingView(Value):
     def to_plane_with_slope(
         self, pixels: Float[np.ndarray, "*batch 2"], height: ArrayLike = 0.0
     ) -> tuple[Float[np.ndarray, "*batch 2"], Float[np.ndarray, "*batch 2 2"]]:
-        """Points of the plane z = height [m], and their derivative by the pixel [m/px]."""
+        """Return the points of the plane z = height [m] seen at pixels, and their derivative by the pixel [m/px]."""
         rays, slope = self.camera.rays_with_slope(pixels)
         ray, turn = self.pose.rotate(rays), self.pose.rotation @ slope
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -250,7 +252,7 @@ class RingView(Value):
     def from_plane(
         self, points: Float[np.ndarray, "*batch 2"], height: ArrayLike = 0.0
     ) -> Float[np.ndarray, "*batch 2"]:
-        """Pixels of points (x, y) [m] at z = `height` [m] of the ring's frame."""
+        """Return the pixels of points (x, y) [m] at z = `height` [m] of the ring's frame."""
         points = np.asarray(points, dtype=np.float64)
         high = np.broadcast_to(np.asarray(height)[..., None], (*points.shape[:-1], 1))
         whole = np.concatenate([points, high], axis=-1)
@@ -258,7 +260,7 @@ class RingView(Value):
 
 
 def flat_pixels(pixels: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "n 2"]:
-    """Pixels one after the other, that cannot be written, so that loops are compiled once, whatever is given."""
+    """Return pixels one after the other, (n, 2), read-only, so that loops are compiled once for every input."""
     flat = shaped(pixels, (..., 2), "pixels").reshape(-1, 2).view()
     flat.flags.writeable = False
     return flat

@@ -1,4 +1,4 @@
-"""Which blob is which marker of a ring: on the circle, against where the markers rest, never by sorting alone."""
+"""Label blobs as markers of a ring: on the circle, against their places at rest, never by sorting alone."""
 
 from __future__ import annotations
 
@@ -14,18 +14,19 @@ __all__ = ["USUAL_LIMITS", "LabelLimits", "label_ring", "owed"]
 
 @dataclass(frozen=True)
 class LabelLimits:
-    """How far a marker may be from where it rests, and what may pass for one.
+    """Limits of a marker's displacement from rest, and of the blobs that may pass for it.
 
     Args:
         inward, outward: displacement along the radius [m].
         size: a marker's area is between rest / size and rest * size.
-        area: deviation of the logarithm of an area from the neighbours'.
-        missing: what it costs to leave a marker out; displacements and sizes cost half their squared deviations.
-        steady: deviation of a displacement along the radius where nothing is displaced [m].
-        share: of the displacement nearby, that a marker's own may be taken to vary by.
-        reach: how wide the skin's response to a touch is, from its middle [rad].
-        jump: deviation from where a marker is expected, where that is known [m].
-        doubt: a marker that deviates by more of these deviations from what its neighbours say is left out.
+        area: standard deviation of the logarithm of an area from the neighbours'.
+        missing: cost of leaving a marker out; displacements and sizes cost half the square of their errors in standard
+            deviations.
+        steady: standard deviation of a displacement along the radius where nothing is displaced [m].
+        share: of the displacement nearby, by which a marker's own may vary.
+        reach: width of the skin's response to a press, from its middle [rad].
+        jump: standard deviation from a marker's expected place, where that is known [m].
+        doubt: a marker more than this many standard deviations from its neighbours' prediction is left out.
     """
 
     inward: float = 12e-3
@@ -41,8 +42,8 @@ class LabelLimits:
 
 
 USUAL_LIMITS = LabelLimits()
-_SIZE = 0.2  # deviation of the logarithm of an area
-_LONGEST = 4  # markers: over longer gaps neighbours tell nothing
+_SIZE = 0.2  # standard deviation of the logarithm of an area
+_LONGEST = 4  # markers: over longer gaps neighbours predict nothing
 _EVEN = 3e-3  # variance of what is uneven from marker to marker, of the variance of displacements
 _CAP = 8.0  # of the cost of a jump: what moved faster than expected may still be found by its neighbours
 
@@ -58,20 +59,20 @@ def label_ring(
     price: Float[np.ndarray, " k"] | None = None,
     limits: LabelLimits = USUAL_LIMITS,
 ) -> Int[np.ndarray, " m"]:
-    """The blob of every marker, -1 where it is missing.
+    """Return the blob of every marker, (m,), -1 where it is missing.
 
-    Each blob is a candidate for the marker whose sector it lies in, if it stands and measures as that marker may. Of
-    all ways around the ring that take or leave candidates, the one whose displacements are smoothest is taken; then
-    whatever contradicts its neighbours still is left out, worst first.
+    Each blob is a candidate for the marker whose sector it lies in, if its place and area are possible for that marker.
+    Of all ways around the ring that take or leave candidates, the one whose displacements are smoothest is taken; then
+    candidates that still contradict their neighbours are left out, worst first.
 
     Args:
-        blobs: places in the ring's plane [m].
-        areas: of the blobs, in the unit of `rest_areas`.
-        rest: places at rest [m], by rising angle.
-        rest_areas: at rest.
-        expected: places where the markers are thought to be [m]; NaN where nothing is known.
-        price: of each blob, as costs are counted; None: none has one.
-        limits: see there.
+        blobs: (k, 2) places in the ring's plane [m].
+        areas: (k,) of the blobs, in the unit of `rest_areas`.
+        rest: (m, 2) places at rest [m], by rising angle.
+        rest_areas: (m,) at rest.
+        expected: (m, 2) expected places of the markers [m]; NaN where nothing is known.
+        price: (k,) additional cost of each blob; None: 0.
+        limits: see `LabelLimits`.
     """
     from palpate.optical._markers import label_path  # here: compiled loops load when first needed
 
@@ -103,10 +104,10 @@ def owed(
     rest_areas: Float[np.ndarray, " m"],
     limits: LabelLimits = USUAL_LIMITS,
 ) -> Float[np.ndarray, " k"]:
-    """What it costs to take blobs from this ring for one that stands before it, as `label_ring`'s `price`.
+    """Return the cost of taking blobs from this ring for the ring before it, (k,), as `label_ring`'s `price`.
 
     A marker of the ring before it, pressed in, may stand where one of this ring rests; the skin does not fold, so that
-    this ring's own is the innermost of all that may be it, and without that one it has none.
+    this ring's own is the innermost of its candidates, and without that one it has none.
     """
     marker, blob, moved = _candidates(blobs, areas, rest, rest_areas, limits)
     cost, inmost = np.zeros(len(blobs)), np.full(len(rest), np.inf)
@@ -118,7 +119,7 @@ def owed(
 def _candidates(
     blobs: np.ndarray, areas: np.ndarray, rest: np.ndarray, rest_areas: np.ndarray, limits: LabelLimits
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Markers (sorted) and blobs that may belong together, and the displacement outward and anticlockwise [m]."""
+    """Return markers (sorted) and blobs that may match, and the displacements outward and anticlockwise [m]."""
     angle = np.arctan2(rest[:, 1], rest[:, 0])
     half = np.pi / len(rest)
     turn = np.arctan2(blobs[:, 1], blobs[:, 0])[None] - angle[:, None]
@@ -135,9 +136,9 @@ def _candidates(
 
 
 class _Neighbours:
-    """What a marker's neighbours say about it: a Gaussian process around the ring [Rasmussen and Williams 2006, 5.12].
+    """Prediction of a marker from its neighbours by a Gaussian process on the ring [Rasmussen and Williams 2006, 5.12].
 
-    The skin's response to a touch is `reach` wide, so that displacements have that correlation; their variance is the
+    The skin's response to a press is `reach` wide, so that displacements have that correlation; their variance is the
     square of the displacement nearby.
     """
 
@@ -150,7 +151,7 @@ class _Neighbours:
         self.radius, self.limits = np.linalg.norm(rest, axis=1), limits
 
     def said(self, known: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Of every marker, without its own value: (m, 3) mean, (m, 3) standard deviation, and who has neighbours.
+        """Predict every marker from the others: (m, 3) mean, (m, 3) standard deviation, and (m,) any neighbours.
 
         Values are the displacement outward and anticlockwise [m] and the logarithm of the area over that at rest.
         """
@@ -175,7 +176,7 @@ class _Neighbours:
 
 
 def _settle(labels: np.ndarray, values: np.ndarray, first: np.ndarray, extra: np.ndarray, judge: _Neighbours) -> None:
-    """Takes out, worst first, what contradicts its neighbours; then takes in what agrees with them."""
+    """Remove, worst first, the labels that contradict their neighbours; then add candidates that agree with them."""
     limit = judge.limits.doubt**2
     while (labels >= 0).any():
         known = labels >= 0

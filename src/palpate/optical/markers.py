@@ -1,4 +1,4 @@
-"""Pixels to markers: what colour they have, where their blobs are, and following them from frame to frame."""
+"""Find markers in images: their colour, their blobs, and their tracks from image to image."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ _LIT = 0.002  # share of a frame's bytes: where fewer are lit, it is black but f
 _LEAST_AREA = 6.0  # px: a marker is 5 px large or larger
 _AWAY = 3  # frames: from then on a missing marker may be anywhere, and must be seen twice
 _LOOK = 10  # frames: while a marker is missing, the whole frame is searched that often
-_EVERY = 32  # rows: so many share one that tells a black frame and a frozen camera
+_EVERY = 32  # rows: one in so many is sampled to detect a black image and a frozen camera
 _LONGEST = 12.0  # px: a step that a marker is expected to go on with
 _AGAIN = 6.0  # px, of a marker that is back, from one frame to the next
 _DISC = 1 / (2 * np.pi)  # trace of the second moments of a disc over its area
 
 
 class FrameProblem(IntEnum):
-    """What is the matter with a frame."""
+    """Problem of an image."""
 
     OK = 0
     LOST = 1  # fewer than 60 % of the markers are found
@@ -45,19 +45,19 @@ class FrameProblem(IntEnum):
 
 @dataclass(frozen=True)
 class MarkerColour:
-    """What tells a marker from the skin.
+    """Colour of the markers, which distinguishes them from the skin.
 
     Args:
         score: of a pixel, 0 to 255: "red", "green", "blue" (that channel less a share of the others), "bright"
             (grey) or "dark" (255 less grey).
-        threshold: share of the way from the skin's score to the markers' from which on a pixel may be of a marker.
-        coverage: share of the image that markers cover: it says which score is the markers', whatever the light.
+        threshold: share of the way from the skin's score to the markers' above which a pixel may be of a marker.
+        coverage: share of the image that markers cover: it gives the markers' score, in any light.
         background: side of the square [px] whose mean is subtracted first, 0: none; for uneven light.
-        others: share of each of the other channels that is taken off a colour, in sixteenths: 8 leaves nothing of grey,
-            less leaves less noise.
+        others: share of each of the other channels that is subtracted from a colour, in sixteenths: 8 removes all
+            grey, less leaves less noise.
 
     Raises:
-        InputError: no such score, a share that is none.
+        InputError: an unknown score, a share outside its range, or a negative background.
     """
 
     score: str = "red"
@@ -79,7 +79,7 @@ class MarkerColour:
 
     @property
     def weights(self) -> Int[np.ndarray, " 4"]:
-        """Of blue, green, red and 1, in sixteenths: their sum is the score."""
+        """Weights (4,) of blue, green, red and 1, in sixteenths: their sum is the score."""
         if self.score == "bright":
             return np.array([*_GREY, 0], dtype=np.int32)
         if self.score == "dark":
@@ -92,13 +92,13 @@ class MarkerColour:
 @takes_arrays
 @dataclass(frozen=True, eq=False, init=False)
 class Blobs(Value):
-    """What looks like markers.
+    """Blobs that look like markers.
 
     Attributes:
         pixels: (k, 2) centroids x, y, weighted by the score above half of the blob's.
         areas: (k,) pixels above half of the blob's score.
         spreads: (k, 2, 2) second moments [px^2].
-        peaks: (k,) score above the skin's, the mean of what is above half of the largest.
+        peaks: (k,) score above the skin's, the mean of the pixels above half of the largest.
         cut: (k,) touches the image's edge.
     """
 
@@ -128,10 +128,10 @@ class Blobs(Value):
 
 @takes_arrays
 def find_blobs(image: Image, colour: MarkerColour, *, least_area: float = _LEAST_AREA) -> Blobs:
-    """All blobs of a frame that have the markers' colour; none where nothing stands out.
+    """Find all blobs of an image that have the markers' colour; none where nothing stands out.
 
-    The threshold is relative to this image's own scores: the skin's is their median, the markers' what the brightest
-    half of `coverage` reaches.
+    The threshold is relative to this image's own scores: the skin's is their median, the markers' the score that the
+    brightest half of `coverage` reaches.
     """
     score, base, top = _scored(image, colour)
     if top - base < _LEAST_CONTRAST:
@@ -141,15 +141,15 @@ def find_blobs(image: Image, colour: MarkerColour, *, least_area: float = _LEAST
 
 @takes_arrays
 def find_colour(image: Image, count: int | None = None, *, background: int = 0) -> MarkerColour:
-    """The colour of the markers of an unloaded frame: the score whose blobs are `count`, or else the most alike.
+    """Find the colour of the markers in an unloaded image: the score whose blobs are `count`, or else the most alike.
 
     Args:
-        image: nothing touches the skin.
+        image: (h, w, 3) uint8, without contact.
         count: of the markers; None: not known.
         background: see `MarkerColour`.
 
     Raises:
-        InputError: no score tells `count` blobs (five, where it is not known) of one kind from the rest.
+        InputError: no score separates `count` blobs (five, where it is not known) of one kind from the rest.
     """
     best, merit, seen = None, -np.inf, 0
     for score in SCORES:
@@ -173,7 +173,7 @@ def find_colour(image: Image, count: int | None = None, *, background: int = 0) 
 
 
 def _quietest(image: Image, colour: MarkerColour, count: int) -> MarkerColour:
-    """With the share of the other channels that gives most contrast for its noise, and still shows the markers.
+    """Return the colour with the share of the other channels that gives most contrast for its noise, and all markers.
 
     Noise is the usual difference of pixels 8 apart, which have blotches of a cheap camera between them.
     """
@@ -191,7 +191,7 @@ def _quietest(image: Image, colour: MarkerColour, count: int) -> MarkerColour:
 
 
 def _read(image: np.ndarray) -> np.ndarray:
-    """The same pixels in one piece, that cannot be written: loops are compiled once, whatever the caller's are."""
+    """Return the same pixels, contiguous and read-only, so that loops are compiled once for every input."""
     if type(image) is not np.ndarray or image.dtype != _PIXEL:
         image = shaped(image, (...,), "image", _PIXEL)
     view = np.ascontiguousarray(image).view()
@@ -200,7 +200,7 @@ def _read(image: np.ndarray) -> np.ndarray:
 
 
 def _alike(blobs: Blobs) -> Bool[np.ndarray, " k"]:
-    """Blobs whose area is within a factor of 2.5 of the usual, and that the edge does not cut."""
+    """Return which blobs have an area within a factor of 2.5 of the usual, and are not cut by the image's edge."""
     if not len(blobs):
         return np.zeros(0, dtype=bool)
     usual = np.median(blobs.areas)
@@ -208,7 +208,7 @@ def _alike(blobs: Blobs) -> Bool[np.ndarray, " k"]:
 
 
 def _scored(image: Image, colour: MarkerColour) -> tuple[UInt8[np.ndarray, "h w"], float, float]:
-    """The score of every pixel, the skin's and the markers'."""
+    """Return the score of every pixel (h, w), the skin's and the markers'."""
     from palpate.optical._markers import score_image  # here: compiled loops load when first needed
 
     score, histogram = np.empty(image.shape[:2], np.uint8), np.empty(256, np.int64)
@@ -246,7 +246,7 @@ def _no_blobs() -> Blobs:
 
 
 def _pairs(ring: Int[np.ndarray, " m"], gaps: Float[np.ndarray, "m m"]) -> Int[np.ndarray, "p 2"]:
-    """Markers whose windows might show the same blob: neighbours in a ring, and the nearest of other rings."""
+    """Return pairs of markers whose windows might share a blob: ring neighbours, and the nearest of other rings."""
     m, each = len(ring), np.count_nonzero(ring == 0)
     first = np.arange(m)
     pairs = np.stack([first, ring * each + (first + 1) % each], axis=1)
@@ -257,24 +257,24 @@ def _pairs(ring: Int[np.ndarray, " m"], gaps: Float[np.ndarray, "m m"]) -> Int[n
 
 
 class MarkerTracker:
-    """The markers of a ring, frame by frame: windows about where they are expected, else the whole frame.
+    """Tracker of a ring's markers, image by image, in windows about their expected places, else in the entire image.
 
-    A frame is searched whole, and labelled, wherever a window does not show just what it should: a marker lost or of
-    another area or shape, cut by its window's rim, or the same for two windows. What is found depends on the frame and
-    on the frames since `reset`, and on nothing else.
+    The entire image is searched, and labelled, wherever a window does not show what it should: a marker lost or of
+    another area or shape, cut by its window's rim, or the same for two windows. The result depends on the image and
+    on the images since `reset`, and on nothing else.
 
     Args:
         view: where the camera sees the ring.
         colour: of the markers.
-        pixels: (m, 2) where they rest, marker by marker.
+        pixels: (m, 2) at rest, marker by marker.
         areas: (m,) [px] at rest.
         spreads: (m,) trace of the second moments at rest [px^2]; None: as of discs.
-        frozen_after: frames in a row that repeat the one before them to the last bit, from which on a camera is frozen.
+        frozen_after: images in a row that repeat the one before them to the last bit, from which on a camera is frozen.
         limits: of labels.
 
     Attributes:
-        frame: what is the matter with the last frame.
-        searched: the last frame was searched whole.
+        frame: problem of the last image.
+        searched: the last image was searched entirely.
 
     Raises:
         InputError: another number of pixels, areas or spreads than of the view's markers.
@@ -314,7 +314,7 @@ class MarkerTracker:
         self.reset()
 
     def reset(self) -> None:
-        """Forget every frame: the next one is searched whole, and starts a stretch of its own."""
+        """Forget every image: the next one is searched entirely, and starts a new stretch."""
         m = len(self._areas)
         self.frame, self.searched = FrameProblem.OK, False
         self._last, self._step, self._expected = self._rest.copy(), np.zeros((m, 2)), np.zeros((m, 2))
@@ -324,7 +324,7 @@ class MarkerTracker:
         self._fresh, self._sampled, self._same, self._since = True, False, 0, 0
 
     def track(self, image: np.ndarray, out: Float[np.ndarray, "m 2"]) -> Bool[np.ndarray, " m"]:
-        """Pixels of every marker into `out`, NaN where it is not found; whether it is."""
+        """Write the pixels of every marker into `out` (m, 2), NaN where not found; return which are found, (m,)."""
         require_out(out, (len(self._areas), 2))
         image, self.searched = _read(image), False
         self.frame = self._health(image)
@@ -343,7 +343,7 @@ class MarkerTracker:
         return self._seen.copy()
 
     def _health(self, image: np.ndarray) -> FrameProblem:
-        """Told from every `_EVERY`th row: a live camera's noise never repeats in 15 rows."""
+        """Return the problem of an image, from every `_EVERY`th row: a live camera's noise never repeats in 15 rows."""
         camera = self.view.camera
         if image.dtype != np.uint8 or image.shape != (camera.height, camera.width, 3):
             return FrameProblem.WRONG_SIZE
@@ -357,7 +357,7 @@ class MarkerTracker:
         return FrameProblem.FROZEN if self._same >= self.frozen_after else FrameProblem.OK
 
     def _guess(self) -> None:
-        """What is missing is expected where its neighbours' displacement puts it."""
+        """Expect missing markers where their neighbours' displacement puts them."""
         for ring in range(len(self.view.rings)):
             own = self.view.ring == ring
             there, gone = np.flatnonzero(own & self._seen), np.flatnonzero(own & ~self._seen)
@@ -367,7 +367,7 @@ class MarkerTracker:
                 self._expected[gone, axis] = self._rest[gone, axis] + said
 
     def _ahead(self) -> Float[np.ndarray, "m 2"]:
-        """Where the markers are if they go on as they went."""
+        """Return the places of the markers if their last step goes on, (m, 2) [px]."""
         return self._last + np.minimum(np.maximum(self._step, -_LONGEST), _LONGEST)
 
     def _measure(self, image: Image, expected: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, "m 7"]:
@@ -377,7 +377,7 @@ class MarkerTracker:
         return self._out
 
     def _follow(self, image: Image, out: Float[np.ndarray, "m 2"]) -> bool:
-        """The markers in their windows, unless any of them leaves a doubt: whether none does."""
+        """Measure the markers in their windows, and return True if no window is ambiguous."""
         from palpate.optical._markers import follow
 
         whole = self._count == len(self._seen)
@@ -390,7 +390,7 @@ class MarkerTracker:
         return follow(image, self._weights, self._known, limits, self._out, *kept, out)
 
     def _search(self, image: Image) -> Bool[np.ndarray, " m"]:
-        """The markers of the whole frame, by their labels, each measured again in its window."""
+        """Find the markers in the entire image by their labels, measure each in its window, return which are found."""
         blobs = find_blobs(image, self.colour)
         blobs = blobs[~blobs.cut & np.isfinite(self.view.to_plane(blobs.pixels)).all(axis=-1)]
         known = (self._age < _AWAY)[:, None]
@@ -409,7 +409,7 @@ class MarkerTracker:
         return found
 
     def _labels(self, blobs: Blobs, expected: Float[np.ndarray, "m 2"]) -> Int[np.ndarray, " m"]:
-        """Ring by ring, from the one nearest to the camera on."""
+        """Return the blob of every marker, -1: missing; ring by ring, from the one nearest to the camera on."""
         labels, free = np.full(len(self._areas), -1), np.arange(len(blobs))
         order: list[int] = np.argsort(-self.view.rings).tolist()
         for ring, behind in zip(order, [*order[1:], None], strict=True):
@@ -423,7 +423,7 @@ class MarkerTracker:
         return labels
 
     def _before(self, blobs: Blobs, ring: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Places and areas of blobs, taken for a ring's, and of its markers at rest."""
+        """Return places and areas of blobs, taken for a ring's, and of its markers at rest."""
         own = self.view.ring == ring
         places = self.view.to_plane(blobs.pixels, self.view.rings[ring : ring + 1])
         return places, blobs.areas, self._plane[own], self._areas[own]
@@ -436,9 +436,9 @@ class MarkerTracker:
         return fits
 
     def _confirmed(self, got: Float[np.ndarray, "m 7"], found: Bool[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:
-        """What was missing must stand in the same place twice: a stray blob rarely does.
+        """Return which markers are accepted: a missing one only twice in the same place, as a stray blob rarely is.
 
-        In a first frame so must what is away from where it rests, with no marker beside it that says the same.
+        In a first image this holds too for a marker away from rest whose neighbours in the ring are not found.
         """
         back = found & (self._age >= _AWAY)
         if self._fresh:

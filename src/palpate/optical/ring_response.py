@@ -1,4 +1,4 @@
-"""How the markers of a soft ring move when it is touched: learned, periodic in the angle, per newton."""
+"""Learned response of a soft ring's markers to contacts: periodic in the angle, per newton."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ __all__ = ["RingResponse", "ring_basis"]
 
 @takes_arrays
 def ring_basis(angle: Float[np.ndarray, "*batch"], order: int) -> Float[np.ndarray, "*batch terms"]:
-    """1, cos, sin, cos 2, sin 2, ... of an angle [rad], up to an order: (*batch, 2 order + 1)."""
+    """Return 1, cos, sin, cos 2, sin 2, ... of an angle [rad], up to an order: (*batch, 2 order + 1)."""
     turns = np.multiply.outer(angle, np.arange(1, order + 1))
     both = np.stack([np.cos(turns), np.sin(turns)], axis=-1).reshape(*np.shape(angle), 2 * order)
     return np.concatenate([np.ones((*np.shape(angle), 1)), both], axis=-1)
 
 
 def _slope(order: int) -> Float[np.ndarray, "terms terms"]:
-    """What takes coefficients of `ring_basis` to those of the derivative."""
+    """Return the matrix that takes coefficients of `ring_basis` to those of the derivative."""
     matrix = np.zeros((2 * order + 1, 2 * order + 1))
     for k in range(1, order + 1):
         matrix[2 * k, 2 * k - 1], matrix[2 * k - 1, 2 * k] = -k, k
@@ -37,27 +37,27 @@ class RingResponse(Value):
 
         u = F (v0 + z v1 + z^2 v2 + t s),    v, s: functions of delta and phi, periodic in both.
 
-    F is the radial force, z the contact's width: the depth of a newton, (depth / F - mean) / deviation, which is
-    larger for a narrow tip than for a plate, and t = shear / F. In an elastic skin u is linear in the pressure, and
-    the pressure of a contact is F times a shape of one number, so that several contacts add up. phi enters beside
-    delta because no skin is equally thick all round. Every ring of markers has functions of its own.
+    F is the radial force, z the contact's width: the depth per newton, (depth / F - mean) / standard deviation, which
+    is larger for a narrow tip than for a plate, and t = shear / F. In an elastic skin u is linear in the pressure, and
+    the pressure of a contact is F times a shape of one number, so that several contacts add up. phi enters in addition
+    to delta because no skin is equally thick all round. Every ring of markers has its own functions.
 
     Attributes:
         coefficients: (b, 2 r, 2 K + 1, 2 M + 1) [m/N] of v0, v1, v2 and, where shear was calibrated, s; outwards and
             along rising angles, ring by ring; in `ring_basis` of delta and of phi.
-        width: (2,) [m/N] mean and deviation of depth / F in the calibration.
-        misfit: (2 r, B) [m/N] rms of what the model leaves, outwards and along, ring by ring, of markers in B equal
+        width: (2,) [m/N] mean and standard deviation of depth / F in the calibration.
+        misfit: (2 r, B) [m/N] rms residual of the model, outwards and along, ring by ring, of markers in B equal
             parts of a turn from the contact on.
-        spread: (2,) [rad], share of the force: deviations of angle and of force that hold on touches left out of the
-            fit, beside what the noise of the pixels explains.
+        spread: (2,) [rad], share of the force: standard deviations of angle and of force on presses left out of the
+            fit, in addition to the noise of the pixels.
         largest: (2,) [m], [N] depth and force up to which it was calibrated.
-        usual: (3,) mean and deviation of the width z, and deviation of t, of the presses that it was calibrated with:
-            what a contact's are before anything is known.
+        usual: (3,) mean and standard deviation of the width z, and standard deviation of t, of the calibration's
+            presses: the prior of a contact.
         grip: t up to which it was calibrated; 0: none is known.
-        dragged: (3,) of the presses that it was calibrated with, the share that was dragged, and deviations of t of
-            those that were not, and of those that were; share 0: all are of one kind, that of `usual`.
-        left_out: (4,) of presses that a fit to the others had not seen, the rms error of the angle and the expected one
-            [rad], and the same of the force, as shares of it; NaN: not known.
+        dragged: (3,) of the calibration's presses, the share that was dragged, and standard deviations of t of those
+            that were not, and of those that were; share 0: all are of one kind, that of `usual`.
+        left_out: (4,) of presses left out of the fit, the rms error of the angle and the expected one [rad], and the
+            same of the force, as shares of it; NaN: not known.
     """
 
     coefficients: Float[np.ndarray, "b e k m"]
@@ -88,30 +88,30 @@ class RingResponse(Value):
 
     @property
     def shears(self) -> bool:
-        """Whether shear was calibrated."""
+        """True if shear was calibrated."""
         return len(self.coefficients) == 4
 
     @property
     def rings(self) -> int:
-        """How many rings of markers."""
+        """Number of rings of markers."""
         return self.coefficients.shape[1] // 2
 
     @property
     def orders(self) -> tuple[int, int]:
-        """K and M."""
+        """Orders K and M of `ring_basis` of delta and of phi."""
         return self.coefficients.shape[2] // 2, self.coefficients.shape[3] // 2
 
     def at(self, delta: Float[np.ndarray, " n"], phi: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n e b"]:
-        """v0, v1, v2 and s of markers at delta [rad] from contacts at phi [rad], ring by ring."""
+        """Return v0, v1, v2 and s [m/N] of markers at delta [rad] from contacts at phi [rad], (n, 2 r, b)."""
         of_delta, of_phi = (ring_basis(angle, order) for angle, order in zip((delta, phi), self.orders, strict=True))
         return np.einsum("bckm,nk,nm->ncb", self.coefficients, of_delta, of_phi, optimize=True)
 
     def skin(self, outer: float, inner: float) -> Float[np.ndarray, "2 b k m"]:
-        """What a contact does to the outer skin, per newton: moves it along rising angles [m/N], and its slope [m/N].
+        """Return coefficients of the outer skin's movement along rising angles per newton [m/N], and its slope [m/N].
 
-        As `coefficients`. The markers are on the inner side; across the wall the skin keeps straight and upright
-        [Kirchhoff and Love]: u_outer = u (1 + t / r) - t / r dw / dtheta, w the markers' movement outwards, whose
-        derivative by the angle is the slope, t the thickness, r the inner radius. Of the first ring.
+        The markers are on the inner side; across the wall the skin keeps straight and upright [Kirchhoff and Love]:
+        u_outer = u (1 + t / r) - t / r dw / dtheta, w the markers' movement outwards, whose derivative by the angle is
+        the slope, t the thickness, r the inner radius. Of the first ring.
 
         Args:
             outer: radius [m] of the skin's outer surface.
@@ -124,9 +124,12 @@ class RingResponse(Value):
     def tables(
         self, markers: Float[np.ndarray, " m"], count: int
     ) -> tuple[Float[np.ndarray, "a n b"], Float[np.ndarray, "a n b"]]:
-        """Of markers at angles [rad], for contacts at `count` angles all round: `at` and its derivative by phi.
+        """Return `at` and its derivative by phi, of markers at angles [rad], for contacts at `count` angles all round.
 
-        Markers ring by ring, as many in each; marker by marker, outwards and along: n = 2 m.
+        Markers ring by ring, as many in each; marker by marker, outwards and along: (count, 2 m, b) each.
+
+        Raises:
+            InputError: `count` is less than 1.
         """
         if count < 1:
             raise InputError(f"count must be 1 or more, not {count}.")

@@ -1,1 +1,1 @@
-"""One folder a sensor: its model, estimator, calibration, table in a rig, files, view and commands."""
+"""Sensors, a folder each: its model, estimator, calibration, table in a rig, files, view and commands."""

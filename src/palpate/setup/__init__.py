@@ -1,4 +1,4 @@
-"""The rig: one TOML that a person writes, what it builds, and how it is guessed and edited."""
+"""Read, build, guess and edit a rig: the TOML file in which a person describes sensor and surface."""
 
 from palpate.setup.rig import Rig, check_rig, load_rig
 

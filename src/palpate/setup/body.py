@@ -1,4 +1,4 @@
-"""What is touched, as `palpate rig new` is given it: a mesh file whose unit is guessed, or a link of a URDF."""
+"""Describe the body given to `palpate rig new`: a mesh file whose unit is guessed, or a link of a URDF."""
 
 from __future__ import annotations
 
@@ -43,15 +43,15 @@ _DRAWN = (
 
 @dataclass(frozen=True)
 class GivenBody:
-    """A mesh, or a link.
+    """The body that is touched: a mesh, or a link of a URDF.
 
     Attributes:
-        path: of the file.
-        unit: of its numbers.
-        size: across [m].
-        urdf, link: None and "": it is a mesh.
-        geometry: of the link.
-        folder: of the rig, in which paths are relative to it.
+        path: the mesh file or the URDF.
+        unit: unit of the numbers in the file.
+        size: size across [m].
+        urdf, link: the URDF and the name of its link; None and "" for a mesh.
+        geometry: "visual" or "collision"; "" for a mesh.
+        folder: folder of the rig, where relative paths start.
     """
 
     path: Path
@@ -64,15 +64,15 @@ class GivenBody:
 
     @classmethod
     def of(cls, path: Path, link: str | None = None, packages: Mapping[str, Path] | None = None) -> GivenBody:
-        """What a file holds.
+        """Return the body that a file describes; a mesh's unit is guessed from its size.
 
         Args:
             path: a mesh, or a URDF.
-            link: of the URDF.
-            packages: name -> folder, where the URDF's meshes are in packages that are not found.
+            link: name of the URDF's link.
+            packages: name -> folder, for packages of the URDF's meshes that are not found otherwise.
 
         Raises:
-            InputError: it cannot be read, or which link is meant is not said.
+            InputError: the file cannot be read, or no link of a URDF, or one of a mesh, is named.
         """
         if path.suffix.lower() not in (".urdf", ".xacro", ".xml"):
             if link is not None or packages:
@@ -87,7 +87,7 @@ class GivenBody:
         return cls(path, "m", across, urdf, link, made.geometry)
 
     def text(self, frame: str) -> str:
-        """[surface] of a rig, for a sensor whose frame has a name in the log, or ""."""
+        """Return the [surface] of a rig as TOML; `frame` is the log's name of the sensor's frame, or ""."""
         path = self.relative(self.path)
         if self.urdf is None:
             how, xyz, turn = _DRAWN
@@ -110,11 +110,11 @@ class GivenBody:
         return first + _BOTH.format(how=how, xyz=pose.translation.tolist(), turn=pose.quaternion().tolist())
 
     def relative(self, path: Path) -> str:
-        """A file as the rig names it, in quotes."""
+        """Return a path relative to the rig's folder, quoted for TOML."""
         return quoted(Path(os.path.relpath(path.resolve(), self.folder.resolve())).as_posix())
 
     def mounting(self, frame: str) -> Pose | None:
-        """T_sensor_surface, where fixed joints join the sensor's frame and the link."""
+        """Return T_sensor_surface if fixed joints of the URDF join the sensor's frame and the link, else None."""
         if self.urdf is None or frame not in self.urdf.links:
             return None
         try:
@@ -124,7 +124,7 @@ class GivenBody:
         return Pose.from_quaternion(quaternion[0], position[0])
 
     def remarks(self, frame: str) -> list[str]:
-        """What the reader should check."""
+        """Return what the reader of the rig should check about the surface, one sentence each."""
         if self.urdf is None:
             if self.unit == "m":
                 return []
@@ -144,5 +144,5 @@ class GivenBody:
 
 
 def _comment(name: str) -> str:
-    """A name as it can stand in a comment."""
+    """Return a name with "?" in place of letters that cannot be printed, so that it is safe in a comment."""
     return "".join(letter if letter.isprintable() else "?" for letter in name)

@@ -1,4 +1,4 @@
-"""What building a sensor from a rig, or guessing one from a log, results in."""
+"""Results of building a sensor from a rig and of guessing a sensor from a log."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ FIRST = 1.0  # s of a stream from which is taken what the rig does not state, wh
 
 @dataclass
 class BuiltEstimator:
-    """An estimator, with notes and warnings about how it was made.
+    """An estimator, with notes and warnings about how it was built.
 
     Attributes:
-        estimator: ready for the first sample.
+        estimator: the estimator, ready for the first sample.
         notes: what was done or assumed, one sentence each.
-        warnings: what may be wrong about it.
-        settings: settings in force, for the record beside a result and for the report.
+        warnings: what may be wrong with the estimator, one sentence each.
+        settings: settings in force, for the record of a result and for the report.
     """
 
     estimator: ContactEstimator
@@ -30,22 +30,22 @@ class BuiltEstimator:
     settings: dict[str, object] = field(default_factory=dict[str, object])
 
     def tared(self, tare: Tare) -> None:
-        """Keep what a tare took, and what may be wrong about it."""
+        """Add the note of a tare, and its warning if it has one."""
         self.notes.append(tare.note)
         self.warnings += [tare.warning] if tare.warning else []
 
 
 @dataclass(frozen=True)
 class Guess:
-    """What a log looks like to one kind of sensor.
+    """A guess that a log was written by one kind of sensor.
 
     Attributes:
         why: the sentence that says what in the log looks like this sensor.
-        layout: how to read it.
+        layout: how to read the log.
         text: the tables of a rig, as TOML with comments.
-        remarks: what the reader should check.
+        remarks: what the reader should check, one sentence each.
         lacking: what must be known before a rig can be written, or "".
-        frame: of the sensor, as the log's messages name it; "" where they do not.
+        frame: the sensor's frame as the log's messages name it; "" if they do not name it.
     """
 
     why: str

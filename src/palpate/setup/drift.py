@@ -1,4 +1,4 @@
-"""The [drift] of a rig: how a sensor's zero wanders, as a person or `palpate calibrate drift` writes it."""
+"""The [drift] of a rig: the drift of a sensor's bias, as a person or `palpate calibrate drift` writes it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _DIGITS = 4  # of what is written
 
 @dataclass(frozen=True)
 class RigRates(RigPair):
-    """One figure for the three forces and one for the three torques, or three each; not negative."""
+    """A number for the forces and one for the torques, or three each; not negative."""
 
     def __post_init__(self) -> None:
         if not np.all((self.six() >= 0) & (self.six() < inf)):  # NaN too
@@ -32,7 +32,7 @@ class RigRates(RigPair):
 
 @dataclass(frozen=True)
 class RigSlopes(RigPair):
-    """The same, of any sign."""
+    """A number for the forces and one for the torques, or three each; of any sign."""
 
     def __post_init__(self) -> None:
         pass
@@ -43,12 +43,13 @@ Several = tuple[float, ...]
 
 @dataclass(frozen=True)
 class RigDrift:
-    """How the zero wanders; see `palpate.signals.drift.Drift`. Of a force/torque sensor `{ force = , torque = }`.
+    """Drift of a sensor's bias, as a rig states it; see `palpate.signals.drift.Drift`.
 
-    Of load cells one number for all voltages, or a list. `walk` [N/sqrt(s), N m/sqrt(s); V/sqrt(s)]; `warm_up`
-    [N/min, N m/min; V/min] deviation of the rate at the start, which settles within `settle` [s]; `weight` [N] by which
-    the payload's may be off. `thermal` [N/K, N m/K; V/K] with `thermal_deviation`, where `temperature` names the log's
-    column or topic of it.
+    Values are `{ force = , torque = }` for a force/torque sensor, and for load cells one number for all voltages or a
+    list. `walk` [N/sqrt(s), N m/sqrt(s); V/sqrt(s)] is the random walk; `warm_up` [N/min, N m/min; V/min] the standard
+    deviation of the rate at the start, which settles within `settle` [s]; `weight` [N] the standard deviation of the
+    payload's weight. `thermal` [N/K, N m/K; V/K], with the standard deviation `thermal_deviation`, needs `temperature`:
+    the log's column or topic of it.
     """
 
     walk: RigPair | float | Several
@@ -75,14 +76,14 @@ class RigDrift:
 
     @property
     def of_wrench(self) -> bool:
-        """Whether it is that of forces and torques, not of voltages."""
+        """True for the drift of forces and torques, False for that of voltages."""
         return isinstance(self.walk, RigPair)
 
     def drift(self, channels: int) -> Drift:
-        """As a value, of so many channels.
+        """Return the drift of a sensor with the given number of channels, per second where the rig states minutes.
 
         Raises:
-            InputError: it states another number of them.
+            InputError: the rig states another number of channels.
         """
         if channels == 6 and not self.of_wrench:
             raise InputError(
@@ -113,12 +114,12 @@ _UNITS = "In N/sqrt(s) and N m/sqrt(s); `palpate calibrate drift` writes it."
 
 
 def drift_table(drift: Drift, weight: float | None = None, temperature: str | None = None) -> dict[str, Any]:
-    """As it stands in a rig: in minutes where a person thinks in minutes, equal channels as one number.
+    """Return the [drift] of a rig, key -> value: rates per minute, and equal channels as one number.
 
     Args:
-        drift: six channels are those of a wrench.
+        drift: the drift; six channels are those of a wrench.
         weight: [N], in place of the drift's.
-        temperature: column or topic.
+        temperature: the log's column or topic of the temperature; None: thermal drift is not written.
     """
     heavy = drift.weight if weight is None else weight
     table: dict[str, Any] = {"walk": _spelled(drift.walk)}

@@ -1,4 +1,4 @@
-"""Write what was calibrated into a rig that a person wrote, leaving their words alone."""
+"""Write calibrated values into a rig that a person wrote, and keep comments and order."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from palpate.spatial.pose import Pose
 __all__ = ["update_drift", "update_offset", "update_pose"]
 
 _PLACEMENT = "m: what touches err by beside what their wrenches explain"
-_FOUND = {"walk", "warm_up", "settle", "thermal", "thermal_deviation"}  # by a fit: what it leaves out is gone
+_FOUND = {"walk", "warm_up", "settle", "thermal", "thermal_deviation"}  # keys of a fit: removed if it lacks them
 _COVARIANCE = "of rotation [rad] and translation [m] in the sensor's frame"
 
 
@@ -38,22 +38,23 @@ def update_pose(
     placement: float | None = None,
     comment: str = "",
 ) -> None:
-    """Copy a rig with the surface's pose and its covariance set; comments, order and all else stay.
+    """Copy a rig with the surface's pose and its covariance set; comments, order and all other values stay.
 
-    A surface in dotted keys or an inline table is written anew as a [surface], without its comments.
+    A surface in dotted keys or an inline table is rewritten as a [surface] at the end, without its comments.
 
-    Relative paths are rewritten when `target` lies in another folder.
+    Relative paths of the mesh and of sensors' files are rewritten if `target` is in another folder.
 
     Args:
         source: the rig to read.
         target: the rig to write; it may be the same file.
         pose: T_sensor_surface.
         covariance: (6, 6) of (rotation vector [rad], translation [m]), perturbed on the left.
-        placement: [m] that touches err by beside what their wrenches explain; None leaves it as it is.
-        comment: said beside the pose.
+        placement: [m] standard deviation of a touch's place beyond what its wrench explains; None: it stays as it is.
+        comment: comment on the pose's line; "": none.
 
     Raises:
-        InputError: `source` cannot be read or has no surface, or `target` cannot be written.
+        InputError: `source` cannot be read, has no surface or cannot be edited in its form, or `target` cannot be
+            written.
     """
     wanted = load_toml(source)
     if not isinstance(wanted.get("surface"), dict):
@@ -66,16 +67,16 @@ def update_pose(
 
 
 def update_offset(source: Path, target: Path, offset: float, *, comment: str = "") -> None:
-    """Copy a rig with the offset of the poses' clock set; comments, order and all else stay, as in `update_pose`.
+    """Copy a rig with the offset of the poses' clock set; comments, order and other values stay, as in `update_pose`.
 
     Args:
         source: the rig to read.
         target: the rig to write; it may be the same file.
         offset: [s] added to the stamps of the poses.
-        comment: said beside it.
+        comment: comment on the offset's line; "": none.
 
     Raises:
-        InputError: `source` cannot be read, or `target` cannot be written.
+        InputError: `source` cannot be read or edited in its form, or `target` cannot be written.
     """
     wanted = load_toml(source)
     if not isinstance(wanted.setdefault("orientation", {}), dict):
@@ -85,16 +86,16 @@ def update_offset(source: Path, target: Path, offset: float, *, comment: str = "
 
 
 def update_drift(source: Path, target: Path, drift: Mapping[str, Any], comments: Mapping[str, str]) -> None:
-    """Copy a rig with its [drift] set; comments, order and all else stay, as in `update_pose`.
+    """Copy a rig with its [drift] set; comments, order and all other values stay, as in `update_pose`.
 
     Args:
         source: the rig to read.
         target: the rig to write; it may be the same file.
-        drift: keys of the table and their values; those that the rig has besides stay, but for what a fit finds.
-        comments: of keys, said beside them.
+        drift: key of the table -> value; other keys of the rig's [drift] stay, except those that a fit determines.
+        comments: key -> comment on its line.
 
     Raises:
-        InputError: `source` cannot be read, or `target` cannot be written.
+        InputError: `source` cannot be read or edited in its form, or `target` cannot be written.
     """
     wanted = load_toml(source)
     if not isinstance(wanted.setdefault("drift", {}), dict):
@@ -114,7 +115,7 @@ _Edit = Callable[[str, Mapping[str, Any], str], str | None]
 def _write(
     source: Path, target: Path, wanted: dict[str, Any], edits: Sequence[_Edit], comment: str, table: str
 ) -> None:
-    """By the first edit of the text that reads as what is wanted."""
+    """Write the first edit of the text that parses as `wanted`, with relative paths moved; raise InputError if none."""
     if source.resolve().parent != target.resolve().parent:
         for name, key in _paths(wanted):
             _rebase(wanted.get(name, {}), key, source, target)
@@ -122,7 +123,7 @@ def _write(
     for edit in edits:
         try:
             text = edit(before, wanted, printable(comment))
-        except TOMLKitError:  # a form that it does not know how to edit
+        except TOMLKitError:  # a form of TOML that this edit cannot handle
             continue
         if text is not None and _reads_as(text, wanted):
             return write_text(target, text)
@@ -165,7 +166,7 @@ def _drift_in_place(text: str, wanted: Mapping[str, Any], comments: Mapping[str,
 
 
 def _drift_anew(text: str, wanted: Mapping[str, Any], comment: str) -> str:
-    """The text with the [drift] at its end: for dotted keys."""
+    """Return the text with the [drift] moved to its end, for a drift in dotted keys."""
     document: Any = tomlkit.parse(text)
     document.remove("drift")
     _move_paths(document, wanted)
@@ -184,7 +185,7 @@ def _item(value: object) -> Item:
 
 
 def _in_place(text: str, wanted: Mapping[str, Any], comment: str) -> str | None:
-    """The text with the new values where the old ones stood; None where [surface] is not one plain table."""
+    """Return the text with the surface's old values replaced; None if [surface] is not one plain table."""
     document: Any = tomlkit.parse(text)
     surface = document["surface"]
     if not isinstance(surface, Table):
@@ -198,7 +199,7 @@ def _in_place(text: str, wanted: Mapping[str, Any], comment: str) -> str | None:
 
 
 def _surface_anew(text: str, wanted: Mapping[str, Any], comment: str) -> str:
-    """The text with all of the surface in a [surface] at its end: for dotted keys and inline tables."""
+    """Return the text with the surface as a [surface] at its end, for a surface in dotted keys or an inline table."""
     document: Any = tomlkit.parse(text)
     document.remove("surface")
     surface = tomlkit.table()
@@ -229,8 +230,10 @@ def _reads_as(text: str, wanted: Mapping[str, Any]) -> bool:
 
 
 def _paths(document: Any) -> Iterator[tuple[str, str]]:
-    """Yield table and key of everything in a rig that names a file."""
+    """Yield (table, key) of each value of the rig that names a file."""
     yield "surface", "mesh"
+    yield from ((table, "urdf") for table in ("surface", "orientation", "pokes"))
+    yield "pokes", "start"
     for kind in KINDS.among(document):
         for key in kind.paths:
             yield kind.name, key
@@ -256,7 +259,7 @@ def _replace(table: Any, key: str, value: Item, comment: str) -> None:
 
 
 def _append(table: Any, key: str, value: Item) -> None:
-    """After the table's last words, before the blank lines that part it from the next table."""
+    """Append a key to a table, before the blank lines that separate it from the next table."""
     body: list[tuple[Key | None, Item]] = table.value.body
     blank: list[Item] = []
     while body and isinstance(body[-1][1], Whitespace):

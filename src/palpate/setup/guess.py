@@ -1,4 +1,4 @@
-"""The pieces of a rig's text that follow from a log for any sensor."""
+"""Write the parts of a rig's text that follow from a log for any sensor."""
 
 from __future__ import annotations
 
@@ -32,12 +32,15 @@ PLAUSIBLE = (2e-3, 5.0)  # m: from a fingertip to a robot's link
 
 
 def quoted(value: str | Sequence[str]) -> str:
-    """Text or a list of texts; JSON's strings are TOML's, but for DEL."""
+    """Return a text, or a list of texts, as TOML: JSON's strings are TOML's, except for DEL."""
     return json.dumps(value if isinstance(value, str) else list(value), ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def topics_of(contents: LogContents, wanted: str) -> list[str]:
-    """Names of topics with messages that hold "wrench", "pose", "acceleration" or "array"; contacts are none."""
+    """Return the names of topics that have messages of the role `wanted`, without topics of Palpate's own results.
+
+    `wanted` is "wrench", "pose", "acceleration" or "array".
+    """
     there = [topic for topic in contents.topics if topic.count and role(topic.kind) == wanted]
     return [topic.name for topic in there if not topic.name.startswith(RESULTS)]
 
@@ -45,18 +48,18 @@ def topics_of(contents: LogContents, wanted: str) -> list[str]:
 def array_topic(
     log: Path, contents: LogContents, fits: Callable[[tuple[int, ...]], bool]
 ) -> tuple[str, tuple[int, ...]] | None:
-    """The first topic of arrays or images that have a fitting shape, of those that are considered, and that shape."""
+    """Return the first topic in `contents` whose arrays or images have a shape that fits, and the shape; else None."""
     there = {topic.name for topic in contents.topics}
     return next(((name, shape) for name, shape in topic_shapes(log).items() if name in there and fits(shape)), None)
 
 
 def commented(line: str, comment: str) -> str:
-    """A line of a rig with what is said of it, in its column."""
+    """Return a line of a rig with a comment that begins in column 38."""
     return f"{line:<36} # {comment}"
 
 
 def time_table(column: str, unit: str = "s", rate: float | None = None) -> str:
-    """[time]; "" as a column: there is none, and the samples come at the rate [Hz]."""
+    """Return the [time] of a rig as TOML; without a column ("") the samples come at the rate [Hz]."""
     lines = [f"column = {quoted(column)}", commented(f'unit = "{unit}"', "s, ms, us, ns, samples")] if column else []
     if rate is not None:
         lines.append(commented(f"rate = {rate:.15g}", "Hz of the samples"))
@@ -64,12 +67,12 @@ def time_table(column: str, unit: str = "s", rate: float | None = None) -> str:
 
 
 def time_unit(column: str) -> str:
-    """That the name of a column of times states; s, where it states none."""
+    """Return the unit that the name of a time column states, or "s" if it states none."""
     return known_unit(split_unit(column)[1], TIME_UNITS) or "s"
 
 
 def pose_table(topics: Sequence[str]) -> str:
-    """[orientation] from a topic of poses; a comment where there is none."""
+    """Return the [orientation] of a rig for the first topic of poses as TOML; commented out if there is no topic."""
     lines = [
         "[orientation]",
         f"topic = {quoted(topics[0] if topics else '/pose')}   # poses of the sensor in the base",
@@ -79,7 +82,10 @@ def pose_table(topics: Sequence[str]) -> str:
 
 
 def orientation_table(names: Sequence[str]) -> tuple[str, list[str]]:
-    """[orientation] from columns, as a comment where only their names are like it; and what to check."""
+    """Return the [orientation] of a rig for columns as TOML, and remarks to check.
+
+    It is commented out unless the columns are named qx, qy, qz, qw.
+    """
     quaternion, position = orientation_columns(names), position_columns(names)
     if quaternion is None:
         return '# [orientation]\n# columns = ["qx", "qy", "qz", "qw"]   # sensor in base: a payload needs it\n', []
@@ -96,7 +102,7 @@ def orientation_table(names: Sequence[str]) -> tuple[str, list[str]]:
 
 
 def mesh_size(path: Path) -> tuple[str, float]:
-    """The unit that makes the body as large as a body is, millimetres before others, and its size [m]."""
+    """Return the unit in which a mesh file has a plausible size, millimetres tried first, and that size [m]."""
     raw = Mesh.load(path, unit="m").size
     for unit in ("mm", "m", "cm", "um"):
         if PLAUSIBLE[0] <= raw * UNITS[unit] <= (2.0 if unit == "mm" else PLAUSIBLE[1]):

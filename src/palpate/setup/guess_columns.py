@@ -1,4 +1,4 @@
-"""What a table of forces and torques looks like: which columns, in which units and frame, and what is odd."""
+"""Guess the columns, units and frame of the wrenches in a table, with remarks on what is odd."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ _COUNTS = 50.0  # in whole numbers up to less than this, forces may have been ro
 
 @dataclass(frozen=True)
 class WrenchColumns:
-    """What looks like a wrench, before its numbers are looked at.
+    """A guess at the columns of a wrench, before its numbers are read.
 
     Attributes:
-        why: what looks like this sensor.
-        layout: how to read it.
-        fields: of a rig's text; "torque_unit" is not among them where nothing states it.
+        why: what in the log looks like this sensor.
+        layout: how to read the log.
+        fields: name -> part of a rig's text; without "torque_unit" if the log does not state it.
         remarks: what the reader should check.
-        time: of a table.
-        acceleration: its columns, where there are any.
+        time: the guess at the time of a table.
+        acceleration: columns of the acceleration, if any.
     """
 
     why: str
@@ -47,7 +47,7 @@ class WrenchColumns:
     acceleration: tuple[str, ...] = ()
 
     def looked_at(self, recording: Recording, stated: Stated) -> WrenchColumns:
-        """The same of a table, with what its numbers say: the unit of the time, accelerations, counts."""
+        """Return the guess completed from the table's numbers: unit of the time, kind of acceleration, counts."""
         fields, remarks, layout = dict(self.fields), list(self.remarks), self.layout
         time = None if self.time is None else self.time.judged(recording.time)
         if time is not None:
@@ -64,7 +64,7 @@ class WrenchColumns:
 
 
 def _counted(values: Float[np.ndarray, "n 6"], fields: Mapping[str, str]) -> str:
-    """What to say of forces in whole numbers, as a sensor's counts are, where no unit is stated; "" of others."""
+    """Return a remark if all values of a wrench in N are integers, as a sensor's counts are; else ""."""
     known = values[np.isfinite(values)]
     if fields["force_unit"] != "N" or not len(known) or np.abs(known).max() < _COUNTS or (known % 1.0).any():
         return ""
@@ -75,10 +75,10 @@ def _counted(values: Float[np.ndarray, "n 6"], fields: Mapping[str, str]) -> str
 
 
 def columns_guess(log: Path, contents: LogContents) -> WrenchColumns | None:
-    """By names and by what the table states.
+    """Guess the columns of a wrench from the names in a log and the units it states; None if no names look like one.
 
     Raises:
-        InputError: a unit that is not known, or two units of one thing.
+        InputError: a unit is unknown, or forces or torques have two units.
     """
     names = list(contents.names)
     found = wrenches(names)
@@ -110,12 +110,12 @@ def columns_guess(log: Path, contents: LogContents) -> WrenchColumns | None:
 
 
 def _acceleration_unit(columns: Sequence[str], stated: Stated) -> str | None:
-    """That the log states, where it is known."""
+    """Return the known unit of acceleration that the log states for the columns, or None."""
     return known_unit(stated.unit(columns[0]), ACCELERATION_UNITS) if columns else None
 
 
 def _unit(columns: Sequence[str], kind: str, table: Mapping[str, float], contents: LogContents) -> str:
-    """The unit that the log states for three columns, "" where it states none."""
+    """Return the unit that the log states for three columns, or "" if it states none; raise InputError for several."""
     units = {stated: name for name in columns if (stated := contents.stated.unit(name, kind))}
     if len({_scale(unit, table, name, contents) for unit, name in units.items()}) > 1:
         both = ", ".join(f"{name!r} in {unit!r}" for unit, name in units.items())
@@ -157,7 +157,7 @@ def _said(
 
 
 def _acceleration_table(columns: tuple[str, ...], stated: Stated, recording: Recording) -> tuple[str, str]:
-    """[acceleration] of a rig, by what is in the numbers, and what is to be said of it."""
+    """Return the [acceleration] of a rig, its kind judged by the numbers, and a remark on it."""
     unit = _acceleration_unit(columns, stated)
     values = recording.channels[ACCELERATION]  # in m/s^2 if the unit is known, else as recorded
     kind, unit, length = kind_of_acceleration(values, unit)

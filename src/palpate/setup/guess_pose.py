@@ -1,4 +1,4 @@
-"""Where a log of topics may say how the sensor lies in the base: the tree of /tf, joint states, a topic of poses."""
+"""Guess the source of the sensor's pose in a log of topics: the tree of /tf, joint states or a topic of poses."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _FRAMES = """\
 
 @dataclass(frozen=True)
 class PoseGuess:
-    """Of a log: how to read it, [orientation] as TOML, and what to check."""
+    """A guess at the source of the sensor's pose: how to read the log, [orientation] as TOML, and remarks to check."""
 
     layout: LogLayout
     text: str
@@ -37,12 +37,12 @@ class PoseGuess:
 
 
 def guess_pose(survey: Survey, layout: LogLayout, body: GivenBody | None) -> PoseGuess:
-    """The tree of /tf where it holds the wrench's frame, else joint states, else a topic of poses that may be its own.
+    """Guess the source of poses: the tree of /tf if it has the wrench's frame, else joint states, else a pose topic.
 
     Args:
-        survey: of the log.
-        layout: that names the topic of the wrench.
-        body: that is touched; its URDF moves with the joint states.
+        survey: the frames, joints and poses found in the log.
+        layout: the layout that names the wrench's topic.
+        body: the body that is touched; its URDF is moved by the joint states. None: no body was given.
     """
     frame, _ = survey.named.get(str(layout.wrench_topic), ("", ""))
     joints = _joints(survey, frame, body)
@@ -66,7 +66,7 @@ def guess_pose(survey: Survey, layout: LogLayout, body: GivenBody | None) -> Pos
 
 
 def _tree(survey: Survey, frame: str) -> tuple[tuple[str, str] | None, list[str]]:
-    """Base and sensor, and what is to be said of them."""
+    """Return the frames (base, sensor) in the tree of /tf, or None if it cannot be used, and remarks on them."""
     if not survey.frames.edges:
         return None, []
     tree, wrench = survey.frames.tree(), f"the wrench's frame {frame!r}"
@@ -93,7 +93,7 @@ def _tree(survey: Survey, frame: str) -> tuple[tuple[str, str] | None, list[str]
 
 
 def _joints(survey: Survey, frame: str, body: GivenBody | None) -> PoseGuess | None:
-    """The URDF moved by joint states, where all joints up to its root are in a topic."""
+    """Guess that joint states move the URDF; None unless one topic has all joints from the sensor up to the root."""
     if body is None or body.urdf is None or frame not in body.urdf.links:
         return None
     try:
@@ -120,7 +120,7 @@ def _topic(survey: Survey, layout: LogLayout, frame: str) -> PoseGuess:
     fitting = [name for name, why in doubts.items() if not why]
     foreign = [f"{name!r} ({'; '.join(why)})" for name, why in doubts.items() if why]
     if fitting:
-        fitting.sort(key=lambda name: not survey.poses[name].moves)  # what moves first
+        fitting.sort(key=lambda name: not survey.poses[name].moves)  # topics whose poses move come first
         remarks = [f"{foreign[0]} is probably not of the sensor"] if len(foreign) == 1 else []
         if len(foreign) > 1:
             remarks = [f"{', '.join(foreign)} are probably not of the sensor"]
@@ -139,7 +139,7 @@ def _topic(survey: Survey, layout: LogLayout, frame: str) -> PoseGuess:
 
 
 def _doubts(survey: Survey, name: str, frame: str) -> Iterator[str]:
-    """Why the poses of a topic are probably of something else."""
+    """Yield the reason why the poses of a topic are probably not the sensor's, if there is one."""
     parent, child = survey.named.get(name, ("", ""))
     for what, text in (("its name", name), ("its frame", parent), ("its child frame", child)):
         if match := _OTHERS.search(text):

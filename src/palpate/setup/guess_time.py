@@ -1,4 +1,4 @@
-"""When the samples of a table were taken: which column says it in which unit, or at which rate they come."""
+"""Guess the time of a table's samples: its column and unit, or the rate at which the samples come."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ _USUAL = 300.0  # Hz: what a rate is nearest to, where two units make one
 @takes_arrays
 @dataclass(frozen=True)
 class TimeGuess:
-    """Of a table.
+    """A guess at the time of a table's samples.
 
     Attributes:
-        column: "" where there is none.
-        unit: as `palpate.files.units` spells it; "" as long as it follows from the numbers alone.
-        rate: [Hz] where the samples are counted.
-        lacking: what must be said before the log can be read in seconds, or "".
+        column: name of the time's column; "" if there is none.
+        unit: unit of the times, as `palpate.files.units` spells it; "": `judged` finds it from the numbers.
+        rate: [Hz] if the samples are counted, or have no column of time.
+        lacking: what must be known before the log can be read in seconds, or "".
         remarks: what the reader should check.
-        stated: [Hz] in the log or by --rate, beside the column.
+        stated: [Hz] that the log or --rate states in addition to the column.
     """
 
     column: str
@@ -47,7 +47,7 @@ class TimeGuess:
     stated: float | None = None
 
     def judged(self, time: Float[np.ndarray, " n"]) -> TimeGuess:
-        """The same with a unit, by the times as recorded where nothing states it."""
+        """Return the guess with a unit, judged by the times if none is stated; without finite times, no column."""
         if len(time) and not np.isfinite(time).any():  # as LabVIEW leaves its X_Value
             lacking = "" if self.stated else f"there are no times in column {self.column!r}"
             return replace(self, column="", unit="s", rate=self.stated or 1.0, lacking=lacking, remarks=())
@@ -59,15 +59,15 @@ class TimeGuess:
         return replace(self, unit=unit, remarks=(*([doubt] if doubt else []), *self.remarks))
 
     def text(self) -> str:
-        """[time] of a rig."""
+        """Return the [time] of a rig as TOML."""
         return time_table(self.column, self.unit, self.rate)
 
 
 def guess_time(contents: LogContents, wrench: Sequence[str]) -> TimeGuess:
-    """By the names of the columns that are not of the wrench, and by what the log states of its rate.
+    """Guess the time from the names of the columns other than the wrench's, and from the rate that the log states.
 
     Raises:
-        InputError: a unit is stated that is none of time.
+        InputError: the unit that the log states for the time is unknown.
     """
     names = [name for name in contents.names if name not in wrench]
     stated, counter = contents.stated, counter_column(names)
@@ -95,9 +95,9 @@ def guess_time(contents: LogContents, wrench: Sequence[str]) -> TimeGuess:
 
 @takes_arrays
 def unit_by_size(time: Float[np.ndarray, " n"], column: str) -> tuple[str, str]:
-    """The unit of times that state none, and what should be said of it, "" where there is no doubt.
+    """Return the unit of times that state none, and a remark for the reader, or "" if the unit is clear.
 
-    Times of day tell it by their size, other times by the rate that would follow.
+    The unit follows from the size of times since 1970, and for other times from the rate that results.
     """
     known = time[np.isfinite(time)]
     largest = np.abs(known).max(initial=0.0)

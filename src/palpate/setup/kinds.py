@@ -1,4 +1,4 @@
-"""The table of sensors. Add a row, or an entry point of another package, and every command, page and test takes it."""
+"""List the kinds of sensors; a new row, or an entry point of another package, serves every command, page and test."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from palpate.setup.setup import SensorKind
 __all__ = ["ASSUMED", "KINDS"]
 
 ASSUMED = "force_torque"
-"""The sensor of a rig that states none."""
+"""Name of the sensor of a rig that has no sensor's table."""
 KINDS = Registry(
     {
         "fusion": "palpate.sensors.fused.section.FUSION",
@@ -21,4 +21,4 @@ KINDS = Registry(
     "palpate.sensors",
     first=True,
 )
-"""Name of a sensor's table in a rig -> the sensor, in the order in which they are tried on a log."""
+"""Name of a sensor's table in a rig -> the kind of sensor, in the order in which the kinds are tried on a log."""

@@ -1,4 +1,4 @@
-"""What is touched and where the sensor sits on it, as values: the [surface] of a rig, its files read once."""
+"""Turn the [surface] of a rig into values: the surface that is touched and its pose in the sensor's frame."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ __all__ = ["Link"]
 
 @dataclass(frozen=True)
 class Link:
-    """A link of a robot, with the sensors' frame on it.
+    """A link of a robot, with its surface in the sensors' frame.
 
     Attributes:
-        stated: the [surface] of the rig; None where a skin alone is the body.
-        folder: where relative paths start.
+        stated: the [surface] of the rig; None if a skin alone is the body.
+        folder: the folder where relative paths start.
     """
 
     stated: RigSurface | None
@@ -31,28 +31,28 @@ class Link:
 
     @property
     def mount(self) -> Pose:
-        """T_sensor_surface; the identity where there is no surface."""
+        """T_sensor_surface, the surface's pose in the sensor's frame; the identity without a surface."""
         return Pose.identity() if self.stated is None else self.stated.pose.pose()
 
     @property
     def mount_covariance(self) -> Float[np.ndarray, "6 6"] | None:
-        """Of the mounting's (rotation vector [rad], translation [m]); None where it is not known."""
+        """Covariance of the mounting, (6, 6), of (rotation vector [rad], translation [m]); None if it is not known."""
         stated = None if self.stated is None else self.stated.pose_covariance
         return None if stated is None else np.asarray(stated, dtype=np.float64)
 
     @property
     def placement(self) -> float:
-        """[m] that touches err by beside what their wrenches explain."""
+        """Standard deviation [m] of a touch's place beyond what its wrench explains; 0.0 if there is no surface."""
         return 0.0 if self.stated is None else self.stated.placement
 
     @property
     def settings(self) -> dict[str, object]:
-        """What is in force of the surface, for the record beside a result."""
+        """Settings of the surface in force, name -> value, for the record that accompanies a result."""
         return {} if self.stated is None else {"crease": self.stated.crease}
 
     @property
     def name(self) -> str:
-        """What was touched, in a word."""
+        """Name of the surface for a sentence: its file, its link, or its kind with an article ("a sphere")."""
         if self.stated is None:
             return "the body"
         if self.stated.urdf is not None:
@@ -61,11 +61,11 @@ class Link:
         return Path(str(self.stated.mesh)).name if kind == "mesh" else f"{'an' if kind[0] in 'aeiou' else 'a'} {kind}"
 
     def surface(self) -> Surface:
-        """Return what is touched, read once for all links of the same files.
+        """Return the surface that is touched, read once for all links with the same files.
 
         Raises:
-            InputError: the rig has no [surface], or a file of it cannot be read.
-            GeometryError: there is nothing usable in it.
+            InputError: the rig has no [surface], or one of its files cannot be read.
+            GeometryError: the file has no usable surface.
         """
         return self._surface
 
@@ -80,5 +80,5 @@ class Link:
 
 @lru_cache(maxsize=1)
 def _read(stated: RigSurface, folder: Path, stamps: tuple[tuple[int, int], ...]) -> Surface:
-    """Read a surface; `stamps` of its files tell whether they are still the same."""
+    """Read a surface; `stamps`, (mtime [ns], size) of its files, make the cache notice that a file has changed."""
     return stated.load(folder)

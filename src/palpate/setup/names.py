@@ -1,4 +1,4 @@
-"""Which columns of a log are what, by their names; units in the names do not matter."""
+"""Find the columns of a log (wrench, time, pose, ...) by their names; units in the names do not matter."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ _TIME = (
     *("time", "timestamp", "t", "stamp", "time_s", "seconds", "sec", "s", "zeit", "x_value", "duration"),
     *("elapsed", "millis", "ms", "micros", "us"),
 )
-_DERIVED = re.compile(  # what is no measured wrench, where there is another one
+_DERIVED = re.compile(  # words of wrenches that were not measured: these come last
     r"(?:^|[\W_])(?:desired|des|command\w*|cmd|target|set_?point|ref|reference|bias|offset|std|sigma|error|noise)(?=[\W_]|$)",
     re.IGNORECASE,
 )
@@ -54,7 +54,7 @@ _COUNTER = re.compile(
     r"^(?:.*[\W_])?(?:samples?|seq|sequence|index|idx|counter|count|frame|packet|no|nr|n|#)\.?$", re.I
 )
 _PARTS = re.compile(r"^(?P<head>.*?)(?P<part>secs?|seconds?|nsecs?|nanosecs?|nanoseconds?)$", re.IGNORECASE)
-_FRAMES = (  # names that say in which frame a wrench is: whose they are, frame, what it is
+_FRAMES = (  # pattern of names that tell a wrench's frame, the frame, and the words for a remark
     (r"O_F_ext_hat_K", "base", "of a Franka arm in its base frame O"),
     (r"K_F_ext_hat_K", "sensor", "of a Franka arm in its stiffness frame K, which is taken as the sensor's"),
     (r"actual_TCP_force", "base", "of a UR arm at its tool, along the axes of its base"),
@@ -62,7 +62,7 @@ _FRAMES = (  # names that say in which frame a wrench is: whose they are, frame,
 
 
 def wrenches(names: Sequence[str]) -> list[tuple[str, ...]]:
-    """Six columns, force first, of each sensor that has all six, those that are in the sensor's frame first."""
+    """Return the six columns, force first, of each sensor that has all six; those in the sensor's frame come first."""
     found: list[tuple[str, ...]] = []
     if set(WRENCH_COLUMNS) <= set(names):
         found.append(WRENCH_COLUMNS)
@@ -80,12 +80,12 @@ def wrenches(names: Sequence[str]) -> list[tuple[str, ...]]:
 
 
 def wrench_columns(names: Sequence[str]) -> tuple[str, ...] | None:
-    """Six columns, force first, of the first sensor that has all six; None where there is none."""
+    """Return the six columns, force first, of the first sensor that has all six, or None if no sensor has them."""
     return next(iter(wrenches(names)), None)
 
 
 def wrench_frame(columns: Sequence[str]) -> tuple[str, str]:
-    """The frame of a wrench, "sensor" or "base", and what its names say of it, or ""."""
+    """Return the frame of a wrench, "sensor" or "base", and the words that explain a known name, or ""."""
     for pattern, frame, said in _FRAMES:
         if re.search(pattern, columns[0], re.IGNORECASE):
             return frame, said
@@ -93,7 +93,7 @@ def wrench_frame(columns: Sequence[str]) -> tuple[str, str]:
 
 
 def time_column(names: Sequence[str]) -> str | None:
-    """The column of the time, None where no name says so, or only of parts of it."""
+    """Return the name of the time column; None if no name looks like one, except those of split seconds."""
     split = split_stamp(names)
     whole = [name for name in names if name not in split]
     lower: dict[str, str] = {}
@@ -108,7 +108,7 @@ def time_column(names: Sequence[str]) -> str | None:
 
 
 def split_stamp(names: Sequence[str]) -> tuple[str, ...]:
-    """Seconds and nanoseconds of one stamp in two columns; () where there are none."""
+    """Return the two columns that hold seconds and nanoseconds of one stamp, or () if there are none."""
     parts = [
         (match["head"].lower(), match["part"].lower()[0] == "n", name)
         for name in names
@@ -122,40 +122,40 @@ def split_stamp(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def counter_column(names: Sequence[str]) -> str | None:
-    """A column that counts the samples."""
+    """Return the first column whose name says that it counts the samples, or None."""
     return next((name for name in names if _COUNTER.match(split_unit(name)[0])), None)
 
 
 def orientation_columns(names: Sequence[str]) -> tuple[str, ...] | None:
-    """Four columns x, y, z, w of a quaternion."""
+    """Return the four columns of a quaternion x, y, z, w, or None."""
     if set(ORIENTATION_COLUMNS) <= set(names):
         return ORIENTATION_COLUMNS
     return next(iter(_groups(names, _QUATERNION, "xyzw").values()), None)
 
 
 def position_columns(names: Sequence[str]) -> tuple[str, ...] | None:
-    """Three columns of a position."""
+    """Return the three columns of a position x, y, z, or None."""
     if set(POSITION_COLUMNS) <= set(names):
         return POSITION_COLUMNS
     return next(iter(_groups(names, _POSITION, "xyz").values()), None)
 
 
 def acceleration_columns(names: Sequence[str]) -> tuple[str, ...] | None:
-    """Three columns of an acceleration."""
+    """Return the three columns of an acceleration x, y, z, or None."""
     if set(ACCELERATION_COLUMNS) <= set(names):
         return ACCELERATION_COLUMNS
     return next(iter(_groups(names, _ACCELERATION, "xyz").values()), None)
 
 
 def made_up(names: Iterable[str]) -> bool:
-    """Whether the file had no names."""
+    """Return whether all names are made up (column_1, ...), because the file has none."""
     return all(re.fullmatch(r"column_\d+", name) for name in names)
 
 
 def _groups(
     names: Iterable[str], patterns: Sequence[re.Pattern[str]], axes: str, *, tails: bool = False
 ) -> dict[tuple[str, str], tuple[str, ...]]:
-    """What comes before the word, and with `tails` after it -> its columns by axis, where all axes are there."""
+    """Return (text before the word, text after it if `tails`) -> columns in the order of `axes`, if all are there."""
     found: dict[tuple[str, str], dict[str, str]] = {}
     for name in names:
         bare = split_unit(name)[0]
@@ -174,7 +174,7 @@ def _groups(
 
 
 def _from_zero(group: dict[str, str]) -> dict[str, str]:
-    """Numbered from 0 where it was numbered from 1."""
+    """Return a group whose axes are numbered from 1 with numbers from 0; any other group as it is."""
     if not all(key.isdigit() for key in group) or "0" in group:
         return group
     return {str(int(key) - 1): name for key, name in group.items()}

@@ -1,4 +1,4 @@
-"""A commented rig to start from, guessed from a log and a mesh; what was guessed is said."""
+"""Propose a commented rig, guessed from a log and a body, with remarks on each guess."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ torsion = 0.005                      # m: bounds |torque about the normal| / |no
 
 @dataclass(frozen=True)
 class Proposal:
-    """A rig's text, which sensor it is for and why, and what its reader should check."""
+    """A proposed rig as text, words for its sensor and for the reason of the guess, and remarks to check."""
 
     text: str
     called: str
@@ -59,17 +59,18 @@ def guess_sensor(
     topic: str | None = None,
     rate: float | None = None,
 ) -> tuple[SensorKind, Guess] | None:
-    """The first kind of sensor that a log looks like; None where it looks like none.
+    """Return the first kind of sensor that a log looks like, and the guess; None if it looks like no kind.
 
     Args:
-        log: of any sensor.
-        body: that is touched.
-        sensor: the only kind that is looked for.
-        topic: the only one of its role that is looked at.
-        rate: [Hz] of the samples, where it is known.
+        log: a log of any sensor.
+        body: the body that is touched.
+        sensor: name of the only kind that is tried; None: all are.
+        topic: the only topic of its role that is read; None: all are.
+        rate: [Hz] of the samples of a table.
 
     Raises:
-        InputError: it is no log, or has no such topic, or its names contradict each other.
+        InputError: the file is no log, the topic does not exist or has no readings, a rate is given for messages, or
+            units contradict each other.
     """
     there = _only(contents(log), topic)
     if rate is not None and there.topics:
@@ -85,7 +86,7 @@ def guess_sensor(
 
 
 def _only(there: LogContents, name: str | None) -> LogContents:
-    """Without the other topics of the role that a topic has."""
+    """Return the contents without other topics of the named topic's role; raise InputError if there is none."""
     if name is None:
         return there
     if not there.topics:
@@ -113,18 +114,19 @@ def propose_rig(
     topic: str | None = None,
     rate: float | None = None,
 ) -> Proposal:
-    """Guess a rig that will stand in `folder`.
+    """Guess a rig from a log and a body, for a file rig.toml in `folder`.
 
     Args:
-        log: of any sensor.
-        body: that is touched; a path is that of a mesh.
-        folder: of the rig.
+        log: a log of any sensor.
+        body: the body that is touched, or the path of its mesh.
+        folder: the folder of the rig, where relative paths start.
         sensor: see `guess_sensor`.
-        topic: the same.
-        rate: the same.
+        topic: see `guess_sensor`.
+        rate: see `guess_sensor`.
 
     Raises:
-        InputError: the log cannot be read, or nothing in it looks like a sensor, or the rig would not load.
+        InputError: the log cannot be read, nothing in it looks like a sensor, its times are not known, or the rig would
+            not load.
     """
     body = GivenBody.of(body) if isinstance(body, Path) else body
     body = None if body is None else replace(body, folder=folder)
@@ -149,7 +151,7 @@ def propose_rig(
 
 
 def _listed(log: Path) -> str:
-    """What it has, in short."""
+    """Return the first names of a log's columns and topics for a sentence."""
     there = contents(log)
     names = [*there.names, *(f"{topic.name} ({topic.kind})" for topic in there.topics)]
     return ", ".join(names[:12]) + (", ..." if len(names) > 12 else "") if names else "it is empty"
@@ -170,7 +172,7 @@ def _parts(log: Path, body: GivenBody | None, kind: SensorKind, guess: Guess) ->
 
 
 def _require_sound(text: str, path: Path) -> None:
-    """Before it is written: odd names of files or columns must not make a rig that does not load."""
+    """Raise InputError if the text would not load as a rig, as with odd names of files or columns."""
     try:
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as problem:

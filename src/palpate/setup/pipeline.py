@@ -1,4 +1,4 @@
-"""From a log to contacts, by a rig: what `palpate estimate` does, and Python with it."""
+"""Estimate the contacts of a log with a rig, as `palpate estimate` and `palpate.estimate` do."""
 
 from __future__ import annotations
 
@@ -39,20 +39,20 @@ __all__ = ["FRAMES", "HEAD", "OpenedLog", "Pipeline", "estimate", "open_log"]
 
 FRAMES = ("surface", "sensor", "base")
 HEAD = 20_000  # samples of the start of a log from which noise, rate and rest are taken
-KEPT = 5_000  # samples of the log, evenly spread, that doubts are raised from
+KEPT = 5_000  # samples of the log, evenly spread, from which warnings are derived
 HEAD_VALUES = 3_000_000  # numbers, where a sample has many
 _LINE = 'palpate.estimate("log.csv", "rig.toml") or palpate.estimate("log.csv", mesh="probe.stl", unit="mm")'
 LogLike = str | PathLike[str] | DataFrame | Mapping[str, Any] | np.ndarray
-HEAD_FRAMES = 30  # of a camera, whatever the seconds
+HEAD_FRAMES = 30  # images at the start of a camera's log, whatever the time
 
 
 class OpenedLog:
-    """A log of a rig: blocks of one of its sensors, and its start, which may be looked at before.
+    """A log opened with a rig: the blocks of one of its sensors, and its start, which can be read in advance.
 
     Attributes:
         setup: the link and its sensors, without the start of the log.
-        kind: the sensor.
-        seconds: spent on reading so far.
+        kind: the kind of the sensor.
+        seconds: time [s] spent on reading so far.
     """
 
     def __init__(self, source: Path | Mapping[str, np.ndarray], setup: Setup) -> None:
@@ -68,34 +68,34 @@ class OpenedLog:
 
     @property
     def size(self) -> int:
-        """Bytes to read in all."""
+        """Number of bytes of the log."""
         return self._log.size
 
     @property
     def position(self) -> int:
-        """Bytes read so far."""
+        """Number of bytes read so far."""
         return self._log.position
 
     @property
     def torn(self) -> str:
-        """After the last block, the sentence that says where the file was cut; "" where it is whole."""
+        """Sentence that says where the file was cut off, known after the last block; "" if it is complete."""
         return self._log.torn
 
     def notes(self) -> tuple[str, ...]:
-        """What a reader of the results should know of what was read so far."""
+        """Return notes on what was read so far for the reader of the results, one sentence each."""
         return self._log.notes()
 
     def prefetching(self) -> AbstractContextManager[LogReader]:
-        """A process that can read it from the start, for `read_ahead`; it starts meanwhile."""
+        """Start a process that can read the log from the start, for `prefetch`; return without waiting for it."""
         return reading_in_process(self.path, self.setup.layout())
 
     def prefetch(self, reader: LogReader, estimator: ContactEstimator, threads: int) -> None:
-        """From now on its blocks are read by a process of its own, from the start, and located in threads: sooner.
+        """Read the blocks from the start in another process from now on, and locate contacts in threads, for speed.
 
         Args:
-            reader: the process.
-            estimator: of the log; accelerations that its sensor takes from poses are told there too.
-            threads: that locate at a time.
+            reader: the process, of `prefetching`.
+            estimator: the estimator of the log; if its sensor has a motion, the process adds the accelerations.
+            threads: number of threads that locate contacts.
         """
         motion, told = None, None
         if isinstance(estimator, WrenchEstimator):
@@ -105,9 +105,10 @@ class OpenedLog:
         self._log, self._ahead = PrefetchedLog(self._log, reader, motion, told), True
 
     def head(self, seconds: float = 0.0) -> Recording:
-        """The start of the log: 20,000 samples or so many seconds, if it is that long; nothing of it is lost.
+        """Return the log's start: 20,000 samples, or `seconds` [s] if that is more, or 30 images; none is consumed.
 
-        Of images some 30 frames.
+        Raises:
+            InputError: the log holds no samples.
         """
         if self._blocks is None:
             self._blocks = self._timed(self._log.blocks())
@@ -124,7 +125,7 @@ class OpenedLog:
         return join(self._first)
 
     def _short(self, count: int, values: int, seconds: float) -> bool:
-        """Whether what was read is less than is asked for."""
+        """Return whether less of the log was read than `head` needs."""
         if self._images:
             return count < HEAD_FRAMES
         return not (count >= HEAD or values >= HEAD_VALUES) or bool(_span(self._first) <= seconds)
@@ -134,10 +135,10 @@ class OpenedLog:
         return self.setup.with_head(self.head(self.setup.estimate.tare or 1.0)).prepared()
 
     def __iter__(self) -> Iterator[Recording]:
-        """Every sample once, in blocks, from the start."""
+        """Yield every sample once, in blocks, from the start."""
         first, self._first = self._first, []
         blocks, self._blocks = self._blocks, None
-        if self._ahead:  # it knows nothing of what was looked at before
+        if self._ahead:  # the reader's process begins at the start, whatever `head` has read
             first, blocks = [], None
         yield from chain(first, self._timed(self._log.blocks()) if blocks is None else blocks)
 
@@ -163,16 +164,16 @@ class OpenedLog:
 def open_log(
     log: LogLike, rig: Rig | str | PathLike[str], sensor: str | None = None, topic: str | None = None
 ) -> OpenedLog:
-    """Open a log as a rig says: CSV, Parquet, NumPy, MCAP, a ROS 1 or 2 bag; or a table or arrays in memory.
+    """Open a log with a rig: CSV, Parquet, NumPy, MCAP, a ROS 1 or 2 bag; or a table or arrays in memory.
 
     Args:
         log: the file, or a bag's folder; or a table of polars or pandas, or arrays by their names, as a file has them.
-        rig: or its file.
-        sensor: name of the sensor's table in the rig, where there are several that the log could be of.
-        topic: of the sensor's readings, in place of the one that the rig names.
+        rig: the rig, or its file.
+        sensor: name of the sensor's table in the rig, if the log fits several sensors.
+        topic: topic of the sensor's readings, in place of the one that the rig names.
 
     Raises:
-        InputError: the log cannot be read, or has nothing for a sensor of the rig.
+        InputError: the log cannot be read, has nothing for a sensor of the rig, or fits several and none is named.
     """
     source = Path(log) if isinstance(log, str | PathLike) else arrays_of(log)
     rig = rig if isinstance(rig, Rig) else load_rig(rig)
@@ -186,11 +187,11 @@ def open_log(
 
 
 def _fitting(there: LogContents, rig: Rig, topic: str | None) -> Setup:
-    """Return the setup of the sensor that a log is of, by its channels; of all together where it has those of all."""
+    """Return the setup of the sensor whose channels a log has; of the combined sensor if it has those of all parts."""
     path, setup = there.path, rig.resolve()
     lacking = {kind.name: missing(there, setup.answering(kind).layout()) for kind in rig.kinds}
     fitting = [kind for kind in rig.kinds if not lacking[kind.name]]
-    if rig.pokes is not None and len(fitting) > 1:  # then wrenches are there to find the taxels by
+    if rig.pokes is not None and len(fitting) > 1:  # the wrenches of pokes only serve to locate the taxels
         fitting = [kind for kind in fitting if kind.channels == (CELLS,)] or fitting
     together = [kind for kind in fitting if kind.parts and topic is None]
     if together or len(fitting) == 1:
@@ -205,7 +206,7 @@ def _fitting(there: LogContents, rig: Rig, topic: str | None) -> Setup:
 
 
 class SeenSamples:
-    """Some samples of a log, evenly spread, and how its contacts turned out: what does not fit shows in them."""
+    """Samples of a log, evenly spread, and statistics of its contacts, from which warnings are derived."""
 
     def __init__(self) -> None:
         self._count, self._stride, self._kept = 0, 1, list[Recording]()
@@ -213,7 +214,7 @@ class SeenSamples:
         self._found = list[Contacts]()
 
     def add(self, block: Recording, found: Contacts, size: float, *, keep: bool = True) -> None:
-        """The next samples and their contacts, on a body of a size [m]; `keep`: doubts are raised from the samples."""
+        """Add the next samples and their contacts on a body of a size [m]; `keep`: samples are kept for warnings."""
         spread: Float[np.ndarray, " n"] = np.trace(found.covariance, axis1=1, axis2=2)
         self._small += int(np.count_nonzero(found.answered & ~(CHI2_95 * spread > size**2)))
         self._statuses += np.bincount(found.status, minlength=len(Status))
@@ -224,7 +225,7 @@ class SeenSamples:
     def _keep(self, block: Recording, found: Contacts) -> None:
         even = slice(-self._count % self._stride, None, self._stride)
         self._kept.append(block.picked(even))
-        if len(found) == len(block):  # of several contacts a sample nobody asks for bounds
+        if len(found) == len(block):  # bounds are not required of samples with several contacts
             self._found.append(found[even])
         while sum(map(len, self._kept)) > 2 * KEPT:  # every second one of those kept stays
             half = slice(None, None, 2)
@@ -233,16 +234,16 @@ class SeenSamples:
             self._stride *= 2
 
     def required_bounds(self, estimator: ContactEstimator) -> RequiredBounds | None:
-        """Return which bounds of friction and torsion the samples ask for; None where the sensor has none."""
+        """Return the bounds of friction and torsion that the samples require; None if the sensor has no bounds."""
         judge = estimator.plausibility
         return judge.required_bounds(Contacts.joined(self._found)) if judge is not None and self._count else None
 
     def unbelievable(self) -> str:
-        """The sentence to end with when not one sample can be believed, else empty."""
+        """Return the sentence that says that no sample can be trusted, or "" if some can."""
         return unbelievable(self._statuses, self._small)
 
     def warnings(self, estimator: ContactEstimator) -> list[str]:
-        """Units, bias, mounting: what a wrench says of them, and how many samples no contact explains."""
+        """Return warnings on units, bias and mounting, and on samples that no contact explains, one sentence each."""
         said = unexplained(self._statuses, self.required_bounds(estimator))
         judge = estimator.plausibility
         return said if judge is None or not self._count else [*judge.warnings(join(self._kept)), *said]
@@ -250,14 +251,15 @@ class SeenSamples:
 
 @dataclass
 class Pipeline:
-    """A log on its way to contacts, once.
+    """The processing of a log from samples to contacts, which can run once.
 
     Attributes:
-        log, frame, estimator: what it is made of.
+        log: the log.
+        frame: frame of the contacts: "surface", "sensor" or "base".
+        estimator: the estimator that turns samples into contacts.
         initial_notes, initial_warnings: on what was done before the first sample, one sentence each.
-        settings: settings in force.
-        seconds: spent on preparing, on compiling what was not compiled before, and on locating; the log knows those of
-            reading.
+        settings: settings in force, name -> value.
+        seconds: time [s] spent on "prepare", "compile" and "locate"; the log's own `seconds` are those of reading.
     """
 
     log: OpenedLog
@@ -271,11 +273,11 @@ class Pipeline:
 
     @classmethod
     def of(cls, log: OpenedLog, frame: str = "surface") -> Pipeline:
-        """Prepare everything that the samples of a log go through.
+        """Return the pipeline of a log, prepared for its first sample.
 
         Raises:
-            InputError: a file of the rig cannot be used, the log does not begin at rest where it should, or the base
-                frame is asked for and the log has no poses.
+            InputError: a file of the rig cannot be used, the log does not begin at rest although it must, the frame is
+                unknown, or it is the base and the log has no poses.
         """
         if frame not in FRAMES:
             raise InputError(f"there is no frame {frame!r}.", hint=f"Use one of {', '.join(FRAMES)}.")
@@ -292,10 +294,10 @@ class Pipeline:
     def stream(
         self, watch: Callable[[Recording, np.ndarray], None] | None = None
     ) -> Iterator[tuple[Recording, Contacts, Contacts]]:
-        """Blocks of the log with their contacts, in the surface's frame and in the one asked for.
+        """Yield each block of the log with its contacts in the surface's frame and in the requested frame.
 
         Args:
-            watch: is given each block with what the sensor shows beside contacts; see `ContactEstimator.pairs`.
+            watch: called with each block and the array that the sensor shows; see `ContactEstimator.pairs`.
         """
         located, judge = self.estimator.pairs(self.log, watch), self.estimator.plausibility
         while True:
@@ -311,20 +313,20 @@ class Pipeline:
             yield block, found, placed(found, block, self.frame, self.estimator.mount)
 
     def proposed_bounds(self) -> str:
-        """Which bounds of friction and torsion would hold 95 % of the samples so far, or ""."""
+        """Return the sentence on bounds of friction and torsion that would hold 95 % of the samples so far, or ""."""
         asked = self._seen.required_bounds(self.estimator)
         return "" if asked is None else asked.proposal
 
     def unbelievable(self) -> str:
-        """After the last block: the sentence to end with when not one sample can be believed, or ""."""
+        """Return the sentence that says that no sample of the log can be trusted, or ""; call after the last block."""
         return self._seen.unbelievable()
 
     def notes(self) -> list[str]:
-        """What was met on the way, so far."""
+        """Return notes on the log and on the estimate so far, one sentence each."""
         return list(dict.fromkeys((*self.initial_notes, *self.estimator.notes(), *self.log.notes())))
 
     def warnings(self) -> list[str]:
-        """What may be wrong, by what was seen so far."""
+        """Return warnings about the samples so far: what may be wrong, one sentence each."""
         return list(
             dict.fromkeys((*self.initial_warnings, *self.estimator.warnings(), *self._seen.warnings(self.estimator)))
         )
@@ -355,15 +357,15 @@ def estimate(
 
     Args:
         log: the file, or a bag's folder; or a table of polars or pandas, or arrays by their names, as a file has them.
-        rig: or its file. None: the mesh is in the frame of a tared six-axis sensor.
+        rig: the rig, or its file. None: the mesh is in the frame of a tared six-axis sensor.
         mesh: file of the surface, in place of the rig's.
-        unit: of the mesh file's numbers: m, cm, mm, um or in.
-        frame: of the result: "surface", "sensor" or "base".
-        sensor: name of the sensor's table in the rig, where there are several that the log could be of.
-        topic: of the sensor's readings, in place of the one that the rig names.
+        unit: unit of the mesh file's numbers: m, cm, mm, um or in.
+        frame: frame of the contacts: "surface", "sensor" or "base".
+        sensor: name of the sensor's table in the rig, if the log fits several sensors.
+        topic: topic of the sensor's readings, in place of the one that the rig names.
 
     Returns:
-        At least one row a sample; what a reader should know, doubts first, is in `notes`.
+        The contacts, at least one row for each sample; warnings and then notes are in `notes`.
 
     Raises:
         InputError: the log, the mesh or a file of the rig cannot be used, or there is neither a rig nor a mesh.
@@ -394,7 +396,7 @@ def _require_pose(log: OpenedLog, head: Recording) -> None:
 
 
 def _span(blocks: Iterable[Recording]) -> float:
-    """Seconds from the first time to the last."""
+    """Return the time [s] from the first finite time of the blocks to the last; -inf if there is none."""
     times = [block.time[np.isfinite(block.time)] for block in blocks]
     known = [time for time in times if len(time)]
     return max(time.max() for time in known) - min(time.min() for time in known) if known else -np.inf

@@ -1,4 +1,4 @@
-"""Pokes of a skin in a rig: where the link is in the sensor's frame, and what is known of the taxels before."""
+"""The [pokes] of a rig: the link's pose in the sensor's frame during pokes of a skin, and priors of its taxels."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ __all__ = ["RigPokes", "RigPriors"]
 
 @dataclass(frozen=True)
 class RigPriors:
-    """Standard deviations of errors of sensor and robot: see `palpate.sensors.taxels.poking.Priors`; angles in degrees.
+    """Standard deviations of the errors of sensor, robot and skin while taxels are located; angles in degrees.
 
-    What is left out has its default there.
+    None stands for the default of `palpate.sensors.taxels.poking.Priors`, which explains each.
     """
 
     bias_force: float | None = None
@@ -42,22 +42,22 @@ class RigPriors:
         require_positive(self, "lever")
 
     def stated(self) -> dict[str, float]:
-        """Those that are, with angles in radians."""
+        """Return the standard deviations that are not None, name -> value, with angles in radians."""
         known = {name: value for name, value in vars(self).items() if value is not None}
         return {name: radians(value) if name.endswith("angle") else value for name, value in known.items()}
 
 
 @dataclass(frozen=True)
 class RigPokes:
-    """The link in the sensor's frame, and what pokes start from.
+    """The [pokes] of a rig: the link's pose in the sensor's frame, and the settings by which taxels are located.
 
-    `sensor` and `link` are frames of /tf, or links of a `urdf` that is moved by the `joints` of a topic of joint
-    states, or by columns of their names in a table. Else `columns` (quaternion x, y, z, w) and `position` of a table, a
-    `topic` of poses, or a `pose` that stays say where the link is in the sensor's frame. `offset` and `max_gap` [s] are
-    as in [orientation].
+    `sensor` and `link` are frames of /tf, or links of a `urdf` that is moved by the joint states of the topic `joints`,
+    or by columns of a table that have the joints' names. Otherwise the link's pose comes from `columns` (quaternion x,
+    y, z, w) and `position` of a table, a `topic` of poses, or a constant `pose`. `offset` and `max_gap` [s] are as in
+    [orientation].
 
-    `threshold`: a taxel answers where it stands so far above its rest; found where it is left out. `layout` of the
-    modules: a name such as "ring12", or a file of taxels; `start`: a file of where taxels are thought to be (CAD).
+    A taxel responds if its reading exceeds its baseline by the `threshold`; None: it is determined from the log.
+    `layout` of the modules is a name such as "ring12", or a file of taxels; `start` a file of expected taxels (CAD).
     """
 
     sensor: str | None = None
@@ -93,7 +93,7 @@ class RigPokes:
             raise ValueError("columns and position belong together: the link's orientation and its place")
 
     def files(self, folder: Path) -> Mapping[str, Path]:
-        """What it names: what each is -> where."""
+        """Return the files that the table names, key -> path: "kinematics" (the URDF), "start" and "layout"."""
         named = {"kinematics": self.urdf, "start": self.start}
         if self.layout is not None and Path(self.layout).suffix:
             named["layout"] = self.layout

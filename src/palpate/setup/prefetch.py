@@ -1,4 +1,4 @@
-"""A log read by a process of its own, ahead of who uses it, and the way that blocks take from process to process."""
+"""Prefetch a log in another process, and send its blocks from process to process through shared memory."""
 
 from __future__ import annotations
 
@@ -36,21 +36,21 @@ __all__ = [
     "way",
 ]
 
-SLOTS, SLOT = 6, 1 << 22  # values on their way at most; bytes of one: what is larger goes through the pipe
+SLOTS, SLOT = 6, 1 << 22  # values in transit at most; bytes of one: larger values go through the pipe
 
 
 class Sender:
-    """Where values go in. A value waits in shared memory until it is taken, or its place is wanted."""
+    """The sending end of a way between processes; values wait in shared memory until the receiver takes them."""
 
     def __init__(self, memory: Any, messages: Connection, freed: Connection) -> None:
         self._memory, self._messages, self._freed = memory, messages, freed
         self._free = list(range(SLOTS))
 
     def put(self, value: object) -> None:
-        """Send what can be pickled; waits while too many are on their way.
+        """Send a value that can be pickled; wait while `SLOTS` values are in transit.
 
         Raises:
-            EOFError, OSError: nobody receives any more.
+            EOFError, OSError: the receiver is gone.
         """
         while self._freed.poll() or not self._free:
             self._free.append(self._freed.recv())
@@ -69,16 +69,16 @@ class Sender:
 
 
 class Receiver:
-    """Where values come out, in their order."""
+    """The receiving end of a way between processes; values come in the order in which they were sent."""
 
     def __init__(self, memory: Any, messages: Connection, freed: Connection) -> None:
         self._memory, self._messages, self._freed = memory, messages, freed
 
     def get(self) -> Any:
-        """The next value, its arrays its own.
+        """Return the next value, with arrays that share no memory; wait until one comes.
 
         Raises:
-            EOFError: who sends is gone.
+            EOFError: the sender is gone.
         """
         slot, sizes, fixed, head = pickle.loads(self._messages.recv_bytes())
         at, view = slot * SLOT, np.frombuffer(self._memory, dtype=np.uint8)
@@ -87,13 +87,13 @@ class Receiver:
             copy = bytearray(view[at : at + size].data)
             parts.append(memoryview(copy).toreadonly() if readonly else copy)
             at += size
-        with suppress(OSError):  # who sent it has ended: its last values are here all the same
+        with suppress(OSError):  # the sender has ended; its last values are still valid
             self._freed.send(slot)
         return pickle.loads(head, buffers=parts)
 
 
 def way() -> tuple[Sender, Receiver]:
-    """From one process to another; either end is an argument of the other process."""
+    """Return both ends of a way from one process to another; either can be an argument of the other process."""
     context = get_context("spawn")
     memory = context.RawArray("B", SLOTS * SLOT)
     taken, messages = context.Pipe(duplex=False)
@@ -103,7 +103,7 @@ def way() -> tuple[Sender, Receiver]:
 
 @contextmanager
 def deaf() -> Generator[None]:
-    """Processes and threads that are started meanwhile, and what these start, do not hear Ctrl-C."""
+    """Block Ctrl-C (SIGINT) in this thread; processes and threads started inside keep it blocked."""
     resource_tracker.ensure_running()  # it lets signals through when it starts
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # which they keep
     try:
@@ -114,12 +114,12 @@ def deaf() -> Generator[None]:
 
 @contextmanager
 def background_process(name: str, target: Callable[..., None], *arguments: object) -> Generator[BaseProcess]:
-    """A process that does not hear Ctrl-C, which is for this one, and does not outlive the block.
+    """Run a function in another process, which ignores Ctrl-C and is terminated at the end of the block.
 
     Args:
-        name: for the list of processes.
-        target: what it runs, importable.
-        arguments: of it; connections and ends of ways among them are closed here.
+        name: name in the list of processes.
+        target: the function, importable.
+        arguments: arguments of the function; connections and ends of ways among them are closed in this process.
     """
     process = get_context("spawn").Process(target=target, args=arguments, name=f"palpate {name}", daemon=True)
     with deaf():
@@ -138,7 +138,7 @@ def background_process(name: str, target: Callable[..., None], *arguments: objec
 
 
 def sendable(problem: Exception) -> Exception:
-    """What went wrong in one process, to be raised in another: as it is, or what it says where it cannot be pickled."""
+    """Return an exception that can be sent to another process: itself, or a RuntimeError if it cannot be pickled."""
     try:
         return pickle.loads(pickle.dumps(problem))
     except Exception:  # of others' classes of errors, which may do anything
@@ -146,7 +146,7 @@ def sendable(problem: Exception) -> Exception:
 
 
 def close(end: Sender | Receiver) -> None:
-    """This process's hold on it, so that the other end notices when the process that has it is gone."""
+    """Close this process's handles on an end, so that the other end notices when the process that uses it is gone."""
     for connection in vars(end).values():
         if isinstance(connection, Connection):
             connection.close()
@@ -154,7 +154,7 @@ def close(end: Sender | Receiver) -> None:
 
 @dataclass(frozen=True)
 class _Read:
-    """A block, and how far the reader is; `block` None: that was all; `failed`: why it cannot go on."""
+    """A block and the progress of the reader; `block` is None at the end, and `failed` the error that ended it."""
 
     block: Recording | None
     position: int
@@ -165,27 +165,31 @@ class _Read:
 
 
 class MotionAhead(Motion):
-    """What a sensor has in place of the motion that the reader tells: blocks come with it, and so does what it met."""
+    """The motion of a sensor whose log is prefetched: the reader's process adds the accelerations to the blocks.
+
+    Attributes:
+        met: the reader's `Motion` as of the last block; None before it.
+    """
 
     met: Motion | None = None
 
     def stream(self, blocks: Iterator[Recording]) -> Iterator[Recording]:
-        """As they are."""
+        """Return the blocks as they are."""
         return blocks
 
     def notes(self, mass: float | None = None) -> tuple[str, ...]:
-        """See `Motion`."""
+        """Return the notes of the reader's motion, see `Motion.notes`; () before the first block."""
         return () if self.met is None else self.met.notes(mass)
 
 
 class LogReader:
-    """A process that reads one log, made by `reading_beside`."""
+    """A process that reads one log, started by `reading_in_process`."""
 
     def __init__(self, receiver: Receiver, told: Connection) -> None:
         self._receiver, self._told = receiver, told
 
     def blocks(self, path: Path, motion: Motion | None) -> Iterator[_Read]:
-        """Let it begin; what it has read, to the end.
+        """Start the reader, with a motion that adds accelerations, and yield what it reads, to the end of the log.
 
         Raises:
             InputError: the process was ended.
@@ -200,7 +204,7 @@ class LogReader:
 
 @contextmanager
 def reading_in_process(path: Path, layout: LogLayout) -> Generator[LogReader]:
-    """A process that opens a log now, and reads it when it is told how: it takes a second to start."""
+    """Start a process, which takes a second, that opens a log and reads it once `LogReader.blocks` is called."""
     sender, receiver = way()
     told, tells = get_context("spawn").Pipe(duplex=False)
     with background_process("reader", _read, sender, told, path, layout):
@@ -208,13 +212,13 @@ def reading_in_process(path: Path, layout: LogLayout) -> Generator[LogReader]:
 
 
 class PrefetchedLog(Log):
-    """A log whose blocks another process reads and decodes while they are used here; the same blocks.
+    """A log whose blocks another process reads and decodes in advance; the blocks are the same as the log's own.
 
     Args:
-        log: opened as usual; says what is in it.
-        reader: the process, of this log.
-        motion: what adds accelerations to the blocks, there; None: nothing does.
-        told: is told what that met.
+        log: the log, opened in this process.
+        reader: the process that reads the same log.
+        motion: adds accelerations to the blocks in that process; None: nothing does.
+        told: the sensor's motion in this process, whose `met` is set with each block.
     """
 
     def __init__(
@@ -225,15 +229,15 @@ class PrefetchedLog(Log):
         self._notes: tuple[str, ...] = ()
 
     def contents(self) -> LogContents:
-        """See `Log`."""
+        """Return the contents of the log; see `Log.contents`."""
         return self._log.contents()
 
     def notes(self) -> tuple[str, ...]:
-        """See `Log`."""
+        """Return notes on the blocks read so far, one sentence each; see `Log.notes`."""
         return self._notes
 
     def blocks(self) -> Iterator[Recording]:
-        """See `Log`; once."""
+        """Yield the blocks of the log, once; raise errors of the reader's process."""
         for read in self._reader.blocks(self.path, self._motion):
             self.position, self.torn, self._notes = read.position, read.torn, read.notes
             if self._told is not None:
@@ -246,20 +250,20 @@ class PrefetchedLog(Log):
 
 
 def _read(sender: Sender, told: Connection, path: Path, layout: LogLayout) -> None:
-    """The process that reads."""
+    """Read a log and send its blocks, in a process; begin when `told` receives the motion."""
     keep_memory()
     log = open_log(path, layout)
     try:
         motion: Motion | None = told.recv()
-    except EOFError:  # nobody wants any
+    except EOFError:  # the receiver is gone
         return
     failed = None
     try:
         for block in log.blocks() if motion is None else motion.stream(log.blocks()):
             sender.put(_Read(block, log.position, log.torn, log.notes(), motion))
-    except (EOFError, BrokenPipeError):  # nobody wants more
+    except (EOFError, BrokenPipeError):  # the receiver is gone
         return
-    except Exception as problem:  # raised where it is used
+    except Exception as problem:  # raised in the process that uses the blocks
         failed = sendable(problem)
     with suppress(EOFError, OSError):
         sender.put(_Read(None, log.position, log.torn, log.notes(), motion, failed))

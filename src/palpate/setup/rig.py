@@ -1,4 +1,4 @@
-"""The rig: one TOML that a person writes, with a table a sensor, and what it builds."""
+"""Read and check a rig, a TOML file with one table for each sensor, and build estimators from it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from palpate.setup.link import Link
 from palpate.setup.pokes import RigPokes
 from palpate.setup.setup import NamedSensor, SensorKind, Setup
 from palpate.setup.source import RigSource
-from palpate.setup.surface import RigSurface
+from palpate.setup.surface import OF_ANY_MESH, RigSurface
 from palpate.setup.tables import RigAcceleration, RigEstimate, RigFilter, RigOrientation, RigTime
 from palpate.signals.recording import FORCE, Recording
 from palpate.spatial.pose import Pose
@@ -37,28 +37,28 @@ _NO_RIG = {
 
 @runtime_checkable
 class StartedLog(Protocol):
-    """A log whose start is known, such as `palpate.open_log` opens."""
+    """A log whose start can be read in advance, such as `palpate.open_log` returns."""
 
     kind: SensorKind
 
     def head(self, seconds: float = 0.0) -> Recording:
-        """Return its start."""
+        """Return the start of the log, of at least `seconds` [s]."""
         ...
 
 
 @called_as('palpate.load_rig("rig.toml")', estimator='palpate.load_rig("rig.toml").estimator(rate=200.0)')
 @dataclass(frozen=True)
 class Rig:
-    """The whole file.
+    """A rig file as values, one attribute for each table.
 
     Attributes:
-        surface: what is touched; None where a skin alone is the body.
-        sensors: name of a sensor's table -> what it says, as the dataclass of `palpate.setup.kinds.KINDS`.
+        surface: the surface that is touched; None if a skin alone is the body.
+        sensors: name of a sensor's table -> its values, as the dataclass of `palpate.setup.kinds.KINDS`.
         time, orientation, acceleration, filter, estimate, contacts: the other tables.
-        drift: how the zero of a sensor of wrenches wanders; None: it is not followed.
-        pokes: of a skin whose taxels are to be found; None: there are none.
-        source: of live samples; None: the rig is for logs.
-        folder: where relative paths start.
+        drift: drift of the bias of a sensor of wrenches; None: it is not followed.
+        pokes: pokes of a skin, from which its taxels are located; None: there are none.
+        source: source of live samples; None: the rig is for logs.
+        folder: the folder where relative paths start.
     """
 
     surface: RigSurface | None = None
@@ -76,24 +76,24 @@ class Rig:
 
     @property
     def kinds(self) -> tuple[SensorKind, ...]:
-        """The sensors that are stated, and what they are together; a six-axis force/torque sensor where none is."""
-        several = len(self.sensors) > 1  # which may be one together
+        """Kinds of the sensors in the rig and of their combinations; a six-axis force/torque sensor if it has none."""
+        several = len(self.sensors) > 1  # they may form a combined sensor
         possible = KINDS.values() if several else KINDS.among(self.sensors)
         return tuple(kind for kind in possible if self._has(kind)) or (KINDS[ASSUMED],)
 
     def _has(self, kind: SensorKind) -> bool:
-        """Of sensors that are there to find each other by pokes, nothing together."""
+        """Return whether the rig has this kind; a combined kind needs all its parts, and no [pokes]."""
         return set(kind.parts) <= set(self.sensors) and self.pokes is None if kind.parts else kind.name in self.sensors
 
     def with_sensor(self, name: str, table: object) -> Rig:
-        """The same rig with another table of a sensor."""
+        """Return the rig with the table of one sensor added or replaced."""
         return replace(self, sensors={**self.sensors, name: table})
 
     def with_topic(self, name: str | None, sensor: str | None = None) -> Rig:
-        """The same rig, the rows of its log taken from another topic.
+        """Return the rig with the topic of one sensor's readings replaced; the rig itself if `name` is None.
 
         Raises:
-            InputError: it has several sensors, and none is named.
+            InputError: the rig has several sensors and none is named, or the sensor is combined.
         """
         if name is None:
             return self
@@ -106,10 +106,10 @@ class Rig:
         return self.with_sensor(kind.name, replace(self.sensors.get(kind.name, kind.table()), topic=name))
 
     def kind(self, sensor: str | None = None) -> SensorKind:
-        """The sensor of this name, or the only one.
+        """Return the kind of the named sensor; without a name the combined one, or else the only one.
 
         Raises:
-            InputError: the rig has no such sensor, or several and none is named.
+            InputError: the rig has no sensor of this name, or has several and none is named.
         """
         named = {kind.name: kind for kind in self.kinds}
         together = [kind for kind in named.values() if kind.parts]
@@ -122,7 +122,7 @@ class Rig:
         return named[sensor]
 
     def files(self) -> dict[str, Path]:
-        """Return every file that the rig names: what it is -> where; of a table's own files with the table's name."""
+        """Return the files that the rig names: key -> path, the key preceded by the table's name ("skin.layout")."""
         setup, pokes = self.resolve(), RigPokes() if self.pokes is None else self.pokes
         named = {f"pokes.{key}": path for key, path in pokes.files(self.folder).items()}
         for kind in self.kinds:
@@ -131,10 +131,10 @@ class Rig:
         return {**setup.link_files(), **named}
 
     def stream(self) -> RigSource:
-        """Where live samples come from.
+        """Return the [source] of live samples.
 
         Raises:
-            InputError: the rig does not say.
+            InputError: the rig has no [source].
         """
         if self.source is None:
             hint = "Add a [source] with kind and address; `palpate rig new --source netft` writes one."
@@ -142,14 +142,14 @@ class Rig:
         return self.source
 
     def resolve(self, sensor: SensorKind | str | None = None, head: Recording | None = None) -> Setup:
-        """Return the link and the sensors on it as values, with the files that the rig names read when first needed.
+        """Return the link and its sensors as values; files that the rig names are read when they are first needed.
 
         Args:
-            sensor: whose samples are answered, or the name of its table; None: the first.
+            sensor: the sensor whose samples are answered, or the name of its table; None: the first.
             head: the start of the log; None: a live loop.
 
         Raises:
-            InputError: the rig has no such sensor.
+            InputError: the rig has no sensor of this name.
         """
         kinds, link = self.kinds, Link(self.surface, self.folder)
         kind = kinds[0] if sensor is None else self.kind(sensor if isinstance(sensor, str) else sensor.name)
@@ -159,27 +159,27 @@ class Rig:
         return Setup(kind, sensors, link, head=head, **{name: getattr(self, name) for name in shared})
 
     def mount(self) -> Pose:
-        """Return T_sensor_surface; the identity where there is no surface."""
+        """Return T_sensor_surface, the surface's pose in the sensor's frame; the identity without a surface."""
         return Link(self.surface, self.folder).mount
 
     def layout(self, sensor: str | None = None) -> LogLayout:
-        """Return how a log of one of the sensors is read."""
+        """Return the layout by which a log of the named sensor, or of the only one, is read."""
         return self.resolve(self.kind(sensor)).layout()
 
     def estimator(
         self, log: StartedLog | None = None, sensor: str | None = None, rate: float | None = None
     ) -> ContactEstimator:
-        """What turns readings into contacts: the same that `palpate estimate` runs.
+        """Return the estimator that turns readings into contacts, the same that `palpate estimate` runs.
 
         Args:
-            log: of `palpate.open_log`; noise, rate, tare and rest are taken from its start where the rig does not state
-                them. None: for a live loop.
-            sensor: name of the sensor's table, where there are several.
-            rate: [Hz] of the samples of a live loop, which a filter needs, in place of the one that the rig states.
+            log: a log of `palpate.open_log`; noise, rate, tare and rest that the rig does not state are taken from its
+                start. None: a live loop.
+            sensor: name of the sensor's table, if there are several; with a log its own sensor is taken.
+            rate: [Hz] of the samples of a live loop, which a filter needs; it replaces the rate that the rig states.
 
         Raises:
-            InputError: the rig says too little, a file that it names cannot be used, or the log does not begin at rest
-                where it should.
+            InputError: the rig lacks something, a file that it names cannot be used, or the log does not begin at rest
+                although it must.
         """
         rig = self if rate is None else replace(self, filter=replace(self.filter, rate=rate))
         if log is None:
@@ -188,10 +188,10 @@ class Rig:
 
 
 def with_mesh(rig: Rig | None, mesh: str | PathLike[str], unit: str | None) -> Rig:
-    """Return the rig with the mesh of a file as its surface; of none, the mesh in the frame of a tared six-axis sensor.
+    """Return the rig with a mesh file as its surface; without a rig, the mesh in a tared six-axis sensor's frame.
 
     Raises:
-        InputError: no unit, or one that is not known.
+        InputError: the unit is missing or unknown.
     """
     try:
         surface = RigSurface(mesh=str(mesh), unit=unit)
@@ -199,17 +199,19 @@ def with_mesh(rig: Rig | None, mesh: str | PathLike[str], unit: str | None) -> R
         raise InputError(f"{problem}.", where=str(mesh)) from problem
     if rig is None:
         return Rig(surface)
-    told = {"kind": "mesh", "mesh": str(Path(mesh).resolve()), "unit": unit}
-    alone: dict[str, Any] = {"urdf": None, "link": None, "geometry": None, "packages": {}}
-    return replace(rig, surface=replace(rig.surface or surface, **told, **alone))
+    known = replace(surface, mesh=str(Path(mesh).resolve()))
+    if rig.surface is not None:
+        known = replace(known, **{name: getattr(rig.surface, name) for name in OF_ANY_MESH})
+    return replace(rig, surface=known)
 
 
 @called_as('palpate.load_rig("rig.toml")')
 def load_rig(path: str | PathLike[str]) -> Rig:
-    """Read a rig; what does not fit is named with the place and the nearest fit.
+    """Read a rig file; errors name the place in the file and the nearest valid key.
 
     Raises:
-        InputError: not there, not TOML, a key misspelt or missing, a value of another kind or out of bounds.
+        InputError: the file is missing or not TOML, a key is misspelt or missing, or a value has another type or is out
+            of bounds.
     """
     path = Path(path)
     for what, suffixes in _NO_RIG.items():
@@ -220,10 +222,10 @@ def load_rig(path: str | PathLike[str]) -> Rig:
 
 
 def check_rig(table: Mapping[str, Any], path: Path) -> Rig:
-    """A rig from what TOML says, as if it stood in `path`.
+    """Return the rig of a parsed TOML table, as if it were read from `path`.
 
     Raises:
-        InputError: a key misspelt or missing, a value of another kind or out of bounds.
+        InputError: a key is misspelt or missing, or a value has another type or is out of bounds.
     """
     common = [each.name for each in fields(Rig) if each.name not in ("sensors", "folder")]
     for name in table:
@@ -252,7 +254,7 @@ def _sensors(table: Mapping[str, Any], path: Path) -> Iterator[tuple[str, Any]]:
 
 
 def _check_drift(stated: RigDrift, kinds: Sequence[SensorKind], sensors: Mapping[str, Any], path: Path) -> None:
-    """Refuse a [drift] beside an older statement of the same, or of a sensor that has none."""
+    """Raise InputError if no sensor can use the [drift], its units are another sensor's, or the sensor has its own."""
     first, followed = kinds[0].name, {FORCE in kind.channels: kind.name for kind in kinds if kind.drift}
     if not followed:
         raise InputError(

@@ -1,4 +1,4 @@
-"""What a rig resolves to: the sensors on one link as values, and what a kind of sensor makes of them."""
+"""Values that a rig resolves to: the link, the sensors on it, and the functions of each kind of sensor."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ __all__ = ["NamedSensor", "SensorKind", "SensorSection", "Setup", "seen_first"]
 
 
 class SensorSection:
-    """A sensor as a value, made of its table in a rig; a subclass reads each file that the table names once.
+    """A sensor as a value, built from its table in a rig; a subclass reads each file that the table names once.
 
     Args:
-        table: what the rig says of it.
-        link: that it is on.
+        table: the sensor's table in the rig.
+        link: the link that the sensor is on.
     """
 
     name: ClassVar[str]
     """Name of the table."""
     called: ClassVar[str]
-    """What the sensor is, in a sentence."""
+    """Words for the sensor in a sentence."""
 
     def __init__(self, table: Any, link: Link) -> None:
         self.table, self.link = table, link
@@ -48,12 +48,12 @@ Section = TypeVar("Section", bound=SensorSection)
 
 @dataclass(frozen=True)
 class NamedSensor:
-    """One sensor on the link.
+    """A sensor on the link, with its table in the rig.
 
     Attributes:
-        kind: what it is.
-        table: what the rig says of it.
-        link: that it is on.
+        kind: the kind of sensor.
+        table: the sensor's table in the rig.
+        link: the link that the sensor is on.
     """
 
     kind: SensorKind
@@ -62,26 +62,26 @@ class NamedSensor:
 
     @cached_property
     def section(self) -> Any:
-        """The sensor as a value; its table where the kind needs no more."""
+        """The sensor as a value: a `SensorSection`, or its table if the kind has no class of sections."""
         return self.table if self.kind.section is None else self.kind.section(self.table, self.link)
 
 
 @dataclass(frozen=True)
 class Setup:
-    """One link and the sensors on it, as values.
+    """A link and the sensors on it, as values.
 
     Attributes:
-        kind: of the sensor whose samples are answered; it may be made of several.
-        sensors: on the link, by their names.
-        link: what is touched, and where the sensors sit on it.
-        time: where the time of a log is.
-        orientation: where poses come from.
-        acceleration: where accelerations come from.
-        filter: of the readings.
-        estimate: how wrenches are located.
-        contacts: how contacts of taxels are found.
-        drift: how the zero of a sensor drifts; None: it is not followed.
-        pokes: of a skin whose taxels are to be found; None: there are none.
+        kind: kind of the sensor whose samples are answered; it may combine several sensors.
+        sensors: name -> sensor on the link.
+        link: the surface that is touched, and its pose in the sensors' frame.
+        time: the time's column in a log.
+        orientation: the source of poses.
+        acceleration: the source of accelerations.
+        filter: the filter of the readings.
+        estimate: settings by which wrenches are located.
+        contacts: settings by which contacts of taxels are found.
+        drift: drift of a sensor's bias; None: it is not followed.
+        pokes: pokes of a skin, from which its taxels are located; None: there are none.
         head: the start of the log; None: a live loop.
     """
 
@@ -99,10 +99,10 @@ class Setup:
     head: Recording | None = None
 
     def of(self, section: type[Section]) -> Section:
-        """Return the sensor on the link whose table such a class reads.
+        """Return the sensor on the link whose table the class `section` reads.
 
         Raises:
-            InputError: there is none.
+            InputError: the rig has no table of that name.
         """
         if section.name not in self.sensors:
             hint = f"Add a [{section.name}]: what is to be said of {section.called}."
@@ -111,7 +111,7 @@ class Setup:
 
     @property
     def common(self) -> dict[str, Any]:
-        """The part of a log's layout that every sensor has: the time, and where the sensor is and how it moves."""
+        """Arguments of `LogLayout` that all sensors share: time, pose, acceleration and temperature."""
         return {
             "time": self.time.column,
             "time_unit": self.time.unit,
@@ -131,47 +131,47 @@ class Setup:
         }
 
     def layout(self) -> LogLayout:
-        """Return how a log of the sensor is read."""
+        """Return the layout by which a log of the sensor is read."""
         return self.kind.layout(self)
 
     def prepared(self) -> BuiltEstimator:
         """Return the estimator of the sensor, with notes and warnings about it.
 
         Raises:
-            InputError: the rig says too little, a file that it names cannot be used, or the log does not begin at rest
-                where it should.
+            InputError: the rig lacks something, a file that it names cannot be used, or the log does not begin at rest
+                although it must.
         """
         return self.kind.build(self)
 
     def files(self) -> dict[str, Path]:
-        """Return the files that the rig names for the sensor that answers: what each is -> where."""
+        """Return the files of the surface, the arm and the answering sensor that the rig names: key -> path."""
         return self.link_files() | self.sensor_files((self.kind.name, *self.kind.parts))
 
     def link_files(self) -> dict[str, Path]:
-        """Return the files of the surface and of the arm."""
+        """Return the files of the surface and of the arm that the rig names: key -> path."""
         named = {} if self.link.stated is None else self.link.stated.files(self.link.folder)
         arm = self.orientation.urdf
         return named if arm is None else {**named, "kinematics": self.link.folder / arm}
 
     def sensor_files(self, names: Iterable[str]) -> dict[str, Path]:
-        """Return the files that the tables of some sensors name."""
+        """Return the files that the tables of the named sensors name: key -> path."""
         sensors = [self.sensors[name] for name in names]
         stated = {key: getattr(sensor.table, key) for sensor in sensors for key in sensor.kind.paths}
         return {key: self.link.folder / path for key, path in stated.items() if path is not None}
 
     def answering(self, kind: SensorKind) -> Setup:
-        """Return the same, with the samples of another of its sensors answered."""
+        """Return the setup with the samples of another of its sensors answered."""
         return replace(self, kind=kind)
 
     def start(self) -> float:
-        """Return the seconds of a stream that are wanted before the first answer; 0: none."""
+        """Return the time [s] at the start of a stream that is needed before the first answer; 0: none."""
         return self.kind.start(self)
 
     def smoothing(self) -> tuple[RigFilter, float | None]:
-        """Return the filter and the rate [Hz] of samples; no filter where there is too little to be filtered.
+        """Return the filter and the rate [Hz] of samples; no filter if the log's start has fewer than two samples.
 
         Raises:
-            InputError: the rate is wanted, and the times of the log do not say it.
+            InputError: the filter needs the rate, and most times of the log repeat or are missing.
         """
         stated, head = self.filter, self.head
         if stated.kind == "none" or stated.rate is not None or head is None:
@@ -188,48 +188,48 @@ class Setup:
         return stated, head.rate()
 
     def followed(self, channels: int) -> Drift | None:
-        """Return how the zero of a sensor of so many channels drifts; None where it is not followed.
+        """Return the drift of the bias of a sensor with the given number of channels; None: it is not followed.
 
         Raises:
-            InputError: another number of channels is stated.
+            InputError: the rig states another number of channels.
         """
         return None if self.drift is None else self.drift.drift(channels)
 
     def with_head(self, head: Recording | None) -> Setup:
-        """Return the same with the start of a log."""
+        """Return the setup with the start of a log, or with None for a live loop."""
         return replace(self, head=head)
 
 
 def seen_first(setup: Setup) -> float:
-    """Return the seconds of a stream for its tare, or for the rate that a filter needs and the rig does not state."""
+    """Return the time [s] of a stream for its tare, or to measure the rate that a filter needs; 0: neither applies."""
     measured = setup.filter.kind != "none" and setup.filter.rate is None
     return setup.estimate.tare or (FIRST if measured else 0.0)
 
 
 @dataclass(frozen=True)
 class SensorKind:
-    """One sensor.
+    """A kind of sensor: its table in a rig, and the functions that read, build, guess and check it.
 
     Args:
-        name: of its table in a rig.
-        called: what it is, in a sentence.
+        name: name of its table in a rig.
+        called: words for the sensor in a sentence.
         table: dataclass of its table.
-        channels: of a Recording that it reads, the main one first.
-        layout: where a log keeps them.
-        build: an estimator.
-        section: the sensor as a value, made of its table and the link; None: the table says all.
-        guess: whether a log looks as if this sensor had written it; None: it does not. The body, where one is given.
+        channels: channels of a Recording that it reads, the main one first.
+        layout: returns the layout of a log that has these channels.
+        build: returns the estimator.
+        section: class of the sensor as a value, built from its table and the link; None: the table is enough.
+        guess: `(path, contents, body)` -> how to read a log that looks like this sensor's; None: it does not look so.
         paths: keys of its table that name files.
         refused: option of the command line -> why it means nothing to this sensor.
-        needs_surface: whether it locates on the rig's [surface].
-        check: what else must hold of the table; raises InputError.
-        parts: names of the sensors that it is made of, whose tables it reads; a rig with all of them is of this kind.
-        start: seconds of a stream that `build` wants to see before the first answer; 0: none.
-        view: module and class of what page and report show of the sensor: a `SensorView`.
-        options: of the command line that are written over keys of its table of the same names.
-        drift: module and name of a function that identifies how the zero drifts, for `palpate calibrate drift`:
+        needs_surface: whether contacts are located on the rig's [surface].
+        check: checks the table further; raises InputError.
+        parts: names of the sensors that it combines, whose tables it reads; a rig with all of them is of this kind.
+        start: time [s] of a stream that `build` needs before the first answer; 0: none.
+        view: module and class of the `SensorView` that shows the sensor on the page and in the report.
+        options: options of the command line that replace values in its table under the same names.
+        drift: module and name of the function that identifies the drift of the bias, for `palpate calibrate drift`:
             `(setup, recording, temperature, window) -> SensorDrift`; "": it has no [drift].
-        warnings: what is wrong with a recording against the table, one sentence each.
+        warnings: returns where a recording contradicts the table, one sentence each.
     """
 
     name: str
@@ -253,5 +253,5 @@ class SensorKind:
 
     @property
     def drift_hint(self) -> str:
-        """Return what takes the place of a [drift] for a sensor of taxels, or ""."""
+        """Hint for a rig with a [drift] if this is a sensor of taxels, which follows its bias without one; else ""."""
         return "A skin follows its zero by itself: walk or drift in [contacts]." if CELLS in self.channels else ""

@@ -1,4 +1,4 @@
-"""Where live samples come from: the [source] of a rig."""
+"""The [source] of a rig: the device that live samples come from."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["SOURCE_KINDS", "RigSource"]
 
 SOURCE_KINDS = ("netft", "serial", "ros2", "camera", "replay")
 FRAMINGS = ("cobs", "lines")
-_MORE = {  # what a reader may want to say beside kind and address
+_MORE = {  # options in addition to kind and address, as comments
     "netft": "# port = 49152                      # of samples\n# web = 80                          # of its page\n",
     "serial": '# baud = 115200\n# framing = "cobs"                  # or "lines" of numbers\n',
     "ros2": '# domain = 0\n# interface = "eth0"                # of the network; without it this machine alone\n',
@@ -22,16 +22,16 @@ _MORE = {  # what a reader may want to say beside kind and address
 
 @dataclass(frozen=True)
 class RigSource:
-    """A device, or what stands for one.
+    """A device that sends live samples, or a log that is replayed in place of one.
 
     `address`: name or address of a Net F/T; file of a serial port; number or file of a camera; log to replay. Empty for
-    ROS 2, whose topics stand with the sensor and in [orientation].
-    `rate` [Hz] that is asked of the device, or at which a log without times is replayed.
+    ROS 2, whose topics the sensor's table and [orientation] name.
+    `rate` [Hz] is requested from the device, or a log without times is replayed at it.
     Net F/T: `port` of its samples (RDT), `web` of its page. Serial: `baud`, and `framing`: "cobs" (frames with COBS and
-    CRC-32) or "lines" of numbers; `columns`: which of the numbers of a line, from 0. ROS 2: `domain`, and `interface`
-    of the network. Replay: `speed` (0: as fast as it goes), `loop`.
-    `wrench`: of a rig with a skin and a force/torque sensor, where wrenches come from, [source.wrench]; frames come
-    from the [source] itself. None: wrenches come from there too.
+    CRC-32) or "lines" of numbers; `columns`: indices of the numbers in a line, from 0. ROS 2: `domain`, and `interface`
+    of the network. Replay: `speed` (0: as fast as possible), `loop`.
+    `wrench` is the source of the wrenches, [source.wrench], of a rig with a skin and a force/torque sensor; the skin's
+    samples come from the [source] itself. None: both come from the [source].
     """
 
     kind: str
@@ -68,7 +68,7 @@ class RigSource:
         require_positive(self, "rate", "baud")
 
     def text(self) -> str:
-        """As TOML, with a comment on what else may be said."""
+        """Return the [source] as TOML: kind and address, with the other options as comments."""
         address = f"address = {json.dumps(self.address)}\n" if self.address else ""
         head = "\n[source]                             # of `palpate live`\n"
         return f'{head}kind = "{self.kind}"\n{address}{_MORE[self.kind]}'

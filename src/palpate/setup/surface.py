@@ -1,4 +1,4 @@
-"""The surface of a rig: a mesh from a file, or an equation by its lengths."""
+"""The [surface] of a rig: a mesh from a file, a link of a URDF, or an equation with its lengths."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from palpate.surfaces import (
 )
 from palpate.surfaces.mesh import plausible_size
 
-__all__ = ["EQUATIONS", "RigPose", "RigRegion", "RigSurface"]
+__all__ = ["EQUATIONS", "OF_ANY_MESH", "RigPose", "RigRegion", "RigSurface"]
 
 EQUATIONS: dict[str, tuple[Callable[..., Surface], tuple[str, ...]]] = {
     "sphere": (Sphere, ("radius",)),
@@ -40,13 +40,14 @@ EQUATIONS: dict[str, tuple[Callable[..., Surface], tuple[str, ...]]] = {
     "paraboloid": (Paraboloid, ("radii", "height")),
     "superquadric": (superquadric, ("axes", "exponents")),
 }
+OF_ANY_MESH = ("crease", "region", "covered", "pose", "pose_covariance", "placement")  # keys that another mesh keeps
 _KINDS = ("mesh", "plane", *EQUATIONS)
 _LENGTHS = tuple(dict.fromkeys(name for _, names in EQUATIONS.values() for name in names))
 
 
 @dataclass(frozen=True)
 class RigPose:
-    """Of the surface in the sensor's frame [m]."""
+    """Pose of the surface, or of a link, in the sensor's frame: position [m] and unit quaternion."""
 
     xyz: Three = (0.0, 0.0, 0.0)
     quaternion_xyzw: Four = (0.0, 0.0, 0.0, 1.0)
@@ -58,7 +59,7 @@ class RigPose:
             )
 
     def pose(self) -> Pose:
-        """As a value."""
+        """Return the pose as a `Pose`."""
         return Pose.from_quaternion(self.quaternion_xyzw, self.xyz)
 
 
@@ -72,19 +73,21 @@ class RigRegion:
 
 @dataclass(frozen=True)
 class RigSurface:
-    """What is touched: `mesh` with its `unit`, a `link` of a `urdf`, or another `kind`, its lengths in metres.
+    """The surface that is touched: a `mesh` with its `unit`, a `link` of a `urdf`, or another `kind` with lengths [m].
 
-    Of a link all meshes and primitives are taken, in the link's frame: its `geometry` is "visual" where it has one,
-    else "collision". `packages` says where a package:// of the URDF is, where it is not found.
+    All meshes and primitives of a link are taken, in the link's frame: its `geometry` is "visual" if it has one, else
+    "collision". `packages` gives the folders of packages (package://) of the URDF that are not found otherwise.
 
-    `covered` = true: facets of the mesh that cannot be reached from outside give contacts too.
+    Facets that meet at less than `crease` [degrees] are smooth across their edge. With `covered` = true, facets of the
+    mesh that cannot be reached from outside give contacts too.
 
     plane: a `point`, a `normal` and a `half_width`. sphere: `radius`. ellipsoid: `axes` (three half-lengths).
     cylinder, along y: `radius` and `half_length`. elliptic_cylinder: half-axes `a` along x and `b` along z, and
     `half_length`; `upper` = true for its half with z >= 0. paraboloid: `radii` of curvature at its apex along x and y,
     and `height`. superquadric: `axes` and `exponents`. See `palpate.surfaces`.
 
-    `placement` [m]: what touches err by beside what their wrenches explain, see `palpate.contact.WrenchEstimator`.
+    `placement` [m]: standard deviation of a touch's place beyond what its wrench explains, see
+    `palpate.contact.WrenchEstimator`.
     """
 
     kind: str = "mesh"
@@ -150,7 +153,7 @@ class RigSurface:
         return Urdf(folder / str(self.urdf), packages).body(str(self.link), self.geometry)
 
     def files(self, folder: Path) -> dict[str, Path]:
-        """What it is read from, as far as that is there: what each is -> where."""
+        """Return the files of the surface, key -> path: "mesh", or "urdf" and its meshes as far as they are found."""
         if self.urdf is None:
             return {} if self.mesh is None else {"mesh": folder / self.mesh}
         found = {"urdf": folder / self.urdf}
@@ -172,11 +175,11 @@ class RigSurface:
                 raise ValueError(f"{name} must be positive and finite, not {value}")
 
     def load(self, folder: Path) -> Surface:
-        """The surface, in metres; a relative path starts at `folder`.
+        """Return the surface in metres; relative paths start at `folder`.
 
         Raises:
-            InputError: the mesh, or the URDF, cannot be read.
-            GeometryError: there is nothing usable in it, or no such surface.
+            InputError: the mesh or the URDF cannot be read.
+            GeometryError: the file has no usable surface, or the lengths describe none.
         """
         if self.kind == "plane":
             return plane(self.point, self.normal, self.half_width)

@@ -1,4 +1,4 @@
-"""The tables of a rig, each as a person writes it: plain values, checked one by one."""
+"""The tables of a rig as plain values, as a person writes them, each of which is checked."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _SMALLEST = 1e-15  # N, N m: below any sensor, and its square is still a number
 
 @dataclass(frozen=True)
 class RigUnits:
-    """Units of the log."""
+    """Units of forces and torques in the log."""
 
     force: str = "N"
     torque: str = "N m"
@@ -43,7 +43,7 @@ class RigUnits:
 
 @dataclass(frozen=True)
 class RigPair:
-    """One figure for the three forces [N] and one for the three torques [N m], or three each."""
+    """A positive number for the forces [N] and one for the torques [N m], or three each."""
 
     force: float | Three
     torque: float | Three
@@ -53,13 +53,13 @@ class RigPair:
             raise ValueError(f"force and torque must be positive (above {_SMALLEST:g})")
 
     def six(self) -> Float[np.ndarray, "6"]:
-        """Force first."""
+        """Return one number for each axis, (6,), force first [N, N m]."""
         return np.concatenate([np.broadcast_to(self.force, 3), np.broadcast_to(self.torque, 3)])
 
 
 @dataclass(frozen=True)
 class RigNoise(RigPair):
-    """Standard deviations of one reading; `corner` [Hz]: below it the noise is as 1/f, None: as the log's is."""
+    """Standard deviations of one reading; below `corner` [Hz] the noise goes as 1/f; None: `corner` is the log's."""
 
     corner: float | None = None
 
@@ -70,7 +70,7 @@ class RigNoise(RigPair):
 
 @dataclass(frozen=True)
 class RigForceTorque:
-    """How the wrench stands in the log, and what the sensor is; see `palpate.ForceTorque`."""
+    """The [force_torque] of a rig: the wrench's columns, units and axes in the log, and the sensor's properties."""
 
     columns: Six = ("fx", "fy", "fz", "tx", "ty", "tz")
     topic: str | None = None
@@ -94,7 +94,7 @@ class RigForceTorque:
 
 @dataclass(frozen=True)
 class RigTime:
-    """The column of the time and its unit; `rate` [Hz] where it is a counter ("samples"), or there is no column."""
+    """The [time] of a rig: the time's column and unit; `rate` [Hz] if it is a counter ("samples") or there is none."""
 
     column: str = "time"
     unit: str = "s"
@@ -108,13 +108,14 @@ class RigTime:
 
 @dataclass(frozen=True)
 class RigOrientation:
-    """The sensor in the base: columns (quaternion x, y, z, w; position [m]), a topic of poses, or two frames.
+    """The [orientation] of a rig: the sensor's pose in the base.
 
-    A `topic` of "none" is none. `base` and `sensor` are frames of /tf, or links of a `urdf` that is moved by the
-    `joints` of a topic of joint states.
+    It comes from columns (quaternion x, y, z, w; position [m]), a topic of poses, or two frames. With the `topic`
+    "none" no poses are read. `base` and `sensor` are frames of /tf, or links of a `urdf` that the joint states of the
+    topic `joints` move.
 
-    `offset` [s] is added to the stamps of the poses to put them on the wrenches' clock; between poses further apart
-    than `max_gap` [s] there is no orientation.
+    `offset` [s] is added to the stamps of the poses to put them on the wrenches' clock. No orientation is interpolated
+    between poses more than `max_gap` [s] apart.
     """
 
     columns: tuple[str, str, str, str] | None = None
@@ -140,16 +141,16 @@ class RigOrientation:
             raise ValueError("joints needs a urdf, which says what they move")
 
     def frames(self) -> tuple[str, str] | None:
-        """Base and sensor, where they are named."""
+        """Return the names of the frames (base, sensor), or None if they are not named."""
         return None if self.base is None or self.sensor is None else (self.base, self.sensor)
 
 
 @dataclass(frozen=True)
 class RigAcceleration:
-    """The sensor's acceleration in its own frame, as columns or a topic, or from the poses.
+    """The [acceleration] of a rig: the sensor's acceleration in its own frame, from columns, a topic or the poses.
 
-    `kind` says what is recorded: "motion" (zero at rest) or "imu" (what an accelerometer reads: 1 g upward at rest);
-    "none": it is not used. `unit` is "m/s^2", "g" or "mg".
+    `kind` says what is recorded: "motion" (zero at rest) or "imu" (an accelerometer's reading: 1 g upward at rest);
+    with "none" it is not used. `unit` is "m/s^2", "g" or "mg".
     `from_poses` differentiates positions and orientations over `window` [s].
     """
 
@@ -172,11 +173,11 @@ class RigAcceleration:
 
 @dataclass(frozen=True)
 class RigFilter:
-    """What smooths the compensated wrench before it is located: see `palpate.signals.filters`.
+    """The [filter] of a rig, which smooths the compensated wrench before contacts are located.
 
-    kind: "none"; "kalman" with `q` and `r` (variances [N^2] of one step of the contact and of one reading);
-    "butterworth" with `cutoff` [Hz] and `order`; "zero_phase", the same forward and backward, for logs only.
-    `rate` [Hz] of the log; measured where it is not given.
+    `kind` is "none"; "kalman" with `q` and `r` (variances [N^2] of one step of the contact and of one reading);
+    "butterworth" with `cutoff` [Hz] and `order`; or "zero_phase", the same forward and backward, for logs only.
+    `rate` [Hz] of the log is measured if it is not given. See `palpate.signals.filters`.
     """
 
     kind: str = "none"
@@ -194,7 +195,7 @@ class RigFilter:
             raise ValueError("order must lie between 1 and 8")
 
     def filter(self) -> Kalman | Butterworth | None:
-        """As a value."""
+        """Return the filter to run, or None if `kind` is "none"."""
         if self.kind == "none":
             return None
         if self.kind == "kalman":
@@ -204,7 +205,7 @@ class RigFilter:
 
 @dataclass(frozen=True)
 class RigThresholds:
-    """Force [N] at which a contact begins, and below which it ends."""
+    """Thresholds of the force [N]: a contact begins at `on` and ends below `off`."""
 
     on: float
     off: float
@@ -216,7 +217,7 @@ class RigThresholds:
 
 @dataclass(frozen=True)
 class RigEstimate:
-    """How contacts are located: see `palpate.Locator`. `tare` [s]: the log starts unloaded for so long."""
+    """The [estimate] of a rig: how contacts are located, see `palpate.Locator`; the first `tare` [s] are unloaded."""
 
     method: str = "soft_finger"
     friction: float = 1.0
@@ -232,7 +233,7 @@ class RigEstimate:
 
 
 def require_positive(table: object, *names: str) -> None:
-    """ValueError unless each of these fields is positive and finite, or left out."""
+    """Raise ValueError unless each named field of the table is positive and finite, or None."""
     for name in names:
         value = getattr(table, name)
         if value is not None and not 0 < value < inf:
@@ -240,6 +241,6 @@ def require_positive(table: object, *names: str) -> None:
 
 
 def require_path(key: str, path: str | None) -> None:
-    """ValueError unless it can name a file, or is left out."""
+    """Raise ValueError if `path` cannot name a file (blank, or with a null character); None is allowed."""
     if path is not None and (not path.strip() or "\0" in path):
         raise ValueError(f"{key} must name a file, not {path!r}")

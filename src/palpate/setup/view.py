@@ -1,4 +1,4 @@
-"""Show a sensor that has no view of its own on the page and in the report."""
+"""Show a sensor on the page and in the report; kinds of sensors derive their views from the one here."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ __all__ = ["TRACKED", "Facts", "Feed", "LayerData", "SensorView", "Words", "laye
 
 Facts = tuple[tuple[str, str], ...]
 Feed = Callable[[np.ndarray, bool], None]
-"""Takes slots of the ring of a stream, and whether anybody watches."""
+"""Function of (slots of a stream's ring, whether anybody watches the page) that passes readings to layers."""
 Words = tuple[str, float, str]
-"""Of a setting: what it is, by how much it is multiplied, and its unit."""
+"""Description, factor and unit by which a setting is shown."""
 TRACKED: Mapping[str, Words] = {
     "on": ("a contact begins at", 1.0, "deviations of the noise"),
     "off": ("a contact ends at", 1.0, "deviations of the noise"),
@@ -33,62 +33,67 @@ TRACKED: Mapping[str, Words] = {
     "speed": ("and at", 1e3, "mm/s at most"),
     "patience": ("a lost contact is waited for", 1.0, "s"),
 }
-"""Settings of contacts that have an identity."""
+"""Settings of contacts that have an identity, name -> `Words`."""
 
 
 @dataclass
 class LayerData:
-    """What layers show of a log beside its contacts: forces [N] of cells, or frames with the places of markers."""
+    """Data of a log that layers show in addition to contacts: forces [N] of taxels, or images with markers' places.
+
+    Attributes:
+        parts: one array for each block, float32.
+        frames: images as JPEG.
+    """
 
     parts: list[np.ndarray] = field(default_factory=list[np.ndarray])
     frames: list[bytes] = field(default_factory=list[bytes])
 
     def keep(self, block: Recording, seen: np.ndarray) -> None:
-        """Keep what an estimator's `pairs` hands over of a block."""
+        """Add a block's images and the array `seen` that an estimator's `pairs` hands over with the block."""
         self.frames += [_jpeg(frame) for frame in block.channels.get(IMAGE, ())]
         self.parts.append(seen.astype(np.float32))
 
     def joined(self) -> np.ndarray | None:
-        """Return what was kept of all blocks; None where it is nothing."""
+        """Return the arrays of all blocks as one, along the first axis; None if there are none."""
         return np.concatenate(self.parts) if self.parts else None
 
 
 class SensorView:
-    """Show the contacts and the body of a sensor, and nothing more."""
+    """A view that shows the contacts and the body of a sensor; subclasses add layers, settings and sections."""
 
     words: ClassVar[Mapping[str, Words]] = {}
-    """Settings by their names in a rig; others are shown by their names."""
+    """Name of a setting in a rig -> its `Words`; other settings are shown by their names."""
 
     def body(self, setup: Setup) -> Surface | None:
-        """Return what is drawn under the contacts; None where the link has no surface."""
+        """Return the surface that is drawn under the contacts; None if the link has no surface."""
         return None if setup.link.stated is None else setup.link.surface()
 
     def layers(self, setup: Setup, kept: LayerData, live: tuple[int, ...] | None) -> tuple[Layer, ...]:
-        """Return what is drawn beside the contacts.
+        """Return the layers that are drawn in addition to the contacts; here none.
 
         Args:
-            setup: of the sensor.
-            kept: of the log that is shown.
-            live: shape of a reading of the stream that is shown; None: no stream is.
+            setup: the link and its sensors.
+            kept: data of the log that is shown.
+            live: shape of a reading of the stream that is shown; None: no stream is shown.
         """
         return ()
 
     def feed(self, setup: Setup, tares: Callable[[], int], layers: tuple[Layer, ...]) -> Feed:
-        """Return what takes the readings of a stream to the layers.
+        """Return the function that passes readings of a stream to the layers; here it does nothing.
 
         Args:
-            setup: of the sensor.
-            tares: how many tares the stream has had so far.
-            layers: that are drawn.
+            setup: the link and its sensors.
+            tares: returns the number of tares of the stream so far.
+            layers: the layers that are drawn.
         """
         return lambda slots, watched: None
 
     def settings(self, facts: Mapping[str, object]) -> Facts:
-        """Return settings in words, with their units, of those in force."""
+        """Return (words, value with unit) of each setting in force that is not None."""
         return tuple(self._setting(name, value) for name, value in facts.items() if value is not None)
 
     def report(self, run: Run, setup: Setup, estimator: ContactEstimator) -> Run:
-        """Return the run with what only this sensor has to report."""
+        """Return the run with the sensor's additions to the report; here the vertices and faces of the body."""
         body = self.body(setup)
         drawn = None if body is None else body.drawn()
         return run if drawn is None else replace(run, body=(drawn.vertices, drawn.faces))
@@ -101,24 +106,24 @@ class SensorView:
 
 
 def _jpeg(frame: UInt8[np.ndarray, "h w 3"]) -> bytes:
-    """A log of frames does not fit into memory otherwise."""
+    """Compress an image as JPEG, without which a log of images does not fit into memory."""
     cv2 = opencv()
     return bytes(cv2.imencode(".jpg", frame, [cv2.IMWRITE_JPEG_QUALITY, 80])[1])
 
 
 def view_of(kind: SensorKind) -> SensorView:
-    """Return what page and report show of a kind of sensor."""
+    """Return the view that shows a kind of sensor on the page and in the report."""
     made: Any = by_name(kind.view)
     return made()
 
 
 def layers_of(setup: Setup, kept: LayerData | None = None, live: tuple[int, ...] | None = None) -> tuple[Layer, ...]:
-    """Return what a sensor adds to the page, if the files that it names are there.
+    """Return the layers that a sensor adds to the page; () if a file that the rig names is missing.
 
     Args:
-        setup: of the sensor.
-        kept: of the log that is shown.
-        live: shape of a reading of the stream that is shown; None: no stream is.
+        setup: the link and its sensors.
+        kept: data of the log that is shown; None: no log is shown.
+        live: shape of a reading of the stream that is shown; None: no stream is shown.
     """
     there = all(path.exists() for name, path in setup.files().items() if name != "mesh")
     return view_of(setup.kind).layers(setup, kept or LayerData(), live) if there else ()

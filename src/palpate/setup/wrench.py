@@ -1,4 +1,4 @@
-"""What all sensors of wrenches have in common when they are built from a rig: locator, mounting, filter, tare."""
+"""Build the estimator of any sensor of wrenches from a rig: locator, mounting, filter and tare."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ def wrench_estimator(
     drift: Drift | None = None,
     **options: Any,
 ) -> BuiltEstimator:
-    """Return the estimator of a sensor of wrenches on the link's surface, tared where the log begins unloaded.
+    """Return the estimator of a sensor of wrenches on the link's surface, tared if the log begins unloaded.
 
     Args:
-        setup: of the link.
-        sensor: prepared.
+        setup: the link and its sensors.
+        sensor: the sensor, ready for readings.
         tare: [s] at the start of the log in which nothing is touched; None: no tare.
-        mounted: wrenches are about the sensor's frame; not where they were calibrated about the surface's.
-        drift: of the sensor's zero, which is followed while nothing is touched; None: it is not.
-        options: of `Locator`, such as a soft layer.
+        mounted: wrenches are in the sensor's frame. False: they were calibrated in the surface's frame.
+        drift: drift of the sensor's bias, which is followed while nothing is touched; None: it is not followed.
+        options: further options of `Locator`, such as a soft layer.
     """
     surface, link, head = setup.link.surface(), setup.link, setup.head
     surface.prepared()  # once for all logs of a rig
@@ -81,16 +81,16 @@ def wrench_estimator(
 
 
 def noted_filter(table: RigFilter, rate: float | None) -> list[str]:
-    """What the filter does at this rate."""
+    """Return the note on the filter at the rate [Hz], in a list; [] without filter or rate."""
     made = table.filter()
     return [] if made is None or rate is None else [made.describe(rate)]
 
 
 def first_seconds(head: Recording, seconds: float) -> Recording:
-    """The start of a log.
+    """Return the samples of the first `seconds` [s] of a log.
 
     Raises:
-        InputError: it has no times.
+        InputError: the log has no times.
     """
     known = head.time[np.isfinite(head.time)]
     if not len(known):
@@ -99,7 +99,7 @@ def first_seconds(head: Recording, seconds: float) -> Recording:
 
 
 def _facts(setup: Setup, estimator: WrenchEstimator, table: RigFilter, rate: float | None) -> dict[str, object]:
-    """What was in force, as it stands in OUTPUT.toml."""
+    """Return the settings in force, name -> value, as OUTPUT.toml records them."""
     drift = estimator.drift
     locator, smooth = estimator.locator, table.filter()
     return {

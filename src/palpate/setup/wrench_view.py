@@ -1,4 +1,4 @@
-"""Show any sensor of wrenches in the report."""
+"""Show any sensor that measures wrenches in the report."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ _LISTED = ("crease", "noise_source")  # settings that `wrench_settings` does not
 
 
 class WrenchView(SensorView):
-    """Show on which surface and by which settings wrenches were located, and how the zero went."""
+    """The view of a sensor of wrenches: its surface, its settings and the drift of its bias."""
 
     words: ClassVar[Mapping[str, Words]] = {"crease": ("edges are sharp from", 1.0, "°")}
 
     def settings(self, facts: Mapping[str, object]) -> Facts:
-        """Return those settings in words that `wrench_settings` does not have."""
+        """Return (words, value) of each setting that `wrench_settings` does not list."""
         return super().settings({name: facts[name] for name in _LISTED if name in facts})
 
     def report(self, run: Run, setup: Setup, estimator: ContactEstimator) -> Run:
-        """Return the run with surface, settings, uncertainties, and sections of the sensor and its zero."""
+        """Return the run with the surface, the settings, the uncertainties, and sections on the sensor and its bias."""
         made = cast("WrenchEstimator", estimator)
         smooth, sensor, rate = made.filter, made.sensor, made.rate
         filtered = "none" if smooth is None or rate is None else smooth.describe(rate)
@@ -51,20 +51,20 @@ class WrenchView(SensorView):
         return self.sections(run, setup, made)
 
     def compensated(self, estimator: WrenchEstimator) -> str:
-        """Return how wrenches were compensated, in words."""
+        """Return the words that say how the wrenches were compensated."""
         return "without a payload model"
 
     def uncertain(self, setup: Setup, estimator: WrenchEstimator) -> tuple[str, ...]:
-        """Return whose uncertainties beside the noise the ellipses hold."""
+        """Return the sources of uncertainty, other than the noise, that the ellipses include."""
         return () if setup.link.mount_covariance is None else ("the mounting's",)
 
     def sections(self, run: Run, setup: Setup, estimator: WrenchEstimator) -> Run:
-        """Return the run with what only this sensor has."""
+        """Return the run with this sensor's own sections; here none."""
         return run
 
 
 def zero_section(history: ZeroHistory | None) -> tuple[Section, ...]:
-    """How the zero went, where it was followed; nothing where it was not."""
+    """Return the report's section on the bias over time, in a tuple; () if the bias was not followed."""
     if history is None or not len(history.time):
         return ()
     held: Bool[np.ndarray, " n"] = history.status != ZeroStatus.FREE
@@ -81,7 +81,7 @@ def zero_section(history: ZeroHistory | None) -> tuple[Section, ...]:
 
 
 def _spread(deviation: Float[np.ndarray, "n m"]) -> str:
-    """The largest, of forces and torques or of voltages."""
+    """Return the largest standard deviation in words: N and N mm for six channels, else mV."""
     most = np.max(deviation, axis=0)
     if len(most) != 6:
         return f"{1e3 * float(most.max()):.2g} mV"
@@ -91,13 +91,13 @@ def _spread(deviation: Float[np.ndarray, "n m"]) -> str:
 def wrench_settings(
     setup: Setup, locator: Locator, noise: Float[np.ndarray, "6 6"] | None, filtered: str = "none"
 ) -> Facts:
-    """What the answers of any sensor of wrenches depend on, defaults included.
+    """Return (words, value) of each setting that results of any sensor of wrenches depend on, defaults included.
 
     Args:
-        setup: with the options of the command line in it.
-        locator: on the surface.
-        noise: covariance of a reading.
-        filtered: the filter in words.
+        setup: the link and its sensors, with the options of the command line.
+        locator: the locator on the surface.
+        noise: (6, 6) covariance of a reading, force first [N, N m], if known.
+        filtered: the filter, in words.
     """
     surface = locator.surface
     facets = f", {len(surface.faces):,} facets" if isinstance(surface, Mesh) else ""

@@ -1,8 +1,8 @@
-"""Second derivatives of sampled paths, with the noise that they have: a parabola through the parts of a window.
+"""Compute second derivatives of sampled paths, and their noise, with a parabola through the parts of a window.
 
 The window is cut into nine parts; the path is averaged over each, and a parabola goes through the nine averages by
-least squares [Savitzky and Golay 1964]. Nine is enough to tell noise from curvature, averages cost the same whatever
-the rate, and they are right where rows repeat or interpolate slower poses: parts are made longer than their period.
+least squares [Savitzky and Golay 1964]. Nine is enough to tell noise from curvature, averages cost the same at any
+rate, and they are right where rows repeat or interpolate slower poses: parts are made longer than their period.
 """
 
 from __future__ import annotations
@@ -28,7 +28,13 @@ _BOTH = np.vstack([_FIT[2], _LEFT])
 
 @dataclass(frozen=True)
 class WindowSettings:
-    """Fixed for a log: the usual step [s], the rows of a part and of the longest part, and how far a window reaches."""
+    """Window settings that are fixed for a log.
+
+    Attributes:
+        step: the usual time from row to row [s].
+        part: rows of a part.
+        longest: rows of the longest part.
+    """
 
     step: float
     part: int
@@ -36,19 +42,19 @@ class WindowSettings:
 
     @property
     def reach(self) -> int:
-        """Rows before and after a row that its answer may depend on."""
+        """Number of rows before and after a row on which its answer may depend."""
         return PARTS * self.longest
 
 
 @dataclass(frozen=True)
 class Curvature:
-    """Row by row; all lengths are over the columns.
+    """Second derivatives of a path, row by row; every length is the norm over the columns.
 
     Attributes:
         value: (n, k) second derivative; NaN where no window is near.
-        noise: (n,) standard deviation of its length, from what the parabola leaves.
+        noise: (n,) standard deviation of its length, from the residuals of the parabola.
         usual: median of `noise`.
-        borrowed: where the window of a row is not whole and the nearest whole one answers.
+        borrowed: (n,) where the window of a row is incomplete and the nearest complete one answers.
         half: rows to either side of a window's middle.
     """
 
@@ -60,7 +66,14 @@ class Curvature:
 
 
 def settings_of(time: Float[np.ndarray, " n"], window: float, scale: float, most: int) -> WindowSettings:
-    """From the first rows of a log; windows reach up to `scale` times `window` [s], and `most` rows."""
+    """Return the window settings of a log, from its first rows.
+
+    Args:
+        time: (n,) [s] of the first rows.
+        window: [s] that the usual window lasts.
+        scale: factor of `window` up to which windows may reach.
+        most: rows that a window may have.
+    """
     steps = np.diff(time)
     steps = steps[np.isfinite(steps) & (steps > 0)]
     step = float(np.median(steps)) if len(steps) else 1.0
@@ -76,11 +89,11 @@ def curvature(
     part: int,
     factor: float = 1.0,
 ) -> Curvature:
-    """Second derivatives of the columns of `path` at each row's time.
+    """Compute the second derivatives of the columns of `path` at each row's time.
 
     Args:
-        time: [s], nearly even; a window that is not gives no answer.
-        path: NaN where it is not known.
+        time: (n,) [s], nearly evenly spaced; a window that is uneven gives no answer.
+        path: (n, k); NaN where it is not known.
         settings: see `settings_of`.
         part: rows of a part, odd.
         factor: of the noise, see `part_of`.
@@ -102,7 +115,7 @@ def curvature(
 def _parabola(
     time: np.ndarray, path: np.ndarray, part: int, step: float
 ) -> tuple[Float[np.ndarray, "m k"], Float[np.ndarray, " m"]]:
-    """Value and noise at the centres of all whole windows; NaN where rows are missing or uneven."""
+    """Return value and noise at the centres of all complete windows; NaN where rows are missing or uneven."""
     span = PARTS * part - 1
     bad = ~(np.isfinite(path).all(axis=1) & np.isfinite(time))
     clean = np.where(bad[:, None], 0.0, path)
@@ -123,7 +136,7 @@ def _parabola(
 
 
 def _nearest(whole: Bool[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-    """Of each row, the nearest row where `whole` is set; itself where none is."""
+    """Return for each row the nearest row where `whole` is set; the row itself where it is set nowhere."""
     rows = np.arange(len(whole))
     if not whole.any():
         return rows
@@ -134,25 +147,25 @@ def _nearest(whole: Bool[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
 
 
 def part_of(period: float, settings: WindowSettings, scale: float = 1.0, periods: float = 2.0) -> tuple[int, float]:
-    """Rows of a part: of `scale` times the window of the settings, and no shorter than some periods of the poses.
+    """Return the rows of a part, at least some periods of the poses long, and the factor of the noise.
 
-    Interpolated noise is alike over one period: with fewer than two in a part, the parabola takes some of it for its
-    own, and leaves too little. By how much is the second answer: a factor of the noise.
+    Interpolated noise is alike over one period: with fewer than two periods in a part, the parabola fits some of the
+    noise, and the residual is too small. The factor of the noise makes up for that.
 
     Args:
         period: rows from pose to pose, see `pose_period`.
         settings: see `settings_of`.
-        scale: times the settings' window.
-        periods: of the poses in a part, at least.
+        scale: factor of the settings' window.
+        periods: least number of periods of the poses in a part.
     """
     part = min(_odd(max(scale * settings.part, periods * period)), settings.longest)
     return part, max(1.0, 2.0 * period / part) ** 0.5
 
 
 def pose_period(poses: Float[np.ndarray, "n 8"], settings: WindowSettings) -> float:
-    """Rows from pose to pose, told by the kinks of rows that run straight between slower poses, or repeat them.
+    """Return the rows from pose to pose, found by the kinks of rows that interpolate slower poses, or repeat them.
 
-    0 where too few show: then every row is a pose, or nothing moves.
+    0 where too few kinks show: then every row is a pose, or nothing moves.
 
     Args:
         poses: (n, 8) time, quaternion and position, row by row.
@@ -168,7 +181,7 @@ def pose_period(poses: Float[np.ndarray, "n 8"], settings: WindowSettings) -> fl
 
 
 def _period(kinked: Int[np.ndarray, " k"]) -> float:
-    """Rows from pose to pose, 0 where there are too few to tell. A kink between two rows shows in both: that is one."""
+    """Return the rows from pose to pose, 0 where too few show. A kink between rows shows in both, but counts once."""
     steps = np.diff(kinked, prepend=-2, append=kinked[-1:] + 2) if len(kinked) else kinked
     pairs = (steps[1:-1] == 1) & (steps[:-2] != 1) & (steps[2:] != 1)
     poses = kinked[np.append(True, ~pairs)] if len(kinked) > 1 else kinked
@@ -176,7 +189,7 @@ def _period(kinked: Int[np.ndarray, " k"]) -> float:
 
 
 def _turns(quaternion: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "m 3"]:
-    """Rotation vectors in the base from each row to the next."""
+    """Return the rotation vectors in the base from each row to the next, (n - 1, 3) [rad]."""
     unit = quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
     v, w, u, s = unit[:-1, :3], unit[:-1, 3:], unit[1:, :3], unit[1:, 3:]
     vector = w * u - s * v - np.cross(u, v)

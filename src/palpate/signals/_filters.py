@@ -51,12 +51,11 @@ def _run(time, status, values, sections, start, gains, gap, clock, state, age, w
     """
 )
 def smooth(time, status, values, sections, start, gains, gap, clock, state, age):
-    """Filter values (n, w) in place; all columns alike.
+    """Filter values (n, w) in place, every column by the same filter.
 
-    Samples with a status >= 0 are left alone, get age -1, and leave the filter as it is. It starts afresh where time
-    steps back, or forward by more than `gap`.
-    sections, start and gains are those of a `Recursion`; clock (2,) holds AGE and TIME, state is (2 s, w), or (1, w)
-    without sections. Out come the ages (n,).
+    Samples with a status >= 0 are not changed, get age -1, and leave the filter as it is. It starts afresh where time
+    steps back, or forward by more than `gap`. sections, start and gains are those of a `Recursion`; clock (2,) holds
+    AGE and TIME, state is (2 s, w), or (1, w) without sections. The ages (n,) are written into `age`.
     """
     if values.shape[1] == 6:  # a wrench: loops of a known length are faster
         _run(time, status, values, sections, start, gains, gap, clock, state, age, 6)

@@ -1,4 +1,4 @@
-"""Compiled: a wrench taken to the frame of the surface, and what the mounting's error does to it there."""
+"""Compiled: a wrench in the frame of the surface, and the effect of the mounting's error on it there."""
 
 # pyright: basic
 from __future__ import annotations
@@ -11,13 +11,13 @@ __all__ = ["mounting_errors", "row", "to_surface"]
 
 @inner
 def row(array, i):
-    """Of a channel, or of the one row that stands for all."""
+    """Return row i of a channel, or the one row that stands for all samples."""
     return array[i] if len(array) > 1 else array[0]
 
 
 @inner
 def to_surface(matrix, wrench, out):
-    """The 6 x 6 matrix of a pose, its block of zeros left out."""
+    """Multiply a wrench by the 6 x 6 matrix of a pose, skipping its block of zeros, into `out` (6,)."""
     for k in range(3):
         out[k] = matrix[k, 0] * wrench[0] + matrix[k, 1] * wrench[1] + matrix[k, 2] * wrench[2]
         out[3 + k] = matrix[3 + k, 0] * wrench[0] + matrix[3 + k, 1] * wrench[1] + matrix[3 + k, 2] * wrench[2]
@@ -27,7 +27,7 @@ def to_surface(matrix, wrench, out):
 
 @inner
 def mounting_errors(wrench, factor, work, errors):
-    """`pose_noise_on_wrench`, from factor (q, 6): dF = omega x F, dM = omega x M + rho x F."""
+    """Compute `pose_noise_on_wrench` from factor (q, 6) into errors: dF = omega x F, dM = omega x M + rho x F."""
     moment = work[1]
     for i in range(len(factor)):
         column, error = factor[i], errors[i]

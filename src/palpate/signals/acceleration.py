@@ -1,4 +1,4 @@
-"""Whether recorded accelerations have gravity in them, as an IMU's have, or are those of the motion alone."""
+"""Tell whether recorded accelerations contain gravity, as an IMU's do, or only the motion."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ _SCALES = {"m/s^2": 1.0, "g": G, "mg": 1e-3 * G}
 
 @takes_arrays
 def kind_of_acceleration(values: Float[np.ndarray, "n 3"], unit: str | None) -> tuple[str, str, float]:
-    """What accelerations are: "imu", "motion" or "none" of both, their unit, and the median of their length in it.
+    """Return the kind of accelerations ("imu", "motion" or "none" of both), their unit, and their median length in it.
 
     Args:
-        values: [m/s^2] where the unit is known, else as recorded.
+        values: (n, 3) [m/s^2] where the unit is known, else as recorded.
         unit: as recorded; None: m/s^2, g or mg, whichever makes the length that of gravity.
     """
     length, steady = _length(values)
@@ -36,7 +36,7 @@ def kind_of_acceleration(values: Float[np.ndarray, "n 3"], unit: str | None) -> 
 
 @takes_arrays
 def wrong_acceleration(values: Float[np.ndarray, "n 3"], kind: str) -> str:
-    """Why accelerations [m/s^2] are not of this kind, and what would mend the rig; "" where they may be."""
+    """Return why accelerations [m/s^2] are not of this kind, and how to correct the rig; "" where they may be."""
     length, _ = _length(values)
     if kind == "motion":
         found, unit, _ = kind_of_acceleration(values, None)
@@ -62,7 +62,7 @@ def wrong_acceleration(values: Float[np.ndarray, "n 3"], kind: str) -> str:
 def turned_from_gravity(
     values: Float[np.ndarray, "n 3"], quaternions: Float[np.ndarray, "n 4"], gravity: Float[np.ndarray, "3"]
 ) -> float:
-    """Degrees at the median between what an IMU reads and what it would at rest, -R^T g; 0 where nothing is known."""
+    """Return the median angle [degrees] between an IMU's readings and those at rest, -R^T g; 0: nothing is known."""
     known = np.isfinite(values).all(axis=1) & np.isfinite(quaternions).all(axis=1) & quaternions.any(axis=1)
     if not known.any():
         return 0.0
@@ -74,7 +74,7 @@ def turned_from_gravity(
 
 
 def _length(values: Float[np.ndarray, "n 3"]) -> tuple[float, bool]:
-    """The median of the length, and whether it is nearly the same all the time, as only gravity's is."""
+    """Return the median length, and whether it is nearly the same all the time, as only gravity's is."""
     lengths = np.linalg.norm(values, axis=1)
     lengths = lengths[np.isfinite(lengths)]
     if not len(lengths):

@@ -1,4 +1,4 @@
-"""How many readings of a filtered log tell as much as one independent reading."""
+"""Estimate how many readings of a filtered log count as one independent reading."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ LONGEST = 1 / 4  # of the series: beyond it a correlation is not known
 
 @takes_arrays
 def correlation_time(values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"]:
-    """Integrated correlation time of each column [samples], at least 1.
+    """Return the integrated correlation time of each column [samples], (k,), at least 1.
 
-    The variance of a mean of n samples is that of one, times this, over n. With rho the autocorrelation,
+    The variance of a mean of n samples is the variance of one sample, times this time, over n. With rho the
+    autocorrelation,
 
         tau = 1 + 2 sum rho(t),  t = 1 ... T,
 

@@ -1,4 +1,4 @@
-"""How the zero of a sensor wanders: what is known of it, as `palpate calibrate drift` finds it and a rig states it."""
+"""Model of a sensor's drift, as `palpate calibrate drift` finds it and a rig states it."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ __all__ = ["Drift"]
 @takes_arrays
 @dataclass(frozen=True, eq=False, init=False)
 class Drift(Value):
-    """A zero that walks at random, a rate that dies away as the sensor warms up, and a payload that is not quite known.
+    """A sensor's drift: a random walk of the zero, a rate that decays during warm-up, and an error of the payload.
 
-    Of each of m channels the zero b and its rate r follow db = r dt + walk dW and dr = -r / settling dt, with r of
-    deviation `warm_up` at the start. Channels are those that the sensor reads: the six of a wrench [N, N m], or
-    voltages.
+    In each of m channels the zero b and its rate r follow db = r dt + walk dW and dr = -r / settling dt, where r has
+    the standard deviation `warm_up` at the start. Channels are those that the sensor reads: the six of a wrench [N, N
+    m], or voltages.
 
     Args:
-        walk: (m,) deviation of the random walk after one second, in the channel's unit over sqrt(s).
-        warm_up: (m,) deviation of the rate at the start, in the channel's unit over s; None: 0, no warm-up.
+        walk: (m,) standard deviation of the random walk after one second, in the channel's unit over sqrt(s).
+        warm_up: (m,) standard deviation of the rate at the start, in the channel's unit over s; None: 0, no warm-up.
         settling: [s] in which the rate falls to 1/e; inf: it stays.
-        weight: [N] deviation of the payload's weight from the one that is compensated; 0: it is known.
-        thermal: (m,) change a kelvin, where a temperature is read; None: 0.
-        thermal_deviation: (m,) of it.
+        weight: [N] standard deviation of the payload's weight from the one that is compensated; 0: it is known.
+        thermal: (m,) change per kelvin, where a temperature is read; None: 0.
+        thermal_deviation: (m,) standard deviation of `thermal`; None: 0.
 
     Raises:
-        InputError: one that is negative or no number, or of another size.
+        InputError: an argument is negative (`thermal` may be), no number, or of another size.
     """
 
     walk: Float[np.ndarray, " m"]

@@ -1,4 +1,4 @@
-"""Filters of a wrench, and what their settings mean in Hz and ms."""
+"""Filters of a wrench, and the meaning of their settings in Hz and ms."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Butterworth", "Filter", "Kalman", "Recursion"]
 
-SETTLED = 1e-12  # of a step: what is left of it where a response counts as settled
+SETTLED = 1e-12  # of a step: the rest at which a response counts as settled
 SLOWEST = 1e-5  # of the rate: a lower cut-off needs tables that do not fit
 LEAST_RATIO = 1e-8  # of q and r: as slow
 MOST_SECTIONS = 4  # second order each
@@ -27,11 +27,11 @@ class Recursion:
     """A filter at a rate, as the compiled loop runs it; the age of a sample counts from 0 where the filter started.
 
     Args:
-        sections: (s, 6) second-order sections b0 b1 b2 1 a1 a2; none for a filter of gains.
-        start: (s, 2) state of the sections that have seen 1 for ever.
+        sections: (s, 6) second-order sections b0 b1 b2 1 a1 a2; empty for a filter of gains.
+        start: (s, 2) state of the sections after an endless input of 1.
         gains: (m,) y += gain (x - y), by age; the last one stays.
-        share: (m,) variance of the output for white noise of variance 1 on the input, by age; the last one stays.
-        response: (m,) to an impulse, until it has settled: of what runs backward too; none for the others.
+        share: (k,) variance of the output for white noise of variance 1 on the input, by age; the last one stays.
+        response: (l,) to an impulse, until it has settled, of a filter that can run backward too; empty for the others.
     """
 
     sections: Float[np.ndarray, "s 6"]
@@ -45,19 +45,22 @@ class Recursion:
 @takes_arrays
 @dataclass(frozen=True)
 class Kalman:
-    """The filter of `probe`: identity transition, each axis by itself.
+    """The filter of `probe`: identity transition, each axis separately.
 
     With rho = q/r and P_0 = 1 at the first sample, the prior P' = P + rho, the gain K = P'/(P' + 1) and
 
         y_k = y_{k-1} + K (x_k - y_{k-1}),   P = (1 - K)^2 P' + K^2 = K   (Joseph's form)
 
     settle at K = (sqrt(rho^2 + 4 rho) - rho)/2: a first-order low-pass. P times the noise of a reading is the
-    covariance carried on. It is honest for what the filter stands for, a contact that walks at random by rho times that
-    noise a sample; where the touch does not change, it is 2 - K times too large.
+    covariance carried on. It is right for the filter's model, a contact that follows a random walk with a variance of
+    rho times that noise per sample; where the contact does not change, it is 2 - K times too large.
 
     Args:
         q: variance of one step of the contact.
         r: variance of one reading, in the same unit; only q/r matters.
+
+    Raises:
+        InputError: q or r is not positive and finite, or q is less than 1e-8 r.
     """
 
     q: float = 1e-6
@@ -70,32 +73,32 @@ class Kalman:
 
     @property
     def steady_gain(self) -> float:
-        """K, long after the start."""
+        """The gain K long after the start."""
         rho = self.q / self.r
         return 2.0 / (1.0 + float(np.sqrt(1.0 + 4.0 / rho)))  # the same without a difference of near equals
 
     def gain(self, frequency: ArrayLike, rate: float) -> Float[np.ndarray, "..."]:
-        """Magnitude of the steady filter at frequencies [Hz], for samples at `rate` [Hz]."""
+        """Return the magnitude of the steady filter at frequencies [Hz], for samples at `rate` [Hz]."""
         k, w = self.steady_gain, _angle(frequency, rate)
         return np.asarray(k / np.sqrt(k * k + 2.0 * (1.0 - k) * (1.0 - np.cos(w))))
 
     def delay(self, frequency: ArrayLike, rate: float) -> Float[np.ndarray, "..."]:
-        """Group delay [s] of the steady filter at frequencies [Hz]."""
+        """Return the group delay [s] of the steady filter at frequencies [Hz], for samples at `rate` [Hz]."""
         k, w = self.steady_gain, _angle(frequency, rate)
         fall = 1.0 - np.cos(w)
         return np.asarray((1.0 - k) * (k - fall) / (k * k + 2.0 * (1.0 - k) * fall) / rate)
 
     def bandwidth(self, rate: float) -> float:
-        """The -3 dB point [Hz], where 2 (1 - cos w) = rho; half the rate where the gain is nowhere so low."""
+        """Return the -3 dB point [Hz], where 2 (1 - cos w) = rho; half the rate where the gain is nowhere so low."""
         half_sine = np.sqrt(self.q / self.r) / 2.0
         return _known(rate) * float(np.arcsin(min(1.0, half_sine))) / np.pi
 
     def describe(self, rate: float) -> str:
-        """What it does, in Hz and ms."""
+        """Return a sentence about the filter: its settings, and its cut-off [Hz] and delay [ms] at `rate` [Hz]."""
         return f"Kalman, q {self.q:.3g}, r {self.r:.3g}: at {rate:.6g} Hz a low-pass at {_says(self, rate)}"
 
     def recursion(self, rate: float) -> Recursion:
-        """As it is run; the rate makes no difference."""
+        """Return the recursion that runs this filter; it is the same at every rate [Hz]."""
         _known(rate)
         rho, gains = self.q / self.r, [1.0]
         while len(gains) < 2 or gains[-2] - gains[-1] > SETTLED * gains[-1]:
@@ -114,9 +117,13 @@ class Butterworth:
     With the bilinear transform u = tan(pi f/rate)/tan(pi cutoff/rate), the gain is (1 + u^(2 order))^(-1/2).
 
     Args:
-        cutoff: [Hz] where the gain is -3 dB, of one pass.
+        cutoff: [Hz] where the gain of one pass is -3 dB.
         order: 1 to 8.
-        zero_phase: forward and backward: no lag, the gain squared. Only for what is recorded: it looks ahead.
+        zero_phase: filter forward and backward: no delay, the gain squared. Only for a recorded log: it needs later
+            samples.
+
+    Raises:
+        InputError: a cut-off that is not positive and finite, or an order that is not 1 to 8.
     """
 
     cutoff: float
@@ -130,12 +137,15 @@ class Butterworth:
             raise InputError(f"the order must lie between 1 and {2 * MOST_SECTIONS}, not {self.order}.")
 
     def gain(self, frequency: ArrayLike, rate: float) -> Float[np.ndarray, "..."]:
-        """Magnitude at frequencies [Hz] up to half the `rate` [Hz]."""
+        """Return the magnitude at frequencies [Hz] up to half the `rate` [Hz]."""
         u = np.tan(_angle(frequency, rate) / 2) / np.tan(np.pi * self._checked(rate))
         return np.asarray((1.0 + u ** (2 * self.order)) ** (-1.0 if self.zero_phase else -0.5))
 
     def delay(self, frequency: ArrayLike, rate: float) -> Float[np.ndarray, "..."]:
-        """Group delay [s] at frequencies [Hz]: -d(phase)/dw, pole by pole; all zeros lie at -1, half a sample each."""
+        """Return the group delay [s] at frequencies [Hz], -d(phase)/dw.
+
+        It is summed pole by pole; all zeros lie at -1, half a sample each.
+        """
         w = _angle(frequency, rate)
         if self.zero_phase:
             return np.zeros_like(w)
@@ -143,19 +153,23 @@ class Butterworth:
         return np.asarray((self.order / 2 + np.sum((turned / (1 - turned)).real, axis=-1)) / rate)
 
     def bandwidth(self, rate: float) -> float:
-        """The -3 dB point [Hz]: the cut-off, or less where it is passed twice."""
+        """Return the -3 dB point [Hz]: the cut-off, or less where the filter passes twice."""
         cutoff = self._checked(rate)
         u = (2**0.5 - 1) ** (0.5 / self.order) if self.zero_phase else 1.0
         return rate / np.pi * float(np.arctan(u * np.tan(np.pi * cutoff)))
 
     def describe(self, rate: float) -> str:
-        """What it does, in Hz and ms."""
+        """Return a sentence about the filter: its settings, and its cut-off [Hz] and delay [ms] at `rate` [Hz]."""
         twice = ", forward and backward" if self.zero_phase else ""
         settings = f"Butterworth, order {self.order}, {self.cutoff:.3g} Hz{twice}"
         return f"{settings}: at {rate:.6g} Hz a low-pass at {_says(self, rate)}"
 
     def recursion(self, rate: float) -> Recursion:
-        """As it is run at a rate [Hz]."""
+        """Return the recursion that runs this filter at a rate [Hz].
+
+        Raises:
+            InputError: the cut-off is not below half the rate, or is below 1e-5 of it.
+        """
         sections = self._sections(rate)
         start = np.stack([1.0 - sections[:, 0], sections[:, 2] - sections[:, 5]], axis=1)  # 1 in, 1 out, for ever
         slowest = float(np.abs(self._poles(rate)).max())
@@ -167,9 +181,10 @@ class Butterworth:
         return Recursion(frozen(sections), frozen(start), np.zeros(0), frozen(share), frozen(response))
 
     def _sections(self, rate: float) -> Float[np.ndarray, "s 6"]:
-        """b0 b1 b2 1 a1 a2 of each pair of poles, 1 at rest; a pole on its own makes a section of first order.
+        """Return b0 b1 b2 1 a1 a2 of each pair of poles, gain 1 at rest; a single pole makes a first-order section.
 
-        What scipy.signal.butter gives (and is tested against), without the time and memory that importing it takes.
+        The result is that of scipy.signal.butter (and is tested against it), without the time and memory of importing
+        SciPy.
         """
         sections: list[list[float]] = []
         for pole in self._poles(rate)[: (self.order + 1) // 2]:  # the others are their conjugates
@@ -180,13 +195,13 @@ class Butterworth:
         return np.array(sections)
 
     def _poles(self, rate: float) -> np.ndarray:
-        """Of the digital filter: those of the analogue one, w tan(pi cutoff/rate), through the bilinear transform."""
+        """Return the digital poles: the analogue ones, w tan(pi cutoff/rate), through the bilinear transform."""
         angles = np.pi * (np.arange(self.order) + 0.5) / self.order + np.pi / 2
         analogue = np.tan(np.pi * self._checked(rate)) * np.exp(1j * angles)
         return (1 + analogue) / (1 - analogue)
 
     def _checked(self, rate: float) -> float:
-        """The cut-off over the rate."""
+        """Return the cut-off over the rate; raise an InputError where it is too high or too low."""
         share = self.cutoff / _known(rate)
         if not share < 0.5:
             raise InputError(
@@ -207,7 +222,7 @@ Filter = Kalman | Butterworth
 def _response(
     sections: Float[np.ndarray, "s 6"], start: Float[np.ndarray, "s 2"], length: int
 ) -> Float[np.ndarray, " l"]:
-    """To an impulse that follows on a first sample of 0."""
+    """Return the response to an impulse that follows a first sample of 0."""
     from palpate.signals._filters import smooth  # compiled: loaded when first needed
 
     values = np.zeros((length + 1, 6))
@@ -225,17 +240,17 @@ def _known(rate: float) -> float:
 
 
 def _angle(frequency: ArrayLike, rate: float) -> Float[np.ndarray, "..."]:
-    """[rad] a sample."""
+    """Return the angle per sample [rad] of frequencies [Hz]."""
     return np.asarray(2.0 * np.pi / _known(rate) * np.asarray(frequency, dtype=np.float64))
 
 
 def _says(made: Filter, rate: float) -> str:
-    """Where it cuts off and how late it is, to two digits."""
+    """Return the cut-off and the delay in words, to two digits."""
     lag = 1e3 * float(made.delay(0.0, rate))
     late = f"{_two(lag)} ms of lag" if lag else "no lag"
     return f"{_two(made.bandwidth(rate))} Hz with {late}"
 
 
 def _two(value: float) -> str:
-    """Two digits, and no exponent for what a person counts."""
+    """Format a value with two digits, without an exponent from 100 on."""
     return f"{value:.2g}" if value < 100 else f"{value:.0f}"

@@ -1,4 +1,4 @@
-"""What the sensor's motion adds to a reading: accelerations from recorded ones or from poses, or what is left out."""
+"""Inertial share of a reading: accelerations from recorded ones or from poses, or the error of leaving them out."""
 
 from __future__ import annotations
 
@@ -23,30 +23,30 @@ SCALES = (
     0.5,
     1.5,
 )  # times the window, in which an arm is seen to move: long ones see slow motion, short ones quick motion
-SEEN = 4.0  # times the deviation of the acceleration's length: at rest less than one in a million windows
+SEEN = 4.0  # times the standard deviation of the acceleration's length: at rest less than one in a million windows
 ARM = 0.5  # m from the sensor to where the arm turns, where only orientations are recorded
 UNKNOWN = 10.0  # m/s^2: about 1 g, for the rows where the acceleration should be known and is not
 
 
 @takes_arrays
 class Motion:
-    """Adds to a recording, row for row, how its sensor is accelerated, and how well that is known.
+    """A source of a sensor's acceleration, which adds it to a recording row by row, with its standard deviation.
 
     | source | ACCELERATION [m/s^2], sensor frame, without gravity | UNSTEADY [m/s^2] |
     |---|---|---|
-    | none | none: at rest | size of what is left out, where the poses show any; 0 at rest |
+    | none | none: at rest | size of the acceleration left out, where the poses show any; 0 at rest |
     | poses | second derivative of the lever's path p + R c | of the derivative's noise |
-    | motion | as recorded, and of the lever, R c added | of what was added |
-    | imu | as recorded, a specific force: f + R^T g, and of the lever, R c added | of what was added |
+    | motion | as recorded, plus that of the lever, R c | of the added part |
+    | imu | as recorded, a specific force: f + R^T g, plus that of the lever, R c | of the added part |
 
     Derivatives are those of a parabola through nine parts of a window, see `palpate.signals._curvature`. Near the ends
-    of the log and of gaps, the nearest acceleration is held, and is as unsure as it is large; where there is none, it
-    is 0 and UNSTEADY about 1 g. Whether the arm moves is looked at in windows of half and of one and a half times
-    the length.
+    of the log and of gaps, the nearest acceleration is kept, with a standard deviation as large as itself; where there
+    is none, it is 0 and UNSTEADY about 1 g. Motion of the arm is detected in windows of half and of one and a half
+    times the length.
 
     Args:
         source: where the acceleration comes from, one of the table.
-        window: [s] over which paths are fitted. What swings at f loses (pi f window)^2 / 14 of its acceleration.
+        window: [s] over which paths are fitted. A swing at f loses (pi f window)^2 / 14 of its acceleration.
         gravity: (3,) [m/s^2] in the base; an IMU needs it (`Payload.gravity`).
         lever: (3,) [m] c, the payload's centre of mass in the sensor's frame; None: the sensor's origin.
 
@@ -73,12 +73,12 @@ class Motion:
         self._forget()
 
     def stream(self, blocks: Iterator[Recording]) -> Iterator[Recording]:
-        """The same rows with ACCELERATION and UNSTEADY, or as they are where there are no poses to tell from.
+        """Yield the same rows with ACCELERATION and UNSTEADY; with source "none", UNSTEADY alone.
 
-        Blocks come as they were cut, delayed by up to 16,384 rows.
+        Blocks are cut as they were given, and are delayed by up to 16,384 rows.
 
         Raises:
-            InputError: the channels that the source needs are not there.
+            InputError: the channels that the source needs are missing.
         """
         self._forget()
         waiting: deque[Recording] = deque()
@@ -93,7 +93,7 @@ class Motion:
             yield self._with_channels(block, ready)
 
     def notes(self, mass: float | None = None) -> tuple[str, ...]:
-        """What a user should know of the rows so far, one sentence each; in newtons where the mass [kg] is given."""
+        """Return notes on the rows so far, one sentence each; in newtons where the mass [kg] is given."""
         if not self._rows:
             return ()
         size = f"{self._largest:.2g} m/s^2" if mass is None else f"{mass * self._largest:.2g} N"
@@ -118,7 +118,7 @@ class Motion:
         self._largest = self._span = 0.0
 
     def _taken(self, blocks: Iterator[Recording], waiting: deque[Recording]) -> Iterator[Float[np.ndarray, "n 8"]]:
-        """Time, quaternion and position of each block, which is kept until its answers are there."""
+        """Yield time, quaternion and position of each block, (n, 8), and keep the block in `waiting`."""
         for block in blocks:
             waiting.append(block)
             self._require(block)
@@ -144,7 +144,7 @@ class Motion:
             raise InputError("an IMU feels gravity too, and the log has no orientation.", where=block.source)
 
     def _answers(self, pieces: Iterator[Float[np.ndarray, "n 8"]]) -> Iterator[Float[np.ndarray, "m 4"]]:
-        """Acceleration and unsteadiness, chunk by chunk, each with the rows before and after that its windows need."""
+        """Yield acceleration and UNSTEADY, (m, 4), by chunks, with the rows around them that the windows need."""
         settings: WindowSettings | None = None
         before, rows = np.zeros((0, 8)), np.zeros((0, 8))
         for piece, last in _gathered(pieces):
@@ -179,7 +179,7 @@ class Motion:
         return answers[done]
 
     def _left_out(self, scales: list[Curvature]) -> Float[np.ndarray, "n 4"]:
-        """No acceleration; as unsteady as it is, where it is seen."""
+        """Return acceleration 0, and as UNSTEADY the size of the motion where it is seen, (n, 4)."""
         size = np.zeros(len(scales[0].value))
         for found in scales:
             length = np.linalg.norm(found.value, axis=1)
@@ -187,12 +187,12 @@ class Motion:
             size = np.maximum(
                 size, np.where(_widened(seen, found.half), length, 0.0), where=np.isfinite(length), out=size
             )
-        # |a| / sqrt 3 is a's deviation along an axis. Of R'' = A R, |A d| is |A| |d| / sqrt 3 for a d of any direction.
+        # |a| / sqrt 3 is a's rms along an axis. Of R'' = A R, |A d| is |A| |d| / sqrt 3 for a d of any direction.
         share = 1.0 / 3**0.5 if self._placed else ARM / 3.0
         return np.column_stack([np.zeros((len(size), 3)), share * size])
 
     def _felt(self, found: Curvature, rotations: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 4"]:
-        """The acceleration in the sensor's frame, and its noise; held beyond the last window as large as it is."""
+        """Return the acceleration in the sensor's frame, and its noise; beyond the last window, as large as itself."""
         value, lost = found.value, ~np.isfinite(found.value[:, 0])
         unsure = np.where(found.borrowed, np.hypot(np.linalg.norm(value, axis=1), found.noise), found.noise) / 3**0.5
         inside = np.einsum("nji,nj->ni", rotations, np.where(lost[:, None], 0.0, value))
@@ -223,13 +223,13 @@ class Motion:
 
 
 def _widened(seen: Bool[np.ndarray, " n"], half: int) -> Bool[np.ndarray, " n"]:
-    """Also what is seen half a window before or after: while it swings, an acceleration passes through zero."""
+    """Return also the rows half a window before or after a seen one: a swinging acceleration passes through zero."""
     counts = np.concatenate([np.zeros(half + 1, dtype=int), np.cumsum(seen), np.full(half, np.count_nonzero(seen))])
     return counts[2 * half + 1 :] > counts[: -2 * half - 1]
 
 
 def _gathered(pieces: Iterator[np.ndarray]) -> Iterator[tuple[np.ndarray, bool]]:
-    """Pieces put together until they are worth a look, and whether they are the last."""
+    """Yield pieces joined until they are long enough to work on, and whether they are the last."""
     small, count = [np.zeros((0, 8))], 0
     for piece in pieces:
         small.append(piece)

@@ -1,4 +1,4 @@
-"""How noisy a log is, from the log itself: the deviation of a reading, and how slowly the noise moves."""
+"""Estimate the noise of a log from the log itself: standard deviation of a reading, and its spectrum."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from palpate.spatial.arguments import takes_arrays
 __all__ = ["Noise", "NoiseSpectrum", "estimate_noise", "resolution_of", "rest_noise", "wrong_noise"]
 
 WINDOW = 32  # samples in which a log is steady or is not
-FEWEST = 10  # samples that tell anything
+FEWEST = 10  # samples for an estimate
 QUIET = 0.1  # of the windows are taken as quiet, to begin with
 SPREAD = 2.5  # times the variance of the quiet ones: of noise alone, one window in 100,000 has more
 MOST_HELD = 10  # readings that repeat one another
-NEAR = 5.0  # deviations: a contact begins at ten
+NEAR = 5.0  # standard deviations: a contact begins at ten
 SEGMENTS = 8  # that a spectrum is averaged over, at least
 LONGEST = 2048  # samples of a segment
 HARMONICS = 3  # of the error of a quantised reading; the next is below 1 % of its variance
-WRONG = 2.0  # times too large or too small: said
+WRONG = 2.0  # times too large or too small: reported
 
 
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class NoiseSpectrum(Value):
-    """How the variance of a reading is spread over frequencies.
+    """Distribution of the variance of a reading over frequencies.
 
     Args:
-        frequency: (k,) [cycles a sample]; 0 for what wanders more slowly than was looked at.
+        frequency: (k,) [cycles per sample]; 0 stands for changes slower than the segments.
         power: (k, c) shares of the variance of each channel, which sum to 1.
     """
 
@@ -45,14 +45,16 @@ class NoiseSpectrum(Value):
 
     @classmethod
     def of_corner(cls, corner: float, rate: float) -> NoiseSpectrum:
-        """Of white noise and noise as 1/f beside it: S(f) = S (1 + corner/f), from 10^-6 of the rate on.
+        """Return the spectrum of white plus 1/f noise, S(f) = S (1 + corner/f), equal in six channels.
+
+        It begins at 10^-6 of the rate.
 
         Args:
             corner: [Hz] where both are equal.
             rate: [Hz] of the samples.
 
         Raises:
-            InputError: they are not positive.
+            InputError: the corner or the rate is not positive.
         """
         if not (corner > 0 and rate > 0):
             raise InputError(f"the corner ({corner:g} Hz) of the noise and the rate ({rate:g} Hz) must be positive.")
@@ -62,11 +64,11 @@ class NoiseSpectrum(Value):
         return cls(middle, np.repeat(power[:, None] / power.sum(), 6, axis=1))
 
     def kept(self, made: Filter, rate: float) -> Float[np.ndarray, " c"]:
-        """Of each channel's variance, what a settled filter leaves: the sum of power |H|^2."""
+        """Return the share of each channel's variance that a settled filter keeps, (c,): the sum of power |H|^2."""
         return made.gain(self.frequency * rate, rate) ** 2 @ self.power
 
     def of_mean(self, count: int) -> Float[np.ndarray, " c"]:
-        """Of each channel's variance, what is left in the mean of so many samples (Dirichlet's kernel, squared)."""
+        """Return the share of each channel's variance in the mean of `count` samples (Dirichlet's kernel, squared)."""
         angle = np.pi * np.maximum(self.frequency, 1e-12)
         return (np.sin(count * angle) / (count * np.sin(angle))) ** 2 @ self.power
 
@@ -74,11 +76,11 @@ class NoiseSpectrum(Value):
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Noise(Value):
-    """What a log at rest says.
+    """Noise of a log at rest.
 
     Args:
-        deviation: (c,) of one reading [unit of the channel], all that wanders in the log included.
-        spectrum: of it.
+        deviation: (c,) standard deviation of one reading [unit of the channel], drift within the log included.
+        spectrum: of the noise.
     """
 
     deviation: Float[np.ndarray, " c"]
@@ -90,12 +92,12 @@ class Noise(Value):
 
 @takes_arrays
 def estimate_noise(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"] | None:
-    """Standard deviations of one reading, in the quiet parts of a log; None where fewer than ten samples are finite.
+    """Return standard deviations of one reading in the quiet parts of a log, (k,); None for under ten finite samples.
 
-    The log is cut into windows of 32 samples, each less its own straight line, so that slow motion does not count.
-    The quietest tenth of them begin; those of at most 2.5 times their mean variance join them, until none does: so
-    touches are left out and noise is not, and there is no bias from having chosen the least. What wanders more slowly
-    than a window is not in it (`rest_noise`). A reading is never better than its resolution q allows, q / sqrt(12).
+    The log is cut into windows of 32 samples, each less its own straight line, so that slow motion does not count. The
+    quietest tenth of them begin; those of at most 2.5 times their mean variance join them, until none does: so contacts
+    are left out and noise is not, and choosing the quietest causes no bias. Changes slower than a window are not in it
+    (`rest_noise`). A reading is never better than its resolution q allows, q / sqrt(12).
 
     Args:
         readings: (n, 6) [N, N m] as logged, or other readings (n, k).
@@ -109,21 +111,21 @@ def estimate_noise(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"
 
 @takes_arrays
 def rest_noise(readings: Float[np.ndarray, "n k"], *, wander: bool = True) -> Noise | None:
-    """Deviation and spectrum of the noise where a log rests at one level; None where it hardly does.
+    """Return standard deviation and spectrum of the noise where a log rests at one level; None where it hardly does.
 
-    Rest is where every channel is quiet (`estimate_noise`) and within 5 deviations of the level before, starting from
-    the commonest level: a press that is held is quiet, but elsewhere. Periodograms [welch] of what rests tell the
-    noise within a segment; the variance of the segments' means is the wander from one to the other, and stands at
-    frequency 0: no filter takes it off, and no tare.
+    Rest is where every channel is quiet (`estimate_noise`) and within 5 standard deviations of the level before,
+    starting from the commonest level: a constant press is quiet, but at another level. Periodograms [welch] of the
+    parts at rest give the noise within a segment; the variance of the segments' means is the drift from one to the
+    other, and stands at frequency 0: no filter removes it, and no tare.
 
-    The error of a reading of resolution q that hardly moves is the same in every sample; of its variance q^2/12,
-    sum over k of q^2/(2 pi^2 k^2) exp(-4 pi^2 k^2 s^2/q^2) stays so under noise of deviation s, and stands at 0 too
-    [Widrow 1996].
+    The error of a reading of resolution q that hardly moves is the same in every sample; of its variance q^2/12, sum
+    over k of q^2/(2 pi^2 k^2) exp(-4 pi^2 k^2 s^2/q^2) stays so under noise of standard deviation s, and stands at 0
+    too [Widrow 1996].
 
     Args:
         readings: (n, 6) [N, N m] as logged, or other readings (n, k), evenly spaced.
-        wander: whether a zero that wanders counts too, which it does not where it is followed: each segment is then
-            taken less its straight line, and its mean does not matter.
+        wander: count drift of the zero too. False where the zero is followed: each segment is then taken less its
+            straight line, and its mean does not matter.
     """
     usable = readings[np.isfinite(readings).all(axis=1)]
     if len(usable) < 2 * WINDOW:
@@ -152,7 +154,7 @@ def rest_noise(readings: Float[np.ndarray, "n k"], *, wander: bool = True) -> No
 
 @takes_arrays
 def wrong_noise(stated: Float[np.ndarray, "6"], seen: Float[np.ndarray, "6"]) -> str:
-    """Where stated deviations of a wrench are wrong by two or more against those of a log, a sentence; else ""."""
+    """Return a sentence where stated standard deviations of a wrench differ by a factor of 2 from a log's, or ""."""
     wrong: list[str] = []
     for part, unit in ((slice(0, 3), "N"), (slice(3, 6), "N m")):
         said, found = (float(np.sqrt(np.mean(values[part] ** 2))) for values in (stated, seen))
@@ -165,21 +167,21 @@ def wrong_noise(stated: Float[np.ndarray, "6"], seen: Float[np.ndarray, "6"]) ->
 
 
 def _unheld(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "m k"]:
-    """Without the repetitions of a driver that repeats each reading: every so manieth."""
+    """Remove the repetitions of a driver that repeats each reading: keep every n-th row."""
     changes = np.flatnonzero((np.diff(readings, axis=0) != 0).any(axis=1))
     held = int(np.median(np.diff(changes))) if len(changes) > FEWEST else 1
     return readings[:: min(max(held, 1), MOST_HELD)]
 
 
 def _windows(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "w l k"]:
-    """As many whole windows as there are, shorter ones in a short log."""
+    """Cut readings into as many complete windows as there are; a short log gets shorter windows."""
     length = int(np.clip(len(readings) // 20, min(FEWEST, len(readings)), WINDOW))
     count = len(readings) // length
     return readings[: count * length].reshape(count, length, readings.shape[1])
 
 
 def _straightened(windows: Float[np.ndarray, "w l k"]) -> Float[np.ndarray, "w l k"]:
-    """Less the straight line of each."""
+    """Subtract from each window its straight line."""
     line: Float[np.ndarray, "l 1"] = np.ones((windows.shape[1], 1))
     line = np.cumsum(line, axis=0) - (len(line) + 1) / 2
     slope: Float[np.ndarray, "w k"] = np.einsum("lz,wlk->wk", line, windows) / float(np.einsum("lz,lz->", line, line))
@@ -189,7 +191,7 @@ def _straightened(windows: Float[np.ndarray, "w l k"]) -> Float[np.ndarray, "w l
 def _judged(
     readings: Float[np.ndarray, "n k"],
 ) -> tuple[Float[np.ndarray, "w l k"], Float[np.ndarray, "w k"], Bool[np.ndarray, "w k"]]:
-    """Windows, their variances, and where they hold noise alone: in all channels, or where none does, in each."""
+    """Return windows, their variances, and where they are noise alone: in all channels, or else in each."""
     windows = _windows(readings)
     variance = np.sum(_straightened(windows) ** 2, axis=1) / (windows.shape[1] - 2)
     least = np.maximum(resolution_of(readings) ** 2 / 12.0, 1e-30)
@@ -199,7 +201,7 @@ def _judged(
 
 
 def _quiet(variance: Float[np.ndarray, " w"]) -> Bool[np.ndarray, " w"]:
-    """Which windows are of one kind with the quietest."""
+    """Return the windows whose variance is like that of the quietest ones."""
     quiet = variance <= np.quantile(variance, QUIET)
     while True:
         more = variance <= SPREAD * variance[quiet].mean()
@@ -211,14 +213,14 @@ def _quiet(variance: Float[np.ndarray, " w"]) -> Bool[np.ndarray, " w"]:
 def _deviation(
     variance: Float[np.ndarray, "w k"], quiet: Bool[np.ndarray, "w k"], resolution: Float[np.ndarray, " k"]
 ) -> Float[np.ndarray, " k"]:
-    """Of the quiet windows, and no less than the resolution's."""
+    """Return the standard deviation in the quiet windows, and no less than the resolution's."""
     mean = np.mean(variance, axis=0, where=quiet)
     return np.sqrt(np.maximum(mean, resolution**2 / 12.0))
 
 
 @takes_arrays
 def resolution_of(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"]:
-    """The step of which all differences are multiples; 0 where there is none."""
+    """Return for each column the step of which all differences are multiples, (k,); 0 where there is none."""
     return np.array([_step(np.unique(column)) for column in readings.T])
 
 
@@ -236,7 +238,7 @@ def _step(levels: Float[np.ndarray, " m"]) -> float:
 def _resting(
     readings: Float[np.ndarray, "n k"], resolution: Float[np.ndarray, " k"]
 ) -> tuple[Bool[np.ndarray, " w"], int]:
-    """Which windows lie at rest, every channel quiet and near the level of those before; samples of a window."""
+    """Return which windows are at rest, all channels quiet and near the last level, and the samples of a window."""
     windows, variance, quiet = _judged(readings)
     resting: Bool[np.ndarray, " w"] = np.asarray(np.all(quiet, axis=1))
     deviation = np.maximum(_deviation(variance, quiet, resolution), 1e-15)
@@ -260,7 +262,7 @@ def _resting(
 def _segments(
     readings: Float[np.ndarray, "n k"], resting: Bool[np.ndarray, " w"], window: int
 ) -> Float[np.ndarray, "s l k"] | None:
-    """Stretches of rest, all of one length: the longest of which there are enough."""
+    """Return stretches of rest, all of the longest length of which there are enough; None if there are too few."""
     edges = np.diff(np.concatenate([[0], resting.astype(np.int8), [0]]))
     starts, ends = np.flatnonzero(edges == 1) * window, np.flatnonzero(edges == -1) * window
     length = LONGEST
@@ -280,13 +282,13 @@ def _first(starts: Int[np.ndarray, " r"], ends: Int[np.ndarray, " r"], length: i
 
 
 def _wander(means: Float[np.ndarray, "s k"], density: Float[np.ndarray, "l k"]) -> Float[np.ndarray, " k"]:
-    """Variance of the segments' means; where there are few, at least that of noise as 1/f below the lowest bin."""
+    """Return the variance of the segments' means, and no less than that of 1/f noise below the lowest bin."""
     seen = means.var(axis=0, ddof=1)
     return np.maximum(seen, density[0] / 2.0)
 
 
 def _stuck(within: Float[np.ndarray, " k"], resolution: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-    """What of the variance of a quantised reading is the same in every sample."""
+    """Return the variance of a quantised reading that is the same in every sample."""
     step = np.where(resolution > 0, resolution, 1.0)
     moving = np.maximum(within / step**2 - 1.0 / 12.0, 0.0)
     order = np.arange(1, HARMONICS + 1)[:, None]

@@ -1,4 +1,4 @@
-"""The payload of a force/torque sensor: what must be taken off a reading to leave the contact."""
+"""The payload of a force/torque sensor, whose share is subtracted from a reading to get the contact."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ STANDARD_GRAVITY = 9.80665  # m/s^2
 @takes_arrays
 @dataclass(frozen=True, eq=False, init=False)
 class Payload(Value):
-    """What hangs on the sensor, and the sensor's zero.
+    """The payload mounted on a force/torque sensor, and the sensor's bias.
 
     With R the sensor's orientation in the base, w the weight, c its centre, f0 and m0 the biases [probe, (1)]:
 
@@ -43,17 +43,17 @@ class Payload(Value):
     Poses determine the weight only; mass is the weight over a stated |g|.
 
     Args:
-        weight: (3,) [N] of the payload, in the base frame; None: by `mass`, along -z.
-        force_bias: (3,) [N], in the sensor frame, as the other two. None of these three is zero.
-        center_of_mass: (3,) [m].
-        torque_bias: (3,) [N m].
+        weight: (3,) [N] of the payload, in the base frame; None: by `mass`, along -z, or 0.
+        force_bias: (3,) [N], in the sensor frame; None: 0.
+        center_of_mass: (3,) [m], in the sensor frame; None: 0.
+        torque_bias: (3,) [N m], in the sensor frame; None: 0.
         covariance: (12, 12) of weight, force_bias, center_of_mass, torque_bias in this order. Finite; rank deficient
-            where something was given (gravity's direction).
+            where a value was given (gravity's direction).
         magnitude: of gravity [m/s^2].
         residual: (2,) rms of the fit's force [N] and torque [N m], per axis.
-        samples: how many wrenches were used.
-        provenance: where it came from: input hashes, version, options.
-        notes: what a user should know about the fit, one sentence each.
+        samples: number of wrenches used.
+        provenance: origin of the payload: input hashes, version, options.
+        notes: remarks on the fit for the user, one sentence each.
         mass: [kg] in place of the weight, in a base whose z axis points up.
 
     Raises:
@@ -108,19 +108,19 @@ class Payload(Value):
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Payload:
-        """Read one that `save` or `palpate calibrate payload` wrote.
+        """Read a payload that `save` or `palpate calibrate payload` wrote.
 
         Raises:
-            InputError: not there, or not a payload.
+            InputError: the file does not exist, or is not a payload.
         """
         return by_name("palpate.files.models.read_model")(path, cls)
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write it as TOML, every number to the last bit."""
+        """Write the payload as TOML, every number to the last bit."""
         by_name("palpate.files.models.write_model")(path, self)
 
     def __reduce__(self) -> tuple[type[Payload], tuple[object, ...]]:
-        """Read-only arrays and mappings come back as such."""
+        """Pickle the fields, so that read-only arrays and mappings are restored read-only."""
         values = {**vars(self), "provenance": dict(self.provenance)}
         return Payload, tuple(values[name.name] for name in fields(self))
 
@@ -131,12 +131,12 @@ class Payload(Value):
 
     @property
     def mass(self) -> float:
-        """[kg], the weight over `magnitude`."""
+        """Mass [kg]: the weight over `magnitude`."""
         return float(np.linalg.norm(self.weight)) / self.magnitude
 
     @property
     def gravity(self) -> Float[np.ndarray, "3"]:
-        """[m/s^2] in the base frame, of the stated magnitude; NaN without weight."""
+        """Gravity (3,) [m/s^2] in the base frame, of the stated magnitude; NaN without weight."""
         if not self.weight.any():
             return np.full(3, np.nan)
         return self.weight * (self.magnitude / float(np.linalg.norm(self.weight)))
@@ -147,7 +147,7 @@ class Payload(Value):
         rotations: Float[np.ndarray, "*batch 3 3"] | None,
         accelerations: Float[np.ndarray, "*batch 3"] | None = None,
     ) -> tuple[Float[np.ndarray, "*batch 6"], Float[np.ndarray, "*batch 6 6"]]:
-        """The contact's share of a reading, and the covariance that the payload's uncertainty adds to it.
+        """Return the contact's share of a reading, and the covariance that the payload's uncertainty adds to it.
 
         Newton for the payload, which gravity, the contact and the sensor (by -F_s) push: m a = m g + F_contact - F_s.
         So an accelerated payload weighs u = R^T w - m a, and
@@ -161,12 +161,15 @@ class Payload(Value):
             wrenches: (*batch, 6) [N, N m] in the sensor frame.
             rotations: (*batch, 3, 3), sensor in base; a NaN in one gives a NaN wrench. None for a payload without
                 weight only (a tare).
-            accelerations: (*batch, 3) [m/s^2] of the sensor's origin in the sensor frame, without gravity: what an
-                accelerometer reads, plus g. None: at rest. Beyond 1e9 it gives a NaN wrench.
+            accelerations: (*batch, 3) [m/s^2] of the sensor's origin in the sensor frame, without gravity: the reading
+                of an accelerometer, plus g. None: at rest. Beyond 1e9 it gives a NaN wrench.
 
         Returns:
             Wrenches (*batch, 6) in the sensor frame and covariances (*batch, 6, 6). The error of the bias and weight
             is the same in every sample: averaging samples does not reduce it.
+
+        Raises:
+            InputError: no rotations for a payload that weighs something.
         """
         transposed = self._base_in_sensor(wrenches, rotations)
         weight = transposed @ self.weight
@@ -186,7 +189,7 @@ class Payload(Value):
         return wrenches - load, jacobian @ self.covariance @ np.swapaxes(jacobian, -1, -2)
 
     def _base_in_sensor(self, wrenches: np.ndarray, rotations: np.ndarray | None) -> np.ndarray:
-        """R^T, with every entry NaN where one is."""
+        """Return R^T, every entry NaN where one is; raise an InputError where rotations are needed and missing."""
         if rotations is None:
             if self.weight.any() or self.covariance[:3, :3].any():
                 newtons = float(np.linalg.norm(self.weight))
@@ -203,7 +206,7 @@ class Payload(Value):
 def _finite(
     name: str, values: ArrayLike | None, shape: tuple[int, ...], largest: float = LARGEST
 ) -> Float[np.ndarray, "..."]:
-    """A read-only copy of exactly this shape, without NaN and whatever would overflow; zero where nothing is given."""
+    """Return a read-only copy of this shape, zeros for None; raise an InputError at NaN and too large numbers."""
     array = frozen(np.zeros(shape) if values is None else values, tail=shape, name=name)
     if array.shape != shape or not np.all(np.abs(array) <= largest):
         raise InputError(f"{name} must be {shape} finite numbers, at most {largest:g}", where="payload")

@@ -62,21 +62,21 @@ _SHAPES: Mapping[str, tuple[int, ...]] = {  # of one sample, where it is always 
 @called_as('palpate.Recording(time, {"force": force, "torque": torque})')
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Channels of one log, sample by sample: what a file or a stream becomes inside.
+    """Channels of one log, sample by sample: the form that every file and stream takes inside Palpate.
 
-    All arrays are float64 (of `IMAGE` uint8), contiguous by rows, and read-only. Those that are given so are taken as
-    they are, others are copied.
+    All arrays are float64 (of `IMAGE` uint8), contiguous by rows, and read-only. Arrays given in this form are used
+    without a copy, others are copied.
 
     Args:
         time: (n,) [s], as recorded: it may repeat, run backwards or be NaN; nothing is sorted or dropped.
-        channels: name -> (n, ...), SI. A value that could not be read is NaN. Names used across the house are the
+        channels: name -> (n, ...), SI. A value that could not be read is NaN. Names used across Palpate are the
             constants of this module; a sensor with its own channels names them itself.
         frame: the frame in which force and torque are written, "sensor" or "base".
         source: where it came from, for messages and provenance.
-        notes: what a reader of the results should know (a gap, unsorted times), one sentence each.
+        notes: remarks for a reader of the results (a gap, unsorted times), one sentence each.
 
     Raises:
-        InputError: a channel has not one row a time, or not the shape that its name stands for.
+        InputError: a channel does not have one row for each time, or does not have the shape that its name requires.
     """
 
     time: Float[np.ndarray, " n"]
@@ -104,17 +104,17 @@ class Recording:
         )
 
     def __reduce__(self) -> tuple[type[Recording], tuple[object, ...]]:
-        """A view of channels cannot be pickled, nor copied in depth; their values can."""
+        """Pickle channels as a dict: a read-only view of them cannot be pickled, nor copied in depth."""
         return Recording, (self.time, dict(self.channels), self.frame, self.source, self.notes)
 
     def __len__(self) -> int:
         return len(self.time)
 
     def wrenches(self) -> Float[np.ndarray, "n 6"]:
-        """Force [N] and torque [N m] side by side; what is infinite or beyond `LARGEST` is NaN.
+        """Return force [N] and torque [N m] side by side, (n, 6); NaN where a value is infinite or beyond `LARGEST`.
 
         Raises:
-            InputError: the recording has none.
+            InputError: the recording has no force or no torque.
         """
         if not {FORCE, TORQUE} <= set(self.channels):
             there = ", ".join(self.channels) or "nothing else than the time"
@@ -123,12 +123,12 @@ class Recording:
         return np.where(np.abs(values) <= LARGEST, values, np.nan)
 
     def picked(self, rows: slice | Bool[np.ndarray, " n"]) -> Recording:
-        """The samples that a slice or a mask picks."""
+        """Return the recording of the samples that a slice or a mask picks."""
         channels = {name: sealed(values[rows], own=True, dtype=values.dtype) for name, values in self.channels.items()}
         return replace(self, time=sealed(self.time[rows], own=True), channels=channels)
 
     def rate(self) -> float | None:
-        """Samples a second, from the steps forward in time that are no gaps; None where there is none."""
+        """Return the samples per second, from the forward steps that are no gaps; None where there is none."""
         steps = np.diff(self.time)
         steps = steps[steps > 0]
         if not len(steps):
@@ -143,9 +143,9 @@ class Recording:
 
 
 def split_channels(names: Sequence[str], readings: np.ndarray) -> dict[str, np.ndarray]:
-    """The channels of readings (n, ...) that stand side by side, such as force and torque in (n, 6).
+    """Split readings (n, ...) into the channels that stand side by side in them, such as force and torque in (n, 6).
 
-    One whose width its name does not say, such as cells, is what the others leave.
+    A channel whose name does not fix its width, such as cells, gets the columns that the others leave.
     """
     if len(names) == 1:
         return {names[0]: readings}
@@ -156,7 +156,7 @@ def split_channels(names: Sequence[str], readings: np.ndarray) -> dict[str, np.n
 
 
 def _dtype(name: str, values: ArrayLike) -> DTypeLike:
-    """Images keep what they are given in, and are refused if that is not uint8."""
+    """Return the type of a channel: images keep their own, and are refused later if it is not uint8."""
     return getattr(values, "dtype", np.uint8) if name == IMAGE else np.float64
 
 
@@ -167,11 +167,11 @@ def sealed(
 
     Args:
         values: numbers.
-        own: nobody else holds `values`, so that it need not be copied for being writable.
+        own: nothing else refers to `values`, so that it need not be copied for being writable.
         dtype: of the array.
 
     Raises:
-        InputError: they are not real numbers.
+        InputError: the values are not real numbers, or not an array.
     """
     try:
         array = np.asarray(values)

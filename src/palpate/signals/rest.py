@@ -1,4 +1,4 @@
-"""Is a window of samples unloaded, and what does it read?"""
+"""Test whether a window of samples is unloaded and steady, and return its mean."""
 
 from __future__ import annotations
 
@@ -22,10 +22,12 @@ LEAST_DRIFT = 1.0  # times the noise: sensors warm up
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class RestReading:
-    """What a steady window reads.
+    """Mean of a steady window of wrenches.
 
     Attributes:
-        mean: (6,) [N, N m]; deviation: (6,) of one sample; samples: how many.
+        mean: (6,) [N, N m].
+        deviation: (6,) standard deviation of one sample.
+        samples: number of samples.
     """
 
     mean: Float[np.ndarray, "6"]
@@ -34,22 +36,22 @@ class RestReading:
 
     @property
     def sentence(self) -> str:
-        """What a tare takes off, as a sentence."""
+        """Sentence for the user about the wrench that the tare subtracts."""
         force, torque = _sizes(self.mean)
         return f"tare over {self.samples} samples: {force:.3g} N and {torque:.3g} N m are taken off from now on"
 
 
 @takes_arrays
 def at_rest(wrenches: Float[np.ndarray, "n 6"], noise: Float[np.ndarray, "6 6"] | None, where: str) -> RestReading:
-    """The mean of wrenches that stand still: their scatter is noise, and both halves agree.
+    """Return the mean of wrenches that stand still: their scatter is noise, and both halves agree.
 
     Args:
-        wrenches: (n, 6) compensated; NaN where there is none.
-        noise: of one reading; None takes it from the steps of the wrenches.
-        where: they came from.
+        wrenches: (n, 6) compensated; NaN where a sample is unusable.
+        noise: covariance of one reading; None: estimated from the wrenches (`estimate_noise`).
+        where: source of the wrenches, for messages.
 
     Raises:
-        InputError: too few, or not still.
+        InputError: fewer than 10 usable samples, or the sensor was not at rest.
     """
     usable = wrenches[np.isfinite(wrenches).all(axis=1)]
     if len(usable) < FEWEST:

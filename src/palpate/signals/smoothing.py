@@ -1,4 +1,4 @@
-"""Running a filter over a stream of wrenches or cells: forward as they come, or forward and backward a little later."""
+"""Run a filter over a stream of wrenches or cells: forward as they come, or forward and backward a little later."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ T = TypeVar("T")
 
 
 def known_rate(rate: float | None, of: str) -> float:
-    """[Hz] of samples that a filter is to smooth; `of`: what they are called.
+    """Return the rate [Hz] of samples to filter; `of` names the samples.
 
     Raises:
-        InputError: None is given.
+        InputError: the rate is None.
     """
     if rate is None:
         raise InputError(f"a filter needs the rate of the {of}.", hint="Give rate in Hz.")
@@ -36,7 +36,7 @@ def known_rate(rate: float | None, of: str) -> float:
 
 
 def require_forward(filter: Filter | None) -> None:
-    """Raise an InputError where a filter cannot answer sample by sample."""
+    """Raise an InputError where a filter needs later samples, and so cannot answer sample by sample."""
     if filter is not None and filter.zero_phase:
         raise InputError(
             "a filter of zero phase looks ahead, so it cannot answer sample by sample.",
@@ -45,15 +45,15 @@ def require_forward(filter: Filter | None) -> None:
 
 
 class Forward:
-    """Filters samples as they come, each by those before it: what a piece gives does not depend on how it was cut.
+    """A filter that runs forward over samples as they come; the result does not depend on how the stream is cut.
 
-    It starts afresh where time steps back, or forward by more than 5 periods and 0.05 s. Samples that are none pass it
-    by. Samples in between count as evenly spaced.
+    It starts afresh where time steps back, or forward by more than 5 periods and 0.05 s. Samples with a status of 0 or
+    more are skipped. Samples in between count as evenly spaced.
 
     Args:
         recursion: of a filter at a rate.
         rate: [Hz] of the samples.
-        width: values of a sample.
+        width: number of values in a sample.
     """
 
     def __init__(self, recursion: Recursion, rate: float, width: int = 6) -> None:
@@ -68,22 +68,22 @@ class Forward:
 
     @property
     def parts(self) -> tuple[object, ...]:
-        """What `_filters.smooth` takes behind its samples, but for the ages."""
+        """Arguments of `_filters.smooth` after the samples, without the ages."""
         return (*self._made, self._gap, self._clock, self._state)
 
     def reset(self) -> None:
-        """The next sample is the first."""
+        """Forget all samples: the next one counts as the first."""
         self._clock[:] = -1.0, np.nan
 
     def __call__(self, time: Float[np.ndarray, " n"], status: Int8[np.ndarray, " n"], values: Values) -> np.ndarray:
-        """Filter samples whose status is below 0, in place; returns ages (n,), 0 at a start, -1 for the others."""
+        """Filter samples whose status is below 0, in place; return ages (n,), 0 at a start, -1 for the others."""
         age = np.empty(len(values), dtype=np.int64)
         self._smooth(time, status, values, *self.parts, age)
         return age
 
     @takes_arrays
     def starts(self, time: Float[np.ndarray, " n"], status: Int8[np.ndarray, " n"]) -> np.ndarray:
-        """The ages that samples will have."""
+        """Return the ages (n,) that samples will have, without filtering them."""
         clock, state = self._clock.copy(), self._state.copy()
         age = self(time, status, np.zeros((len(time), self._state.shape[1])))
         self._clock[:], self._state[:] = clock, state
@@ -91,29 +91,29 @@ class Forward:
 
     @takes_arrays
     def share(self, age: np.ndarray) -> Float[np.ndarray, " n"]:
-        """Of the noise's variance, what is left at an age; means nothing for samples that were passed by."""
+        """Return the share of the noise's variance that remains at each age, (n,); meaningless for skipped samples."""
         return self.shares[np.minimum(age, len(self.shares) - 1)]
 
     @takes_arrays
     def repeated(self, value: Float[np.ndarray, " _"], count: int) -> Values:
-        """What would come out if the last sample stayed; leaves the filter there."""
+        """Return the output (count, width) for `count` repetitions of a sample; the filter's state advances."""
         values = np.repeat(value[None], count, axis=0)
         self(np.full(count, np.nan), np.full(count, -1, np.int8), values)
         return values
 
 
 class BothWays:
-    """Filters forward and backward, as if the first and last sample of a run had been there for ever.
+    """A filter that runs forward and backward, as if the first and last sample of a run had been there for ever.
 
     A run ends where the forward filter starts afresh. Its samples are filtered backward in segments counted from its
     first, each begun a settled response later, so that nothing depends on how the stream was cut; memory is flat.
 
     With r the autocorrelation of the forward response, sample k of a run 0 ... e is the sum of r_{k-i} x_i, the first
-    and last x carrying all of the weight beyond them: a share of sum r^2 + edge(k) + edge(e - k) of the noise is left,
+    and last x carrying all of the weight beyond them: a share of sum r^2 + edge(k) + edge(e - k) of the noise remains,
     edge(m) = (sum of r_j, j >= m)^2 - (sum of r_j^2, j >= m).
 
     Args:
-        recursion, rate, width: as of `Forward`.
+        recursion, rate, width: see `Forward`.
     """
 
     def __init__(self, recursion: Recursion, rate: float, width: int = 6) -> None:
@@ -134,18 +134,18 @@ class BothWays:
 
     @property
     def least(self) -> float:
-        """Of white noise, the least that is left in any sample of a run."""
+        """Least share of white noise's variance that remains in any sample of a run."""
         return self._inside + 2.0 * min(float(self._edge.min()), 0.0)
 
     def through(self, items: Iterable[tuple[T, Numbers, Status, Values]]) -> Iterator[tuple[T, Values, Numbers]]:
-        """Filter items in their order, each yielded once all of its samples are filtered.
+        """Filter items in their order, and yield each once all of its samples are filtered.
 
         Args:
             items: anything, with the times, statuses and values of its samples; those whose status is below 0 are
                 filtered in place.
 
         Yields:
-            the same thing, its values, and the share of the noise's variance that is left in each.
+            the same item, its values, and the share of the noise's variance that remains in each sample.
         """
         waiting = deque[tuple[T, Status, Values]]()
         for what, time, status, values in items:
@@ -163,7 +163,7 @@ class BothWays:
             yield what, values, share
 
     def push(self, time: Float[np.ndarray, " n"], status: Int8[np.ndarray, " n"], values: Values) -> None:
-        """More samples; only those whose status is below 0 count."""
+        """Add samples; only those whose status is below 0 count."""
         good = status < 0
         time, status, values = time[good], status[good], values[good]
         for part in np.split(np.arange(len(time)), np.flatnonzero(self._forward.starts(time, status) == 0)):
@@ -171,7 +171,7 @@ class BothWays:
                 self._extend(time[part], status[part], values[part])
 
     def finish(self) -> None:
-        """No more samples come, in this run at least."""
+        """End the run: no more samples of it come, and all of them can be taken."""
         if not self._parts:
             return
         rows = np.concatenate(self._parts)
@@ -184,17 +184,17 @@ class BothWays:
 
     @property
     def ready(self) -> int:
-        """How many samples can be taken."""
+        """Number of filtered samples that can be taken."""
         return sum(map(len, self._done))
 
     def take(self, count: int) -> tuple[Values, Float[np.ndarray, " n"]]:
-        """The next that are done, in order: values (n, width) and the share of the noise left in them (n,)."""
+        """Return the next `count` filtered samples: values (n, width) and the share of the noise that remains (n,)."""
         done = self._done[0] if len(self._done) == 1 else np.concatenate(self._done)
         self._done = [done[count:]]
         return done[:count, :-1], done[:count, -1]
 
     def _extend(self, time: np.ndarray, status: np.ndarray, values: Values) -> None:
-        """Samples of one run."""
+        """Add samples of one run."""
         if self._forward.starts(time[:1], status[:1])[0] == 0:
             self.finish()
         self._last = values[-1].copy()
@@ -213,14 +213,14 @@ class BothWays:
         self._done.append(np.column_stack([values, share]))
 
     def _reversed(self, rows: Values) -> Values:
-        """Filtered from the last to the first."""
+        """Return rows filtered from the last to the first."""
         self._backward.reset()
         turned = rows[::-1].copy()
         self._backward(np.zeros(len(rows)), np.full(len(rows), -1, np.int8), turned)
         return turned[::-1]
 
     def _share(self, count: int) -> Float[np.ndarray, " n"]:
-        """Of the next samples of the run, while its end is far."""
+        """Return the noise's share in the next `count` samples of the run, far from its end."""
         return self._inside + self._edges(self._emitted + np.arange(count))
 
     def _edges(self, steps: np.ndarray) -> Float[np.ndarray, " n"]:

@@ -1,4 +1,4 @@
-"""How fast a signal moves: its spectrum, and the frequency above which it is noise only."""
+"""Estimate the spectrum of a signal, and the frequency above which it is noise only."""
 
 from __future__ import annotations
 
@@ -34,8 +34,9 @@ class Spectrum:
         frequency: (k,) [Hz].
         density: (k, c) [unit^2/Hz] of each channel; its integral is the variance.
         rate: [Hz] of the samples.
-        samples: how many were used; segments: how many periodograms were averaged.
-        stretches: how many pieces of even steps without NaN they came from.
+        samples: number of samples used.
+        segments: number of periodograms averaged.
+        stretches: number of pieces of even steps without NaN that they came from.
     """
 
     frequency: Float[np.ndarray, " k"]
@@ -49,12 +50,12 @@ class Spectrum:
 @takes_arrays
 @dataclass(frozen=True)
 class Cutoff:
-    """What a spectrum proposes.
+    """A cut-off frequency proposed from a spectrum.
 
     Attributes:
         frequency: [Hz]; None where no filter is proposed.
         floor: (c,) [unit^2/Hz] of the noise in each channel.
-        sentence: what was found.
+        sentence: the finding in words.
         settings: the filters with this cut-off, a sentence each, where the channels are forces.
     """
 
@@ -66,16 +67,16 @@ class Cutoff:
 
 @takes_arrays
 def spectrum(time: Float[np.ndarray, " n"], values: Float[np.ndarray, "n c"]) -> Spectrum:
-    """Spectra of all channels, from the stretches in which steps are even and no value is NaN [welch].
+    """Compute spectra of all channels, from the stretches in which steps are even and no value is NaN [welch].
 
     Nothing is resampled: interpolation is a filter, and would colour the very floor that is looked for.
 
     Args:
         time: (n,) [s].
-        values: (n, c) in their unit; NaN where there is none (not answered); as such counts what is beyond `LARGEST`.
+        values: (n, c) in their unit; NaN where there is none (not answered); values beyond `LARGEST` count as NaN.
 
     Raises:
-        InputError: no stretch is long enough: the log is short, or its rate wanders.
+        InputError: no stretch is long enough: the log is short, or its rate is uneven; or no time step is positive.
     """
     from scipy.signal import welch
 
@@ -99,7 +100,7 @@ def spectrum(time: Float[np.ndarray, " n"], values: Float[np.ndarray, "n c"]) ->
 
 @takes_arrays
 def steady_stretches(time: Float[np.ndarray, " n"], values: Float[np.ndarray, "n c"], step: float) -> Iterator[slice]:
-    """Pieces of at least `SHORTEST` samples, every value finite and every step within `EVEN` of the usual one."""
+    """Yield pieces of at least `SHORTEST` samples, every value finite and every step within `EVEN` of the usual one."""
     good = np.isfinite(time) & np.isfinite(values).all(axis=1)
     joined = good[1:] & good[:-1] & (np.abs(np.diff(time) - step) <= EVEN * step)
     edges = np.diff(np.concatenate([[False], joined, [False]]).astype(np.int8))
@@ -109,14 +110,14 @@ def steady_stretches(time: Float[np.ndarray, " n"], values: Float[np.ndarray, "n
 
 
 def propose_cutoff(found: Spectrum, unit: str = "N") -> Cutoff:
-    """Where the signal sinks into the noise for good.
+    """Propose the frequency above which the signal stays within the noise.
 
     Each channel is divided by its floor, the median of its top band; the mean over the channels is smoothed by a
     median over a third of an octave. The cut-off is where that stays below twice the floor; above a fifth of the rate
     none is proposed.
 
     Args:
-        found: of `spectrum`, force channels [N] as a rule.
+        found: from `spectrum`, usually of force channels [N].
         unit: of the channels; settings of filters are given for forces [N].
     """
     nyquist = found.rate / 2
@@ -145,7 +146,7 @@ def _too_fast(edge: float, rate: float) -> str:
 
 
 def _settings(cutoff: float, rate: float, noise: float) -> tuple[str, ...]:
-    """The two filters that have this cut-off [Hz], for readings of variance `noise`.
+    """Describe the two filters that have this cut-off [Hz], for readings of variance `noise`.
 
     A Kalman filter of identity transition, once steady, is a low-pass that is 3 dB down where 2 (1 - cos w) = q / r.
     """
@@ -163,7 +164,10 @@ def _usual_step(time: Float[np.ndarray, " n"]) -> float:
 
 
 def _segment(lengths: Int[np.ndarray, " k"], rate: float, count: int) -> int:
-    """A power of two: fine enough, and such that stretches as long hold half of what the longest could."""
+    """Return the samples of a segment, a power of two.
+
+    It is fine enough, and stretches as long contain half of the samples of all stretches.
+    """
     if not len(lengths):
         raise InputError(
             f"no {SHORTEST} consecutive samples of {count} have values and even steps: a spectrum needs a steady rate.",
@@ -176,13 +180,13 @@ def _segment(lengths: Int[np.ndarray, " k"], rate: float, count: int) -> int:
 
 
 def _mean_rate(time: Float[np.ndarray, " n"], pieces: list[slice]) -> float:
-    """Steps over time: a median step is as coarse as the clock that stamped it."""
+    """Return steps over time [Hz]: a median step is as coarse as the clock that stamped it."""
     steps = sum(piece.stop - 1 - piece.start for piece in pieces)
     return steps / float(sum(time[piece.stop - 1] - time[piece.start] for piece in pieces))
 
 
 def _smoothed(frequency: Float[np.ndarray, " k"], values: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-    """The median over a band around each frequency, at least three wide where there are as many."""
+    """Return the median over a band around each frequency, at least three wide where there are as many."""
     here = np.arange(len(values))
     below: Float[np.ndarray, " k"] = frequency / NARROW**0.5
     above: Float[np.ndarray, " k"] = frequency * NARROW**0.5

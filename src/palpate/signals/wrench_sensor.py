@@ -1,4 +1,4 @@
-"""What a sensor of wrenches is to the rest: readings in, wrenches with covariance and status out."""
+"""Protocol of a wrench sensor: readings in, wrenches with covariance and status out."""
 
 from __future__ import annotations
 
@@ -21,35 +21,35 @@ __all__ = ["Measured", "Placement", "Tare", "UnloadedSensor", "WrenchSensor", "s
 
 @runtime_checkable
 class Measured(Protocol):
-    """Samples as wrenches; what else a sensor keeps beside them for their covariance is its own."""
+    """Samples as wrenches; a sensor may keep more in it that its covariances need."""
 
     @property
     def time(self) -> Float[np.ndarray, " n"]:
-        """(n,) [s]."""
+        """Times of the samples, (n,) [s]."""
         ...
 
     @property
     def wrench(self) -> Float[np.ndarray, "n 6"]:
-        """(n, 6) [N, N m] in the sensor's frame, force first; a filter may overwrite it."""
+        """Wrenches (n, 6) [N, N m] in the sensor's frame, force first; a filter may overwrite them."""
         ...
 
     @property
     def status(self) -> Int8[np.ndarray, " n"]:
-        """(n,) `Status` known beforehand, -1 for a sample to locate."""
+        """`Status` of each sample, (n,), if known beforehand; -1 for a sample to locate."""
         ...
 
 
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Tare:
-    """What a tare took off.
+    """Result of a tare.
 
     Attributes:
         note: a sentence.
         warning: why it may be wrong, or "".
-        touch: (6,) in the sensor's frame, the wrench that a steady touch would have to have for the tare to have taken
-            it off; None where it was none.
-        least: [N] a touch with less force is not worth a doubt.
+        touch: (6,) in the sensor's frame, the wrench that a steady contact would need for the tare to have subtracted
+            it; None: no contact explains it.
+        least: [N] below this force, a contact is not worth a warning.
     """
 
     note: str
@@ -60,7 +60,7 @@ class Tare:
 
 @takes_arrays
 class Placement:
-    """Where the surface sits on the sensor, as the compiled loops take it.
+    """Place of the surface on the sensor, in the form that the compiled loops take.
 
     Args:
         mount: T_sensor_surface.
@@ -68,7 +68,7 @@ class Placement:
 
     Attributes:
         matrix: (6, 6) takes wrenches from the sensor's frame to the surface's.
-        factor: (q, 6) of the covariance that the mounting adds, in the surface's frame: factor' factor.
+        factor: (q, 6) root of the covariance of T_surface_sensor (rotation vector, translation): factor' factor.
     """
 
     def __init__(self, mount: Pose, covariance: Float[np.ndarray, "6 6"] | None = None) -> None:
@@ -80,72 +80,80 @@ class Placement:
 
 @runtime_checkable
 class WrenchSensor(Protocol):
-    """A wrench passes in two steps, so that a filter can stand between them: `measure`, then `place`.
+    """A wrench sensor in two steps, `measure` and `place`, so that a filter can stand between them.
 
     Each step is the same to the last bit however samples are cut into blocks.
     """
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """That a recording must have."""
+        """Names of the channels that a recording must have."""
         ...
 
     @property
     def noise(self) -> Float[np.ndarray, "6 6"] | None:
-        """Usual covariance of a wrench in the sensor's frame, thresholds follow from it; None: not known."""
+        """Usual covariance (6, 6) of a wrench in the sensor's frame, from which thresholds follow; None: not known."""
         ...
 
     def smoothed_by(self, filter: Filter | None, rate: float | None, share: float) -> None:
-        """Learn which filter wrenches pass before `place`.
+        """Set the filter that wrenches pass before `place`.
 
         Args:
             filter: of the wrenches; None: none.
             rate: [Hz] of the samples.
-            share: least share of white noise's variance that it leaves.
+            share: least share of white noise's variance that it keeps.
         """
         ...
 
     def ready(self, blocks: Iterable[Recording]) -> Iterator[Recording]:
-        """The same rows, with what needs to look ahead, such as accelerations from poses."""
+        """Yield the same rows, with the channels that need later samples, such as accelerations from poses."""
         ...
 
     def measure(self, recording: Recording) -> Measured:
-        """Of a block; an InputError where a channel is missing or has another shape."""
+        """Return the samples of a block as wrenches.
+
+        Raises:
+            InputError: a channel is missing or has another shape.
+        """
         ...
 
     def single(
         self, time: float, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None
     ) -> Measured:
-        """Of one live sample; valid until the next."""
+        """Return one live sample as a wrench; valid until the next call."""
         ...
 
     def place(
         self, measured: Any, wrenches: Float[np.ndarray, "n 6"], share: Float[np.ndarray, " k"], placement: Placement
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"] | None]:
-        """Wrenches in the surface's frame, and their covariances where the noise is known.
+        """Return wrenches in the surface's frame, and their covariances, None where the noise is not known.
 
         Args:
-            measured: what `measure` or `single` gave.
+            measured: from `measure` or `single`.
             wrenches: (n, 6) of it, filtered or not.
-            share: (n,) or (1,) of the variance of a reading's noise that the filter left.
+            share: (n,) or (1,) of the variance of a reading's noise that the filter kept.
             placement: of the surface.
         """
         ...
 
     def tare(self, recording: Recording) -> Tare:
-        """Take what is read there off from now on, in place of an earlier tare; an InputError if it is not at rest."""
+        """Subtract this recording's reading from now on, in place of an earlier tare.
+
+        Raises:
+            InputError: the sensor is not at rest.
+        """
         ...
 
     def reset(self) -> None:
-        """Forget what samples left, not the tare."""
+        """Forget the state from earlier samples, but not the tare."""
         ...
 
     def notes(self) -> tuple[str, ...]:
-        """What was met so far, one sentence each."""
+        """Return notes on the samples so far, one sentence each."""
         ...
 
     def warnings(self) -> tuple[str, ...]:
-        """What may be wrong: a dead cell, a zero that looks like a touch."""
+        """Return warnings, one sentence each: a dead cell, a zero that looks like a contact."""
         ...
 
 
@@ -160,7 +168,7 @@ class UnloadedSensor(Protocol):
 
 @takes_arrays
 def square_root(covariance: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "r n"]:
-    """Vectors whose squares sum to a covariance, as many as its rank; in units in which its diagonal is 1."""
+    """Return r vectors (r, n) whose squares sum to a covariance of rank r (in units in which its diagonal is 1)."""
     scale = np.sqrt(np.diag(covariance))
     scale = np.where(scale > 0, scale, 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))

@@ -1,4 +1,4 @@
-"""The zero of a sensor as it wanders: a Kalman filter over windows in which nothing touches, and its smoother."""
+"""Follow a sensor's drifting zero with a Kalman filter over windows without contact, and smooth it."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ __all__ = [
 
 
 class ZeroStatus(IntEnum):
-    """What became of a window; stored as int8."""
+    """Use of a window by the filter of the zero; stored as int8."""
 
     FREE = 0  # nothing touched: used, or waiting to be
     HELD = 1  # touched, or it may be
@@ -40,12 +40,12 @@ class ZeroStatus(IntEnum):
 
 @takes_arrays
 class Free(NamedTuple):
-    """Readings less payload and inertia, as they are without contact: the zero.
+    """Readings less payload and inertia, which without contact are the zero.
 
     Attributes:
         value: (n, m) in the channels' units; NaN where a reading is none, or saturated.
-        regressor: (n, m, q) by which channels err where each of q coefficients is one off.
-        full: whether a channel was at its range.
+        regressor: (n, m, q) error of the channels where each of q coefficients is off by one.
+        full: True where a channel was at its range.
     """
 
     value: Float[np.ndarray, "n m"]
@@ -55,10 +55,11 @@ class Free(NamedTuple):
 
 @takes_arrays
 class ZeroState(NamedTuple):
-    """What is known of the zero at a time.
+    """Estimate of the zero at a time.
 
     Attributes:
-        zero: (m,); coefficient: (q,), such as the payload's weight [N] beyond the one that is compensated.
+        zero: (m,) in the channels' units.
+        coefficient: (q,), such as the payload's weight [N] beyond the one that is compensated.
         covariance: (m + q, m + q) of both.
     """
 
@@ -69,58 +70,60 @@ class ZeroState(NamedTuple):
 
 @runtime_checkable
 class FollowedSensor(Protocol):
-    """A sensor of wrenches whose zero can be followed; readings of a window are kept as rows (n, k) of its own."""
+    """A wrench sensor whose zero can be followed; it keeps the readings of a window as rows (n, k) for `free`."""
 
     live_inputs: Float[np.ndarray, " _"]
     """Inputs of one live sample."""
     zeros_taken: int
-    """Changes with every tare."""
+    """Number that changes with every tare."""
 
     @property
     def coefficients(self) -> int:
-        """q, what is followed beside the m channels: 1 where a payload weighs, else 0."""
+        """Number q of coefficients followed in addition to the m channels: 1 where the payload weighs, else 0."""
         ...
 
     def kept(self, recording: Recording) -> Float[np.ndarray, "n k"]:
-        """Of a recording, what `free` needs."""
+        """Return the rows (n, k) of a recording that `free` needs."""
         ...
 
     def kept_of(self, inputs: Float[np.ndarray, " _"], count: int) -> Float[np.ndarray, "n k"]:
-        """The same of live inputs of so many samples, as `held` and `inputs` lay them out."""
+        """Return the rows (count, k) that `free` needs from the live inputs of `count` samples."""
         ...
 
     def free(self, kept: Float[np.ndarray, "n k"]) -> Free:
-        """What the channels read, if nothing touches."""
+        """Return the channels' readings less payload and inertia: the zero, if there is no contact."""
         ...
 
     def window_noise(
         self, kept: Float[np.ndarray, "n k"], usable: Bool[np.ndarray, " n"]
     ) -> tuple[Float[np.ndarray, "m m"], Float[np.ndarray, "m m"]]:
-        """Covariance of the mean of a window: of noise, which more windows average, and of what they do not."""
+        """Return covariances (m, m) of a window's mean: of noise, and of errors that more windows do not average."""
         ...
 
     def as_wrench(
         self, change: Float[np.ndarray, "n m"], covariance: Float[np.ndarray, "m m"]
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "6 6"]]:
-        """Changes of the channels as wrenches in the sensor's frame, and the covariance of the last."""
+        """Return changes of the channels as wrenches in the sensor's frame, and the covariance (6, 6) of the last."""
         ...
 
     def start(self) -> tuple[float, ZeroState, Float[np.ndarray, "m q"]]:
-        """When its own zero was taken [s] (NaN: not known), how well it is known, and the regressors of then."""
+        """Return the sensor's own zero: its time [s] (NaN: not known), its estimate, and its regressors (m, q)."""
         ...
 
     def follow(self, state: ZeroState | None) -> None:
-        """Take this zero off from now on, its covariance in every wrench; None: its own again."""
+        """Subtract this zero from now on, with its covariance in every wrench; None: the sensor's own again."""
         ...
 
 
 class ZeroWindow(NamedTuple):
-    """The mean of some 0.1 s of readings, if nothing touches.
+    """Mean of some 0.1 s of readings, which is the zero if there is no contact.
 
     Attributes:
         time: [s], the mean.
-        value: (m,); regressor: (m, q).
-        noise, stays: (m, m) covariance of the value: what more windows average, and what they do not.
+        value: (m,) in the channels' units.
+        regressor: (m, q), see `Free`.
+        noise: (m, m) covariance of the value that more windows average.
+        stays: (m, m) covariance of the value that they do not.
     """
 
     time: float
@@ -131,11 +134,11 @@ class ZeroWindow(NamedTuple):
 
 
 class FilterStep(NamedTuple):
-    """A window as the filter passed it, for the smoother.
+    """Step of the filter over a window, kept for the smoother.
 
     Attributes:
         number: of the window.
-        state, covariance: predicted, before it was used.
+        state, covariance: predicted, before the window was used.
         turn: F, from the node before.
         gained: of a window that was used: H' S^-1 y, H' S^-1 H and I - K H; None: it was not.
     """
@@ -148,15 +151,15 @@ class FilterStep(NamedTuple):
 
 
 class ZeroFilter:
-    """Zero b, coefficients c and rate r of a `Drift`, by a Kalman filter whose windows read b + h c + noise.
+    """Kalman filter of zero b, coefficients c and rate r of a `Drift`, whose windows read b + h c + noise.
 
-    Ahead by t, with e = s (1 - exp(-t/s)) and s = `settling` (e = t for one that does not end),
+    Predicted by t, with e = s (1 - exp(-t/s)) and s = `settling` (e = t if s is infinite),
 
         b <- b + e r,    r <- exp(-t/s) r,    P_b <- P_b + e (P_br + P_rb) + e^2 P_r + walk^2 t.
 
     Args:
         drift: of the m channels.
-        coefficients: (q,) deviations, before anything was seen, of what is wrong by the same in every window.
+        coefficients: (q,) prior standard deviations of the errors that are the same in every window.
     """
 
     def __init__(self, drift: Drift, coefficients: Float[np.ndarray, " q"]) -> None:
@@ -177,7 +180,7 @@ class ZeroFilter:
         covariance: Float[np.ndarray, "m m"],
         regressor: Float[np.ndarray, "m q"] | None = None,
     ) -> None:
-        """From the zero of a tare, b + h c with the h of its pose, which tells neither c nor rates."""
+        """Start from the zero of a tare, b + h c with the h of its pose, which determines neither c nor rates."""
         m, k = self.channels, self.known
         self.time = time
         self.state, self.covariance = np.zeros_like(self.state), np.zeros_like(self.covariance)
@@ -192,23 +195,23 @@ class ZeroFilter:
             self.covariance[m:k, :m] = -both.T
 
     def predicted(self, time: float) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]:
-        """State and covariance then; where time runs back, as they stand."""
+        """Return state and covariance predicted for a time [s]; unchanged where time runs back."""
         state, covariance, _ = self._predicted(time)
         return state, covariance
 
     def at(self, time: float) -> ZeroState:
-        """Of the zero alone, then."""
+        """Return the zero and its coefficients, predicted for a time [s]."""
         return self.known_of(*self.predicted(time))
 
     def known_of(self, state: Float[np.ndarray, " n"], covariance: Float[np.ndarray, "n n"]) -> ZeroState:
-        """Without the rates."""
+        """Return zero, coefficients and their covariance from a state of the filter, without the rates."""
         m, k = self.channels, self.known
         return ZeroState(state[:m].copy(), state[m:k].copy(), covariance[:k, :k].copy())
 
     def expected(
         self, time: float, regressor: Float[np.ndarray, "m q"]
     ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m m"]]:
-        """What a window then would read, and the covariance of that."""
+        """Return the predicted mean (m,) of a window at a time [s], and its covariance (m, m) without the noise."""
         state, covariance = self.predicted(time)
         seen = self._seen(regressor)
         if not regressor.shape[1]:
@@ -217,13 +220,13 @@ class ZeroFilter:
         return seen @ state, seen @ covariance @ seen.T
 
     def advance(self, time: float, number: int = 0) -> FilterStep:
-        """On to a window, which is not used."""
+        """Predict to a window's time [s] without using the window; return the step."""
         state, covariance, turn = self._predicted(time)
         self.state, self.covariance, self.time = state, covariance, time
         return FilterStep(number, state, covariance, turn, None)
 
     def update(self, window: ZeroWindow, number: int = 0) -> FilterStep:
-        """On to a window in which nothing touched, which is used."""
+        """Predict to a window without contact and use it; return the step."""
         node = self.advance(window.time, number)
         seen = self._seen(window.regressor)
         noise = window.noise + window.stays
@@ -236,13 +239,13 @@ class ZeroFilter:
         return node._replace(gained=(back @ left, back @ seen, keeps))
 
     def widen(self, covariance: Float[np.ndarray, "m m"]) -> None:
-        """The zero jumped: so much less is known of it."""
+        """Add a covariance (m, m) to the zero's, after a jump of the zero."""
         m = self.channels
         self.covariance = self.covariance.copy()
         self.covariance[:m, :m] += covariance
 
     def _predicted(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """State, covariance and F; the last one is remembered, as it is asked for more than once."""
+        """Return state, covariance and F; the last result is cached, as it is needed more than once."""
         if self._asked[0] == time and self._asked[1] is self.covariance:
             return self._asked[2]
         k = self.known
@@ -261,7 +264,7 @@ class ZeroFilter:
         return self._asked[2]
 
     def _seen(self, regressor: Float[np.ndarray, "m q"]) -> Float[np.ndarray, "m n"]:
-        """H = (I, h, 0)."""
+        """Return H = (I, h, 0); raise an InputError at regressors of another shape."""
         m, k = self.channels, self.known
         if regressor.shape != (m, k - m):
             raise InputError(f"the regressors must have shape ({m}, {k - m}), not {regressor.shape}.")
@@ -273,7 +276,7 @@ class ZeroFilter:
 def smoothed(
     nodes: Sequence[FilterStep], count: int | None = None
 ) -> Iterator[tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]]:
-    """States and covariances of nodes by all that came after them too, from the last of `count` to the first.
+    """Yield states and covariances of nodes given all later ones too, from the last of `count` to the first.
 
     The modified Bryson-Frazier form of the fixed-interval smoother [Bierman 1977], which inverts no covariance of the
     state, so that one that is known exactly does no harm:
@@ -302,10 +305,13 @@ def smoothed(
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class ZeroHistory(Value):
-    """How the zero went, some windows of all, evenly spread.
+    """The zero over time, at some of the windows, evenly spread.
 
     Attributes:
-        time: (n,) [s]; zero, deviation: (n, m) in the channels' units; coefficient: (n, q).
+        time: (n,) [s].
+        zero: (n, m) in the channels' units.
+        deviation: (n, m) standard deviation of the zero, in the channels' units.
+        coefficient: (n, q).
         status: (n,) `ZeroStatus` as int8.
     """
 

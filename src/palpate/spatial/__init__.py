@@ -1,4 +1,4 @@
-"""Where things are, what pushes on them, and how sure."""
+"""Poses of frames, wrenches, and their uncertainty."""
 
 from palpate.spatial.pose import Pose, rotation_from_quaternion
 from palpate.spatial.wrench import Wrench

@@ -1,4 +1,4 @@
-"""Turning what a caller gives into arrays: that compiled loops can take, or that nobody can change afterwards."""
+"""Convert a caller's values to arrays that compiled loops can take, or that nobody can change afterwards."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ FLOAT, INT8, INT64 = np.dtype(np.float64), np.dtype(np.int8), np.dtype(np.int64)
 
 
 def shaped(values: ArrayLike, shape: Shape, name: str, dtype: np.dtype[Any] = FLOAT) -> np.ndarray:
-    """`values` as compiled loops take them: of this shape and type, contiguous, aligned and writable.
+    """Return `values` as compiled loops take them: of this shape and type, contiguous, aligned and writable.
 
-    The array itself where it is all that, else a copy. A loop that is given another layout is compiled again, and one
-    that is given another shape reads whatever lies behind it.
+    The array itself where it is all that, else a copy. A loop that gets another layout is compiled again, and one that
+    gets another shape reads whatever lies behind it.
 
     Args:
         values: numbers.
-        shape: wanted; None in front is any length, ... any leading axes.
+        shape: required; None in front is any length, ... any leading axes.
         name: of the argument, for the message.
         dtype: float64, bool or one of integers.
 
@@ -55,7 +55,7 @@ def shaped(values: ArrayLike, shape: Shape, name: str, dtype: np.dtype[Any] = FL
 
 
 def require_shape(array: np.ndarray, shape: Shape, name: str) -> None:
-    """Raise an InputError where an array has another shape than one that is wanted, as `shaped` takes it."""
+    """Raise an InputError where an array does not have the required shape, written as for `shaped`."""
     if not _fits(array.shape, shape):
         raise InputError(f"{name} must have shape {_said(shape)}, not {array.shape}.")
 
@@ -76,10 +76,13 @@ def require_batch(array: np.ndarray, batch: tuple[int, ...], name: str) -> None:
 
 
 def require_out(out: np.ndarray, shape: Shape, name: str = "out") -> None:
-    """Require what a compiled loop can write into: float64 of this shape, contiguous, aligned and writable.
+    """Raise an InputError where a compiled loop cannot write into `out`.
+
+    It must be float64 of this shape, contiguous, aligned and writable. Nothing is copied, because the caller would not
+    see the result.
 
     Raises:
-        InputError: it is not; nothing is copied, because the caller would not see what is written.
+        InputError: `out` is not such an array.
     """
     if type(out) is np.ndarray and out.dtype == FLOAT and out.flags.carray:
         if _fits(out.shape, shape):
@@ -105,7 +108,7 @@ def frozen(values: ArrayLike, *, tail: tuple[int, ...] = (), name: str = "array"
 
 
 class Value:
-    """A frozen dataclass that holds arrays: a copy of it is itself, and from a pickle it is built, and frozen, anew."""
+    """A frozen dataclass with arrays: copying it returns itself, and unpickling builds and freezes it anew."""
 
     def __copy__(self) -> Any:
         return self
@@ -123,12 +126,12 @@ def _built(kind: type[Any], given: dict[str, Any]) -> Any:
 
 
 def _picklable(value: Any) -> Any:
-    """A read-only view of a dict, which cannot be pickled, as a dict."""
+    """Return a read-only view of a dict, which cannot be pickled, as a dict, and any other value as it is."""
     return dict(cast("Mapping[str, Any]", value)) if isinstance(value, MappingProxyType) else value
 
 
 def _converted(values: ArrayLike, shape: Shape, name: str, dtype: np.dtype[Any]) -> np.ndarray:
-    """A copy of the type wanted, if it can hold the numbers."""
+    """Return a copy of the required type; raise an InputError where that type cannot hold the numbers."""
     wanted = f"{name} must be {dtype} of shape {_said(shape)}"
     try:
         given = np.asarray(values)
@@ -152,6 +155,6 @@ def _fits(seen: tuple[int, ...], wanted: Shape) -> bool:
 
 
 def _said(shape: Shape) -> str:
-    """As Python writes a shape, with n for any length."""
+    """Format a shape as Python does, with n for any length."""
     axes = ["..." if axis is ... else "n" if axis is None else str(axis) for axis in shape]
     return f"({', '.join(axes)}{',' * (len(axes) == 1)})"

@@ -1,4 +1,4 @@
-"""Read from the annotations of public functions which arrays they take, and make these of any container of numbers."""
+"""Read from the annotations of public functions which arrays they take, and convert the arguments to these arrays."""
 
 from __future__ import annotations
 
@@ -31,24 +31,24 @@ _DTYPES = {"Float": np.dtype(np.float64), "Int": np.dtype(np.int64), "Bool": np.
 
 
 class _Size(NamedTuple):
-    """Of a named axis, or of some (`*batch`): its length or theirs, and which argument has it."""
+    """Size of a named axis, or of several (`*batch`): length or lengths, and the argument that has it."""
 
     length: int | tuple[int, ...]
     argument: str
 
 
 class _Wanted(NamedTuple):
-    """What an annotation wants of an argument.
+    """Requirements of an annotation on an argument.
 
     Attributes:
         name: of the argument.
-        optional: None is one, too.
+        optional: None is allowed, too.
         others: classes of which it may be instead.
         dtype: of an array; None: a number, or numbers of any type.
         axes: of an array, as jaxtyping writes them.
-        whole: of a number: it must be.
-        any: any array of real numbers, which the function makes one of its own from.
-        parts: of a tuple of numbers: of each, whether it must be whole.
+        whole: the number must be whole.
+        any: any array of real numbers, which the function converts itself.
+        parts: of a tuple of numbers: for each, whether it must be whole.
     """
 
     name: str
@@ -64,13 +64,14 @@ class _Wanted(NamedTuple):
 def takes_arrays(made: _Made) -> _Made:
     """Decorate a function, or a class for its constructor and its public methods, that is annotated by jaxtyping.
 
-    Arguments that are annotated as arrays may then be lists, tuples or whatever NumPy makes an array of, of any type of
-    real numbers, order and strides: the function gets an array of the type of the annotation, contiguous by rows, the
-    one that was given if it is that already. Axes of one name have one length in all arguments. Arguments named `out`
-    and `counts` are written into, and left to the function.
+    Arguments that are annotated as arrays may then be lists, tuples or anything that NumPy converts to an array, of any
+    type of real numbers, order and strides: the function gets an array of the type of the annotation, contiguous by
+    rows, and the given one if it is that already. Axes of one name have one length in all arguments. Arguments named
+    `out`, `out_covariance` and `out_total`, and `counts` in a function with `out`, are written into, and are not
+    converted.
 
-    What a function cannot compute with, as NumPy or LAPACK say it, is an InputError that names the argument that is
-    empty or not finite, if one is.
+    Numbers with which a function cannot compute, as NumPy or LAPACK report it, raise an InputError that names the
+    argument that is empty or not finite, if one is.
 
     Raises:
         InputError: an argument has another shape, or is not of real numbers.
@@ -126,7 +127,7 @@ def _function(function: Callable[..., Any], module: str) -> Callable[..., Any]:
 
 
 def _plan(function: Callable[..., Any], known: dict[str, Any]) -> dict[str, _Wanted]:
-    """By name, what is wanted of the arguments that are arrays or numbers."""
+    """Return by name the requirements on the arguments that are arrays or numbers."""
     made: dict[str, _Wanted] = {}
     parameters = signature(function).parameters
     written = _WRITTEN | {"counts"} if "out" in parameters else _WRITTEN
@@ -178,7 +179,7 @@ def _wanted(name: str, annotation: Any) -> _Wanted | None:
 
 
 def _taken(wanted: _Wanted, value: Any, sizes: dict[str, _Size]) -> Any:
-    """An argument as the function takes it."""
+    """Return an argument in the form that the function takes."""
     if (value is None and wanted.optional) or isinstance(value, wanted.others):
         return value
     if wanted.parts:
@@ -198,19 +199,19 @@ def _taken(wanted: _Wanted, value: Any, sizes: dict[str, _Size]) -> Any:
 
 
 def number(value: Any, name: str) -> float:
-    """Return one number of whatever class as a float; raise an InputError where it is none."""
+    """Return a number of any class as a float; raise an InputError where it is no number."""
     return float(_number(value, _Wanted(name, False, (), None, ())))
 
 
 def integer(value: Any, name: str) -> int:
-    """Return one whole number of whatever class as an int; raise an InputError where it is none."""
+    """Return a whole number of any class as an int; raise an InputError where it is no whole number."""
     if type(value) is int and abs(value) < _LARGEST:
         return value
     return int(_number(value, _Wanted(name, False, (), None, (), whole=True)))
 
 
 def _tuple(wanted: _Wanted, values: Any) -> tuple[Any, ...]:
-    """So many numbers, of whatever container."""
+    """Return the required number of numbers, from any container, as a tuple."""
     array = shaped(values, (len(wanted.parts),), wanted.name)
     named = [f"{wanted.name}[{place}]" for place in range(len(array))]
     kinds = [_Wanted(name, False, (), None, (), whole) for name, whole in zip(named, wanted.parts, strict=True)]
@@ -218,7 +219,7 @@ def _tuple(wanted: _Wanted, values: Any) -> tuple[Any, ...]:
 
 
 def _real(values: Any, name: str) -> np.ndarray:
-    """An array of real numbers, of the type that they have."""
+    """Return an array of real numbers, of the type that they have."""
     try:
         array = np.asarray(values, order="C")
     except (ValueError, TypeError):  # lists of different lengths, for one
@@ -227,7 +228,7 @@ def _real(values: Any, name: str) -> np.ndarray:
 
 
 def _number(value: Any, wanted: _Wanted) -> Any:
-    """One number, of whatever class."""
+    """Return a number of any class as an int or a float; raise an InputError where it is no number."""
     if isinstance(value, bool):
         return value
     array = shaped(value, (...,), wanted.name) if not isinstance(value, str) else np.zeros(0)
@@ -238,7 +239,7 @@ def _number(value: Any, wanted: _Wanted) -> Any:
 
 
 def _bound(shape: tuple[int, ...], wanted: _Wanted, sizes: dict[str, _Size]) -> bool:
-    """Whether a shape is one that is wanted, with the lengths that others gave to the names of axes; adds its own."""
+    """Return whether a shape is a required one, given the lengths of the axes' names so far; note its own lengths."""
     axes = wanted.axes
     many = next((place for place, axis in enumerate(axes) if axis == "..." or axis.startswith("*")), None)
     if many is None:
@@ -256,7 +257,7 @@ def _bound(shape: tuple[int, ...], wanted: _Wanted, sizes: dict[str, _Size]) -> 
 
 
 def _same(axis: str, length: int | tuple[int, ...], argument: str, sizes: dict[str, _Size]) -> bool:
-    """Whether an axis, or some, have the length of their name."""
+    """Return whether an axis, or several, have the length noted for their name."""
     if axis.isdigit():
         return length == int(axis)
     if axis in ("_", "..."):
@@ -274,7 +275,7 @@ def _same(axis: str, length: int | tuple[int, ...], argument: str, sizes: dict[s
 
 
 def _said(axes: tuple[str, ...], sizes: dict[str, _Size]) -> str:
-    """A shape as Python writes it, with the lengths that other arguments have."""
+    """Format a shape as Python does, with the lengths that other arguments have."""
     words = [axis.lstrip("*#") for axis in axes]
     known = [sizes[word].length if word in sizes else word for word in words]
     flat = [str(part) for each in known for part in (each if isinstance(each, tuple) else (each,))]
@@ -283,7 +284,7 @@ def _said(axes: tuple[str, ...], sizes: dict[str, _Size]) -> str:
 
 
 def _unusable(given: dict[str, Any], plan: dict[str, _Wanted], problem: Exception) -> str:
-    """Which argument cannot be computed with, as a sentence; empty: none is known to be so."""
+    """Return a sentence that names the argument with which the function cannot compute; "" if none is known."""
     for name in plan:
         value = given.get(name)
         if isinstance(value, np.ndarray):

@@ -1,4 +1,4 @@
-"""Frames that lie in each other: a tree whose edges hold always or move, and one frame in another over time."""
+"""A tree of frames whose edges are fixed or move, and the pose of one frame in another over time."""
 
 from __future__ import annotations
 
@@ -20,29 +20,29 @@ Edge = Pose | PoseTrack  # T_parent_child: always, or over time
 
 
 class FrameTree:
-    """Frames, each in its parent.
+    """Tree of frames, each with its pose in its parent.
 
     Args:
         edges: parent, child, and T_parent_child.
     """
 
     def __init__(self, edges: Iterable[tuple[str, str, Edge]] = ()) -> None:
-        self._parents: dict[str, dict[str, Edge]] = {}  # child -> its parents; more than one is said where it matters
+        self._parents: dict[str, dict[str, Edge]] = {}  # child -> its parents; more than one is an error on a path
         for parent, child, edge in edges:
             self.add(parent, child, edge)
 
     def add(self, parent: str, child: str, edge: Edge) -> None:
-        """One more edge, or another pose of one that is there."""
+        """Add an edge, or replace the pose of an existing one."""
         self._parents.setdefault(parent, {})
         self._parents.setdefault(child, {})[parent] = edge
 
     @property
     def frames(self) -> tuple[str, ...]:
-        """All of them, in the order in which they came."""
+        """Names of all frames, in the order in which they were added."""
         return tuple(self._parents)
 
     def up(self, frame: str) -> tuple[str, ...]:
-        """A frame, its parent, and so on up to the root.
+        """Return a frame, its parent, and so on up to the root.
 
         Raises:
             InputError: there is no such frame; one on the way has two parents, or is its own ancestor.
@@ -50,7 +50,7 @@ class FrameTree:
         return tuple(self._climb(frame, None))
 
     def path(self, base: str, sensor: str) -> FramePath:
-        """The edges from one frame to another; those beyond where both ways up meet do not matter.
+        """Return the edges from one frame to another; edges above their nearest common ancestor do not matter.
 
         Raises:
             InputError: no such frame, or nothing joins the two; a frame on the way with two parents, or a loop.
@@ -70,12 +70,12 @@ class FrameTree:
         return FramePath((*down, *up[-2::-1]), (*back, *self._down(up)))
 
     def _down(self, up: tuple[str, ...]) -> tuple[tuple[Edge, bool], ...]:
-        """The edges from the last of some frames down to the first."""
+        """Return the edges from the last of some frames down to the first."""
         pairs = list(zip(up[1:], up, strict=False))
         return tuple((self._parents[child][parent], False) for parent, child in reversed(pairs))
 
     def _climb(self, frame: str, top: str | None) -> tuple[str, ...]:
-        """From a frame up to `top`, if that is above it, else to the root."""
+        """Return the frames from one up to `top`, if that is above it, else to the root."""
         for name in (frame, top):
             if name is not None and name not in self._parents:
                 close = difflib.get_close_matches(name, self.frames, n=6, cutoff=0.0)
@@ -101,7 +101,7 @@ class FrameTree:
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class FramePath:
-    """The edges between two frames, as one track of poses: it is asked as a `PoseTrack` is.
+    """The edges between two frames, as one track of poses with the methods of a `PoseTrack`.
 
     Attributes:
         frames: from the target (base) to the source (sensor).
@@ -113,11 +113,11 @@ class FramePath:
 
     @property
     def tracks(self) -> tuple[PoseTrack, ...]:
-        """Those edges that move."""
+        """Edges that move."""
         return tuple(edge for edge, _ in self.steps if isinstance(edge, PoseTrack))
 
     def at(self, time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 3"]]:
-        """Quaternions x, y, z, w and positions [m] of the source in the target: T_0_1 @ T_1_2 @ ...
+        """Return quaternions x, y, z, w and positions [m] of the source in the target: T_0_1 @ T_1_2 @ ...
 
         Each edge is interpolated between its own neighbours in time (see `PoseTrack.at`); then all are composed. NaN
         where one of them has no answer.
@@ -146,25 +146,25 @@ class FramePath:
 
     @property
     def stamps(self) -> Float[np.ndarray, " k"]:
-        """[s] of the edge with the most poses."""
+        """Stamps (k,) [s] of the edge with the most poses."""
         return max((track.stamps for track in self.tracks), key=len, default=np.zeros(0))
 
     def answerable(self, time: Float[np.ndarray, " n"]) -> int:
-        """How many of these times, from the first, get an answer that poses to come will not change."""
+        """Return the number of these times, from the first, whose answers later poses will not change."""
         return min((track.answerable(time) for track in self.tracks), default=len(time))
 
     def complete(self) -> None:
-        """No more poses will come."""
+        """Note that no more poses will come."""
         for track in self.tracks:
             track.complete()
 
     def forget(self, before: float) -> None:
-        """Drop what answers at `before` [s] and later do not need."""
+        """Drop the poses that answers at `before` [s] and later do not need."""
         for track in self.tracks:
             track.forget(before)
 
     def notes(self) -> tuple[str, ...]:
-        """What was left out, of each edge."""
+        """Return notes on the poses left out, of each edge, one sentence each."""
         names = zip(self.frames, self.frames[1:], strict=False)
         return tuple(
             f"between frames {first} and {second}: {note}"
@@ -181,7 +181,7 @@ def _edge_at(edge: Edge, time: Float[np.ndarray, " n"]) -> tuple[np.ndarray, np.
 
 
 def _product(left: Float[np.ndarray, "n 4"], right: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4"]:
-    """Hamilton's product, the rotation `right` before `left`; scipy's takes twenty times as long."""
+    """Return Hamilton's product, the rotation `right` before `left`; SciPy's takes twenty times as long."""
     (a, b, c, w), (x, y, z, v) = left.T, right.T
     parts = (w * x + a * v + b * z - c * y, w * y - a * z + b * v + c * x, w * z + a * y - b * x + c * v)
     return np.stack([*parts, w * v - a * x - b * y - c * z], axis=1)

@@ -1,4 +1,4 @@
-"""Orientations between recorded orientations."""
+"""Interpolate between recorded orientations."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ __all__ = ["slerp"]
 def slerp(
     first: Float[np.ndarray, "*batch 4"], second: Float[np.ndarray, "*batch 4"], share: Float[np.ndarray, "*batch"]
 ) -> Float[np.ndarray, "*batch 4"]:
-    """Unit quaternions on the shortest way from `first` (share 0) to `second` (share 1), at constant speed.
+    """Return unit quaternions on the shortest way from `first` (share 0) to `second` (share 1), at constant speed.
 
     With a the angle between them in four dimensions (half of the rotation's), at most a quarter turn because q and -q
     are one rotation: q = (sin((1 - u) a) q0 + sin(u a) q1) / sin a [Shoemake 1985]. The angle comes from the chords,
     a = 2 atan2(|q1 - q0|, |q1 + q0|), which is exact for small angles, where the arc cosine of q0 . q1 is not.
 
     Args:
-        first: x, y, z, w of any length but zero (NaN in, NaN out).
+        first: (*batch, 4) x, y, z, w of any length but zero (NaN in, NaN out).
         second: the same.
-        share: u, between 0 and 1.
+        share: (*batch,) u, between 0 and 1.
     """
     start, end = (q / _length(q) for q in (first, second))
     end = np.where(np.sum(start * end, axis=-1, keepdims=True) < 0, -end, end)

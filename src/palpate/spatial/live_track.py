@@ -1,4 +1,4 @@
-"""The sensor's pose when poses lag behind the samples: held or extrapolated, and how far it may have turned since."""
+"""The sensor's pose live, when poses lag behind the samples: kept or extrapolated, and the angle error that results."""
 
 from __future__ import annotations
 
@@ -19,34 +19,34 @@ _LONG = 8  # poses apart: the longer of the two lags
 
 
 class LiveTrack(PoseTrack):
-    """Poses of which the newest is older than what is asked for, as a rule.
+    """Track of live poses, of which the newest is usually older than the requested time.
 
     Up to the newest pose it answers as `PoseTrack`. For an age t beyond it, and up to `max_gap`, the last motion goes
     on at constant angular and linear velocity, measured over a time B that is as long as t where there are such poses
     (and at least one spacing D of poses): a shorter one would multiply the noise of the poses by t / B.
 
-    What this leaves out, as the root mean square s(t) [rad] of the angle between the answer and the true orientation:
-    with an angular acceleration of mean square a^2 and poses whose noise is n (rms angle), the velocity of the past B
-    lags by a B / 2, so that
+    The error of this is given as the root mean square s(t) [rad] of the angle between the answer and the true
+    orientation: with an angular acceleration of mean square a^2 and poses whose noise is n (rms angle), the velocity of
+    the past B lags by a B / 2, so that
 
         s(t)^2 = (a t (t + B) / 2)^2 + n^2 ((1 + u)^2 + u^2 - 1),   u = t / B,
 
     without the n^2 that a pose of age 0 has, too. a and n are taken from the last poses themselves: the second
-    difference of orientations over a lag of m spacings, d_m = w_after - w_before times m D, is what the prediction
-    above would have missed by in the past with t = B = m D, and its mean square is a^2 (m D)^4 + 6 n^2. Two lags
-    (1 and 8 spacings, or fewer) give both. When held, the angle itself is missed:
+    difference of orientations over a lag of m spacings, d_m = w_after - w_before times m D, is the error that the
+    prediction above would have had in the past with t = B = m D, and its mean square is a^2 (m D)^4 + 6 n^2. Two lags
+    (1 and 8 spacings, or fewer) give both. With `hold`, the angle itself is the error:
     s^2 = (w t)^2 + (a t^2 / 2)^2 with w^2 the mean square of the angular velocity.
 
     Args:
-        offset, max_gap: as of a `PoseTrack`; beyond an age of `max_gap` there is no answer.
-        hold: the newest pose is the answer, not extrapolated.
+        offset, max_gap: see `PoseTrack`; beyond an age of `max_gap` there is no answer.
+        hold: answer with the newest pose, without extrapolation.
     """
 
     def __init__(self, offset: float = 0.0, max_gap: float = 0.25, *, hold: bool = False) -> None:
         super().__init__(offset, max_gap)
         self._hold = hold
         self.restarts = 0
-        """How often the poses' clock went back, and the track began anew."""
+        """Number of times that the poses' clock went back, and the track began anew."""
         self._moved: tuple[float, float, float] | None = None  # mean squares of acceleration, noise, velocity
         self._since = 0  # poses that have come since
 
@@ -57,7 +57,7 @@ class LiveTrack(PoseTrack):
         quaternion: Float[np.ndarray, "n 4"],
         position: Float[np.ndarray, "n 3"] | None = None,
     ) -> None:
-        """As `PoseTrack.add`; stamps that go back by more than a second begin anew."""
+        """Add poses like `PoseTrack.add`; stamps that go back by more than a second begin the track anew."""
         self._since += len(time)
         if len(time) and time[-1] + self.offset < self._newest - _JUMP:
             fresh = time + self.offset < self._newest - _JUMP
@@ -75,7 +75,7 @@ class LiveTrack(PoseTrack):
 
     @takes_arrays
     def at(self, time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 3"]]:
-        """Quaternions x, y, z, w and positions [m]: see the class. NaN where there is no answer."""
+        """Return quaternions x, y, z, w and positions [m], kept or extrapolated after the newest pose; else NaN."""
         time = shaped(time, (None,), "time")
         if (time > self._newest).all():  # as a rule
             answers = np.full((len(time), 7), np.nan)
@@ -99,9 +99,9 @@ class LiveTrack(PoseTrack):
 
     @takes_arrays
     def lag(self, time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """How much older the newest pose is [s], 0 where it is not; and the s [rad] of the class.
+        """Return the age of the newest pose [s], 0 where it is not older, and the angle error s [rad] of the class.
 
-        Where fewer than three poses are there, s is NaN: nothing is known of the motion.
+        With fewer than three poses s is NaN: nothing is known of the motion.
         """
         time = shaped(time, (None,), "time")
         age = np.maximum(time - self._newest, 0.0)
@@ -125,7 +125,7 @@ class LiveTrack(PoseTrack):
         return np.sqrt(acceleration * (age * (age + base) / 2.0) ** 2 + noise * 2.0 * share * (1.0 + share))
 
     def _before(self, age: Float[np.ndarray, " k"]) -> np.ndarray:
-        """(k,) rows from which the velocity is measured: as long before the newest as the age, or nearly so."""
+        """Return the rows (k,) from which the velocity is measured: about as long before the newest as the age."""
         stamps: Float[np.ndarray, " n"] = self._rows[:, 0]
         wanted: Float[np.ndarray, " k"] = stamps[-1] - age
         found: Int[np.ndarray, " k"] = np.searchsorted(stamps, wanted, side="right") - 1
@@ -133,7 +133,7 @@ class LiveTrack(PoseTrack):
 
 
 def _motion(rows: Float[np.ndarray, "k 8"]) -> tuple[float, float, float]:
-    """Mean squares of angular acceleration [rad^2/s^4], of the noise of a pose [rad^2] and of velocity [rad^2/s^2]."""
+    """Return mean squares of acceleration [rad^2/s^4], a pose's noise [rad^2] and velocity [rad^2/s^2], all angular."""
     stamps, quaternion = rows[:, 0], rows[:, 1:5] / np.linalg.norm(rows[:, 1:5], axis=1, keepdims=True)
     spacing = float(stamps[-1] - stamps[0]) / (len(rows) - 1)
     short, speed = _missed(stamps, quaternion, 1)
@@ -146,7 +146,7 @@ def _motion(rows: Float[np.ndarray, "k 8"]) -> tuple[float, float, float]:
 
 
 def _missed(stamps: Float[np.ndarray, " k"], quaternion: Float[np.ndarray, "k 4"], apart: int) -> tuple[float, float]:
-    """Mean square of the second difference [rad^2] over a lag of so many poses, and of the angular velocity."""
+    """Return mean squares of the second difference [rad^2] over `apart` poses and of the velocity [rad^2/s^2]."""
     vector, w = _turn(quaternion[:-apart], quaternion[apart:])
     length = np.linalg.norm(vector, axis=1)
     angle = 2.0 * np.arctan2(length, w)
@@ -158,7 +158,7 @@ def _missed(stamps: Float[np.ndarray, " k"], quaternion: Float[np.ndarray, "k 4"
 
 
 def _turn(first: Float[np.ndarray, "k 4"], second: Float[np.ndarray, "k 4"]) -> tuple[np.ndarray, np.ndarray]:
-    """Vector (k, 3) and scalar (k,) part of second times the inverse of first, on the short way."""
+    """Return vector (k, 3) and scalar (k,) part of second times the inverse of first, on the short way."""
     a, b = first[:, :3], second[:, :3]
     scalar = (first * second).sum(axis=1)
     vector = first[:, 3:] * b - second[:, 3:] * a + np.cross(a, b)

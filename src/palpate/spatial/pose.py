@@ -1,4 +1,4 @@
-"""Where one frame lies in another: names read T_target_source and cancel, T_base_tool @ T_tool_sensor."""
+"""Pose of one frame in another: names read T_target_source and cancel, T_base_tool @ T_tool_sensor."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["Pose", "quaternion_from_rotation", "rotation_from_quaternion", "skew
 
 
 def skew(vector: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3"]:
-    """The matrix [v]x with [v]x u = v x u."""
+    """Return the matrix [v]x with [v]x u = v x u, (*batch, 3, 3)."""
     vector = shaped(vector, (..., 3), "vector")
     matrix = np.zeros((*vector.shape[:-1], 3, 3))
     x, y, z = np.moveaxis(vector, -1, 0)
@@ -28,7 +28,7 @@ def skew(vector: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3
 
 
 def rotation_from_quaternion(quaternion: Float[np.ndarray, "*batch 4"]) -> Float[np.ndarray, "*batch 3 3"]:
-    """Rotation matrices from quaternions x, y, z, w of any length but zero (NaN in, NaN out)."""
+    """Return rotation matrices from quaternions x, y, z, w of any length but zero (NaN in, NaN out)."""
     quaternion = shaped(quaternion, (..., 4), "quaternion")
     q = quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
     vector, w = q[..., :3], q[..., 3, None, None]
@@ -38,10 +38,10 @@ def rotation_from_quaternion(quaternion: Float[np.ndarray, "*batch 4"]) -> Float
 
 @takes_arrays
 def quaternion_from_rotation(rotation: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, "*batch 4"]:
-    """Return unit quaternions x, y, z, w with w >= 0.
+    """Return unit quaternions x, y, z, w with w >= 0 of rotation matrices (*batch, 3, 3).
 
     Raises:
-        InputError: some rotation is a reflection, or zero.
+        InputError: some rotation is not orthonormal with determinant +1, such as a reflection, or is infinite.
     """
     from scipy.spatial.transform import Rotation  # here: it takes 0.1 s to import
 
@@ -93,7 +93,7 @@ class Pose(Value):
 
     @classmethod
     def identity(cls) -> Pose:
-        """No rotation, no translation."""
+        """Return the pose without rotation and translation."""
         return cls(np.eye(3), np.zeros(3))
 
     @classmethod
@@ -124,7 +124,7 @@ class Pose(Value):
 
     @classmethod
     def from_rotation_vector(cls, rotation_vector: ArrayLike, translation: ArrayLike) -> Pose:
-        """From axis times angle [rad]."""
+        """Make a pose of a rotation vector, axis times angle [rad], and a translation [m]."""
         from scipy.spatial.transform import Rotation
 
         vector = shaped(rotation_vector, (..., 3), "rotation_vector")
@@ -132,17 +132,17 @@ class Pose(Value):
         return cls(turns.reshape(*vector.shape, 3), translation)
 
     def quaternion(self) -> Float[np.ndarray, "*batch 4"]:
-        """Unit quaternion x, y, z, w with w >= 0."""
+        """Return the unit quaternion x, y, z, w with w >= 0."""
         return quaternion_from_rotation(self.rotation)
 
     def rotation_vector(self) -> Float[np.ndarray, "*batch 3"]:
-        """Axis times angle [rad]."""
+        """Return the rotation vector, axis times angle [rad]."""
         from scipy.spatial.transform import Rotation
 
         return Rotation.from_quat(self.quaternion().reshape(-1, 4)).as_rotvec().reshape(self.translation.shape)
 
     def inverse(self) -> Pose:
-        """T_source_target."""
+        """Return the inverse pose, T_source_target."""
         transposed = np.swapaxes(self.rotation, -1, -2)
         return Pose(transposed, -np.einsum("...ij,...j->...i", transposed, self.translation))
 
@@ -150,15 +150,15 @@ class Pose(Value):
         return Pose(self.rotation @ other.rotation, self.apply(other.translation))
 
     def apply(self, points: Float[np.ndarray, "*#batch 3"]) -> Float[np.ndarray, "*#batch 3"]:
-        """Points [m] of the source frame, in the target frame."""
+        """Transform points [m] from the source frame to the target frame."""
         return self.rotate(points) + self.translation
 
     def rotate(self, vectors: Float[np.ndarray, "*#batch 3"]) -> Float[np.ndarray, "*#batch 3"]:
-        """Directions of the source frame, in the target frame."""
+        """Rotate directions from the source frame to the target frame."""
         return np.einsum("...ij,...j->...i", self.rotation, vectors)
 
     def wrench_matrix(self) -> Float[np.ndarray, "*batch 6 6"]:
-        """The 6 x 6 matrix that takes wrenches (force first) from the source frame to the target frame."""
+        """Return the 6 x 6 matrix that takes wrenches (force first) from the source frame to the target frame."""
         matrix = np.zeros((*self.rotation.shape[:-2], 6, 6))
         matrix[..., :3, :3] = self.rotation
         matrix[..., 3:, 3:] = self.rotation

@@ -1,4 +1,4 @@
-"""The sensor's pose between the poses that were recorded, on the clock of the wrenches."""
+"""The sensor's pose between recorded poses, on the clock of the wrenches."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ SLACK = 1e-6  # s: seconds since 1970 are only good to a quarter of this in floa
 
 @takes_arrays
 class PoseTrack:
-    """Recorded poses, added in pieces as they come; asked at any times that lie between them.
+    """Track of recorded poses, added in pieces as they come, which answers at any times between them.
 
-    A pose that is no newer than the newest before it, or has no stamp or no quaternion, is left out and counted. What
-    is left has rising stamps, and depends on the order of the poses alone, not on how they were cut into pieces.
+    A pose that is no newer than the newest before it, or has no stamp or no quaternion, is left out and counted. The
+    poses kept have rising stamps, and depend on the order of the poses alone, not on how they were cut into pieces.
 
     Args:
         offset: [s] added to the poses' stamps to put them on the wrenches' clock.
@@ -29,9 +29,9 @@ class PoseTrack:
     def __init__(self, offset: float = 0.0, max_gap: float = 0.25) -> None:
         self.offset, self.max_gap = offset, max_gap
         self.late = 0
-        """Poses left out because their stamp was not newer than one before."""
+        """Number of poses left out because their stamp was not newer than an earlier one."""
         self.unreadable = 0
-        """Poses left out because stamp or quaternion was none."""
+        """Number of poses left out because stamp or quaternion was unusable."""
         self._rows = np.zeros((0, 8))  # stamp, quaternion, position
         self._fresh: list[np.ndarray] = []  # pieces not yet in _rows: poses may come one by one
         self._newest = -np.inf
@@ -43,12 +43,12 @@ class PoseTrack:
         quaternion: Float[np.ndarray, "n 4"],
         position: Float[np.ndarray, "n 3"] | None = None,
     ) -> None:
-        """More poses, later than those before.
+        """Add poses that are later than those before.
 
         Args:
-            time: [s] stamps on the poses' own clock.
-            quaternion: x, y, z, w: sensor in base.
-            position: [m] of the sensor's origin in the base; None or NaN where it is not known.
+            time: (n,) [s] stamps on the poses' own clock.
+            quaternion: (n, 4) x, y, z, w: sensor in base.
+            position: (n, 3) [m] of the sensor's origin in the base; None or NaN where it is not known.
         """
         position = np.full((len(time), 3), np.nan) if position is None else position
         rows = np.column_stack([time + self.offset, quaternion, position])
@@ -62,19 +62,19 @@ class PoseTrack:
         self._fresh.append(rows[newer])
 
     def complete(self) -> None:
-        """No more poses will come."""
+        """Note that no more poses will come."""
         self._complete = True
 
     def answerable(self, time: Float[np.ndarray, " n"]) -> int:
-        """How many of these times, from the first, get an answer from `at` that poses to come will not change."""
+        """Return the number of these times, from the first, whose answers from `at` later poses will not change."""
         open_ended = np.flatnonzero(time > self._newest)
         return len(time) if self._complete or not len(open_ended) else int(open_ended[0])
 
     def at(self, time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 3"]]:
-        """Quaternions x, y, z, w and positions [m] at times on the wrenches' clock, which need not rise.
+        """Return quaternions x, y, z, w and positions [m] at times on the wrenches' clock, which need not rise.
 
-        At a pose's own stamp it is that pose to the last bit, as recorded. Between two that are no further apart than
-        `max_gap`, the rotation turns at constant speed and the position runs straight. Otherwise NaN.
+        At a pose's own stamp it is that pose to the last bit, as recorded. Between two poses with stamps at most
+        `max_gap` after each other, the rotation turns at constant speed and the position runs straight. Otherwise NaN.
         """
         rows = self._gathered()
         answers = np.full((len(time), 7), np.nan)
@@ -97,18 +97,18 @@ class PoseTrack:
 
     @property
     def stamps(self) -> Float[np.ndarray, " k"]:
-        """[s] of the poses that were kept, on the wrenches' clock."""
+        """Stamps (k,) [s] of the poses that were kept, on the wrenches' clock."""
         return self._gathered()[:, 0].copy()
 
     def forget(self, before: float) -> None:
-        """Drop what answers at `before` [s, on the wrenches' clock] and later do not need."""
+        """Drop the poses that answers at `before` [s, on the wrenches' clock] and later do not need."""
         rows = self._gathered()
         first = int(np.searchsorted(rows[:, 0], before, side="right")) - 1
         if first > 0:
             self._rows = rows[first:].copy()
 
     def notes(self) -> tuple[str, ...]:
-        """What was left out, one sentence each."""
+        """Return notes on the poses left out, one sentence each."""
         said = (
             (self.late, "are no newer than one before them and were left out"),
             (self.unreadable, "have no stamp or no quaternion of length 1 and were left out"),
@@ -123,7 +123,7 @@ class PoseTrack:
 
 
 def sound_quaternions(quaternion: Float[np.ndarray, "n 4"]) -> Bool[np.ndarray, " n"]:
-    """Where the length says that these are rotations: not NaN, infinite, zero or far from 1."""
+    """Return which quaternions (n,) can be rotations: length between 0.5 and 2, not NaN or infinite."""
     quaternion = shaped(quaternion, (None, 4), "quaternion")
     with np.errstate(over="ignore", invalid="ignore"):
         length = np.sqrt(np.sum(quaternion * quaternion, axis=1))

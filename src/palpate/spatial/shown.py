@@ -1,4 +1,4 @@
-"""Values as a person meets them first: on one line, with the numbers that fit on it."""
+"""Format values on one line for a person, with the numbers that fit on it."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ _LONGEST = 40  # characters of a string
 
 @takes_arrays
 def vector(values: ArrayLike, digits: int = 3) -> str:
-    """Numbers (n,) in brackets, with as many digits behind the point."""
+    """Format numbers (n,) in brackets, with `digits` digits behind the point."""
     if digits < 0:
         raise InputError(f"digits must be 0 or more, not {digits}.")
     return "(" + ", ".join(f"{value:z.{digits}f}" for value in shaped(values, (None,), "values")) + ")"
 
 
 def rounded(value: float, deviation: float, most: int = _DECIMALS) -> str:
-    """Return a value to two digits of its standard deviation, or so many behind the point; where none is known, two."""
+    """Format a value to two digits of its standard deviation, at most `most` decimals; two where none is known."""
     digits = 2
     if 0.0 < deviation < np.inf:
         digits = min(max(0, 1 - int(f"{deviation:.1e}".partition("e")[2])), most)
@@ -37,18 +37,22 @@ def rounded(value: float, deviation: float, most: int = _DECIMALS) -> str:
 
 
 def uncertain(value: float, deviation: float, most: int = _DECIMALS) -> str:
-    """Return a value with its standard deviation, both as `rounded` has it; the value alone where none is known."""
+    """Format a value with its standard deviation, both as `rounded` does; the value alone where none is known."""
     known = 0.0 < deviation < np.inf
     return rounded(value, deviation, most) + (f" ± {rounded(deviation, deviation, most)}" if known else "")
 
 
 def three_digits(value: float) -> str:
-    """Return a value to three digits; a large one to the unit, and never more than six places behind the point."""
+    """Format a value to three digits; a large one to the unit, and never more than six places behind the point."""
     return rounded(value, abs(value) / 10)
 
 
 def one_line(value: object) -> str:
-    """A frozen value by its name and fields: small arrays in full, of larger ones the shape; nothing that is empty."""
+    """Format a frozen value by its name and fields: small arrays in full, larger ones by shape, no empty fields.
+
+    Raises:
+        TypeError: the value is no instance of a dataclass.
+    """
     if not is_dataclass(value) or isinstance(value, type):
         raise TypeError(f"{type(value).__name__} has no fields to print")
     shown = ((each.name, getattr(value, each.name)) for each in fields(value) if not each.name.startswith("_"))

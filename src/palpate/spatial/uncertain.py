@@ -1,4 +1,4 @@
-"""Covariances: from what a user states, and what the uncertainty of a pose does to a wrench."""
+"""Covariances: from a user's statement of the noise, and from the uncertainty of a pose."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LARGEST = 1e9  # N, N m: no sensor, and its square is a number
 
 @takes_arrays
 def noise_covariance(noise: ArrayLike) -> Float[np.ndarray, "6 6"]:
-    """Return a 6 x 6 covariance [N, N m], force first, from one, or from standard deviations.
+    """Return a 6 x 6 covariance [N, N m], force first, from a covariance or from standard deviations.
 
     Args:
         noise: the standard deviations of force and torque, the same along each axis; of each of the six numbers; or a
@@ -48,7 +48,7 @@ def noise_covariance(noise: ArrayLike) -> Float[np.ndarray, "6 6"]:
 def pose_noise_on_wrench(
     wrench: Float[np.ndarray, "*batch 6"], covariance: Float[np.ndarray, "6 6"]
 ) -> Float[np.ndarray, "*batch 6 6"]:
-    """Covariance of a wrench in the target frame that comes from an uncertain pose.
+    """Return the covariance of a wrench in the target frame that an uncertain pose causes.
 
     Args:
         wrench: (*batch, 6) already in the target frame, force first.
@@ -67,7 +67,7 @@ def pose_noise_on_wrench(
 
 @takes_arrays
 def inverse_pose_covariance(pose: Pose, covariance: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "6 6"]:
-    """The covariance of the inverse of a pose, each perturbed on its left.
+    """Return the covariance (6, 6) of the inverse of a pose, each perturbed on its left.
 
     (exp(xi) T)^-1 = exp(-Ad(T^-1) xi) T^-1, with Ad = [[R, 0], [[t]x R, R]] for (rotation, translation).
     """

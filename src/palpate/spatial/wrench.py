@@ -23,9 +23,9 @@ __all__ = ["Wrench"]
 )
 @dataclass(frozen=True, eq=False, init=False)
 class Wrench(Value):
-    """Force [N] and torque [N m] on the body, about the origin of the frame they are written in.
+    """Force [N] and torque [N m] on the body, about the origin of the frame in which they are written.
 
-    Batched by leading axes; frozen down into the arrays.
+    Batched by leading axes; the arrays are read-only.
 
     Args:
         force: (*batch, 3) [N].
@@ -53,16 +53,16 @@ class Wrench(Value):
 
     @classmethod
     def from_vector(cls, vector: ArrayLike, covariance: ArrayLike | None = None) -> Wrench:
-        """From six-vectors (*batch, 6), force first [N, N m]."""
+        """Make a wrench of six-vectors (*batch, 6), force first [N, N m]."""
         vector = shaped(vector, (..., 6), "vector")
         return cls(vector[..., :3], vector[..., 3:], covariance)
 
     def vector(self) -> Float[np.ndarray, "*batch 6"]:
-        """Six-vectors, force first [N, N m]."""
+        """Return the six-vectors (*batch, 6), force first [N, N m]."""
         return np.concatenate([self.force, self.torque], axis=-1)
 
     def transformed(self, pose: Pose) -> Wrench:
-        """The same wrench in another frame.
+        """Return the same wrench in another frame.
 
         Args:
             pose: T_target_source, the pose of this wrench's frame in the target frame.

@@ -1,4 +1,4 @@
-"""Surfaces: what a body is to a wrench."""
+"""Surfaces of bodies: meshes, quadrics and implicit surfaces."""
 
 from palpate.surfaces.implicit import ImplicitSurface, superquadric
 from palpate.surfaces.mesh import UNITS, Mesh

@@ -1,4 +1,4 @@
-"""What a compiled function takes: the type and the shape of each argument, and the check of them."""
+"""Types and shapes of a compiled function's arguments, and their check."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Number:
 class Size:
     """The length of an axis: `times * name + more`, or `other`; without a name it is `more`.
 
-    The first array that has a name in its shape says how much it is.
+    The first array that has a name in its shape fixes the value of the name.
     """
 
     times: int = 1
@@ -45,7 +45,7 @@ class Size:
     other: int | None = None
 
     def fits(self, length: int, sizes: dict[str, int]) -> bool:
-        """Return whether an axis has this length; note what its name stands for."""
+        """Return whether an axis has this length; note the value of its name."""
         if not self.name:
             return length == self.more
         if length == self.other and self.name in sizes:
@@ -89,7 +89,7 @@ class Several:
     parts: tuple[Any, ...]
 
     def fits(self, value: Any, sizes: dict[str, int]) -> bool:
-        """Return whether a value is a tuple of what it should hold."""
+        """Return whether a value is a tuple of the right length whose parts all fit."""
         if type(value) is not tuple or len(cast("tuple[Any, ...]", value)) != len(self.parts):
             return False
         given = cast("tuple[Any, ...]", value)
@@ -101,7 +101,7 @@ class Several:
 
 @dataclass(frozen=True)
 class Function:
-    """A compiled function of a point (3,) that writes into (10,): the equation of a surface that a user wrote."""
+    """A compiled function of a point (3,) that writes into (10,): the equation of a user's surface."""
 
     def fits(self, value: Any, sizes: dict[str, int]) -> bool:
         """Return whether a value is one."""
@@ -115,13 +115,13 @@ Argument = Number | Array | Several | Function
 
 
 def forms(stated: str, parameters: Sequence[str]) -> tuple[tuple[Argument, ...], ...]:
-    """Return the arguments of each way in which a function can be called, from how its decorator states them.
+    """Return the arguments of each way in which a function can be called, from the text in its decorator.
 
-    Arguments are parted by commas, each a name and what it is. A number is "float", "int" or "bool". An array is
+    Arguments are separated by commas, each a name and its form. A number is "float", "int" or "bool". An array is
     "[out] [strided] [type] sizes": `out` if the function writes into it, `strided` if it need not be contiguous,
     float64 unless a type is named, and a size for each axis: a number, a letter (the same wherever it stands), or
-    "20n", "n+1", "n|1" (n or 1). A tuple is in parentheses, "13*float" is one of 13 numbers. What differs between
-    ways stands between " | ".
+    "20n", "n+1", "n|1" (n or 1). A tuple is in parentheses, "13*float" is one of 13 numbers. Alternative forms of an
+    argument, one for each way, are separated by " | ".
     """
     arguments = [argument.partition(" ")[::2] for argument in _parted(" ".join(stated.split()))]
     if [name for name, _ in arguments] != list(parameters):
@@ -132,7 +132,7 @@ def forms(stated: str, parameters: Sequence[str]) -> tuple[tuple[Argument, ...],
 
 
 def _parted(text: str) -> list[str]:
-    """Split at commas, but for those in parentheses."""
+    """Split at commas outside parentheses."""
     parts, depth = [""], 0
     for letter in text:
         depth += (letter == "(") - (letter == ")")
@@ -170,7 +170,7 @@ def _size(text: str) -> Size:
 
 
 def form_of(given: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return what decides whether arguments fit: of arrays type, shape and layout, of all else the class."""
+    """Return the properties that decide whether arguments fit: type, shape and layout of arrays, else the class."""
     return tuple(
         [
             (value.dtype, value.shape, value.flags.num)
@@ -184,10 +184,10 @@ def form_of(given: tuple[Any, ...]) -> tuple[Any, ...]:
 
 
 def require(function: Callable[..., Any], ways: tuple[tuple[Argument, ...], ...], given: tuple[Any, ...]) -> int:
-    """Return which of the ways of calling a compiled function the arguments are, the first that fits.
+    """Return the index of the first way of calling a compiled function that the arguments fit.
 
     Raises:
-        InputError: none does; compiled code would read or write memory that is not its own.
+        InputError: none fits; compiled code would read or write memory outside the arrays.
     """
     for way, arguments in enumerate(ways):
         if len(given) == len(arguments) and next(_wrong(arguments, given), None) is None:

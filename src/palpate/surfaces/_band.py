@@ -12,9 +12,9 @@ __all__ = ["solve_band"]
 
 @released("band out n m, vector out n")
 def solve_band(band, vector):
-    """Solves A x = b in place by Cholesky: band (n, w) holds A[j + k, j] at [j, k], vector b and then x.
+    """Solve A x = b in place by Cholesky: band (n, w) contains A[j + k, j] at [j, k], vector b and then x.
 
-    Returns False where A is not positive.
+    Return False where A is not positive definite.
     """
     n, w = band.shape
     for j in range(n):

@@ -14,9 +14,9 @@ MOST = 6  # orders (degree + 1) up to quintic
 
 @inner
 def _basis(knots, degree, x, out):
-    """Values, first and second derivatives of the basis functions that are not zero at x into out (3, MOST).
+    """Compute values, first and second derivatives of the basis functions that are not zero at x into out (3, MOST).
 
-    Returns the number of the first. Beyond the knots the polynomials at the end go on.
+    Return the number of the first. Beyond the knots the polynomials at the end go on.
     """
     low, high = degree, len(knots) - degree - 2
     while low < high:
@@ -49,7 +49,7 @@ def _basis(knots, degree, x, out):
 
 @inner
 def _inside(knots, degree, x):
-    """The nearest parameter of the domain, and how far beyond it x is."""
+    """Return the nearest parameter of the domain, and the distance from it to x."""
     low, high = knots[degree], knots[len(knots) - degree - 1]
     within = min(max(x, low), high)
     return within, x - within
@@ -57,7 +57,7 @@ def _inside(knots, degree, x):
 
 @inner
 def _at(u, v, knots_u, knots_v, degree_u, degree_v, periodic, coefficients, work, out):
-    """Position, r_u, r_v, r_uu, r_uv, r_vv into out (6, 3); beyond an open end straight on. work is (9, MOST)."""
+    """Compute position, r_u, r_v, r_uu, r_uv, r_vv into out (6, 3); straight beyond an open end. work is (9, MOST)."""
     if periodic:
         low = knots_v[degree_v]
         v = low + np.mod(v - low, knots_v[len(knots_v) - degree_v - 1] - low)
@@ -95,7 +95,7 @@ def _at(u, v, knots_u, knots_v, degree_u, degree_v, periodic, coefficients, work
 
 @released("uv n 2, knots_u m, knots_v k, degree_u int, degree_v int, periodic bool, coefficients a b 3, out out n 6 3")
 def evaluate(uv, knots_u, knots_v, degree_u, degree_v, periodic, coefficients, out):
-    """Position, r_u, r_v, r_uu, r_uv, r_vv at (n, 2) parameters into out (n, 6, 3)."""
+    """Compute position, r_u, r_v, r_uu, r_uv, r_vv at parameters (n, 2) into out (n, 6, 3)."""
     work = np.empty((9, MOST))
     for n in range(len(uv)):
         _at(uv[n, 0], uv[n, 1], knots_u, knots_v, degree_u, degree_v, periodic, coefficients, work, out[n])
@@ -103,7 +103,7 @@ def evaluate(uv, knots_u, knots_v, degree_u, degree_v, periodic, coefficients, o
 
 @inner
 def _slope(state, knots_u, knots_v, degree_u, degree_v, periodic, coefficients, work, r, out):
-    """Derivative of (u, v, u', v', J, J') along a geodesic: no acceleration along the surface, J'' = -K J."""
+    """Compute the derivative of (u, v, u', v', J, J') along a geodesic: no tangential acceleration, J'' = -K J."""
     _at(state[0], state[1], knots_u, knots_v, degree_u, degree_v, periodic, coefficients, work, r)
     du, dv = state[2], state[3]
     n0 = r[1, 1] * r[2, 2] - r[1, 2] * r[2, 1]
@@ -133,7 +133,7 @@ def _slope(state, knots_u, knots_v, degree_u, degree_v, periodic, coefficients, 
     """
 )
 def geodesics(step, knots_u, knots_v, degree_u, degree_v, periodic, coefficients, states, slopes):
-    """From states[0] (m, 6) on, geodesics by Runge-Kutta's fourth in equal steps, and their slopes (s + 1, m, 6)."""
+    """Compute geodesics from states[0] (n, 6) by Runge-Kutta's fourth in equal steps, and their slopes (s, n, 6)."""
     work, r = np.empty((9, MOST)), np.empty((6, 3))
     y, k2, k3, k4 = np.empty(6), np.empty(6), np.empty(6), np.empty(6)
     for m in range(states.shape[1]):
@@ -163,7 +163,7 @@ def geodesics(step, knots_u, knots_v, degree_u, degree_v, periodic, coefficients
     """
 )
 def normal_equations(uv, points, directions, knots_u, knots_v, degree_u, degree_v, starts, spokes, band, vector):
-    """Adds what points ask of the offsets s_ij along the lines A_ij + s_ij D_ij to a band matrix and a vector.
+    """Add the equations of points for the offsets s_ij along the lines A_ij + s_ij D_ij to a band matrix and a vector.
 
     A row for each point Q: the sum over ij of N_i M_j (d . D_ij) s_ij = d . (Q - sum N_i M_j A_ij).
     Lines (n, m, 3) that a periodic v needs again are counted from the first.

@@ -45,7 +45,7 @@ ROUNDING = 1e-6  # of the float32 in which nodes are kept and tested
 def _select(middles, k, order, low, high, middle):
     """Partly sort order[low:high], and the middles (m, 3) with it, so that `middle` splits it by their column k.
 
-    Hoare's quickselect. What is compared is moved along, because it is read in order then.
+    Hoare's quickselect. The compared values are moved along, because they are then read in order.
     """
     left, right = low, high - 1
     while left < right:
@@ -72,7 +72,7 @@ def _select(middles, k, order, low, high, middle):
 
 @inner
 def _fill_child(node, child, corners, order, low, high):
-    """Box and cone of the patches order[low:high], into one column of a node."""
+    """Write box and cone of the patches order[low:high] into one column of a node."""
     box_low, box_high, axis = np.full(3, np.inf), np.full(3, -np.inf), np.zeros(3)
     for at in range(low, high):
         for i in range(3):
@@ -126,7 +126,7 @@ def _split(middles, order, ends):
 
 @released("corners out n 20, nodes out float32 m 14 8")
 def build(corners, nodes):
-    """Fill `nodes`, as `Tree` describes them, and bring the patches (m, 20) into its order; how many nodes."""
+    """Fill `nodes`, as `Tree` describes them, and sort the patches (n, 20) likewise; return the number of nodes."""
     count = len(corners)
     order = np.arange(count)
     middles = np.empty((count, 3))
@@ -162,7 +162,7 @@ def build(corners, nodes):
 
 @inner
 def _reorder(rows, order):
-    """Row number order[i] moves to i, in place; `order` is used up."""
+    """Move row number order[i] to i, in place; `order` is overwritten."""
     spare = np.empty(rows.shape[1])
     for start in range(len(rows)):
         if order[start] < 0:
@@ -179,7 +179,7 @@ def _reorder(rows, order):
 
 @inner
 def start_view(f, point, pitch, tan_limit, view):
-    """For `test_children`: f 0-2, |f| 3-5, a point of the axis 6-8, pitch 9, limit 10, reach 11, wider 12, slip 13."""
+    """Fill `view`: f 0-2, |f| 3-5, a point of the axis 6-8, pitch 9, limit 10, reach 11, wider 12, slip 13."""
     for k in range(3):
         view[k], view[3 + k], view[6 + k] = f[k], abs(f[k]), point[k]
     view[9], view[12] = pitch, 0.0
@@ -190,10 +190,10 @@ def start_view(f, point, pitch, tan_limit, view):
 
 @inlined
 def test_children(node, view):
-    """Which children of a node can hold a contact, one bit each.
+    """Return which children of a node can contain a contact, one bit each.
 
-    view (float32) is what `start_view` wrote. There are no branches and nothing is stored, so that the compiler tests
-    several children at once. The cone is held against the limit, and the box against the axis: moved to the middle of
+    view (float32) is that of `start_view`. There are no branches and nothing is stored, so that the compiler tests
+    several children at once. The cone is compared with the limit, and the box with the axis: moved to the middle of
     the conic section in which the shifts -pitch (f x n)/(f . n) of a cone of normals lie, and widened by its radius, or
     by the reach |pitch| tan(theta_max) where that is less.
     """
@@ -233,7 +233,7 @@ def test_children(node, view):
 
 @inner
 def axis_view(wrench):
-    """f, e1, e2 with e1 x e2 = f, the point a of the axis nearest to the origin, and the pitch (Duff et al. 2017)."""
+    """Return f, e1, e2 with e1 x e2 = f, the axis' point nearest to the origin, and the pitch [Duff et al. 2017]."""
     fx, fy, fz, mx, my, mz = wrench[0], wrench[1], wrench[2], wrench[3], wrench[4], wrench[5]
     force = np.sqrt(fx * fx + fy * fy + fz * fz)
     fx, fy, fz = fx / force, fy / force, fz / force
@@ -249,7 +249,7 @@ def axis_view(wrench):
 
 @inner
 def _keep(found, count, capacity, patch, b, kind, corners, fx, fy, fz, tan_limit):
-    """Write a contact into `found` unless it is there already or beyond the limit; the new count."""
+    """Write a contact into `found` unless it is in it already or beyond the limit; return the new count."""
     spare = found[capacity]
     row = corners[patch]
     for k in range(6):
@@ -283,32 +283,32 @@ def _keep(found, count, capacity, patch, b, kind, corners, fx, fy, fz, tan_limit
 
 @inner
 def room():
-    """What `search_in` writes into on its way: asking for memory takes as long as a search."""
+    """Return the scratch arrays of `search_in`: allocating memory takes as long as a search."""
     return np.empty(14, dtype=np.float32), np.empty((4, 3)), np.empty((STACK, 2), dtype=np.int64)
 
 
 @entry("wrench 6, soft float, tan_limit float, nodes float32 k 14 8, corners p 20, found out 17 14")
 def search(wrench, soft, tan_limit, nodes, corners, found):
-    """As `search_in`, with room of its own."""
+    """Find every contact like `search_in`, with newly allocated scratch arrays."""
     return search_in(wrench, soft, tan_limit, nodes, corners, found, room())
 
 
 @inner
 def search_in(wrench, soft, tan_limit, nodes, corners, found, room):
-    """Every contact that a wrench can have on the patches.
+    """Find every contact that a wrench can have on the patches.
 
     Args:
         wrench: (6,) force first, finite, force not zero, in the tree's unit size.
         soft: 1.0 for the soft finger; 0.0 takes the wrench axis itself, without the shift.
-        tan_limit: largest tan(theta) wanted; inf for all that press.
+        tan_limit: largest tan(theta) wanted; inf for all contacts that press.
         nodes: of the tree.
         corners: of the tree.
         found: (CAPACITY + 1, CANDIDATE) to write into; its last row is scratch.
-        room: of `room`.
+        room: from `room`.
 
     Returns:
-        how many rows of `found` are contacts, in no order: patch 0, barycentric 1-3, tan(theta) 4, height along f 5,
-        kind 6, free 7, position 8-10, unit normal 11-13.
+        the number of rows of `found` that are contacts, in no order: patch 0, barycentric 1-3, tan(theta) 4, height
+        along f 5, kind 6, free 7, position 8-10, unit normal 11-13.
     """
     capacity = len(found) - 1
     (fx, fy, fz), (ux, uy, uz), (vx, vy, vz), (px, py, pz), pitch = axis_view(wrench)

@@ -1,8 +1,8 @@
-"""Sharp convex edges and corners of a mesh, where any normal between those of the facets beside can be met.
+"""Sharp convex edges and corners of a mesh, where a contact can have any normal between those of the adjacent facets.
 
-Facets alone do not say so: between two flat facets the pairs of position and normal have no area in any view, so a
-wrench with noise falls beside them. They stand in a tree of their own behind that of the patches, so that those near a
-wrench are found as quickly as patches are; a body without sharp edges pays one comparison.
+Facets alone do not cover them: between two flat facets the pairs of position and normal have no area in any view, so
+a wrench with noise misses them. They are in a second tree after that of the patches, so that those near a wrench are
+found as quickly as patches are; a body without sharp edges costs one comparison.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _SOLID = 0.02  # volume of three normals below which a corner is no more than it
 
 
 def sharp_edges(split: Split) -> Float[np.ndarray, "n 20"]:
-    """Convex edges over which normals are split, and convex corners between them, as rows of patches without area.
+    """Return convex edges with split normals, and convex corners between them, as rows (n, 20) of patches without area.
 
     An edge has its two ends, with one side's normal at the first and the other's at the second, both across the edge;
     the third corner is their middle. Along the edge the inside of the first side is n x e. None are between covered
@@ -60,7 +60,7 @@ def sharp_edges(split: Split) -> Float[np.ndarray, "n 20"]:
 
 
 def _across(normals: Float[np.ndarray, "n 3"], along: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-    """Unit vectors without their parts along an edge; NaN, which no comparison keeps, where nothing is left."""
+    """Return unit vectors without their parts along an edge; NaN, which no comparison keeps, where nothing remains."""
     e = along / np.linalg.norm(along, axis=1, keepdims=True)
     left = normals - np.einsum("ij,ij->i", normals, e)[:, None] * e
     length = np.linalg.norm(left, axis=1, keepdims=True)
@@ -68,5 +68,5 @@ def _across(normals: Float[np.ndarray, "n 3"], along: Float[np.ndarray, "n 3"]) 
 
 
 def _keys(points: Float[np.ndarray, "n 3"]) -> np.ndarray:
-    """One value a point, equal where all three numbers are."""
+    """Return one value for each point, equal where all three numbers are."""
     return np.ascontiguousarray(points).view([("x", float), ("y", float), ("z", float)])[:, 0]

@@ -1,17 +1,17 @@
 """Compiled: contacts, closest points and curvature of surfaces that are an equation f(p) = 0, f < 0 inside.
 
-Such a surface is two arguments of every kernel, where a mesh has `nodes` and `corners`:
+It is two arguments of every kernel, where a mesh has `nodes` and `corners`:
 
 - equation: the ten coefficients of a quadric in unit size, q'A q + 2 b'q + c as A (xx, yy, zz, xy, xz, yz), b, c; or a
   compiled function that writes value, gradient and Hessian at a point [m];
 - table (5 + m, 6): the corners of the box that ends it, in unit size; its centre [m] and scale; in three rows the
-  rotation from its own axes, along which the box lies, to the frame it is used in; then samples of it, positions in
-  unit size and unit normals. All but what goes in and out is along its own axes.
+  rotation from its own axes, along which the box lies, to the frame in which it is used; then samples of it, positions
+  in unit size and unit normals. Everything but input and output is along its own axes.
 
 A soft finger at p with unit normal n makes M = p x F + tau n. Along the force f = F/|F| that is satisfied by
-tau = F . M/(F . n), and what is left are two equations across it: with f = 0, three for p, which Newton solves. On a
-convex body their determinant is (f . n)^2 + k^2 K > 0 (K >= 0 the Gaussian curvature), so that the contact moves
-smoothly with the wrench, and following it from the axis without pitch, where it is known, always arrives.
+tau = F . M/(F . n), and two equations across it remain: with f = 0, three for p, which Newton solves. On a convex body
+their determinant is (f . n)^2 + k^2 K > 0 (K >= 0 the Gaussian curvature), so that the contact moves smoothly with the
+wrench, and following it from the axis without pitch, where it is known, always arrives.
 """
 
 # pyright: basic
@@ -33,13 +33,13 @@ _SMOOTH = 2.0  # kind of a candidate, where a patch of a mesh has 0 or 1
 
 
 def evaluate(equation, table, p, out):
-    """Value 0, gradient 1-3 and Hessian 4-9 (xx, yy, zz, xy, xz, yz) at p (3,), in unit size, into out (10,)."""
+    """Write value 0, gradient 1-3 and Hessian 4-9 (xx, yy, zz, xy, xz, yz) at p (3,), in unit size, into out (10,)."""
     raise NotImplementedError("compiled code only")
 
 
 @chosen_for(evaluate)
 def _evaluate(equation, table, p, out):
-    """The quadric's coefficients, or the user's function, by what `equation` is."""
+    """Choose the quadric's coefficients, or the user's function, by the type of `equation`."""
     return _quadric_evaluate if getattr(equation, "ndim", 0) == 1 else _function_evaluate
 
 
@@ -66,13 +66,13 @@ def _function_evaluate(equation, table, p, out):
 
 
 def entries(equation, table, p, f, out):
-    """Where the line p + s f enters the surface: values of s into out, how many."""
+    """Find where the line p + s f enters the surface: write values of s into out, return their number."""
     raise NotImplementedError("compiled code only")
 
 
 @chosen_for(entries)
 def _entries(equation, table, p, f, out):
-    """A quadratic equation, or a search along the line."""
+    """Choose a quadratic equation, or a search along the line."""
     return _quadric_entries if getattr(equation, "ndim", 0) == 1 else _function_entries
 
 
@@ -122,7 +122,7 @@ def _function_entries(equation, table, p, f, out):
 
 @inner
 def _entry_between(equation, table, p, f, left, right):
-    """The root between a point outside and one inside: Newton, kept in the interval by bisection."""
+    """Return the root between a point outside and one inside: Newton, kept in the interval by bisection."""
     work, spot = np.empty(10), np.empty(3)
     s = 0.5 * (left + right)
     for _ in range(60):
@@ -145,21 +145,21 @@ def _entry_between(equation, table, p, f, left, right):
 
 @inner
 def _inward(table, v, out):
-    """A direction of the frame, along the surface's own axes."""
+    """Turn a direction of the frame into the surface's own axes."""
     for k in range(3):
         out[k] = table[2, k] * v[0] + table[3, k] * v[1] + table[4, k] * v[2]
 
 
 @inner
 def _outward(table, v, out):
-    """A direction along the surface's own axes, in the frame."""
+    """Turn a direction along the surface's own axes into the frame."""
     for k in range(3):
         out[k] = table[2 + k, 0] * v[0] + table[2 + k, 1] * v[1] + table[2 + k, 2] * v[2]
 
 
 @inner
 def _times(h, v, out):
-    """A symmetric matrix, as `evaluate` writes it from 4 on, times v (3,)."""
+    """Multiply a symmetric matrix, as `evaluate` writes it from 4 on, by v (3,)."""
     out[0] = h[4] * v[0] + h[7] * v[1] + h[8] * v[2]
     out[1] = h[7] * v[0] + h[5] * v[1] + h[9] * v[2]
     out[2] = h[8] * v[0] + h[9] * v[1] + h[6] * v[2]
@@ -167,7 +167,7 @@ def _times(h, v, out):
 
 @inlined
 def _row(sx, sy, sz, fx, fy, fz, nx, ny, nz, h, size, tau, c):
-    """Derivative by p of the left-over moment along a side (sx, sy, sz) across f, c = f . n."""
+    """Return the derivative by p of the residual moment along a side (sx, sy, sz) across f, c = f . n."""
     tilt = (nx * sx + ny * sy + nz * sz) / c
     vx, vy, vz = tau * (sx - tilt * fx), tau * (sy - tilt * fy), tau * (sz - tilt * fz)
     inward = nx * vx + ny * vy + nz * vz  # S'v, with S' = H (1 - n n')/|gradient|
@@ -181,7 +181,7 @@ def _row(sx, sy, sz, fx, fy, fz, nx, ny, nz, h, size, tau, c):
 
 @inner
 def _settle(equation, table, f, m, p, h):
-    """Newton for the soft finger of force f and moment m, from p in place. False where it does not arrive, pressing."""
+    """Solve for the soft finger's contact by Newton, from p in place. Return False if it fails or does not press."""
     fx, fy, fz, mx, my, mz = f[0], f[1], f[2], m[0], m[1], m[2]
     sign = 1.0 if fz >= 0.0 else -1.0  # two unit vectors across f
     k = -1.0 / (sign + fz)
@@ -223,7 +223,7 @@ def _settle(equation, table, f, m, p, h):
 
 @inner
 def _follow(equation, table, f, begin, end, p, h):
-    """Follow the contact at p from moment `begin`, of which it is one, to `end`. False where the way breaks off."""
+    """Follow the contact at p from its moment `begin` to `end`, in place. Return False where the path breaks off."""
     x, y, z = p[0], p[1], p[2]
     if _settle(equation, table, f, end, p, h):  # nearly always in one go
         return True
@@ -249,7 +249,7 @@ def _follow(equation, table, f, begin, end, p, h):
 
 @inner
 def _facing(table, f):
-    """The sample that faces the force most squarely."""
+    """Return the row of the sample that faces the force most squarely."""
     best, most = _SAMPLES, np.inf
     for i in range(_SAMPLES, len(table)):
         c = f[0] * table[i, 3] + f[1] * table[i, 4] + f[2] * table[i, 5]
@@ -284,7 +284,7 @@ def _note(equation, table, f, p, h, limit, found, count):
 
 @inner
 def _place(table, p, h, row):
-    """Position and unit normal of a point, evaluated to h, into a candidate."""
+    """Write position and unit normal of a point, evaluated to h, into a candidate."""
     size = np.sqrt(h[1] * h[1] + h[2] * h[2] + h[3] * h[3])
     row[:8] = 0.0
     row[6] = _SMOOTH
@@ -296,7 +296,7 @@ def _place(table, p, h, row):
 
 @inner
 def _axis(wrench, table, soft, f, m, bare, p):
-    """Of a wrench in unit size: direction f, moment m over |F|, the same without its part along f, a point; pitch."""
+    """Compute from a wrench its direction f, m = M/|F|, m without its part along f, and a point p; return the pitch."""
     force = np.sqrt(wrench[0] ** 2 + wrench[1] ** 2 + wrench[2] ** 2)
     pitch = 0.0
     _inward(table, wrench[:3], f)
@@ -316,7 +316,7 @@ def _axis(wrench, table, soft, f, m, bare, p):
 
 @entry("wrench 6, soft float, tan_limit float, equation 10 | function, table s 6 | s 6, found out 17 14")
 def contacts(wrench, soft, tan_limit, equation, table, found):
-    """`_bvh.search` on an equation: contacts of a wrench, in unit size, into rows of found; how many.
+    """Find a wrench's contacts like `_bvh.search`, in unit size, into rows of found; return their number.
 
     On a convex body that is its one contact, at any pitch. Elsewhere: those reached from where the axis enters the
     surface, and where it does not, from the point that faces the force most squarely.
@@ -342,7 +342,7 @@ def contacts(wrench, soft, tan_limit, equation, table, found):
 
 @inner
 def curvature(equation, table, p, t, out):
-    """Shape operator at p (3,), in unit size, in the tangents t (2, 3): dn = S dp, into out (2, 2) [1/m]."""
+    """Compute the shape operator at p (3,), in unit size, in tangents t (2, 3): dn = S dp, into out (2, 2) [1/m]."""
     h, work, own = np.empty(10), np.empty(3), np.empty((3, 3))
     _inward(table, p, own[2])
     evaluate(equation, table, own[2], h)
@@ -357,7 +357,7 @@ def curvature(equation, table, p, t, out):
 
 @inner
 def _eliminate(a):
-    """Solve four equations, a (4, 5), in place; the answer stands in its last column. False if singular."""
+    """Solve four equations, a (4, 5), in place; the answer is in its last column. Return False if singular."""
     for i in range(4):
         pivot = i
         for j in range(i + 1, 4):
@@ -379,7 +379,7 @@ def _eliminate(a):
 
 @inner
 def _pull(metric, p, q, out):
-    """The gradient Q (p - q) of half the squared distance; that distance's square."""
+    """Compute the gradient Q (p - q) of half the squared distance into out; return the squared distance."""
     square = 0.0
     for i in range(3):
         out[i] = 0.0
@@ -391,10 +391,10 @@ def _pull(metric, p, q, out):
 
 @inner
 def nearest(equation, table, metric, q, f, p):
-    """The point of a surface, within its ends, nearest to q in a metric Q (3, 3); with f not 0, where f . n < 0.
+    """Find the point of a surface, within its ends, nearest to q in a metric Q (3, 3); with f not 0, where f . n < 0.
 
     From the nearest sample, by Newton on Q (p - q) + lambda gradient = 0, value = 0 with the coordinates that have met
-    the box held there. Into p (3,); the squared distance, inf where no sample faces f.
+    the box kept there. Write it into p (3,); return the squared distance, inf where no sample faces f.
     """
     h, pull, held = np.empty(10), np.empty(3), np.zeros(3)
     a = np.empty((4, 5))
@@ -458,7 +458,7 @@ def nearest(equation, table, metric, q, f, p):
 
 @released("points n 3, equation 10 | function, table s 6 | s 6, out out n 6")
 def nearest_points(points, equation, table, out):
-    """For each point (n, 3), in unit size, the closest of the surface and the unit normal there, into out (n, 6)."""
+    """Find the surface's closest point to each point (n, 3), in unit size, and its unit normal, into out (n, 6)."""
     metric, free, h = np.eye(3), np.zeros(3), np.empty(10)
     for i in range(len(points)):
         nearest(equation, table, metric, points[i], free, out[i, :3])
@@ -470,7 +470,7 @@ def nearest_points(points, equation, table, out):
 
 @inner
 def nearest_to_line(wrench, equation, table, found):
-    """`_nearest.nearest_to_axis` on an equation: the point nearest to the wrench axis that faces the force."""
+    """Find the point nearest to the wrench axis that faces the force, as `_nearest.nearest_to_axis` does."""
     f, m, bare, a, p = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     metric, h = np.empty((3, 3)), np.empty(10)
     _axis(wrench, table, 0.0, f, m, bare, a)
@@ -487,7 +487,7 @@ def nearest_to_line(wrench, equation, table, found):
 
 @released("origins n 3, directions n 3, equation 10 | function, table s 6 | s 6, out out n 3")
 def enter(origins, directions, equation, table, out):
-    """Where lines (n, 3), in unit size, first enter the surface, into out (n, 3); NaN where they do not."""
+    """Find where lines (n, 3), in unit size, first enter the surface, into out (n, 3); NaN where they do not."""
     steps = np.empty(4)
     for i in range(len(origins)):
         out[i] = np.nan

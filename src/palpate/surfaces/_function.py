@@ -14,7 +14,7 @@ __all__ = ["compiled", "superquadric"]
 
 
 def compiled(value, gradient, hessian) -> Any:
-    """One compiled function (point (3,), out (10,)) of three, as `_equation.evaluate` reads it."""
+    """Compile three functions into one function (point (3,), out (10,)), as `_equation.evaluate` reads it."""
     try:
         from numba import cfunc, njit, types
     except ImportError as problem:
@@ -37,7 +37,7 @@ def compiled(value, gradient, hessian) -> Any:
 
 @functools.lru_cache(maxsize=64)
 def superquadric(a, b, c, e1, e2) -> tuple[Any, Any, Any]:
-    """Value, gradient and Hessian of a superquadric.
+    """Return value, gradient and Hessian of a superquadric as functions of a point (3,).
 
     With u = |x/a|^(2/e2) + |y/b|^(2/e2), v = |z/c|^(2/e1): f = u^(e2/e1) + v - 1.
     """

@@ -1,7 +1,7 @@
-"""How loops are compiled: ahead of time into the extension module of this version, or by numba where it has none.
+"""Compile loops: ahead of time into the extension module of this version, or by numba where it has none.
 
 A kernel is a plain Python function with one of the decorators below. numba is imported when the first of them has to be
-compiled, which is never where the extension module (`native_build.py`) has what is called.
+compiled, which is never where the extension module (`native_build.py`) contains the called function.
 """
 
 # pyright: basic
@@ -83,7 +83,7 @@ _MAKING = threading.RLock()
 
 
 class _Compiling:
-    """The time that the compiler has taken, from the first function to the last of those that it meets."""
+    """Time that the compiler has taken, from the first function to the last of those that it compiles for it."""
 
     def __init__(self) -> None:
         self.seconds, self._depth, self._begin = 0.0, 0, 0.0
@@ -106,7 +106,7 @@ def compile_seconds() -> float:
 
 
 class Kernel:
-    """A function that is compiled when compiled code first calls it; from Python it runs as it is written."""
+    """A function that is compiled when compiled code first calls it; a call from Python runs the Python source."""
 
     def __init__(self, function: Callable[..., Any], **options: Any) -> None:
         self.py_func, self.options = function, options
@@ -156,7 +156,7 @@ class Entry(Kernel):
     def compiled_for(self, *given: Any) -> Callable[..., Any]:
         """Return the compiled function for arguments like these; its own calls check nothing.
 
-        For loops whose arrays are made once and stay; what a caller passes anew is checked where it comes in.
+        For loops whose arrays are made once and stay; new arrays from a caller are checked where they come in.
 
         Raises:
             InputError: an argument has another type, shape or layout than compiled code reads.
@@ -184,7 +184,7 @@ class Entry(Kernel):
         return compiled
 
     def symbol(self, way: int) -> str:
-        """Return the name by which the extension module has the function for a way of calling it."""
+        """Return the name of the function for a way of calling it in the extension module."""
         return f"{self.name}_{way}"
 
     def __reduce__(self) -> str:  # by its name in its module
@@ -215,7 +215,7 @@ def inlined(function: Callable[..., Any]) -> Kernel:
 
 
 def chosen_for(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a decorator of what returns the function that compiled code calls, given the types of the arguments."""
+    """Return a decorator of a function that returns the function to compile, given the types of the arguments."""
 
     def decorate(choice: Callable[..., Any]) -> Callable[..., Any]:
         _CHOICES.append((function, choice))
@@ -225,7 +225,7 @@ def chosen_for(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def register_choices() -> None:
-    """Make what is chosen by types known to numba, before anything is compiled."""
+    """Register the functions chosen by types with numba, before anything is compiled."""
     from numba.extending import overload
 
     while _CHOICES:
@@ -246,13 +246,13 @@ def level() -> str:
 
 
 def native_file(level: str, part: str) -> Path:
-    """Return where the extension module of these kernels is, for a level and this Python."""
+    """Return the path of the extension module of these kernels, for a level and this Python."""
     return PACKAGE / "_native" / f"{level}-{STAMP}-{part}{EXTENSION_SUFFIXES[0]}"
 
 
 @cache
 def _native() -> dict[str, Callable[..., Any]]:
-    """Return what the extension module has; nothing where there is none of these kernels, or PALPATE_NATIVE is 0."""
+    """Return the functions of the extension module; none where it does not exist, or PALPATE_NATIVE is 0."""
     if os.environ.get("PALPATE_NATIVE") == "0":
         return {}
     found: dict[str, Callable[..., Any]] = {}
@@ -282,7 +282,7 @@ def __getattr__(name: str) -> Callable[..., Any]:
 
 
 def _dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
-    """Return numba's compiler of a function; what it makes of an entry is kept on disk where that can be written."""
+    """Return numba's compiler of a function; the machine code of an entry is kept on disk where that can be written."""
     try:
         from numba import njit
     except ImportError as problem:
@@ -307,7 +307,7 @@ def _warn_once() -> None:
 
 
 def _announced(compiles: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a dispatcher's `compile` that counts its time, and says what is waited for."""
+    """Return a dispatcher's `compile` that counts its time, and announces the wait."""
 
     def compile(signature):
         with _COMPILING, waiting("compiling, once; it takes about a minute"):
@@ -340,7 +340,7 @@ def _once_for_constants(dispatcher: Any) -> Any:
 
 
 def _by_one_process(dispatcher: Any) -> Callable[..., Any]:
-    """Return its `compile` behind a lock on a file beside the machine code; a process that is killed holds none."""
+    """Return its `compile` behind a lock on a file next to the machine code; a killed process releases the lock."""
     from numba.core.compiler_lock import global_compiler_lock
 
     compiles, cache = dispatcher.compile, dispatcher._cache

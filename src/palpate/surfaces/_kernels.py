@@ -1,7 +1,7 @@
-"""Compiled: what the loops of `contact` ask of a surface, whichever it is.
+"""Compiled: queries on a surface of any kind, for the loops of `contact`.
 
 A surface is two arguments of every kernel: `nodes` and `corners` of a mesh's tree (`_bvh`), or `equation` and `table`
-(`_equation`). Which one it is their types say when a loop is compiled, so neither pays for the other.
+(`_equation`). Their types decide which one it is when a loop is compiled, so neither pays for the other.
 """
 
 # pyright: basic
@@ -15,18 +15,18 @@ __all__ = ["CANDIDATE", "CAPACITY", "is_mesh", "nearest_to_axis", "search", "sea
 
 
 def is_mesh(one):
-    """Nodes are the only array of three axes; of types when compiling, of values in Python."""
+    """Return whether an argument, or when compiling its type, is a mesh's nodes: the only array of three axes."""
     return getattr(one, "ndim", 0) == 3
 
 
 def search(wrench, soft, tan_limit, one, two, found):
-    """Every contact of a wrench, as `_bvh.search_in` says; from Python."""
+    """Find every contact of a wrench, like `_bvh.search_in`; from Python."""
     kernel = _bvh.search if is_mesh(one) else _equation.contacts
     return kernel(wrench, soft, tan_limit, one, two, found)
 
 
 def search_in(wrench, soft, tan_limit, one, two, found, room):
-    """Every contact of a wrench, as `_bvh.search_in` says."""
+    """Find every contact of a wrench, like `_bvh.search_in`."""
     raise NotImplementedError("compiled code only")
 
 
@@ -44,7 +44,7 @@ def _on_equation(wrench, soft, tan_limit, one, two, found, room):
 
 
 def nearest_to_axis(wrench, one, two, found):
-    """The point nearest to the wrench axis, as `_nearest.nearest_to_axis` says."""
+    """Find the point nearest to the wrench axis, like `_nearest.nearest_to_axis`."""
     raise NotImplementedError("compiled code only")
 
 
@@ -56,7 +56,7 @@ def _nearest_to_axis(wrench, one, two, found):
 
 
 def shape_operator(candidate, t, scale, one, two, out):
-    """Of the surface at a candidate, in the tangents t (2, 3): dn = S dp, into out (2, 2) [1/m]; 0 on flat facets."""
+    """Compute a candidate's shape operator in tangents t (2, 3), dn = S dp, into out (2, 2) [1/m]; 0 on flat facets."""
     raise NotImplementedError("compiled code only")
 
 
@@ -77,7 +77,7 @@ def _of_patch(candidate, t, scale, one, two, out):
 
 @inner
 def _interpolated(row, b, n, t, scale, out):
-    """Of a patch with interpolated normals."""
+    """Compute the shape operator of a patch with interpolated normals."""
     length = 0.0
     for k in range(3):
         length += (b[0] * row[3 + k] + b[1] * row[9 + k] + b[2] * row[15 + k]) * n[k]
@@ -97,7 +97,7 @@ def _interpolated(row, b, n, t, scale, out):
 
 @inner
 def _change(row, corner, t, i, scale, length):
-    """From the first corner of a patch to another: position and normal, along tangent i."""
+    """Return the changes of position and normal from the first corner of a patch to another, along tangent i."""
     place = normal = 0.0
     for k in range(3):
         place += t[i, k] * (row[corner + k] - row[k]) * scale

@@ -1,4 +1,4 @@
-"""Bytes of a mesh file to arrays: binary STL here, which takes no time; everything else by trimesh."""
+"""Read a mesh file into arrays: binary STL here, which takes no time; everything else by trimesh."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ _UNHEARD = logging.NullHandler()  # without any, Python prints trimesh's traceba
 
 
 def load_arrays(path: Path) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
-    """Vertices (in the file's unit) and faces of all bodies in a file, as they stand there.
+    """Return vertices (in the file's unit) and faces of all bodies in a file, unchanged.
 
     Raises:
-        InputError: no such file, an unknown format, or nothing in it that is a triangle.
+        InputError: no such file, it cannot be read, an unknown format, or no triangle in it.
     """
     if not path.is_file():
         raise InputError("is no regular file." if path.exists() else "no such mesh file.", where=str(path))
@@ -38,7 +38,7 @@ def load_arrays(path: Path) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "
 
 
 def _binary_stl(path: Path) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]] | None:
-    """None of a file whose length is not what its header says: it is text, or torn."""
+    """Return vertices and faces; None for a file whose length contradicts its header: it is text, or incomplete."""
     with path.open("rb") as file:
         count = int.from_bytes(file.read(_STL_HEADER)[-4:], "little")
         if count == 0 or path.stat().st_size != _STL_HEADER + count * _STL.itemsize:
@@ -49,7 +49,7 @@ def _binary_stl(path: Path) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "
 
 
 def _load_trimesh(path: Path) -> Any:
-    """All bodies in a file as one `trimesh.Trimesh`."""
+    """Return all bodies in a file as one `trimesh.Trimesh`."""
     import_mesh_reader()
     import trimesh  # here: it takes a while to import
 
@@ -69,10 +69,10 @@ def _load_trimesh(path: Path) -> Any:
 
 
 def arrays_of(mesh: Any, source: str) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
-    """Vertices (in the mesh's unit) and faces of a `trimesh.Trimesh`, or of all bodies of a `trimesh.Scene`.
+    """Return vertices (in the mesh's unit) and faces of a `trimesh.Trimesh`, or of all bodies of a `trimesh.Scene`.
 
     Raises:
-        InputError: it is neither, or there is nothing in it that is a triangle.
+        InputError: it is neither, or has no triangle.
     """
     mesh = mesh.to_mesh() if hasattr(mesh, "to_mesh") else mesh
     if not (hasattr(mesh, "vertices") and hasattr(mesh, "faces")):

@@ -1,4 +1,4 @@
-"""Compiled: the point of a surface nearest to a line, and nearest to a point; the edges near a contact's line."""
+"""Compiled: the point of a mesh nearest to a line, and nearest to a point; the edges near a contact's line."""
 
 # pyright: basic
 from __future__ import annotations
@@ -13,7 +13,7 @@ __all__ = ["edges_near", "nearest_to_axis", "nearest_to_point", "point_to_triang
 
 @inner
 def _origin_to_triangle(q, out):
-    """Squared distance from the origin to a triangle in the plane; barycentric coordinates of the nearest point."""
+    """Return the squared distance from the origin to a triangle in the plane; write barycentric coordinates to out."""
     det = (q[1, 0] - q[0, 0]) * (q[2, 1] - q[0, 1]) - (q[2, 0] - q[0, 0]) * (q[1, 1] - q[0, 1])
     if det != 0.0:
         b0 = (q[1, 0] * q[2, 1] - q[2, 0] * q[1, 1]) / det
@@ -36,9 +36,9 @@ def _origin_to_triangle(q, out):
 
 @inner
 def nearest_to_axis(wrench, nodes, corners, found):
-    """The point nearest to the wrench axis, on a facet that faces the force.
+    """Find the point nearest to the wrench axis, on a facet that faces the force.
 
-    Writes it as a row of `search` into found (CANDIDATE,); returns the distance, or inf when no facet faces the force.
+    Write it as a row of `search` into found (CANDIDATE,); return the distance, or inf when no facet faces the force.
     Nearest to the axis is nearest in the metric of a wrench whose torque noise is the same in all directions.
     """
     (fx, fy, fz), (ux, uy, uz), (vx, vy, vz), (px, py, pz), _ = axis_view(wrench)
@@ -82,7 +82,7 @@ def _sum(row, k):
 
 @inner
 def _place(corners, patch, b0, b1, b2, out):
-    """Position 0-2 and unit normal 3-5 at barycentric coordinates of a patch."""
+    """Write position 0-2 and unit normal 3-5 at barycentric coordinates of a patch into out."""
     row = corners[patch]
     for k in range(6):
         out[k] = b0 * row[k] + b1 * row[6 + k] + b2 * row[12 + k]
@@ -93,7 +93,7 @@ def _place(corners, patch, b0, b1, b2, out):
 
 @inner
 def point_to_triangle(row, point, out):
-    """Squared distance from a point to a triangle in space; barycentric coordinates of the nearest point."""
+    """Return the squared distance from a point to a triangle in space; write barycentric coordinates to out."""
     ax, ay, az = row[0] - point[0], row[1] - point[1], row[2] - point[2]
     ux, uy, uz = row[6] - row[0], row[7] - row[1], row[8] - row[2]
     vx, vy, vz = row[12] - row[0], row[13] - row[1], row[14] - row[2]
@@ -117,7 +117,7 @@ def point_to_triangle(row, point, out):
 
 @released("points n 3, nodes float32 k 14 8, corners p 20, found out n 4")
 def nearest_to_point(points, nodes, corners, found):
-    """For each point (n, 3), in unit size, the nearest point of the facets: patch, b0, b1, b2 into found (n, 4)."""
+    """Find the facets' nearest point to each point (n, 3), in unit size: patch, b0, b1, b2 into found (n, 4)."""
     bary = np.empty(3)
     pending = np.empty((STACK, 2), dtype=np.int64)
     gaps = np.empty(STACK)
@@ -156,7 +156,7 @@ def nearest_to_point(points, nodes, corners, found):
 
 @inner
 def _gap(node, child, point):
-    """Squared distance from a point to a child's box."""
+    """Return the squared distance from a point to a child's box."""
     total = 0.0
     for k in range(3):
         beyond = abs(point[k] - node[k, child]) - node[3 + k, child]
@@ -167,7 +167,7 @@ def _gap(node, child, point):
 
 @inner
 def edges_near(wrench, tan_limit, wider, least, nodes, corners, found):
-    """Rows of sharp edges and corners at which this wrench, or one that moves its line by `wider`, can be a contact.
+    """Find sharp edges and corners at which this wrench, or one that moves its line by `wider`, can be a contact.
 
     Args:
         wrench: (6,) in unit size, as for `search`.
@@ -176,10 +176,10 @@ def edges_near(wrench, tan_limit, wider, least, nodes, corners, found):
         least: kind from which rows count: SHARP takes edges alone.
         nodes: of the tree.
         corners: of the tree.
-        found: (k,) integers to write into; what is beyond k is left out.
+        found: (k,) integers to write the rows into; rows beyond k are left out.
 
     Returns:
-        how many.
+        the number of rows.
     """
     root = int(nodes[len(nodes) - 1, 10, 0])
     if root < 0:

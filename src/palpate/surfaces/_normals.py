@@ -1,4 +1,4 @@
-"""Vertex normals that are smooth within a crease angle and split across it."""
+"""Compute vertex normals that are smooth within a crease angle and split across it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _LARGE = 5.0  # times the area that is usual at a corner
 
 
 def blocks(count: int) -> Iterator[slice]:
-    """Pieces of an array of `count` facets that a processor's cache holds with what is computed of them."""
+    """Return slices of an array of `count` facets, small enough for a processor's cache with the results for them."""
     size = 1 << 13
     return (slice(begin, min(begin + size, count)) for begin in range(0, count, size))
 
@@ -21,7 +21,7 @@ def blocks(count: int) -> Iterator[slice]:
 def facet_normals(
     vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
 ) -> tuple[Float[np.ndarray, "f 3"], Float[np.ndarray, " f"]]:
-    """Unit normals of the facets and their areas; a facet without area gets a zero normal."""
+    """Return unit normals of the facets and their areas; a facet without area gets a zero normal."""
     normals, areas = np.empty((len(faces), 3)), np.empty(len(faces))
     for block in blocks(len(faces)):
         a, b, c = np.moveaxis(vertices.take(faces[block], axis=0), 1, 0)
@@ -33,7 +33,7 @@ def facet_normals(
 
 
 def sort_half_edges(faces: Int[np.ndarray, "f 3"]) -> tuple[Int[np.ndarray, " h"], Int[np.ndarray, " h"]]:
-    """Half-edges 3 f + i (from corner i to i + 1 of facet f) in the order of their edges, and their twins.
+    """Return half-edges 3 f + i (from corner i to i + 1 of facet f) in the order of their edges, and their twins.
 
     The twin of a half-edge is the opposite one, or -1. An edge that more than two facets share, or that two facets run
     through in the same sense, has no twin: the surface is cut open there.
@@ -48,12 +48,12 @@ def sort_half_edges(faces: Int[np.ndarray, "f 3"]) -> tuple[Int[np.ndarray, " h"
 
 
 def half_edge_twins(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, " h"]:
-    """The twins of `sort_half_edges`."""
+    """Return the twins of `sort_half_edges`."""
     return sort_half_edges(faces)[1]
 
 
 def next_corner(half_edges: Int[np.ndarray, " h"]) -> Int[np.ndarray, " h"]:
-    """The corner at which a half-edge ends; half-edge and corner numbers are the same 3 f + i."""
+    """Return the corner at which a half-edge ends; half-edge and corner numbers are the same 3 f + i."""
     return half_edges - half_edges % 3 + (half_edges + 1) % 3
 
 
@@ -63,12 +63,12 @@ def corner_normals(
     twins: Int[np.ndarray, " h"],
     crease: float,
 ) -> Float[np.ndarray, "f 3 3"]:
-    """Unit normals at the corners of the facets.
+    """Return unit normals at the corners of the facets, (f, 3, 3).
 
     Facets that meet at an edge by less than `crease` [rad] share the normals of its two ends; a shared normal is the
-    angle-weighted mean of its facets' (Thurmer and Wuthrich 1998), where they are of a size. Facets that are much
-    larger than those beside them are flat because they were meant to be, as a wall is that ends in a fillet: they keep
-    their normals, which would tilt by degrees else, and with them the wall.
+    angle-weighted mean of its facets' [Thurmer and Wuthrich 1998], where they are of a size. Facets that are much
+    larger than the adjacent ones are meant to be flat, like a wall that ends in a fillet: they keep their normals,
+    which would otherwise tilt by degrees.
     """
     from palpate.surfaces import _topology
 
@@ -94,9 +94,9 @@ def corner_normals(
 
 
 def _usual_areas(areas: Float[np.ndarray, " f"], groups: Int[np.ndarray, "f 3"], count: int) -> Float[np.ndarray, " g"]:
-    """The usual size of the facets at each shared corner: the geometric mean of their areas.
+    """Return the usual size of the facets at each shared corner: the geometric mean of their areas.
 
-    A facet counts at a corner by so much more than its angle as it is larger than is usual there.
+    In `corner_normals` the weight of a facet grows with its area over this size.
     """
     from palpate.surfaces import _topology
 

@@ -1,4 +1,4 @@
-"""The contacts of one wrench on one patch, in closed form.
+"""Compiled: the contacts of one wrench on one patch, in closed form.
 
 F and M are in the tree's unit size, f = F/|F|, h = F . M/|F|^2 the pitch, a = F x M/|F|^2 the point of the wrench axis
 nearest to the origin. A soft finger at p with outward normal n makes M = p x F + tau n, hence tau = F . M/(F . n),
@@ -34,7 +34,7 @@ def _cubic(k0, k1, k2, k3, x):
 
 @inner
 def _root_between(k0, k1, k2, k3, left, right):
-    """The root of a cubic in an interval on which it is monotone and changes sign: Newton, kept inside by bisection."""
+    """Return the root in an interval where a cubic is monotone and changes sign: Newton, kept in by bisection."""
     rising = _cubic(k0, k1, k2, k3, left) < 0.0
     x = 0.5 * (left + right)
     for _ in range(80):
@@ -55,7 +55,7 @@ def _root_between(k0, k1, k2, k3, left, right):
 
 @inner
 def _roots(k0, k1, k2, k3, left, right, out):
-    """Every real root of a cubic in [left, right] into out; how many."""
+    """Write every real root of a cubic in [left, right] into out; return their number."""
     cut0, cut1 = right, right  # where the slope vanishes, in order
     a, b, c = 3.0 * k3, k2, k1  # slope = a x^2 + 2 b x + c
     if a == 0.0:
@@ -92,7 +92,7 @@ def _roots(k0, k1, k2, k3, left, right, out):
 
 @inner
 def _weights(qj0, qj1, qk0, qk1, gj0, gj1, gk0, gk1, pitch, base):
-    """One component of B(base + x) as coefficients of 1, x, x^2."""
+    """Return a component of B(base + x) as coefficients of 1, x, x^2."""
     d0 = qj0 * qk1 - qk0 * qj1
     d1 = pitch * (qj0 * gk1 - qk0 * gj1 + gj0 * qk1 - gk0 * qj1)
     d2 = pitch * pitch * (gj0 * gk1 - gk0 * gj1)
@@ -101,7 +101,7 @@ def _weights(qj0, qj1, qk0, qk1, gj0, gj1, gk0, gk1, pitch, base):
 
 @inner
 def solve_patch(x0, y0, x1, y1, x2, y2, c0, c1, c2, g0, h0, g1, h1, g2, h2, pitch, out):
-    """All contacts of a patch, b0, b1, b2 a row, into out (4, 3); how many.
+    """Find all contacts of a patch, b0, b1, b2 in each row, into out (4, 3); return their number.
 
     Corners are seen along f: (x, y) their places, c = f . n, (g, h) = f x n. Solved about w = c0: the roots lie close.
     """
@@ -146,7 +146,7 @@ def solve_patch(x0, y0, x1, y1, x2, y2, c0, c1, c2, g0, h0, g1, h1, g2, h2, pitc
 
 @inlined
 def _within(s0, s1, s2, out):
-    """Three weights of one sign, up to rounding, as barycentric coordinates in out[0]; 1 or 0."""
+    """Write three weights of one sign, up to rounding, as barycentric coordinates into out[0]; return 1, else 0."""
     total = s0 + s1 + s2
     if total == 0.0:
         return 0
@@ -159,16 +159,16 @@ def _within(s0, s1, s2, out):
 
 @inlined
 def _side(ax, ay, az, bx, by, bz, fx, fy, fz, mx, my, mz):
-    """Moment of a wrench about the edge from a to b, times its length: F . (a x b) + M . (b - a)."""
+    """Return the moment of a wrench about the edge from a to b, times its length: F . (a x b) + M . (b - a)."""
     cross = fx * (ay * bz - az * by) + fy * (az * bx - ax * bz) + fz * (ax * by - ay * bx)
     return cross + mx * (bx - ax) + my * (by - ay) + mz * (bz - az)
 
 
 @inlined
 def solve_flat(row, fx, fy, fz, mx, my, mz, out):
-    """The one contact of a patch with one normal.
+    """Find the one contact of a patch with one normal, into out[0]; return 1, or 0 where there is none.
 
-    The torsion drops out of the moment about an edge, since the edge lies across the normal: what is left is the area
+    The torsion drops out of the moment about an edge, since the edge lies across the normal: the rest is the area
     of the triangle between edge and contact, seen along the force. So the wrench meets the facet, at any pitch, if
     its moments about the three edges have one sign.
     """
@@ -187,7 +187,7 @@ def solve_flat(row, fx, fy, fz, mx, my, mz, out):
 
 @inlined
 def solve_vertex(row, fx, fy, fz, mx, my, mz, out):
-    """The one contact of a patch at one point v: its normal is along M - v x F, if that lies in the patch's cone."""
+    """Find the one contact of a patch at a point v: its normal is along M - v x F, if that is in its cone."""
     x, y, z = row[0], row[1], row[2]
     wx, wy, wz = mx - (y * fz - z * fy), my - (z * fx - x * fz), mz - (x * fy - y * fx)
     ax, ay, az, bx, by, bz, cx, cy, cz = row[3], row[4], row[5], row[9], row[10], row[11], row[15], row[16], row[17]

@@ -1,10 +1,10 @@
-"""A mesh as patches: triangles that carry a position *and* a normal at each corner.
+"""A mesh as patches: triangles that have a position *and* a normal at each corner.
 
 Facets are patches. Where normals are split, the surface of (position, normal) pairs would have holes, and a wrench
-that falls in one has no contact (kernels.md: no refinement closes them). So the holes are filled: a crease edge becomes
-two patches whose corners lie on the edge and whose normals run from one side's to the other's, a corner where creases
-meet becomes a fan of patches at one point. What is left is a closed surface of pairs, on which every wrench that
-presses on a closed body has a solution; and edges and vertices need no code of their own.
+that falls in one has no contact (no refinement closes them). So the holes are filled: a crease edge becomes two
+patches whose corners lie on the edge and whose normals run from one side's to the other's, a corner where creases meet
+becomes a fan of patches at one point. The result is a closed surface of pairs, on which every wrench that presses on a
+closed body has a solution; and edges and vertices need no extra code.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _SAME = 1e-12  # 1 - cos of normals that count as one
 def patch_rows(
     corners: Float[np.ndarray, "m 3 6"], kind: Int[np.ndarray, " m"] | int, facet: Int[np.ndarray, " m"]
 ) -> Float[np.ndarray, "m 20"]:
-    """Rows of patches: corners, of position [m] and unit normal; kind; the facet that each is or touches."""
+    """Return rows of patches: corners, of position [m] and unit normal; kind; the facet that each is or touches."""
     rows = np.empty((len(corners), 20))
     rows[:, :KIND], rows[:, KIND], rows[:, FACET] = corners.reshape(-1, 18), kind, facet
     return rows
@@ -40,7 +40,7 @@ def facet_rows(
     used: Int[np.ndarray, " m"],
     spare: int = 0,
 ) -> Float[np.ndarray, "n 20"]:
-    """The facets that are used, as rows of patches, with normals at their corners; behind them `spare` rows."""
+    """Return the used facets as rows of patches, with normals at their corners; `spare` rows follow them."""
     rows = np.empty((len(used) + spare, 20))
     for block in blocks(len(used)):
         facet, part = used[block], rows[: len(used)][block]
@@ -53,11 +53,14 @@ def facet_rows(
 
 @dataclass(frozen=True)
 class Split:
-    """Where the normals of a mesh are split.
+    """Corners of a mesh at which its normals are split.
 
     Attributes:
-        vertices: (v, 3) [m]; point: (3 f,) which of them is at each corner; flat: (3 f, 3) the normals there.
-        twins: (3 f,) of the half-edges; changes: (3 f,) of the normals, as `compare_normals` says.
+        vertices: (v, 3) [m].
+        point: (3 f,) vertex at each corner.
+        flat: (3 f, 3) normals at the corners.
+        twins: (3 f,) of the half-edges.
+        changes: (3 f,) of the normals, from `compare_normals`.
         covered: (f,) facets that give no contacts.
     """
 
@@ -76,7 +79,7 @@ class Split:
         corner: Float[np.ndarray, "f 3 3"],
         covered: Bool[np.ndarray, " f"] | None = None,
     ) -> Split:
-        """Of a mesh with corner normals."""
+        """Return the split normals of a mesh, from its corner normals."""
         from palpate.surfaces import _topology  # compiled: loaded when first needed
 
         covered = np.zeros(len(faces), dtype=np.bool_) if covered is None else covered
@@ -86,17 +89,17 @@ class Split:
         return cls(vertices, faces.reshape(-1), flat, twins, changes, covered)
 
     def at(self, corner: Int[np.ndarray, "*n"]) -> Float[np.ndarray, "*n 6"]:
-        """Position and normal at corners."""
+        """Return position and normal at corners, (*n, 6)."""
         return np.concatenate([self.vertices[self.point[corner]], self.flat[corner]], axis=-1)
 
     def half_edges(self, least: int) -> Int[np.ndarray, " n"]:
-        """The first half-edge of each edge at one of whose ends the normals change by so much, in order."""
+        """Return the first half-edge of each edge whose `changes` at one end are `least` or more, in order."""
         changed = np.flatnonzero(self.changes >= least)
         return np.unique(np.minimum(changed, self.twins[changed]))
 
     @functools.cached_property
     def fans(self) -> tuple[Float[np.ndarray, "k 3 6"], Int[np.ndarray, " k"]]:
-        """At corners where three or more normals meet, patches over them in their order around it; a facet of each."""
+        """Patches over corners where three or more normals meet, in order around the corner, and a facet of each."""
         from palpate.surfaces import _topology
 
         members, sizes = np.empty_like(self.twins), np.empty_like(self.twins)
@@ -115,7 +118,7 @@ class Split:
 
 
 def build_patches(faces: Int[np.ndarray, "f 3"], split: Split, spare: int = 0) -> Float[np.ndarray, "m 20"]:
-    """The patches of a mesh as rows; none of covered facets, nor of edges and corners between such.
+    """Return the patches of a mesh as rows; none of covered facets, nor of edges and corners between such facets.
 
     Behind them are `spare` rows to be written.
     """
@@ -131,7 +134,7 @@ def build_patches(faces: Int[np.ndarray, "f 3"], split: Split, spare: int = 0) -
 
 
 def _edge_strips(split: Split) -> tuple[Float[np.ndarray, "m 3 6"], Int[np.ndarray, " m"]]:
-    """Two patches a crease edge.
+    """Return two patches for each crease edge.
 
     Between flat facets they are skipped: there the strip has no area in any view, because the shift between two normals
     runs exactly along their edge.
@@ -147,7 +150,7 @@ def _edge_strips(split: Split) -> tuple[Float[np.ndarray, "m 3 6"], Int[np.ndarr
 
 
 def _fan(ring: Float[np.ndarray, "r k 6"]) -> Float[np.ndarray, "r t 3 6"]:
-    """Triangles over rings of k normals at one point each, about the middle of the normals.
+    """Return triangles over rings of k normals at one point each, about the middle of the normals.
 
     Where the ring is convex on the sphere of normals any triangles would do. Where it is not (at a saddle), the middle
     makes the patches the same whatever the order of the facets.

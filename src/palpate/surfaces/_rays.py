@@ -1,4 +1,4 @@
-"""Compiled: rays against facets in a tree, and from which points of a facet there is a way out.
+"""Compiled: intersect rays with facets in a tree, and find the facets from which there is a way out.
 
 Lengths are in the tree's unit size: half the diagonal of the body is 1.
 """
@@ -20,7 +20,7 @@ _SEAM = 1e-9  # by which facets overlap for a ray, so that none slips through an
 
 @inlined
 def _boxes(node, ox, oy, oz, ix, iy, iz):
-    """Which children's boxes a ray meets, one bit each, by slabs."""
+    """Return which children's boxes a ray meets, one bit each, by slabs."""
     mask, zero = np.int32(0), np.float32(0.0)
     for i in range(WIDTH):
         ax, bx = (node[0, i] - node[3, i] - ox) * ix, (node[0, i] + node[3, i] - ox) * ix
@@ -34,7 +34,7 @@ def _boxes(node, ox, oy, oz, ix, iy, iz):
 
 @inner
 def _met(row, ox, oy, oz, dx, dy, dz):
-    """How far along a ray it meets a facet, or inf [moller]."""
+    """Return the distance along a ray to a facet, or inf [moller]."""
     ux, uy, uz = row[6] - row[0], row[7] - row[1], row[8] - row[2]
     vx, vy, vz = row[12] - row[0], row[13] - row[1], row[14] - row[2]
     px, py, pz = dy * vz - dz * vy, dz * vx - dx * vz, dx * vy - dy * vx
@@ -55,13 +55,13 @@ def _met(row, ox, oy, oz, dx, dy, dz):
 
 @inner
 def _inverse(x):
-    """1/x of a ray's direction; a huge number where x is 0, so that 0 times it is not NaN."""
+    """Return 1/x of a ray's direction; a huge number where x is 0, so that 0 times it is not NaN."""
     return np.float32(1.0 / (x if abs(x) > 1e-9 else 1e-9))
 
 
 @inner
 def _first_hit(nodes, corners, o, d, pending):
-    """How far along the ray o + t d the first facet stands; inf where it leaves the body."""
+    """Return the distance t along the ray o + t d to the first facet; inf where it leaves the body."""
     ox, oy, oz, dx, dy, dz = o[0], o[1], o[2], d[0], d[1], d[2]
     fx, fy, fz = np.float32(ox), np.float32(oy), np.float32(oz)
     ix, iy, iz = _inverse(dx), _inverse(dy), _inverse(dz)
@@ -84,7 +84,7 @@ def _first_hit(nodes, corners, o, d, pending):
 
 @released("origins n 3, directions n 3, nodes float32 k 14 8, corners p 20, out out n")
 def first_hits(origins, directions, nodes, corners, out):
-    """How far along each ray (n, 3), (n, 3) the first facet stands, into out (n,); inf where there is none."""
+    """Compute the distance along each ray (n, 3), (n, 3) to the first facet, into out (n,); inf where there is none."""
     pending = np.empty((STACK, 2), dtype=np.int64)
     for i in range(len(origins)):
         out[i] = _first_hit(nodes, corners, origins[i], directions[i], pending)
@@ -92,7 +92,7 @@ def first_hits(origins, directions, nodes, corners, out):
 
 @inner
 def _sides(row, least):
-    """Into how many parts each side of a facet is cut for samples at most `least` apart."""
+    """Return the number of parts into which each side of a facet is cut for samples at most `least` apart."""
     longest = 0.0
     for i in range(3):
         j, square = (i + 1) % 3, 0.0
@@ -104,7 +104,7 @@ def _sides(row, least):
 
 @inner
 def _sample(row, parts, at, out):
-    """Middle number `at` of the parts^2 small triangles into which a facet is cut."""
+    """Write the middle of small triangle number `at`, of the parts^2 into which a facet is cut, into out (3,)."""
     i = int(np.sqrt(at))  # strip from corner 0, of 2 i + 1 triangles
     j = at - i * i
     along, across = (j // 2 + (1.0 + j % 2) / 3.0) / parts, (i + (2.0 - j % 2) / 3.0) / parts
@@ -126,7 +126,7 @@ def mark_facets(corners, low, step, grid):
 
 @inner
 def _passes(o, n, far, low, step, swept):
-    """Does the line from o along n come into a swept cell before `far`, the next facet? That lies within the grid."""
+    """Return whether the line from o along n enters a swept cell before `far`, the next facet, in the grid."""
     if swept.size == 0:
         return False
     for at in range(1, int(far / step)):
@@ -140,17 +140,17 @@ def _passes(o, n, far, low, step, swept):
 
 @released("corners n 20, nodes float32 k 14 8, low 3, step float, swept bool a b c, out out bool n")
 def open_facets(corners, nodes, low, step, swept, out):
-    """Which facets there is a way to, into out (f,); those that are set already are not asked again.
+    """Set in out (f,) the facets that can be reached; those that are set already are not tested again.
 
     From two of the samples on it, or the only one, the ray along the normal leaves the body (one may look out through a
-    gap); or from one it comes to a swept cell before a facet.
+    gap); or from one it reaches a swept cell before a facet.
 
     Args:
         corners: (f, 20) as in a tree, the normals those of the facets.
         nodes: of the tree over them.
         low: (3,) where the grid begins.
         step: its cells' size.
-        swept: (a, b, c) cells that what touches can fill; none: only the rays that leave the body count.
+        swept: (a, b, c) cells that a touching ball can fill; empty: only the rays that leave the body count.
         out: (f,) bool.
     """
     o, pending = np.empty(3), np.empty((STACK, 2), dtype=np.int64)

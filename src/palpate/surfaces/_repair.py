@@ -1,4 +1,4 @@
-"""What can safely be repaired in a mesh as it comes, and what to say about it.
+"""Repair a mesh where that is safe, and note the repairs.
 
 Vertices that coincide are merged (STL has no shared ones), facets without area or with a doubled twin are dropped, and
 the winding is made consistent over each body and outward. Nothing is moved, filled or remeshed.
@@ -22,10 +22,11 @@ _FARTHEST = 1e12  # in any unit: what is beyond is a fault of the file, and its 
 def repair(
     vertices: ArrayLike, faces: ArrayLike
 ) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"], Int[np.ndarray, " h"], tuple[str, ...]]:
-    """Merged, cleaned and oriented arrays, the twins of their half-edges, and notes on what was done.
+    """Return merged, cleaned and oriented arrays, the twins of their half-edges, and notes on the repairs.
 
     Raises:
-        GeometryError: wrong shapes, vertex numbers out of range, or no facet with an area.
+        GeometryError: faces of a wrong shape or out of range, or no facet with an area.
+        InputError: vertices that are not numbers (v, 3).
     """
     points, triangles = _checked(vertices, faces)
     notes: list[str] = []
@@ -56,14 +57,14 @@ def repair(
 
 
 def bodies(triangles: Int[np.ndarray, "f 3"]) -> int:
-    """How many there are, joined over edges with exactly two facets."""
+    """Return the number of bodies, joined over edges with exactly two facets."""
     return int(_winding(triangles, sort_half_edges(triangles)[0])[1].max()) + 1
 
 
 def _sheet(points: Float[np.ndarray, "v 3"], triangles: Int[np.ndarray, "f 3"]) -> bool:
-    """Do all facets face one side, as a pad's or a dome's do?
+    """Return whether all facets face one side, like those of a pad or a dome.
 
-    A force that comes in through the opening of such a mesh presses on none of its facets: there is nothing to doubt.
+    A force that comes in through the opening of that mesh presses on none of its facets, so it needs no note.
     """
     normals, areas = facet_normals(points, triangles)
     out = areas @ normals
@@ -85,9 +86,9 @@ def _checked(vertices: ArrayLike, faces: ArrayLike) -> tuple[Float[np.ndarray, "
 def _merged(
     points: Float[np.ndarray, "v 3"], triangles: Int[np.ndarray, "f 3"]
 ) -> tuple[Float[np.ndarray, "w 3"], Int[np.ndarray, "f 3"]]:
-    """Vertices that one step of float32 in each coordinate can tell apart, or 1e-7 of the size, become one.
+    """Merge vertices that are within one step of float32 in each coordinate, or 1e-7 of the size.
 
-    The step is that of the largest coordinate, as STL writes it in whatever unit; at most 1e-4 of the size, so that a
+    The step is that of the largest coordinate, as STL writes it in any unit; at most 1e-4 of the size, so that a
     body far from its origin keeps its shape.
     """
     from palpate.surfaces import _topology  # compiled: loaded when first needed
@@ -109,7 +110,7 @@ def _merged(
 
 
 def _distinct(points: Float[np.ndarray, "v 3"]) -> tuple[Float[np.ndarray, "w 3"], Int[np.ndarray, " v"]]:
-    """Points that differ, in order, and which of them each is: a quick start for meshes that share no vertices."""
+    """Return the distinct points, in order, and the index of each: a quick start for meshes without shared vertices."""
     number, first = _numbered((points + 0.0).view(np.int64))  # 0.0 and -0.0 are one
     points = points[first]
     order = np.lexsort(points.T[::-1])
@@ -119,7 +120,7 @@ def _distinct(points: Float[np.ndarray, "v 3"]) -> tuple[Float[np.ndarray, "w 3"
 
 
 def _numbered(rows: Int[np.ndarray, "n 3"]) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " k"]]:
-    """Which of the different rows each is, in the order in which they come, and where they come first."""
+    """Return for each row its number among the distinct rows, in order of appearance, and where each comes first."""
     from palpate.surfaces import _topology
 
     number, first = np.empty(len(rows), dtype=np.int64), np.empty(len(rows), dtype=np.int64)
@@ -129,7 +130,7 @@ def _numbered(rows: Int[np.ndarray, "n 3"]) -> tuple[Int[np.ndarray, " n"], Int[
 def _without_slivers(
     points: Float[np.ndarray, "v 3"], triangles: Int[np.ndarray, "f 3"]
 ) -> tuple[Int[np.ndarray, "g 3"], int]:
-    """A facet needs three different corners and a height above rounding of its longest edge."""
+    """Drop facets without three different corners or a height above rounding of their longest edge, and count them."""
     good = np.empty(len(triangles), dtype=np.bool_)
     for block in blocks(len(triangles)):
         corners = points.take(triangles[block], axis=0)
@@ -149,9 +150,9 @@ def _without_doubles(triangles: Int[np.ndarray, "f 3"]) -> tuple[Int[np.ndarray,
 def _outward(
     points: Float[np.ndarray, "v 3"], triangles: Int[np.ndarray, "f 3"]
 ) -> tuple[Int[np.ndarray, "f 3"], Int[np.ndarray, " h"], int]:
-    """Consistent winding over each connected body, and positive volume where the body is closed.
+    """Make the winding consistent over each connected body, and the volume positive where the body is closed.
 
-    An open body keeps the sense of most of its facets: which side is out is then the file's word.
+    An open body keeps the sense of most of its facets: the file then decides which side is out.
     """
     order, twins = sort_half_edges(triangles)
     flipped, body = _winding(triangles, order)
@@ -176,7 +177,7 @@ def _outward(
 def _winding(
     triangles: Int[np.ndarray, "f 3"], order: Int[np.ndarray, " h"]
 ) -> tuple[Bool[np.ndarray, " f"], Int[np.ndarray, " f"]]:
-    """Which facets to flip so that neighbours agree, and the body each belongs to.
+    """Return which facets to flip so that neighbours agree, and the body each belongs to.
 
     Bodies are joined over edges with exactly two facets.
     """

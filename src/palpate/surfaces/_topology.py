@@ -1,4 +1,4 @@
-"""Compiled: what belongs together in a mesh: equal rows, close points, edges, bodies, shared normals, rings of corners.
+"""Compiled: connectivity of a mesh: equal rows, close points, edges, bodies, shared normals, rings of corners.
 
 Every loop is linear in the number of facets. Half-edge 3 f + i runs from corner i to corner i + 1 of facet f, and
 corners have the same numbers.
@@ -28,7 +28,7 @@ _CELL = 16.0  # size of a cell of points, in radii
 
 @inner
 def _mixed(a, b, c):
-    """A hash of three whole numbers."""
+    """Return a hash of three whole numbers."""
     mixed = a * _MIX
     mixed = ((mixed ^ (mixed >> 29)) + b) * _MIX
     mixed = ((mixed ^ (mixed >> 29)) + c) * _MIX
@@ -37,7 +37,7 @@ def _mixed(a, b, c):
 
 @inner
 def _slots(count):
-    """A power of two above twice the count."""
+    """Return a power of two of at least twice the count."""
     slots = 2
     while slots < 2 * count:
         slots *= 2
@@ -46,9 +46,9 @@ def _slots(count):
 
 @released("rows int64 n 3, number out int64 n, first out int64 n")
 def number_rows(rows, number, first):
-    """Number the different rows (n, 3) of whole numbers in the order in which they come, into number (n,).
+    """Write the number of each different row (n, 3) of whole numbers, in order of appearance, into number (n,).
 
-    Writes the place of the first of each into first (n,); returns how many there are.
+    Write the place of the first of each into first (n,); return the number of different rows.
     """
     mask = _slots(len(rows)) - 1
     table = np.full(mask + 1, -1, dtype=np.int32)
@@ -78,14 +78,14 @@ def _root(parent, at):
 
 @inner
 def _join(parent, one, two):
-    """The lowest number of a group is its root."""
+    """Join two groups; the lowest number of a group is its root."""
     one, two = _root(parent, one), _root(parent, two)
     parent[max(one, two)] = min(one, two)
 
 
 @inner
 def _name_groups(parent):
-    """Number the groups in the order of their roots, in place; how many there are."""
+    """Write the number of each group, in the order of their roots, in place; return how many groups there are."""
     count = 0
     for at in range(len(parent)):
         if parent[at] == at:
@@ -98,9 +98,9 @@ def _name_groups(parent):
 
 @released("points n 3, radius float, groups out int64 n")
 def join_near(points, radius, groups):
-    """Join points (n, 3) that are at most `radius` apart, and what they are joined with; returns how many are left.
+    """Join points (n, 3) at distances of at most `radius` into groups; return the number of groups.
 
-    Writes the group of each into groups (n,), in the order of their first points.
+    Write the group of each into groups (n,), in the order of their first points.
     """
     low, size = np.full(3, np.inf), _CELL * radius
     for i in range(len(points)):
@@ -134,7 +134,7 @@ def join_near(points, radius, groups):
 
 @inner
 def _ends(faces, half):
-    """The lower and the higher vertex of a half-edge."""
+    """Return the lower and the higher vertex of a half-edge."""
     a, b = faces[half // 3, half % 3], faces[half // 3, (half + 1) % 3]
     return min(a, b), max(a, b)
 
@@ -146,7 +146,7 @@ def pair_edges(faces, count, order, twins):
     Args:
         faces: (f, 3) vertex numbers below `count`.
         count: of vertices.
-        order: by the lower, then by the higher vertex, then as they come.
+        order: by the lower, then by the higher vertex, then in the given order.
         twins: the half-edge that runs the other way; -1 where that is none or several, or where several run this way.
     """
     half_edges = 3 * len(faces)
@@ -187,7 +187,7 @@ def pair_edges(faces, count, order, twins):
 
 @released("faces int64 f 3, order int64 3f, flipped out bool f, body out int64 f")
 def walk_facets(faces, order, flipped, body):
-    """Walk over edges with exactly two facets: which are to be flipped so that all agree, and which hang together.
+    """Walk over edges with exactly two facets: find the facets to flip so that all agree, and the connected bodies.
 
     The walk goes in breadth from the first facet of each body; where no choice is right (a Moebius strip), it decides.
 
@@ -198,7 +198,7 @@ def walk_facets(faces, order, flipped, body):
         body: (f,) to write into: bodies are numbered in the order of their first facets.
 
     Returns:
-        how many bodies there are.
+        the number of bodies.
     """
     across = np.full(len(order), -1, dtype=np.int64)
     i = 0
@@ -247,7 +247,7 @@ def walk_facets(faces, order, flipped, body):
 
 @inner
 def _next(half):
-    """The corner at which a half-edge ends."""
+    """Return the corner at which a half-edge ends."""
     return half - half % 3 + (half + 1) % 3
 
 
@@ -255,7 +255,7 @@ def _next(half):
 def group_corners(normals, twins, least, groups):
     """Join the corners at both ends of edges over which unit normals (f, 3) have a cosine of at least `least`.
 
-    Writes the group of each into groups (3 f,), in the order of their first corners; returns how many there are.
+    Write the group of each into groups (3 f,), in the order of their first corners; return the number of groups.
     """
     for half in range(len(twins)):
         groups[half] = half
@@ -271,7 +271,7 @@ def group_corners(normals, twins, least, groups):
 
 @released("groups int64 n, values n k, sums out g k")
 def add_by_group(groups, values, sums):
-    """Add values (n, k) to the rows of `sums` (g, k) that groups (n,) names, one after the other."""
+    """Add values (n, k), in order, to the rows of `sums` (g, k) that groups (n,) names."""
     for i in range(len(groups)):
         for k in range(values.shape[1]):
             sums[groups[i], k] += values[i, k]
@@ -279,13 +279,13 @@ def add_by_group(groups, values, sums):
 
 @released("normals n 3, twins int64 n, same float, changes out int64 n")
 def compare_normals(normals, twins, same, changes):
-    """How the normal changes from each corner to the one across its half-edge, into changes (3 f,).
+    """Classify the change of the normal from each corner to the one across its half-edge, into changes (3 f,).
 
     Args:
         normals: (3 f, 3) at the corners.
         twins: (3 f,) of `pair_edges`.
         same: 1 - cos of normals that count as one.
-        changes: 0: not at all, or there is no facet across; 1: less than that; 2: by more.
+        changes: 0: none, or there is no facet across; 1: less than `same`; 2: more.
     """
     for corner in range(len(twins)):
         changes[corner] = 0
@@ -308,7 +308,7 @@ def walk_rings(twins, changes, members, sizes):
         sizes: (3 f,) to write the length of each ring into.
 
     Returns:
-        how many rings there are.
+        the number of rings.
     """
     seen, count, rings = np.zeros(len(twins), dtype=np.bool_), 0, 0
     for start in range(len(twins)):

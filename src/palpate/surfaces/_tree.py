@@ -17,18 +17,19 @@ _MOST = 2**23  # patch and node numbers must be exact in float32
 
 @dataclass(frozen=True)
 class Tree:
-    """A bounding-volume hierarchy as two arrays, which is what the compiled loops read.
+    """A bounding-volume hierarchy as two arrays, which the compiled loops read.
 
-    Lengths inside are (p - centre) / scale: at metre scale, closest-point and ray routines lose digits (kernels.md).
+    Lengths inside are (p - centre) / scale: at metre scale, closest-point and ray routines lose digits.
 
     Attributes:
-        nodes: (n, 14, 8) float32, a column a child, so that one instruction serves several: box centre 0-2 and half
-            extents 3-5; axis of the cone of normals 6-8, cos of its half-angle 9, sin^2 12 and sin cos 13; first 10 and
-            how many 11: patches of a leaf, or the number of an inner node and 0; -1 where there is no child. In the
+        nodes: (n, 14, 8) float32, a column for each child, so that one instruction serves several: box centre 0-2 and
+            half extents 3-5; axis of the cone of normals 6-8, cos of its half-angle 9, sin^2 12 and sin cos 13; first
+            10 and count 11: patches of a leaf, or the number of an inner node and 0; -1 where there is no child. In the
             last node, 10 of the first child is the root of a second tree, of sharp edges and corners, or -1.
         corners: (m, 20): per corner position and unit normal, then kind and facet; patches in the order of the leaves,
             those of the second tree behind.
-        centre: (3,) [m]; scale [m].
+        centre: (3,) [m].
+        scale: [m].
     """
 
     nodes: Float32[np.ndarray, "n 14 8"]
@@ -38,12 +39,16 @@ class Tree:
 
 
 def build_tree(rows: Float[np.ndarray, "m 20"], sharp: int = 0) -> Tree:
-    """Build the tree: three rounds of median splits along the longest side a node, leaves of up to four patches.
+    """Build the tree: three rounds of median splits along the longest side per node, leaves of up to four patches.
 
     Args:
         rows: patches (`patch_rows`) that a wrench can meet. The tree takes them over: they are brought to unit size and
-            into the order of its leaves where they are.
-        sharp: how many of them, at the end, are edges and corners that it can pass within its noise (`sharp_edges`).
+            into the order of its leaves, in place.
+        sharp: number of them, at the end, that are edges and corners that a wrench can pass within its noise
+            (`sharp_edges`).
+
+    Raises:
+        GeometryError: more patches than float32 can number.
     """
     from palpate.surfaces import _bvh  # compiled: loaded when first needed
 
@@ -71,7 +76,7 @@ def build_tree(rows: Float[np.ndarray, "m 20"], sharp: int = 0) -> Tree:
 
 
 def _box(positions: Float[np.ndarray, "m 3 3"]) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
-    """Lowest and highest coordinates."""
+    """Return lowest and highest coordinates, (3,) each."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for block in blocks(len(positions)):
         columns = positions[block].transpose(2, 0, 1).reshape(3, -1)  # long rows are quicker

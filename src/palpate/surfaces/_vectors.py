@@ -24,14 +24,14 @@ def cross_into(a, b, out):
 
 @inner
 def copy_into(values, out):
-    """`out[:] = values` of one length: the compiler takes seconds over the message that shapes differ."""
+    """Copy `values` into `out` of one length; `out[:] = values` costs seconds to compile, for its error message."""
     for k in range(len(out)):
         out[k] = values[k]
 
 
 @inner
 def solve_positive(matrix, right, size, out):
-    """Solves matrix out = right by Cholesky's factor, which is left in `matrix`; False: it has none."""
+    """Solve matrix out = right by Cholesky's factor, which stays in `matrix`; return False where there is none."""
     for i in range(size):
         for j in range(i + 1):
             total = matrix[i, j]

@@ -1,4 +1,4 @@
-"""Surfaces with an equation f(p) = 0: what all of them share."""
+"""Base class of surfaces with an equation f(p) = 0."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ SAMPLES = 24  # along each side of the chart, for a first guess at the nearest p
 @takes_arrays
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Analytic(Value, ABC):
-    """A surface f(p) = 0, f < 0 inside, along axes of its own.
+    """A surface f(p) = 0, f < 0 inside, along its own axes.
 
     Attributes:
-        pose: T_frame_surface, where its own axes lie in the frame it is used in.
-        notes: what to doubt, a sentence each.
+        pose: T_frame_surface, of the surface's axes in the frame in which it is used.
+        notes: warnings about the surface, a sentence each.
     """
 
     pose: Pose = field(default_factory=Pose.identity)
@@ -39,29 +39,29 @@ class Analytic(Value, ABC):
     @property
     @abstractmethod
     def box(self) -> Float[np.ndarray, "2 3"]:
-        """Corners of the box around it, along its own axes [m]."""
+        """Corners of the box around the surface, along its own axes, (2, 3) [m]."""
 
     @property
     def ends(self) -> Float[np.ndarray, "2 3"]:
-        """Least and largest coordinates at which it is cut off, along its own axes [m]; infinite where it is not."""
+        """Least and largest coordinates of the cut-off surface, along its own axes, (2, 3) [m]; else infinite."""
         return frozen([[-np.inf] * 3, [np.inf] * 3])
 
     @abstractmethod
     def evaluate(
         self, points: Float[np.ndarray, "*batch 3"]
     ) -> tuple[Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3 3"]]:
-        """Value, gradient and Hessian at points [m] along its own axes: the NumPy twin of `_equation.evaluate`."""
+        """Return value, gradient and Hessian at points [m] along its own axes, like `_equation.evaluate`, in NumPy."""
 
     @abstractmethod
     def equation(self) -> Any:
-        """What compiled loops take for it: coefficients in unit size, or a compiled function of points [m]."""
+        """Return the equation for compiled loops: coefficients in unit size, or a compiled function of points [m]."""
 
     @abstractmethod
     def chart(self, count: int) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"]]:
-        """Points [m] of it along its own axes, `count` steps each way, and outward triangles between them."""
+        """Return points [m] of it along its own axes, `count` steps each way, and outward triangles between them."""
 
     def samples(self) -> Float[np.ndarray, "n 3"]:
-        """Points all over it, within its ends, along its own axes [m]: first guesses at the nearest one."""
+        """Return points all over it, within its ends, along its own axes [m]: first guesses at the nearest point."""
         return self.chart(SAMPLES)[0]
 
     @property
@@ -75,26 +75,26 @@ class Analytic(Value, ABC):
         return float(np.linalg.norm(self.box[1] - self.box[0]))
 
     def value(self, points: ArrayLike) -> Float[np.ndarray, "*batch"]:
-        """The equation's left side at points (*batch, 3) [m]: negative inside, 0 on the surface."""
+        """Return the equation's left side at points (*batch, 3) [m]: negative inside, 0 on the surface."""
         return self.evaluate(self._own(points))[0]
 
     def gradient(self, points: ArrayLike) -> Float[np.ndarray, "*batch 3"]:
-        """Its derivative at points (*batch, 3) [m], which points outward."""
+        """Return the gradient of the equation at points (*batch, 3) [m], which points outward."""
         return self.pose.rotate(self.evaluate(self._own(points))[1])
 
     def hessian(self, points: ArrayLike) -> Float[np.ndarray, "*batch 3 3"]:
-        """Its second derivative at points (*batch, 3) [m]."""
+        """Return the Hessian of the equation at points (*batch, 3) [m], (*batch, 3, 3)."""
         rotation = self.pose.rotation
         return rotation @ self.evaluate(self._own(points))[2] @ rotation.T
 
     def transformed(self, pose: Pose) -> Analytic:
-        """The same surface in another frame; pose is T_target_frame."""
+        """Return the same surface in another frame; pose is T_target_frame."""
         return replace(self, pose=pose @ self.pose)
 
     def project(
         self, points: ArrayLike
     ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], Int[np.ndarray, " n"]]:
-        """Closest points [m] to points (n, 3) within its ends, outward unit normals there, and -1: it has no facets.
+        """Return closest points [m] to points (n, 3) within its ends, outward unit normals there, and facet numbers -1.
 
         NaN of a point that is NaN or infinite.
         """
@@ -109,20 +109,20 @@ class Analytic(Value, ABC):
         return closest, self.pose.rotate(out[:, 3:]), np.full(len(points), -1)
 
     def mesh(self, facets: int = 5000) -> Mesh:
-        """Triangles with their corners on it, about as many as asked for: to draw, and for what needs a mesh."""
+        """Return about `facets` triangles with their corners on the surface, to draw it, and where a mesh is needed."""
         points, faces = self.chart(max(3, round((facets / 2) ** 0.5)))
         return Mesh.from_arrays(self.pose.apply(points), faces)
 
     def drawn(self) -> Mesh:
-        """What a viewer shows of it."""
+        """Return the mesh that a viewer shows."""
         return self.mesh()
 
     def plot(self) -> Any:
-        """A drawing that a notebook shows, and that a pointer turns."""
+        """Return a drawing that a notebook shows, and that a pointer turns."""
         return by_name("palpate.viewer.drawing.Drawing").of(self)
 
     def prepared(self) -> CompiledSurface:
-        """For the compiled loops; made, and they compiled, on the first call."""
+        """Return the surface for the compiled loops; made, and the loops compiled, on the first call."""
         return self._prepared
 
     @functools.cached_property
@@ -139,7 +139,7 @@ class Analytic(Value, ABC):
         return CompiledSurface((self.equation(), table), self.centre, scale)
 
     def _own(self, points: ArrayLike) -> Float[np.ndarray, "*batch 3"]:
-        """Points (*batch, 3) of the frame along the surface's own axes."""
+        """Return points (*batch, 3) of the frame along the surface's own axes."""
         return self._inverse.apply(shaped(points, (..., 3), "points"))
 
     @functools.cached_property

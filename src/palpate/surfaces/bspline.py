@@ -1,4 +1,4 @@
-"""A smooth surface by control points: a tensor-product B-spline, open or periodic in its second parameter."""
+"""A smooth surface of control points: a tensor-product B-spline, open or periodic in its second parameter."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ _MOST = 5  # the highest degree: `_bspline.MOST` holds its basis functions
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class BSplineSurface(Value):
-    """r(u, v) = sum_ij N_i(u) M_j(v) P_ij [m], with r_u x r_v pointing out of the body.
+    """A B-spline surface r(u, v) = sum_ij N_i(u) M_j(v) P_ij [m], with r_u x r_v pointing out of the body.
 
     Attributes:
         knots_u: of N, n + degree + 1 of them; not falling.
-        knots_v: of M.
+        knots_v: of M, m + degree + 1 of them; not falling.
         control: (n, m, 3) points P_ij [m]; where v is periodic the last `degree` columns repeat the first.
         degree: in u and in v.
-        periodic: v runs round and back into itself.
+        periodic: v closes on itself.
 
     Raises:
-        GeometryError: the numbers do not belong together.
+        GeometryError: knots, control points and degrees do not belong together, or are not finite.
     """
 
     knots_u: Float[np.ndarray, " a"]
@@ -55,18 +55,18 @@ class BSplineSurface(Value):
 
     @property
     def domain(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """From where to where u runs, and v."""
+        """First and last parameter of u, and of v."""
         (p, q), (n, m) = self.degree, self.control.shape[:2]
         return (float(self.knots_u[p]), float(self.knots_u[n])), (float(self.knots_v[q]), float(self.knots_v[m]))
 
     @property
     def points(self) -> int:
-        """How many control points there are, the repeated ones not counted."""
+        """Number of control points, without the repeated ones."""
         n, m = self.control.shape[:2]
         return n * (m - self.degree[1] * self.periodic)
 
     def derivatives(self, uv: ArrayLike) -> Float[np.ndarray, "*batch 6 3"]:
-        """Position, r_u, r_v, r_uu, r_uv and r_vv at parameters (*batch, 2); beyond an open end it goes on straight."""
+        """Return position, r_u, r_v, r_uu, r_uv and r_vv at parameters (*batch, 2); straight beyond an open end."""
         from palpate.surfaces import _bspline  # compiled: loaded when first needed
 
         uv = shaped(uv, (..., 2), "uv")
@@ -77,9 +77,9 @@ class BSplineSurface(Value):
     def geodesics(
         self, begin: ArrayLike, step: float, steps: int
     ) -> tuple[Float[np.ndarray, "s m 6"], Float[np.ndarray, "s m 6"]]:
-        """States (u, v, u', v', J, J') along geodesics from `begin` (m, 6) in equal steps [m], and their derivatives.
+        """Return states (u, v, u', v', J, J') along geodesics from `begin` (m, 6) in equal steps [m], and derivatives.
 
-        J is how far neighbours that leave side by side have come apart: J'' = -K J, K the Gaussian curvature.
+        J is the distance between neighbours that start side by side: J'' = -K J, K the Gaussian curvature.
         """
         from palpate.surfaces import _bspline  # compiled: loaded when first needed
 
@@ -91,11 +91,11 @@ class BSplineSurface(Value):
 
     @property
     def _numbers(self) -> tuple[np.ndarray, np.ndarray, int, int, bool, np.ndarray]:
-        """As the compiled loops take them."""
+        """Knots, degrees, periodicity and control points, as the compiled loops take them."""
         return self.knots_u, self.knots_v, *self.degree, self.periodic, self.control
 
     def at(self, uv: ArrayLike) -> tuple[Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3"]]:
-        """Points [m] and outward unit normals at parameters (*batch, 2), n = r_u x r_v / |r_u x r_v|.
+        """Return points [m] and outward unit normals at parameters (*batch, 2), n = r_u x r_v / |r_u x r_v|.
 
         [skin] (5) prints r_u x r_u, which is zero.
         """
@@ -104,7 +104,7 @@ class BSplineSurface(Value):
         return found[..., 0, :], normals / np.linalg.norm(normals, axis=-1, keepdims=True)
 
     def nearest(self, points: ArrayLike, start: ArrayLike, steps: int = 6) -> Float[np.ndarray, "n 2"]:
-        """Parameters of the points nearest to points (n, 3) [m], by Gauss-Newton from parameters (n, 2) close by."""
+        """Return parameters (n, 2) of the closest points to points (n, 3) [m], by Gauss-Newton from `start` (n, 2)."""
         points = shaped(points, (None, 3), "points")
         uv = shaped(start, (len(points), 2), "start").copy()
         for _ in range(steps):
@@ -114,7 +114,7 @@ class BSplineSurface(Value):
         return uv
 
     def mesh(self, rows: int, columns: int) -> Mesh:
-        """Triangles whose corners lie on the surface: what trees, viewers and file formats take."""
+        """Return 2 rows x columns triangles with their corners on the surface, for trees, viewers and file formats."""
         (low_u, high_u), (low_v, high_v) = self.domain
         u, v = np.linspace(low_u, high_u, rows + 1), np.linspace(low_v, high_v, columns + 1)
         points, _ = self.at(np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1))
@@ -128,7 +128,7 @@ class BSplineSurface(Value):
 def solve_tangent(
     tangents: Float[np.ndarray, "*batch 2 3"], vectors: Float[np.ndarray, "*batch 3"]
 ) -> Float[np.ndarray, "*batch 2"]:
-    """Steps in u and v whose r_u du + r_v dv is nearest to each vector."""
+    """Return steps in u and v, (*batch, 2), for which r_u du + r_v dv is nearest to each vector."""
     u, v = tangents[..., 0, :], tangents[..., 1, :]
     e, f, g = (np.einsum("...i,...i->...", *pair) for pair in ((u, u), (u, v), (v, v)))
     a, b = (np.einsum("...i,...i->...", side, vectors) for side in (u, v))
@@ -136,7 +136,7 @@ def solve_tangent(
 
 
 def _breaks(breaks: ArrayLike, degree: int) -> Float[np.ndarray, " k"]:
-    """The ends of spans, of which there is one at least, for a degree that there is."""
+    """Return the checked ends of spans; raise an InputError where there is no span, or the degree is not possible."""
     found = shaped(breaks, (None,), "breaks")
     if not (len(found) > 1 and np.isfinite(found).all() and (np.diff(found) > 0).all()):
         raise InputError("breaks must be finite and increase, two at least.")
@@ -147,14 +147,14 @@ def _breaks(breaks: ArrayLike, degree: int) -> Float[np.ndarray, " k"]:
 
 @takes_arrays
 def open_knots(breaks: ArrayLike, degree: int = 3) -> Float[np.ndarray, " k"]:
-    """Knots that begin and end at the first and the last of `breaks`, each `degree` + 1 times."""
+    """Return knots that begin and end at the first and the last of `breaks`, each `degree` + 1 times."""
     breaks = _breaks(breaks, degree)
     return np.concatenate([np.full(degree, breaks[0]), breaks, np.full(degree, breaks[-1])])
 
 
 @takes_arrays
 def periodic_knots(breaks: ArrayLike, degree: int = 3) -> Float[np.ndarray, " k"]:
-    """Knots of a closed curve; the last of `breaks` is the first again, a period later."""
+    """Return knots of a closed curve; the last of `breaks` is the first again, a period later."""
     breaks = _breaks(breaks, degree)
     period = breaks[-1] - breaks[0]
     around = np.concatenate([breaks[:-1] - period, breaks[:-1], breaks[:-1] + period])
@@ -166,7 +166,7 @@ def periodic_knots(breaks: ArrayLike, degree: int = 3) -> Float[np.ndarray, " k"
 
 @takes_arrays
 def greville(knots: Float[np.ndarray, " k"], degree: int) -> Float[np.ndarray, " n"]:
-    """Where control points have most of their say: means x_i of `degree` knots, so that x = sum N_i(x) x_i."""
+    """Return the parameters x_i that belong to control points, means of `degree` knots: x = sum N_i(x) x_i."""
     if not 1 <= degree <= min(_MOST, len(knots) - 2):
         raise InputError(f"degree must be one of 1 to {_MOST} and suit {len(knots)} knots, not {degree}.")
     inner = np.lib.stride_tricks.sliding_window_view(knots[1:-1], degree)
@@ -177,7 +177,7 @@ def greville(knots: Float[np.ndarray, " k"], degree: int) -> Float[np.ndarray, "
 def basis_matrices(
     knots: Float[np.ndarray, " k"], degree: int, places: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, "n a"], Float[np.ndarray, "n a"]]:
-    """Values and slopes of all basis functions at some places."""
+    """Return values and slopes of all basis functions at some parameters, (n, a) each."""
     from scipy.interpolate import BSpline  # here: scipy is slow to import
 
     if not 0 <= degree < len(knots) - 1 or not (np.diff(knots) >= 0.0).all() or not knots[degree] < knots[-degree - 1]:

@@ -1,4 +1,4 @@
-"""Walks along a surface: straight ahead on it, whatever its shape, so that a flat module keeps its lengths on it."""
+"""Walk straight along a surface of any shape, so that a flat module keeps its lengths on it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Vectors = Float[np.ndarray, "n 3"]
 
 @takes_arrays
 def walk(surface: Surface, starts: Vectors, ways: Vectors, *, steps: int = STEPS) -> tuple[Vectors, Vectors, Vectors]:
-    """Where walks along geodesics end.
+    """Return the ends of walks along geodesics.
 
     Args:
         surface: any.
@@ -48,14 +48,14 @@ def walk(surface: Surface, starts: Vectors, ways: Vectors, *, steps: int = STEPS
 
 
 def _along(vectors: Vectors, normals: Vectors) -> Vectors:
-    """Unit vectors in the tangent planes."""
+    """Return unit vectors in the tangent planes."""
     flat = vectors - np.einsum("nc,nc->n", vectors, normals)[:, None] * normals
     with np.errstate(invalid="ignore", divide="ignore"):
         return flat / np.linalg.norm(flat, axis=1, keepdims=True)
 
 
 def _turned(vectors: Vectors, before: Vectors, after: Vectors) -> Vectors:
-    """Vectors turned by the least rotation from one normal to the next, as they are carried along a geodesic."""
+    """Return vectors turned by the least rotation from one normal to the next, as along a geodesic."""
     axis = np.cross(before, after)
     cosine = np.einsum("nc,nc->n", before, after)[:, None]
     share = np.einsum("nc,nc->n", axis, vectors)[:, None] / (1.0 + np.maximum(cosine, -0.999))

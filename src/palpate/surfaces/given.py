@@ -1,4 +1,4 @@
-"""A body as a caller has it: a surface, a mesh of trimesh, or the path of a mesh file."""
+"""A body in a caller's form: a surface, a mesh of trimesh, or the path of a mesh file."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ __all__ = ["SurfaceLike", "Trimesh", "as_surface"]
 
 @runtime_checkable
 class Trimesh(Protocol):
-    """What `trimesh.Trimesh` and `trimesh.Scene` have in common, and no surface of Palpate has."""
+    """The attributes that `trimesh.Trimesh` and `trimesh.Scene` have in common, and no surface of Palpate has."""
 
     units: Any
 
     def export(self, *args: Any, **kwargs: Any) -> Any:
-        """Write it to a file."""
+        """Write the mesh to a file."""
         ...
 
 
@@ -34,7 +34,7 @@ def as_surface(given: SurfaceLike, unit: str | None = None) -> Surface:
         unit: of the numbers in the file, or of trimesh's where it states none: m, cm, mm, um or in.
 
     Raises:
-        InputError: no unit, a unit of what is in metres already, or nothing that is a surface.
+        InputError: no unit, a unit for a surface that is in metres already, or no surface.
         GeometryError: nothing usable in it.
     """
     if unit is None and hasattr(given, "prepared"):  # first, and by its name alone: `locate` asks at each call

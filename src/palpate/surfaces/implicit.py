@@ -1,4 +1,4 @@
-"""Any smooth surface whose equation a user can write down."""
+"""A smooth surface from a user's equation."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ _LINES = 20  # along each side of the box, three ways and back: to look for a su
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class ImplicitSurface(Analytic):
-    """f(p) = 0 from functions of a point p (3,) [m] along its own axes, in arithmetic that numba compiles.
+    """A surface f(p) = 0 from functions of a point p (3,) [m] along its own axes, in arithmetic that numba compiles.
 
     They need to be smooth where the surface is, and negative inside. Contacts are found from where the wrench axis
     enters the surface; on a body that is not convex, others that a pitch makes elsewhere are not looked for.
 
     Attributes:
-        value: f(p), a number.
-        gradient: (3,), or a tuple of three.
-        hessian: (3, 3).
+        value_at: f(p), a number.
+        gradient_at: its gradient (3,), or a tuple of three.
+        hessian_at: its Hessian (3, 3).
         low, high: corners of the box in which the surface lies, and at which it ends [m].
 
     Raises:
@@ -54,18 +54,18 @@ class ImplicitSurface(Analytic):
 
     @property
     def box(self) -> Float[np.ndarray, "2 3"]:
-        """As given."""
+        """Corners `low` and `high` of the box, (2, 3) [m]."""
         return frozen([self.low, self.high])
 
     @property
     def ends(self) -> Float[np.ndarray, "2 3"]:
-        """The box as given."""
+        """Corners of the box, at which the surface ends, (2, 3) [m]."""
         return self.box
 
     def evaluate(
         self, points: Float[np.ndarray, "*batch 3"]
     ) -> tuple[Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3 3"]]:
-        """The functions themselves, point by point."""
+        """Compute value, gradient and Hessian by the functions themselves, point by point."""
         batch = points.shape[:-1]
         flat = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3)
         value = np.array([self.value_at(p) for p in flat], dtype=np.float64).reshape(batch)
@@ -74,17 +74,22 @@ class ImplicitSurface(Analytic):
         return value, gradient, hessian
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Functions go by value where they have no name to be found by: a lambda, a superquadric's."""
+        """Pickle functions by value, as some have no name to be found by: a lambda, a superquadric's."""
         from numba import cloudpickle
 
         return _unpacked, (cloudpickle.dumps(super().__reduce__()),)
 
     def equation(self) -> Any:
-        """The three functions compiled into one."""
+        """Return the three functions compiled into one."""
         return _compiled(self.value_at, self.gradient_at, self.hessian_at)
 
     def chart(self, count: int) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"]]:
-        """Longitude and latitude about the middle of the box, from where every point must be in sight."""
+        """Return points by longitude and latitude about the middle of the box, and triangles between them.
+
+        Raises:
+            GeometryError: a point of the surface cannot be seen from the middle of the box, or the middle is not
+                inside.
+        """
         directions, faces = Ellipsoid((1.0, 1.0, 1.0)).chart(count)
         middle, reach = self.box.mean(axis=0), 0.5 * self.size
         points = self._entered(middle + reach * directions, -directions)
@@ -96,7 +101,7 @@ class ImplicitSurface(Analytic):
         return points, faces
 
     def samples(self) -> Float[np.ndarray, "n 3"]:
-        """Where a lattice of lines first enters it, from six sides."""
+        """Return the points where a lattice of lines first enters the surface, from six sides, (n, 3) [m]."""
         return self._on_lattice
 
     @functools.cached_property
@@ -122,7 +127,7 @@ class ImplicitSurface(Analytic):
         return points[inside]
 
     def _entered(self, origins: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]) -> np.ndarray:
-        """Where lines first enter the surface [m]."""
+        """Return the points where lines first enter the surface, (n, 3) [m]; NaN where they do not."""
         from palpate.surfaces import _equation
 
         middle, scale = self.box.mean(axis=0), 0.5 * self.size
@@ -133,7 +138,7 @@ class ImplicitSurface(Analytic):
         return out * scale + middle
 
     def _require_derivatives(self) -> None:
-        """Hold gradient and Hessian against central differences at points of the surface."""
+        """Raise a GeometryError where gradient or Hessian differ from central differences at points of the surface."""
         points, step = self._on_lattice[::37], 1e-5 * self.size
         value, gradient, hessian = self.evaluate(points)
         del value
@@ -155,7 +160,7 @@ def _unpacked(packed: bytes) -> ImplicitSurface:
 
 @functools.lru_cache(maxsize=64)
 def _compiled(value: Callable[..., Any], gradient: Callable[..., Any], hessian: Callable[..., Any]) -> Any:
-    """One function (point, out) of three, that compiled loops call whatever is behind it."""
+    """Compile three functions into one of (point, out), in the form that compiled loops call."""
     from palpate.surfaces import _function
 
     try:
@@ -171,7 +176,7 @@ def _compiled(value: Callable[..., Any], gradient: Callable[..., Any], hessian: 
 
 
 def superquadric(axes: tuple[float, float, float], exponents: tuple[float, float], **options: Any) -> ImplicitSurface:
-    """(|x/a|^(2/e2) + |y/b|^(2/e2))^(e2/e1) + |z/c|^(2/e1) = 1 (Barr 1981), for exponents in (0, 1].
+    """Return (|x/a|^(2/e2) + |y/b|^(2/e2))^(e2/e1) + |z/c|^(2/e1) = 1 [Barr 1981], for exponents in (0, 1].
 
     Args:
         axes: half-lengths a, b, c [m].

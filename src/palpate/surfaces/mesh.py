@@ -51,10 +51,11 @@ class Mesh(Value):
     """A mesh in metres; build it with `from_arrays`, `from_trimesh` or `load`.
 
     Attributes:
-        vertices: (v, 3) [m]; faces: (f, 3), counter-clockwise seen from outside.
+        vertices: (v, 3) [m].
+        faces: (f, 3), counter-clockwise seen from outside.
         corner_normals: (f, 3, 3) unit normals at the facets' corners, shared within a crease group.
         crease: [rad]; facets that meet by less are smooth across their edge; 0 is faceted.
-        notes: what was repaired and what to doubt, a sentence each.
+        notes: repairs and warnings, a sentence each.
         touchable: (f,) which facets give contacts; None: those that can be reached from outside (`covered`).
     """
 
@@ -91,20 +92,20 @@ class Mesh(Value):
         region: ArrayLike | None = None,
         covered: bool = False,
     ) -> Mesh:
-        """A mesh from vertices [m] and faces.
+        """Make a mesh from vertices [m] and faces.
 
         Args:
             vertices: (v, 3) [m].
             faces: (f, 3) vertex numbers.
             smooth: False is the same as crease = 0.
             crease: [rad].
-            region: facets to keep: their numbers (k,), or a box ((x0, y0, z0), (x1, y1, z1)) [m] that must hold a
-                facet's middle. The normals come from the whole mesh, so a region's rim is as smooth as it was.
+            region: facets to keep: their numbers (k,), or a box ((x0, y0, z0), (x1, y1, z1)) [m] that must contain a
+                facet's middle. The normals come from the complete mesh, so a region's rim is as smooth as it was.
             covered: facets that cannot be reached from outside give contacts too; so do those of a list.
 
         Raises:
             InputError: vertices of another shape, or a crease that is no angle.
-            GeometryError: nothing usable is left, or the faces are none of these vertices.
+            GeometryError: nothing usable remains, or the faces are none of these vertices.
         """
         if not 0 <= crease <= pi:  # NaN too
             raise InputError(f"crease must lie between 0 and pi [rad], not {crease:g}.", hint="Use math.radians(30).")
@@ -125,7 +126,7 @@ class Mesh(Value):
 
     @classmethod
     def from_trimesh(cls, mesh: Any, unit: str | None = None, **options: Any) -> Mesh:
-        """A mesh from a `trimesh.Trimesh`, or from all bodies of a `trimesh.Scene`.
+        """Make a mesh from a `trimesh.Trimesh`, or from all bodies of a `trimesh.Scene`.
 
         Args:
             mesh: of trimesh.
@@ -144,11 +145,11 @@ class Mesh(Value):
 
     @classmethod
     def load(cls, path: str | PathLike[str], unit: str | None = None, **options: Any) -> Mesh:
-        """Read STL, OBJ, PLY, DAE or whatever else trimesh reads. The one place below `io` that opens a file.
+        """Read a mesh file: STL, OBJ, PLY, DAE or any other format that trimesh reads.
 
         Args:
             path: the file.
-            unit: of the file's numbers: m, cm, mm, um or in. It must be given, because most files do not say it.
+            unit: of the file's numbers: m, cm, mm, um or in. It must be given, because most files do not state it.
             options: `smooth`, `crease`, `region` and `covered` as in `from_arrays`; facets are numbered as in the file.
 
         Raises:
@@ -168,7 +169,7 @@ class Mesh(Value):
         source: str,
         options: dict[str, Any],
     ) -> Mesh:
-        """From what a file holds, in a unit."""
+        """Make a mesh from vertices in a unit, and name the source in errors."""
         scale = _require_unit(unit, source)
         try:
             made = cls.from_arrays(vertices * scale, faces, **options)
@@ -178,17 +179,17 @@ class Mesh(Value):
 
     @functools.cached_property
     def normals(self) -> Float[np.ndarray, "f 3"]:
-        """Facet normals, unit, outward."""
+        """Outward unit normals of the facets, (f, 3)."""
         return frozen(facet_normals(self.vertices, self.faces)[0])
 
     @functools.cached_property
     def areas(self) -> Float[np.ndarray, " f"]:
-        """Facet areas [m^2]."""
+        """Areas of the facets, (f,) [m^2]."""
         return frozen(facet_normals(self.vertices, self.faces)[1])
 
     @functools.cached_property
     def bounds(self) -> Float[np.ndarray, "2 3"]:
-        """Corners of the bounding box of the facets in use [m]."""
+        """Corners of the bounding box of the facets in use, (2, 3) [m]."""
         used = self.vertices[self.faces.reshape(-1)]
         return frozen([used.min(axis=0), used.max(axis=0)])
 
@@ -210,19 +211,19 @@ class Mesh(Value):
 
     @functools.cached_property
     def bodies(self) -> int:
-        """How many bodies: facets that hang together over their edges."""
+        """Number of bodies, each of facets that are connected over their edges."""
         return bodies(self.faces)
 
     @functools.cached_property
     def open_edges(self) -> int:
-        """Edges without a single neighbour; a mesh without any is watertight."""
+        """Number of edges without a single neighbour; a mesh without any is watertight."""
         return int(np.count_nonzero(half_edge_twins(self.faces) < 0))
 
     @functools.cached_property
     def covered(self) -> Bool[np.ndarray, " f"]:
-        """(f,) facets that give no contacts: without `touchable`, those that cannot be reached from outside.
+        """Facets that give no contacts, (f,): without `touchable`, those that cannot be reached from outside.
 
-        They are found when first asked for, by rays and a ball of a fifth of the body's size (`_exposure`).
+        They are found on first use, by rays and a ball of a fifth of the body's size (`_exposure`).
         """
         found = ~(exposed(self.vertices, self.faces) if self.touchable is None else self.touchable)
         found.flags.writeable = False
@@ -230,7 +231,7 @@ class Mesh(Value):
 
     @property
     def coverage(self) -> str:
-        """How many facets are covered, and their share of the area; empty where none is."""
+        """Number of covered facets, and their share of the area, in words; "" where no facet is covered."""
         count = np.count_nonzero(self.covered)
         share = self.areas[self.covered].sum() / self.areas.sum()
         return f"{count:,} of {len(self.faces):,} facets ({share:.0%} of the area)" if count else ""
@@ -250,26 +251,26 @@ class Mesh(Value):
         return build_tree(rows, count)
 
     def tree(self) -> Tree:
-        """The prepared search tree; built (and its loops compiled) on the first call."""
+        """Return the search tree; built (and its loops compiled) on the first call."""
         return self._tree
 
     def prepared(self) -> CompiledSurface:
-        """For the compiled loops: the tree."""
+        """Return the tree for the compiled loops."""
         tree = self._tree
         return CompiledSurface((tree.nodes, tree.corners), tree.centre, tree.scale, bool(tree.nodes[-1, 10, 0] >= 0))
 
     def drawn(self) -> Mesh:
-        """What a viewer shows of it: itself."""
+        """Return the mesh that a viewer shows: itself."""
         return self
 
     def plot(self) -> Any:
-        """A drawing that a notebook shows, and that a pointer turns."""
+        """Return a drawing that a notebook shows, and that a pointer turns."""
         return by_name("palpate.viewer.drawing.Drawing").of(self)
 
     def project(
         self, points: ArrayLike
     ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], Int[np.ndarray, " n"]]:
-        """Closest points [m] to points (n, 3), outward unit normals there (interpolated where smooth) and facets.
+        """Return closest points [m] to points (n, 3), outward unit normals (interpolated where smooth) and facets.
 
         NaN, NaN and -1 of a point that is NaN or infinite.
         """
@@ -286,26 +287,26 @@ class Mesh(Value):
         return both[:, :3] * tree.scale + tree.centre, normals, facets.astype(np.int64)
 
     def transformed(self, pose: Pose) -> Mesh:
-        """The same mesh in another frame; pose is T_target_mesh."""
+        """Return the same mesh in another frame; pose is T_target_mesh."""
         vertices, normals = pose.apply(self.vertices), pose.rotate(self.corner_normals)
         return replace(self, vertices=vertices, corner_normals=normals, touchable=~self.covered)
 
 
 def _announced(facets: int) -> AbstractContextManager[None]:
-    """A large mesh is worth a word while it is prepared; a small one is done before."""
+    """Return a context that announces the preparation of a large mesh; a small one takes too little time."""
     return waiting(f"preparing a mesh of {facets:,} facets") if facets >= _LARGE else nullcontext()
 
 
 def _in_region(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], region: ArrayLike) -> np.ndarray:
-    """Which facets a box or a list of facets keeps."""
+    """Return which facets a box or a list of facets keeps, (f,)."""
     array = np.asarray(region)
     if array.shape == (2, 3):
         middle = vertices[faces].mean(axis=1)
         low, high = np.minimum(*array), np.maximum(*array)
         kept = np.all((middle >= low) & (middle <= high), axis=1)
     elif array.ndim == 1 and np.issubdtype(array.dtype, np.integer):
-        if array.size and (array.min() < 0 or array.max() >= len(faces)):
-            raise GeometryError(f"region names facet {array.max()}; there are {len(faces)}, counted from 0")
+        if len(beyond := array[(array < 0) | (array >= len(faces))]):
+            raise GeometryError(f"region names facet {beyond[0]}; there are {len(faces)}, counted from 0")
         kept = np.zeros(len(faces), dtype=bool)
         kept[array] = True
     else:
@@ -316,7 +317,7 @@ def _in_region(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
 
 
 def _require_unit(unit: str | None, source: str) -> float:
-    """Its length [m]."""
+    """Return the length of a unit [m]; raise an InputError where it is missing or unknown."""
     if unit in UNITS:
         return UNITS[unit]
     what = "the unit of the mesh's numbers is not given (unit=...)." if unit is None else f"unknown unit {unit!r}."
@@ -324,12 +325,12 @@ def _require_unit(unit: str | None, source: str) -> float:
 
 
 def plausible_size(size: float) -> bool:
-    """Of something that is touched [m]: from a fingertip to a robot."""
+    """Return whether a size [m] is that of a touched body: from a fingertip to a robot."""
     return 2e-3 <= size <= 5.0
 
 
 def _doubts(mesh: Mesh, unit: str) -> tuple[str, ...]:
-    """A size that no probe, finger or link has is most often a wrong unit."""
+    """Return a warning about a size that no probe, finger or link has, most often by a wrong unit."""
     if plausible_size(mesh.size):
         return ()
     likely = [name for name, scale in UNITS.items() if plausible_size(mesh.size / UNITS[unit] * scale)]

@@ -17,12 +17,15 @@ __all__ = ["plane"]
 @called_as("palpate.plane([0, 0, 0], [0, 0, 1])")
 @takes_arrays
 def plane(point: ArrayLike, normal: ArrayLike, half_width: float = 1.0) -> Mesh:
-    """A square of two facets through `point` [m], pressed on its `normal` side.
+    """Make a square of two facets through `point` [m], pressed on its `normal` side.
 
     Args:
         point: (3,) its middle [m].
         normal: (3,) outward, of any length but zero.
         half_width: [m]; beyond it a wrench is OFF_SURFACE.
+
+    Raises:
+        GeometryError: the normal is zero.
     """
     middle, out = shaped(point, (3,), "point"), shaped(normal, (3,), "normal")
     length = np.linalg.norm(out)

@@ -1,4 +1,4 @@
-"""A surface as compiled loops read it."""
+"""A surface in the form that compiled loops read."""
 
 from __future__ import annotations
 
@@ -16,9 +16,13 @@ __all__ = ["CompiledSurface"]
 @takes_arrays
 @dataclass(frozen=True)
 class CompiledSurface:
-    """A surface as compiled loops read it: two arguments (`_kernels`), in unit size (p - centre)/scale, in metres.
+    """A surface in the form that compiled loops read.
 
-    `edged`: has it sharp edges?
+    Attributes:
+        arguments: two arguments of every kernel (`_kernels`), in unit size (p - centre)/scale.
+        centre: (3,) [m].
+        scale: [m].
+        edged: True if it has sharp edges.
     """
 
     arguments: tuple[Any, Float[np.ndarray, "m k"]]

@@ -20,23 +20,23 @@ __all__ = ["Cylinder", "Ellipsoid", "EllipticCylinder", "Paraboloid", "Quadric",
 @takes_arrays
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Quadric(Analytic):
-    """p'A p + 2 b'p + c = 0 along its own axes."""
+    """A surface p'A p + 2 b'p + c = 0 along its own axes."""
 
     @abstractmethod
     def form(self) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"], float]:
-        """A, b and c."""
+        """Return A (3, 3), b (3,) and c."""
 
     def evaluate(
         self, points: Float[np.ndarray, "*batch 3"]
     ) -> tuple[Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3 3"]]:
-        """Of the form: p'A p + 2 b'p + c, 2 (A p + b), 2 A."""
+        """Compute value p'A p + 2 b'p + c, gradient 2 (A p + b) and Hessian 2 A at points [m]."""
         square, linear, constant = self.form()
         half = points @ square
         value = np.sum(points * (half + 2.0 * linear), axis=-1) + constant
         return np.asarray(value), 2.0 * (half + linear), np.broadcast_to(2.0 * square, (*points.shape, 3))
 
     def equation(self) -> Float[np.ndarray, "10"]:
-        """The form in q, p = scale q + middle of the box, divided by its largest coefficient."""
+        """Return the form in q, p = scale q + middle of the box, divided by its largest coefficient, (10,)."""
         square, linear, constant = self.form()
         middle, scale = self.box.mean(axis=0), 0.5 * self.size
         flat = square[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)]
@@ -46,26 +46,26 @@ class Quadric(Analytic):
 
 
 class _Oval(Quadric):
-    """(x/a)^2 + (y/b)^2 + (z/c)^2 = 1."""
+    """An ellipsoid (x/a)^2 + (y/b)^2 + (z/c)^2 = 1."""
 
     @abstractmethod
     def halves(self) -> tuple[float, float, float]:
-        """Half-lengths a, b, c [m]."""
+        """Return half-lengths a, b, c [m]."""
 
     def __post_init__(self) -> None:
         _require_positive(self, *self.halves())
 
     def form(self) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"], float]:
-        """A = diag(1/a^2, 1/b^2, 1/c^2), c = -1."""
+        """Return A = diag(1/a^2, 1/b^2, 1/c^2), b = 0 and c = -1."""
         return np.diag(np.array(self.halves()) ** -2.0), np.zeros(3), -1.0
 
     @property
     def box(self) -> Float[np.ndarray, "2 3"]:
-        """Twice its half-lengths."""
+        """Corners at minus and plus the half-lengths, (2, 3) [m]."""
         return frozen(np.multiply.outer([-1.0, 1.0], self.halves()))
 
     def chart(self, count: int) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"]]:
-        """Longitude and latitude."""
+        """Return points by longitude and latitude, and triangles between them."""
         turn, height = np.meshgrid(_around(2 * count), np.linspace(-np.pi / 2, np.pi / 2, count + 1), indexing="ij")
         unit = np.stack([np.cos(height) * np.cos(turn), np.cos(height) * np.sin(turn), np.sin(height)], axis=-1)
         return (unit * self.halves()).reshape(-1, 3), _grid(2 * count, count + 1, closed=True)
@@ -74,7 +74,7 @@ class _Oval(Quadric):
 @called_as("palpate.surfaces.Ellipsoid((0.02, 0.015, 0.03))")
 @dataclass(frozen=True, eq=False)
 class Ellipsoid(_Oval):
-    """(x/a)^2 + (y/b)^2 + (z/c)^2 = 1.
+    """An ellipsoid (x/a)^2 + (y/b)^2 + (z/c)^2 = 1.
 
     Attributes:
         axes: half-lengths a, b, c [m].
@@ -83,14 +83,14 @@ class Ellipsoid(_Oval):
     axes: tuple[float, float, float]
 
     def halves(self) -> tuple[float, float, float]:
-        """As given."""
+        """Return the half-lengths as given [m]."""
         return self.axes
 
 
 @called_as("palpate.surfaces.Sphere(0.01)")
 @dataclass(frozen=True, eq=False)
 class Sphere(_Oval):
-    """|p| = radius.
+    """A sphere |p| = radius.
 
     Attributes:
         radius: [m].
@@ -99,42 +99,42 @@ class Sphere(_Oval):
     radius: float
 
     def halves(self) -> tuple[float, float, float]:
-        """The radius, three times."""
+        """Return the radius three times [m]."""
         return self.radius, self.radius, self.radius
 
 
 class _Tube(Quadric):
-    """(x/a)^2 + (z/b)^2 = 1 with |y| <= half_length and without lids: the `load cells` paper's (9) to (12)."""
+    """A tube (x/a)^2 + (z/b)^2 = 1 with |y| <= half_length and without lids: the `load cells` paper's (9) to (12)."""
 
     half_length: float
     upper: bool
 
     @abstractmethod
     def halves(self) -> tuple[float, float]:
-        """Half-axes a along x and b along z [m]."""
+        """Return half-axes a along x and b along z [m]."""
 
     def __post_init__(self) -> None:
         _require_positive(self, *self.halves(), self.half_length)
 
     def form(self) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"], float]:
-        """A = diag(1/a^2, 0, 1/b^2), c = -1."""
+        """Return A = diag(1/a^2, 0, 1/b^2), b = 0 and c = -1."""
         a, b = self.halves()
         return np.diag([a**-2.0, 0.0, b**-2.0]), np.zeros(3), -1.0
 
     @property
     def box(self) -> Float[np.ndarray, "2 3"]:
-        """As long as it is, and as wide."""
+        """Corners of the box, as long and as wide as the tube, (2, 3) [m]."""
         a, b = self.halves()
         return frozen([[-a, -self.half_length, 0.0 if self.upper else -b], [a, self.half_length, b]])
 
     @property
     def ends(self) -> Float[np.ndarray, "2 3"]:
-        """Along y, and its middle plane where there is only the upper half."""
+        """Ends along y, and the middle plane z = 0 where there is only the upper half, (2, 3) [m]."""
         least = 0.0 if self.upper else -np.inf
         return frozen([[-np.inf, -self.half_length, least], [np.inf, self.half_length, np.inf]])
 
     def chart(self, count: int) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"]]:
-        """Angle and length."""
+        """Return points by angle and length, and triangles between them."""
         a, b = self.halves()
         turn = np.linspace(np.pi, 0.0, count + 1) if self.upper else _around(2 * count)[::-1]
         angle, along = np.meshgrid(turn, np.linspace(-self.half_length, self.half_length, count + 1), indexing="ij")
@@ -145,7 +145,7 @@ class _Tube(Quadric):
 @called_as("palpate.surfaces.EllipticCylinder(a=0.02, b=0.01, half_length=0.03)")
 @dataclass(frozen=True, eq=False)
 class EllipticCylinder(_Tube):
-    """(x/a)^2 + (z/b)^2 = 1 with |y| <= half_length and without lids: the `load cells` paper's (9) to (12).
+    """A tube (x/a)^2 + (z/b)^2 = 1 with |y| <= half_length and without lids: the `load cells` paper's (9) to (12).
 
     Attributes:
         a: half-axis along x [m].
@@ -160,14 +160,14 @@ class EllipticCylinder(_Tube):
     upper: bool = False
 
     def halves(self) -> tuple[float, float]:
-        """As given."""
+        """Return the half-axes as given [m]."""
         return self.a, self.b
 
 
 @called_as("palpate.surfaces.Cylinder(radius=0.01, half_length=0.03)")
 @dataclass(frozen=True, eq=False)
 class Cylinder(_Tube):
-    """x^2 + z^2 = radius^2 with |y| <= half_length and without lids.
+    """A tube x^2 + z^2 = radius^2 with |y| <= half_length and without lids.
 
     Attributes:
         radius: [m].
@@ -180,14 +180,14 @@ class Cylinder(_Tube):
     upper: bool = False
 
     def halves(self) -> tuple[float, float]:
-        """The radius, twice."""
+        """Return the radius twice [m]."""
         return self.radius, self.radius
 
 
 @called_as("palpate.surfaces.Paraboloid(radii=(0.02, 0.01), height=0.01)")
 @dataclass(frozen=True, eq=False)
 class Paraboloid(Quadric):
-    """z = -(x^2/r_x + y^2/r_y)/2 from its apex at z = 0 down to -height; the body is below.
+    """A paraboloid z = -(x^2/r_x + y^2/r_y)/2 from its apex at z = 0 down to -height; the body is below.
 
     Attributes:
         radii: of curvature at the apex, r_x and r_y [m].
@@ -201,22 +201,22 @@ class Paraboloid(Quadric):
         _require_positive(self, *self.radii, self.height)
 
     def form(self) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"], float]:
-        """A = diag(1/r_x, 1/r_y, 0)/2, b = (0, 0, 1/2)."""
+        """Return A = diag(1/r_x, 1/r_y, 0)/2, b = (0, 0, 1/2) and c = 0."""
         return np.diag([0.5 / self.radii[0], 0.5 / self.radii[1], 0.0]), np.array([0.0, 0.0, 0.5]), 0.0
 
     @property
     def box(self) -> Float[np.ndarray, "2 3"]:
-        """From the rim to the apex."""
+        """Corners of the box from the rim to the apex, (2, 3) [m]."""
         x, y = np.sqrt(2.0 * self.height * np.array(self.radii))
         return frozen([[-x, -y, -self.height], [x, y, 0.0]])
 
     @property
     def ends(self) -> Float[np.ndarray, "2 3"]:
-        """The rim."""
+        """Ends of the surface: the rim at z = -height, (2, 3) [m]."""
         return frozen([[-np.inf, -np.inf, -self.height], [np.inf, np.inf, np.inf]])
 
     def chart(self, count: int) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"]]:
-        """Angle about the apex, and distance from it."""
+        """Return points by angle about the apex and distance from it, and triangles between them."""
         turn, out = np.meshgrid(_around(2 * count), np.linspace(1.0, 0.0, count + 1), indexing="ij")
         x, y = (np.sqrt(2.0 * self.height * radius) * out for radius in self.radii)
         points = np.stack([x * np.cos(turn), y * np.sin(turn), -self.height * out**2], axis=-1)
@@ -224,12 +224,12 @@ class Paraboloid(Quadric):
 
 
 def _around(count: int) -> Float[np.ndarray, " n"]:
-    """Angles once round [rad], the last short of the first."""
+    """Return angles once round [rad], without the last, which is the first again."""
     return np.arange(count) * (2.0 * np.pi / count)
 
 
 def _grid(rows: int, columns: int, *, closed: bool) -> Int[np.ndarray, "f 3"]:
-    """Two triangles a cell of a grid of points, row by row; the last row meets the first where it is closed."""
+    """Return two triangles for each cell of a grid of points, row by row; if closed, the last row meets the first."""
     at = np.arange(rows * columns).reshape(rows, columns)
     after = np.roll(at, -1, axis=0)
     if not closed:

@@ -1,4 +1,4 @@
-"""What a surface is to the rest of the house."""
+"""Protocol of a surface, for the rest of Palpate."""
 
 from __future__ import annotations
 
@@ -30,22 +30,22 @@ class Surface(Protocol):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What to doubt about it, a sentence each."""
+        """Repairs and warnings about the surface, a sentence each."""
         ...
 
     def project(
         self, points: ArrayLike
     ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], Int[np.ndarray, " n"]]:
-        """Closest points to points (n, 3), outward unit normals there, and the facets they lie on (-1: there are none).
+        """Return closest points to points (n, 3), outward unit normals there, and their facets (-1: it has none).
 
         NaN of a point that is NaN.
         """
         ...
 
     def prepared(self) -> CompiledSurface:
-        """For the compiled loops, built once."""
+        """Return the surface for the compiled loops, built once."""
         ...
 
     def drawn(self) -> Mesh:
-        """What a viewer shows of it."""
+        """Return the mesh that a viewer shows."""
         ...

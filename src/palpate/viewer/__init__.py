@@ -1,1 +1,1 @@
-"""Draws values, decides nothing: the report and the page."""
+"""Draw results as reports, interactive pages and films; nothing is estimated here."""

@@ -1,4 +1,4 @@
-"""How figures look, and how they get into a page: letters as letters, colours of the page, no ids that clash."""
+"""Style of the figures and their conversion to SVG: text stays text, colours follow the page, ids do not clash."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _IDS = re.compile(r' id="(?:figure|axes|patch|line2d|matplotlib|text|legend|\w*C
 
 
 def mixed(code: str | tuple[int, int, int], white: float) -> tuple[int, int, int]:
-    """Red, green, blue of a colour ("#rrggbb") with a share of white in it."""
+    """Return red, green and blue of a colour ("#rrggbb" or 0 to 255 each), mixed with a share (0 to 1) of white."""
     one = tuple(int(code[at : at + 2], 16) for at in (1, 3, 5)) if isinstance(code, str) else code
     red, green, blue = (round(part + white * (255 - part)) for part in one)
     return red, green, blue
@@ -36,14 +36,14 @@ DARK = mixed(INK, 0.0)
 
 
 def figure(height: float = 2.6) -> Figure:
-    """An empty figure of the width of all others [inches]; call it, and draw in it, within `styled`."""
+    """Return an empty figure of the common width and this height [inches]; call it, and draw in it, within `styled`."""
     from matplotlib.figure import Figure  # not pyplot: no windows, no global state
 
     return Figure(figsize=(_WIDTH, height), layout="constrained")
 
 
 def inline(drawn: Figure) -> str:
-    """As an SVG element for a page, in the page's colours."""
+    """Return the figure as an SVG element for a page, in the page's colours."""
     page = StringIO()
     with styled():
         if (layout := drawn.get_layout_engine()) is not None:  # once, or all is drawn twice
@@ -59,14 +59,14 @@ def inline(drawn: Figure) -> str:
 
 
 def save(drawn: Figure, path: Path, kind: str) -> None:
-    """As a file of its own, on white; `kind` is svg or png."""
+    """Write the figure to a file on a white background; `kind` is svg or png."""
     with styled():
         drawn.savefig(path, format=kind, dpi=200, metadata={"Date": None} if kind == "svg" else None)
 
 
 @contextmanager
 def styled() -> Generator[None]:
-    """Within it, and within functions that it decorates, figures look as they should.
+    """Apply the style of all figures within the block, or within the functions that it decorates.
 
     Raises:
         InputError: matplotlib is not installed.

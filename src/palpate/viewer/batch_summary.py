@@ -1,4 +1,4 @@
-"""Many logs as a page: a row each, what failed and why, and what they come to together."""
+"""Summarise a batch of logs on one page: a row for each log, failures with their reasons, and totals."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ _ANSWERED = [Status.CONTACT, Status.AMBIGUOUS]
 
 @dataclass(frozen=True)
 class LogResult:
-    """One log of a batch.
+    """The result of one log of a batch.
 
     Attributes:
-        log: as it was given.
+        log: path as the user gave it.
         output: name of its file of contacts; "" where it failed.
-        samples: of the log.
-        contacts: rows with a contact that is believed.
-        touches: that were found.
+        samples: number of samples in the log.
+        contacts: number of rows with status contact or ambiguous.
+        touches: number of touches found.
         peak: [N] the largest force of a touch; NaN without one.
-        statuses: how many rows of each `Status`; () where it failed.
+        statuses: number of rows of each `Status`; () where it failed.
         warnings: sentences on what may be wrong.
         ended: "whole", or "torn" where the log is cut off.
-        believed: something in it can be.
-        failure: why there is no output, as a sentence; "": there is one.
+        believed: False where nothing in it can be believed.
+        failure: why there is no output, as a sentence; "" where there is one.
     """
 
     log: str
@@ -50,10 +50,10 @@ class LogResult:
 
 
 def figures(results: Sequence[LogResult]) -> list[tuple[str, str, float]]:
-    """What many logs come to: name, words and number of each figure.
+    """Return the totals over all logs: name, text and number of each figure.
 
     Args:
-        results: one at least.
+        results: at least one.
     """
     failed, torn = sum(bool(each.failure) for each in results), sum(each.ended == "torn" for each in results)
     samples, touches = sum(each.samples for each in results), sum(each.touches for each in results)
@@ -71,11 +71,11 @@ def figures(results: Sequence[LogResult]) -> list[tuple[str, str, float]]:
 
 
 def compose(results: Sequence[LogResult], settings: tuple[tuple[str, str], ...]) -> Report:
-    """The page.
+    """Return the report about a batch.
 
     Args:
-        results: one at least.
-        settings: that all of them had, as names and values.
+        results: at least one.
+        settings: names and values of the settings that all logs share.
     """
     found = {name: text for name, text, _ in figures(results)}
     failed = [each for each in results if each.failure]
@@ -132,7 +132,7 @@ def _shares(statuses: Sequence[int]) -> str:
 
 
 def _warnings(results: Sequence[LogResult]) -> Section:
-    """Each sentence once, with the logs that have it."""
+    """Return a section that lists each warning once, with the logs that have it."""
     logs = dict[str, list[str]]()
     for each in results:
         for said in each.warnings:

@@ -1,4 +1,4 @@
-"""Where a camera stands so that points are seen, whole and beside what the panel and the legend cover."""
+"""Place a camera so that it sees all points, clear of what the panel and the legend cover."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ SHEET, STRIP = 0.46, 0.1  # shares of the height that are covered: by a phone's 
 def fit(
     points: Float[np.ndarray, "n 3"], direction: Float[np.ndarray, "3"], aspect: float, covered: float | None = None
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
-    """Return the nearest place from which a camera sees all points, and what it looks at.
+    """Return the nearest camera position from which all points are seen, and the point that it looks at, (3,) each.
 
     A point is within an edge of the picture where right * x <= a * depth, which is linear in the camera's place c: of
     the points only the largest right * x + a * forward * x matters, for each of the four edges.
 
     Args:
-        points: to be seen; at least one.
-        direction: unit, from them to the camera; z is up in the picture.
+        points: points that must be seen; at least one.
+        direction: unit vector from the points to the camera; z is up in the picture.
         aspect: width over height of the picture.
         covered: share of the height, from below, that is hidden; None: by the legend, or by the panel of a phone, whose
             legend covers its share from above.

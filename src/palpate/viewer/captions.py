@@ -1,4 +1,4 @@
-"""A moment in words and numbers with their units, as HTML for the page's panel: one layout for all sensors."""
+"""Describe a moment in words and numbers with units, as HTML for the page's panel: one layout for all sensors."""
 
 from __future__ import annotations
 
@@ -60,18 +60,18 @@ _INWARD = (
 
 
 def feature(name: str, among: Collection[str]) -> tuple[str, float, str]:
-    """Return a feature's name in words, by how much it is multiplied to be shown, and its unit; "" for none."""
+    """Return a feature's name in words, the factor that converts its value for display, and its unit ("" for none)."""
     if name == "angle" and "axis_long" in among:  # files call two things so
         name = "axis_angle"
     return _FEATURES.get(name, (name.replace("_", " "), 1.0, ""))
 
 
 def caption(moment: SceneMoment, magnification: int, more: Sequence[tuple[str, str]] = ()) -> str:
-    """A moment as a person reads it, in HTML: number, status, place, and what the sensor adds, each with its unit.
+    """Return a moment as HTML: number, status, place, and the sensor's own features, each with its unit.
 
     Args:
-        moment: of the scene.
-        magnification: of the ellipses.
+        moment: moment of the scene.
+        magnification: factor by which the ellipses are drawn larger.
         more: names and values that the layers add, plain text.
     """
     contacts = moment.contacts
@@ -85,7 +85,7 @@ def caption(moment: SceneMoment, magnification: int, more: Sequence[tuple[str, s
 
 
 def _contact(contact: ShownContact, magnification: int, single: bool) -> Iterator[tuple[str, str]]:
-    """Names and values of one contact; with a headline where there are several, and its features on a line."""
+    """Yield names and values of one contact; among several, with a headline and its features on one line."""
     if not single:
         yield f"<b>contact {contact.identity}</b>", f"<b>{_force(contact)}</b>, {contact.status.words}"
     yield "place [mm]", _place(contact)
@@ -100,7 +100,7 @@ def _contact(contact: ShownContact, magnification: int, single: bool) -> Iterato
 
 
 def is_shown(name: str, features: Collection[str]) -> bool:
-    """Return whether a feature has a row: the deviation of another one has none, nor what the number shows."""
+    """Return whether a feature has its row: not standard deviations of others, nor parts of the force."""
     return name not in _INWARD and not (name.endswith("_sd") and name[:-3] in features)
 
 
@@ -109,7 +109,7 @@ def _size(contact: ShownContact) -> float:
 
 
 def _force(contact: ShownContact) -> str:
-    """How hard, with the deviation where the sensor knows one."""
+    """Return the size of the force as text, with its standard deviation where the sensor knows one."""
     size, deviation = _size(contact), contact.force_deviation
     return f"{uncertain(size, deviation)} N" if np.isfinite(deviation) else _newton(size)
 
@@ -150,7 +150,7 @@ def _ellipse(contact: ShownContact, magnification: int) -> str:
 
 
 def comparison(scene: Scene, moment: SceneMoment) -> list[tuple[str, str]]:
-    """What is compared, at the same time: how hard, where, and how far from the strongest contact."""
+    """Return name and status, force, place and distance of the compared contact at that time; [] without comparison."""
     other = scene.meanwhile(moment.seconds)
     if other is None or scene.other is None:
         return []

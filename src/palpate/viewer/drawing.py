@@ -1,4 +1,4 @@
-"""A body and what lies on it as a piece of HTML that a pointer turns: in notebooks, and in reports."""
+"""Draw a body with marks as a piece of HTML that a pointer turns, for notebooks and reports."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ _STYLE = (
 @takes_arrays
 @dataclass(frozen=True)
 class Mark:
-    """Something at a point of the body.
+    """A mark at a point of the body.
 
     Attributes:
-        point: (3,) [m]; normal: (3,) unit, outward: it is pale where one looks at its back.
-        tooltip: when a pointer rests on it.
-        label: written in it, one to three letters; nothing: a small dot.
-        force: (3,) [N], an arrow that pushes with its tip; None: there is none.
-        rim: (r, 3) [m] a closed line about it; None: there is none.
+        point: (3,) [m]; normal: (3,) unit, outward: the mark is pale where its back is seen.
+        tooltip: text shown when a pointer rests on it.
+        label: text in the mark, one to three letters; "" gives a small dot.
+        force: (3,) [N], drawn as an arrow whose tip is at the point; None: no arrow.
+        rim: (r, 3) [m] closed line around it; None: no line.
     """
 
     point: Float[np.ndarray, "3"]
@@ -57,7 +57,7 @@ class Mark:
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Specks:
-    """Small dots: points [m], outward normals, colours."""
+    """Small dots on a body: points [m], outward unit normals, and colours (red, green, blue)."""
 
     point: Float[np.ndarray, "m 3"]
     normal: Float[np.ndarray, "m 3"]
@@ -72,10 +72,10 @@ class Drawing:
 
     Attributes:
         vertices: (v, 3) [m]; faces: (f, 3); both empty where the body is not known.
-        marks: on it, with a point each.
-        specks: on it; None: there are none.
+        marks: marks on the body.
+        specks: small dots on the body; None: no dots.
         look: (3,) direction from which it is seen first.
-        title: what a screen reader says of it.
+        title: label for screen readers.
     """
 
     vertices: Float[np.ndarray, "v 3"]
@@ -87,14 +87,14 @@ class Drawing:
 
     @classmethod
     def of(cls, surface: SurfaceLike | None, marks: Sequence[Mark] = (), title: str = "contacts") -> Drawing:
-        """Of a surface with marks; without a surface of the marks alone."""
+        """Return a drawing of a surface with marks; without a surface, of the marks alone."""
         if surface is None:
             return cls(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), marks, title=title)
         mesh = as_surface(surface).drawn()
         return cls(mesh.vertices, mesh.faces, marks, title=repr(mesh))
 
     def html(self) -> str:
-        """For a page: elements and one script; without scripts nothing is seen of it. It names no other file."""
+        """Return the elements and the script for a page; they load no other file. Without scripts nothing is seen."""
         return (
             f'<div class="palpate-drawing" hidden><style>{_STYLE}</style>'
             f'<canvas tabindex="0" role="img" aria-label="{escape(self.title)}"></canvas><output hidden></output>'
@@ -102,7 +102,7 @@ class Drawing:
         )
 
     def page(self) -> str:
-        """A whole page, to be written into a file."""
+        """Return a complete HTML page with the drawing."""
         return (
             f'<!DOCTYPE html><html lang="en"><meta charset="utf-8"><body style="margin:0">{self.html()}</body></html>'
         )
@@ -116,7 +116,7 @@ class Drawing:
         by_name("palpate.files.atomic.write_text")(Path(path), self.page())
 
     def _repr_html_(self) -> str:
-        """For notebooks, in a frame of its own: what it needs meets nothing else there."""
+        """Return the drawing for notebooks, in an iframe that isolates its style and script."""
         return (
             f'<iframe srcdoc="{escape(self.page())}" sandbox="allow-scripts" title="{escape(self.title)}" '
             'style="width:100%;max-width:720px;height:424px;border:0"></iframe>'
@@ -127,7 +127,7 @@ class Drawing:
         return f'Drawing({len(self.faces):,} facets{marks}; a notebook shows it, .save("contacts.html") makes a page)'
 
     def _data(self) -> str:
-        """Everything in units of the size about the middle, as JSON in which no element can end."""
+        """Return the data for the script as JSON, centred and scaled to size 1; no "<" in it can end an element."""
         low, high = self._bounds()
         middle, size = (low + high) / 2, float(np.linalg.norm(high - low))
         vertices, faces = simpler(self.vertices, self.faces, FACETS)
@@ -146,7 +146,7 @@ class Drawing:
         return json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
 
     def _bounds(self) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
-        """Corners of what is drawn [m]."""
+        """Return the lower and upper corner of the drawn points [m], (3,) each."""
         points = self.vertices[np.unique(self.faces)]
         if not len(points):
             points = np.array([mark.point for mark in self.marks if np.isfinite(mark.point).all()]).reshape(-1, 3)
@@ -161,9 +161,12 @@ class Drawing:
 def simpler(
     vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], most: int
 ) -> tuple[Float[np.ndarray, "w 3"], Int[np.ndarray, "g 3"]]:
-    """A mesh with at most so many facets: vertices of one cell of a grid become one, the cells as small as that allows.
+    """Return a mesh of at most `most` facets: vertices in one cell of a grid become one, in the finest fitting grid.
 
     Rossignac and Borrel, Multi-resolution 3D approximations for rendering complex scenes, 1993.
+
+    Raises:
+        InputError: faces name vertices that do not exist, a vertex is not finite, or `most` is negative.
     """
     if faces.size and not (faces.min() >= 0 and faces.max() < len(vertices)):
         raise InputError(f"faces must be numbers of the {len(vertices)} vertices, from 0.")
@@ -185,14 +188,14 @@ def simpler(
 
 
 def _closed(faces: Int[np.ndarray, "f 3"]) -> bool:
-    """No edge has one facet alone: nobody sees the inside."""
+    """Return whether no edge belongs to one facet alone, so that the inside cannot be seen."""
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     _, count = np.unique(edges, axis=0, return_counts=True)
     return bool((count > 1).all())
 
 
 def _written(mark: Mark, middle: np.ndarray, size: float, longest: float) -> dict[str, Any]:
-    """As the script reads it."""
+    """Return a mark as the dictionary that the script reads."""
     made: dict[str, Any] = {"point": _short((mark.point - middle) / size), "normal": _short(mark.normal)}
     made |= {"said": mark.tooltip, "label": mark.label}
     if mark.force is not None and np.isfinite(mark.force).all():

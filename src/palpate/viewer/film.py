@@ -1,4 +1,4 @@
-"""Moments of a scene as pictures for a film, drawn without a screen: the same moment, the same pixels."""
+"""Draw moments of a scene as pictures of a film, without a screen: the same moment gives the same pixels."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ _BESIDE = 14.0  # px from an arrow to the nearest edge of its label
 
 
 class ScenePicture:
-    """Draws any moment of a scene; the body is drawn once for each side that is touched in turn.
+    """A drawing of any moment of a scene; the body is drawn once for each side that is touched in turn.
 
     Args:
-        scene: to draw.
+        scene: the scene to draw.
 
     Raises:
         InputError: OpenCV is not installed.
@@ -51,11 +51,11 @@ class ScenePicture:
 
     @property
     def times(self) -> Float[np.ndarray, " n"]:
-        """(n,) [s] since the start, of every picture of a film as fast as what happened."""
+        """Times of the pictures of a film at real speed, (n,) [s] since the start."""
         return np.arange(int(self.scene.timeline.duration * RATE) + 1) / RATE
 
     def draw(self, seconds: float) -> UInt8[np.ndarray, "720 960 3"]:
-        """The picture at a time since the start: blue, green, red."""
+        """Return the picture at a time [s] since the start, (720, 960, 3) in blue, green, red."""
         scene = self.scene
         moment = scene.at(scene.timeline.at(seconds))
         side, body = self._seen(seconds)
@@ -73,7 +73,7 @@ class ScenePicture:
         return picture
 
     def _seen(self, seconds: float) -> tuple[_Side, UInt8[np.ndarray, "h w 3"]]:
-        """The side of the touch that is, or comes next, and the body's picture: it fades over before that begins."""
+        """Return the side of the current or next touch, and the body's picture, fading over before a touch begins."""
         at = max(int(np.searchsorted(self._stops, seconds, side="right")) - 1, 0)
         share = 0.0
         if at + 1 < len(self._stops):
@@ -84,7 +84,7 @@ class ScenePicture:
         return other if share > 0.5 else one, self._cv2.addWeighted(one.picture, 1 - share, other.picture, share, 0)
 
     def _side(self, at: int) -> _Side:
-        """Drawn when first wanted; of those before the last two nothing is kept."""
+        """Return the side with this number, drawn on first use; only the last two sides are kept."""
         if at not in self._bodies:
             camera = self._cameras[at]
             drawn = self._rendered(camera)
@@ -94,7 +94,7 @@ class ScenePicture:
         return self._bodies[at]
 
     def _rendered(self, camera: ViewPoint) -> Rendered:
-        """The body with its heat; what layers show of it as dots where it has no mesh."""
+        """Return the body with its heat; where it has no mesh, the places of the layers as dots."""
         scene, body = self.scene, self.scene.body
         if body is not None:
             heat = scene.heat / max(float(scene.heat.max()), 1e-12)
@@ -118,7 +118,7 @@ class ScenePicture:
             self._ink.lines(picture, ends, mixed(FORCE, 0.7 * (k + 0.5) / _SHADES), 2)
 
     def _draw_contact(self, picture: np.ndarray, contact: ShownContact, side: _Side, ink: tuple[int, int, int]) -> None:
-        """Ellipse and arrow, pale where the body is before them, and the force beside the arrow's tail."""
+        """Draw ellipse and arrow, pale where the body hides them, and the force next to the arrow's tail."""
         if not contact.located:
             return
         scene = self.scene
@@ -138,7 +138,7 @@ class ScenePicture:
         self._ink.middle(picture, words, np.clip(at, half + 4, [SIZE[0], _HIGH] - half - 4), 0.5, ink)
 
     def _draw_ellipse(self, picture: np.ndarray, contact: ShownContact, side: _Side, ink: tuple[int, int, int]) -> None:
-        """Its rim where it is seen, laid on the body."""
+        """Draw the visible part of the ellipse's rim, laid on the body."""
         points = self.scene.ellipse_on_body(contact, self.scene.magnification)
         around = rim(len(points))
         seen = side.camera.seen(self.scene.placed(points[-around:]))
@@ -147,13 +147,13 @@ class ScenePicture:
         self._ink.lines(picture, edges[:, :, :2] / _SOFT, ink, 2)
 
     def _place(self, seconds: np.ndarray | float, force: np.ndarray | float) -> Float[np.ndarray, "*n 2"]:
-        """Pixels below the body, of a time and a force."""
+        """Return the pixel in the strip below the body for a time [s] and a force [N]."""
         wide, high = SIZE[0] - _LEFT - _RIGHT, SIZE[1] - _TOP - _FOOT - 12
         x = _LEFT + wide * np.asarray(seconds) / max(self.scene.timeline.duration, 1e-9)
         return np.stack([x, 12 + high * (1 - np.asarray(force) / self._most)], axis=-1)
 
     def _drawn_curve(self) -> UInt8[np.ndarray, "180 960 3"]:
-        """Force over time, with lines at its least and its greatest."""
+        """Return the strip with the force over time, with lines at 0 N and at the largest force."""
         clock, values = self.scene.curves()
         total = values[:, 0] if self.scene.several else values[:, 1]
         self._most = max(float(np.nanmax(total, initial=0.0)), 1e-9)
@@ -175,7 +175,7 @@ class ScenePicture:
         self._ink.text(picture, whole, (SIZE[0] - _RIGHT - self._ink.width(whole, 0.5), SIZE[1] - 12), 0.5, DARK)
 
     def _caption(self, picture: np.ndarray, moment: SceneMoment) -> None:
-        """Title, and what the strongest contact is."""
+        """Write the title, and status, force and place of the strongest contact."""
         ink, strongest = self._ink, moment.contacts[0]
         ink.text(picture, ink.cut(self.scene.title, 0.6, 520), (24, 34), 0.6, DARK)
         said = strongest.status.words
@@ -190,7 +190,7 @@ class ScenePicture:
 
 @dataclass(frozen=True, eq=False)
 class _Side:
-    """The body from one side: with its depths, and as it goes into the film: blue, green, red."""
+    """The body from one side: the rendering with depths, and the picture for the film in blue, green, red."""
 
     camera: ViewPoint
     body: Rendered
@@ -198,7 +198,7 @@ class _Side:
 
 
 def _sides(scene: Scene) -> tuple[Float[np.ndarray, " k"], list[ViewPoint]]:
-    """When each touch begins [s since the start], and what sees it with its arrow; one side at least."""
+    """Return when each touch begins [s since the start], and the camera that sees it with its arrow; at least one."""
     touches = scene.touches
     known = [k for k in range(len(touches)) if np.isfinite(touches.normal[k]).all()]
     starts = np.array([max(scene.seconds_at(float(touches.start[k])), 0.0) for k in known])

@@ -1,4 +1,4 @@
-"""Who may open a page, and what a browser may tell it: decisions alone, which `viser_door` carries out."""
+"""Decide which requests and browser messages a page accepts; `viser_door` carries the decisions out."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ _CLOSED = "Open the whole address that the command printed, with what follows ?t
 
 
 class Request(NamedTuple):
-    """What was asked of the server.
+    """A request to the server.
 
     Attributes:
-        path: with its query.
-        headers: all values of a header.
+        path: path with its query.
+        headers: returns all values of a header.
         local: address of this machine at which the request arrived.
-        port: of it.
+        port: port at which it arrived.
     """
 
     path: str
@@ -41,7 +41,7 @@ class Request(NamedTuple):
 
     @property
     def tokens(self) -> list[str]:
-        """Those in the query."""
+        """Tokens in the query of the address."""
         try:
             return parse_qs(self.path.partition("?")[2], max_num_fields=16).get("token", [])
         except ValueError:
@@ -49,28 +49,28 @@ class Request(NamedTuple):
 
     @property
     def cookies(self) -> list[str]:
-        """Values of the cookie of this port: pages at two ports of a machine share their cookies."""
+        """Values of this port's cookie: pages at two ports of a machine share their cookies."""
         pairs = (pair.strip().partition("=") for header in self.headers("Cookie") for pair in header.split(";"))
         return [value for name, _, value in pairs if name == _cookie(self.port)]
 
 
 @dataclass(frozen=True)
 class Guard:
-    """Decides by what nobody but the owner's browser can send.
+    """A check that accepts only requests that no browser but the owner's can send.
 
-    A foreign page can let a browser send anything, but neither under another `Origin` than its own, nor, where its name
-    was made to lead here, under another `Host`. Another user of this machine, or of the network, has no token.
+    A foreign page can let a browser send anything, but neither under an `Origin` other than that page's, nor, where its
+    name was made to lead here, under another `Host`. Another user of this machine, or of the network, has no token.
 
     Attributes:
-        host: that the server was told to listen at.
-        token: that the printed address ends with.
+        host: address that the server listens at.
+        token: secret that the printed address ends with.
     """
 
     host: str
     token: str
 
     def refusal(self, request: Request) -> str:
-        """Why a request is not answered, for whoever reads it; "" where it is."""
+        """Return why a request is refused, as a sentence for its sender; "" where it is accepted."""
         host, origin = request.headers("Host"), request.headers("Origin")
         if len(host) != 1 or host[0].lower() not in self._hosts(request):
             return _REFUSED
@@ -79,7 +79,7 @@ class Guard:
         return "" if any(map(self._right, [*request.cookies, *request.tokens])) else _CLOSED
 
     def entering(self, request: Request) -> str:
-        """The cookie for a request that has the token in its address; "" where it has none."""
+        """Return the cookie for a request that has the token in its address; "" for other requests."""
         if not any(map(self._right, request.tokens)):
             return ""
         return f"{_cookie(request.port)}={self.token}; Path=/; HttpOnly; SameSite=Strict"
@@ -88,13 +88,13 @@ class Guard:
         return compare_digest(token.encode(errors="replace"), self.token.encode())
 
     def _hosts(self, request: Request) -> set[str]:
-        """This machine's names that lead here; no name that somebody else could let lead here."""
+        """Return the names of this machine that lead here, none that a stranger could make lead here."""
         names = {"localhost", "127.0.0.1", "[::1]", in_url(self.host.lower()), in_url(request.local)}
         return {f"{name}:{request.port}" for name in names} | (names if request.port == 80 else set[str]())
 
 
 def in_url(host: str) -> str:
-    """A name or address as it stands in an address of a page."""
+    """Return a host name or an address in the form that it has in a URL."""
     try:
         address = ip_address(host.partition("%")[0])
     except ValueError:
@@ -109,7 +109,7 @@ def _cookie(port: int) -> str:
 
 
 class WidgetKind(Enum):
-    """What a person can do with a widget."""
+    """The actions that widgets of the page offer to a person."""
 
     PRESS = "press"
     CHOOSE = "choose"
@@ -119,13 +119,13 @@ class WidgetKind(Enum):
 
 
 class Widget(NamedTuple):
-    """What may become of a widget.
+    """The actions that a widget allows.
 
     Attributes:
-        kind: of it.
-        usable: it is seen, and not disabled.
-        options: to choose from.
-        low, high: of a number.
+        kind: action that it offers.
+        usable: it is visible, and not disabled.
+        options: allowed choices.
+        low, high: bounds of a number.
     """
 
     kind: WidgetKind
@@ -136,7 +136,7 @@ class Widget(NamedTuple):
 
 
 class Verdict(Enum):
-    """What becomes of a message: it is taken, has no effect, or ends its connection."""
+    """The decision on a message: it is taken, has no effect, or ends its connection."""
 
     TAKE = "take"
     IGNORE = "ignore"
@@ -178,14 +178,14 @@ _DECODER = Decoder(_Camera | _Update | _Picture)
 
 
 def judged(raw: object, widget: Callable[[str], Widget | None]) -> Verdict:
-    """What becomes of a message.
+    """Return the decision on a message from a browser.
 
     A browser may send a number that is out of bounds while it is typed, press a button that was disabled a moment ago,
     and have no height while its window is folded: these have no effect. All else that is not allowed is hostile.
 
     Args:
-        raw: as it came.
-        widget: finds a widget by its name.
+        raw: message as received.
+        widget: finds a widget by its name; None where there is none.
     """
     if not isinstance(raw, bytes):
         return Verdict.CLOSE
@@ -228,7 +228,7 @@ def _update(widget: Widget, value: bool | int | float | str) -> Verdict:
 
 
 def _picture(payload: bytes) -> Verdict:
-    """A picture may be large, but not what it says it is; empty is a browser that could make none."""
+    """Judge a picture: it may be large, but its stated size is bounded; empty means that the browser made none."""
     sides = [int.from_bytes(payload[at : at + 4]) for at in (len(_PNG), len(_PNG) + 4)]
     colours = payload[24:26] in (b"\x08\x02", b"\x08\x06")  # RGB or RGBA, eight bits each
     fit = payload.startswith(_PNG) and colours and 0 < sides[0] * sides[1] <= PIXELS

@@ -1,4 +1,4 @@
-"""Where a body was touched for how long, on a mesh fine enough to show it."""
+"""Compute for how long each part of a body was touched, on a mesh that is fine enough to show it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ PALETTE = np.array(
 @takes_arrays
 @dataclass(frozen=True)
 class FineMesh:
-    """A mesh to draw: one normal a vertex, vertices doubled along creases.
+    """A mesh to draw: one normal per vertex, vertices doubled along creases.
 
     Attributes:
         vertices: (v, 3) [m]; normals: (v, 3) unit; faces: (f, 3).
@@ -35,7 +35,7 @@ class FineMesh:
 
 @takes_arrays
 def refined(mesh: Mesh, points: Float[np.ndarray, "n 3"], width: float) -> FineMesh:
-    """The mesh with facets near these points cut until their edges are no longer than a width [m]."""
+    """Return the mesh with facets near the points [m] cut until their edges are at most `width` [m] long."""
     from scipy.spatial import KDTree
 
     corners = np.concatenate([mesh.vertices[mesh.faces], mesh.corner_normals], axis=2)  # (f, 3, 6)
@@ -60,7 +60,10 @@ def density(
     seconds: Float[np.ndarray, " n"],
     width: float,
 ) -> Float[np.ndarray, " v"]:
-    """Time of touch per area at each vertex [s/m^2]: Gaussians of this width [m], on the side that was touched."""
+    """Return the time of touch per area at each vertex, (v,) [s/m^2].
+
+    Each contact is a Gaussian of this width [m], on the side that was touched.
+    """
     from scipy.spatial import KDTree
 
     if not len(points):
@@ -74,19 +77,19 @@ def density(
 
 @takes_arrays
 def colours(share: Float[np.ndarray, " v"]) -> UInt8[np.ndarray, "v 3"]:
-    """From the colour of the bare body (0) to the darkest (1), in sRGB."""
+    """Return sRGB colours for shares from 0 (the bare body) to 1 (the darkest)."""
     stops = np.linspace(0.0, 1.0, len(PALETTE))
     return np.column_stack([np.interp(share, stops, PALETTE[:, k]) for k in range(3)]).round().astype(np.uint8)
 
 
 @takes_arrays
 def linear(colour: UInt8[np.ndarray, "v 3"]) -> UInt8[np.ndarray, "v 3"]:
-    """From sRGB to linear, as vertex colours of a glTF and colours of instances are."""
+    """Convert colours from sRGB to linear, as vertex colours of a glTF and colours of instances need."""
     return (255 * (colour / 255.0) ** 2.2).round().astype(np.uint8)
 
 
 def _quartered(corners: Float[np.ndarray, "f 3 6"]) -> Float[np.ndarray, "g 3 6"]:
-    """Each facet cut at the middles of its edges."""
+    """Cut each facet at the middles of its edges into four."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
     return np.concatenate([np.stack(three, axis=1) for three in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
@@ -95,7 +98,7 @@ def _quartered(corners: Float[np.ndarray, "f 3 6"]) -> Float[np.ndarray, "g 3 6"
 def _gathered(
     points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"], seconds: Float[np.ndarray, " n"], cell: float
 ) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, "m 3"], Float[np.ndarray, " m"]]:
-    """Points of one cell [m] and side become one, in their middle: a million contacts lie in some thousand cells."""
+    """Merge the points of one cell [m] and side into their mean: a million contacts lie in some thousand cells."""
     keys = np.concatenate([np.floor((points - points.min(axis=0)) / cell), normals > 0], axis=1).astype(np.int64)
     sizes = keys.max(axis=0) + 1
     code = np.ravel_multi_index(keys.T, sizes)

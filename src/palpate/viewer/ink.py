@@ -1,4 +1,4 @@
-"""Strokes and text of pictures that are drawn without a screen, by OpenCV."""
+"""Draw strokes and text into pictures with OpenCV, without a screen."""
 
 from __future__ import annotations
 
@@ -16,42 +16,42 @@ _SHIFT = 4  # bits of a fraction of a pixel
 
 @takes_arrays
 class Ink:
-    """OpenCV's strokes with colours in red, green, blue, places in fractions of a pixel, and text that fits."""
+    """OpenCV's strokes and text with colours in red, green, blue and places in fractions of a pixel."""
 
     def __init__(self, cv2: Any) -> None:
         self._cv2: Any = cv2
         self._font: int = cv2.FONT_HERSHEY_SIMPLEX
 
     def area(self, picture: np.ndarray, corners: Float[np.ndarray, "k 2"], shade: tuple[int, int, int]) -> None:
-        """A filled polygon [px]."""
+        """Draw a filled polygon with these corners [px]."""
         self._cv2.fillPoly(picture, [_fixed(corners)], shade[::-1], self._cv2.LINE_AA, _SHIFT)
 
     def loop(self, picture: np.ndarray, corners: np.ndarray, shade: tuple[int, int, int], thick: int) -> None:
-        """A closed line."""
+        """Draw a closed line through the corners [px], `thick` pixels wide."""
         self._cv2.polylines(picture, [_fixed(corners)], True, shade[::-1], thick, self._cv2.LINE_AA, _SHIFT)
 
     def line(self, picture: np.ndarray, points: np.ndarray, shade: tuple[int, int, int], thick: int) -> None:
-        """An open line."""
+        """Draw an open line through the points [px], `thick` pixels wide."""
         self._cv2.polylines(picture, [_fixed(points)], False, shade[::-1], thick, self._cv2.LINE_AA, _SHIFT)
 
     def lines(
         self, picture: np.ndarray, ends: Float[np.ndarray, "k 2 2"], shade: tuple[int, int, int], thick: int
     ) -> None:
-        """Many straight ones."""
+        """Draw k straight lines between pairs of ends [px], `thick` pixels wide."""
         self._cv2.polylines(picture, list(_fixed(ends)), False, shade[::-1], thick, self._cv2.LINE_AA, _SHIFT)
 
     def disc(self, picture: np.ndarray, at: np.ndarray, radius: float, shade: tuple[int, int, int]) -> None:
-        """A filled circle."""
+        """Draw a filled circle around a place [px]."""
         self.ring(picture, at, radius, shade, -1)
 
     def ring(self, picture: np.ndarray, at: np.ndarray, radius: float, shade: tuple[int, int, int], thick: int) -> None:
-        """A circle with a line so thick."""
+        """Draw a circle around a place [px] with a line `thick` pixels wide; -1 fills it."""
         x, y = _fixed(at).tolist()
         size = round(radius * (1 << _SHIFT))
         self._cv2.circle(picture, (x, y), size, shade[::-1], thick, self._cv2.LINE_AA, _SHIFT)
 
     def arrow(self, picture: np.ndarray, ends: Float[np.ndarray, "2 2"], shade: tuple[int, int, int]) -> None:
-        """From the first to the second, its head no longer than itself."""
+        """Draw an arrow from the first end to the second [px], its head no longer than itself; none below one pixel."""
         way = ends[1] - ends[0]
         length = float(np.linalg.norm(way))
         if length < 1.0:
@@ -71,21 +71,21 @@ class Ink:
         shade: tuple[int, int, int],
         thick: int = 1,
     ) -> None:
-        """From its lower left corner; the font knows ASCII alone."""
+        """Write text from its lower left corner [px]; characters outside ASCII become question marks."""
         known = words.encode("ascii", "replace").decode()
         self._cv2.putText(picture, known, at, self._font, size, shade[::-1], thick, self._cv2.LINE_AA)
 
     def middle(self, picture: np.ndarray, words: str, at: np.ndarray, size: float, shade: tuple[int, int, int]) -> None:
-        """About a place."""
+        """Write text centred at a place [px]."""
         (wide, high), _ = self._cv2.getTextSize(words, self._font, size, 1)
         self.text(picture, words, (round(at[0] - wide / 2), round(at[1] + high / 2)), size, shade)
 
     def width(self, words: str, size: float) -> int:
-        """Of a line of text [px]."""
+        """Return the width of a line of text [px]."""
         return int(self._cv2.getTextSize(words, self._font, size, 1)[0][0])
 
     def cut(self, words: str, size: float, room: int) -> str:
-        """As much of a line as fits."""
+        """Return the line of text, shortened with ".." where it is wider than `room` [px]."""
         if self.width(words, size) <= room:
             return words
         while words and self.width(f"{words}..", size) > room:
@@ -93,7 +93,7 @@ class Ink:
         return f"{words}.."
 
     def wrapped(self, words: str, size: float, room: int, rows: int) -> list[str]:
-        """A sentence in lines that fit, the last one cut."""
+        """Return a sentence in at most `rows` lines that fit into `room` [px], the last one cut."""
         lines = [""]
         for word in words.split():
             longer = f"{lines[-1]} {word}".strip()
@@ -106,10 +106,10 @@ class Ink:
         return [self.cut(line, size, room) for line in lines[:rows]]
 
     def shrunk(self, frame: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-        """An image in another size (width, height)."""
+        """Return an image resized to (width, height) [px]."""
         return self._cv2.resize(frame, size, interpolation=self._cv2.INTER_AREA)
 
 
 def _fixed(points: Float[np.ndarray, "*n 2"]) -> np.ndarray:
-    """As OpenCV takes fractions of a pixel."""
+    """Convert places [px] to OpenCV's fixed-point integers."""
     return np.rint(points * (1 << _SHIFT)).astype(np.int32)

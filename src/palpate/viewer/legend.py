@@ -1,4 +1,4 @@
-"""What is drawn and what its colours stand for, as HTML: a strip below the scene, on a phone above it."""
+"""Describe what is drawn and its colours, as HTML: a strip below the scene, on a phone above it."""
 
 from __future__ import annotations
 
@@ -41,25 +41,25 @@ _LOOK = """<style>@media (max-width: PHONEpx), (min-width: 1000px) { .palpate-le
 
 
 def item(glyph: str, ink: str, words: str) -> str:
-    """A glyph in a colour of CSS, and what it is."""
+    """Return a glyph in a CSS colour with its meaning, as HTML."""
     drawn = _GLYPHS[glyph].format(ink)
     return f'<svg width="28" height="18" style="flex:none" aria-hidden="true">{drawn}</svg><span>{words}</span>'
 
 
 def dot(ink: tuple[int, int, int], words: str) -> str:
-    """Points or marks of a colour."""
+    """Return a dot of a colour with the meaning of points or marks of that colour, as HTML."""
     return item("dot", _css(ink), escape(words))
 
 
 def bar(words: str, most: float, unit: str) -> str:
-    """The colours from 0 to the most that is drawn."""
+    """Return the bar of colours from 0 to the largest drawn value, as HTML."""
     stops = ",".join("rgb({:.0f},{:.0f},{:.0f})".format(*colour) for colour in PALETTE)
     ramp = f'<span style="width:6em;height:.6em;border-radius:.3em;background:linear-gradient(90deg,{stops})"></span>'
     return f"<span>{escape(words)} 0</span>{ramp}<span>{most:.3g} {escape(unit)}</span>"
 
 
 def strip(items: list[str]) -> str:
-    """All of them, side by side."""
+    """Return the strip with all items next to each other, as HTML."""
     rows = "".join(f'<span style="display:flex;align-items:center;gap:.5em">{each}</span>' for each in items)
     return (
         f'{_LOOK}<div class="palpate-legend" style="display:flex;flex-wrap:wrap;gap:.2em 1.3em;padding:.2em .8em .8em;'
@@ -68,7 +68,7 @@ def strip(items: list[str]) -> str:
 
 
 def legend(scene: Scene, heat: bool, trail: float) -> str:
-    """What a scene draws, with or without heat, and with a trail of so many seconds."""
+    """Return the legend of a scene as HTML, with or without heat, and with a trail of `trail` seconds."""
     items = [
         item("arrow", _ARROW, "force on the body"),
         item("ring", _lit(FORCE), "95 % ellipse"),
@@ -95,11 +95,11 @@ def _css(ink: Sequence[int] | Sequence[float]) -> str:
 
 
 def _lit(ink: ArrayLike) -> str:
-    """What the page makes of a line: it takes its colour as linear."""
+    """Return the colour in which the page shows a line: it takes the line's colour as linear."""
     return _css((255 * (np.asarray(ink) / 255) ** (1 / 2.2)).tolist())
 
 
 def keys() -> str:
-    """Which keys there are."""
+    """Return the list of keys and what they do, as HTML."""
     rows = "".join(f'<div><kbd style="opacity:.75">{key}</kbd>&ensp;{words}</div>' for key, words in _KEYS)
     return f'<div style="padding:.2em .8em .8em;font-size:.8em;line-height:1.5">{rows}</div>'

@@ -1,4 +1,4 @@
-"""Contacts while they happen, as a page: the body with the contacts of now, force over ten seconds, figures."""
+"""Show a stream on a page: the body with the current contacts, the force over ten seconds, and figures."""
 
 from __future__ import annotations
 
@@ -34,18 +34,18 @@ _RED, _GREY = "#cc3311", "#8a96a1"
 
 @dataclass(frozen=True)
 class StreamFigures:
-    """What a page says of a stream.
+    """Figures of a stream that a page shows.
 
     Attributes:
         rate: [Hz] of the last seconds.
         latency: [s] from a sample's arrival to its contacts: median, 99 %, largest of the last ten seconds; None where
             nothing is known.
         lost: samples that the device sent and that never came.
-        skipped: samples that this page was too slow to see; they are recorded all the same.
+        skipped: samples that this page was too slow to show; they are recorded all the same.
         silent: [s] since the last sample.
-        samples: received so far.
-        taring: a tare was asked for and is not taken yet.
-        tare: the last sentence on a tare; "" where none was said.
+        samples: samples received so far.
+        taring: a tare was requested and is not taken yet.
+        tare: the last sentence on a tare; "" where there is none.
         events: times of day and the last sentences, the newest last.
     """
 
@@ -61,19 +61,19 @@ class StreamFigures:
 
 
 class LivePage(Served):
-    """A page that is fed, served as `Served` is.
+    """A page that shows a stream, served as `Served` is.
 
-    Nothing is computed or sent for a value that is the same as before; what a browser does not fetch is replaced by
-    what comes after it, so that one that stalls costs no memory.
+    Nothing is computed or sent for a value that is the same as before; data that a browser does not fetch is replaced
+    by newer data, so that a browser that stalls costs no memory.
 
     Args:
         surface: the body; None: the layers show it.
-        layers: what the sensor adds.
-        title: what to call it.
-        tare: called when a person asks for one, with the address of that browser.
+        layers: drawings that the sensor adds.
+        title: heading of the page.
+        tare: called when a person requests a tare, with the address of that browser.
         host: address to listen at; only this machine can reach the default.
         port: the first to try; 0 for any.
-        token: that opens the page; "": a new one.
+        token: secret that opens the page; "": a new one.
 
     Raises:
         InputError: viser is not installed, or nothing can listen there.
@@ -117,18 +117,18 @@ class LivePage(Served):
 
     @property
     def watched(self) -> bool:
-        """Somebody looks."""
+        """True while a browser is connected."""
         return bool(self._server.get_clients())
 
     def at_once(self) -> AbstractContextManager[None]:
-        """What is shown and told within reaches a browser as one message."""
+        """Return a context within which everything shown reaches a browser as one message."""
         return self._server.atomic()
 
     def show(self, found: Contacts) -> None:
-        """Draw contacts, thirty times a second if that is wanted.
+        """Draw contacts; meant for up to thirty calls a second.
 
         Args:
-            found: of one sample, in the surface's frame.
+            found: contacts of one sample, in the surface's frame.
         """
         hardest = float(np.fmax.reduce(np.linalg.norm(found.force, axis=1)))
         self.scene = self._scene3d.scene = self.scene.scaled_to(hardest)  # scales are some seconds old
@@ -137,11 +137,11 @@ class LivePage(Served):
             self._scene3d.move(scene, moment_of(found), self._magnification)
 
     def tell(self, window: Contacts | None, figures: StreamFigures) -> None:
-        """Words, figures, the curve and the trail, a few times a second: nobody reads faster.
+        """Update words, figures, the curve and the trail; meant for a few calls a second, as nobody reads faster.
 
         Args:
-            window: of the last seconds, see `recent`; None: nothing is known yet.
-            figures: of now.
+            window: contacts of the last seconds, see `recent`; None: nothing is known yet.
+            figures: current figures of the stream.
         """
         if window is not None:
             self.scene = self.scene.with_contacts(window)
@@ -162,7 +162,7 @@ class LivePage(Served):
             self._tare.disabled = figures.taring
 
     def _curve(self, silent: float) -> tuple[np.ndarray, np.ndarray]:
-        """Seconds before now, and the force; the curve knows no NaN."""
+        """Return times [s], 0 being now, and forces [N] of the curve; NaN becomes 0, as the curve knows no NaN."""
         timeline = self.scene.timeline
         clock, force = downsampled(timeline.clock, self.scene.total[:, None], ROWS)
         return clock - timeline.duration - (silent if silent > SILENT else 0.0), np.nan_to_num(force[:, 0])
@@ -183,7 +183,10 @@ class LivePage(Served):
 
 
 def recent(window: Contacts | None, new: Contacts) -> Contacts:
-    """A window of the last seconds and of more samples: of these some of most and of least force, and the last."""
+    """Return the contacts of the last ten seconds, from the old window and from new samples.
+
+    Of the new samples, a few with the largest and the smallest force are kept, and the last.
+    """
     starts = sample_starts(new)
     force = np.nan_to_num(totals(new, starts))
     wanted = np.zeros(len(starts), dtype=bool)
@@ -199,7 +202,7 @@ def recent(window: Contacts | None, new: Contacts) -> Contacts:
 
 
 def _alarm(figures: StreamFigures) -> str:
-    """What must not be overlooked: nothing comes."""
+    """Return the alarm that no samples arrive, as HTML; "" while they do."""
     if figures.silent <= SILENT and figures.samples:
         return ""
     for_long = f"no samples for {figures.silent:.0f} s"
@@ -231,7 +234,7 @@ def _described(figures: StreamFigures) -> str:
 
 
 def _sentences(figures: StreamFigures) -> str:
-    """The newest first."""
+    """Return the events as HTML, the newest first."""
     if not figures.events:
         return ""
     lines = "".join(

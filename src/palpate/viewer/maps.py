@@ -1,4 +1,4 @@
-"""Maps of a number over a surface or an unrolled sheet, and how an error falls with the force."""
+"""Draw maps of a quantity over a surface or an unrolled sheet, and the position error over the force."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ def surface_map(
     cells: Float[np.ndarray, "k 3"] | None = None,
     view: tuple[int, float] = (2, 1.0),
 ) -> Figure:
-    """Lines of equal values over the surface [m], with the cells below as numbered squares.
+    """Draw lines of equal values over the surface [m], with the cells below it as numbered squares.
 
     Args:
         vertices: places of the values.
         faces: triangles between them.
-        values: finite ones are drawn.
-        label: what they are, with the unit.
+        values: one per vertex; facets with a value that is not finite are not drawn.
+        label: name of the quantity, with its unit.
         cells: [m]; NaN where not known.
-        view: the axis that it is seen along, and from which side: 1 or -1.
+        view: the axis along which it is seen, and from which side: 1 or -1.
     """
     across, up = ((1, 2), (2, 0), (0, 1))[view[0]]
     places = 1e3 * vertices
@@ -72,13 +72,13 @@ def sheet_map(
     label: str,
     shape: tuple[int, int] | None = None,
 ) -> Figure:
-    """Values at places of an unrolled sheet of taxels, rows upward; crosses where the value is not known.
+    """Draw values at places of an unrolled sheet of taxels, rows upward; crosses where the value is not known.
 
     Args:
         cells: (n, 2) row and column.
         values: (n,) NaN where there is none.
-        label: what they are, with the unit.
-        shape: rows and columns of the sheet; None: as far as there are places.
+        label: name of the quantity, with its unit.
+        shape: rows and columns of the sheet; None: just large enough for the places.
     """
     drawn = figure(2.6)
     axes: Any = drawn.subplots()
@@ -100,7 +100,7 @@ def sheet_map(
 def error_over_force(
     force: Float[np.ndarray, " n"], curves: Mapping[str, Float[np.ndarray, " n"]], wanted: float
 ) -> Figure:
-    """Errors of position [m] by name over the force [N], and the accuracy that is wanted [m]."""
+    """Draw named curves of the position error [m] over the force [N], and the wanted accuracy [m]."""
     drawn = figure(2.8)
     axes: Any = drawn.subplots()
     for colour, (name, error) in zip(AXES, curves.items(), strict=False):
@@ -116,12 +116,12 @@ def error_over_force(
 
 
 def _height(across: np.ndarray, up: np.ndarray) -> float:
-    """Inches that suit a map beside its bar of colours."""
+    """Return the height [inches] of a map next to its bar of colours."""
     return float(np.clip(0.7 + 3.1 * np.ptp(up) / max(float(np.ptp(across)), 1e-9), 1.8, 4.6))
 
 
 def _levels(values: np.ndarray) -> np.ndarray:
-    """Round numbers from the least to the most."""
+    """Return round numbers from the least value to the largest."""
     from matplotlib.ticker import MaxNLocator
 
     known = values[np.isfinite(values)]

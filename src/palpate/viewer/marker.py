@@ -1,4 +1,4 @@
-"""One contact in the page's space: point, normal, force, 95 % ellipse and torque, as handles that are moved."""
+"""Draw one contact in the page's space: point, normal, force, 95 % ellipse and torque, as handles that are moved."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _BARB, _WIDE = 0.03, 0.014  # of the head at its end, in sizes of the body
 
 
 class Marker:
-    """The number `slot` of the contacts that a sample may have."""
+    """Handles of one contact in the page's space; `slot` is its number among the contacts of a sample."""
 
     def __init__(self, space: SceneApi, slot: int, root: str = "", ink: tuple[int, int, int] = FORCE) -> None:
         name, nothing = f"{root}/contact/{slot}", np.zeros((1, 2, 3))
@@ -56,7 +56,7 @@ class Marker:
         self._anchors = ("top-center", "bottom-center") if root else ("bottom-center", "top-center")
 
     def show(self, scene: Scene, contact: ShownContact | None, magnification: int) -> None:
-        """Move it to a contact of a scene; None, or one without a place, hides it."""
+        """Move the handles to a contact of a scene; None, or a contact without a place, hides them."""
         located = contact is not None and contact.located
         for handle in (self._frame, self._arrow, self._label):
             _put(handle, visible=located)
@@ -73,7 +73,7 @@ class Marker:
         self._show_torque(scene.turning(contact))
 
     def _show_ellipse(self, scene: Scene, contact: ShownContact, magnification: int) -> None:
-        """Laid on the body, and the fainter the larger it is beside it."""
+        """Lay the ellipse on the body, the fainter the larger it is relative to the body."""
         points = scene.placed(scene.ellipse_on_body(contact, magnification)).astype(np.float32)
         strength = fade(magnification * float(contact.axes[0]), scene.size)
         self._lay(points)
@@ -88,7 +88,7 @@ class Marker:
         self._rim.points = ends
 
     def _lay(self, points: Float[np.ndarray, "k 3"]) -> None:
-        """The ellipse's points; be they more or fewer than before, no facet ever names one that is not there."""
+        """Set the ellipse's points in an order such that no facet ever names a point that is not there."""
         more = len(points) - len(self._disc.vertices)
         if more < 0:
             self._disc.faces = _facets(len(points))
@@ -97,7 +97,7 @@ class Marker:
             self._disc.faces = _facets(len(points))
 
     def _show_force(self, scene: Scene, contact: ShownContact) -> None:
-        """An arrow that pushes with its tip."""
+        """Draw the force as an arrow whose tip is at the contact point."""
         tip = scene.placed(contact.point)
         shaft = contact.force * scene.newton / scene.size
         length = float(np.linalg.norm(shaft))
@@ -112,7 +112,7 @@ class Marker:
         _put(self._label, text=f"{name}{length * scene.size / scene.newton:.1f} N")
 
     def _show_torque(self, share: float) -> None:
-        """An arc about the normal that ends in a head, as long as the share of the usual torque."""
+        """Draw an arc about the normal that ends in a head, in proportion to the share of the usual torque."""
         seen = abs(share) > FAINTEST  # NaN is not
         _put(self._arc, visible=seen)
         if seen:
@@ -122,7 +122,7 @@ class Marker:
 
 @takes_arrays
 def facing(way: Float[np.ndarray, "3"]) -> tuple[float, float, float, float]:
-    """Quaternion w, x, y, z that turns z to a direction by the shortest way."""
+    """Return the quaternion w, x, y, z that turns z to a direction by the shortest way."""
     x, y, z = (way / np.linalg.norm(way)).tolist()
     if z < -1.0 + 1e-9:
         return 0.0, 1.0, 0.0, 0.0
@@ -131,14 +131,17 @@ def facing(way: Float[np.ndarray, "3"]) -> tuple[float, float, float, float]:
 
 
 def _put(handle: SceneNodeHandle, **values: bool | float | str) -> None:
-    """Set what has changed: a handle takes 0.1 ms to find out that nothing has."""
+    """Set the attributes that have changed: a handle takes 0.1 ms to find out that nothing has."""
     for name, value in values.items():
         if getattr(handle, name) != value:
             setattr(handle, name, value)
 
 
 def arc(share: float) -> Float[np.ndarray, "_ 2 3"]:
-    """Segments about z, right-handed where positive, as long as the share of the usual torque; at most a full turn."""
+    """Return segments of an arc about z, (k, 2, 3), right-handed where `share` of the usual torque is positive.
+
+    Its length is in proportion to the share, at most a full turn.
+    """
     turn = np.clip(_FULL * share, -2 * np.pi, 2 * np.pi) * np.linspace(0.0, 1.0, _STEPS + 1)
     points = np.stack([_RADIUS * np.cos(turn), _RADIUS * np.sin(turn), np.full_like(turn, 0.01)], axis=1)
     return np.stack([points[:-1], points[1:]], axis=1)
@@ -146,7 +149,7 @@ def arc(share: float) -> Float[np.ndarray, "_ 2 3"]:
 
 @takes_arrays
 def barbs(last: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "4 2 3"]:
-    """Segments that make a level line's last one an arrow: from its tip back, to both sides, up and down."""
+    """Return four segments that make a level line's last one an arrow: from its tip back, to both sides, up, down."""
     tip = last[1]
     x, y, _ = ((tip - last[0]) / np.linalg.norm(tip - last[0])).tolist()
     side = _WIDE * np.array([[y, -x, 0.0], [-y, x, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
@@ -154,19 +157,19 @@ def barbs(last: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "4 2 3"]:
 
 
 def fade(long: float, size: float) -> float:
-    """How strongly an ellipse with this half-axis is drawn: in full up to a quarter of the body, then fainter."""
+    """Return the strength (0.15 to 1) of an ellipse: full up to a half-axis of a quarter of the body, then falling."""
     return float(np.clip(0.25 * size / max(long, 1e-12), 0.15, 1.0))
 
 
 @cache
 def _ends(around: int) -> Int[np.ndarray, "k 2"]:
-    """First and last point of each side of a polygon."""
+    """Return the numbers of the first and last point of each side of a polygon."""
     return (np.arange(around)[:, None] + np.arange(2)) % around
 
 
 @cache
 def _facets(count: int) -> UInt32[np.ndarray, "f 3"]:
-    """Between the rings of a `disc` of so many points."""
+    """Return the facets between the rings of a `disc` of `count` points."""
     around, after = _ends(step := rim(count)).T
     parts = [np.stack([np.zeros(step, int), 1 + around, 1 + after], axis=1)]
     for inner in range(1, count - step, step):

@@ -1,4 +1,4 @@
-"""Contacts as a notebook shows them: one line and a short table of the touches, or a drawing."""
+"""Show contacts in a notebook: one line and a short table of the touches, or a drawing."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _HEADER = ("touch", "start [s]", "end [s]", "peak [N]", "x [mm]", "y [mm]", "z [
 
 
 def table_of(contacts: Contacts) -> str:
-    """HTML of a line that counts and of the first touches; times as in the log."""
+    """Return HTML with a line that counts the contacts and a table of the first touches; times as in the log."""
     touches = find_touches(contacts)
     said = [f"<p>{escape(repr(contacts))}</p>"]
     if len(touches):
@@ -37,7 +37,7 @@ def table_of(contacts: Contacts) -> str:
 
 
 def drawing_of_touches(contacts: Contacts, surface: SurfaceLike | None) -> Drawing:
-    """Where each touch was, with its number, and the force at its peak."""
+    """Return a drawing of each touch with its number, at its place, and the force at its peak."""
     touches = find_touches(contacts)
     marks = marks_of(touches, _DRAWN)
     rows = [_peak(contacts, touches, k) for k in range(len(marks))]
@@ -46,7 +46,7 @@ def drawing_of_touches(contacts: Contacts, surface: SurfaceLike | None) -> Drawi
 
 
 def drawing_of_estimates(found: ContactEstimate, surface: SurfaceLike | None) -> Drawing:
-    """Each with a place, as an arrow and its 95 % ellipse."""
+    """Return a drawing of each estimate with a place, as an arrow and its 95 % ellipse; of many, an even share."""
     count = int(np.prod(found.batch))
     flat = found.reshaped((count,))
     known = np.flatnonzero(np.isfinite(np.hstack([flat.point, flat.normal])).all(axis=1))
@@ -55,7 +55,7 @@ def drawing_of_estimates(found: ContactEstimate, surface: SurfaceLike | None) ->
 
 
 def marks_of(touches: Events, most: int, start: float = 0.0) -> list[Mark]:
-    """The first touches from 1 on with what a pointer is told of them; times are seconds after `start`."""
+    """Return marks of the first `most` touches, numbered from 1, with tooltips; times are seconds after `start`."""
     marks: list[Mark] = []
     for k in range(min(len(touches), most)):
         place, deviation = ", ".join(f"{value:.2f}" for value in 1e3 * touches.point[k]), 1e3 * touches.deviation[k]
@@ -69,13 +69,13 @@ def marks_of(touches: Events, most: int, start: float = 0.0) -> list[Mark]:
 
 
 def _peak(contacts: Contacts, touches: Events, k: int) -> int:
-    """The row of a touch's greatest force."""
+    """Return the row of a touch's greatest force."""
     mine = contacts.answered & (contacts.time == touches.peak_time[k]) & (contacts.identity == touches.identity[k])
     return int(np.argmax(mine))
 
 
 def _mark(found: ContactEstimate) -> Mark:
-    """Of a single one."""
+    """Return the mark of a single estimate."""
     axes, frame = ellipse(found.covariance, found.normal)
     turns = 2 * np.pi * np.arange(_RIM) / _RIM
     rim = found.point + (np.column_stack([np.cos(turns), np.sin(turns)]) * axes) @ frame[:, :2].T

@@ -1,4 +1,4 @@
-"""The page's panel: captions of the moment, what layers add, timeline, plots and settings."""
+"""Build the page's panel: caption of the moment, controls of the layers, timeline, plots and settings."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ class Panel:
     """Handles of the panel; `show` writes a moment into them.
 
     Args:
-        gui: of a browser, or of the server where all see the same.
-        scene: whose moments are shown.
-        ask: takes a request, such as "seek 1.5", and the browser that made it.
+        gui: of one browser, or of the server where all browsers see the same.
+        scene: scene whose moments are shown.
+        ask: receives a request, such as "seek 1.5", and the browser that made it.
     """
 
     def __init__(self, gui: GuiApi, scene: Scene, ask: Callable[[str, ClientHandle | None], None]) -> None:
@@ -56,17 +56,17 @@ class Panel:
         self._add_controls()
 
     def settings(self) -> DrawSettings:
-        """As they stand."""
+        """Return the current settings of the drawing."""
         magnification = MAGNIFICATIONS[self._ellipse.options.index(self._ellipse.value)]
         return DrawSettings(self._heat.value, float(self._trail.value), magnification, self._numbers.value)
 
     @property
     def speed(self) -> float:
-        """Of playing, times real time."""
+        """Playing speed, times real time."""
         return SPEEDS[self._speed.value]
 
     def show(self, moment: SceneMoment, seconds: float, playing: bool) -> None:
-        """Describe a moment, and mark it in the plots."""
+        """Describe a moment in the panel, and mark it in the plots."""
         rows = [row for layer in self._scene.layers for row in layer.rows(self._scene, moment.index)]
         rows += comparison(self._scene, moment)
         self._now.content = caption(moment, self.settings().magnification, rows)
@@ -108,11 +108,11 @@ class Panel:
         self._ask("save" if what == "save" else "frame", client)
 
     def _add_touches(self) -> None:
-        """The list; what is the same as before is not sent again."""
+        """Add the list of touches; content that has not changed is not sent again."""
         self._touches = self._gui.add_html("")
 
     def _add_controls(self) -> None:
-        """Keys and clicks: a script, and the field in which it leaves what is asked for (see there)."""
+        """Add keys and clicks: a script, and the field in which it leaves requests (see the script)."""
         asked = self._gui.add_text("palpate asks", "")
         asked.on_update(lambda event: self._ask(asked.value.partition(" ")[2], None) if event.client else None)
         script = files("palpate.viewer").joinpath("controls.js").read_text(encoding="utf-8")
@@ -150,7 +150,7 @@ class Panel:
         self._place = self._plot(PLACES, ("x", "y", "z"), AXES, "mm")
 
     def _plot(self, which: slice, names: tuple[str, ...], inks: tuple[str, ...], unit: str) -> GuiUplotHandle:
-        """Lines where there always is a value, dots where there is one in touch only."""
+        """Add a plot: lines for values that are always there, dots for values that exist in touch only."""
         from viser import uplot
 
         dots = unit == "mm"
@@ -186,7 +186,7 @@ class Panel:
 
 
 def _short(seconds: float) -> float:
-    """Rounded up, so that the sample at a time is none before it."""
+    """Round the time up to the next `DIGIT`, so that the sample at a time is not after it."""
     return round(float(np.ceil(round(seconds / DIGIT, 3))) * DIGIT, 4)
 
 
@@ -202,9 +202,9 @@ def _range(values: Float[np.ndarray, "m k"], zero: bool) -> tuple[float, float]:
 def _marked(
     clock: Float[np.ndarray, " m"], values: Float[np.ndarray, "m k"], now: float, bounds: tuple[float, float]
 ) -> tuple[Float[np.ndarray, " r"], ...]:
-    """Columns for a plot, and one more that draws a line from bottom to top at this time.
+    """Return the columns of a plot, and one more that draws a line from bottom to top at the current time.
 
-    The plot knows no NaN, so what is missing lies far below what is shown.
+    The plot knows no NaN, so missing values are put far below the visible range.
     """
     below, above = bounds[0] - 10 * (bounds[1] - bounds[0]), bounds[1] + 1.0
     at = int(np.searchsorted(clock, now))

@@ -1,4 +1,4 @@
-"""The figures of a report: arrays in, a matplotlib figure out; units on every axis, few points in every line."""
+"""Draw the figures of a report with matplotlib from arrays; units on every axis, few points in every line."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class SpectrumPanel:
 @takes_arrays
 @styled()
 def forces(time: Float[np.ndarray, " n"], force: Float[np.ndarray, "n 3"], status: Int[np.ndarray, " n"]) -> Figure:
-    """Components [N], magnitude [N] and what became of each sample, over time [s]."""
+    """Draw components [N], magnitude [N] and the status of each sample over time [s]."""
     time, label = _clock(time)
     drawn = figure(3.6)
     parts: Any = drawn.subplots(3, 1, sharex=True, height_ratios=(5, 5, 0.55))
@@ -81,7 +81,7 @@ def locations(
     *,
     several: bool = False,
 ) -> Figure:
-    """x, y and z [m] of the answered samples with their 95 % bands, over time [s]; NaN where not answered.
+    """Draw x, y and z [m] of the answered samples with 95 % bands over time [s]; NaN where not answered.
 
     Where there may be several contacts at once, they are dots with bars, as a line would lead from one to the other.
     """
@@ -117,9 +117,9 @@ def silhouettes(
     force: Float[np.ndarray, " n"],
     touches: Sequence[Mark] = (),
 ) -> Figure:
-    """The body [m] from three sides and where it was touched, coloured by force [N]; rings are on the far side.
+    """Draw the body [m] from three sides and its contact points, coloured by force [N]; rings are on the far side.
 
-    Touches have their numbers where one sees them, with what is said of them when a pointer rests there.
+    Touches have their numbers on the views that show them, with a tooltip when a pointer rests there.
     """
     dx, dy, dz = np.ptp(vertices[faces.reshape(-1)], axis=0)
     least = 0.3 * max(dx, dy, dz)  # a flat body has views that are lines, and these have axes too
@@ -145,7 +145,7 @@ def silhouettes(
 @takes_arrays
 @styled()
 def histogram(values: Float[np.ndarray, " n"], label: str, unit: str) -> Figure:
-    """How many of each size, on a logarithmic axis where they span more than a decade."""
+    """Draw the shares [%] of the positive values by size, on a logarithmic axis where they span more than a decade."""
     drawn = figure(2.4)
     axes: Any = drawn.subplots()
     known = values[np.isfinite(values) & (values > 0)]
@@ -167,7 +167,7 @@ def histogram(values: Float[np.ndarray, " n"], label: str, unit: str) -> Figure:
 @takes_arrays
 @styled()
 def statuses(counts: Int[np.ndarray, " s"]) -> Figure:
-    """One bar for each status that occurred, with its share."""
+    """Draw one bar for each status that occurred, with its share."""
     kinds = [kind for kind in Status if counts[kind]]
     drawn = figure(0.45 + 0.27 * max(len(kinds), 2))
     axes: Any = drawn.subplots()
@@ -185,7 +185,7 @@ def statuses(counts: Int[np.ndarray, " s"]) -> Figure:
 @takes_arrays
 @styled()
 def errors(time: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"], radius: Float[np.ndarray, " n"]) -> Figure:
-    """Distance from the ground truth [m] and the 95 % radius that was predicted [m], over time [s]."""
+    """Draw the distance from the ground truth [m] and the predicted 95 % radius [m] over time [s]."""
     time, label = _clock(time)
     drawn = figure(2.6)
     axes: Any = drawn.subplots()
@@ -203,7 +203,7 @@ def errors(time: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"], radius
 @takes_arrays
 @styled()
 def touch_errors(labels: Sequence[str], error: Float[np.ndarray, " n"], radius: Float[np.ndarray, " n"]) -> Figure:
-    """Each touch: how far its median point is from the ground truth [m], and the 95 % radius of a sample of it [m]."""
+    """Draw for each touch the distance of its median point from the ground truth and a sample's 95 % radius [m]."""
     drawn = figure(min(0.9 + 0.21 * len(labels), 9.0))
     axes: Any = drawn.subplots()
     rows = np.arange(len(labels))
@@ -220,7 +220,7 @@ def touch_errors(labels: Sequence[str], error: Float[np.ndarray, " n"], radius: 
 
 @styled()
 def spectra(panels: Sequence[SpectrumPanel]) -> Figure:
-    """Spectra over frequency [Hz], one panel below the other, with noise floors and cut-offs."""
+    """Draw spectra over frequency [Hz], one panel below the other, with noise floors and cut-offs."""
     drawn = figure(2.9 * len(panels))
     below: Any = drawn.subplots(len(panels), 1, sharex=True, squeeze=False)
     for axes, panel in zip(below[:, 0], panels, strict=True):
@@ -242,19 +242,19 @@ def spectra(panels: Sequence[SpectrumPanel]) -> Figure:
 def _curve(
     time: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """A line over time with few points that looks the same."""
+    """Return a line over time with few points that looks the same."""
     clock, rows = downsampled(time, values[:, None], 2 * COLUMNS)
     return clock, rows[:, 0]
 
 
 def _clock(time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n"], str]:
-    """Times for an axis and its label."""
+    """Return the times for an axis, and its label."""
     start, after = since(time)
     return time - start, f"time [s] {after}".strip()
 
 
 def _span(time: Float[np.ndarray, " n"]) -> tuple[float | None, float | None]:
-    """First and last of a log, for axes that start and end with it."""
+    """Return the first and last time of a log, for axes that start and end with it."""
     known = time[np.isfinite(time)]
     return (float(known.min()), float(known.max())) if len(known) and np.ptp(known) > 0 else (None, None)
 
@@ -262,7 +262,7 @@ def _span(time: Float[np.ndarray, " n"]) -> tuple[float | None, float | None]:
 def _banded(
     frequency: Float[np.ndarray, " k"], density: Float[np.ndarray, "k 3"]
 ) -> tuple[Float[np.ndarray, " b"], Float[np.ndarray, "b 3"]]:
-    """Means over bands that are equally wide on a logarithmic axis, some of one frequency only."""
+    """Return means over bands that are equally wide on a logarithmic axis, some of one frequency only."""
     band = np.floor(20 * np.log2(frequency / frequency[0]))
     starts = np.flatnonzero(np.diff(band, prepend=-1.0))
     sizes = np.diff(starts, append=len(band))
@@ -271,7 +271,7 @@ def _banded(
 
 
 def _band(axes: Any, time: Float[np.ndarray, " n"], status: Int[np.ndarray, " n"]) -> None:
-    """A strip of colours: of each column the status that most of its samples have."""
+    """Draw a strip of colours: in each column the most frequent status of its samples."""
     from matplotlib.colors import BoundaryNorm, ListedColormap
 
     axes.set_yticks([])
@@ -290,7 +290,7 @@ def _band(axes: Any, time: Float[np.ndarray, " n"], status: Int[np.ndarray, " n"
 
 
 def _body(axes: Any, vertices: np.ndarray, faces: np.ndarray, order: tuple[int, int, int], toward: float) -> None:
-    """Facets that face the viewer, the furthest first, lighter where they face him more; as pixels."""
+    """Draw the facets that face the viewer as pixels, the furthest first, lighter where they face the viewer more."""
     from matplotlib.collections import PolyCollection
 
     corners = 1e3 * vertices[faces]
@@ -314,7 +314,7 @@ def _body(axes: Any, vertices: np.ndarray, faces: np.ndarray, order: tuple[int, 
 def _touched(
     axes: Any, point: Float[np.ndarray, "n 2"], force: Float[np.ndarray, " n"], far: Bool[np.ndarray, " n"]
 ) -> Any:
-    """Dots where one sees them and rings where the body is in between, the strongest on top."""
+    """Draw dots where the contact is visible and rings where the body hides it, the strongest on top."""
     from matplotlib import colormaps
 
     some = thinned(np.flatnonzero(np.isfinite(point[:, 0])), DOTS)
@@ -331,7 +331,7 @@ def _touched(
 
 
 def _number(axes: Any, touches: Sequence[Mark], across: tuple[int, int], wide: float) -> None:
-    """Numbers of touches, each in a disc `wide` [mm] across that is large enough to point at, none on another."""
+    """Draw numbers of touches, each in a disc `wide` [mm] across, large enough to point at; no disc covers another."""
     disc = {"boxstyle": "circle,pad=0.2", "facecolor": RULE, "linewidth": 0, "alpha": 0.85}
     taken = np.zeros((0, 2))
     for touch in touches:
@@ -345,7 +345,7 @@ def _number(axes: Any, touches: Sequence[Mark], across: tuple[int, int], wide: f
 
 
 def _free(at: Float[np.ndarray, "2"], taken: Float[np.ndarray, "n 2"], wide: float) -> Float[np.ndarray, "2"]:
-    """The place itself, or the nearest on a spiral about it, that is no nearer than `wide` to those that are taken."""
+    """Return the place, or the nearest on a spiral about it, that is at least `wide` away from those that are taken."""
     for turn in range(_TRIED):
         way = np.array([np.cos(_GOLDEN * turn), np.sin(_GOLDEN * turn)])
         place = at + 0.3 * wide * turn**0.5 * way if turn else at
@@ -355,13 +355,13 @@ def _free(at: Float[np.ndarray, "2"], taken: Float[np.ndarray, "n 2"], wide: flo
 
 
 def _mark(axes: Any, at: float, text: str) -> None:
-    """A vertical line that says what it is."""
+    """Draw a vertical line with a text that explains it."""
     axes.axvline(at, color=INK, linewidth=1.0)
     axes.annotate(f" {text}", (at, 1.0), xycoords=("data", "axes fraction"), va="top", fontsize=8.5)
 
 
 def plain(axis: Any, multiples: tuple[int, ...] = (1,)) -> None:
-    """A logarithmic axis with numbers as people write them, not as powers."""
+    """Write the numbers of a logarithmic axis in decimal notation, not as powers."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
     axis.set_major_locator(LogLocator(subs=multiples))
@@ -370,5 +370,5 @@ def plain(axis: Any, multiples: tuple[int, ...] = (1,)) -> None:
 
 
 def named(axes: Any, columns: int) -> None:
-    """What the lines are, above them."""
+    """Add a legend of the lines above them."""
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.1)

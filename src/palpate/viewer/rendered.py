@@ -1,4 +1,4 @@
-"""A body as a camera sees it, drawn by the processor alone: facets into a picture with depths."""
+"""Render a body as a camera sees it, on the processor alone: facets become a picture with depths."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ _LEAST = 1e-3  # depth: what is nearer is not drawn
 @takes_arrays
 @dataclass(frozen=True)
 class ViewPoint:
-    """Where one looks from, with z up in the picture.
+    """A camera's position and direction, with z up in the picture.
 
     Attributes:
-        position, target: (3,).
+        position, target: (3,) of the camera, and of the point that it looks at.
         view: [rad] angle from the top of the picture to its bottom.
         size: (width, height) of the picture [px].
     """
@@ -32,7 +32,7 @@ class ViewPoint:
     size: tuple[int, int]
 
     def seen(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """(n, 3) column and row [px], and depth along the line of sight."""
+        """Return column and row [px] of each point, and its depth along the line of sight, (n, 3)."""
         ahead = (self.target - self.position) / np.linalg.norm(self.target - self.position)
         right = np.cross(ahead, [0.0, 0.0, 1.0])
         right = right / np.linalg.norm(right) if np.linalg.norm(right) > 1e-9 else np.array([1.0, 0.0, 0.0])
@@ -45,13 +45,13 @@ class ViewPoint:
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Rendered:
-    """A picture (h, w) in red, green, blue; depth: of each pixel, infinite where nothing is."""
+    """A picture (h, w) in red, green, blue, and the depth of each of its pixels, infinite where nothing is."""
 
     picture: UInt8[np.ndarray, "h w 3"]
     depth: Float[np.ndarray, "h w"]
 
     def visible(self, seen: Float[np.ndarray, "n 3"], slack: float) -> Bool[np.ndarray, " n"]:
-        """(n,) points as `Camera.seen` gives them that lie in the picture and before the body, or this far within."""
+        """Return, (n,), whether points of `ViewPoint.seen` lie in the picture and at most `slack` behind the body."""
         height, width = self.depth.shape
         columns, rows = np.rint(seen[:, 0]).astype(np.int64), np.rint(seen[:, 1]).astype(np.int64)
         inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
@@ -68,15 +68,15 @@ def rendered(
     colours: UInt8[np.ndarray, "v 3"],
     ground: tuple[int, int, int] = (255, 255, 255),
 ) -> Rendered:
-    """A mesh with a colour and a normal a vertex, lit from beside the camera; facets have no back.
+    """Render a mesh with a colour and a normal per vertex, lit from the camera; both sides of a facet are drawn.
 
     Args:
-        camera: that sees it.
-        vertices: of the mesh.
-        normals: at them, unit.
-        faces: of the mesh.
-        colours: at the vertices, in sRGB.
-        ground: where nothing is.
+        camera: view from which it is rendered.
+        vertices: vertices of the mesh.
+        normals: unit normals at the vertices.
+        faces: facets of the mesh.
+        colours: colours at the vertices, in sRGB.
+        ground: colour where nothing is.
     """
     width, height = camera.size
     seen = camera.seen(vertices)
@@ -118,7 +118,7 @@ def _inside(
     count: Int[np.ndarray, " k"],
     width: int,
 ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"], Float[np.ndarray, "p 3"]]:
-    """Pixels that lie in facets: which facet, which pixel, and the shares of its corners (barycentric)."""
+    """Return the pixels inside facets: number of the facet, number of the pixel, barycentric shares of the corners."""
     which = np.repeat(np.arange(len(count)), count)
     number = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
     x = low[which, 0] + number % spans[which, 0]

@@ -1,4 +1,4 @@
-"""A report: tiles, sections, facts, tables and figures as values, and the one page of HTML that holds them all."""
+"""Render a report, given as tiles, sections, facts, tables and figures, as one page of HTML."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _SAID = re.compile(rf"<g id=([\"']){HOVER}(.*?)\1>")
 
 @dataclass(frozen=True)
 class Tile:
-    """A figure that is read first: what it is, its value, a word on it; `tone` is "", "good" or "poor"."""
+    """A figure that is read first: name, value, a short remark; `tone` is "", "good" or "poor"."""
 
     name: str
     value: str
@@ -44,7 +44,7 @@ class Tile:
 
 @dataclass(frozen=True)
 class ReportTable:
-    """Cells of text; a row may be shorter than the header. `caption` stands above it."""
+    """A table of text cells; a row may be shorter than the header. `caption` stands above it."""
 
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
@@ -61,16 +61,16 @@ class Picture:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading and what stands below it, in this order; what is empty is left out.
+    """A heading and its contents in this order; empty contents are omitted.
 
     Attributes:
-        title: of the section.
+        title: heading of the section.
         text: paragraphs.
         points: sentences of a list.
-        pictures: figures, side by side where there is room.
+        pictures: figures, next to each other where there is room.
         settings: names and values.
-        tables: each in a box of its own; where it is wider than the page, a row is a block of names and values.
-        drawing: elements as they are, such as `palpate.viewer.drawing.Drawing.html`.
+        tables: each in a separate box; where it is wider than the page, a row is a block of names and values.
+        drawing: HTML that is inserted unchanged, such as `palpate.viewer.drawing.Drawing.html`.
     """
 
     title: str
@@ -82,13 +82,13 @@ class Section:
     drawing: str = ""
 
     def __bool__(self) -> bool:
-        """Something stands below the heading."""
+        """Return whether anything stands below the heading."""
         return any((self.text, self.points, self.pictures, self.settings, self.tables, self.drawing))
 
 
 @dataclass(frozen=True)
 class Report:
-    """The whole page: what was done in one sentence, the verdict in tiles, warnings, sections; all of it is text."""
+    """A complete page as text: a one-sentence summary of the run, the main figures in tiles, warnings, sections."""
 
     title: str
     summary: str
@@ -99,7 +99,7 @@ class Report:
 
 
 def require_report() -> None:
-    """Before the work, not after it.
+    """Check, before long work, that a report can be made.
 
     Raises:
         InputError: matplotlib or jinja2 is not installed.
@@ -109,23 +109,23 @@ def require_report() -> None:
 
 
 def percent(share: float) -> str:
-    """A share, to a tenth of a percent."""
+    """Return a share as text in percent, to a tenth."""
     return f"{100 * share:.1f} %"
 
 
 def first_rows(header: Sequence[str], rows: Sequence[Sequence[str]], most: int) -> ReportTable:
-    """A table of at most so many rows, which says so where there are more."""
+    """Return a table of the first `most` rows, with a caption where there are more."""
     more = f"The first {most:,} of {len(rows):,}." if len(rows) > most else ""
     return ReportTable(tuple(header), tuple(tuple(row) for row in rows[:most]), more)
 
 
 def picture(drawn: Figure, caption: str) -> Picture:
-    """A figure as it goes into the page; a pointer that rests on artists with a gid after `HOVER` is told the rest."""
+    """Return a figure for the page; the gid of an artist after `HOVER` becomes its tooltip."""
     return Picture(_SAID.sub(r"<g><title>\2</title>", inline(drawn)), caption)
 
 
 def render(report: Report) -> str:
-    """One self-contained page: nothing to fetch; the only scripts are those of drawings, all else is there without.
+    """Return the report as one self-contained page of HTML that loads nothing; its only scripts are those of drawings.
 
     Raises:
         InputError: matplotlib or jinja2 is not installed.
@@ -143,5 +143,5 @@ def render(report: Report) -> str:
 
 
 def _written(value: object) -> object:
-    """Text with the signs that a terminal may lack; elements of our own making as they are."""
+    """Replace "+-" in text by the sign that a terminal may lack; leave SVG elements and drawings unchanged."""
     return value.replace("+-", "±") if type(value) is str else value

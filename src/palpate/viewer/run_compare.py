@@ -1,4 +1,4 @@
-"""Two runs on one body and one clock side by side, as a section of the report of the first."""
+"""Compare two runs on one body and one clock, as a section of the report of the first."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ __all__ = ["compared", "partners"]
 
 
 def compared(run: Run, name: str, other: RunSummary) -> Run:
-    """With a section that puts another run next to it.
+    """Return the run with a section that compares it with another run.
 
     Args:
-        run: of the report.
-        name: of the other's file.
+        run: run of the report.
+        name: name of the other's file.
         other: its contacts, on the same body and the same clock.
 
     Raises:
@@ -48,9 +48,9 @@ def compared(run: Run, name: str, other: RunSummary) -> Run:
 
 
 def partners(ours: Events, theirs: Events) -> Int[np.ndarray, " k"]:
-    """(k,) for each touch that of the other run with which it shares most time; -1 where there is none.
+    """Return for each touch the number of the other run's touch that shares most time with it, (k,); -1 for none.
 
-    Of those that share as much, the one whose point is nearer.
+    Among touches that share equally long, the nearer one is taken.
     """
     found = np.full(len(ours), -1, dtype=np.int64)
     for k in range(len(ours)):
@@ -82,7 +82,7 @@ def _answered(run: RunSummary) -> str:
 
 
 def _touches(run: RunSummary, other: RunSummary) -> ReportTable:
-    """Each touch with its partner, and how far they differ."""
+    """Return a table of each touch with its partner, and how far they differ."""
     ours, theirs = run.finder.touches(), other.finder.touches()
     with_whom, start = partners(ours, theirs), since(ours.start)[0]
     rows: list[tuple[str, ...]] = []
@@ -112,7 +112,7 @@ def _over_time(names: tuple[str, str], both: tuple[DownsampledRun, DownsampledRu
 
 
 def _places(run: Run, names: tuple[str, str], kept: DownsampledRun, other: RunSummary) -> list[Picture]:
-    """The body with the touches of each, where it is known."""
+    """Return a picture of the body with the touches for each run, where the body is known."""
     if run.body is None:
         return []
     shown: list[Picture] = []

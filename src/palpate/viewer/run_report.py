@@ -1,4 +1,4 @@
-"""The report of a run, whatever the sensor: what was found, as figures, tables and words; values in, a page out."""
+"""Compose the report of a run of any sensor: the contacts found, as figures, tables and words."""
 
 from __future__ import annotations
 
@@ -38,20 +38,20 @@ SPECKS = 600  # samples on the body that is turned
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Run:
-    """All that is known when a log is done.
+    """All information about a finished run for its report.
 
     Attributes:
         log, output: names, as a reader knows them.
         method: how it was done, as it goes on after "samples were read from LOG, ".
-        summary: of the contacts, in the surface's frame.
+        summary: summary of the contacts, in the surface's frame.
         body: vertices [m] and faces, to draw contacts on; None where there is none.
-        settings: in force, as names and values.
-        uncertainties: what the 95 % ellipses hold.
+        settings: names and values of the settings in force.
+        uncertainties: the sources of uncertainty that the 95 % ellipses contain.
         provenance: inputs with their hashes, options.
-        stages: name -> seconds: of reading, locating, writing.
-        notes, warnings: what was said to the user, the estimator's notes and doubts among them.
+        stages: seconds of each stage by name: reading, locating, writing.
+        notes, warnings: messages printed for the user, those of the estimator among them.
         advice: what to improve, a sentence each.
-        tiles, sections: what the sensor and a ground truth add.
+        tiles, sections: those that the sensor and a ground truth add.
     """
 
     log: str
@@ -71,12 +71,12 @@ class Run:
 
     @cached_property
     def kept(self) -> DownsampledRun:
-        """The downsampled contacts with what follows from them."""
+        """The downsampled contacts and quantities derived from them."""
         return DownsampledRun(self.summary.contacts, self.summary.even)
 
 
 def compose(run: Run) -> Report:
-    """The page of a run."""
+    """Return the report of a run."""
     touches = run.summary.finder.touches()
     sections = (
         _over_time(run.kept),
@@ -105,39 +105,39 @@ def compose(run: Run) -> Report:
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class DownsampledRun:
-    """Downsampled contacts, n rows of m samples, and what follows from them."""
+    """Downsampled contacts, n rows of m samples, and quantities derived from them; `even`: see `RunSummary.even`."""
 
     contacts: Contacts
     even: Bool[np.ndarray, " n"]
 
     @cached_property
     def strength(self) -> Float[np.ndarray, " n"]:
-        """(n,) [N]."""
+        """Magnitudes of the forces, (n,) [N]."""
         return np.linalg.norm(self.contacts.force, axis=1)
 
     @cached_property
     def point(self) -> Float[np.ndarray, "n 3"]:
-        """(n, 3) [m], NaN where not answered."""
+        """Contact points, (n, 3) [m]; NaN where not answered."""
         return np.where(self.contacts.answered[:, None], self.contacts.point, np.nan)
 
     @cached_property
     def covariance(self) -> Float[np.ndarray, "n 3 3"]:
-        """(n, 3, 3) [m^2], NaN where not answered."""
+        """Covariances of the points, (n, 3, 3) [m^2]; NaN where not answered."""
         return np.where(self.contacts.answered[:, None, None], self.contacts.covariance, np.nan)
 
     @cached_property
     def radius(self) -> Float[np.ndarray, " n"]:
-        """(n,) [m] long half-axes of the 95 % ellipses."""
+        """Long half-axes of the 95 % ellipses, (n,) [m]."""
         return np.sqrt(CHI2_95) * largest_deviation(self.covariance)
 
     @property
     def median_radius(self) -> float:
-        """[m] of the even ones, NaN where there is none."""
+        """Median [m] of the radii of the even rows, NaN where there is none."""
         return median(self.radius[self.even])
 
 
 def coverage_tone(inside: float) -> str:
-    """Return the tone of a share of truths that 95 % ellipses hold: too many are as wrong as too few."""
+    """Return the tone for the share of truths inside their 95 % ellipses: too many are as wrong as too few."""
     off = abs(inside - 0.95)
     return "good" if off <= 0.03 else "poor" if off > 0.1 or inside > 0.995 else ""
 
@@ -205,7 +205,7 @@ def _places(run: Run) -> Section:
 
 
 def _in_space(run: Run, marks: Sequence[Mark]) -> str:
-    """The body with its touches, to be turned; nothing where there is no body."""
+    """Return the body with its touches as a drawing that can be turned; "" where the body is not known."""
     if run.body is None:
         return ""
     kept = run.kept
@@ -233,9 +233,9 @@ def _touches(found: Events) -> Section:
 
 
 def touch_table(found: Events, most: int, *, spelled: bool = False) -> ReportTable:
-    """The first touches, at most `most`: when, how hard, where, and all that the sensor adds, as files name it.
+    """Return a table of the first `most` touches: time, force, place, and all that the sensor adds.
 
-    Spelled, what it adds has names in words, and deviations are left out.
+    Where `spelled`, the sensor's features have names in words, not those in files, and standard deviations are omitted.
     """
     (x, y, z), (start, after) = 1e3 * found.point.T, since(found.start)
     columns = {
@@ -273,7 +273,7 @@ def touch_table(found: Events, most: int, *, spelled: bool = False) -> ReportTab
 
 
 def _inputs(provenance: Mapping[str, str]) -> Section:
-    """Names and hashes of the files, versions."""
+    """Return a section with names and hashes of the files, and versions."""
     used = ", ".join(f"{name} {release}" for name, release in (("numpy", np.__version__), ("Python", python_version())))
     facts = [("versions", f"palpate {provenance.get('palpate', 'unknown')}, {used}")]
     for name, said in provenance.items():
@@ -283,7 +283,7 @@ def _inputs(provenance: Mapping[str, str]) -> Section:
 
 
 def _time_budget(stages: Mapping[str, float], samples: int) -> Section:
-    """Seconds of each stage, and microseconds a sample."""
+    """Return a section with the seconds of each stage, and microseconds per sample."""
     total, count = sum(stages.values()), max(samples, 1)
     if not total:
         return Section("Time budget")

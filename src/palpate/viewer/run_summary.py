@@ -1,4 +1,4 @@
-"""What is kept of a run, however long it gets: counts, touches, an even share of the samples and the peaks of force."""
+"""Summarise a run of any length: counts, touches, an even share of the samples, and the peaks of force."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ __all__ = ["RunSummary"]
 
 
 class RunSummary:
-    """Takes contacts block by block and keeps at most `limit` samples; counts, touches and the peak are those of all.
+    """A summary of contacts, added block by block, that keeps at most `limit` samples.
 
-    Every `stride`-th sample is kept, and `stride` doubles when there are too many. What lies between may hold a short
-    touch, so the strongest sample of each of a few longer buckets is kept too: plots show all, statistics use `even`.
-    A sample is kept with all of its contacts.
+    Counts, touches and the peak are those of all samples. Every `stride`-th sample is kept, and `stride` doubles when
+    there are too many. The samples between may hold a short touch, so the strongest sample of each of a few longer
+    buckets is kept too: plots show all, statistics use `even`. A sample is kept with all of its contacts.
 
     Args:
         limit: samples to keep; an eighth of them are peaks.
 
     Attributes:
-        samples: how many were added.
-        most: contacts that are answered and located, in one sample.
-        statuses: (9,) how many rows of each `Status`.
-        finder: of the touches.
+        samples: number of samples added.
+        most: largest number of answered and located contacts in one sample.
+        statuses: (9,) number of rows of each `Status`.
+        finder: finder of the touches.
     """
 
     def __init__(self, limit: int = 20_000) -> None:
@@ -43,7 +43,7 @@ class RunSummary:
         self.finder = TouchFinder()
 
     def add(self, contacts: Contacts) -> None:
-        """The next samples, each with all of its contacts, in the surface's frame."""
+        """Add the next samples, each with all of its contacts, in the surface's frame."""
         self.samples += len(sample_starts(contacts))
         self.statuses += np.bincount(contacts.status, minlength=len(Status))
         felt = contacts.sample[contacts.located & contacts.answered]
@@ -54,29 +54,29 @@ class RunSummary:
 
     @property
     def rows(self) -> int:
-        """Of contacts."""
+        """Number of rows of contacts that were added."""
         return int(self.statuses.sum())
 
     @property
     def stride(self) -> int:
-        """How many samples each of the even ones stands for."""
+        """Number of samples that each of the even ones stands for."""
         return self._even.size
 
     @property
     def contacts(self) -> Contacts:
-        """What is kept, in the order of the stream."""
+        """The kept contacts, in the order of the stream."""
         even, peaks = self._even.contacts(), self._peaks.contacts()
         both = Contacts.joined([even, peaks[~np.isin(peaks.sample, even.sample)]])
         return both[np.argsort(both.sample, kind="stable")]
 
     @property
     def even(self) -> Bool[np.ndarray, " k"]:
-        """(k,) False for rows that were kept for their force alone, which would bias a statistic."""
+        """Mask of the kept rows, (k,): False for rows kept for their force alone, which would bias a statistic."""
         return self.contacts.sample % self.stride == 0
 
     @property
     def rate(self) -> float:
-        """Samples a second, all of them; NaN where it is not known."""
+        """Rate of all samples [Hz]; NaN where it is not known."""
         even = self._even.contacts()
         time: Float[np.ndarray, " m"] = even.time[sample_starts(even)]
         steps = np.diff(time[np.isfinite(time)])
@@ -85,7 +85,7 @@ class RunSummary:
 
 
 class _Thinned:
-    """Of each bucket of `size` consecutive samples the one that `pick` takes; buckets double when there are many."""
+    """The contacts that `pick` takes from each bucket of `size` samples; `size` doubles when there are too many."""
 
     def __init__(self, limit: int, pick: Callable[[Contacts, int], Contacts]) -> None:
         self.limit, self.size, self._pick, self._held = limit, 1, pick, 0
@@ -99,7 +99,7 @@ class _Thinned:
             self.contacts()
 
     def contacts(self) -> Contacts:
-        """All that is kept."""
+        """Return all kept contacts."""
         kept = self._pick(Contacts.joined(self.parts), self.size)
         while _samples(kept) > self.limit:
             self.size *= 2

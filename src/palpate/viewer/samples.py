@@ -1,4 +1,4 @@
-"""Rows of contacts grouped by the sample that they belong to: there may be several contacts at once."""
+"""Group rows of contacts by their sample: there may be several contacts at once."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ __all__ = ["median", "sample_starts", "sheet_places", "strongest", "thinned", "t
 
 
 def sample_starts(contacts: Contacts) -> Int[np.ndarray, " m"]:
-    """(m,) the first row of each sample."""
+    """Return the first row of each sample, (m,)."""
     return np.flatnonzero(np.diff(contacts.sample, prepend=contacts.sample[:1] - 1))
 
 
 @takes_arrays
 def strongest(contacts: Contacts, starts: Int[np.ndarray, " m"]) -> Int[np.ndarray, " m"]:
-    """(m,) of each sample the row with the largest force; the first where none is known."""
+    """Return for each sample the row with the largest force, (m,); the first where none is known."""
     counted = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(contacts)))  # a file may not be in order
     return starts if len(starts) == len(contacts) else replace(contacts, sample=counted).strongest()
 
 
 def sheet_places(contacts: Contacts) -> Float[np.ndarray, "n 2"] | None:
-    """(n, 2) row and column on the unrolled sheet, NaN where there is none; None where the sensor is no sheet."""
+    """Return row and column on the unrolled sheet, (n, 2), NaN where there is none; None if the sensor is no sheet."""
     features = contacts.features
     on_sheet = {"row", "column"} <= set(features)
     return np.column_stack([features["row"], features["column"]]) if on_sheet else None
@@ -34,13 +34,13 @@ def sheet_places(contacts: Contacts) -> Float[np.ndarray, "n 2"] | None:
 
 @takes_arrays
 def thinned(rows: Int[np.ndarray, " n"], most: int) -> Int[np.ndarray, " k"]:
-    """At most `most` of some rows, evenly spread."""
+    """Return at most `most` of the rows, evenly spread."""
     return rows[:: 1 + len(rows) // most]
 
 
 @takes_arrays
 def totals(contacts: Contacts, starts: Int[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
-    """(m,) [N] sum of the lengths of a sample's forces; NaN where none is known."""
+    """Return for each sample the sum of the magnitudes of its forces, (m,) [N]; NaN where none is known."""
     force = np.linalg.norm(contacts.force, axis=1)
     if len(starts) == len(force):
         return force
@@ -50,6 +50,6 @@ def totals(contacts: Contacts, starts: Int[np.ndarray, " m"]) -> Float[np.ndarra
 
 @takes_arrays
 def median(values: Float[np.ndarray, " n"]) -> float:
-    """Of the finite ones; NaN where there is none."""
+    """Return the median of the finite values; NaN where there is none."""
     known = values[np.isfinite(values)]
     return float(np.median(known)) if len(known) else float("nan")

@@ -1,4 +1,4 @@
-"""What to draw of contacts on a body at each moment: arrays and words, and nothing of how they reach a screen."""
+"""Prepare contacts on a body for drawing at each moment: arrays and words, independent of any screen."""
 
 from __future__ import annotations
 
@@ -66,23 +66,23 @@ _ARROW = 0.35  # sizes of the body that an arrow of a usual force is long
 
 @runtime_checkable
 class Layer(Protocol):
-    """Show what a sensor adds to the page: things in the scene, lines of the caption, controls and pictures.
+    """A sensor's additions to the page: objects in the scene, lines of the caption, controls and pictures.
 
-    It is drawn once, and then moved from moment to moment.
+    A layer is drawn once, and then moved from moment to moment.
     """
 
     @property
     def covers(self) -> bool:
-        """It hides the body below it, and its heat."""
+        """True where the layer hides the body below it, and its heat."""
         ...
 
     @property
     def places(self) -> Float[np.ndarray, "k 3"]:
-        """[m] what the picture must hold where the body has no mesh."""
+        """Points that must be in the picture where the body has no mesh, (k, 3) [m]."""
         ...
 
     def draw(self, server: ViserServer | ClientHandle, scene: Scene) -> None:
-        """Add what stands in the scene, in `Scene.placed` units."""
+        """Add the layer's objects to the scene, in `Scene.placed` units."""
         ...
 
     def panel(self, gui: GuiApi) -> None:
@@ -94,28 +94,28 @@ class Layer(Protocol):
         ...
 
     def rows(self, scene: Scene, index: int) -> list[tuple[str, str]]:
-        """Names and values with their units, plain text, below those of the contacts."""
+        """Return names and values with their units, plain text, that follow those of the contacts in the caption."""
         ...
 
     def legend(self) -> list[str]:
-        """What its marks and colours are, as `palpate.viewer.legend` makes it."""
+        """Return the legend of its marks and colours, as items of `palpate.viewer.legend`."""
         ...
 
 
 @takes_arrays
 @dataclass(frozen=True)
 class ShownContact:
-    """One contact, as it is drawn and described.
+    """A contact as it is drawn and described.
 
     Attributes:
-        identity: which one; status: of the estimate.
+        identity: number of the contact; status: status of the estimate.
         point, normal: (3,) [m] and unit; NaN where there is none.
         force: (3,) [N] on the body; torque: [N m] about the normal.
         deviation: (3,) [m] standard deviations of the point along x, y, z; NaN where no noise is known.
         axes: (2,) half-axes [m] of the 95 % ellipse, the longer first; NaN where there is none.
         frame: (3, 3) rotation whose columns are the long axis, the short axis and the normal.
         covariance: (3, 3) [m^2] of the point.
-        features: what the sensor adds, SI; those that are known.
+        features: finite values that the sensor adds, by name, in SI units.
     """
 
     identity: int
@@ -132,12 +132,12 @@ class ShownContact:
 
     @cached_property
     def located(self) -> bool:
-        """There is a point to draw."""
+        """True where there is a point to draw."""
         return bool(np.isfinite(self.point).all() and np.isfinite(self.normal).all())
 
     @cached_property
     def force_deviation(self) -> float:
-        """[N] standard deviation of the force's size, as the sensor knows it; NaN where it does not."""
+        """Standard deviation of the force's magnitude [N]; NaN where the sensor does not know it."""
         known = self.features
         if "force_xx" not in known:
             return known.get("force_sd", float("nan"))
@@ -149,11 +149,11 @@ class ShownContact:
 
 @dataclass(frozen=True)
 class SceneMoment:
-    """One sample.
+    """A sample of a scene with its contacts.
 
     Attributes:
-        index: of the scene's samples; sample: row of the log; seconds: since the start; time: as recorded [s].
-        contacts: at least one, the strongest first; a sample without a contact has one that says so.
+        index: number among the scene's samples; sample: row of the log; seconds: since the start; time: as recorded.
+        contacts: at least one, the strongest first; a sample without a contact has one whose status says so.
     """
 
     index: int
@@ -169,19 +169,19 @@ class Scene:
     """A body and its contacts over n rows and m samples, prepared so that any moment can be drawn at once.
 
     Attributes:
-        title: what it is, such as the log's name.
+        title: name, such as the log's.
         bounds: (2, 3) [m] corners of the box that is shown.
-        body: ready to draw; None: only what the layers draw of it is known.
+        body: mesh to draw; None: only what the layers draw of it is known.
         contacts: in the surface's frame, n rows.
         starts: (m,) first row of each sample.
         touched: (n,) rows that are contacts with a place: answered, or at the sensor's range.
-        timeline: of the samples.
+        timeline: times of the samples.
         heat: (v,) time of touch per area at the body's vertices [s/m^2].
-        newton: [m] that an arrow is long for each newton.
-        magnification: of the ellipses, so that a usual one can be seen; one of MAGNIFICATIONS.
-        layers: what sensors add.
+        newton: length of an arrow per newton [m].
+        magnification: factor by which ellipses are drawn larger so that a usual one can be seen; one of MAGNIFICATIONS.
+        layers: drawings that sensors add.
         surface: the body, on which ellipses are laid; None: they are flat.
-        other: other contacts on the same body and the same clock, to compare; None: there are none.
+        other: a scene of other contacts on the same body and clock, for comparison; None: no comparison.
     """
 
     title: str
@@ -203,7 +203,7 @@ class Scene:
 
     @cached_property
     def size(self) -> float:
-        """Diagonal of what is shown [m]."""
+        """Diagonal of the box that is shown [m]."""
         return float(np.linalg.norm(self.bounds[1] - self.bounds[0]))
 
     @cached_property
@@ -211,89 +211,89 @@ class Scene:
         return self.bounds.mean(axis=0)
 
     def placed(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """In units of the size about the middle, so that a needle and a torso look alike to a camera."""
+        """Return points [m] relative to the scene's middle, divided by its size, so that all bodies look equal."""
         return (points - self._middle) / self.size
 
     @cached_property
     def strongest(self) -> Int[np.ndarray, " m"]:
-        """(m,) row of each sample's strongest contact."""
+        """Row of each sample's strongest contact, (m,)."""
         return strongest(self.contacts, self.starts)
 
     @cached_property
     def total(self) -> Float[np.ndarray, " m"]:
-        """(m,) [N] sum of the lengths of each sample's forces."""
+        """Sum of the magnitudes of each sample's forces, (m,) [N]."""
         return totals(self.contacts, self.starts)
 
     @property
     def several(self) -> bool:
-        """Some sample has more than one contact."""
+        """True where some sample has more than one contact."""
         return len(self.starts) < len(self.contacts)
 
     @cached_property
     def opening(self) -> int:
-        """The sample to begin with: that of the strongest contact."""
+        """Number of the sample that is shown first: that of the strongest contact."""
         force = np.linalg.norm(self.contacts.force[self.strongest], axis=1)
         return int(np.where(self.touched[self.strongest] & np.isfinite(force), force, -1.0).argmax())
 
     @cached_property
     def torque(self) -> float:
-        """[N m] that is usual; 0 where none is known."""
+        """Usual size of the torque about the normal [N m], its 95 % quantile; 0 where none is known."""
         torque = np.abs(self.contacts.torque[np.isfinite(self.contacts.torque)])
         return float(np.quantile(torque, _STRONG)) if len(torque) else 0.0
 
     @cached_property
     def touches(self) -> Events:
-        """As `palpate events` and the report number them."""
+        """Touches, numbered as in `palpate events` and the report."""
         return find_touches(self.contacts)
 
     @cached_property
     def outline(self) -> Float[np.ndarray, "k 3"]:
-        """(k, 3) [m] points of the body, or of what layers show, that are the outermost in some direction."""
+        """Points of the body, or of what layers show, that are the outermost in some direction, (k, 3) [m]."""
         if self.body is None:
             return _corners(self.bounds)
         return self.body.vertices[np.unique((self.body.vertices @ _directions().T).argmax(axis=0))]
 
     @cached_property
     def axes(self) -> Float[np.ndarray, "3 2 3"]:
-        """Return (3, 2, 3) [m] ends of the axes of the surface's frame, which leave the body."""
+        """Ends of the axes of the surface's frame, which reach beyond the body, (3, 2, 3) [m]."""
         ends = np.diag(np.maximum(self.bounds[1], 0.0) + _OUT * self.size)
         return np.stack([np.zeros((3, 3)), ends], axis=1)
 
     def seen_with(self, contacts: Sequence[ShownContact]) -> Float[np.ndarray, "k 3"]:
-        """(k, 3) [m] of the body and the arrows of contacts; room for arrows where there are none."""
+        """Return points of the body and of the contacts' arrows, (k, 3) [m]; without arrows, with room for them."""
         tails = self._tails(contacts)
         room = _corners(self.bounds + _ROOM * self.size * np.array([[-1.0], [1.0]]))
         axes = np.clip(self.axes[:, 1], room.min(axis=0), room.max(axis=0))  # a frame may be far from its body
         return np.concatenate([self.outline, axes, tails if len(tails) else room])
 
     def seen_near(self, contact: ShownContact) -> Float[np.ndarray, "k 3"]:
-        """(k, 3) [m] of a located contact's arrow and of what is about it."""
+        """Return points of a located contact's arrow and of its surroundings, (k, 3) [m]."""
         about = contact.point + _ABOUT * self.size * np.array([[-1.0] * 3, [1.0] * 3])
         return np.concatenate([_corners(about), self._tails([contact])])
 
     def _tails(self, contacts: Sequence[ShownContact]) -> Float[np.ndarray, "k 3"]:
-        """(k, 3) [m] where the labels of arrows are."""
+        """Return the places of the arrows' labels, (k, 3) [m]."""
         known = [each for each in contacts if each.located and np.isfinite(each.force).all()]
         return np.array([self.labelled(each) for each in known]).reshape(-1, 3)
 
     def labelled(self, contact: ShownContact) -> Float[np.ndarray, "3"]:
-        """(3,) [m] where the label of a located contact is: beyond its arrow's tail."""
+        """Return the place of a located contact's label, (3,) [m]: beyond its arrow's tail."""
         length = float(np.linalg.norm(contact.force))
         beyond = _BEYOND * self.size / length if length > 0 else 0.0
         return contact.point - (self.newton + beyond) * contact.force
 
     @cached_property
     def torque_noise(self) -> float:
-        """[N m] standard deviation of the torque about a line through its neighbours; 0 where it is not known."""
+        """Standard deviation of the torque about a line through its neighbours [N m]; 0 where it is not known."""
         torque = self.contacts.torque[self.strongest[self.timeline.in_touch]]
         bends = np.abs(np.diff(torque, 2))
         bends = bends[np.isfinite(bends)]
         return float(np.median(bends)) / _MEDIAN_BEND if len(bends) else 0.0
 
     def turning(self, contact: ShownContact) -> float:
-        """The share of the usual torque that a contact has; 0 where it does not stand out of its own noise.
+        """Return a contact's torque as a share of the usual torque; 0 where it does not exceed three times its noise.
 
-        Noise is that from sample to sample, and what the place may be off: n . (dp x f) has the variance v' C v,
+        Noise is that from sample to sample, and that from the error of the place: n . (dp x f) has the variance v' C v,
         v = f x n.
         """
         lever = np.cross(contact.force, contact.normal)
@@ -304,33 +304,33 @@ class Scene:
 
     @cached_property
     def turns(self) -> bool:
-        """Return whether the torque is drawn amid some touch."""
+        """True where the torque is drawn during some touch."""
         return any(self.turning(self.at(k).contacts[0]) for k in thinned(self.timeline.touches, _FEW).tolist())
 
     def ready(self) -> None:
-        """Compute what the first picture needs, before anybody waits for it."""
+        """Compute in advance what the first picture needs."""
         _ = (self.touches, self.outline, self.turns, self.total)
         opening = self.at(self.opening).contacts[0]
         if opening.located and np.isfinite(opening.axes).all():
             self.ellipse_on_body(opening, 1)  # loads machine code
 
     def copied(self) -> Scene:
-        """The same with layers that can be drawn once more, for another browser; what was computed is kept."""
+        """Return a copy whose layers can be drawn again, for another browser; values computed so far are kept."""
         made = copy(self)
         object.__setattr__(made, "layers", tuple(copy(layer) for layer in self.layers))
         return made
 
     def with_contacts(self, contacts: Contacts) -> Scene:
-        """The same body, layers and scales with other contacts, at least one row."""
+        """Return a scene of the same body, layers and scales with other contacts, at least one row."""
         starts, touched, timeline = _sampled(contacts)
         return replace(self, contacts=contacts, starts=starts, touched=touched, timeline=timeline)
 
     def compared(self, contacts: Contacts, title: str) -> Scene:
-        """With other contacts beside these, such as of the same log by other settings.
+        """Return the scene with other contacts for comparison, such as of the same log by other settings.
 
         Args:
             contacts: on the same clock, at least one row.
-            title: what to call them.
+            title: name of these contacts.
 
         Raises:
             InputError: the two have no time in common.
@@ -341,49 +341,49 @@ class Scene:
         return replace(self, other=other)
 
     def meanwhile(self, seconds: float) -> SceneMoment | None:
-        """What `beside` has at a time since the start of these contacts [s]; None: nothing is compared."""
+        """Return the moment of `other` at a time since the start of these contacts [s]; None without a comparison."""
         other = self.other
         return None if other is None else other.at(other.timeline.at(seconds - self._ahead(other)))
 
     def seconds_at(self, time: float) -> float:
-        """Since the start, of a time as it was recorded [s]."""
+        """Convert a recorded time to seconds since the start."""
         return time - self._began
 
     def _ahead(self, other: Scene) -> float:
-        """By how much another's clock starts later [s]."""
+        """Return by how many seconds another's clock starts later."""
         return other._began - self._began
 
     @cached_property
     def _began(self) -> float:
-        """The first time that is known [s]; 0 where none is."""
+        """First known time as recorded [s]; 0 where none is known."""
         known = self.contacts.time[np.isfinite(self.contacts.time)]
         return float(known[0]) if len(known) else 0.0
 
     def scaled(self) -> Scene:
-        """Its arrows and ellipses drawn as large as suits its contacts; without any they stay as they are."""
+        """Return the scene with arrows and ellipses scaled to its contacts; without contacts the scales stay."""
         shown = self.contacts[thinned(np.flatnonzero(self.touched), _FEW)]
         if not len(shown):
             return self
         return replace(self, newton=_newton(self.size, shown), magnification=_magnified(self.size, shown))
 
     def scaled_to(self, force: float) -> Scene:
-        """Its arrows scaled to a force [N] of which one would be longer than the body; else, and by NaN, as it is."""
+        """Return the scene with arrows scaled to a force [N] exceeding the body; else, or by NaN, unchanged."""
         return replace(self, newton=_ARROW * self.size / force) if force * self.newton > self.size else self
 
     def rows(self, index: int) -> slice:
-        """The rows of a sample."""
+        """Return the rows of a sample."""
         end = self.starts[index + 1] if index + 1 < len(self.starts) else len(self.contacts)
         return slice(int(self.starts[index]), int(end))
 
     def at(self, index: int) -> SceneMoment:
-        """What there is at one sample."""
+        """Return the moment of a sample."""
         return _moment(self.contacts, self.rows(index), index, float(self.timeline.clock[index]))
 
     def ellipse_on_body(self, contact: ShownContact, magnification: int) -> Float[np.ndarray, "k 3"]:
-        """A located contact's 95 % ellipse laid on the body [m], so that nothing of it hangs over an edge.
+        """Return points of a located contact's 95 % ellipse, (k, 3) [m], laid on the body: none hangs over an edge.
 
-        Its points, those of a `disc` in the tangent plane, are taken to the nearest point of the surface, and as far
-        above it as the contact is, such as on a skin.
+        Its points, those of a `disc` in the tangent plane, are moved to the nearest point of the surface, and as far
+        above it as the contact point is, such as on a skin.
         """
         axes = np.minimum(magnification * contact.axes, 2.0 * self.size)
         within = disc(*(LARGE if axes[0] > _LARGE * self.size else SMALL))
@@ -395,7 +395,7 @@ class Scene:
         return points + (above + _LIFT * self.size) * normals
 
     def _total_beside(self, clock: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-        """(k,) [N] of the contacts that are compared at times since the start of these."""
+        """Return the compared contacts' total force at times since the start of these, (k,) [N]; NaN elsewhere."""
         if (other := self.other) is None:
             return np.full(len(clock), np.nan)
         seconds = clock - self._ahead(other)
@@ -403,7 +403,7 @@ class Scene:
         return np.where((at >= 0) & (seconds <= other.timeline.duration + 1e-9), other.total[np.maximum(at, 0)], np.nan)
 
     def trail(self, index: int, seconds: float) -> tuple[Float[np.ndarray, "k 2 3"], Float[np.ndarray, " k"]]:
-        """Where each contact was in the last seconds: segments [m] and their ages (0 now, 1 oldest)."""
+        """Return the contacts' paths in the last seconds: segments (k, 2, 3) [m], and ages (k,), 0 now, 1 oldest."""
         now = self.timeline.clock[index]
         first = self.timeline.span(now - seconds, now).start
         stride = max(1, -(-(index - first) // TRAIL))
@@ -425,13 +425,13 @@ class Scene:
         return points, age
 
     def curves(self, window: slice | None = None) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k 5"]]:
-        """Seconds, and beside them two forces [N] and x, y, z [mm] of the strongest contact.
+        """Return times [s], (k,), and two forces [N] and x, y, z [mm] of the strongest contact, (k, 5).
 
         The second force is that of the strongest contact; the first its part along the normal or, where there may be
         several contacts, the sum of all; where others are compared, the sum of theirs.
 
         Args:
-            window: of samples; None: all.
+            window: slice of samples; None: all.
         """
         picked = slice(None) if window is None else window
         rows, found = self.strongest[picked], self.contacts
@@ -445,13 +445,13 @@ class Scene:
 
 
 def prepare(surface: Surface | None, contacts: Contacts, title: str = "", layers: Sequence[Layer] = ()) -> Scene:
-    """A scene from contacts in the surface's frame.
+    """Return a scene of contacts in the surface's frame.
 
     Args:
-        surface: the body; one that is an equation is shown as a mesh. None: the layers show the body.
+        surface: the body; a surface given by an equation is shown as a mesh. None: the layers show the body.
         contacts: at least one row.
-        title: what to call it.
-        layers: what sensors add.
+        title: name of the scene.
+        layers: drawings that sensors add.
 
     Raises:
         InputError: there are no rows.
@@ -477,12 +477,12 @@ def prepare(surface: Surface | None, contacts: Contacts, title: str = "", layers
 
 
 def moment_of(found: Contacts) -> SceneMoment:
-    """The moment of contacts that are all of one sample, in no scene."""
+    """Return the moment of contacts that all belong to one sample, without a scene."""
     return _moment(found, slice(0, len(found)), 0, 0.0)
 
 
 def _moment(found: Contacts, rows: slice, index: int, seconds: float) -> SceneMoment:
-    """Of the rows of one sample."""
+    """Return the moment of the rows of one sample."""
     order = np.argsort(-np.linalg.norm(found.force[rows], axis=1), kind="stable")  # NaN last
     first = rows.start
     shown = tuple(_shown(found, first + k) for k in order.tolist())
@@ -509,7 +509,7 @@ def _shown(found: Contacts, row: int) -> ShownContact:
 
 @cache
 def disc(rings: int, around: int) -> Float[np.ndarray, "k 2"]:
-    """(1 + rings around, 2) points of the unit disc: the middle, then ring after ring, the rim last."""
+    """Return points of the unit disc, (1 + rings around, 2): the middle, then ring after ring, the rim last."""
     turn = 2 * np.pi * np.arange(around) / around
     share = np.arange(1, rings + 1)[:, None] / rings
     points = np.stack([share * np.cos(turn), share * np.sin(turn)], axis=-1)
@@ -517,12 +517,12 @@ def disc(rings: int, around: int) -> Float[np.ndarray, "k 2"]:
 
 
 def rim(count: int) -> int:
-    """How many of the points of an ellipse, the last ones, are on its rim."""
+    """Return the number of an ellipse's points on its rim, which are the last ones."""
     return next(around for rings, around in (SMALL, LARGE) if count == 1 + rings * around)
 
 
 def no_contacts() -> Contacts:
-    """One sample without a contact: a scene that is to be fed has a moment."""
+    """Return one sample without a contact, so that a scene that waits for its first contacts has a moment."""
     row = np.zeros((1, ROW.length))
     row[:, : ROW.torque], row[:, ROW.covariance] = np.nan, np.nan
     row[:, ROW.status] = Status.NO_CONTACT
@@ -531,7 +531,7 @@ def no_contacts() -> Contacts:
 
 @takes_arrays
 def before(normal: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
-    """Unit direction from which a contact is seen: before it, somewhat aside and above, never straight from above."""
+    """Return the unit direction from which a contact is seen: in front, somewhat aside and above, never vertical."""
     way = normal + 0.5 * np.cross([0.0, 0.0, 1.0], normal) + [0.0, 0.0, 0.4]
     way = way if np.hypot(way[0], way[1]) > 0.3 else way + np.array([0.35, -0.45, 0.0])
     length = float(np.linalg.norm(way))
@@ -539,39 +539,39 @@ def before(normal: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
 
 
 def rounded_up(value: float) -> float:
-    """The next of 1, 2, 5, 10, ... that is not less."""
+    """Return the smallest of 1, 2, 5, 10, ... (times powers of ten) that is not less than `value`."""
     power = 10.0 ** np.floor(np.log10(value))
     return float(power * next(step for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value * (1 - 1e-9)))
 
 
 def _sampled(contacts: Contacts) -> tuple[Int[np.ndarray, " m"], Bool[np.ndarray, " n"], Timeline]:
-    """First row of each sample; rows that are contacts with a place; the time of the samples."""
+    """Return the first row of each sample, the rows that are contacts with a place, and the timeline of the samples."""
     starts = sample_starts(contacts)
     touched = contacts.located & (contacts.answered | (contacts.status == Status.SATURATED))
     return starts, touched, Timeline.of(contacts.time[starts], np.logical_or.reduceat(touched, starts))
 
 
 def _newton(size: float, shown: Contacts) -> float:
-    """[m] of an arrow for each newton: a strong one is a third as long as the body."""
+    """Return the length of an arrow per newton [m]: a strong one is about a third as long as the body."""
     strong = float(np.nanquantile(np.linalg.norm(shown.force, axis=1), _STRONG)) if len(shown) else 1.0
     return _ARROW * size / max(strong, 1e-9)
 
 
 def _corners(box: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "8 3"]:
-    """Of a box from its least and its largest coordinates."""
+    """Return the corners of a box from its least and its largest coordinates."""
     return np.stack(np.meshgrid(*box.T, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
 @cache
 def _directions() -> Float[np.ndarray, "k 3"]:
-    """Evenly over the sphere."""
+    """Return unit vectors that are evenly spread over the sphere."""
     rise = np.linspace(-1.0, 1.0, _OUTERMOST)
     turn, flat = np.pi * (1.0 + 5.0**0.5) * np.arange(_OUTERMOST), np.sqrt(1.0 - rise**2)
     return np.stack([flat * np.cos(turn), flat * np.sin(turn), rise], axis=1)
 
 
 def _bounds(points: Float[np.ndarray, "n 3"], layers: Sequence[Layer]) -> Float[np.ndarray, "2 3"]:
-    """Of the layers' places and all contacts; a box of 10 cm where that is a point or nothing."""
+    """Return the bounds of the layers' places and all contacts; a box of 10 cm where that is a point or nothing."""
     places = np.concatenate([points, *(layer.places for layer in layers)])
     low, high = (places.min(axis=0), places.max(axis=0)) if len(places) else (np.zeros(3), np.zeros(3))
     margin = 0.0 if np.linalg.norm(high - low) > 0 else 0.05
@@ -579,7 +579,7 @@ def _bounds(points: Float[np.ndarray, "n 3"], layers: Sequence[Layer]) -> Float[
 
 
 def _width(size: float, points: Float[np.ndarray, "n 3"]) -> float:
-    """Of the spot that a touch leaves [m]: small beside the body, and beside what was touched of it."""
+    """Return the width of the spot that a touch leaves [m]: small relative to the body and to the touched region."""
     extent = float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else size
     return float(np.clip(extent / 40, size / 300, size / 50))
 

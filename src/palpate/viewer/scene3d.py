@@ -1,4 +1,4 @@
-"""What stands in the page's 3D view: body, heat, contacts, trails and layers, as handles that are moved."""
+"""Draw body, heat, contacts, trails and layers in the page's 3D view, as handles that are moved."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ LETTER = 0.02  # sizes of the body from the end of an axis to its name
 
 @dataclass(frozen=True)
 class DrawSettings:
-    """What a person chose to see: heat or not, seconds of trail, magnification of the ellipses, numbers of touches."""
+    """The viewer's choices: heat or not, seconds of trail, magnification of the ellipses, numbers of touches."""
 
     heat: bool
     trail: float
@@ -36,14 +36,14 @@ class DrawSettings:
 
 
 class Scene3D:
-    """Draws in the units of `Scene.placed`.
+    """A scene in the page's 3D view, drawn in the units of `Scene.placed`.
 
     Attributes:
-        scene: whose moments are shown; another of the same body may take its place.
+        scene: scene whose moments are shown; another of the same body may take its place.
 
     Args:
-        server: to draw at: for everybody, or for one browser.
-        scene: to be drawn.
+        server: the server, to draw for all browsers, or one browser.
+        scene: the scene to draw.
     """
 
     def __init__(self, server: ViserServer | ClientHandle, scene: Scene) -> None:
@@ -60,7 +60,7 @@ class Scene3D:
             layer.draw(server, scene)
 
     def show(self, moment: SceneMoment, settings: DrawSettings) -> None:
-        """Move everything to a moment."""
+        """Move everything to a moment and apply the settings."""
         if self.scene.body is not None:
             self._show_body(self.scene.body, settings.heat)
         self._show_numbers(settings.numbers)
@@ -68,12 +68,12 @@ class Scene3D:
         self.move(self.scene, moment, settings.magnification)
 
     def move(self, scene: Scene, moment: SceneMoment, magnification: int) -> None:
-        """Move contacts and layers alone.
+        """Move only contacts and layers to a moment.
 
         Args:
-            scene: whose sample the layers show; arrows have the scales of `self.scene`.
-            moment: to be shown.
-            magnification: of the ellipses.
+            scene: scene whose sample the layers show; arrows have the scales of `self.scene`.
+            moment: moment to show.
+            magnification: factor by which the ellipses are drawn larger.
         """
         while len(self._markers) < len(moment.contacts):
             self._markers.append(Marker(self._space, len(self._markers)))
@@ -84,7 +84,7 @@ class Scene3D:
             layer.show(scene, moment.index)
 
     def _move_others(self, moment: SceneMoment, magnification: int) -> None:
-        """The contacts that are compared."""
+        """Move the compared contacts."""
         if (other := self.scene.meanwhile(moment.seconds)) is None:
             return
         while len(self._others) < len(other.contacts):
@@ -93,7 +93,7 @@ class Scene3D:
             marker.show(self.scene, contact, magnification)
 
     def face(self, client: ClientHandle, contact: ShownContact | None = None) -> None:
-        """Turn a browser's camera to a contact; None: to the whole body, from the side of its strongest contact."""
+        """Turn a browser's camera to a contact; None: to the complete body, from the side of its strongest contact."""
         with client.atomic():
             seen = () if contact is None else (contact,)
             client.camera.position, client.camera.look_at = aim(
@@ -101,7 +101,7 @@ class Scene3D:
             )
 
     def show_trail(self, moment: SceneMoment, seconds: float) -> None:
-        """Where contacts were in the seconds before a moment of `scene`."""
+        """Show the paths of the contacts in the seconds before a moment of `scene`."""
         segments, age = self.scene.trail(moment.index, seconds)
         self._trail.visible = bool(len(segments)) and seconds > 0
         if self._trail.visible:
@@ -110,7 +110,7 @@ class Scene3D:
             self._trail.colors = np.repeat(shade.astype(np.uint8)[:, None], 2, axis=1)
 
     def _show_numbers(self, wanted: bool) -> None:
-        """Of the touches, where they were; drawn when first wanted."""
+        """Show or hide the numbers of the touches at their places; they are drawn on first use."""
         if wanted and not self._numbers:
             found, size = self.scene.touches, self.scene.size
             places = self.scene.placed(found.point + 0.02 * size * found.normal)
@@ -144,7 +144,7 @@ class Scene3D:
         return made.getvalue()
 
     def _add_ground(self) -> None:
-        """A grid under the body and the axes of the surface's frame; the legend has their scale and colours."""
+        """Add a grid under the body and the axes of the surface's frame; the legend has their scale and colours."""
         size = self.scene.size
         cell = rounded_up(size / 12)
         floor = self.scene.placed(self.scene.bounds[0] - 0.03 * size)[2]
@@ -163,7 +163,7 @@ class Scene3D:
 
 
 def _both_sides(tree: dict[str, Any]) -> None:
-    """An open body has an inside that is seen: facets of a glTF have a front alone, unless its material says so."""
+    """Make the facets of a glTF visible from both sides, as the inside of an open body can be seen."""
     tree["materials"] = [{"doubleSided": True}]
     for mesh in tree["meshes"]:
         for part in mesh["primitives"]:
@@ -173,14 +173,14 @@ def _both_sides(tree: dict[str, Any]) -> None:
 def aim(
     scene: Scene, aspect: float, contacts: Sequence[ShownContact] = (), covered: float | None = None, near: bool = False
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
-    """Where a camera stands and what it looks at, in units of the scene: the body and the arrows of contacts.
+    """Return position and target of a camera that sees the body and the contacts' arrows, in the scene's units.
 
     Args:
-        scene: to be seen.
+        scene: the scene.
         aspect: width over height of the picture.
-        contacts: to be seen, the first from its side; without any, those of the moment that is shown first.
-        covered: as `fit` has it.
-        near: the first contact and what is about it alone.
+        contacts: contacts that must be seen, the first from its side; without any, those of the moment shown first.
+        covered: share of the height that is hidden, see `fit`.
+        near: only the first contact and its surroundings must be seen.
     """
     contacts = contacts or scene.at(scene.opening).contacts
     first = contacts[0]

@@ -1,4 +1,4 @@
-"""The page: a scene in a browser, with a timeline to scrub and play; each browser has a `Session` of its own."""
+"""Serve a scene as a page with a timeline to scrub and play; each browser has a separate `BrowserSession`."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def serve(
     """Serve the page until Ctrl-C.
 
     Args:
-        scene: what to show.
+        scene: scene to show.
         host: address to listen at; only this machine can reach the default.
         port: the first to try; 0 for any.
         up: called with the page's address when it can be opened.
@@ -52,7 +52,7 @@ def serve(
 
 
 def require_viser(host: str, port: int) -> None:
-    """Before long work, say what would keep the page from being served.
+    """Check, before long work, that the page can be served.
 
     Raises:
         InputError: viser is not installed, or nothing can listen there.
@@ -63,19 +63,19 @@ def require_viser(host: str, port: int) -> None:
 
 
 class Served:
-    """A page that is served from threads of its own until `stop`; as a context manager it stops by itself.
+    """A page that background threads serve until `stop`, or until the end of a `with` block.
 
     Only a browser that opens `address` is answered, and those that have opened it before; see `Guard`.
 
     Attributes:
-        address: to open in a browser, with the token that it needs. Where the server listens at all addresses of this
-            machine, it is the one that others on its network reach.
-        port: that was free.
+        address: address to open in a browser, with the token that it needs. Where the server listens at all addresses
+            of this machine, it is the one that others on its network reach.
+        port: the free port that was found.
 
     Args:
         host: address to listen at; only this machine can reach the default.
         port: the first to try; 0 for any.
-        token: that opens the page; "": a new one.
+        token: secret that opens the page; "": a new one.
 
     Raises:
         InputError: viser is not installed, or nothing can listen there.
@@ -88,7 +88,7 @@ class Served:
         self.address = f"{_shown(host)}:{self.port}/?token={token}"
 
     def look(self, aim: Callable[[float], tuple[np.ndarray, np.ndarray]]) -> None:
-        """Let the camera of each browser begin where `aim` has it: position and target, by width over height."""
+        """Set the first view of each browser: `aim` maps width over height to position and target of the camera."""
         camera = self._server.initial_camera
         camera.position, camera.look_at = aim(1.0)
         camera.up, camera.fov, camera.near, camera.far = (0.0, 0.0, 1.0), VIEW, 0.01, 100.0
@@ -116,10 +116,10 @@ class Page(Served):
     """A scene, served as `Served` is.
 
     Args:
-        scene: what to show.
+        scene: scene to show.
         host: address to listen at; only this machine can reach the default.
         port: the first to try; 0 for any.
-        together: all browsers see the same moment, and whoever changes it changes it for all; else each has its own.
+        together: all browsers share one moment, which each of them can change; else each has a separate one.
 
     Raises:
         InputError: viser is not installed, or nothing can listen there.
@@ -141,30 +141,30 @@ class Page(Served):
 
     @property
     def session(self) -> BrowserSession:
-        """The latest one: of the browser that came last, or of all.
+        """The latest session: of the browser that connected last, or of all.
 
         Raises:
-            IndexError: each browser has its own, and none is there.
+            IndexError: each browser has a separate session, and none is connected.
         """
         return list(self._sessions.values())[-1]
 
     @property
     def index(self) -> int:
-        """The sample that the latest session shows."""
+        """Number of the sample that the latest session shows."""
         return self.session.index
 
     @property
     def playing(self) -> bool:
-        """The latest session is."""
+        """True while the latest session plays."""
         return self.session.playing
 
     def seek(self, seconds: float) -> None:
-        """Take every session to a time since the start of the log."""
+        """Move every session to a time [s] since the start of the log."""
         for session in list(self._sessions.values()):
             session.seek(seconds)
 
     def play(self, on: bool) -> None:
-        """Let every session run, or stand still."""
+        """Start or stop playing in every session."""
         for session in list(self._sessions.values()):
             session.play(on)
 
@@ -187,7 +187,7 @@ class Page(Served):
 
 
 def _shown(host: str) -> str:
-    """The start of an address that leads to a host that was listened at, from other machines if they can reach it."""
+    """Return the start of a URL for the host that was listened at, usable from other machines if they can reach it."""
     from palpate.viewer.guard import in_url  # here: what it needs comes with viser
 
     try:
@@ -198,7 +198,7 @@ def _shown(host: str) -> str:
 
 
 def _own(everywhere: str) -> str:
-    """The address of this machine on its network; where it is on none, its own."""
+    """Return this machine's address on its network; without a network, the loopback address."""
     family = socket.AF_INET6 if ":" in everywhere else socket.AF_INET
     with socket.socket(family, socket.SOCK_DGRAM) as probe:
         try:
@@ -209,7 +209,7 @@ def _own(everywhere: str) -> str:
 
 
 def _listen(host: str, port: int, token: str) -> ViserServer:
-    """A server on this port, or on the next one that is free, guarded by a token."""
+    """Return a server at this port, or the next free one, guarded by a token."""
     require_viser(host, port)
     from palpate.viewer.guard import Guard
     from palpate.viewer.viser_door import listening
@@ -219,7 +219,7 @@ def _listen(host: str, port: int, token: str) -> ViserServer:
 
 
 def _free(host: str, port: int) -> int:
-    """The port, or the next one that can be listened at; viser itself would wait for ever where there is none."""
+    """Return the port, or the next that can be listened at; without one, viser itself would wait for ever."""
     last: OSError | None = None
     for candidate in range(port, min(port + PORTS, 65536)) if port > 0 else [0] * (port == 0):
         try:
@@ -240,7 +240,7 @@ def _free(host: str, port: int) -> int:
 
 @contextmanager
 def _quiet() -> Generator[None]:
-    """Viser announces itself on the screen; here the command speaks."""
+    """Silence viser's announcement on the terminal within the block; the command prints the address."""
     import rich
 
     console = rich.get_console()

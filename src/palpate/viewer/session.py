@@ -1,4 +1,4 @@
-"""What one browser sees of a scene, or all together: its moment, whether it plays, and what was asked for last."""
+"""Control what one browser, or all together, see of a scene: the moment, playing, and the latest request."""
 
 from __future__ import annotations
 
@@ -24,11 +24,13 @@ _NUMBER = re.compile(r"-?\d+(\.\d*)?(e-?\d\d?)?")
 
 
 class BrowserSession:
-    """All that changes the picture runs in one more thread, which draws the latest request and drops those before it.
+    """The view of one browser, or of all together, on a scene.
+
+    All that changes the picture runs in one more thread, which draws the latest request and drops those before it.
 
     Args:
         at: the browser, or the server where all see the same.
-        scene: whose moments are shown.
+        scene: scene whose moments are shown.
     """
 
     def __init__(self, at: ViserServer | ClientHandle, scene: Scene) -> None:
@@ -37,7 +39,7 @@ class BrowserSession:
         self._seconds = float(scene.timeline.clock[scene.opening])
         self.playing = self._stopping = self._stale = False
         self.index = 0
-        """The sample that is shown, counted in the scene."""
+        """Number of the shown sample in the scene."""
         with at.atomic():
             self.scene3d = Scene3D(at, scene)
             self._panel = Panel(at.gui, scene, self.ask)
@@ -46,35 +48,35 @@ class BrowserSession:
         self._painter.start()
 
     def seek(self, seconds: float) -> None:
-        """Go to a time since the start of the log."""
+        """Go to a time [s] since the start of the log, limited to its duration."""
         self._request(seconds=min(max(seconds, 0.0), self.scene.timeline.duration))
 
     def play(self, on: bool) -> None:
-        """Run, or stand still; at the end it begins anew."""
+        """Start or stop playing; at the end it starts from the beginning."""
         if on and self._seconds >= self.scene.timeline.duration:
             self.seek(0.0)
         self._request(playing=on)
 
     def refresh(self) -> None:
-        """Draw again: a setting has changed."""
+        """Draw again after a setting has changed."""
         self._request()
 
     def step(self, which: int) -> None:
-        """To the next touch (1) or the previous one (-1)."""
+        """Go to the next touch (1) or the previous one (-1)."""
         timeline = self.scene.timeline
         self.seek(float(timeline.clock[timeline.touch(timeline.at(self._seconds), which)]))
 
     def step_sample(self, which: int) -> None:
-        """To the next sample (1) that is touched, or the previous one (-1)."""
+        """Go to the next touched sample (1) or the previous one (-1)."""
         timeline = self.scene.timeline
         self.seek(float(timeline.clock[timeline.touched_sample(timeline.at(self._seconds), which)]))
 
     def ask(self, what: str, client: ClientHandle | None = None) -> None:
-        """Do what the panel, a key or a click asks for, such as "play", "seek 1.5", "touch -1"; ignore anything else.
+        """Carry out a request of the panel, a key or a click, such as "play", "seek 1.5", "touch -1"; ignore others.
 
         Args:
             what: a word, and a number.
-            client: the browser that asks, where it matters: for its view, and for a picture.
+            client: the browser that made the request, where it matters: for its view, and for a picture.
         """
         verb, _, value = what.partition(" ")
         if verb in ("face", "frame", "save"):
@@ -89,13 +91,13 @@ class BrowserSession:
             self.seek(float(value))
 
     def face(self, client: ClientHandle | None) -> None:
-        """Let a browser look at the side of the strongest contact."""
+        """Turn a browser's camera to the side of the strongest contact."""
         strongest = self.scene.at(self.index).contacts[0]
         if client is not None and strongest.located:
             self.scene3d.face(client, strongest)
 
     def save(self, client: ClientHandle | None) -> None:
-        """Hand a browser its picture of the scene as a file."""
+        """Send a browser its picture of the scene as a file."""
         if client is None:
             return
         camera = client.camera
@@ -111,12 +113,12 @@ class BrowserSession:
         client.send_file_download(f"{title}_{self._seconds:.3f}s.png", made, save_immediately=True)
 
     def frame(self, client: ClientHandle | None) -> None:
-        """Let a browser look at the whole body."""
+        """Turn a browser's camera to the complete body."""
         if client is not None:
             self.scene3d.face(client)
 
     def stop(self) -> None:
-        """Draw no more."""
+        """Stop drawing and end the thread."""
         self._request(stopping=True)
         self._painter.join(timeout=5.0)
 
@@ -159,6 +161,6 @@ class BrowserSession:
 
 
 def _on_white(shown: UInt8[np.ndarray, "h w c"]) -> UInt8[np.ndarray, "h w 3"]:
-    """A picture, where it is transparent."""
+    """Return the picture (h, w, 3) with white where it is transparent."""
     share = shown[..., 3:] / 255.0 if shown.shape[2] == 4 else np.ones((*shown.shape[:2], 1))
     return (shown[..., :3] * share + 255.0 * (1.0 - share)).round().astype(np.uint8)

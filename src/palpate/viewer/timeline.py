@@ -1,4 +1,4 @@
-"""The time of a log as something to scrub along, and curves over it, downsampled to what a screen can show."""
+"""Handle the time of a log for scrubbing, and downsample curves over it to what a screen can show."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ GAP, SHORTEST = 0.05, 0.02  # s, as `palpate events` has them
 @takes_arrays
 @dataclass(frozen=True)
 class Timeline:
-    """Seconds since the start of a log, one a sample, never running backwards.
+    """Seconds since the start of a log, one per sample, never running backwards.
 
     Attributes:
-        clock: (n,) [s], from 0. A time that is missing or runs backwards stands where the latest before it stood;
-            without any time at all, samples are a second apart.
-        touched: (n,) where there is a contact.
+        clock: (n,) [s], from 0. A time that is missing or runs backwards is replaced by the latest before it;
+            without any time at all, the step between samples is one second.
+        touched: (n,) samples with a contact.
     """
 
     clock: Float[np.ndarray, " n"]
@@ -34,7 +34,7 @@ class Timeline:
 
     @classmethod
     def of(cls, time: Float[np.ndarray, " n"], touched: Bool[np.ndarray, " n"]) -> Timeline:
-        """From the times of a log as they were recorded [s]."""
+        """Return the timeline of a log from its times as recorded [s]."""
         known = np.isfinite(time)
         if not known.any():
             return cls(np.arange(float(len(time))), touched)
@@ -44,24 +44,24 @@ class Timeline:
 
     @property
     def duration(self) -> float:
-        """[s]."""
+        """Time of the last sample since the start [s]; 0 without samples."""
         return float(self.clock[-1]) if len(self.clock) else 0.0
 
     @cached_property
     def step(self) -> float:
-        """The usual time between samples [s]; 0 where there is none."""
+        """Median time between samples [s]; 0 where there is none."""
         steps = np.diff(self.clock)
         steps = steps[steps > 0]
         return float(np.median(steps)) if len(steps) else 0.0
 
     @cached_property
     def seconds(self) -> Float[np.ndarray, " n"]:
-        """(n,) how long each sample lasted [s]: until the next one, and no longer than ten usual steps."""
+        """Duration of each sample, (n,) [s]: until the next one, and at most ten usual steps."""
         return np.minimum(np.diff(self.clock, append=self.duration + self.step), 10.0 * self.step)
 
     @cached_property
     def _spans(self) -> Int[np.ndarray, "m 2"]:
-        """(m, 2) first and last sample of each touch: it goes on over gaps of `GAP`, and lasts at least `SHORTEST`."""
+        """First and last sample of each touch, (m, 2): it goes on over gaps of `GAP`, and lasts at least `SHORTEST`."""
         touched = np.flatnonzero(self.touched)
         if not len(touched):
             return np.zeros((0, 2), dtype=np.int64)
@@ -74,13 +74,13 @@ class Timeline:
 
     @cached_property
     def touches(self) -> Int[np.ndarray, " m"]:
-        """(m,) the middle of each touch; what is shorter than `SHORTEST` is none."""
+        """Sample in the middle of each touch, (m,); contacts shorter than `SHORTEST` are no touches."""
         ends: Float[np.ndarray, "m 2"] = self.clock[self._spans]
         return np.searchsorted(self.clock, (ends[:, 0] + ends[:, 1]) / 2)
 
     @cached_property
     def in_touch(self) -> Int[np.ndarray, " k"]:
-        """(k,) samples that are touched and belong to a touch."""
+        """Samples that are touched and belong to a touch, (k,)."""
         touched = np.flatnonzero(self.touched)
         which = np.searchsorted(self._spans[:, 0], touched, side="right") - 1
         last = np.append(self._spans[:, 1], -1)[which]  # before the first touch: none
@@ -88,19 +88,19 @@ class Timeline:
         return inside
 
     def at(self, seconds: float) -> int:
-        """The sample in force at a time: the last that is not later."""
+        """Return the sample in force at a time [s]: the last one that is not later."""
         return max(0, int(np.searchsorted(self.clock, seconds + 1e-9, side="right")) - 1)
 
     def span(self, begin: float, end: float) -> slice:
-        """The samples from one time to another, both included [s]."""
+        """Return the samples from one time to another, both included [s]."""
         return slice(int(np.searchsorted(self.clock, begin)), int(np.searchsorted(self.clock, end, side="right")))
 
     def touch(self, index: int, step: int) -> int:
-        """The sample amid the next touch (step 1) or the previous one (-1); the same if there is none."""
+        """Return the middle sample of the next touch (step 1) or the previous one (-1); `index` if there is none."""
         return _next(self.touches, index, step)
 
     def touched_sample(self, index: int, step: int) -> int:
-        """The next sample of a touch (step 1) or the previous one (-1); the same if there is none."""
+        """Return the next sample of a touch (step 1) or the previous one (-1); `index` if there is none."""
         return _next(self.in_touch, index, step)
 
 
@@ -111,9 +111,9 @@ def _next(among: Int[np.ndarray, " m"], index: int, step: int) -> int:
 
 @takes_arrays
 def since(time: Float[np.ndarray, " n"]) -> tuple[float, str]:
-    """The second from which times are counted for a person, and the words for it: 0 and "", or "after" the start.
+    """Return the time [s] from which times are counted for a person, and the words for it.
 
-    Seconds since 1970 are said as a date, in UTC.
+    These are 0 and "" for logs that start near 0, else the start and "after ...": seconds since 1970 as a date in UTC.
     """
     start = float(np.floor(np.min(time, initial=np.inf, where=np.isfinite(time))))
     if not LATE < start < np.inf:
@@ -127,7 +127,7 @@ def since(time: Float[np.ndarray, " n"]) -> tuple[float, str]:
 def downsampled(
     clock: Float[np.ndarray, " n"], values: Float[np.ndarray, "n k"], most: int
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m k"]]:
-    """At most `most` rows that keep every peak: of each run of samples the least and the largest value.
+    """Return at most `most` rows that keep every peak: of each run of samples the least and the largest value.
 
     Args:
         clock: (n,) [s], not falling.

@@ -1,4 +1,4 @@
-"""The touches of a scene as a list that is clicked: number, place, peak."""
+"""Make the list of a scene's touches that can be clicked: number, time, peak, place."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LISTED = 500  # touches: a longer list is slow to send, and nobody reads it
 
 
 def touch_list(scene: Scene, time: float) -> str:
-    """HTML; the touch at a time as it was recorded [s] is marked, and a line goes to its peak when clicked."""
+    """Return the list as HTML; the touch at a recorded time [s] is marked, and a click on a line goes to its peak."""
     found = scene.touches
     if not len(found):
         return '<p style="opacity:.75;margin:.2em 1em;font-size:.8em">no touches</p>'

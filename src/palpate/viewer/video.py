@@ -1,4 +1,4 @@
-"""Pictures, one after the other, into a video; written by OpenCV."""
+"""Write pictures, one after the other, into a video with OpenCV."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ class Video:
     """A video that grows by a picture at a time; a context manager.
 
     Args:
-        path: of the video (.mp4).
+        path: file of the video (.mp4).
         size: (width, height) of every picture [px].
-        rate: pictures a second.
+        rate: pictures per second.
 
     Raises:
         InputError: OpenCV is not installed, or no video can be written.
@@ -34,11 +34,11 @@ class Video:
             raise InputError("OpenCV cannot write a video here.", where=str(path))
 
     def add(self, picture: UInt8[np.ndarray, "h w 3"]) -> None:
-        """The next picture: blue, green, red."""
+        """Append a picture, (h, w, 3) in blue, green, red."""
         self._writer.write(picture)
 
     def close(self) -> None:
-        """Write what is left."""
+        """Write the remaining pictures and close the file."""
         self._writer.release()
 
     def __enter__(self) -> Video:

@@ -1,4 +1,4 @@
-"""All that depends on viser's insides: its server behind a `Guard`; where that cannot be, nothing is served."""
+"""Put viser's server behind a `Guard`, with all that depends on viser's internals; unguarded, nothing is served."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ _ENTER = '<!doctype html><meta http-equiv="refresh" content="0; url=/"><title>Pa
 
 
 def listening(guard: Guard, host: str, port: int) -> viser.ViserServer:
-    """Viser's server, which asks the guard about every request and every message.
+    """Return viser's server, which submits every request and every message to the guard.
 
     Raises:
-        InputError: this viser is built in another way, so that it could not be guarded.
+        InputError: the internals of this version of viser are unknown, so that it could not be guarded.
     """
     filterwarnings("ignore", r"Queued a \w+ on a closed connection")  # a browser that goes while its page is made
     infra: Any = viser.infra
@@ -63,18 +63,18 @@ def listening(guard: Guard, host: str, port: int) -> viser.ViserServer:
 
 
 def browser_address(server: viser.ViserServer, client: int | None) -> str:
-    """Where a browser is that has done something."""
+    """Return the address of a connected browser, or a phrase where it is gone."""
     inside: Any = server
     connection = inside._websock_server._live_connections.get(client)
     return "a browser that is gone" if connection is None else str(connection.remote_address[0])
 
 
 class _Door:
-    """Takes the place of `websockets` for one server.
+    """A guarded replacement of `websockets` for one server.
 
     Attributes:
-        websockets: as viser sees it.
-        serving: viser has come this way.
+        websockets: the module that viser sees.
+        serving: True once viser has used it.
     """
 
     def __init__(self, guard: Guard, server: Any) -> None:
@@ -94,7 +94,7 @@ class _Door:
         )
 
     def arrived(self, connection: ServerConnection) -> None:
-        """One more that has not asked for anything yet."""
+        """Note a connection that has sent no token yet; too many of them end the oldest."""
         self._pending[connection] = None
         while len(self._pending) > PENDING:
             oldest = next(iter(self._pending))
@@ -102,13 +102,13 @@ class _Door:
             oldest.transport.abort()
 
     def known(self, connection: ServerConnection) -> None:
-        """It has a token, or is gone."""
+        """Forget a pending connection, as it has shown a token or is gone."""
         self._pending.pop(connection, None)
 
     def _answer(
         self, viser_answer: Callable[..., Response | None], connection: ServerConnection, request: Request
     ) -> Response | None:
-        """To a request: None lets a socket be opened."""
+        """Answer a request; None lets a socket be opened."""
         local, port = connection.local_address[:2]
         asked = guard.Request(request.path, request.headers.get_all, local, port)
         if refusal := self._guard.refusal(asked):
@@ -132,11 +132,11 @@ class _Door:
         return None
 
     def judged(self, connection: ServerConnection, raw: object) -> Verdict:
-        """What becomes of a message of a browser."""
+        """Return the verdict on a message of a browser."""
         return judged(raw, partial(self._widget, connection))
 
     def _widget(self, connection: ServerConnection, name: str) -> Widget | None:
-        """One that this browser sees: everybody's, or its own."""
+        """Return a widget that this browser sees, shared or private, by its name; None where there is none."""
         server = self._server
         open_ones = server._websock_server._live_connections.items()
         client = server.get_clients().get(next((key for key, each in open_ones if each is connection), -1))
@@ -149,7 +149,7 @@ class _Door:
 
 
 class _Connection(ServerConnection):
-    """One of which viser receives what is allowed, and nothing else."""
+    """A connection that passes only allowed messages to viser."""
 
     def __init__(self, door: _Door, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
@@ -164,7 +164,7 @@ class _Connection(ServerConnection):
         super().connection_lost(exc)
 
     async def recv(self, decode: bool | None = None) -> Any:
-        """The next message that is allowed; a hostile one is the last."""
+        """Return the next allowed message; a hostile one ends the connection."""
         while True:
             raw = await super().recv(decode)
             verdict = self._door.judged(self, raw)
@@ -175,7 +175,7 @@ class _Connection(ServerConnection):
 
 
 class _NoHandshakes(Filter):
-    """Whoever connects and asks for nothing, or for nonsense, is no event."""
+    """A log filter that drops failed handshakes: clients that connect and send no valid request are no event."""
 
     def filter(self, record: LogRecord) -> bool:
         return not record.getMessage().startswith(("opening handshake failed", "connection rejected"))
@@ -197,7 +197,7 @@ def _response(status: HTTPStatus, text: str, cookie: str = "") -> Response:
 
 
 def _protection(host: str) -> dict[str, str]:
-    """Nobody shows the page in a frame of his, and no address can let it listen to another server than its own."""
+    """Return headers that keep the page out of foreign frames and let it connect to its server alone."""
     return {
         "Content-Security-Policy": f"frame-ancestors 'none'; connect-src 'self' ws://{host} data: blob:",
         "Referrer-Policy": "no-referrer",
@@ -206,15 +206,15 @@ def _protection(host: str) -> dict[str, str]:
 
 
 def _with(module: Any, **changed: Any) -> Any:
-    """A module with other names in it, for one that is given it; nobody else sees them."""
+    """Return a copy of a module's namespace with other values for some names; the module stays unchanged."""
     return SimpleNamespace(**{**vars(module), **changed})
 
 
 def _rebound(function: Any, **names: Any) -> Any:
-    """The same function, which finds something else under global names of its.
+    """Return a copy of a function that finds other values under some of its global names.
 
     Raises:
-        InputError: it knows no such names.
+        InputError: the function uses no such names.
     """
     if not names.keys() <= set(_used(function.__code__)):
         raise _unknown()
@@ -224,7 +224,7 @@ def _rebound(function: Any, **names: Any) -> Any:
 
 
 def _used(code: CodeType) -> Iterator[str]:
-    """Names in a function, and in those within."""
+    """Yield the names used in a function and in functions nested in it."""
     yield from code.co_names
     for each in code.co_consts:
         if isinstance(each, CodeType):

@@ -1,4 +1,4 @@
-"""What the panels of all pages are made of: their look, curves over time, tables of figures."""
+"""Provide the parts of all pages' panels: their look, curves over time, tables of figures."""
 
 from __future__ import annotations
 
@@ -33,27 +33,27 @@ _SHEET = """<style>@media (max-width: 600px) {
 
 
 def theme(gui: GuiApi, dark: bool) -> None:
-    """Light, or dark."""
+    """Set the page's theme, light or dark."""
     gui.configure_theme(
         control_width="large", dark_mode=dark, show_logo=False, show_share_button=False, brand_color=(0, 114, 178)
     )
 
 
 def name(gui: GuiApi, title: str) -> None:
-    """A panel at the right, named after what is shown; on a phone a sheet below, which a tap on its name folds."""
+    """Dock the panel at the right under the page's title; on a phone it is a sheet below that folds by a tap."""
     theme(gui, dark=False)
     gui.set_panel_label(f"Palpate \u00b7 {title}" if title else "Palpate")
     gui.main_panel.dock_right()
 
 
 def dock(gui: GuiApi, title: str) -> None:
-    """The same with what the panel must hold: the page's name, and the look of the sheet."""
+    """Dock the panel as `name` does, and add the page's title and the style of the sheet."""
     name(gui, title)
     gui.add_html(_TITLE + _SHEET)
 
 
 def card(number: str, status: str, ink: str, meaning: str, rows: Sequence[tuple[str, str]], more: str = "") -> str:
-    """What is so now, as HTML: a number with its unit, a status in a ring of a colour, names and values; then more."""
+    """Return the current state as HTML: number with unit, status in a coloured ring, names and values, `more`."""
     ring = f"padding:.05em .7em;border-radius:1em;border:2px solid {ink}"
     return (
         '<div class="palpate-card" style="padding:.3em .7em 0;font-size:.8em;line-height:1.45;'
@@ -64,7 +64,7 @@ def card(number: str, status: str, ink: str, meaning: str, rows: Sequence[tuple[
 
 
 def table(rows: Sequence[tuple[str, str]]) -> str:
-    """Names and what stands beside them, as HTML."""
+    """Return a table of names and values as HTML."""
     made = "".join(
         f'<tr><td style="opacity:.6;padding-right:.8em;white-space:nowrap;vertical-align:top">{name}</td>'
         f"<td>{value}</td></tr>"
@@ -80,14 +80,14 @@ def add_curves(
     span: tuple[float, float] | None = None,
     target: str = "",
 ) -> GuiUplotHandle:
-    """Lines over time [s], whose `data` is to be set: times, and the values of each.
+    """Add a plot of lines over time [s], whose `data` is set later: times, and the values of each line.
 
     Args:
-        gui: to add them to.
-        names: of the lines, with their units.
+        gui: panel to add it to.
+        names: names of the lines, with their units.
         inks: their colours.
-        span: [s] that is shown; None: whatever there is.
-        target: name of a dashed line behind the others, such as of what is wanted; "": none.
+        span: [s] that is shown; None: all data.
+        target: name of a dashed line behind the others, such as a wanted value; "": none.
     """
     from viser import uplot
 

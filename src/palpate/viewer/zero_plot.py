@@ -1,4 +1,4 @@
-"""The figure of a zero that was followed: arrays in, a matplotlib figure out."""
+"""Draw the tracked bias of each channel over time with matplotlib."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ def zeros(
     deviation: Float[np.ndarray, "n m"],
     uncertain: Bool[np.ndarray, " n"],
 ) -> Figure:
-    """How far the zero of each channel has gone since the start, with its 95 % band, and where it was held.
+    """Draw the change of each channel's bias since the start, with its 95 % band, and a strip of when it was tracked.
 
     Args:
         time: (n,) [s].
-        zero: (n, m): of six channels the first three in N and the others in N m, else V.
-        deviation: (n, m).
-        uncertain: (n,) whether something touched, or may have, so that the zero was not followed.
+        zero: (n, m) bias: of six channels the first three in N and the others in N m, else V.
+        deviation: (n, m) standard deviations of the bias.
+        uncertain: (n,) True where something touched, or may have, so that the bias was not tracked.
     """
     start, after = since(time)
     parts, most = _parts(zero.shape[1]), max(MOST // max(zero.shape[1], 1), FEWEST)
@@ -59,7 +59,7 @@ def zeros(
 
 
 def _parts(channels: int) -> list[tuple[range, tuple[str, ...], float, str]]:
-    """Channels, their names, the factor of the unit, and the label, of each panel."""
+    """Return for each panel its channels, their names, the factor of the unit, and the label."""
     if channels != 6:
         return [(range(channels), (), 1e3, "voltage [mV]")]
     return [
@@ -74,7 +74,7 @@ def _first(values: Float[np.ndarray, " n"]) -> float:
 
 
 def _gate(axes: Any, clock: Float[np.ndarray, " n"], held: Bool[np.ndarray, " n"]) -> None:
-    """A strip: where the zero was followed, and where it was held."""
+    """Draw a strip that shows when the bias was tracked and when it was kept constant."""
     axes.set_yticks([])
     axes.grid(visible=False)
     axes.spines[["left", "bottom"]].set_visible(False)

@@ -1,4 +1,4 @@
-"""A benchmark of contact sensing: tasks with their truth, made forwards from a stated seed."""
+"""A benchmark of contact sensing: tasks with their truth, simulated forwards from a seed."""
 
 from palpate_lab.benchmark.make import PUBLIC_SEED, TASKS, make_benchmark
 

@@ -20,7 +20,7 @@ FACETS, CELLS = 5000, 20  # of the ellipsoid; along each edge of a face of the b
 
 @dataclass(frozen=True, eq=False)
 class TouchedBody:
-    """A closed mesh [m], and n points of the surface that it stands for, with outward unit normals."""
+    """A closed mesh [m], and n points on the exact surface that it approximates, with outward unit normals."""
 
     vertices: Float[np.ndarray, "v 3"]
     faces: Int[np.ndarray, "f 3"]
@@ -29,14 +29,14 @@ class TouchedBody:
 
 
 def ellipsoid(count: int, rng: np.random.Generator) -> TouchedBody:
-    """Convex and smooth; points uniform in direction from its middle."""
+    """Make a convex, smooth body, with points uniform in direction from its middle."""
     body = EllipsoidBody(HALVES)
     points = body.sample(count, rng)
     return TouchedBody(*body.mesh(FACETS), points, body.normals(points))
 
 
 def torus(count: int, rng: np.random.Generator) -> TouchedBody:
-    """Round z, not convex: a line crosses it at four places; points uniform in both angles."""
+    """Make a torus about z, which a line crosses at up to four places, with points uniform in both angles."""
     turn, roll = np.meshgrid(
         2 * np.pi * np.arange(AROUND) / AROUND, 2 * np.pi * np.arange(ACROSS) / ACROSS, indexing="ij"
     )
@@ -47,7 +47,7 @@ def torus(count: int, rng: np.random.Generator) -> TouchedBody:
 
 
 def box(count: int, rng: np.random.Generator) -> TouchedBody:
-    """Flat with sharp edges and corners; points uniform in area, on its faces."""
+    """Make a box with sharp edges and corners, with points on its faces, uniform in area."""
     halves = np.array(HALVES)
     sides = [_side(axis, sign, halves) for axis in range(3) for sign in (-1.0, 1.0)]
     offsets = np.cumsum([0, *(len(vertices) for vertices, _ in sides)])
@@ -61,21 +61,21 @@ def box(count: int, rng: np.random.Generator) -> TouchedBody:
 
 
 def ultrasound_probe(count: int, rng: np.random.Generator) -> TouchedBody:
-    """The T-shaped ultrasound probe in the frame of its sensor, its face 150 mm away; points uniform in area."""
+    """Make the T-shaped ultrasound probe in its sensor's frame, its face 150 mm away, with points uniform in area."""
     made = probe("t-shaped")
     cell = rng.choice(len(made.points), count, p=made.areas / made.areas.sum())
     return TouchedBody(made.vertices, made.faces, made.points[cell], made.normals[cell])
 
 
 def _torus(turn: np.ndarray, roll: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points and normals at angles round the axis and round the tube [rad]."""
+    """Return points and normals at angles about the axis and about the tube [rad]."""
     outward = np.stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)], axis=-1)
     normals = np.cos(roll)[:, None] * outward + np.sin(roll)[:, None] * [0.0, 0.0, 1.0]
     return RING * outward + TUBE * normals, normals
 
 
 def _side(axis: int, sign: float, halves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A face of the box, cut into equal triangles."""
+    """Return a face of the box, cut into equal triangles."""
     steps = np.linspace(-1.0, 1.0, CELLS + 1)
     points = np.empty((CELLS + 1, CELLS + 1, 3))
     points[..., axis] = sign
@@ -86,6 +86,6 @@ def _side(axis: int, sign: float, halves: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def _quads(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
-    """Two triangles for each four corners, in the order in which they are seen from outside."""
+    """Split quadrilaterals into two triangles each, in the order in which their corners are seen from outside."""
     corners = [each.ravel() for each in (a, b, c, d)]
     return np.concatenate([np.stack([corners[k] for k in which], axis=1) for which in ((0, 1, 2), (0, 2, 3))])

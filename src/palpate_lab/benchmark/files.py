@@ -1,4 +1,4 @@
-"""The benchmark's folders: a task and its readings, its truth, and the CSV in which anybody answers."""
+"""Read the benchmark's folders: a task and its readings, its truth, and the CSV of answers."""
 
 from __future__ import annotations
 
@@ -35,14 +35,15 @@ _KEYS: Mapping[str, type] = {"name": str, "kind": str, "samples": int, "most": i
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """One task, without its truth.
+    """A task of the benchmark, without its truth.
 
     Attributes:
-        name: of the task, and of its folder.
-        kind: of its readings: wrench, log, load_cells, skin or marker_ring.
-        folder: with its files.
-        samples: how many readings; most: contacts at once, at most.
-        facts: all of task.toml.
+        name: name of the task, and of its folder.
+        kind: kind of its readings: wrench, log, load_cells, skin or marker_ring.
+        folder: folder with its files.
+        samples: number of readings.
+        most: largest number of contacts at once.
+        facts: all keys of task.toml.
     """
 
     name: str
@@ -54,14 +55,14 @@ class Task:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Of a reading; () where it is an image."""
+        """Names of the columns of a reading; () where it is an image."""
         return () if self.kind == "marker_ring" else self._readings[0]
 
     def readings(self) -> Iterator[np.ndarray]:
-        """One after the other: a row of readings.csv (m,), or an image (h, w, 3) in blue, green and red.
+        """Iterate over the readings: rows of readings.csv (m,), or images (h, w, 3) in blue, green and red.
 
         Raises:
-            InputError: the file cannot be read, or does not hold as many as task.toml says.
+            InputError: the file cannot be read, or its number of rows is not that in task.toml.
         """
         if self.kind == "marker_ring":
             return self.images("frames")
@@ -72,10 +73,10 @@ class Task:
         return iter(table)
 
     def images(self, folder: str) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
-        """Those in a folder of the task by name, in blue, green and red.
+        """Yield the images (h, w, 3) of a folder in the task, sorted by name, in blue, green and red.
 
         Raises:
-            InputError: one cannot be read, or OpenCV is not installed.
+            InputError: an image cannot be read, or OpenCV is not installed.
         """
         cv2 = opencv()
         for path in sorted((self.folder / folder).glob("*.jpg")):
@@ -85,19 +86,19 @@ class Task:
             yield image
 
     def table(self, file: str) -> dict[str, Float[np.ndarray, " n"]]:
-        """A CSV of the task, by columns.
+        """Read a CSV of the task; return its columns (n,) by name.
 
         Raises:
-            InputError: it cannot be read.
+            InputError: the file cannot be read.
         """
         read = read_table(self.folder / file)
         return dict(zip(read.names, read.numbers(read.names)[0].T, strict=True))
 
     def mesh(self) -> Mesh:
-        """The body, body.stl.
+        """Load the body, body.stl.
 
         Raises:
-            InputError: there is none.
+            InputError: there is no such file.
         """
         return Mesh.load(self.folder / "body.stl", unit="m")
 
@@ -108,10 +109,10 @@ class Task:
 
 
 def read_benchmark(folder: Path) -> dict[str, Task]:
-    """The tasks in a folder, by name.
+    """Read the tasks in a folder, by name.
 
     Raises:
-        InputError: there is none, or a task.toml says not enough.
+        InputError: there is no task, or a task.toml is incomplete.
     """
     files = sorted(folder.glob("*/task.toml"), key=lambda path: path.parent.name)
     if not files:
@@ -132,10 +133,10 @@ def _task(file: Path) -> Task:
 
 
 def read_truth(task: Task) -> tuple[TrueSamples, Int[np.ndarray, " q"]]:
-    """What is to be found, the time of each contact being the number of its sample; and samples without contact.
+    """Read the contacts to find, whose time is the number of their sample, and the samples without contact (q,).
 
     Raises:
-        InputError: truth.csv cannot be read.
+        InputError: truth.csv cannot be read, or has no contact.
     """
     table = read_table(task.folder / "truth.csv")
     rows, _ = table.numbers(("sample", *POINT, *FORCE), strict=True)
@@ -148,11 +149,11 @@ def read_truth(task: Task) -> tuple[TrueSamples, Int[np.ndarray, " q"]]:
 
 @takes_arrays
 def as_contacts(sample: Int[np.ndarray, " n"], rows: Float[np.ndarray, "n width"]) -> Contacts:
-    """Answers as contacts whose time is the number of the sample.
+    """Convert answers to contacts whose time is the number of their sample.
 
     Args:
-        sample: (n,) of each, from 0.
-        rows: (n, 3), (n, 6) or (n, 12): as many of `ANSWER`.
+        sample: (n,) sample of each answer, from 0.
+        rows: (n, 3), (n, 6) or (n, 12): the first columns of `ANSWER`.
     """
     order = np.argsort(sample, kind="stable")
     sample, rows = sample[order], rows[order]
@@ -167,13 +168,13 @@ def as_contacts(sample: Int[np.ndarray, " n"], rows: Float[np.ndarray, "n width"
 
 
 def read_answers(path: Path, tasks: Mapping[str, Task]) -> dict[str, Contacts]:
-    """`task,sample,px,py,pz[,fx,fy,fz][,cxx,cxy,cxz,cyy,cyz,czz]`, a row a contact; tasks without a row are left out.
+    """Read answers from a CSV with a row per contact; tasks without a row are omitted.
 
-    Nothing in the file is run.
+    The columns are `task,sample,px,py,pz[,fx,fy,fz][,cxx,cxy,cxz,cyy,cyz,czz]`. Nothing in the file is executed.
 
     Raises:
-        InputError: a column is missing, there twice or unknown; a row is ragged, of no task, of no sample, without a
-            point, with half a force or covariance, or one more than there can be at once. It says the line.
+        InputError: a column is missing, repeated or unknown; a row is ragged, of no task, of no sample, without a
+            point, with an incomplete force or covariance, or one more than `most`. It names the line.
     """
     table = read_table(path)
     names = _stated(table)
@@ -197,7 +198,7 @@ def read_answers(path: Path, tasks: Mapping[str, Task]) -> dict[str, Contacts]:
 
 
 def _stated(table: TextTable) -> tuple[str, ...]:
-    """Columns of a contact that the file has: whole groups of them."""
+    """Return the columns of a contact that the file has, in complete groups."""
     known = ("task", "sample", *ANSWER)
     for name in table.names:
         if name not in known:
@@ -217,7 +218,7 @@ def _check_samples(table: TextTable, sample: Float[np.ndarray, " n"], count: Int
 
 
 def _check_values(table: TextTable, names: Sequence[str], values: Float[np.ndarray, "n k"]) -> None:
-    """Finite points; forces and covariances whole, or not there at all; no negative variance."""
+    """Refuse points that are not finite, incomplete forces and covariances, and negative variances."""
     for first, group, what in ((0, POINT, "point"), (3, FORCE, "force"), (6, COVARIANCE, "covariance")):
         which = [k for k, name in enumerate(names) if name in group]
         if not which:

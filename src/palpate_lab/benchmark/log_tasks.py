@@ -1,4 +1,4 @@
-"""Logs of wrench sensors: a tool that weighs something on a moving arm, and a fingertip on force cells."""
+"""Tasks on logs of wrench sensors: a probe on a moving arm, and a fingertip on force cells."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["fingertip", "payload_log"]
 
 NEAR = 0.1  # s about a touch that are not judged as untouched
 PRESS_RATE, REST, RAMP, HOLD, PAUSE = 100.0, 1.0, 0.1, 0.4, 0.3  # Hz, s: of the fingertip
-THIN = 20  # every so many samples of the bench's 1000 Hz
+THIN = 20  # one sample in this many of the bench's 1000 Hz
 CELL_AXES = "xyz"
 TIP = f"""# What task.toml says, as a rig of Palpate.
 [surface]
@@ -34,7 +34,7 @@ tare = {0.8 * REST}
 
 
 def payload_log(folder: Path, rng: np.random.Generator, *, small: bool) -> MadeTask:
-    """A probe on a force/torque sensor that turns: its weight and the sensor's zero are in the readings."""
+    """Make a log of a probe on a turning force/torque sensor; the readings include its weight and the sensor's bias."""
     session = simulate_session(int(rng.integers(2**31)), touches=4 if small else 10, facets=3000)
     session = replace(session, nominal=session.true)  # where the probe sits is known here
     write_session(session, folder)
@@ -73,7 +73,7 @@ def payload_log(folder: Path, rng: np.random.Generator, *, small: bool) -> MadeT
 
 
 def fingertip(folder: Path, rng: np.random.Generator, *, small: bool) -> MadeTask:
-    """Four 3-axis force cells under a fingertip: voltages, and the log of a bench to learn what they mean."""
+    """Make voltages of four 3-axis force cells under a fingertip, and a bench log to calibrate them by."""
     bench = replace(BENCHES["rigid"], seed=int(rng.integers(2**31)))
     run = bench.run(0, thin=THIN)
     names = [f"u{cell}{axis}" for cell in range(1, bench.cells().count + 1) for axis in CELL_AXES]
@@ -114,13 +114,13 @@ def fingertip(folder: Path, rng: np.random.Generator, *, small: bool) -> MadeTas
 
 
 def _pressed(count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, TaskTruth]:
-    """Times (n,) [s], wrenches (n, 6) and the truth of presses of the fingertip, one after the other."""
+    """Return times (n,) [s], wrenches (n, 6) and the truth of successive presses on the fingertip."""
     points, normals = FINGERTIP.foot(rng.uniform(-9e-3, 9e-3, count), rng.uniform(-12e-3, 12e-3, count))
     whole = touch_wrenches(points, normals, rng, force=(1.0, 5.0), tan_theta=0.5, pitch=0.001)
     start = REST + RAMP + (2 * RAMP + HOLD + PAUSE) * np.arange(count)
     time = np.arange(round((start[-1] + HOLD + RAMP + PAUSE) * PRESS_RATE)) / PRESS_RATE
     away = np.maximum(start - time[:, None], time[:, None] - start - HOLD) / RAMP
-    share = np.where(away < 1e-6, 1.0, np.clip(1.0 - away, 0.0, 1.0))  # touches are whole at times that are not exact
+    share = np.where(away < 1e-6, 1.0, np.clip(1.0 - away, 0.0, 1.0))  # rounded times still have the full force
     wrenches = share @ whole
     held, which = np.nonzero(share == 1.0)
     truth = TaskTruth.of(held, points[which], whole[which, :3], _quiet(wrenches, NEAR * PRESS_RATE))
@@ -128,6 +128,6 @@ def _pressed(count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarr
 
 
 def _quiet(wrenches: np.ndarray, near: float) -> np.ndarray:
-    """Samples in which nothing touches, and neither in those near it."""
+    """Return the samples that have no contact, and none within `near` samples."""
     touched = np.abs(wrenches).max(axis=1) > 0.0
     return np.flatnonzero(np.convolve(touched, np.ones(2 * round(near) + 1), mode="same") < 0.5)

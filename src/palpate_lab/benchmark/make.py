@@ -1,4 +1,4 @@
-"""All tasks of the benchmark as folders, from one seed."""
+"""Make all tasks of the benchmark as folders, from one seed."""
 
 from __future__ import annotations
 
@@ -49,10 +49,10 @@ the columns above. task has: name, kind, folder, facts (task.toml), columns (of 
 
 
 class Maker(Protocol):
-    """Makes a task in a folder that is there, and writes its readings."""
+    """A function that makes a task in an existing folder and writes its readings."""
 
     def __call__(self, folder: Path, rng: np.random.Generator, *, small: bool) -> MadeTask:
-        """`rng` is of everything drawn; `small` of a few samples."""
+        """Make the task in `folder` with random numbers of `rng`; a `small` one has a few samples."""
         ...
 
 
@@ -66,7 +66,7 @@ TASKS: dict[str, Maker] = {
 
 
 def _nothing(_: str) -> None:
-    """Nobody watches."""
+    """Ignore the name of a task."""
 
 
 def make_benchmark(
@@ -77,20 +77,20 @@ def make_benchmark(
     only: Iterable[str] = (),
     watch: Callable[[str], None] = _nothing,
 ) -> tuple[str, ...]:
-    """Make tasks, each in a folder of its own; a task is the same whichever others are made.
+    """Make tasks, each in a folder; a task does not depend on which others are made.
 
     Args:
-        folder: made where it is not there.
-        seed: of everything drawn; the public one is 1.
-        small: a few samples of each, to try things on.
-        only: names of tasks; none: all of them.
-        watch: is told the name of each before it is made.
+        folder: created if it does not exist.
+        seed: seed of everything random; the public one is 1.
+        small: make a few samples of each, to try things out.
+        only: names of the tasks to make; empty for all.
+        watch: function called with the name of each task before it is made.
 
     Returns:
         Names of the tasks made.
 
     Raises:
-        InputError: no task of that name, or what it is simulated by is not installed.
+        InputError: a name is no task, or the task's simulator is not installed.
     """
     wanted = tuple(only) or tuple(TASKS)
     for name in wanted:

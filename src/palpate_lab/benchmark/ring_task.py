@@ -1,4 +1,4 @@
-"""Images of a marker ring: a barrel by finite elements, seen by a fisheye camera."""
+"""Make images of a marker ring: a barrel by finite elements, seen by a fisheye camera."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ DEPTHS = (0.003, 0.006, 0.009)  # m: of the calibration
 
 
 def marker_ring(folder: Path, rng: np.random.Generator, *, small: bool) -> MadeTask:
-    """One to three contacts at once on the barrel, still or rolling, as images; and a calibration of it."""
+    """Make images of one to three contacts at once on the barrel, still or rolling, and a calibration of it."""
     seed = int(rng.integers(2**31))
     unit = RingUnit.drawn(seed, coarse=True, look=Look(quality=QUALITY))
     write_calibration_run(

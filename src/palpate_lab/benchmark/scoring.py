@@ -1,4 +1,4 @@
-"""The figures of the benchmark: answers of any estimator against what really touched, misses included."""
+"""Score the answers of any estimator against the true contacts, misses included."""
 
 from __future__ import annotations
 
@@ -20,16 +20,17 @@ NEAR = 0.002  # m: a place that is found
 
 @dataclass(frozen=True)
 class Score:
-    """Of one estimator at one task. A contact without an answer is a miss: infinitely far off.
+    """The score of one estimator at one task; a contact without an answer is a miss, infinitely far off.
 
     Attributes:
-        contacts: that are to be found; answered: share of them that have an answer.
-        median, p95: [m] the least distance within which half, and 95 %, of all contacts were found; inf where so many
+        contacts: number of true contacts.
+        answered: share of them that have an answer.
+        median, p95: [m] the least distance within which half, and 95 %, of all contacts were found; inf where too many
             have no answer.
         near: share of all contacts that were found within 2 mm.
-        force: [N] median length of the force's error, of the answers that state a force; NaN where none does.
-        coverage: of the answers that state a covariance.
-        false: answers at judged samples that no contact has.
+        force: [N] median length of the force's error, over answers that state a force; NaN where none does.
+        coverage: coverage of the ellipses of answers that state a covariance.
+        false: number of answers at judged samples that match no contact.
     """
 
     contacts: int
@@ -44,13 +45,13 @@ class Score:
 
 @takes_arrays
 def score(answers: Contacts, truth: TrueSamples, quiet: Int[np.ndarray, " q"]) -> Score:
-    """Judge answers; the time of answers and truth is the number of the sample.
+    """Score answers; the time of answers and truth is the number of the sample.
 
-    A contact has one answer and an answer one contact: of one sample those pairs whose distances have the least sum.
+    Within a sample answers and contacts are paired one to one, by the least sum of distances.
 
     Args:
-        answers: each with a point; at samples that are neither in the truth nor in `quiet` they do not count.
-        truth: of the contacts, one at least.
+        answers: contacts with a point; those at samples that are neither in the truth nor in `quiet` do not count.
+        truth: true contacts, at least one.
         quiet: (q,) samples in which nothing touches.
     """
     match, due = match_instants(answers, truth, 0.25)

@@ -1,4 +1,4 @@
-"""Frames of a taxel skin round a link with a force/torque sensor below, from MuJoCo's contacts."""
+"""Make samples of a taxel skin around a link, with a force/torque sensor below, from MuJoCo's contacts."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ tare = {tare}
 
 
 def skin(folder: Path, rng: np.random.Generator, *, small: bool) -> MadeTask:
-    """One to three contacts at once on a sheet of taxels, on an arm that keeps still."""
+    """Make samples of one to three contacts at once on a sheet of taxels, on an arm that does not move."""
     sheet = Rolled(rows=6 if small else 10)
     settings = ForearmSettings(
         sheet=sheet, moving=False, seconds=8.0 if small else 20.0, quiet=QUIET, unseen=0.0, mass=0.9, skin_rate=50
@@ -101,7 +101,7 @@ def skin(folder: Path, rng: np.random.Generator, *, small: bool) -> MadeTask:
 
 
 def _means(wrenches: np.ndarray, width: int, frames: int) -> np.ndarray:
-    """About the time of each frame; at the first and the last of as much as there is."""
+    """Return the mean wrench about the time of each skin sample, (frames, 6), over shorter windows at both ends."""
     total = np.concatenate([np.zeros((1, 6)), np.cumsum(wrenches, axis=0)])
     first = np.clip(width * np.arange(frames) - width // 2, 0, len(wrenches) - 1)
     last = np.clip(width * np.arange(frames) + width - width // 2, 1, len(wrenches))

@@ -1,4 +1,4 @@
-"""What a task of the benchmark is once it is made, and its files: task.toml for all to read, truth.csv apart."""
+"""A task of the benchmark once it is made, and its files: task.toml, which all may read, and truth.csv, for scoring."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ TRUTH = ("sample", "px", "py", "pz", "fx", "fy", "fz")
 
 @dataclass(frozen=True, eq=False)
 class TaskTruth:
-    """What really touched, a row a contact; a sample in which nothing does has one row without numbers.
+    """The true contacts of a task, a row each; a sample in which nothing touches has one row of NaN.
 
-    Samples without a row are not judged: a touch is on its way in or out there.
+    Samples without a row are not judged, because a contact begins or ends in them.
 
     Attributes:
         sample: (n,) number of the reading, from 0, rising.
         point: (n, 3) [m] in the body's frame, NaN where nothing touches.
-        force: (n, 3) [N] on the body, NaN likewise.
+        force: (n, 3) [N] on the body, NaN where nothing touches.
     """
 
     sample: Int[np.ndarray, " n"]
@@ -35,7 +35,7 @@ class TaskTruth:
 
     @classmethod
     def of(cls, sample: np.ndarray, point: np.ndarray, force: np.ndarray, quiet: np.ndarray) -> TaskTruth:
-        """Of contacts, and of samples in which nothing touches (q,)."""
+        """Create the truth from contacts and from samples in which nothing touches (q,), sorted by sample."""
         every = np.concatenate([sample, quiet]).astype(np.int64)
         nothing = np.full((len(quiet), 3), np.nan)
         order = np.argsort(every, kind="stable")
@@ -44,15 +44,16 @@ class TaskTruth:
 
 @dataclass(frozen=True, eq=False)
 class MadeTask:
-    """A task, but for its readings, which its maker has written.
+    """A task without its readings, which its maker has written.
 
     Attributes:
-        kind: of the readings: wrench, log, load_cells, skin or marker_ring.
-        about: what was simulated, in a sentence or two.
-        frame: in which points and forces are asked.
-        samples: how many readings; most: contacts at once, at most.
-        files: name -> what it holds.
-        truth: of the contacts.
+        kind: kind of the readings: wrench, log, load_cells, skin or marker_ring.
+        about: description of what was simulated, in a sentence or two.
+        frame: frame of the requested points and forces.
+        samples: number of readings.
+        most: largest number of contacts at once.
+        files: name of each file -> its content.
+        truth: true contacts.
         facts: further keys of task.toml: noise, friction, ...
     """
 
@@ -67,7 +68,7 @@ class MadeTask:
 
 
 def write_task(task: MadeTask, folder: Path, seed: int, *, small: bool) -> None:
-    """Write task.toml and truth.csv into the folder that gives the task its name."""
+    """Write task.toml and truth.csv into a folder; the task has the folder's name."""
     several = f", {task.most} at most" if task.most > 1 else ""
     keys: dict[str, object] = {
         "name": folder.name,
@@ -91,7 +92,7 @@ def write_task(task: MadeTask, folder: Path, seed: int, *, small: bool) -> None:
 
 
 def _toml(value: object) -> str:
-    """A value in one line: JSON of texts, numbers and lists of them is TOML too."""
+    """Return a value as one line of TOML: JSON of texts, numbers and lists of them is TOML too."""
     if isinstance(value, dict):
         return (
             f"{{ {', '.join(f'{key} = {_toml(each)}' for key, each in cast('Mapping[str, object]', value).items())} }}"
@@ -100,7 +101,7 @@ def _toml(value: object) -> str:
 
 
 def write_table(path: Path, columns: Mapping[str, np.ndarray], *, integers: tuple[str, ...] = (), digits: int) -> None:
-    """CSV with so many digits behind the point; NaN is an empty field, and columns of whole numbers are named."""
+    """Write columns as CSV with `digits` decimals, those in `integers` as integers, and NaN as an empty field."""
     import polars as pl
 
     frame = pl.DataFrame({name: np.asarray(values, dtype=np.float64) for name, values in columns.items()})
@@ -109,7 +110,7 @@ def write_table(path: Path, columns: Mapping[str, np.ndarray], *, integers: tupl
 
 
 def write_body(path: Path, vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> None:
-    """Binary STL in metres."""
+    """Write a mesh as binary STL in metres."""
     import trimesh
 
     trimesh.Trimesh(vertices, faces, process=False).export(path)

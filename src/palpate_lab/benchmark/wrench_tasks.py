@@ -1,4 +1,4 @@
-"""Single wrenches with the torsion of a soft finger: from points of exact surfaces, forwards."""
+"""Make single wrenches with the torsion of a soft finger, forwards from points of exact surfaces."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ FULL, SMALL = 300, 15
 
 @dataclass(frozen=True)
 class WrenchTask:
-    """Touches of one body.
+    """A task of single touches on one body.
 
     Attributes:
-        body: which, with so many points on it.
-        about: a word on it.
-        noise: of a reading, one standard deviation [N, N m].
+        body: function that makes the body with n points on it.
+        about: short description of the body.
+        noise: standard deviation of force and torque of a reading [N, N m].
     """
 
     body: Callable[[int, np.random.Generator], TouchedBody]
@@ -34,7 +34,7 @@ class WrenchTask:
     noise: tuple[float, float]
 
     def __call__(self, folder: Path, rng: np.random.Generator, *, small: bool) -> MadeTask:
-        """Make it in a folder, and write its readings."""
+        """Make the task in a folder, and write its readings."""
         count = SMALL if small else FULL
         made = self.body(count, rng)
         exact = touch_wrenches(made.points, made.normals, rng, force=FORCE, tan_theta=FRICTION, pitch=PITCH)

@@ -1,4 +1,4 @@
-"""Many runs in the arena: in parallel over processes, kept line by line so that they can go on, judged as a page."""
+"""Run many arenas in parallel, keep each result as a line so that a batch can resume, and write a page about them."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ JOBS, RESULTS = "--jobs", "results of runs in the arena"
 
 
 def run_batch(request: ArenaRequest, seeds: Sequence[int], output: Path, jobs: int | None, backend: str) -> None:
-    """Run the seeds that are not done yet, and write the page of all of them.
+    """Run the seeds that are not done yet, and write the page about all of them.
 
     Args:
-        request: of every run.
-        seeds: which.
-        output: the page; results are beside it, its name ending in .jsonl.
-        jobs: how many processes; None: one a core.
+        request: settings of every run.
+        seeds: seeds to run.
+        output: the page; the results are next to it, in a file of the same stem that ends in .jsonl.
+        jobs: number of processes; None for one per core.
         backend: one of `palpate.console.parallel.BACKENDS`.
 
     Raises:
-        InputError: a wrong option, results of other settings, joblib or what its backend needs is not installed.
+        InputError: a wrong option, results of other settings, or joblib or its backend's package is not installed.
     """
     workers = _require(output, len(seeds), jobs, backend)
     request.check()
@@ -58,7 +58,7 @@ def run_batch(request: ArenaRequest, seeds: Sequence[int], output: Path, jobs: i
 
 
 def _require(output: Path, seeds: int, jobs: int | None, backend: str) -> int:
-    """How many processes there will be."""
+    """Check the options, and return the number of processes."""
     if not 1 <= seeds <= MOST:
         raise InputError(f"must be from 1 to {MOST:,}, not {seeds}.", where="--seeds")
     if output.suffix != ".html":
@@ -68,12 +68,12 @@ def _require(output: Path, seeds: int, jobs: int | None, backend: str) -> int:
 
 
 def read_results(path: Path) -> tuple[dict[str, object], dict[int, ArenaResult]]:
-    """What a file of results holds: the settings, and the result of each seed.
+    """Read a file of results: the settings, and the result of each seed.
 
-    A last line that is cut, as a killed process leaves it, is no result.
+    An incomplete last line, as a killed process leaves it, is ignored.
 
     Raises:
-        InputError: it is no such file.
+        InputError: it is no file of results.
     """
     settings, rows = read_rows(path, RESULTS)
     try:
@@ -84,10 +84,10 @@ def read_results(path: Path) -> tuple[dict[str, object], dict[int, ArenaResult]]
 
 
 def _begin(path: Path, key: dict[str, object]) -> dict[int, ArenaResult]:
-    """What is done already; the file is made, or cleared of what is cut, so that lines can be added.
+    """Return the results that a file has; create it, or remove an incomplete last line, so that lines can be added.
 
     Raises:
-        InputError: it is of other settings.
+        InputError: the file is of other settings.
     """
     done = dict[int, ArenaResult]()
     if path.exists():
@@ -102,7 +102,7 @@ def _begin(path: Path, key: dict[str, object]) -> dict[int, ArenaResult]:
 
 
 def _one(asked: ArenaRequest, seed: int) -> ArenaResult:
-    """One run, in whatever process."""
+    """Run one seed, in any process."""
     return asked.run(seed).play()
 
 

@@ -1,4 +1,4 @@
-"""An arena of one's own: the TOML that `palpate simulate arena` writes beside a recording, read back."""
+"""Read an arena from TOML, as `palpate simulate arena` writes it next to a recording."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ RUN = ("seed", "method", "sensing", "seconds")  # how it was run: not of the are
 
 @dataclass(frozen=True, eq=False)
 class _Arena:
-    """Its keys: `size`, `starts`, `goals`, `name`, and a `[[block]]` each."""
+    """Keys of the file: `size`, `starts`, `goals`, `name`, and one `[[block]]` per block."""
 
     size: tuple[float, float]
     starts: Float[np.ndarray, "n 3"]
@@ -29,10 +29,10 @@ class _Arena:
 
 
 def read_arena(file: str | Path) -> ArenaLayout:
-    """The arena of a file: lengths [m], angles [rad]; a block without a mass is fixed.
+    """Read an arena from a file: lengths [m], angles [rad]; a block without a mass is fixed.
 
     Raises:
-        InputError: it cannot be read, a key is missing, unknown or of another kind, or its numbers are no arena.
+        InputError: the file cannot be read, a key is missing, unknown or of another type, or the arena is not valid.
     """
     table = {name: value for name, value in load_toml(file).items() if name not in RUN}
     read = parse(table, _Arena, file=str(file))

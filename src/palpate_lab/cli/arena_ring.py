@@ -1,4 +1,4 @@
-"""The skins of robots in the arena: a unit calibrated in memory, and what it feels by images or by markers alone."""
+"""The skins of robots in the arena: a unit calibrated in memory, and its readings by images or by markers alone."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ BLOCK = 32  # frames in memory at once
 
 
 def arena_ring(unit: RingUnit, protocol: Protocol = PROTOCOL) -> MarkerRing:
-    """A unit of the arena, calibrated on quick frames of its own camera.
+    """Calibrate a unit of the arena on quickly drawn images of the unit's camera.
 
     Args:
-        unit: that is calibrated.
-        protocol: which presses.
+        unit: unit to calibrate.
+        protocol: presses of the calibration.
     """
     session, barrel, camera = calibration_run(unit, protocol), unit.barrel, unit.camera
     truth = RingTruth(*(getattr(session, name)[:, 0] for name in ("angle", "depth", "force", "shear")))
@@ -46,7 +46,7 @@ def arena_ring(unit: RingUnit, protocol: Protocol = PROTOCOL) -> MarkerRing:
 
 
 def _frames(session: RingSession) -> Iterator[Recording]:
-    """The frames of a session as the arena's camera sees them."""
+    """Yield the images of a session as the arena's camera sees them, `BLOCK` at a time."""
     unit = session.unit
     camera = TableCamera(unit.camera, unit.look, np.random.default_rng([unit.seed, 42]))
     points = disc_points(unit.barrel, np.concatenate([session.markers[:, :, None], session.discs], axis=2))
@@ -58,7 +58,7 @@ def _frames(session: RingSession) -> Iterator[Recording]:
 
 @dataclass(frozen=True, eq=False)
 class RingWear:
-    """What the robots of an arena wear: all the same made unit, calibrated, and its skin by tables."""
+    """The skin of all robots in an arena: one made unit, its calibration, and tables of its deformation."""
 
     unit: RingUnit
     ring: MarkerRing
@@ -66,7 +66,7 @@ class RingWear:
 
     @staticmethod
     def made(seed: int = 0, ring: MarkerRing | None = None) -> RingWear:
-        """A unit of the coarse barrel, calibrated here (seconds, once) where no calibration is given."""
+        """Make a unit of the coarse barrel, and calibrate it (seconds, once) if no calibration is given."""
         unit = RingUnit.drawn(seed, coarse=True)
         skin = kept("arena_skin.npz", seed, lambda: RingSkin.built(unit), _write_skin, _read_skin)
         ring = ring or kept("arena_ring.toml", seed, lambda: arena_ring(unit), write_model, _read_ring)
@@ -91,18 +91,18 @@ def _read_ring(path: Path) -> MarkerRing:
 
 
 class RingSense:
-    """What one robot feels: true touches deform its skin, a frame or the markers' places go through the estimator.
+    """The sense of touch of one robot: true contacts deform its skin, the estimator gets images or marker positions.
 
-    Without images the markers are where the camera would see them, but for the noise of a centroid in the calibration.
+    Without images the markers are where the camera would see them, with the calibration's noise of a centroid.
 
     Args:
-        wear: of the robot.
-        seed: of noise.
-        images: False: no frames.
-        torn: a third of the markers is gone, on the right of the front.
+        wear: skin of the robot.
+        seed: seed of the noise.
+        images: False for marker positions only.
+        torn: True if a third of the markers is missing, on the right of the front.
 
     Attributes:
-        frame: the newest; black where there is none.
+        frame: newest image; black without images.
     """
 
     def __init__(self, wear: RingWear, seed: Sequence[int], *, images: bool, torn: bool = False) -> None:
@@ -117,11 +117,11 @@ class RingSense:
         self.frame = self.camera.black()
 
     def look(self, truth: Float[np.ndarray, "k 5"], *, dark: bool = False) -> None:
-        """The skin gives way to what touches it, and its markers are found.
+        """Deform the skin by the true contacts, and find its markers.
 
         Args:
-            truth: angle, force, shear, depth and kind of what really touches.
-            dark: the camera sees nothing.
+            truth: (k, 5) angle [rad], force [N], shear [N], depth [m] and kind of each true contact.
+            dark: True if the camera sees nothing.
         """
         if self._images:
             self.frame = self.camera.black() if dark else self.camera.frame(self._wear.skin.markers(truth), self._gone)
@@ -134,7 +134,7 @@ class RingSense:
             self._pixels[self._gone] = np.nan
 
     def feel(self, time: float) -> Touches | None:
-        """Angle [rad] and force [N] of each touch felt since `look`; None where the skin says nothing."""
+        """Return angle [rad] and force [N] of each contact since `look`, (k, 2); None if the skin gives no reading."""
         state = self.estimator.tracker.frame if self._images else FrameProblem.OK
         rows = self._rows[: self.estimator.update_markers_into(time, self._pixels, self._rows, state)]
         status = int(rows[0, ROW.status])

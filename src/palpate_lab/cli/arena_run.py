@@ -1,4 +1,4 @@
-"""The closed loop of touch navigation: arena, skins, navigators; a moment a frame, and what came of a run."""
+"""The closed loop of touch navigation: arena, skins and navigators, one moment per image, and the result of a run."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ RATE = 1.0 / FRAME  # frames a second
 METHODS = ("ours", "paper", "paper-turned", "paper-random", "no-push", "no-memory")
 FAULTS = ("blind", "torn", "stuck-wheel", "wrong-goal")
 FELT = 0.2  # N: less is not counted as contact in a result
-TRACKED = np.array([5e-4, 5e-4, np.radians(0.2)])  # m, m, rad: deviations of a tracker
-STILL = 0.05, 30.0  # m, s: who moves less for so long is in a deadlock
+TRACKED = np.array([5e-4, 5e-4, np.radians(0.2)])  # m, m, rad: standard deviations of a tracker
+STILL = 0.05, 30.0  # m, s: a robot that moves less for this long is in a deadlock
 
 
 @dataclass(frozen=True)
 class RobotFault:
-    """What is wrong with one robot: `kind`, one of `FAULTS`; blind and stuck-wheel from `since` [s] on."""
+    """A fault of one robot: `kind` is one of `FAULTS`; blind and stuck-wheel begin at `since` [s]."""
 
     kind: str
     robot: int = 0
@@ -43,18 +43,18 @@ class RobotFault:
 
 @dataclass(frozen=True)
 class ArenaSettings:
-    """A run.
+    """The settings of a run.
 
     Attributes:
-        layout: where.
-        seed: of every noise and of the navigators' draws.
+        layout: arena of the run.
+        seed: seed of all noise and of the navigators' draws.
         method: one of `METHODS`.
-        sensing: "images": frames of each skin's camera through the detector; "skin": the markers' places with the
-            detector's noise, without a frame.
-        touch: what navigators are told: "all", the strongest "one", or "binary": where, but not how hard.
+        sensing: "images": images of each skin's camera go through the detector; "skin": the markers' positions with the
+            detector's noise, without an image.
+        touch: contacts that navigators get: "all", the strongest "one", or "binary": their angles without forces.
         pose: "tracker" (0.5 mm, 0.2 deg) or "odometry" (tracks and a gyroscope, from the start on).
-        seconds: after which the run ends, at the latest.
-        faults: of single robots.
+        seconds: longest duration of the run [s].
+        faults: faults of single robots.
     """
 
     layout: ArenaLayout
@@ -69,19 +69,19 @@ class ArenaSettings:
 
 @dataclass(frozen=True, eq=False)
 class ArenaMoment:
-    """One frame of a run.
+    """A moment of a run.
 
     Attributes:
-        time: [s].
+        time: time [s].
         poses: (n, 3) true x, y [m] and heading [rad].
-        tracked: (n, 3) what the navigators are told.
-        blocks: (m, 3) of the blocks that move, true.
-        touches: angle [rad] and force [N] of what each robot feels; None: its skin says nothing.
-        truths: (k, 5) angle, force, shear, depth, kind of what really presses on it.
-        wheels: (n, 2) track speeds asked for [m/s].
-        states, whys: of the navigators.
-        frames: of the cameras; None without images.
-        arrived: (n,) who has reached the goal.
+        tracked: (n, 3) poses that the navigators get.
+        blocks: (m, 3) true poses of the movable blocks.
+        touches: (k, 2) angle [rad] and force [N] that each robot feels; None while its skin gives no reading.
+        truths: (k, 5) angle, force, shear, depth and kind of the true contacts of each robot.
+        wheels: (n, 2) commanded track speeds [m/s].
+        states, whys: states of the navigators, and their reasons.
+        frames: images of the cameras; None without images.
+        arrived: (n,) True for robots whose navigator has reached the goal.
     """
 
     time: float
@@ -99,18 +99,18 @@ class ArenaMoment:
 
 @dataclass(frozen=True)
 class ArenaResult:
-    """What came of a run, a value a robot where not said otherwise.
+    """The result of a run, with one value per robot unless noted otherwise.
 
     Attributes:
-        seed: of the run.
-        arrived: time [s] at which the goal was reached; NaN: it was not.
-        path: [m] driven.
-        greatest: [N] that ever pressed on it.
-        force: [N] that no contact passes in 99 % of the time in which something touches; of the whole run.
-        pushes: how often something was pushed away on purpose, by ours: the paper's robots do not know whether they do.
-        deadlocks: how often it stood nearly still for half a minute on its way.
-        state: in which it ended, and why.
-        seconds: that the run took.
+        seed: seed of the run.
+        arrived: time [s] at which the goal was reached; NaN if it was not.
+        path: length driven [m].
+        greatest: largest contact force [N].
+        force: contact force [N] that is not exceeded in 99 % of the contact time; one value for the run.
+        pushes: number of deliberate pushes, for our navigator; the paper's robots do not know whether they push.
+        deadlocks: number of times that it stood nearly still for half a minute before its goal.
+        state: final state, and its reason.
+        seconds: duration of the run [s]; one value.
     """
 
     seed: int
@@ -125,12 +125,12 @@ class ArenaResult:
 
 
 class ArenaRun:
-    """Robots in an arena; iterate over its moments, then ask for the `result`.
+    """A run of robots in an arena; iterate over its moments, then call `result`.
 
     Args:
-        settings: of the run.
-        wear: the skin of every robot, and its calibration.
-        robot: of what the robots are made.
+        settings: settings of the run.
+        wear: skin of every robot, and its calibration.
+        robot: physical settings of the robots; None for the usual ones.
 
     Raises:
         InputError: an unknown method or fault, or an arena that cannot be solved.
@@ -196,14 +196,17 @@ class ArenaRun:
         return moment
 
     def _felt(self, time: float, truths: list[Float[np.ndarray, "k 5"]]) -> list[Float[np.ndarray, "k 2"] | None]:
-        """What the navigators are told of touches; robot after robot in each step, so that its code stays at hand."""
+        """Return the contacts that the navigators get.
+
+        Each step is done for one robot after the other, so that its code stays in the processor's cache.
+        """
         for k, (sense, truth) in enumerate(zip(self.senses, truths, strict=True)):
             blind = self._fault(k, "blind") if self.settings.faults else None
             sense.look(truth, dark=blind is not None and time >= blind.since)
         return [_told(sense.feel(time), self.settings.touch) for sense in self.senses]
 
     def _driven(self, moment: ArenaMoment) -> Float[np.ndarray, "n 2"]:
-        """What the tracks really do."""
+        """Return the real speeds of the tracks, with faults."""
         wheels = moment.wheels.copy()
         for fault in self.settings.faults:
             if fault.kind == "stuck-wheel" and moment.time >= fault.since:
@@ -211,11 +214,11 @@ class ArenaRun:
         return wheels
 
     def result(self) -> ArenaResult:
-        """What came of the moments so far."""
+        """Return the result of the moments so far."""
         return self._sums.result(self.settings.seed, self.navigators, self.world.time)
 
     def play(self, watch: Callable[[ArenaMoment], None] | None = None) -> ArenaResult:
-        """All moments, then the result."""
+        """Run all moments, call `watch` with each, and return the result."""
         for moment in self:
             if watch is not None:
                 watch(moment)
@@ -231,7 +234,7 @@ def _told(felt: Float[np.ndarray, "k 2"] | None, touch: str) -> Float[np.ndarray
 
 
 class _Place:
-    """The pose that a robot is told: a tracker's, or counted from its tracks and a gyroscope since the start."""
+    """The pose that a robot gets: a tracker's, or odometry of its tracks and a gyroscope since the start."""
 
     def __init__(self, kind: str, start: Float[np.ndarray, "3"], drive: DifferentialDrive, seed: list[int]) -> None:
         self._rng = np.random.default_rng(seed)
@@ -240,12 +243,12 @@ class _Place:
         self._heading, self._noise = float(start[2]), self._noises()
 
     def _noises(self) -> Iterator[Float[np.ndarray, "3"]]:
-        """Of a tracker, drawn for many frames at a time: the same numbers in the same order."""
+        """Yield a tracker's noise, drawn for many moments at a time: the same numbers in the same order."""
         while True:
             yield from self._rng.standard_normal((300, 3)) * TRACKED
 
     def told(self, pose: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
-        """Of the true one."""
+        """Return the pose that the robot gets, from the true one."""
         if self._kind == "tracker":
             return pose + next(self._noise)
         turned = (pose[2] - self._heading + pi) % (2.0 * pi) - pi  # a gyroscope counts it
@@ -254,7 +257,7 @@ class _Place:
         return self._counted.copy()
 
     def driven(self, wheels: Float[np.ndarray, "2"], seconds: float) -> None:
-        """The tracks were asked for these speeds for so long."""
+        """Advance the odometry by commanded track speeds [m/s] over a duration [s]."""
         forward, _ = self._drive.twist(float(wheels[0]), float(wheels[1]))
         way = self._scale * forward * seconds
         self._counted[0] += way * cos(self._counted[2])
@@ -262,7 +265,7 @@ class _Place:
 
 
 class _Sums:
-    """Adds up what a result says."""
+    """Running sums from which a result is computed."""
 
     def __init__(self, count: int) -> None:
         self.arrived, self.path, self.greatest = [nan] * count, [0.0] * count, [0.0] * count

@@ -1,4 +1,4 @@
-"""What a person asks of `palpate simulate arena`: checked, and made into the runs of one seed or another."""
+"""The options of `palpate simulate arena`: checked, and made into the run of a seed."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ UNIT = 0  # of the simulated ring that is worn
 
 @dataclass(frozen=True)
 class ArenaRequest:
-    """A run, all but its seed; small and plain, so that it can be sent to another process and compared with a file's.
+    """The settings of a run except its seed; small and plain, to be sent to other processes and compared with a file's.
 
     Attributes:
-        robots: how many; None: as many as the layout has.
-        density: of random arenas; None: the usual one.
+        robots: number of robots; None for the layout's own, or 4 in a random arena.
+        density: density of random arenas; None for the usual one.
         layout: one of `LAYOUTS`, or a file (.toml) of an arena.
-        method: of the closed loop.
-        images: whether the loop closes through images.
-        seconds: after which a run ends.
-        fault: of the first robot; None: none.
-        rig: that names the model of a ring; None: the usual ring.
+        method: navigation method.
+        images: True if the loop closes through images.
+        seconds: longest duration of a run [s].
+        fault: fault of the first robot; None for none.
+        rig: rig that names the model of a ring; None for the usual ring.
     """
 
     robots: int | None = None
@@ -50,10 +50,10 @@ class ArenaRequest:
     rig: str | None = None
 
     def check(self) -> None:
-        """Before any work.
+        """Check all options before any work.
 
         Raises:
-            InputError: a name that is not known, a number that cannot be, options that exclude each other.
+            InputError: an unknown name, a number out of its range, or options that exclude each other.
         """
         from palpate_lab.cli.arena_run import FAULTS, METHODS
         from palpate_lab.simulation.arena import DENSITIES, RobotSettings, require_solvable
@@ -78,11 +78,11 @@ class ArenaRequest:
 
     @property
     def own(self) -> bool:
-        """The arena is a file's."""
+        """True if the arena is read from a file."""
         return self.layout.endswith(".toml")
 
     def _check_fixed(self) -> None:
-        """An arena that is not drawn has its own robots and blocks."""
+        """Refuse a density or another number of robots for an arena that is not random."""
         if self.density is not None:
             raise InputError(f"the layout {self.layout!r} is not drawn.", where="--density", hint="Leave it out.")
         there = len(self.arena(0).starts)
@@ -90,7 +90,7 @@ class ArenaRequest:
             raise InputError(f"the layout {self.layout!r} has {there} of them.", where="--robots", hint="Leave it out.")
 
     def arena(self, seed: int) -> ArenaLayout:
-        """The arena of a seed."""
+        """Return the arena of a seed."""
         from palpate_lab.cli.arena_file import read_arena
         from palpate_lab.simulation.arena import paper_layout, random_layout, trap_layout
 
@@ -101,7 +101,7 @@ class ArenaRequest:
         return paper_layout() if self.layout == "paper" else trap_layout(self.layout)
 
     def run(self, seed: int) -> ArenaRun:
-        """The run of a seed, from its start.
+        """Return the run of a seed, at its start.
 
         Raises:
             InputError: an arena that cannot be solved, or a rig without a ring.
@@ -120,7 +120,7 @@ class ArenaRequest:
         return ArenaRun(settings, robot_skin(self.rig))
 
     def key(self) -> dict[str, object]:
-        """All that a result depends on beside its seed: of two runs with the same key a seed's result is the same."""
+        """Return everything that a result depends on except its seed: with the same key a seed has the same result."""
         from palpate import __version__
 
         ring = "" if self.rig is None else sha256(Path(self.rig).read_bytes()).hexdigest()
@@ -133,7 +133,7 @@ class ArenaRequest:
 
 
 def command(request: ArenaRequest, seed: int) -> str:
-    """What to type to see one run."""
+    """Return the command line that shows one run."""
     words = ["palpate simulate arena -o run.mcap"]
     for name, value in vars(request).items():
         if value != getattr(ArenaRequest(), name):
@@ -147,10 +147,10 @@ def _require_known(value: str, known: tuple[str, ...], what: str) -> None:
 
 
 def _ring(rig: str | Path) -> MarkerRing:
-    """The ring that a rig names.
+    """Return the ring that a rig names.
 
     Raises:
-        InputError: it is a rig of another sensor, or names no model.
+        InputError: the rig is of another sensor, or names no model.
     """
     from palpate.sensors.marker_ring.section import MarkerRingSection
     from palpate.setup import load_rig
@@ -168,7 +168,7 @@ def _ring(rig: str | Path) -> MarkerRing:
 
 @lru_cache(maxsize=1)
 def robot_skin(rig: str | None) -> RingWear:
-    """What every robot wears: the simulated ring, calibrated here or by the rig's model; made once a process."""
+    """Return the skin of every robot: the simulated ring, calibrated here or by the rig's model; made once for all."""
     from palpate_lab.cli.arena_ring import RingWear
 
     return RingWear.made(UNIT, None if rig is None else _ring(rig))

@@ -1,4 +1,4 @@
-"""Who takes part in the benchmark: functions that are asked reading by reading, and those of a user by name."""
+"""Entrants of the benchmark: functions that are called reading by reading, and a user's functions by name."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Prepare = Callable[
 
 @dataclass(frozen=True, eq=False)
 class EntrantResult:
-    """What an entrant found in one task, and the time of one sample [s]; NaN where nobody measured it."""
+    """The contacts that an entrant found in one task, and its time per sample [s]; NaN if it was not measured."""
 
     contacts: Contacts
     seconds: float
@@ -35,17 +35,16 @@ class EntrantResult:
 
 @dataclass(frozen=True)
 class Entrant:
-    """A name, and what it makes of a task: None where it does not take part."""
+    """A named entrant of the benchmark; `enter` returns its result of a task, or None if it does not take part."""
 
     name: str
     enter: Callable[[Task], EntrantResult | None]
 
 
 def live_entrant(prepare: Prepare, name: str) -> Entrant:
-    """An entrant that is called with each reading in turn; the time is the median of its calls.
+    """Return an entrant that is called with each reading in turn; its time is the median of the calls.
 
-    Raises, when it enters:
-        InputError: it answers with something that is no contact, or with more than there can be.
+    Its `enter` raises InputError for an answer that is no contact, or has more contacts than the task's `most`.
     """
 
     def enter(task: Task) -> EntrantResult | None:
@@ -72,7 +71,10 @@ def live_entrant(prepare: Prepare, name: str) -> Entrant:
 
 
 def _rows(said: object, task: Task, sample: int, name: str) -> Float[np.ndarray, "k 12"]:
-    """Contacts of one answer: None, or an array of one or several, 3, 6 or 12 numbers each; NaN places are none."""
+    """Convert one answer to contacts (k, 12), without those whose point is NaN.
+
+    An answer is None, or an array of one or several contacts of 3, 6 or 12 numbers.
+    """
     full = np.empty((0, WIDTHS[-1]))
     if said is None:
         return full
@@ -95,10 +97,10 @@ def _rows(said: object, task: Task, sample: int, name: str) -> Float[np.ndarray,
 
 
 def users(name: str) -> Entrant:
-    """A user's function, `module:function`, the module being looked for in the current folder first.
+    """Return the entrant of a user's function, `module:function`; the current folder is searched first for the module.
 
     Raises:
-        InputError: no such module or function, or it cannot be imported; when it enters: it raises.
+        InputError: there is no such module or function, or it cannot be imported; from `enter`: the function raises.
     """
     module, _, function = name.partition(":")
     where = f"--estimator {name}"
@@ -121,7 +123,7 @@ def users(name: str) -> Entrant:
 
 
 def _guarded(prepare: Prepare, name: str) -> Prepare:
-    """What it raises is said in one sentence, with its place in the user's file."""
+    """Wrap a user's function so that its errors become one sentence with the line in the user's file."""
 
     def guarded(task: Task) -> Callable[[np.ndarray], Any] | None:
         def called(function: Callable[[Any], Any], given: Any) -> Any:

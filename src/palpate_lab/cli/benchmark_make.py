@@ -1,4 +1,4 @@
-"""`palpate benchmark make`: tasks of contact sensing with their truth, from a stated seed."""
+"""`palpate benchmark make`: make tasks of contact sensing with their truth, from a seed."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ def benchmark_make(
     hand in the truth. README.txt in the folder says how to answer.
 
     Args:
-        output: folder to make: one in it for each task, with task.toml, its readings and truth.csv.
-        seed: of everything drawn; figures that are compared are of seed 1.
-        small: a few samples of each, to try things on.
-        only: names of tasks with commas between them; a task is the same whichever others are made.
+        output: folder to make; in it one folder per task, with task.toml, its readings and truth.csv.
+        seed: seed of everything random; compare figures of seed 1 only.
+        small: make a few samples of each, to try things out.
+        only: names of tasks, separated by commas; a task does not depend on which others are made.
     """
     from palpate_lab.benchmark import make_benchmark  # here: with it comes scipy
 

@@ -1,4 +1,4 @@
-"""Palpate as an entrant of its benchmark: the commands that a user would type, and a `Locator` for single wrenches."""
+"""Palpate as an entrant of its benchmark: a `Locator` for single wrenches, and a user's commands for logs."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ CALIBRATE = {  # in the folder of the task
 
 
 def palpate_entrants() -> tuple[Entrant, ...]:
-    """Of single wrenches one by one, of logs `palpate estimate`, which may look at the whole log."""
+    """Return Palpate: for single wrenches one by one, for logs by `palpate estimate`, which uses the complete log."""
     single = live_entrant(_single, "Palpate")
 
     def enter(task: Task) -> EntrantResult | None:
@@ -64,7 +64,7 @@ def _single(task: Task) -> Callable[[np.ndarray], Any]:
 
 
 def _estimated(task: Task) -> EntrantResult:
-    """On a copy of the folder without its truth, as there is something to calibrate in it."""
+    """Estimate in a copy of the folder without its truth, because calibration writes files into it."""
     with TemporaryDirectory() as scratch:
         folder = Path(scratch) / task.name
         shutil.copytree(task.folder, folder, ignore=lambda at, names: _truth(Path(at) == task.folder, names))

@@ -1,4 +1,4 @@
-"""The benchmark's peers: what each is given of a task. Their mathematics is in `palpate_lab.peers`."""
+"""The benchmark's peers, and the input that each gets from a task; their mathematics is in `palpate_lab.peers`."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ SKIN_PEERS = {
 
 
 def peers() -> tuple[Entrant, ...]:
-    """All of them."""
+    """Return all peers."""
     wrenches = ((name, partial(_on_wrenches, made)) for name, made in WRENCH_PEERS.items())
     skins = ((name, partial(_on_skin, made)) for name, made in SKIN_PEERS.items())
     every: list[tuple[str, Prepare]] = [*wrenches, *skins, ("calibration image most alike", _on_images)]
@@ -42,7 +42,7 @@ def peers() -> tuple[Entrant, ...]:
 
 
 def _on_wrenches(made: Callable[[Mesh], Answer], task: Task) -> Callable[[np.ndarray], Any] | None:
-    """A peer of wrenches; logs are turned into wrenches by plain least squares first."""
+    """Prepare a peer that takes wrenches; logs are turned into wrenches by plain least squares first."""
     if task.kind not in _TO_WRENCH:
         return None
     to_wrench, least = _TO_WRENCH[task.kind](task), 0.0 if task.kind == "wrench" else TOUCHED
@@ -75,7 +75,7 @@ def _compensated(task: Task) -> ToWrench:
 
 
 def _to_body(task: Task) -> np.ndarray:
-    """(6, 6) wrenches of the sensor's frame to those of the body's."""
+    """Return the (6, 6) matrix that takes wrenches from the sensor's frame to the body's."""
     pose = task.facts["pose"]
     return np.linalg.inv(Pose.from_quaternion(pose["quaternion_xyzw"], pose["xyz"]).wrench_matrix())
 
@@ -104,7 +104,7 @@ def _tip(task: Task) -> EllipticCylinder:
 
 
 def _at_rest(task: Task) -> np.ndarray:
-    """Mean of the readings of the first seconds, which are untouched."""
+    """Return the mean of the readings of the first seconds, which are untouched."""
     rows = np.stack(list(task.readings()))
     return rows[rows[:, 0] < 0.8 * task.facts["rest"]].mean(axis=0)
 

@@ -1,4 +1,4 @@
-"""`palpate benchmark score`: Palpate, its peers and anybody else on the same tasks."""
+"""`palpate benchmark score`: score Palpate, its peers and any other estimator on the same tasks."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ def benchmark_score(
     2 mm.
 
     Args:
-        folder: of the tasks.
-        answers: CSV of anybody's, task,sample,px,py,pz[,fx,fy,fz][,cxx,cxy,cxz,cyy,cyz,czz], a row a contact; tasks
-            without a row are not entered.
+        folder: folder of the tasks.
+        answers: CSV of answers, task,sample,px,py,pz[,fx,fy,fz][,cxx,cxy,cxz,cyy,cyz,czz], a row per contact;
+            tasks without a row are not entered.
         estimator: a function of yours, imported by its name from the current folder; README.txt in FOLDER says what it
             is given.
-        name: in the table, of the answers or the function.
-        alone: without Palpate and the peers.
-        output: page (.html) or text (.md) to write as well.
+        name: name of the answers or the function in the table.
+        alone: score without Palpate and the peers.
+        output: page (.html) or text (.md) to write in addition.
     """
     _require(folder, answers, estimator, alone, output)
     tasks = read_benchmark(folder)
@@ -67,7 +67,7 @@ def benchmark_score(
 
 
 def _require(folder: Path, answers: Path | None, estimator: str | None, alone: bool, output: Path | None) -> None:
-    """Before the work, not after it."""
+    """Check the options before any work."""
     if not folder.is_dir():
         raise InputError("there is no such folder.", where=str(folder), hint="palpate benchmark make -o FOLDER")
     if alone and answers is None and estimator is None:
@@ -81,7 +81,7 @@ def _require(folder: Path, answers: Path | None, estimator: str | None, alone: b
 
 
 def _given(answers: Path | None, estimator: str | None, name: str, tasks: dict[str, Task]) -> Iterator[Entrant]:
-    """Those that a user names."""
+    """Yield the entrants that a user names."""
     if answers is not None:
         found = read_answers(answers, tasks)
 

@@ -1,4 +1,4 @@
-"""The benchmark's table: as cells, as Markdown, as a page."""
+"""Format the benchmark's table as cells, as Markdown and as a page."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ LEGEND = (
 
 @dataclass(frozen=True)
 class Row:
-    """An entrant's score at one task, and its time a sample [s]."""
+    """The score of an entrant at one task, and its time per sample [s]."""
 
     name: str
     score: Score
@@ -37,12 +37,12 @@ class Row:
 
 
 def header() -> tuple[str, ...]:
-    """Of the table of one task."""
+    """Return the column titles of the table of one task."""
     return ("", "answered", "median [mm]", "95 % [mm]", f"{1e3 * NEAR:g} mm", "force [N]", "ellipse", "false", "time")
 
 
 def cells(row: Row) -> tuple[str, ...]:
-    """Of one entrant."""
+    """Return the table's cells for one entrant."""
     got = row.score
     return (
         row.name,
@@ -58,7 +58,7 @@ def cells(row: Row) -> tuple[str, ...]:
 
 
 def as_markdown(tasks: Mapping[str, Task], results: Mapping[str, Sequence[Row]]) -> str:
-    """A heading and a table a task, and what the columns mean."""
+    """Return Markdown with a heading and a table per task, and the meaning of the columns."""
     parts = [f"{_made(tasks)}\n"]
     for name, rows in results.items():
         parts += [f"## {name}\n", f"{_about(tasks[name], rows)}\n", _line(header())]
@@ -67,7 +67,7 @@ def as_markdown(tasks: Mapping[str, Task], results: Mapping[str, Sequence[Row]])
 
 
 def as_page(tasks: Mapping[str, Task], results: Mapping[str, Sequence[Row]]) -> str:
-    """One page of HTML.
+    """Return the results as one page of HTML.
 
     Raises:
         InputError: matplotlib or jinja2 is not installed.
@@ -111,7 +111,7 @@ def _share(value: float) -> str:
 
 
 def _length(value: float) -> str:
-    """In mm."""
+    """Return a length [m] as text in mm."""
     return "miss" if not isfinite(value) else f"{1e3 * value:.2g}" if value < 1e-4 else f"{1e3 * value:.2f}"
 
 

@@ -1,4 +1,4 @@
-"""`palpate demo`: from a robot's log to contacts on a probe, the whole chain of commands on a made-up session."""
+"""`palpate demo`: run the chain of commands on a simulated session, from a robot's log to contacts on a probe."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ CHAIN = (
     ("The touches that were not used, judged.", "evaluate contacts.csv truth.csv"),
 )
 VIEW = "view touches.mcap --rig rig.toml"
-NEEDED = ("rosbags", "jinja2", "matplotlib")  # beside what every installation has; viser where the page is served
+NEEDED = ("rosbags", "jinja2", "matplotlib")  # not in every installation; viser too if the page is served
 Row = tuple[str, str, str]
 Flag = Annotated[bool, FlagCreatePairsOff]
 
@@ -76,7 +76,7 @@ def demo(
         output: folder to make: logs, mesh, rig, contacts, report.html.
         view: serve the page without a terminal too.
         no_view: end without the page.
-        force: write into a folder that holds something, as an earlier demo.
+        force: write into a folder that is not empty, such as an earlier demo's.
     """
     shown = view or (sys.stdout.isatty() and not no_view and not muted())
     _require_extras(("viser", *NEEDED) if shown else NEEDED)
@@ -105,7 +105,7 @@ def demo(
 
 
 def _require_extras(modules: Sequence[str]) -> None:
-    """Everything that is missing in one sentence, before any work.
+    """Report all missing packages in one sentence, before any work.
 
     Raises:
         InputError: one of them is not installed.
@@ -116,14 +116,14 @@ def _require_extras(modules: Sequence[str]) -> None:
 
 
 def _run(command: str) -> None:
-    """As if typed, in this process: starting one a command would take longer than most of them."""
+    """Run a command in this process as if typed, because starting a process takes longer than most of them."""
     step(f"$ palpate {command}")
     if code := main([*command.split(), *muted()]):
         raise SystemExit(code)
 
 
 def _summarise(session: Session, folder: Path) -> None:
-    """The tables that a person reads in ten seconds."""
+    """Print short tables that compare the truth with what was found."""
     status = read_contacts(folder / "contacts.csv").estimate.status
     shares = [f"{kind.label} {np.mean(status == kind):.1%}" for kind in Status if np.any(status == kind)]
     step("")

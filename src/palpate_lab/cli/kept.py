@@ -1,4 +1,4 @@
-"""Keep on disk what takes long to make and is the same in every run, where Python keeps its own compiled files."""
+"""Cache on disk what takes long to make and is the same in every run, next to Python's own compiled files."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ def kept(
     write: Callable[[Path, Value], None],
     read: Callable[[Path], Value],
 ) -> Value:
-    """Return what `make` made, in this run or in an earlier one.
+    """Return the result of `make`, from this run or from an earlier one.
 
-    A file is used if its name bears the digest of these inputs and of all code that Palpate has, and if it can be read;
-    otherwise it is made anew. Files of other digests are removed. Where no folder can be written, nothing is kept.
+    A file is used if its name has the digest of these inputs and of all code of Palpate, and if it can be read;
+    otherwise it is made anew. Files of other digests are removed. If no folder can be written, nothing is cached.
 
     Args:
-        name: of the file, with its suffix.
-        inputs: all that the result depends on; its `repr` says which it is.
-        make: the result.
-        write: whole or not at all.
-        read: what `write` wrote, the same to the last bit.
+        name: name of the file, with its suffix.
+        inputs: everything that the result depends on; its `repr` identifies it.
+        make: function that makes the result.
+        write: function that writes the file completely or not at all.
+        read: function that reads what `write` wrote, the same to the last bit.
     """
     stem, suffix = os.path.splitext(name)
     file = f"{stem}-{_digest(repr(inputs))}{suffix}"
@@ -58,7 +58,7 @@ def kept(
 
 
 def _folders() -> tuple[Path, ...]:
-    """Return the package's own, and the user's for where that cannot be written."""
+    """Return the package's cache folder, then the user's, which serves if the first cannot be written."""
     own = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(__file__).parent / "__pycache__", Path(own) / "palpate"
 

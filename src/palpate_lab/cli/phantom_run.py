@@ -1,4 +1,4 @@
-"""A probe held on the simulated phantom: the lab, the controller of one method, and what happened."""
+"""Run a probe on the simulated phantom: the lab, the controller of one method, and the recorded moments."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ ACCURATE = (0.04, 0.04, 0.04, 1.5e-3, 1.5e-3, 1.5e-3)  # N, N m: what the sensor
 
 @dataclass(frozen=True, eq=False)
 class PhantomMoment:
-    """One period of the sensor: what was read, what was commanded, and what was so."""
+    """A period of the sensor: the reading, the command, and the truth."""
 
     reading: Reading
     command: Float[np.ndarray, " n"]
@@ -50,7 +50,7 @@ class PhantomMoment:
 
 
 def phantom_arm(probe: Probe) -> Arm:
-    """The arm as its URDF describes it."""
+    """Return the arm with a probe, as its URDF describes it."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "robot.urdf"
         file.write_text(urdf(probe), encoding="utf-8")
@@ -58,18 +58,18 @@ def phantom_arm(probe: Probe) -> Arm:
 
 
 def phantom_payload(lab: PhantomLab) -> Payload:
-    """Of the probe, identified in free poses as one would."""
+    """Identify the probe's payload from wrenches in free poses, as a user would."""
     wrenches, rotations = lab.free_wrenches(samples=SAMPLES)
     return identify_payload(wrenches, rotations, noise=np.array(ACCURATE) / SAMPLES**0.5)
 
 
 def controller_for(lab: PhantomLab, method: str = "ours", limits: Limits | None = None) -> AlignController:
-    """The product's controller for a lab that is set up: its own calibration, and nothing of the truth.
+    """Return the product's controller for a lab; it is calibrated there and knows nothing of the truth.
 
     Args:
-        lab: that was just started.
-        method: of `METHODS`: ours, or the paper's with its filters.
-        limits: see there.
+        lab: lab that was just started.
+        method: one of `METHODS`: ours, or the paper's with its filters.
+        limits: limits of the controller's supervisor; None for the usual ones.
     """
     mesh = Mesh.from_arrays(lab.probe.vertices, lab.probe.faces)
     sensor, face = Compensation(ForceTorque(ACCURATE), phantom_payload(lab)), ProbeFace.of(mesh)
@@ -85,7 +85,7 @@ def controller_for(lab: PhantomLab, method: str = "ours", limits: Limits | None 
 
 
 def moments(lab: PhantomLab, controller: AlignController, seconds: float) -> Iterator[PhantomMoment]:
-    """The loop, one period of the sensor after the other."""
+    """Run the loop until a time [s], and yield each period of the sensor."""
     reading = lab.reading
     while reading.time < seconds:
         command = controller.update(reading.time, reading.wrench, reading.joints)

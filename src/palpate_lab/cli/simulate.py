@@ -1,4 +1,4 @@
-"""`palpate simulate marker-ring`: a barrel to try calibration and estimation on."""
+"""`palpate simulate marker-ring`: record a barrel to try calibration and estimation on."""
 
 from __future__ import annotations
 
@@ -35,11 +35,12 @@ def simulate_marker_ring(
 
     Args:
         output: folder to make: frames.avi, truth.csv, rig.toml, camera.toml.
-        seed: which unit; wall, silicone, lens and mounting differ from one to the next.
+        seed: seed of the unit; wall, silicone, lens and mounting differ from one to the next.
         touches: record touches, several at once and moving, instead of a calibration run.
-        small: fewer of them, on a coarser barrel: seconds instead of minutes.
-        count: angles around the ring, or touches; otherwise 36 and 24 angles, 12 and 4 touches.
-        rings: of 24 markers each, 10 mm apart: 1 to 3.
+        small: fewer angles or touches, on a coarser barrel: seconds instead of minutes.
+        count: number of angles around the ring, or of touches; otherwise 36 angles or 12 touches (small: 24
+            or 4).
+        rings: number of rings of 24 markers each, at distances of 10 mm: 1 to 3.
         images: write a folder of images instead of a video.
     """
     require_new(output)
@@ -55,10 +56,10 @@ def simulate_marker_ring(
 
 
 def require_new(folder: Path) -> None:
-    """Require a folder that can be made, and let no other process make it until the command ends.
+    """Check that a folder can be made, and keep other processes from making it until the command ends.
 
     Raises:
-        InputError: it is a file, holds something, would be in a folder that is not there, or another process makes it.
+        InputError: it is a file, is not empty, its parent does not exist, or another process makes it.
     """
     reserve_output(folder)
     if folder.exists() and not folder.is_dir():
@@ -69,7 +70,7 @@ def require_new(folder: Path) -> None:
 
 @contextmanager
 def complete_session(output: Path) -> Generator[Path]:
-    """A folder beside the output that becomes it at the end; after Ctrl-C or an error nothing half made is left."""
+    """Yield a folder next to the output that becomes it at the end; after Ctrl-C or an error it is removed."""
     part = Path(tempfile.mkdtemp(prefix=f".{output.name}.", suffix=PART, dir=output.absolute().parent))
     try:
         yield part
@@ -84,7 +85,7 @@ def complete_session(output: Path) -> Generator[Path]:
 def _record(
     folder: Path, seed: int, rings: int, touches: bool, small: bool, count: int | None, images: bool
 ) -> list[tuple[str, object]]:
-    """Simulate and write; what was."""
+    """Simulate and write a run; return its figures."""
     from palpate_lab.simulation import ring_session as ring  # here: with them comes scipy
     from palpate_lab.simulation import ring_session_files as files
 

@@ -1,4 +1,4 @@
-"""`palpate simulate arena`: robots that find their way by touch, one run as a recording or many as a page."""
+"""`palpate simulate arena`: simulate robots that find their way by touch, one run as a recording or many as a page."""
 
 from __future__ import annotations
 
@@ -60,24 +60,24 @@ def simulate_arena(
     """Send robots with a soft skin through an arena that they cannot see; record one run, or judge many seeds.
 
     Args:
-        output: recording (MCAP) of one run; beside it, with the same stem, _arena.toml, _truth.csv and _felt.csv, with
-            --images _rig.toml and _ring.toml too. With --seeds: a page (.html), and .jsonl with a line a run.
-        robots: how many; otherwise 4, or as many as the layout has.
-        seed: of the arena, of every noise and of what is drawn on the way; with --seeds the first of them.
+        output: recording (MCAP) of one run; next to it, with the same stem, _arena.toml, _truth.csv and _felt.csv, with
+            --images _rig.toml and _ring.toml too. With --seeds: a page (.html), and .jsonl with a line per run.
+        robots: number of robots; otherwise 4, or as many as the layout has.
+        seed: seed of the arena, of all noise and of random choices on the way; with --seeds the first one.
         density: of a random arena's blocks: sparse, paper or dense; otherwise paper.
         layout: random, paper (as in its figure 11), u (a trap between start and goal), corridor (one and a half
-            robots wide), or a file of your own (.toml), as _arena.toml beside a recording.
+            robots wide), or a file of your own (.toml), as _arena.toml next to a recording.
         method: ours, no-push, no-memory, or paper, paper-turned, paper-random: the paper's states, which retreat
             towards the goal, to the side or at random.
         images: close the loop through images of the skin's camera; otherwise through the places of its markers.
-        seconds: after which a run ends at the latest.
+        seconds: longest duration of a run.
         rig: TOML that names the model of a ring for all robots to wear; otherwise one that is calibrated already.
-        fault: of the first robot, from 10 s on: blind, torn, stuck-wheel, wrong-goal.
+        fault: fault of the first robot: blind or stuck-wheel, both from 10 s on, torn or wrong-goal.
         film: write a video too, five times as fast, drawn without a screen.
         view: serve a page meanwhile to watch it live; its speed is set there.
-        port: the first to try for the page.
-        seeds: run so many arenas, in parallel; what is done stays, and the same command goes on with the rest.
-        jobs: processes for them; otherwise one a core.
+        port: first port to try for the page.
+        seeds: number of arenas to run in parallel; results are kept, and the same command goes on with the rest.
+        jobs: number of processes for them; otherwise one per core.
         backend: what runs them: processes on this machine, or a dask or ray cluster.
     """
     asked = ArenaRequest(robots, density, layout, method, images, seconds, fault, None if rig is None else str(rig))
@@ -108,7 +108,7 @@ def simulate_arena(
 
 
 def _require_alone(*, view: bool, film: bool) -> None:
-    """Many runs are not watched."""
+    """Refuse a page or a film of many runs."""
     for option, given in (("--view", view), ("--film", film)):
         if given:
             raise InputError("is of one run.", where=option, hint="Leave it or --seeds out.")
@@ -135,7 +135,7 @@ def _require_new(output: Path, film: Path | None, asked: ArenaRequest, robots: i
 
 
 def _recorded(run: ArenaRun, asked: ArenaRequest, recording: Path, film: Path | None, port: int | None) -> ArenaResult:
-    """The whole run, drawn and shown meanwhile if wanted; its files."""
+    """Run to the end, write the files, and draw and show the run meanwhile if requested."""
     from palpate_lab.simulation.arena.run_files import RunRecorder, files_of, write_arena
 
     layout, settings = run.settings.layout, run.settings
@@ -158,7 +158,7 @@ def _recorded(run: ArenaRun, asked: ArenaRequest, recording: Path, film: Path | 
 
 
 def _write_ring(asked: ArenaRequest, recording: Path) -> None:
-    """What `palpate estimate` needs to read a robot's camera."""
+    """Write the files that `palpate estimate` needs to read a robot's camera."""
     from palpate.files.models.kinds import write_model
     from palpate_lab.simulation.arena.run_files import files_of, write_rig
 
@@ -167,7 +167,7 @@ def _write_ring(asked: ArenaRequest, recording: Path) -> None:
 
 
 def _filmed(run: ArenaRun, path: Path | None, stack: ExitStack) -> list[Show]:
-    """How a moment gets into the film."""
+    """Return the function that adds a moment to the film; none without a film."""
     if path is None:
         return []
     from palpate.viewer.video import Video
@@ -187,7 +187,7 @@ def _filmed(run: ArenaRun, path: Path | None, stack: ExitStack) -> list[Show]:
 
 
 def _live(run: ArenaRun, port: int | None, stack: ExitStack) -> list[Show]:
-    """How a moment gets onto the page; it waits where the simulation is ahead of the clock, or somebody pauses."""
+    """Return the function that shows a moment on the page, and waits while the run is early or the page is paused."""
     if port is None:
         return []
     from palpate_lab.viewer.live_arena import LiveArena
@@ -204,7 +204,7 @@ def _live(run: ArenaRun, port: int | None, stack: ExitStack) -> list[Show]:
 
 
 def _drawn(run: ArenaRun) -> Arena:
-    """The arena, as it is drawn."""
+    """Return the arena of a run, as it is drawn."""
     from palpate_lab.viewer.arena import Arena
 
     layout: ArenaLayout = run.settings.layout
@@ -214,7 +214,7 @@ def _drawn(run: ArenaRun) -> Arena:
 
 
 def _scene(moment: ArenaMoment, layout: ArenaLayout) -> ArenaScene:
-    """A moment, as it is drawn."""
+    """Return a moment, as it is drawn."""
     from palpate_lab.viewer.arena import ArenaScene
 
     blocks = np.array([(block.x, block.y, block.turn) for block in layout.blocks]).reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""`palpate simulate forearm`: a skin and a force/torque sensor on one link, touched at several places at once."""
+"""`palpate simulate forearm`: record a skin and a force/torque sensor on one link, touched at several places."""
 
 from __future__ import annotations
 
@@ -41,15 +41,15 @@ def simulate_forearm_command(
     Args:
         output: folder to make: both.mcap, both.toml, skin_map.toml, intensity.toml, payload.toml, link.stl, truth.csv,
             load_cell_log.csv, README.txt.
-        seconds: to simulate; the first 3 are untouched.
-        touches: at once at most, 1 to 5.
-        rows: of cells along the forearm, 10 mm each; 22 lie round it.
-        seed: of everything drawn.
-        drift: the sensor's zero wanders as just after switching on, and its payload is known to 0.05 N.
+        seconds: duration to simulate; the first 3 s are untouched.
+        touches: largest number of touches at once, 1 to 5.
+        rows: number of rows of cells along the forearm, one every 10 mm, with 22 cells each.
+        seed: seed of everything random.
+        drift: the sensor's bias drifts as just after switching on, and its payload is known to 0.05 N.
         still: the arm does not move.
-        unequal: share by which cells differ in gain.
-        clock_offset: seconds by which the skin's clock is ahead of the other's.
-        free: write free.mcap too, so many seconds without touch, to calibrate by; 300 with --drift, else none.
+        unequal: standard deviation of the cells' gains, as a share.
+        clock_offset: seconds added to the time stamps of the skin.
+        free: seconds of free.mcap, a log without touch to calibrate by; otherwise 300 with --drift, else none.
     """
     free = (300.0 if drift else 0.0) if free is None else free
     require_new(output)
@@ -76,7 +76,7 @@ def simulate_forearm_command(
 
 
 def _require(**bounds: tuple[int | float, int | float, int | float]) -> None:
-    """Requires options between their bounds: least, given, most."""
+    """Check that options are within their bounds: least, given, most."""
     for name, (least, given, most) in bounds.items():
         if not least <= given <= most:
             option = f"--{name.replace('_', '-')}"
@@ -84,7 +84,7 @@ def _require(**bounds: tuple[int | float, int | float, int | float]) -> None:
 
 
 def _record(settings: ForearmSettings, folder: Path, seed: int, free: float) -> ForearmRun:
-    """Simulate and write."""
+    """Simulate a run and write its files."""
     from palpate_lab.simulation.touched import simulate_forearm, simulate_free
     from palpate_lab.simulation.touched.files import write_forearm
 

@@ -1,4 +1,4 @@
-"""`palpate simulate load-cells`: a fingertip on force cells, as a bench records it."""
+"""`palpate simulate load-cells`: record a fingertip on force cells, as a bench does."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def simulate_load_cells(
 
     Args:
         output: folder to make: bench_log.csv, log.csv, truth.csv, rig.toml.
-        seed: which fingertip; gains, cross-talk and stiffness of the cells differ from one to the next.
+        seed: seed of the fingertip; gains, cross-talk and stiffness of the cells differ from one to the next.
         soft: the surface is a soft layer, into which the ball sinks.
     """
     require_new(output)

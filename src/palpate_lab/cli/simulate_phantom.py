@@ -1,4 +1,4 @@
-"""`palpate simulate phantom`: a probe that is held on moving tissue by force sensing alone."""
+"""`palpate simulate phantom`: record a probe that is kept on moving tissue by force sensing alone."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     Show = tuple[
         int, Callable[[PhantomTruth, str], None]
-    ]  # every so many periods of the sensor, what to do with a moment
+    ]  # period in periods of the sensor, and the function that shows a moment
 
 __all__ = ["simulate_phantom"]
 
@@ -34,7 +34,7 @@ Film = Annotated[Path | None, arg(metavar="RUN.mp4", help_behavior_hint="")]
 Seconds = Annotated[float | None, arg(metavar="S", help_behavior_hint="")]
 Count = Annotated[int, arg(metavar="N")]
 
-BEGIN = 5.0  # s: until then the probe has approached, pressed and come to rest
+BEGIN = 5.0  # s: by then the probe has approached, pressed and settled
 SHOWN = 20  # periods of the sensor between two pictures of the live page
 FRAMED = 8  # and of the film
 PLATE = (0.20, 0.14, 0.06)  # m: the drawn phantom
@@ -56,18 +56,18 @@ def simulate_phantom(
     """Hold a probe on a soft phantom that moves, in a physics engine; record it with its truth.
 
     Args:
-        output: recording (MCAP) to write; beside it, with the same stem, _rig.toml, _robot.urdf, _probe.stl,
+        output: recording (MCAP) to write; next to it, with the same stem, _rig.toml, _robot.urdf, _probe.stl,
             _payload.toml and _truth.csv.
-        motion: of the phantom, from 5 s on: still, vertical (10 mm), in-plane or out-of-plane (10 deg), breathing
-            (10 mm), unplanned (three sines nobody knows, and a step of 10 deg).
-        period: of the sine or of breathing; otherwise 10 and 4 s.
-        probe: convex, linear or t-shaped.
-        seconds: to simulate.
-        seed: of noise and of unplanned motion.
+        motion: motion from 5 s on: still, vertical (10 mm), in-plane or out-of-plane (10 deg), breathing
+            (10 mm), unplanned (three sines of random periods, and a step of 10 deg).
+        period: period of the sine or of breathing; otherwise 10 s or 4 s.
+        probe: shape of the probe: convex, linear or t-shaped.
+        seconds: duration to simulate.
+        seed: seed of noise and of unplanned motion.
         method: ours, or paper: its plain admittance with its Kalman filter.
         film: write a video too, drawn without a screen.
         view: serve a page meanwhile to watch it live, in real time.
-        port: the first to try for the page.
+        port: first port to try for the page.
     """
     if not 0.0 < seconds <= 3600.0:
         raise InputError(f"must be more than 0 and at most 3600, not {seconds:g}.", where="--seconds")
@@ -128,7 +128,7 @@ def _lab(name: str, period: float | None, probe: str, seed: int) -> PhantomLab:
 def _recorded(
     lab: PhantomLab, controller: AlignController, seconds: float, film: Path | None, port: int | None
 ) -> PhantomRun:
-    """The whole run, drawn and shown meanwhile if wanted."""
+    """Run to the end, and draw and show the run meanwhile if requested."""
     from palpate_lab.cli.phantom_run import moments
     from palpate_lab.simulation.phantom.run_files import PhantomRun
 
@@ -149,7 +149,7 @@ def _recorded(
 
 
 def _filmed(lab: PhantomLab, path: Path | None, stack: ExitStack) -> Show | None:
-    """How a moment gets into the film, and how often."""
+    """Return the function that adds a moment to the film, and its period; None without a film."""
     if path is None:
         return None
     from palpate_lab.simulation.phantom.film import Film
@@ -163,7 +163,7 @@ def _filmed(lab: PhantomLab, path: Path | None, stack: ExitStack) -> Show | None
 
 
 def _live(lab: PhantomLab, port: int | None, stack: ExitStack) -> Show | None:
-    """How a moment gets onto the page, and how often; it waits where the simulation is ahead of the clock."""
+    """Return the function that shows a moment on the page in real time, and its period; None without a page."""
     if port is None:
         return None
     from palpate_lab.cli.phantom_run import FORCE
@@ -199,7 +199,7 @@ def _write(run: PhantomRun, lab: PhantomLab, recording: Path) -> None:
 
 
 def _figures(run: PhantomRun, lab: PhantomLab) -> list[tuple[str, object]]:
-    """Force and angles from when the phantom began to move."""
+    """Return force and angles from when the phantom began to move."""
     moved = [truth for truth in run.truths if truth.time >= lab.settings.motion.begin] or run.truths
     press = np.array([truth.press for truth in moved])
     angle = np.degrees([truth.angle for truth in moved])

@@ -1,4 +1,4 @@
-"""`palpate simulate pokes`: a skin whose taxels nobody knows, poked on an arm."""
+"""`palpate simulate pokes`: record a skin of unknown taxel positions that is poked on an arm."""
 
 from __future__ import annotations
 
@@ -58,8 +58,8 @@ def simulate_pokes(
     Args:
         output: folder to make: pokes.mcap, rig.toml, arm.urdf, forearm.stl, cad.txt, truth.csv; touches.mcap,
             touches.toml, touches_truth.csv; pairs.mcap, pairs_truth.csv; pokes.csv and other logs as tables.
-        seed: of everything drawn.
-        pokes: how many; five a taxel are plenty.
+        seed: seed of everything random.
+        pokes: number of pokes; five per taxel are plenty.
     """
     require_new(output)
     if seed < 0:

@@ -1,1 +1,1 @@
-"""Methods as their papers print them, to compare with."""
+"""Methods as printed in their papers, for comparison."""

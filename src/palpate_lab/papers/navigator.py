@@ -1,4 +1,4 @@
-"""The state machine of `marker ring` (figure 10, tables I and II): to the goal, back, along. It is the baseline."""
+"""The state machine of `marker ring` (figure 10, tables I and II), the baseline: to the goal, backward, along."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _READINGS = {
 
 
 class PaperState(StrEnum):
-    """What it does now."""
+    """The state of the navigator."""
 
     GOAL = "move to goal"  # I
     BACK = "move backward"  # II
@@ -39,7 +39,7 @@ class PaperState(StrEnum):
 
 
 class Condition(StrEnum):
-    """Table I, and what stands beside it."""
+    """A condition of table I, or free where nothing touches."""
 
     FREE = "free"  # nothing touches, the timer is reset
     NO = "NO"  # T < t_t: not yet decided
@@ -49,43 +49,45 @@ class Condition(StrEnum):
 
 @dataclass(frozen=True)
 class PaperSettings:
-    """Table II, and how what the paper leaves open is read.
+    """The parameters of table II, and a choice for each point that the paper leaves open.
 
     Args:
-        f_max: [N] F_max: as soon as one touch is as strong it is avoided, at any T. (Table I has both NO and TBO.2 hold
+        f_max: F_max [N]: a touch this strong is avoided immediately, at any T. (Table I has both NO and TBO.2 hold
             then; the text says "immediately".)
-        t_t: [s] of touch after which it is decided whether what is touched can be moved.
-        t_r: [s] of moving backward.
-        t_a: [s] of moving along.
-        delta: [rad] between V_B and V_A.
+        t_t: duration of touch [s] after which it is decided whether the obstacle can be moved.
+        t_r: duration of moving backward [s].
+        t_a: duration of moving along [s].
+        delta: angle between V_B and V_A [rad].
         alpha: share of the drive's top speed towards the goal, `beta` backward, `gamma` along. (V_G, V_B and V_A are a
-            direction, a force and a force in the paper, and weights of 1 make no speed of them: only their directions
-            are taken.)
+            direction, a force and a force in the paper, and weights of 1 give them no speed: only their directions are
+            used.)
         beta: see `alpha`.
         gamma: see `alpha`.
-        reach: [m] from the goal at which it is reached. (Not stated.)
-        retreat: which way V_A is turned from V_B. The paper says "by rotating V_B by 90 deg", and neither which way nor
-            always the same way. "goal": to the side that is nearer to the goal; "turned": counter-clockwise; "random":
-            either way, by a seeded draw.
-        still: [m/s] below which |V_R| ~ 0. (Not stated; a tenth of the top speed.)
-        window: [s] over which V_R is measured, from the poses; not above `t_t`, so that only what happened during the
+        reach: distance from the goal [m] at which it is reached. (Not stated.)
+        retreat: side to which V_A is turned from V_B. The paper says "by rotating V_B by 90 deg", but states neither
+            the side nor that it is always the same. "goal": the side nearer to the goal; "turned": counter-clockwise;
+            "random": either side, by a seeded draw.
+        still: speed [m/s] below which |V_R| ~ 0. (Not stated; a tenth of the top speed.)
+        window: duration [s] over which V_R is measured from the poses; not above `t_t`, so that only motion during the
             touch counts. (Not stated.) A robot that turns on the spot does not move, as the paper's condition reads.
-        backward: how a drive that cannot go sideways moves along V_B. "axis": straight along its own axis, ahead if V_B
-            points ahead and else back, for "the robot moves backward ... the robot steers its axis to a perpendicular
-            direction" has it steer in III only; "turn": it turns its axis along V_B as it goes, by the nearer end.
-        meanwhile: touches during III. "avoided": F_max starts II anew; "ignored": T of III runs out first. (Figure 10
-            shows no such way, the text wants strong touches avoided immediately.) During II the contact that is being
-            left still presses: touches are ignored, and V_B is that of the moment at which II began.
-        timer: since when T counts. "state": since the first touch in I; "touch": since the first touch in any state,
-            so that a touch that outlasts II and III is decided as soon as I begins.
-        turning: whether t_a counts the turn to V_A: "before": no, the robot "steers its axis to a perpendicular
-            direction and moves forward a short distance"; "within": yes, and of the second of table II next to nothing
-            is left to move in, for 90 deg take longer.
-        aligned: [rad] at which the turn of "before" is done; `turn_limit` [s] after which it is given up.
+        backward: motion along V_B of a drive that cannot move sideways. "axis": straight along its own axis, forward if
+            V_B points forward and else backward, because "the robot moves backward ... the robot steers its axis to a
+            perpendicular direction" has it steer in III only; "turn": it turns its axis along V_B as it moves, by the
+            nearer end.
+        meanwhile: response to touches during III. "avoided": F_max starts II again; "ignored": T of III runs out first.
+            (Figure 10 shows no such transition; the text wants strong touches avoided immediately.) During II the
+            contact that the robot retreats from still presses: touches are ignored, and V_B stays as it was when II
+            began.
+        timer: start of T. "state": the first touch in I; "touch": the first touch in any state, so that a touch that
+            outlasts II and III is decided as soon as I begins.
+        turning: whether t_a includes the turn to V_A. "before": no, the robot "steers its axis to a perpendicular
+            direction and moves forward a short distance"; "within": yes, and next to nothing of table II's second
+            remains to move in, because 90 deg take longer.
+        aligned: heading error [rad] at which the turn of "before" is done; `turn_limit` [s] after which it is given up.
         turn_limit: see `aligned`.
 
     Raises:
-        InputError: a number that is not positive, a window above t_t, a share above 1, or a reading not listed here.
+        InputError: a number that is not positive, a window above t_t, a share above 1, or a choice not listed here.
     """
 
     f_max: float = 3.0
@@ -127,21 +129,21 @@ class PaperSettings:
 class PaperNavigator:
     """The paper's navigator: no memory, one rule.
 
-    I: moves to the goal, by a PI controller of the heading. What touches starts the timer T, and table I decides: TBO.2
-    leads to II, backward by V_B = sum of the forces on the robot for t_r; then III, along V_A = V_B turned by delta for
-    t_a; then I. Where the forces cancel V_B is straight backward.
+    In I the robot moves to the goal, by a PI controller of the heading. A touch starts the timer T, and table I
+    decides: TBO.2 leads to II, backward by V_B = sum of the forces on the robot for t_r; then to III, along V_A = V_B
+    turned by delta for t_a; then to I. Where the forces cancel V_B is straight backward.
 
     Attributes:
         state: a `PaperState`.
-        why: what led to it.
-        condition: a `Condition`, as it was last found in I.
-        arrived: within `reach` of the goal, for good.
+        why: reason for the state.
+        condition: a `Condition`, as last found in I.
+        arrived: True once the robot is within `reach` of the goal, for good.
 
     Args:
-        goal: (2,) [m].
-        drive: of the robot.
-        settings: table II, and the readings.
-        seed: of `retreat` "random".
+        goal: (2,) position of the goal [m].
+        drive: drive of the robot.
+        settings: table II, and the choices.
+        seed: seed of `retreat` "random".
 
     Raises:
         InputError: a goal that is not two finite numbers.
@@ -163,7 +165,7 @@ class PaperNavigator:
         self.reset()
 
     def reset(self) -> None:
-        """Anew: state I, nothing touched, the same draws."""
+        """Start again in state I, with nothing touched and the same random draws."""
         self.state: str = PaperState.GOAL
         self.why: str = "nothing touched yet"
         self.condition: str = Condition.FREE
@@ -186,7 +188,7 @@ class PaperNavigator:
     def update(
         self, time: float, touches: Float[np.ndarray, "k 2"] | None, pose: Float[np.ndarray, "3"]
     ) -> tuple[float, float]:
-        """See `Navigator.update`. Without touches (None) or a finite pose the robot stops, and says so."""
+        """Return the track speeds [m/s] of `Navigator.update`; they are 0 without touches (None) or a finite pose."""
         x, y, heading = pose.tolist()
         if self.arrived or not time > self._time:
             return self._wheels
@@ -215,7 +217,7 @@ class PaperNavigator:
     def _decide(
         self, time: float, touches: Sequence[Sequence[float]], speed: float, heading: float, bearing: float
     ) -> None:
-        """The timer, table I, and the ends of II and III."""
+        """Update the timer, apply table I, and end II and III."""
         set_, strongest = self.settings, max((force for _, force in touches), default=0.0)
         if not touches:
             self._touched = math.nan
@@ -236,7 +238,7 @@ class PaperNavigator:
     def _judge(
         self, time: float, touches: Sequence[Sequence[float]], strongest: float, speed: float, heading: float
     ) -> None:
-        """Table I."""
+        """Apply table I."""
         if touches and math.isnan(self._touched):
             self._touched = time
         found, why = table_1(self.settings, time - self._touched, strongest, speed)
@@ -247,7 +249,7 @@ class PaperNavigator:
         self.condition = found
 
     def _begin_back(self, time: float, touches: Sequence[Sequence[float]], heading: float, why: str) -> None:
-        """II: V_B = sum of F_i. A touch at angle a presses the robot towards a + pi."""
+        """Begin II with V_B = sum of F_i, where a touch at angle a presses the robot towards a + pi."""
         x = -sum(force * math.cos(angle) for angle, force in touches)
         y = -sum(force * math.sin(angle) for angle, force in touches)
         cancel = math.hypot(x, y) <= 1e-9 * sum(force for _, force in touches)
@@ -256,7 +258,7 @@ class PaperNavigator:
         self.condition = Condition.AVOID
 
     def _begin_along(self, time: float, bearing: float) -> None:
-        """III: V_A, V_B turned by delta to the side that `retreat` says."""
+        """Begin III with V_A, which is V_B turned by delta to the side that `retreat` selects."""
         delta, retreat = self.settings.delta, self.settings.retreat
         sides = [self._back + delta, self._back - delta]
         if retreat == "goal":
@@ -276,7 +278,7 @@ class PaperNavigator:
         return False
 
     def _move(self, time: float, heading: float, bearing: float) -> tuple[float, float]:
-        """V_D of (3), through the drive."""
+        """Return the track speeds for V_D of (3)."""
         set_, top = self.settings, self.drive.top
         if self.state == PaperState.GOAL:
             return self._steering.wheels(time, heading_error(bearing, heading), set_.alpha * top)
@@ -299,13 +301,13 @@ class PaperNavigator:
 
 
 def table_1(settings: PaperSettings, touched: float, strongest: float, speed: float) -> tuple[Condition, str]:
-    """Table I, and a sentence.
+    """Return the condition of table I, and its reason in a sentence.
 
     Args:
-        settings: F_max, t_t and what |V_R| ~ 0 means.
-        touched: [s] T; NaN while nothing touches.
-        strongest: [N] the largest of |F_i|.
-        speed: [m/s] |V_R|; NaN where it is not known, which counts as moving.
+        settings: F_max, t_t and the speed below which |V_R| ~ 0.
+        touched: T [s]; NaN while nothing touches.
+        strongest: largest of |F_i| [N].
+        speed: |V_R| [m/s]; NaN where it is not known, which counts as moving.
     """
     if math.isnan(touched):
         return Condition.FREE, "nothing touches"

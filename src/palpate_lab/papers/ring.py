@@ -1,4 +1,4 @@
-"""The marker ring paper's own way [marker ring, III.C], as a baseline: windows of three, two lines, a cubic."""
+"""The marker ring paper's own method [marker ring, III.C], as a baseline: windows of markers, two lines, a cubic."""
 
 from __future__ import annotations
 
@@ -17,17 +17,18 @@ _LEAST = 1.0  # px: a middle marker that moved less is no contact
 def paper_contacts(
     rest: Float[np.ndarray, "m 2"], now: Float[np.ndarray, "m 2"], least: float = _LEAST
 ) -> Float[np.ndarray, "k 2"]:
-    """Angle [rad, as in the image, y up] and largest displacement [px] of each contact, the largest first.
+    """Return angle [rad, as in the image, y up] and largest displacement [px] of each contact, (k, 2), largest first.
 
-    (1): the centre is the mean of the markers of each frame. A window of three markers is a contact where its middle
-    moved most. The lines through the rest and present places of the middle and of the one of its neighbours that moved
-    more meet in G; the contact's angle is that of G from the centre. Where the lines are parallel, or G lies inside of
-    the ring's centre, the middle's own angle is taken: the paper is silent on it.
+    (1): the centre is the mean of the markers of each image. A window of three markers is a contact where its middle
+    moved most. One line goes through the rest and present positions of the middle, another through those of the
+    neighbour that moved more; they meet in G, and the contact's angle is that of G from the centre. Where the lines are
+    parallel, or that angle is more than a marker's spacing from the middle's own (as where G lies beyond the centre),
+    the middle's own angle is taken: the paper is silent on it.
 
     Args:
-        rest: (m, 2) [px] places of the markers at rest, in their order round the ring.
-        now: (m, 2) [px] of a frame.
-        least: [px] below which nothing moved.
+        rest: (m, 2) [px] positions of the markers at rest, in their order round the ring.
+        now: (m, 2) [px] positions in an image.
+        least: displacement [px] up to which a marker counts as still.
     """
     flip = np.array([1.0, -1.0])
     before, after = (rest - rest.mean(axis=0)) * flip, (now - now.mean(axis=0)) * flip
@@ -39,7 +40,7 @@ def paper_contacts(
 
 
 def _angle(before: np.ndarray, after: np.ndarray, moved: np.ndarray, middle: int) -> float:
-    """Of the point G where the lines of the middle and of its neighbour that moved more meet."""
+    """Return the angle of the point G where the lines of the middle and of its neighbour that moved more meet."""
     count = len(before)
     one = max((middle - 1) % count, (middle + 1) % count, key=lambda k: float(moved[k]))
     lines = np.stack([after[middle] - before[middle], before[one] - after[one]], axis=1)
@@ -55,10 +56,15 @@ def _angle(before: np.ndarray, after: np.ndarray, moved: np.ndarray, middle: int
 
 @takes_arrays
 class PaperForce:
-    """F = f(displacement, angle) of third order [marker ring, Fig. 3], fitted to presses as the paper does.
+    """The force as a cubic F = f(displacement, angle) [marker ring, Fig. 3], fitted to presses as the paper does.
 
     Args:
-        moved: (n,) [px]. angle: (n,) [rad]. force: (n,) [N].
+        moved: (n,) displacements [px].
+        angle: (n,) angles [rad].
+        force: (n,) forces [N].
+
+    Raises:
+        InputError: a number is not finite.
     """
 
     def __init__(
@@ -70,12 +76,12 @@ class PaperForce:
         self._coefficients: np.ndarray = np.linalg.lstsq(design, force, rcond=None)[0]
 
     def __call__(self, moved: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """(n,) [N]."""
+        """Return the force (n,) [N] at displacements [px] and angles [rad]."""
         return self._design(moved, angle) @ self._coefficients
 
     @staticmethod
     def _design(moved: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 10"]:
-        """All products up to third order; the angle in turns, so that both are of one size."""
+        """Return all products up to third order, (n, 10); the angle is in turns, so that both factors are about 1."""
         turns = np.mod(angle, 2.0 * np.pi) / (2.0 * np.pi)
         size = np.asarray(moved) / 10.0
         return np.stack([size**a * turns**b for a in range(4) for b in range(4 - a)], axis=1)

@@ -1,5 +1,5 @@
-"""Other ways to a contact, as they are usually written: what an estimator is held against.
+"""Other ways to find a contact, as they are usually written: peers to compare an estimator with.
 
-Each is made for a body and answers one reading at a time: a point (3,) [m], NaN where it has none, or rows of points
-and forces. None of them says how sure it is.
+Each peer is made for one body and answers one reading at a time: with a point (3,) [m], NaN where it finds none, or
+with rows of points and forces. None of them states a covariance.
 """

@@ -1,4 +1,4 @@
-"""All facets of a mesh at once: their planes, who is inside, and the `probe` paper's 4 x 4 systems."""
+"""Planes of all facets of a mesh, a test for points inside facets, and the `probe` paper's 4 x 4 systems."""
 
 from __future__ import annotations
 
@@ -18,7 +18,10 @@ Systems = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]  # a wrench (6,)
 
 
 def facet_planes(mesh: Mesh) -> Planes:
-    """Normals, offsets d of N . p + d = 0, and two of the barycentric coordinates as g . p + e: (2, f, 3), (2, f)."""
+    """Return each facet's normal N, offset d of N . p + d = 0, and two barycentric coordinates as g . p + e.
+
+    The shapes are N (f, 3), d (f,), g (2, f, 3) and e (2, f).
+    """
     a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
     normal = mesh.normals
     offset = -np.einsum("fk,fk->f", normal, a)
@@ -32,13 +35,16 @@ def facet_planes(mesh: Mesh) -> Planes:
 def within(
     points: Float[np.ndarray, "f 3"], slopes: Float[np.ndarray, "2 f 3"], rests: Float[np.ndarray, "2 f"]
 ) -> Bool[np.ndarray, " f"]:
-    """Whether the point of each plane lies in its facet."""
+    """Tell for the point on each facet's plane whether it lies inside the facet, (f,)."""
     first, second = np.einsum("ifk,fk->if", slopes, points) + rests
     return (first >= INSIDE) & (second >= INSIDE) & (first + second <= 1 - INSIDE)
 
 
 def system_filler(mesh: Mesh) -> Systems:
-    """The paper's 4 x 4 system of every facet: -[F]x p + tau N = M - with p x F = -[F]x p - and N . p = -d."""
+    """Return a function from a wrench (6,) to the paper's 4 x 4 system of every facet.
+
+    The systems are -[F]x p + tau N = M, with p x F = -[F]x p, and N . p = -d. Each call fills the same two arrays.
+    """
     normal, offset, _, _ = facet_planes(mesh)
     matrices, rights = np.zeros((len(normal), 4, 4)), np.zeros((len(normal), 4))
     matrices[:, :3, 3], matrices[:, 3, :3], rights[:, 3] = normal, normal, -offset
@@ -55,7 +61,10 @@ def system_filler(mesh: Mesh) -> Systems:
 def paper_systems(
     mesh: Mesh,
 ) -> Callable[[np.ndarray], tuple[Int[np.ndarray, " k"], Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]]]:
-    """All systems in one call: the facets that a wrench (6,) can touch, where [m], and with which torque [N m]."""
+    """Return a function that solves all systems for a wrench (6,) in one call.
+
+    It returns the facets (k,) that the wrench can touch, the points (k, 3) [m] and the torques (k,) [N m].
+    """
     fill, (normal, _, slopes, rests) = system_filler(mesh), facet_planes(mesh)
 
     def solve(wrench: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

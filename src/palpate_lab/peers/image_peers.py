@@ -1,4 +1,4 @@
-"""From an image to a contact without a model: the calibration image that looks most alike."""
+"""Find the contact of an image without a model: by the calibration image that looks most alike."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ BLOCK = 8  # pixels, whose mean is compared
 
 @takes_arrays
 def shrunk(image: UInt8[np.ndarray, "h w 3"]) -> Float[np.ndarray, " n"]:
-    """Red less the mean of green and blue, a number for each block of 8 x 8 pixels."""
+    """Return red less the mean of green and blue, one number per block of 8 x 8 pixels, (n,)."""
     red = image[..., 2].astype(np.float64) - image[..., :2].mean(axis=2)  # OpenCV's order: blue, green, red
     high, wide = (size - size % BLOCK for size in red.shape)
     return red[:high, :wide].reshape(high // BLOCK, BLOCK, wide // BLOCK, BLOCK).mean(axis=(1, 3)).ravel()
@@ -26,11 +26,13 @@ def shrunk(image: UInt8[np.ndarray, "h w 3"]) -> Float[np.ndarray, " n"]:
 def nearest_image(
     seen: Float[np.ndarray, "n m"], rows: Float[np.ndarray, "n 6"]
 ) -> Callable[[UInt8[np.ndarray, "h w 3"]], Float[np.ndarray, "k 6"]]:
-    """One contact, that of the calibration image with the least squares of differences; none if it was untouched.
+    """Return a function from an image to the contact (1, 6) of the calibration image with the least squared difference.
+
+    It returns (0, 6) if nothing touched in that calibration image.
 
     Args:
-        seen: calibration images as `shrunk` has them.
-        rows: point and force of each, NaN where nothing touched.
+        seen: (n, m) calibration images, as `shrunk` returns them.
+        rows: (n, 6) point [m] and force [N] of each, NaN where nothing touched.
     """
 
     def answer(image: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""From a frame of a taxel skin to contacts, without any model of how a touch spreads."""
+"""Find the contacts of a sample of a taxel skin, without a model of how pressure spreads."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Frames = Callable[[np.ndarray, np.ndarray], np.ndarray]  # forces of cells (k,) 
 
 @takes_arrays
 class CellPlaces:
-    """Where cells are: centres (k, 3) [m] and outward normals (k, 3)."""
+    """Positions of a skin's cells: centres (k, 3) [m] and outward normals (k, 3)."""
 
     def __init__(self, centres: Float[np.ndarray, "k 3"], normals: Float[np.ndarray, "k 3"]) -> None:
         self.centres, self.normals = centres, normals
@@ -29,7 +29,7 @@ class CellPlaces:
 
 
 def all_taxels(sheet: CellPlaces) -> Frames:
-    """One contact: the centre of all cells that feel something, weighted by force."""
+    """Return a peer that finds one contact: the centre of all loaded cells, weighted by force."""
 
     def answer(forces: np.ndarray, wrench: np.ndarray) -> np.ndarray:
         del wrench
@@ -40,7 +40,7 @@ def all_taxels(sheet: CellPlaces) -> Frames:
 
 
 def patches(sheet: CellPlaces) -> Frames:
-    """One contact for each patch of neighbours that feel something: its centre, and the sum along the normals."""
+    """Return a peer that finds one contact per patch of loaded neighbours: its centre and its sum along the normals."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
 
@@ -56,7 +56,7 @@ def patches(sheet: CellPlaces) -> Frames:
 
 
 def patches_and_wrench(sheet: CellPlaces) -> Frames:
-    """Places of `patches`, with the shortest forces there that make the wrench of the sensor below."""
+    """Return a peer that finds the points of `patches`, and the shortest forces there that make the sensor's wrench."""
     skin = patches(sheet)
 
     def answer(forces: np.ndarray, wrench: np.ndarray) -> np.ndarray:
@@ -70,12 +70,12 @@ def patches_and_wrench(sheet: CellPlaces) -> Frames:
 
 @takes_arrays
 def minimum_norm(points: Float[np.ndarray, "n 3"], wrench: Float[np.ndarray, "6"]) -> Float[np.ndarray, "n 3"]:
-    """(n, 3) [N] the shortest forces at points (n, 3) that make a wrench."""
+    """Return the shortest forces (n, 3) [N] at points (n, 3) [m] that make a wrench (6,)."""
     columns = [np.concatenate([np.eye(3), np.cross(point, np.eye(3)).T]) for point in points]
     return (np.linalg.pinv(np.concatenate(columns, axis=1)) @ wrench).reshape(-1, 3)
 
 
 def _contact(sheet: CellPlaces, forces: np.ndarray, which: np.ndarray) -> np.ndarray:
-    """Point and force (6,) of some cells."""
+    """Return point and force (6,) of the contact on some cells."""
     share = forces[which]
     return np.r_[share @ sheet.centres[which] / share.sum(), -(share @ sheet.normals[which])]

@@ -1,4 +1,4 @@
-"""From readings to wrenches by plain least squares: what stands before a peer that takes a wrench."""
+"""Turn readings into wrenches by plain least squares, for the peers that take a wrench."""
 
 from __future__ import annotations
 
@@ -16,13 +16,19 @@ __all__ = ["contact_wrenches", "linear_map", "payload_and_bias"]
 def payload_and_bias(
     wrenches: Float[np.ndarray, "n 6"], rotations: Float[np.ndarray, "n 3 3"]
 ) -> Float[np.ndarray, "12"]:
-    """Weight in the base, force bias, mass moment and torque bias from free readings, all of them weighed alike.
+    """Fit weight, force bias, centre of mass and torque bias to free readings, all with equal weight.
 
-    F = R' w + b is linear in (w, b); then M = c x (R' w) + d is in (c, d).
+    F = R' w + b is linear in (w, b); then M = c x (R' w) + d is linear in (c, d).
 
     Args:
-        wrenches: of the sensor that carries the tool and nothing touches.
-        rotations: of the sensor in the base.
+        wrenches: (n, 6) of the sensor that carries the tool, with no contact.
+        rotations: (n, 3, 3) of the sensor in the base.
+
+    Returns:
+        (12,) w in the base [N], b [N], c [m] and d [N m].
+
+    Raises:
+        InputError: wrenches or rotations are not finite.
     """
     require_finite(wrenches, "wrenches")
     require_finite(rotations, "rotations")
@@ -40,7 +46,7 @@ def payload_and_bias(
 def contact_wrenches(
     wrenches: Float[np.ndarray, "n 6"], rotations: Float[np.ndarray, "n 3 3"], known: Float[np.ndarray, "12"]
 ) -> Float[np.ndarray, "n 6"]:
-    """Readings without what `payload_and_bias` found, in the sensor's frame."""
+    """Subtract the weight and biases of `payload_and_bias` from readings, (n, 6) in the sensor's frame."""
     weight, bias, centre, moment = known.reshape(4, 3)
     down = np.swapaxes(rotations, 1, 2) @ weight
     return wrenches - np.concatenate([down + bias, np.cross(centre, down) + moment], axis=1)
@@ -50,7 +56,11 @@ def contact_wrenches(
 def linear_map(
     channels: Float[np.ndarray, "n m"], points: Float[np.ndarray, "n 3"], forces: Float[np.ndarray, "n 3"]
 ) -> Float[np.ndarray, "m 6"]:
-    """W = u @ map, from channels without their zero while forces press at known points: W = (F, p x F)."""
+    """Fit W = u @ map, (m, 6), to channels u without bias while forces press at known points: W = (F, p x F).
+
+    Raises:
+        InputError: a channel, point or force is not finite.
+    """
     wrenches = np.concatenate([forces, np.cross(points, forces)], axis=1)
     require_finite(channels, "channels")
     require_finite(wrenches, "points and forces")

@@ -1,4 +1,4 @@
-"""From one wrench on a mesh to a point: lines, vertices, planes and least squares."""
+"""Find the contact point of one wrench on a mesh: by lines, vertices, planes and least squares."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ FAR = 1e3  # m: a bound that bounds nothing
 
 
 def line_of_action(mesh: Mesh) -> Answer:
-    """Where the wrench's axis goes in [bicchi]; of several such places the one that Palpate's `wrench_axis` takes."""
+    """Return a peer that intersects the wrench's axis with the mesh [bicchi].
+
+    Of several intersections it takes the one that Palpate's `wrench_axis` takes.
+    """
     locator = Locator(mesh, "wrench_axis", friction=FAR, torsion=FAR)
     out = locator.empty()
 
@@ -32,7 +35,7 @@ def line_of_action(mesh: Mesh) -> Answer:
 
 
 def first_hit(mesh: Mesh) -> Answer:
-    """The facet that the axis meets first, all of them asked: a ray caster's answer."""
+    """Return a peer that finds the facet the axis meets first by testing all facets, as a ray caster does."""
     normal, offset, slopes, rests = facet_planes(mesh)
 
     def answer(wrench: np.ndarray) -> np.ndarray:
@@ -48,7 +51,7 @@ def first_hit(mesh: Mesh) -> Answer:
 
 
 def nearest_vertex(mesh: Mesh) -> Answer:
-    """The vertex that is pressed and about which the least moment is left: |M - p x F|."""
+    """Return a peer that finds the pressed vertex with the least remaining moment, |M - p x F|."""
     vertices, normals = mesh.vertices, np.zeros(mesh.vertices.shape)
     np.add.at(normals, mesh.faces, mesh.corner_normals)
 
@@ -61,9 +64,9 @@ def nearest_vertex(mesh: Mesh) -> Answer:
 
 
 def paper_planes(mesh: Mesh) -> Answer:
-    """The `probe` paper's way: a 4 x 4 system for the plane of every facet; of those inside the least torque.
+    """Return the `probe` paper's peer: a 4 x 4 system for the plane of every facet, and the point of least torque.
 
-    The paper leaves open which of several to take.
+    Only points inside their facets count. The paper leaves open which of several to take.
     """
     solve, size = paper_systems(mesh), mesh.size
 
@@ -79,7 +82,7 @@ def paper_planes(mesh: Mesh) -> Answer:
 
 
 def pseudo_inverse(mesh: Mesh) -> Answer:
-    """The shortest p of p x F = M, by the pseudo-inverse: F x M / |F|^2; it knows no body."""
+    """Return a peer that finds the shortest p of p x F = M by the pseudo-inverse, F x M / |F|^2, without the body."""
     del mesh
 
     def answer(wrench: np.ndarray) -> np.ndarray:
@@ -90,9 +93,10 @@ def pseudo_inverse(mesh: Mesh) -> Answer:
 
 
 def least_squares(mesh: Mesh) -> Answer:
-    """SciPy's Levenberg-Marquardt on M - p x F - k n(p) = 0 and p on the mesh, from the vertex that is nearest.
+    """Return a peer that solves M - p x F - k n(p) = 0 with p on the mesh by SciPy's Levenberg-Marquardt.
 
-    Unknown are p and k; normal and distance are those of the mesh's nearest point, derivatives are differences.
+    It starts at the vertex of `nearest_vertex`. Unknown are p and k; normal and distance are those of the mesh's
+    nearest point, derivatives are finite differences.
     """
     from scipy import optimize
 

@@ -1,4 +1,4 @@
-"""Readings made forwards from known contacts: the truth that estimates are judged by."""
+"""Simulate readings forwards from known contacts, the truth that estimates are judged by."""
 
 from __future__ import annotations
 

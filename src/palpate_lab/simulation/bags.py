@@ -1,4 +1,4 @@
-"""MCAP files as robots record them, written by rosbags, message by message, so not by the code that reads them."""
+"""Write MCAP files as robots record them, message by message by rosbags, and so not by the code that reads them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Bag:
     """An MCAP file that grows by a message at a time; made by `open_bag`.
 
     Attributes:
-        types: of messages, by their names.
+        types: message types by their names.
     """
 
     def __init__(self, writer: Any, store: Any, kinds: Mapping[str, str]) -> None:
@@ -33,12 +33,12 @@ class Bag:
         self._topics = {topic: writer.add_connection(topic, kind, typestore=store) for topic, kind in kinds.items()}
 
     def write(self, stamp: int, topic: str, message: Any) -> None:
-        """The next message.
+        """Write the next message.
 
         Args:
-            stamp: [ns], never earlier than that of the message before.
-            topic: one of those that were named.
-            message: of that topic's type.
+            stamp: time stamp [ns], never earlier than that of the message before.
+            topic: one of the topics given to `open_bag`.
+            message: message of that topic's type.
         """
         at = self._topics[topic]
         self._writer.write(at, stamp, self._store.serialize_cdr(message, at.msgtype))
@@ -46,10 +46,10 @@ class Bag:
 
 @contextmanager
 def open_bag(path: Path, kinds: Mapping[str, str]) -> Generator[Bag]:
-    """One MCAP file that is there when the block ends well.
+    """Open one MCAP file to write; it appears under its name when the block ends well.
 
     Args:
-        path: of the file.
+        path: path of the file.
         kinds: topic -> type, as in "std_msgs/msg/UInt8MultiArray".
 
     Raises:
@@ -72,9 +72,9 @@ def write_bag(path: Path, kinds: Mapping[str, str], made: Callable[[Any], Iterab
     """Write one MCAP file.
 
     Args:
-        path: of the file.
+        path: path of the file.
         kinds: topic -> type, as in "std_msgs/msg/UInt8MultiArray".
-        made: from the types of messages the messages of each topic, in the order of their stamps.
+        made: function from the message types to the messages of each topic, in the order of their stamps.
 
     Raises:
         InputError: rosbags is not installed.
@@ -87,7 +87,7 @@ def write_bag(path: Path, kinds: Mapping[str, str], made: Callable[[Any], Iterab
 def wrenches(
     types: Any, topic: str, time: Float[np.ndarray, " n"], rows: Float[np.ndarray, "n 6"]
 ) -> Iterator[Stamped]:
-    """WrenchStamped of the force/torque sensor."""
+    """Yield a WrenchStamped of the force/torque sensor for each time [s] and row [N, N m]."""
     vector, wrench, stamped = (types[f"geometry_msgs/msg/{name}"] for name in ("Vector3", "Wrench", "WrenchStamped"))
     for stamp, row in zip(nanoseconds(time), rows.tolist(), strict=True):
         yield stamp, topic, stamped(header(types, stamp, "ft_sensor"), wrench(vector(*row[:3]), vector(*row[3:])))
@@ -100,7 +100,7 @@ def poses(
     quaternions: Float[np.ndarray, "n 4"],
     position: tuple[float, float, float],
 ) -> Iterator[Stamped]:
-    """PoseStamped in the base of what turns about a point; stamps before 0 are left out."""
+    """Yield a PoseStamped in the base for each orientation about a fixed point [m]; stamps before 0 are omitted."""
     point, turn, pose, stamped = (
         types[f"geometry_msgs/msg/{name}"] for name in ("Point", "Quaternion", "Pose", "PoseStamped")
     )
@@ -116,7 +116,7 @@ def readings(
     frames: UInt8[np.ndarray, "n ..."],
     labels: tuple[str, ...],
 ) -> Iterator[Stamped]:
-    """UInt8MultiArray of the cells of a skin, a label for each axis of a frame; stamps before 0 are left out."""
+    """Yield a UInt8MultiArray for each sample of a skin, with a label for each axis; stamps before 0 are omitted."""
     array, layout, size = (
         types[f"std_msgs/msg/{name}"] for name in ("UInt8MultiArray", "MultiArrayLayout", "MultiArrayDimension")
     )
@@ -129,11 +129,11 @@ def readings(
 
 
 def header(types: Any, stamp: int, frame: str) -> Any:
-    """A header of a message."""
+    """Return a message header of a stamp [ns] and a frame."""
     seconds, rest = divmod(stamp, 10**9)
     return types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](seconds, rest), frame)
 
 
 def nanoseconds(time: Float[np.ndarray, " n"]) -> list[int]:
-    """Stamps of times [s]."""
+    """Return times [s] as stamps [ns]."""
     return np.rint(time * 1e9).astype(np.int64).tolist()

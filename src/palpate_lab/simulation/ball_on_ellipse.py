@@ -1,4 +1,4 @@
-"""A ball on an elliptic cylinder, x^2/a^2 + z^2/b^2 = 1: where it touches, and what a soft layer makes of the touch."""
+"""A ball on an elliptic cylinder, x^2/a^2 + z^2/b^2 = 1: its contact point, and its wrench through a soft layer."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _STEPS = 4  # of Newton to the ellipse's nearest point, from a place at most a b
 
 @dataclass(frozen=True)
 class Ellipse:
-    """Cross-section of the fingertip; y is free. The paper's by default (`load_cells` (9)).
+    """Cross-section of the fingertip; y is free. The default is the paper's (`load_cells` (9)).
 
     Args:
         a, b: semi-axes along x and z [m].
@@ -27,15 +27,15 @@ class Ellipse:
     def foot(
         self, x: Float[np.ndarray, "*batch"], y: Float[np.ndarray, "*batch"]
     ) -> tuple[Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3"]]:
-        """Point of the upper side above (x, y) [m], and the outward unit normal there."""
+        """Return the point of the upper side above (x, y) [m], and the outward unit normal there."""
         point = np.stack([x, y, self.b * np.sqrt(1.0 - (x / self.a) ** 2)], axis=-1)
         normal = point * [self.a**-2, 0.0, self.b**-2]
         return point, normal / np.linalg.norm(normal, axis=-1, keepdims=True)
 
     def depth(self, x: Float[np.ndarray, "*batch"], z: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
-        """Distance [m] below the surface, negative above it, of points near the upper side.
+        """Return the distance [m] of points near the upper side below the surface, negative above it.
 
-        Newton on the angle t of the nearest point (a sin t, b cos t): there the way to it is along the normal.
+        Newton's method on the angle t of the nearest point (a sin t, b cos t), where the way to it is along the normal.
         """
         turn = np.arctan2(x / self.a, z / self.b)
         for _ in range(_STEPS):
@@ -61,21 +61,21 @@ def pressed_wrench(
     friction: Float[np.ndarray, " n"],
     motion: Float[np.ndarray, "n 3"],
 ) -> Float[np.ndarray, "n 6"]:
-    """What a rigid ball does to a layer that is an elastic foundation, touching above (x, 0) and pressed in.
+    """Compute the wrench of a rigid ball on a layer that is an elastic foundation, pressed in above (x, 0).
 
     Where the ball reaches below the undeformed surface by d it is pressed by K d: a normal traction along the ball's
     own normal, so that without friction the resultant passes through its centre, and a tangential one, friction times
-    it, along the ball's motion. Both are summed over the part of the ball that is below; friction acts where the
-    deformed surface is, not where the undeformed one was. A flat layer carries K pi d^2 (r - d/3).
+    it, along the ball's motion. Both are summed over the part of the ball that is below; friction acts at the deformed
+    surface, not at the undeformed one. A flat layer carries K pi d^2 (r - d/3).
 
     Args:
         ellipse: the undeformed outside.
         radius: r of the ball [m].
         stiffness: K of the foundation [N/m^3].
-        x: of the foot of the ball's centre [m].
+        x: x of the foot of the ball's centre [m].
         depth: d under the foot [m], below r.
-        friction: coefficient.
-        motion: (n, 3) of the ball over the surface, of any length but zero.
+        friction: coefficient of friction.
+        motion: (n, 3) motion of the ball over the surface, of any length but zero.
 
     Returns:
         (n, 6) [N, N m] on the body, about the origin, with the foot at y = 0.

@@ -1,4 +1,4 @@
-"""A barrel of silicone that rigid bodies press: where the contact is, what it weighs, and where the markers go.
+"""A barrel of silicone that rigid bodies press: the contact point, the force, and the movement of the markers.
 
 The barrel of the marker ring [marker ring, III], as mechanics: linear elasticity of a body whose thickness is uneven
 (`barrel_elasticity`), unilateral contact with friction on its outer side (`barrel_contact`). Angles about z, from x.
@@ -24,12 +24,12 @@ class Pressed:
     """A loaded barrel.
 
     Attributes:
-        angle: (k,) [rad] of each body's centre of pressure; NaN where it does not touch.
-        force: (k,) [N] inward at that angle.
-        shear: (k,) [N] along rising angle, on the skin.
-        depth: (k,) [m] of each body's foremost point inside the unloaded surface.
+        angle: (k,) [rad] angle of each body's centre of pressure; NaN where it does not touch.
+        force: (k,) [N] inward force at that angle.
+        shear: (k,) [N] force on the skin along rising angle.
+        depth: (k,) [m] depth of each body's foremost point inside the unloaded surface.
         markers: (m, 3) [m] centres of the markers.
-        discs: (m, p, 3) [m] their outlines.
+        discs: (m, p, 3) [m] outlines of the markers.
     """
 
     angle: Float[np.ndarray, " k"]
@@ -45,7 +45,7 @@ class Barrel:
     """A barrel ready to be pressed.
 
     Attributes:
-        settings: of which it was built.
+        settings: shape and material.
         band: the outer side near the equator and its compliance.
         rest: (m, 1 + p, 3) [m] each marker's centre and outline, unloaded.
         answer: (m (1 + p) 3, f) [m/N] their movements by forces on the band's nodes.
@@ -59,7 +59,7 @@ class Barrel:
     @staticmethod
     @lru_cache(maxsize=2)
     def built(settings: BarrelSettings) -> Barrel:
-        """Mesh, factorise and condense (seconds); the last two barrels are kept in memory."""
+        """Mesh, factorise and condense a barrel (seconds); the last two barrels are kept in memory."""
         body = solid(settings)
         levels = np.unique(np.round(body.place[:, 2], 9))
         rows = int(np.searchsorted(levels, settings.band + 1e-9))
@@ -82,10 +82,10 @@ class Barrel:
         return Barrel(settings, band, rest, answer)
 
     def press(self, bodies: Sequence[Indenter], friction: float = 0.4) -> Pressed:
-        """Press rigid bodies, one beside the other, into the unloaded barrel.
+        """Press rigid bodies side by side into the unloaded barrel, and return it loaded.
 
         Args:
-            bodies: first pressed along the radius to their depths, then slid.
+            bodies: bodies that are first pressed along the radius to their depths, then slid.
             friction: Coulomb's coefficient; it acts around the ring.
         """
         return self._seen(bodies, settle(self.band, bodies, friction)[-1], 1.0)
@@ -93,11 +93,11 @@ class Barrel:
     def follow(
         self, bodies: Sequence[Indenter], shares: Sequence[tuple[float, float]], friction: float = 0.4
     ) -> list[Pressed]:
-        """Press bodies step by step, friction keeping its history.
+        """Press bodies step by step, with the history of friction, and return the loaded barrel at each step.
 
         Args:
             bodies: as for `press`.
-            shares: of their depths and of their slides that are done at each step.
+            shares: share of their depths and share of their slides reached at each step.
             friction: Coulomb's coefficient.
         """
         found = settle(self.band, bodies, friction, shares)
@@ -110,7 +110,7 @@ class Barrel:
 
 
 def _marker_points(settings: BarrelSettings) -> tuple[np.ndarray, np.ndarray]:
-    """Centres and outlines of the markers at rest (m, q, 3), ring by ring, and their angles (m, q)."""
+    """Return centres and outlines of the markers at rest (m, q, 3), ring by ring, and their angles (m, q)."""
     around = 2.0 * np.pi * np.arange(settings.outline) / settings.outline
     turn = np.tile(2.0 * np.pi * np.arange(settings.markers) / settings.markers, len(settings.rings))
     height = np.repeat(settings.rings, settings.markers)
@@ -125,7 +125,7 @@ def _marker_points(settings: BarrelSettings) -> tuple[np.ndarray, np.ndarray]:
 def _inner_weights(
     theta: Float[np.ndarray, "m q"], z: Float[np.ndarray, "m q"], columns: int, levels: Float[np.ndarray, " r"]
 ) -> Float[np.ndarray, "p n"]:
-    """Weights (m q, nodes) of the inner nodes, column by column at their levels [m], in points of the inner side."""
+    """Return weights (m q, nodes) that interpolate from the inner side's nodes, column by column, to points on it."""
     column, share = _columns(theta.ravel(), columns)
     up = np.abs(z).ravel()
     brick = np.clip(np.searchsorted(levels[::2], up, side="right") - 1, 0, len(levels) // 2 - 1)
@@ -139,12 +139,12 @@ def _inner_weights(
 
 
 def _quadratic(at: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-    """Lagrange's quadratics at 0, 1, 2."""
+    """Return Lagrange's quadratics at 0, 1, 2."""
     return np.stack([(at - 1) * (at - 2) / 2, at * (2 - at), at * (at - 1) / 2], axis=-1)
 
 
 def _columns(angle: Float[np.ndarray, " n"], columns: int) -> tuple[np.ndarray, np.ndarray]:
-    """The three columns of nodes (n, 3) whose brick holds an angle, and their shape functions (n, 3)."""
+    """Return the three columns of nodes (n, 3) of the brick at each angle, and their shape functions (n, 3)."""
     at = np.mod(angle, 2.0 * np.pi) * columns / (2.0 * np.pi)
     first = (2 * np.floor(at / 2)).astype(int)
     return (first[:, None] + np.arange(3)) % columns, _quadratic(at - first)

@@ -1,10 +1,10 @@
 """Rigid bodies on the outer side of a barrel: unilateral contact with Coulomb's friction around the ring.
 
 Points of contact lie four by four in every brick, closer than the nodes, so that the force hardly ripples as a body
-moves from node to node. Each holds the skin off by a pressure k o, o how deep the moved point lies inside the exact
-body, k what the skin gives more finely than the mesh; friction holds it where it first touched, up to mu k o.
-With N the shape functions and G the skin's compliance, the nodal forces f solve f = N' a lambda(X + N G f): a
-semi-smooth Newton, the contact's state being its active set. Friction has a history, so bodies come down, and slide,
+moves from node to node. Each pushes the skin off by a pressure k o, with o the depth of the moved point inside the
+exact body, and k the skin's stiffness below the mesh's resolution; friction holds it at its first place of contact, up
+to mu k o. With N the shape functions and G the skin's compliance, the nodal forces f solve f = N' a lambda(X + N G f):
+a semi-smooth Newton, the contact's state being its active set. Friction has a history, so bodies come down, and slide,
 in a few steps.
 """
 
@@ -38,11 +38,11 @@ class Indenter:
 
     Attributes:
         kind: "plate" (tangent to the ring), "tip" (a sphere) or "cylinder" (its axis along the barrel's).
-        angle: [rad] of its axis.
-        depth: [m] of its foremost point inside the unloaded surface.
-        radius: [m] of a tip or cylinder.
-        slide: [m] it then moves sideways, towards rising angle.
-        width: [m] of a plate, across.
+        angle: angle of its axis [rad].
+        depth: depth of its foremost point inside the unloaded surface [m].
+        radius: radius of a tip or cylinder [m].
+        slide: distance [m] that it then moves sideways, towards rising angle.
+        width: width of a plate [m], across.
     """
 
     kind: Literal["plate", "tip", "cylinder"]
@@ -55,11 +55,11 @@ class Indenter:
 
 @dataclass(frozen=True, eq=False)
 class Band:
-    """The outer side near the equator, of which half is modelled.
+    """The outer side of the barrel near the equator, of which half is modelled.
 
     Attributes:
-        outer: outside radius [m] at heights [m].
-        heights: (rows,) [m] of the rows of nodes.
+        outer: function from heights [m] to outside radii [m].
+        heights: (rows,) [m] heights of the rows of nodes.
         compliance: (2 nodes, 2 nodes) [m/N] along x and y, node = column x rows + row; forces on the upper half.
     """
 
@@ -72,7 +72,7 @@ class Band:
 
     @property
     def columns(self) -> int:
-        """Columns of nodes around the ring."""
+        """Number of columns of nodes around the ring."""
         return len(self.compliance) // (2 * len(self.heights))
 
 
@@ -88,7 +88,7 @@ class Settled:
 
 @dataclass(frozen=True, eq=False)
 class _Points:
-    """Points of contact (q = 16 b) in every brick (b) that a body may touch: whose, where at rest, of what area.
+    """Points of contact (q = 16 b) in every brick (b) that a body may touch: their body, place at rest, and area.
 
     `nodes` (n) are those of all bricks; `index` the nine of each brick's outer side among them.
     """
@@ -103,7 +103,7 @@ class _Points:
 
 @dataclass(frozen=True, eq=False)
 class _Bodies:
-    """Bodies at one instant, a row a point of contact (q): outward axis, front or centre, radius at its height."""
+    """Bodies at one instant, a row per point of contact (q): outward axis, front or centre, radius at its height."""
 
     axis: Float[np.ndarray, "q 2"]
     centre: Float[np.ndarray, "q 2"]
@@ -114,7 +114,7 @@ class _Bodies:
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """Overlap (q,), push and tangent on the skin (q, 2), sideways place (q,), friction (q,) [Pa], stuck (q,)."""
+    """State of contact (q,): overlap, push and tangent on the skin (q, 2), sideways place, friction [Pa], stuck."""
 
     over: np.ndarray
     push: np.ndarray
@@ -137,7 +137,7 @@ def _check(bodies: Sequence[Indenter], radius: float) -> None:
 
 
 def _points(band: Band, bodies: Sequence[Indenter]) -> _Points:
-    """Every point of the bricks that a body may touch."""
+    """Return every point of the bricks that a body may touch."""
     rows, columns, radius = len(band.heights), band.columns, float(band.outer(np.zeros(1))[0])
     width = 4.0 * np.pi / columns
     owner: list[Int[np.ndarray, " a"]] = []
@@ -167,7 +167,7 @@ def _points(band: Band, bodies: Sequence[Indenter]) -> _Points:
 
 
 def _shape() -> Float[np.ndarray, "16 9"]:
-    """Shape functions of a brick's nine outer nodes at its points of contact."""
+    """Return the shape functions of a brick's nine outer nodes at its points of contact, (16, 9)."""
     at = 2.0 * (np.arange(FINE) + 0.5) / FINE
     line = np.stack([(at - 1) * (at - 2) / 2, at * (2 - at), at * (at - 1) / 2], axis=-1)
     return np.einsum("ai,bj->abij", line, line).reshape(FINE**2, 9)
@@ -178,7 +178,7 @@ PAIRS = (SHAPE[:, :, None] * SHAPE[:, None, :]).reshape(FINE**2, 81)
 
 
 def _placed(bodies: Sequence[Indenter], points: _Points, radius: float, down: float, aside: float) -> _Bodies:
-    """The bodies when a part of their depth and of their slide is done."""
+    """Return the bodies after a share of their depth and of their slide."""
     axis = np.array([[np.cos(each.angle), np.sin(each.angle)] for each in bodies])
     size = np.array([0.0 if each.kind == "plate" else each.radius for each in bodies])
     depth, slide = np.array([each.depth for each in bodies]), np.array([each.slide for each in bodies])
@@ -192,7 +192,7 @@ def _placed(bodies: Sequence[Indenter], points: _Points, radius: float, down: fl
 
 
 def _state(bodies: _Bodies, place: np.ndarray, anchor: np.ndarray, friction: float) -> _State:
-    """Contact at moved points (q, 2), held towards the sideways places `anchor` (q,)."""
+    """Compute the contact at moved points (q, 2), which friction pulls towards the sideways places `anchor` (q,)."""
     apart = place - bodies.centre
     tangent = _turned(bodies.axis)
     ahead: Float[np.ndarray, " q"] = np.einsum("qa,qa->q", apart, bodies.axis)
@@ -210,7 +210,7 @@ def _state(bodies: _Bodies, place: np.ndarray, anchor: np.ndarray, friction: flo
 
 
 def _blocks(points: _Points, state: _State, friction: float) -> tuple[np.ndarray, np.ndarray]:
-    """Forces (q, 2) [N] on the skin, and minus their slopes (q, 2, 2) [N/m] by its movement."""
+    """Return forces (q, 2) [N] on the skin, and minus their slopes (q, 2, 2) [N/m] by its movement."""
     push, along = state.push, state.along
     force = points.area[:, None] * (STIFFNESS * state.over[:, None] * push + state.drag[:, None] * along)
     slipping = np.where(state.stuck, 0.0, friction * np.sign(state.drag))[:, None]
@@ -226,13 +226,14 @@ def settle(
     friction: float = 0.4,
     shares: Sequence[tuple[float, float]] | None = None,
 ) -> list[Settled]:
-    """Equilibria of the bodies on the skin as they come down and then slide.
+    """Compute the equilibria of bodies on the skin as they come down and then slide.
 
     Args:
         band: the skin.
-        bodies: on it.
+        bodies: bodies on it.
         friction: Coulomb's coefficient.
-        shares: of their depths and of their slides done at each asked state, from an unloaded skin; None: all of them.
+        shares: share of their depths and share of their slides at each requested state, from an unloaded skin; None:
+            down in one step, then aside in two if a body slides.
 
     Returns:
         An equilibrium for each of `shares`.
@@ -271,7 +272,10 @@ def settle(
 
 
 def _finer(bodies: Sequence[Indenter], shares: Sequence[tuple[float, float]]) -> list[tuple[float, float, bool]]:
-    """Steps between the asked ones, so that no round body moves further than half its radius; whether it was asked."""
+    """Add steps between the requested ones, so that no round body moves further than half its radius.
+
+    Returns depth share, slide share, and whether the step was requested.
+    """
     steps: list[tuple[float, float, bool]] = []
     before = (0.0, 0.0)
     for down, aside in shares:
@@ -292,7 +296,7 @@ def _balanced(
     anchor: np.ndarray,
     friction: float,
 ) -> tuple[np.ndarray, np.ndarray, _State]:
-    """Newton's iteration of one step, from the last step's nodal forces."""
+    """Run Newton's iteration of one step, from the last step's nodal forces."""
     for turn in range(ROUNDS):
         moved = (soft @ nodal).reshape(-1, 2)
         place = points.place + (SHAPE @ moved[points.index]).reshape(-1, 2)
@@ -310,20 +314,20 @@ def _balanced(
 
 
 def _gathered(points: _Points, force: np.ndarray) -> np.ndarray:
-    """Nodal forces (2 n,) of forces at the points (q, 2)."""
+    """Return the nodal forces (2 n,) of forces at the points (q, 2)."""
     spread, size = points.index.ravel(), len(points.nodes)
     sums = [np.bincount(spread, (force[:, a].reshape(-1, FINE**2) @ SHAPE).ravel(), size) for a in range(2)]
     return np.stack(sums, axis=-1).ravel()
 
 
 def _newton(points: _Points, slope: np.ndarray, force: np.ndarray, moved: np.ndarray, soft: np.ndarray) -> np.ndarray:
-    """Nodal forces (2 n,) of the balance made linear: (I + A G) f = F + A u, A = N' a K N, on the nodes that A reaches.
+    """Solve (I + A G) f = F + A u for nodal forces (2 n,), the linear balance on the nodes that A = N' a K N reaches.
 
     Args:
-        points: of contact.
-        slope: (q, 2, 2) [N/m] of each.
-        force: (2 n,) [N] that the contact gives now.
-        moved: (2 n,) [m] of the nodes now.
+        points: points of contact.
+        slope: (q, 2, 2) [N/m] slope at each.
+        force: (2 n,) [N] present contact force.
+        moved: (2 n,) [m] present movement of the nodes.
         soft: their compliance.
     """
     bricks = slope.reshape(-1, FINE**2, 4)
@@ -346,7 +350,7 @@ def _newton(points: _Points, slope: np.ndarray, force: np.ndarray, moved: np.nda
 def _summed(
     points: _Points, place: np.ndarray, force: np.ndarray, pressure: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Angle of the centre of pressure, inward force there and shear, of each body (count,)."""
+    """Return the angle of the centre of pressure, inward force there and shear, of each body (count,)."""
     weight = np.bincount(points.owner, pressure, count)
     touched = weight > 0.0
     scale = np.where(touched, weight, 1.0)

@@ -33,19 +33,19 @@ class BarrelSettings:
     """Shape and material of a barrel.
 
     Attributes:
-        radius, end_radius: [m] outside, at the equator and at the ends; a parabola between.
-        thickness: [m] of the wall, on average.
+        radius, end_radius: outer radius [m] at the equator and at the ends; a parabola between.
+        thickness: mean thickness of the wall [m].
         uneven: relative first harmonic and relative higher harmonics (2 to 5) of the thickness around the ring.
-        modulus: Young's [Pa].
+        modulus: Young's modulus [Pa].
         poisson: Poisson's ratio.
-        around: bricks around the ring, a multiple of 4.
-        rows: [m] edges of the bricks from the equator to the clamped end.
-        band: [m] height above the equator up to which bodies can touch; one of `rows`.
-        markers: how many in each ring, evenly spaced from angle 0.
-        rings: [m] heights of the rings of markers above the equator, ring by ring; below `rows`' clamped end.
-        marker_radius: [m] of a marker.
-        outline: points on a marker's outline.
-        seed: of the uneven thickness.
+        around: number of bricks around the ring, a multiple of 4.
+        rows: edges of the bricks [m] from the equator to the clamped end.
+        band: height [m] above the equator up to which bodies can touch; one of `rows`.
+        markers: number of markers in each ring, evenly spaced from angle 0.
+        rings: heights [m] of the rings of markers above the equator, ring by ring; below `rows`' clamped end.
+        marker_radius: radius of a marker [m].
+        outline: number of points on a marker's outline.
+        seed: seed of the uneven thickness.
     """
 
     radius: float = 0.055
@@ -64,11 +64,11 @@ class BarrelSettings:
     seed: int = 0
 
     def outer(self, z: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
-        """Outer radius [m] at heights [m]."""
+        """Return the outer radius [m] at heights [m]."""
         return self.radius - (self.radius - self.end_radius) * (z / self.rows[-1]) ** 2
 
     def thickness_at(self, angle: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
-        """Thickness [m] at angles [rad]."""
+        """Return the thickness [m] at angles [rad]."""
         rng = np.random.default_rng(self.seed)
         phase = rng.uniform(0.0, 2.0 * np.pi, 5)
         share = rng.standard_normal(4)
@@ -84,7 +84,7 @@ class Solid:
 
     Attributes:
         node: (around, rows, 3) number of each node: around the ring, along the axis, from the inner to the outer side.
-        place: (nodes, 3) [m] where the nodes rest.
+        place: (nodes, 3) [m] positions of the nodes at rest.
         stiffness: (3 nodes, 3 nodes) [N/m], before any support; freedom 3 i + a is node i along axis a.
     """
 
@@ -103,7 +103,7 @@ def _skfem() -> Any:
 
 
 def solid(settings: BarrelSettings) -> Solid:
-    """The mesh of the half barrel and its stiffness."""
+    """Build the mesh of the half barrel and its stiffness."""
     fem = _skfem()
     around, edges = settings.around, np.asarray(settings.rows)
     angle = np.linspace(0.0, 2.0 * np.pi, around + 1)
@@ -131,13 +131,13 @@ def solid(settings: BarrelSettings) -> Solid:
 
 
 def stiffness_matrix(mesh: Any, modulus: float, poisson: float) -> sparse.csr_matrix:
-    """Stiffness [N/m] of an isotropic body, by 3 x 3 x 3 points a brick.
+    """Assemble the stiffness [N/m] of an isotropic body, by 3 x 3 x 3 points a brick.
 
     K_iajb = integral of lambda g_ia g_jb + mu (g_ib g_ja + delta_ab g_ic g_jc), g the gradients of the shape functions.
 
     Args:
-        mesh: of scikit-fem, quadratic bricks.
-        modulus: Young's [Pa].
+        mesh: scikit-fem's mesh of quadratic bricks.
+        modulus: Young's modulus [Pa].
         poisson: Poisson's ratio, below 0.5.
     """
     fem = _skfem()
@@ -160,13 +160,13 @@ def stiffness_matrix(mesh: Any, modulus: float, poisson: float) -> sparse.csr_ma
 
 
 def _supported(body: Solid) -> Int[np.ndarray, " s"]:
-    """Freedoms held at zero: all of the clamped end's, and the equator's along the axis."""
+    """Return the freedoms fixed at zero: all of the clamped end's, and the equator's along the axis."""
     end = (3 * body.node[:, -1].ravel()[:, None] + np.arange(3)).ravel()
     return np.concatenate([end, 3 * body.node[:, 0].ravel() + 2])
 
 
 def compliance(body: Solid, answered: Int[np.ndarray, " a"], loaded: Int[np.ndarray, " l"]) -> Float[np.ndarray, "a l"]:
-    """Movements [m] of some freedoms by unit forces on others.
+    """Compute the movements [m] of some freedoms by unit forces on others.
 
     Sectors of the ring are condensed onto the planes between them, so that all the work is in dense blocks: with
     T = -K_II^-1 K_IB and S = sum over sectors of K_BB + K_BI T, u = T S^-1 T' f + K_II^-1 f.
@@ -207,13 +207,13 @@ def compliance(body: Solid, answered: Int[np.ndarray, " a"], loaded: Int[np.ndar
 
 
 def _freedoms(nodes: Int[np.ndarray, "..."], free: np.ndarray) -> Int[np.ndarray, " f"]:
-    """Freedoms of nodes that are not supported."""
+    """Return the freedoms of nodes that are not supported."""
     every = (3 * nodes.ravel()[:, None] + np.arange(3)).ravel()
     return every[free[every]]
 
 
 def _inside(factor: Any, size: int, answered: np.ndarray, loaded: np.ndarray) -> np.ndarray:
-    """Movements inside one sector with its borders held."""
+    """Compute the movements inside one sector with fixed borders."""
     unit = np.zeros((size, len(loaded)))
     inner = np.flatnonzero(loaded < size)
     unit[loaded[inner], inner] = 1.0
@@ -229,7 +229,7 @@ def _spread(
     local: list[np.ndarray],
     shape: tuple[int, int],
 ) -> np.ndarray:
-    """Compliance of all freedoms from the borders' and each sector's own."""
+    """Assemble the compliance of all freedoms from the borders' and each sector's own."""
     borders = cho_solve(cho_factor(schur, check_finite=False), np.eye(len(schur)), check_finite=False)
     total = np.zeros(shape)
     for column, (b, carry, near) in enumerate(loads):

@@ -1,4 +1,4 @@
-"""Triaxial force cells under a rigid frame: how it shares a load among them, and the voltages that they answer with."""
+"""Triaxial force cells under a rigid frame: the frame's division of a load among them, and their voltages."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ LAYOUTS = {  # m: cells on a base of 22 x 32 mm, by how many they are; four is t
 
 
 def in_line(count: int = 3) -> Float[np.ndarray, "k 3"]:
-    """Cells along y, which nobody should build: nothing measures the moment about their line."""
+    """Return cells along y, an arrangement to avoid: nothing measures the moment about their line."""
     return _plane(*((0.0, y) for y in np.linspace(-10.5, 10.5, count)))
 
 
 @dataclass(frozen=True)
 class CellArray:
-    """k cells: a cell gives u = S^-1 f + b (`load_cells` (8)), f the force that the frame puts on it.
+    """An array of k cells under a frame: a cell gives u = S^-1 f + b (`load_cells` (8)), f the frame's force on it.
 
     The frame is rigid and each cell a spring K_i at its place l_i, so that a small motion (d, phi) of the frame loads
     it with f_i = K_i (d + phi x l_i). With G_i = [1, -[l_i]x] the balance of forces and moments, W = sum G_i' f_i,
@@ -50,7 +50,8 @@ class CellArray:
         position: (k, 3) l_i [m].
         sensitivity: (k, 3, 3) S_i [N/V].
         stiffness: (k, 3, 3) K_i [N/m], symmetric.
-        twist: [N m/rad] of each cell against turning, a moment that it does not measure; cells in line need one.
+        twist: stiffness of each cell against turning [N m/rad], by a moment that it does not measure; cells in line
+            need one.
     """
 
     position: Float[np.ndarray, "k 3"]
@@ -64,11 +65,11 @@ class CellArray:
 
     @property
     def count(self) -> int:
-        """How many cells."""
+        """Number of cells."""
         return len(self.position)
 
     def shares(self) -> Float[np.ndarray, "k 3 6"]:
-        """f_i = shares_i W.
+        """Return the matrices (k, 3, 6) of f_i = shares_i W.
 
         Raises:
             GeometryError: the frame can turn without loading a cell.
@@ -86,19 +87,19 @@ class CellArray:
         return loads @ np.linalg.inv(frame)
 
     def forces(self, wrench: Float[np.ndarray, "*batch 6"]) -> Float[np.ndarray, "*batch k 3"]:
-        """On each cell [N], of a wrench on the frame [N, N m]."""
+        """Return the force on each cell [N] from a wrench on the frame [N, N m]."""
         return np.einsum("iab,...b->...ia", self.shares(), wrench)
 
     def forward(self) -> Float[np.ndarray, "m 6"]:
-        """C (3k, 6) of u = C w + b [V/N, V/(N m)]."""
+        """Return C (3k, 6) of u = C w + b [V/N, V/(N m)]."""
         return (np.linalg.inv(self.sensitivity) @ self.shares()).reshape(-1, 6)
 
     def voltages(self, wrench: Float[np.ndarray, "*batch 6"]) -> Float[np.ndarray, "*batch m"]:
-        """(*batch, 3k) [V], cell by cell and x, y, z in each, without bias and noise."""
+        """Return the voltages (*batch, 3k) [V], cell by cell and x, y, z in each, without bias and noise."""
         return wrench @ self.forward().T
 
     def voltage_noise(self, noise: float, *, array: bool) -> float:
-        """[V] on every channel alone that is worth `noise` [N] an axis: of the sum of all cells, or of one cell.
+        """Return the noise [V] of every channel that is worth `noise` [N] an axis, in all cells' sum or in one cell.
 
         Cells differ, so that this is the root of the mean square over the axes, and over the cells.
         """
@@ -107,7 +108,7 @@ class CellArray:
 
 
 def random_cells(position: Float[np.ndarray, "k 3"], rng: np.random.Generator, *, twist: float = 0.0) -> CellArray:
-    """Cells at these places [m], no two alike: gains about 0.1 V/N, cross-coupling of 5 %, stiffness by 20 %."""
+    """Draw cells at given places [m]: gains about 0.1 V/N, cross-coupling of 5 %, stiffness that differs by 20 %."""
     count = len(position)
     gain = GAIN * COUPLING * rng.normal(size=(count, 3, 3))
     diagonal = np.arange(3)

@@ -1,4 +1,4 @@
-"""Wrenches of single touches, made from where and how they press: forwards only, never through an estimator."""
+"""Compute wrenches of single touches from point and force: forwards only, never through an estimator."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def contact_wrenches(
     forces: Float[np.ndarray, "*batch 3"],
     torsions: Float[np.ndarray, "*batch"],
 ) -> Float[np.ndarray, "*batch 6"]:
-    """W = (F, p x F + tau n): a force at a point, and a torque about the outward unit normal there."""
+    """Return W = (F, p x F + tau n), (*batch, 6): a force at a point, and a torque about the outward unit normal."""
     return np.concatenate([forces, np.cross(points, forces) + torsions[..., None] * normals], axis=-1)
 
 
@@ -27,7 +27,7 @@ def touch_wrenches(
     tan_theta: float = 0.5,
     pitch: float = 0.0,
 ) -> Float[np.ndarray, "n 6"]:
-    """Random pressing wrenches at given points.
+    """Draw random pressing wrenches at given points.
 
     The force's size is uniform in its bounds, the tangent of the angle between -F and n uniform in [0, tan_theta], its
     azimuth uniform. The pitch h = F . M / |F|^2 is uniform in [-pitch, pitch]; as F . (p x F) = 0 this fixes the
@@ -36,7 +36,7 @@ def touch_wrenches(
     Args:
         points: (n, 3) [m] on the surface.
         normals: (n, 3) outward unit normals there.
-        rng: the dice.
+        rng: random numbers.
         force: bounds of |F| [N].
         tan_theta: the largest friction coefficient in use.
         pitch: the largest |h| [m].
@@ -57,7 +57,7 @@ def directed_forces(
     tan_theta: Float[np.ndarray, "*batch"],
     azimuth: Float[np.ndarray, "*batch"],
 ) -> Float[np.ndarray, "*batch 3"]:
-    """Forces of a size [N] that press at a friction angle and an azimuth [rad] about the normal."""
+    """Return forces (*batch, 3) of a size [N] that press at a friction angle and an azimuth [rad] about the normal."""
     first, second = _tangents(normals)
     size, slope, turn = size[..., None], tan_theta[..., None], azimuth[..., None]
     sideways = np.cos(turn) * first + np.sin(turn) * second
@@ -65,7 +65,7 @@ def directed_forces(
 
 
 def _tangents(normals: Float[np.ndarray, "*batch 3"]) -> tuple[np.ndarray, np.ndarray]:
-    """Two unit vectors that complete each normal to a right-handed triad."""
+    """Return two unit vectors that complete each normal to a right-handed triad."""
     least = np.eye(3)[np.argmin(np.abs(normals), axis=-1)]
     first = np.cross(normals, least)
     first /= np.linalg.norm(first, axis=-1, keepdims=True)

@@ -1,4 +1,4 @@
-"""Zeros that wander: seeded, by the law that `palpate.signals.drift.Drift` states."""
+"""Simulate drifting biases from a seed, by the law that `palpate.signals.drift.Drift` states."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ __all__ = ["simulate_drift"]
 def simulate_drift(
     time: ArrayLike, drift: Drift, rng: np.random.Generator, temperature: ArrayLike | None = None
 ) -> Float[np.ndarray, "n m"]:
-    """How the zero of each channel moves away from what it is at the first time.
+    """Simulate the drift of each channel's bias from its value at the first time.
 
-    With W a Wiener process, r0 drawn from a normal law of deviation `warm_up`, and k one of `thermal` and
-    `thermal_deviation`,
+    With W a Wiener process, r0 drawn from a normal law of standard deviation `warm_up`, and k from one of mean
+    `thermal` and standard deviation `thermal_deviation`,
 
         b(t) = walk W(t) + r0 s (1 - exp(-t / s)) + k (T(t) - T(0)),    s = `settling`.
 
-    Times are exact, however uneven. The payload's `weight` is no part of a zero: it turns with the sensor.
+    Times are exact, however uneven. The payload's `weight` is no part of a bias: it turns with the sensor.
 
     Args:
         time: (n,) [s], not decreasing.
-        drift: of m channels.
+        drift: drift of m channels.
         rng: draws r0, k and then the walk.
-        temperature: (n,) [K or deg C]; None: it stays.
+        temperature: (n,) [K or deg C]; None: constant.
 
     Returns:
         (n, m) in the channels' units; zeros in the first row.

@@ -1,4 +1,4 @@
-"""The physics engine, MuJoCo, where it is installed."""
+"""Load the physics engine, MuJoCo, where it is installed."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ __all__ = ["engine"]
 
 
 def engine(what: str) -> Any:
-    """MuJoCo.
+    """Import and return MuJoCo.
 
     Args:
-        what: is simulated by it, for the message: "moving phantom".
+        what: subject of the simulation, for the message: "moving phantom".
 
     Raises:
-        InputError: it is not installed.
+        InputError: MuJoCo is not installed.
     """
     try:
         return import_module("mujoco")

@@ -1,6 +1,6 @@
 """Links that carry taxels: a conical forearm whose sheet unrolls without strain, or any surface with taxels on it.
 
-Truth is geometry: taxels of known flat modules are laid on the unrolled cone, whose coordinates are exact.
+The truth is geometry: taxels of known flat modules are laid on the unrolled cone, whose coordinates are exact.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from palpate.surfaces.surface import Surface
 
 __all__ = ["Cone", "Forearm", "Skin", "SurfaceSkin", "nearby", "places_near"]
 
-_TRIES = 200  # rounds of drawing places before it is said that there are none
+_TRIES = 200  # rounds of drawing places before an error
 
 
 @runtime_checkable
 class Skin(Protocol):
-    """What pokes need to know of a link: where its taxels truly are, and its surface about them."""
+    """A link as pokes see it: the true places of its taxels, and its surface around them."""
 
     @property
     def places(self) -> TaxelPlaces:
@@ -34,17 +34,17 @@ class Skin(Protocol):
         ...
 
     def offset_from(self, taxel: Int[np.ndarray, " n"], offset: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
-        """Points of the surface at flat offsets [m] from taxels."""
+        """Return the points (n, 3) [m] of the surface at flat offsets [m] from taxels."""
         ...
 
     def frame(self, points: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, "n 3 3"], Float[np.ndarray, " n"]]:
-        """Axes (rows: two tangents, outward normal) at points of the surface; curvature [1/m] along the first."""
+        """Return axes at points of the surface (rows: two tangents, outward normal); curvature [1/m] on the first."""
         ...
 
     def offsets(
         self, points: Float[np.ndarray, "n 3"], poke: Int[np.ndarray, " m"], taxel: Int[np.ndarray, " m"]
     ) -> Float[np.ndarray, "m 2"]:
-        """Flat offset [m] of a taxel from a point, along the tangents there, for m pairs of both."""
+        """Return the flat offsets (m, 2) [m] of taxels from points, along the tangents there, for m pairs of both."""
         ...
 
 
@@ -57,10 +57,10 @@ class Cone:
     (s, t, outward) is right-handed.
 
     Args:
-        radius: [m] at the middle.
-        slope: how much the radius shrinks a metre along z.
-        length: [m] along z.
-        middle: [m] of the frustum's middle along z; the origin is the elbow.
+        radius: radius at the middle [m].
+        slope: decrease of the radius per metre along z.
+        length: length along z [m].
+        middle: position of the frustum's middle along z [m]; the origin is the elbow.
     """
 
     radius: float = 0.032
@@ -78,13 +78,13 @@ class Cone:
 
     @property
     def apex(self) -> float:
-        """[m] from the middle to the apex, along the surface."""
+        """Distance [m] from the middle to the apex, along the surface."""
         return self.radius / sin(self._half)
 
     def at(
         self, s: Float[np.ndarray, "*batch"], t: Float[np.ndarray, "*batch"]
     ) -> tuple[Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3"]]:
-        """Points [m] and outward normals at flat coordinates."""
+        """Return the points [m] and outward normals at flat coordinates."""
         away = np.hypot(self.apex - t, s)
         angle = np.arctan2(s, self.apex - t) / sin(self._half)
         round_about, radius = np.stack([np.cos(angle), np.sin(angle)], axis=-1), away * sin(self._half)
@@ -94,13 +94,13 @@ class Cone:
         return points, np.concatenate([cos(self._half) * round_about, up], axis=-1)
 
     def unrolled(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 2"]:
-        """Flat coordinates (s, t) [m] of points; of one off the surface, those at its angle and height."""
+        """Return the flat coordinates (s, t) [m] of points; off the surface, those at the point's angle and height."""
         away = self.apex - (points[..., 2] - self.middle) / cos(self._half)
         turn = np.arctan2(points[..., 1], points[..., 0]) * sin(self._half)
         return np.stack([away * np.sin(turn), self.apex - away * np.cos(turn)], axis=-1)
 
     def mesh(self, around: int = 96, along: int = 40) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
-        """Closed triangles with end caps, facing outward; vertices lie on the cone."""
+        """Return a closed mesh with end caps, facing outward; its vertices lie on the cone."""
         angle = 2 * pi * np.arange(around) / around
         z = self.length * (np.arange(along + 1) / along - 0.5)
         ring = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -120,12 +120,12 @@ class Cone:
 
 
 def _narrow(cone: Cone, long: float) -> float:
-    """[m] once round where a sheet so long ends."""
+    """Return the circumference [m] at the narrower end of a sheet of this length."""
     return 2 * pi * (cone.radius - cone.slope * long / 2)
 
 
 def _fitting(long: float, wide: float) -> Cone:
-    """The usual cone, or a larger one on which so large a sheet fits."""
+    """Return the usual cone, or a larger one on which a sheet of this size fits."""
     usual = Cone()
     if long <= usual.length and wide <= _narrow(usual, long):
         return usual
@@ -136,12 +136,13 @@ def _fitting(long: float, wide: float) -> Cone:
 
 @dataclass(frozen=True, eq=False)
 class Forearm(Value):
-    """Modules of one layout on a cone.
+    """A forearm with modules of one layout on a cone.
 
     Attributes:
         cone: the link.
-        shape: (t, 2) [m] of one module's taxels, NaN of a number without one.
-        centres: (modules, 2) [m] true flat middles, angles: (modules,) [rad] by which each is turned on the sheet.
+        shape: (t, 2) [m] one module's taxels, NaN for a number without one.
+        centres: (modules, 2) [m] true flat middles of the modules.
+        angles: (modules,) [rad] angle of each on the sheet.
     """
 
     cone: Cone
@@ -157,17 +158,17 @@ class Forearm(Value):
     def of(
         cls, modules: int = 7, *, layout: str = "ring12", cone: Cone | None = None, rows: int = 2, gap: float = 6.5e-3
     ) -> Forearm:
-        """Triangles in rows along the link, one up and one down.
+        """Lay triangles in rows along the link, one up and one down.
 
         Args:
-            modules: how many.
+            modules: number of modules.
             layout: name in LAYOUTS.
             cone: None: the usual one, or where the rows do not fit on it, one on which they do.
-            rows: side by side round the link.
-            gap: [m] between the taxels of modules that face each other.
+            rows: number of rows side by side round the link.
+            gap: distance [m] between the taxels of modules that face each other.
 
         Raises:
-            InputError: an unknown layout, or modules that overlap on the cone that is given.
+            InputError: an unknown layout, or modules that overlap on the given cone.
         """
         if layout not in LAYOUTS:
             raise InputError(f"no layout is called {layout!r}.", where="forearm", hint=f"One of {', '.join(LAYOUTS)}.")
@@ -192,22 +193,22 @@ class Forearm(Value):
 
     @property
     def modules(self) -> int:
-        """How many."""
+        """Number of modules."""
         return len(self.angles)
 
     @property
     def layout(self) -> ModuleLayout:
-        """Of all its taxels."""
+        """The layout of all its taxels."""
         return ModuleLayout.repeated(self.shape, self.modules)
 
     @cached_property
     def flat(self) -> Float[np.ndarray, "k 2"]:
-        """(k, 2) [m] true flat places of the taxels."""
+        """True flat places of the taxels, (k, 2) [m]."""
         return self._laid(self.centres, self.angles)
 
     @property
     def places(self) -> TaxelPlaces:
-        """True places of the taxels."""
+        """True places of the taxels on the link."""
         return self._places
 
     @cached_property
@@ -225,23 +226,23 @@ class Forearm(Value):
         return TaxelPlaces(points, normals, module=self.layout.module)
 
     def cad(self, rng: np.random.Generator, position: float = 3e-3, angle: float = radians(5.0)) -> TaxelPlaces:
-        """Places as CAD believes them: each module slid on the sheet and turned, by normal errors.
+        """Return the places that CAD states: each module moved on the sheet and turned, by normal errors.
 
         Args:
-            rng: of the errors.
-            position: [m] standard deviation along each flat axis.
-            angle: [rad] standard deviation.
+            rng: random numbers of the errors.
+            position: standard deviation along each flat axis [m].
+            angle: standard deviation [rad].
         """
         slid = self.centres + position * rng.standard_normal(self.centres.shape)
         return self._on_link(self._laid(slid, self.angles + angle * rng.standard_normal(self.modules)))
 
     def offset_from(self, taxel: Int[np.ndarray, " n"], offset: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
-        """Points of the surface at flat offsets [m] from taxels."""
+        """Return the points (n, 3) [m] of the cone at flat offsets [m] from taxels."""
         flat = self.flat[taxel] + offset
         return self.cone.at(flat[:, 0], flat[:, 1])[0]
 
     def frame(self, points: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, "n 3 3"], Float[np.ndarray, " n"]]:
-        """Axes at points of the cone: round it, along it towards +z, outward; curvature cos(a) / r along the first."""
+        """Return axes at points of the cone (around it, along it to +z, outward); curvature cos(a) / r on the first."""
         half, radius = atan(self.cone.slope), np.hypot(points[:, 0], points[:, 1])
         c, s, zero = points[:, 0] / radius, points[:, 1] / radius, np.zeros(len(points))
         up, out = np.full(len(points), sin(half)), cos(half)
@@ -251,7 +252,7 @@ class Forearm(Value):
     def offsets(
         self, points: Float[np.ndarray, "n 3"], poke: Int[np.ndarray, " m"], taxel: Int[np.ndarray, " m"]
     ) -> Float[np.ndarray, "m 2"]:
-        """Flat offset [m] of taxels from points: the geodesic, turned into the tangents at the point."""
+        """Return the flat offsets (m, 2) [m] of taxels from points: geodesics, turned into the point's tangents."""
         here = self.cone.unrolled(points)
         away = self.flat[taxel] - here[poke]
         # round and along at a point are the flat axes turned by its polar angle
@@ -262,12 +263,12 @@ class Forearm(Value):
 
 @dataclass(frozen=True, eq=False)
 class SurfaceSkin(Value):
-    """Taxels on any surface, taken as flat about each poke.
+    """Taxels on any surface, taken as flat around each poke.
 
     Attributes:
-        surface: of the link.
-        places: true places and normals of the taxels, on it.
-        curvature: [1/m] round the link, as a tip feels it.
+        surface: surface of the link.
+        places: true places and normals of the taxels on it.
+        curvature: curvature [1/m] round the link that a tip feels.
     """
 
     surface: Surface
@@ -275,24 +276,24 @@ class SurfaceSkin(Value):
     curvature: float = 0.0
 
     def offset_from(self, taxel: Int[np.ndarray, " n"], offset: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
-        """Points of the surface nearest to offsets [m] in the tangent planes of taxels."""
+        """Return the points (n, 3) [m] of the surface nearest to offsets [m] in the tangent planes of taxels."""
         axes = _tangents(self.places.normals[taxel])
         return self.surface.project(self.places.positions[taxel] + np.einsum("ni,nij->nj", offset, axes[:, :2]))[0]
 
     def frame(self, points: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, "n 3 3"], Float[np.ndarray, " n"]]:
-        """Axes at points: two tangents, the normal of the surface there."""
+        """Return axes at points: two tangents and the surface normal there; and the constant curvature [1/m]."""
         return _tangents(self.surface.project(points)[1]), np.full(len(points), self.curvature)
 
     def offsets(
         self, points: Float[np.ndarray, "n 3"], poke: Int[np.ndarray, " m"], taxel: Int[np.ndarray, " m"]
     ) -> Float[np.ndarray, "m 2"]:
-        """Offset [m] of taxels from points in the tangent plane of the points."""
+        """Return the offsets (m, 2) [m] of taxels from points, in the tangent plane of the points."""
         axes, _ = self.frame(points)
         return np.einsum("mij,mj->mi", axes[poke, :2], self.places.positions[taxel] - points[poke])
 
 
 def _tangents(normals: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
-    """Right-handed axes whose last is the normal; the first lies across the most remote axis of the frame."""
+    """Return right-handed axes whose last is the normal; the first is across the frame's axis farthest from it."""
     least = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
     first = np.cross(least, normals)
     first /= np.linalg.norm(first, axis=1, keepdims=True)
@@ -300,7 +301,7 @@ def _tangents(normals: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
 
 
 def nearby(tree: Any, points: Float[np.ndarray, "n 3"], reach: float) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs (point, entry of the tree) that are within reach, in the order of the points."""
+    """Return the pairs (point, entry of the tree) that are within reach, in the order of the points."""
     found = tree.query_ball_point(points, reach, return_sorted=True)
     counts = np.fromiter((len(each) for each in found), dtype=np.int64, count=len(found))
     entries = np.fromiter((one for each in found for one in each), dtype=np.int64, count=int(counts.sum()))
@@ -316,18 +317,18 @@ def places_near(
     among: Int[np.ndarray, " j"] | None = None,
     clear: float = 9e-3,
 ) -> Float[np.ndarray, "n 3"]:
-    """Points spread evenly over what is within reach of a taxel.
+    """Draw points evenly over the part of the surface within reach of a taxel, (n, 3) [m].
 
     Args:
-        skin: whose.
-        rng: of the places.
-        count: how many.
-        reach: [m] of a taxel.
-        among: taxels to stay with; None: all. Points then keep `clear` [m] of every other one, so that none answers.
-        clear: see there.
+        skin: skin of the link.
+        rng: random numbers of the places.
+        count: number of points.
+        reach: largest distance from a taxel [m].
+        among: taxels to stay near; None: all. Points then keep `clear` [m] from every other one, so that none answers.
+        clear: see `among`.
 
     Raises:
-        InputError: no place is so.
+        InputError: there is no such place.
     """
     from scipy.spatial import cKDTree
 

@@ -43,20 +43,20 @@ PATHS = (  # mm: from (x, y) to (x, y) of the contact; three along y, three alon
 
 @dataclass(frozen=True)
 class BenchRun:
-    """What the bench recorded, and what was behind it, passed through the same low-pass.
+    """Readings of the bench and their truth, passed through the same low-pass.
 
     Attributes:
-        time: [s]; it jumps where a trajectory ended and the next was set up.
+        time: time [s]; it jumps where a trajectory ended and the next was set up.
         trajectory: number of the path that a sample belongs to.
         voltages: (n, 3k) [V], cell by cell, x, y, z in each.
-        force: (n, 3) [N] on the fingertip, of the reference sensor, with its noise.
-        position: (n, 3) [m] of the centre of the ball, of the stages, with their noise.
-        loaded: whether the ball touches.
-        point, normal: (n, 3) where the ball's centre stands over the undeformed surface, touching or not [m].
+        force: (n, 3) [N] on the fingertip, from the reference sensor, with its noise.
+        position: (n, 3) [m] centre of the ball, from the stages, with their noise.
+        loaded: True while the ball touches.
+        point, normal: (n, 3) foot of the ball's centre on the undeformed surface, touching or not [m], and its normal.
         wrench: (n, 6) [N, N m] on the fingertip about the origin.
-        torque: [N m] about the normal.
-        friction: coefficient.
-        indentation: [m] of the layer below the point.
+        torque: torque about the normal [N m].
+        friction: coefficient of friction.
+        indentation: indentation of the layer below the point [m].
     """
 
     time: Float[np.ndarray, " n"]
@@ -80,28 +80,28 @@ class BenchRun:
         return len(self.time)
 
     def __getitem__(self, which: slice | np.ndarray) -> BenchRun:
-        """Those samples that a slice, a mask or numbers pick."""
+        """Return the samples that a slice, a mask or numbers select."""
         return BenchRun(**{name: value[which].copy() for name, value in vars(self).items()})
 
 
 @dataclass(frozen=True, eq=False)
 class Bench:
-    """A fingertip on its bench; each run of it is independent of the others, and known by its number.
+    """A fingertip on its bench; each run of it is independent of the others, and identified by its number.
 
     Args:
-        noise: [N] an axis behind the filter, of the sum of all cells, or of one cell if `per_cell`.
-        per_cell: how to read the noise.
-        reference_noise: [N] an axis behind the filter, of the reference sensor.
-        layer: [N/m^3] stiffness of the soft layer, an elastic foundation; None is rigid.
-        drift: [V] by which channels are off at the end of a trajectory, one standard deviation.
-        friction: bounds between which the coefficient wanders while the ball slides.
-        torsion: [N m] largest soft-finger torque about the normal, which wanders too.
-        layout: (k, 3) [m] of the cells; None is the paper's four.
-        twist: [N m/rad] of a cell; see `CellArray`.
+        noise: noise [N] an axis behind the filter, of the sum of all cells, or of one cell if `per_cell`.
+        per_cell: True if the noise is that of one cell.
+        reference_noise: noise [N] an axis behind the filter, of the reference sensor.
+        layer: stiffness [N/m^3] of the soft layer, an elastic foundation; None is rigid.
+        drift: standard deviation [V] of the channels' drift at the end of a trajectory.
+        friction: bounds between which the coefficient varies while the ball slides.
+        torsion: largest soft-finger torque [N m] about the normal, which varies too.
+        layout: (k, 3) [m] positions of the cells; None is the paper's four.
+        twist: stiffness of a cell against turning [N m/rad]; see `CellArray`.
         paths: trajectories of the contact [mm].
-        ellipse: of the fingertip.
-        radius: [m] of the ball.
-        seed: of the cells, and of all runs.
+        ellipse: cross-section of the fingertip.
+        radius: radius of the ball [m].
+        seed: seed of the cells, and of all runs.
     """
 
     noise: float = 2e-3
@@ -119,16 +119,16 @@ class Bench:
     seed: int = 0
 
     def cells(self) -> CellArray:
-        """The cells, which only a simulation knows."""
+        """Return the cells, which only a simulation knows."""
         position = LAYOUTS[4] if self.layout is None else self.layout
         return random_cells(position, np.random.default_rng([self.seed, 0]), twist=self.twist)
 
     def channel_noise(self) -> float:
-        """[V] of every channel, behind the filter: what a data sheet would say."""
+        """Return the noise [V] of every channel behind the filter, as a data sheet would state it."""
         return self.cells().voltage_noise(self.noise, array=not self.per_cell)
 
     def run(self, number: int = 0, *, thin: int = 1) -> BenchRun:
-        """All trajectories once, each from a new start; every `thin`-th sample, taken behind the filter."""
+        """Record all trajectories once, each from a new start; return every `thin`-th sample behind the filter."""
         parts: list[BenchRun] = []
         for k, path in enumerate(self.paths):
             rng = np.random.default_rng([self.seed, 1, number, k])
@@ -163,7 +163,7 @@ class Bench:
         )
 
     def _bias(self, time: Float[np.ndarray, " n"], channels: int, rng: np.random.Generator) -> np.ndarray:
-        """What every channel started with, and what a temperature that creeps to a new one adds."""
+        """Return every channel's initial bias, and its drift while a temperature settles at a new value."""
         warm = (1.0 - np.exp(-2.0 * time / time[-1])) / (1.0 - np.exp(-2.0))
         return rng.normal(0.0, BIAS, channels) + warm[:, None] * rng.normal(0.0, 1.0, channels) * self.drift
 
@@ -177,7 +177,7 @@ BENCHES = {
 
 @dataclass(frozen=True)
 class _Course:
-    """One trajectory, sample by sample: at rest, down, pressed, and off along the path."""
+    """A trajectory, sample by sample: at rest, down, pressed, and off along the path."""
 
     time: np.ndarray
     point: np.ndarray
@@ -192,7 +192,7 @@ class _Course:
     def along(
         cls, bench: Bench, path: tuple[tuple[float, float], tuple[float, float]], rng: np.random.Generator
     ) -> _Course:
-        """With friction and torque that wander between their bounds, each at a pace of its own."""
+        """Create a course with friction and torque that vary between their bounds, each at a random pace."""
         start, end = 1e-3 * np.array(path)
         length = float(np.linalg.norm(end - start))
         before = REST + APPROACH + PRESS + HOLD
@@ -218,13 +218,13 @@ class _Course:
         )
 
     def rigid(self) -> tuple[np.ndarray, np.ndarray]:
-        """Wrench, N (mu t - n) at the point with its torque, and no indentation."""
+        """Return the wrench of N (mu t - n) at the point with its torque, and no indentation."""
         direction = self.friction[:, None] * self.motion - self.normal
         force = (self.load / -direction[:, 2])[:, None] * direction
         return contact_wrenches(self.point, self.normal, force, self.torque), np.zeros(len(self.time))
 
     def soft(self, stiffness: float) -> tuple[np.ndarray, np.ndarray]:
-        """Wrench and indentation where a layer is pressed so deep that it carries the load."""
+        """Return wrench and indentation of a layer that is pressed until it carries the load."""
         from scipy.interpolate import CubicSpline
 
         step = round(RATE / KNOTS)
@@ -244,7 +244,7 @@ class _Course:
         return filled[:, :6], filled[:, 6]
 
     def pressed(self, stiffness: float, depth: np.ndarray) -> np.ndarray:
-        """Of an elastic foundation; it is the same all along y."""
+        """Return the wrench of an elastic foundation, which is the same all along y."""
         x, y = self.point[:, 0], self.point[:, 1]
         wrench = pressed_wrench(self.bench.ellipse, self.bench.radius, stiffness, x, depth, self.friction, self.motion)
         aside = np.stack([np.zeros_like(y), y, np.zeros_like(y)], axis=1)
@@ -253,7 +253,7 @@ class _Course:
 
 
 class _LowPass:
-    """The Butterworth low-pass in front of the recorder; it has seen the first sample for ever."""
+    """The Butterworth low-pass in front of the recorder, settled at the first sample."""
 
     def __init__(self) -> None:
         from scipy.signal import butter, sosfilt, sosfilt_zi
@@ -269,17 +269,17 @@ class _LowPass:
         return np.asarray(self._filter(self._sections, values, axis=0, zi=start)[0])
 
     def noise(self, rng: np.random.Generator, count: int, channels: int) -> np.ndarray:
-        """White in front of the filter, of standard deviation 1 behind it."""
+        """Return noise that is white in front of the filter, and of standard deviation 1 behind it."""
         early = 100  # samples until it has forgotten how it began
         white = rng.normal(size=(count + early, channels)) / self._passed
         return np.asarray(self._filter(self._sections, white, axis=0))[early:]
 
 
 def _ease(share: np.ndarray) -> np.ndarray:
-    """From 0 to 1 without a jolt."""
+    """Rise from 0 to 1 without a jolt."""
     return 0.5 - 0.5 * np.cos(np.pi * np.clip(share, 0.0, 1.0))
 
 
 def _wander(time: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Between -1 and 1: a swing of a pace and a beginning of its own."""
+    """Return a swing between -1 and 1 of a random pace and phase."""
     return np.sin(2 * np.pi * (rng.uniform(0.1, 0.4) * time + rng.uniform()))

@@ -1,4 +1,4 @@
-"""Runs of the bench of load cells as a laboratory would have them on disk: tables, a rig, and the truth apart."""
+"""Write runs of the load cells' bench as a laboratory would have them: tables, a rig, and separately the truth."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ def write_load_cell_session(bench: Bench, folder: Path, *, thin: int = 20) -> tu
     """Write bench_log.csv (with the reference), log.csv (voltages of another run), truth.csv of that, and rig.toml.
 
     Args:
-        bench: that both runs are of.
-        folder: made where it is missing.
-        thin: every so-manieth sample of 1 kHz.
+        bench: bench of both runs.
+        folder: created if it does not exist.
+        thin: write every `thin`-th sample of 1 kHz.
 
     Returns:
         The run with the reference, and the other one.
@@ -54,7 +54,7 @@ def write_load_cell_session(bench: Bench, folder: Path, *, thin: int = 20) -> tu
 
 
 def load_cell_rig(bench: Bench) -> str:
-    """Text of a rig for a bench's fingertip, as `palpate estimate` and `calibrate load-cells` read it."""
+    """Return the text of a rig for a bench's fingertip, as `palpate estimate` and `calibrate load-cells` read it."""
     columns = voltage_columns(bench.cells().count)
     return _RIG.format(
         cells=bench.cells().count,
@@ -66,18 +66,18 @@ def load_cell_rig(bench: Bench) -> str:
 
 
 def voltage_columns(cells: int) -> tuple[str, ...]:
-    """u1x, u1y, u1z, u2x, ..."""
+    """Return the names of the columns: u1x, u1y, u1z, u2x, ..."""
     return tuple(f"u{cell}{axis}" for cell in range(1, cells + 1) for axis in _AXES)
 
 
 def write_bench_log(run: BenchRun, path: Path) -> None:
-    """Time [s], voltages [V], ref_fx ... [N] on the fingertip, ref_x ... [m] of the centre of the ball."""
+    """Write time [s], voltages [V], ref_fx ... [N] on the fingertip, and ref_x ... [m], the centre of the ball."""
     reference = [f"ref_f{axis}" for axis in _AXES] + [f"ref_{axis}" for axis in _AXES]
     _write_run(path, run, reference, np.concatenate([run.force, run.position], axis=1))
 
 
 def write_voltage_log(run: BenchRun, path: Path) -> None:
-    """Time [s] and voltages [V]: what a fingertip in use would log."""
+    """Write time [s] and voltages [V], as a fingertip in use would log them."""
     _write_run(path, run, [], np.empty((len(run), 0)))
 
 

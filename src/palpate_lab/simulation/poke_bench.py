@@ -1,10 +1,10 @@
 """A bench for pokes: a flat tip on a compliant skin, the taxels below, and a force/torque sensor above the elbow.
 
-Truth is the integral over the cells of the tip, never an estimate.
+The truth is the integral over the cells of the tip, never an estimate.
 
 Contact, an elastic foundation (Johnson, Contact Mechanics, 4.3): the tip is a grid of cells; a cell that is d deep
 below the free surface bears the pressure p = k max(0, d). With x along the curvature c of the surface and a tip tilted
-by (u, v), d = e - c x^2 / 2 - u x - v y, and e is such that the normal force is the one wanted. The truth is the centre
+by (u, v), d = e - c x^2 / 2 - u x - v y, and e is such that the normal force is the wanted one. The truth is the centre
 of pressure. Friction (Coulomb) on each cell is -p (g + w r / r_max) with g the same everywhere, so that the force lies
 in a cone about the normal, and w turning about the centre of pressure, so that it adds a moment about the normal and no
 force; |g| + |w| is below the coefficient of friction.
@@ -48,15 +48,16 @@ FAR = 9e-3  # m from all that presses: 15 N there are less than a quarter of a c
 
 @dataclass(frozen=True)
 class Tip:
-    """The tool, and how it is held.
+    """The tip of the tool, and the forces and angles of its pokes.
 
     Args:
-        side: [m] of the square; cells: along it.
-        tilt: [rad] standard deviation about each side.
-        cone: [rad] half angle about the normal within which the force lies, evenly over the solid angle.
-        friction: coefficient; must exceed tan(cone).
-        spin: largest share of the friction that is left which turns about the normal.
-        light, heavy: [N] normal forces, evenly between.
+        side: side of the square [m].
+        cells: number of cells along it.
+        tilt: standard deviation of the tilt about each side [rad].
+        cone: half angle [rad] about the normal within which the force lies, evenly over the solid angle.
+        friction: coefficient of friction; must be at least tan(cone).
+        spin: largest share of the remaining friction that turns about the normal.
+        light, heavy: bounds of the normal force [N], evenly between.
     """
 
     side: float = 4e-3
@@ -81,12 +82,12 @@ class SoftLayer:
     """The compliant skin above the taxels.
 
     Args:
-        depth: [m] of the taxels below its surface.
-        stiffness: [Pa/m] of the foundation.
+        depth: depth of the taxels below its surface [m].
+        stiffness: stiffness of the foundation [Pa/m].
         unequal: standard deviation of a taxel's gain, drawn once.
-        counts: above rest at 15 N on a taxel's centre; 255 is the range.
-        noise: [counts] before rounding.
-        threshold: [counts] above which a taxel answers: about three of them to a poke.
+        counts: counts above rest at 15 N on a taxel's centre; 255 is the range.
+        noise: noise before rounding [counts].
+        threshold: counts above which a taxel answers: about three of them to a poke.
     """
 
     depth: float = 2.5e-3
@@ -99,12 +100,12 @@ class SoftLayer:
 
 @dataclass(frozen=True)
 class Elbow:
-    """Elbow between sensor and link: pitch j3 about the sensor's y, then roll j4 about the link's z.
+    """The elbow between sensor and link: pitch j3 about the sensor's y, then roll j4 about the link's z.
 
     T_sensor_link = Trans_z(upper) Rot_y(j3) Rot_z(j4); at zero the forearm continues the upper arm.
 
     Args:
-        upper: [m] from the sensor to the elbow.
+        upper: distance from the sensor to the elbow [m].
         table: (j3, j4) [deg] and minutes of each dataset [taxel poking, table I].
     """
 
@@ -120,31 +121,33 @@ class Elbow:
     )
 
     def pose(self, j3: Float[np.ndarray, "*batch"], j4: Float[np.ndarray, "*batch"]) -> Pose:
-        """T_sensor_link at joint angles [rad]."""
+        """Return T_sensor_link at joint angles [rad]."""
         c3, s3, c4, s4, zero = np.cos(j3), np.sin(j3), np.cos(j4), np.sin(j4), np.zeros_like(j3)
         rows = [[c3 * c4, -c3 * s4, s3], [s4, c4, zero], [-s3 * c4, s3 * s4, c3]]
         return Pose(np.moveaxis(np.array(rows), (0, 1), (-2, -1)), np.stack([zero, zero, zero + self.upper], axis=-1))
 
     @cached_property
     def joints(self) -> Float[np.ndarray, "d 2"]:
-        """(d, 2) [rad] of the datasets."""
+        """Joint angles of the datasets, (d, 2) [rad]."""
         return np.array([(radians(row[0]), radians(row[1])) for row in self.table])
 
     def shared(self, pokes: int) -> Int[np.ndarray, " n"]:
-        """(n,) the dataset of each poke, in turn, as many in each as its minutes allow."""
+        """Return the dataset of each poke, (n,), in turn, in proportion to the datasets' minutes."""
         until = np.cumsum([row[2] for row in self.table])
         return np.asarray(np.searchsorted(until, until[-1] * (np.arange(pokes) + 0.5) / pokes), dtype=np.int64)
 
 
 @dataclass(frozen=True)
 class PokeErrors:
-    """Standard deviations, along each axis, of what is wrong with sensor and robot.
+    """Standard deviations, along each axis, of the errors of sensor and robot.
 
     Args:
-        noise_force, noise_torque: [N], [N m] of each poke.
-        bias_force, bias_torque: [N], [N m] of each configuration.
-        frame, frame_angle: [m], [rad] of the link in each configuration; common, common_angle: the same in all.
-        cross_talk: share, entry by entry; lever: [m] between forces and torques.
+        noise_force, noise_torque: noise of each poke [N], [N m].
+        bias_force, bias_torque: bias in each configuration [N], [N m].
+        frame, frame_angle: error of the link's pose in each configuration [m], [rad].
+        common, common_angle: error of the link's pose that is the same in all configurations [m], [rad].
+        cross_talk: cross-talk as a share, entry by entry.
+        lever: length [m] between forces and torques.
     """
 
     noise_force: float
@@ -160,7 +163,7 @@ class PokeErrors:
 
     @property
     def noise(self) -> Float[np.ndarray, "6 6"]:
-        """Covariance of the noise of a poke's wrench."""
+        """Covariance of the noise of a poke's wrench, (6, 6), force first [N, N m]."""
         return np.diag(np.repeat([self.noise_force, self.noise_torque], 3) ** 2)
 
 
@@ -172,12 +175,15 @@ NOISE2 = PokeErrors(0.4, 0.035, 0.25, 0.03, 3e-3, 1.2 * _DEGREE, 0.8e-3, 0.0, 0.
 
 @dataclass(frozen=True, eq=False)
 class TipContacts:
-    """What the tip does to the link, in the frame of the link.
+    """Contacts of the tip on the link, in the frame of the link, and the responses of the taxels.
 
     Attributes:
-        contact: (n, 3) [m] centre of pressure; force: (n, 3) [N] on the body; torque: (n, 3) [N m] about the origin.
-        spin: (n,) [N m] moment about the normal that is left at the contact.
-        response: (m,) counts above rest before noise and rounding, of taxel (m,) to poke (m,).
+        contact: (n, 3) [m] centre of pressure.
+        force: (n, 3) [N] on the body.
+        torque: (n, 3) [N m] about the origin.
+        spin: (n,) [N m] moment about the normal that remains at the contact.
+        poke, taxel: (m,) numbers of the pairs that respond.
+        response: (m,) counts above rest of each pair, before noise and rounding.
     """
 
     contact: Float[np.ndarray, "n 3"]
@@ -191,14 +197,15 @@ class TipContacts:
 
 @dataclass(frozen=True, eq=False)
 class PokeSession:
-    """Pokes as they are measured, and what is true.
+    """Pokes as they are measured, and their truth.
 
     Attributes:
-        pokes: measured.
+        pokes: measured pokes.
         contacts: (n, 3) [m] true centres of pressure, in the frame of the link.
-        directions: (n, 3) unit, of the force on the body, in the frame of the link; force: (n,) [N] its size.
-        bench: with the skin and what was drawn.
-        touches: what tip and taxels did, exactly.
+        directions: (n, 3) unit vectors of the force on the body, in the frame of the link.
+        force: (n,) [N] size of the force.
+        bench: bench, with the skin and the drawn errors.
+        touches: exact contacts and responses.
     """
 
     pokes: Pokes
@@ -218,9 +225,12 @@ class PokeBench(Value):
     about the origin of the sensor.
 
     Attributes:
-        skin: truth; errors: what was drawn from; arm, tip, layer: settings.
-        gains: (k,) of each taxel, about 1.
-        bias: (d, 6) [N, N m] b of each configuration; frames: (d, 6) rho [m] and phi [rad], the common part included.
+        skin: true skin.
+        errors: standard deviations that the errors were drawn from.
+        arm, tip, layer: settings of the arm, the tip and the skin's layer.
+        gains: (k,) gain of each taxel, about 1.
+        bias: (d, 6) [N, N m] b of each configuration.
+        frames: (d, 6) rho [m] and phi [rad] of each configuration, the common part included.
         cross_talk: (6, 6) C; torque from force in m, force from torque in 1/m.
     """
 
@@ -249,15 +259,15 @@ class PokeBench(Value):
         tip: Tip | None = None,
         layer: SoftLayer | None = None,
     ) -> PokeBench:
-        """One session's errors and gains.
+        """Draw one session's errors and gains.
 
         Args:
-            rng: of everything drawn.
+            rng: random numbers of everything drawn.
             skin: None: seven modules of twelve on a forearm.
-            errors: from which errors are drawn.
-            arm: None: the usual.
-            tip: the same.
-            layer: the same.
+            errors: standard deviations of the errors.
+            arm: None: the usual one.
+            tip: None: the usual one.
+            layer: None: the usual one.
         """
         skin, arm, tip, layer = skin or Forearm.of(), arm or Elbow(), tip or Tip(), layer or SoftLayer()
         e, count = errors, len(arm.table)
@@ -272,12 +282,12 @@ class PokeBench(Value):
     def session(
         self, rng: np.random.Generator, pokes: int = 1000, *, among: Int[np.ndarray, " j"] | None = None
     ) -> PokeSession:
-        """Pokes all over the skin, shared among the datasets as in the paper.
+        """Simulate pokes all over the skin, shared among the datasets as in the paper.
 
         Args:
-            rng: of places, forces and noise.
-            pokes: how many.
-            among: taxels to stay with; others do not answer. None: all.
+            rng: random numbers of places, forces and noise.
+            pokes: number of pokes.
+            among: taxels to stay near; others do not answer. None: all.
 
         Raises:
             InputError: no place is near these taxels alone.
@@ -286,7 +296,7 @@ class PokeBench(Value):
         return self.poke_at(points, self.directions(points, rng), self.arm.shared(pokes), rng)
 
     def directions(self, points: Float[np.ndarray, "n 3"], rng: np.random.Generator) -> Float[np.ndarray, "n 3"]:
-        """Unit directions of force on the body, evenly over the cone about the inward normal."""
+        """Draw unit directions of force on the body (n, 3), evenly over the cone about the inward normal."""
         axes, _ = self.skin.frame(points)
         along = rng.uniform(cos(self.tip.cone), 1.0, len(points))
         around, side = rng.uniform(0.0, 2 * pi, len(points)), np.sqrt(1 - along**2)
@@ -300,13 +310,13 @@ class PokeBench(Value):
         configuration: Int[np.ndarray, " n"] | int,
         rng: np.random.Generator,
     ) -> PokeSession:
-        """Pokes with the middle of the tip at given points.
+        """Simulate pokes with the middle of the tip at given points.
 
         Args:
             points: (n, 3) [m] on the surface of the link.
             directions: (n, 3) of the force on the body, within friction.
-            configuration: of each poke.
-            rng: of forces, tilts and noise.
+            configuration: configuration of each poke.
+            rng: random numbers of forces, tilts and noise.
 
         Raises:
             ValueError: a direction beyond friction.
@@ -343,7 +353,7 @@ class PokeBench(Value):
         return PokeSession(pokes, touches.contact, touches.force / size[:, None], size, self, touches)
 
     def read_out(self, exact: Float[np.ndarray, " m"], rng: np.random.Generator) -> Float[np.ndarray, " m"]:
-        """Whole counts above rest, of 8 bits."""
+        """Convert exact counts above rest to integer counts of 8 bits, with noise."""
         return np.clip(np.rint(exact + self.layer.noise * rng.standard_normal(exact.shape)), 0.0, 255.0)
 
     def touch(
@@ -353,7 +363,11 @@ class PokeBench(Value):
         normal: Float[np.ndarray, " n"],
         rng: np.random.Generator,
     ) -> TipContacts:
-        """The tip at points, pressed with normal forces [N]: what link and taxels get."""
+        """Compute contacts and responses of the tip at points, pressed with normal forces [N].
+
+        Raises:
+            ValueError: a direction that does not press, or is beyond friction.
+        """
         axes, curvature = self.skin.frame(points)
         local = np.einsum("nij,nj->ni", axes, directions)
         lean = local[:, :2] / -local[:, 2:]
@@ -385,7 +399,7 @@ class PokeBench(Value):
     def pressed(
         self, normal: Float[np.ndarray, " n"], curvature: Float[np.ndarray, " n"], rng: np.random.Generator
     ) -> tuple[Float[np.ndarray, "n c"], Float[np.ndarray, "n c"], Float[np.ndarray, "n c"]]:
-        """Cells of tips turned and tilted at random (x round the link, y along it), and the force [N] on each."""
+        """Return cells of tips turned and tilted at random (x round the link, y along it) [m]; force [N] on each."""
         tip, count = self.tip, len(normal)
         step = tip.side * ((np.arange(tip.cells) + 0.5) / tip.cells - 0.5)
         u, v = (each.ravel() for each in np.meshgrid(step, step))
@@ -407,13 +421,13 @@ class PokeBench(Value):
         y: Float[np.ndarray, "n c"],
         load: Float[np.ndarray, "n c"],
     ) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"], Float[np.ndarray, " m"]]:
-        """What taxels say of forces near points.
+        """Compute the responses of taxels to forces near points.
 
         Args:
             points: (n, 3) [m] on the surface.
             x: (n, c) [m] along the first tangent from each point.
-            y: the same along the second.
-            load: [N] there.
+            y: (n, c) [m] along the second tangent.
+            load: (n, c) [N] force there.
 
         Returns:
             Pairs of point and taxel that are near each other, and the exact counts.
@@ -434,13 +448,13 @@ class PokeBench(Value):
 
     @cached_property
     def _scale(self) -> float:
-        """Counts a pascal: such that 15 N, evenly on a tip over a taxel, give the counts wanted."""
+        """Counts per pascal, such that 15 N, evenly on a tip over a taxel, give the layer's `counts`."""
         step = self.tip.side * ((np.arange(self.tip.cells) + 0.5) / self.tip.cells - 0.5)
         square = (step[:, None] ** 2 + step**2).ravel()
         return self.layer.counts / (15.0 * float(boussinesq(square, self.layer.depth).mean()))
 
 
 def boussinesq(square: Float[np.ndarray, "*batch"], depth: float) -> Float[np.ndarray, "*batch"]:
-    """Vertical stress [Pa] at a depth [m] of 1 N at the surface, at the squared distance [m^2] along it."""
+    """Return the vertical stress [Pa] at a depth [m] of 1 N at the surface, at the squared distance [m^2] along it."""
     near = square + depth**2
     return (3 * depth**3 / (2 * pi)) / (near * near * np.sqrt(near))

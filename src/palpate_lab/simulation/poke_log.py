@@ -1,7 +1,7 @@
-"""A session of pokes as it passes in time: the arm goes to each configuration, rests, and is poked.
+"""Simulate a session of pokes over time: the arm goes to each configuration, rests, and is poked.
 
-What the sensor reads beside the pokes: its zero, the weight of the forearm, the bias of the configuration (in rest as
-in touch: what is read before a poke takes it off), and white noise. The arm moves slowly: inertia is left out.
+In addition to the pokes the sensor reads its bias, the weight of the forearm, the bias of the configuration (at rest as
+in touch: the reading before a poke is subtracted), and white noise. The arm moves slowly: inertia is neglected.
 """
 
 from __future__ import annotations
@@ -26,13 +26,15 @@ _CHUNK = 1024  # frames at once
 
 @dataclass(frozen=True)
 class Timing:
-    """Seconds.
+    """Times [s] of a session, and the noise of its readings.
 
     Args:
-        period: from poke to poke; the paper's is 3.
-        ramp: in which the force rises, and falls; hold: in between.
-        rest: untouched in each configuration before its first poke, and at the start; move: to home, and from there.
-        force, torque: [N], [N m] white noise of one reading.
+        period: time from poke to poke; the paper's is 3.
+        ramp: time in which the force rises, and falls.
+        hold: time at full force between the ramps.
+        rest: time untouched in each configuration before its first poke, and at the start.
+        move: time of the motion from home to a configuration, and back.
+        force, torque: white noise of one reading [N], [N m].
     """
 
     period: float = 1.5
@@ -50,14 +52,16 @@ class Timing:
 
 @dataclass(frozen=True, eq=False)
 class PokeLog(Value):
-    """What a robot records of a session.
+    """The record that a robot makes of a session.
 
     Attributes:
-        time: (n,) [s] at 200 Hz; wrench: (n, 6) [N, N m] as read; joints: (n, 2) [rad] j3 and j4.
+        time: (n,) [s] at 200 Hz.
+        wrench: (n, 6) [N, N m] as read.
+        joints: (n, 2) [rad] j3 and j4.
         taxels: (m, k) counts of every fourth sample, rest included.
         rest: (k,) counts without touch.
-        start, end: (p,) [s] between which each poke has its whole force.
-        session: with the truth.
+        start, end: (p,) [s] between which each poke has its full force.
+        session: the session, with the truth.
     """
 
     time: Float[np.ndarray, " n"]
@@ -75,7 +79,7 @@ class PokeLog(Value):
         self.taxels.flags.writeable = False
 
     def table(self) -> tuple[tuple[str, ...], Float[np.ndarray, "m c"]]:
-        """The log at 50 Hz: names of columns, and a row a time."""
+        """Return the log at 50 Hz: names of columns, and a row per time."""
         names = ("time", *("fx", "fy", "fz", "tx", "ty", "tz"), "elbow_pitch", "elbow_roll")
         rows = slice(None, None, EVERY)
         numbers = np.column_stack([self.time[rows], self.wrench[rows], self.joints[rows], self.taxels])
@@ -83,11 +87,11 @@ class PokeLog(Value):
 
 
 def simulate_poke_log(session: PokeSession, rng: np.random.Generator, timing: Timing | None = None) -> PokeLog:
-    """Its pokes one after the other, configuration by configuration.
+    """Simulate the pokes of a session one after the other, configuration by configuration.
 
     Args:
-        session: whose pokes are in the order of their configurations.
-        rng: of noise, zero and rest.
+        session: session whose pokes are in the order of their configurations.
+        rng: random numbers of noise, bias and rest.
         timing: None: quicker than the paper's.
 
     Raises:
@@ -118,7 +122,7 @@ def simulate_poke_log(session: PokeSession, rng: np.random.Generator, timing: Ti
 def _journey(
     session: PokeSession, timing: Timing
 ) -> tuple[Float[np.ndarray, "n 2"], Int[np.ndarray, " n"], Float[np.ndarray, " p"]]:
-    """Joints and configuration at each sample, and when each poke begins."""
+    """Return joints and configuration at each sample, and the time at which each poke begins."""
     counts = np.bincount(session.pokes.configuration, minlength=1)
     rest, period = round(timing.rest * RATE), round(timing.period * RATE)
     ease = (1 - np.cos(np.pi * np.arange(1, round(timing.move * RATE) + 1) / round(timing.move * RATE)))[:, None] / 2
@@ -143,7 +147,7 @@ def _frames(
     share: Float[np.ndarray, " m"],
     rng: np.random.Generator,
 ) -> UInt8[np.ndarray, "m k"]:
-    """Counts, some thousand frames at a time: a large skin's do not fit in memory as floats."""
+    """Compute the counts, some thousand samples at a time, because a large skin's do not fit in memory as floats."""
     touches, noise = session.touches, session.bench.layer.noise
     order = np.argsort(touches.poke, kind="stable")
     bounds = np.searchsorted(touches.poke[order], np.arange(len(session.pokes) + 1))

@@ -1,4 +1,4 @@
-"""A session of pokes as a laboratory would have it on disk: logs, the arm's description, CAD, and the truth apart."""
+"""Write a session of pokes as a laboratory would have it: logs, the arm's description, CAD, and the truth."""
 
 from __future__ import annotations
 
@@ -66,16 +66,17 @@ def write_poke_session(
     """Write the session, and touches of the same skin afterwards.
 
     pokes.mcap; pokes_log.csv, the same at 50 Hz; pokes.csv, one row a poke; arm.urdf and forearm.stl; cad.txt;
-    truth.csv; touches.mcap, touches.csv and touches_truth.csv (single touches); pairs alike (two at once, 12 mm apart).
+    truth.csv; touches.mcap, touches.csv and touches_truth.csv (single touches); the same for
+    pairs (two at once, at a distance of 12 mm).
 
     Args:
-        session: pokes.
+        session: session of pokes.
         cone: the link.
-        cad: places as they are believed.
-        folder: made where it is missing.
-        rng: of noise and touches.
-        timing: of pokes.
-        touches: how many.
+        cad: places that CAD states.
+        folder: created if it does not exist.
+        rng: random numbers of noise and touches.
+        timing: times of the pokes.
+        touches: number of touches.
 
     Raises:
         InputError: rosbags is not installed.
@@ -96,7 +97,7 @@ def write_poke_session(
 
 
 def write_poke_log(log: PokeLog, path: Path) -> None:
-    """As MCAP: WrenchStamped at 200 Hz, JointState at 100 Hz, taxels as UInt8MultiArray at 50 Hz.
+    """Write a log as MCAP: WrenchStamped at 200 Hz, JointState at 100 Hz, taxels as UInt8MultiArray at 50 Hz.
 
     Raises:
         InputError: rosbags is not installed.
@@ -114,7 +115,7 @@ def write_poke_log(log: PokeLog, path: Path) -> None:
 
 
 def write_touches(touches: SkinTouches, folder: Path, name: str) -> None:
-    """NAME.mcap and NAME.csv (time, t0 and so on) of frames, and NAME_truth.csv, instants for `palpate evaluate`.
+    """Write samples as NAME.mcap and NAME.csv (time, t0 and so on), and NAME_truth.csv for `palpate evaluate`.
 
     Raises:
         InputError: rosbags is not installed.
@@ -132,7 +133,7 @@ def write_touches(touches: SkinTouches, folder: Path, name: str) -> None:
 
 
 def write_arm(upper: float, cone: Cone, folder: Path) -> None:
-    """arm.urdf, links ft_sensor, elbow and forearm, and the forearm's mesh in metres beside it."""
+    """Write arm.urdf, with links ft_sensor, elbow and forearm, and next to it the forearm's mesh in metres."""
     import trimesh
 
     (folder / "arm.urdf").write_text(_URDF.format(upper=upper), encoding="utf-8")
@@ -140,7 +141,7 @@ def write_arm(upper: float, cone: Cone, folder: Path) -> None:
 
 
 def write_places(places: TaxelPlaces, path: Path) -> None:
-    """In iCub's plain form: x y z nx ny nz, a row a taxel, zeros where there is none."""
+    """Write places in iCub's plain form: x y z nx ny nz, a row per taxel, zeros where there is none."""
     rows = np.where(places.there[:, None], np.column_stack([places.positions, places.normals]), 0.0)
     np.savetxt(path, rows, fmt="%9.6f")
 

@@ -1,7 +1,7 @@
-"""A fisheye camera inside the barrel: red markers on dark skin, as a cheap sensor and JPEG leave them.
+"""Draw images of a fisheye camera inside the barrel: red markers on dark skin, with a cheap sensor's noise and JPEG.
 
-Nominally it stands 40 mm above the ring and looks down the axis (x_c = x, y_c = -y, z_c = -z); a unit's own is tilted
-and off by a little. Projection after Kannala and Brandt, as OpenCV's fisheye model has it:
+Nominally it stands 40 mm above the ring and looks down the axis (x_c = x, y_c = -y, z_c = -z); a unit's camera is
+tilted and offset by a little. Projection after Kannala and Brandt, as OpenCV's fisheye model has it:
 r = f (t + k1 t^3 + k2 t^5 + k3 t^7 + k4 t^9), t the angle from the optical axis.
 """
 
@@ -32,9 +32,9 @@ class RingCamera:
     Attributes:
         focal, middle: (fx, fy), (cx, cy) [px].
         distortion: k1 to k4.
-        tilt: [rad] about the nominal camera's x and y.
-        offset: [m] of its place from the nominal one, in the ring's frame.
-        width, height: [px] of a frame.
+        tilt: angles [rad] about the nominal camera's x and y.
+        offset: offset of its position from the nominal one [m], in the ring's frame.
+        width, height: size of an image [px].
     """
 
     focal: tuple[float, float] = (204.0, 204.0)
@@ -47,7 +47,7 @@ class RingCamera:
 
     @staticmethod
     def drawn(rng: np.random.Generator) -> RingCamera:
-        """One unit's camera: about 1.5 degrees and 1 mm off, its lens a little its own."""
+        """Draw one unit's camera: about 1.5 degrees and 1 mm off, with a slightly different lens."""
         tilt = np.radians(1.5) * rng.uniform(0.6, 1.3) * _unit(rng, 2)
         offset = 1e-3 * rng.uniform(0.6, 1.3) * _unit(rng, 3)
         focal = 204.0 * (1.0 + 0.01 * rng.standard_normal())
@@ -62,7 +62,7 @@ class RingCamera:
         )
 
     def project(self, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 2"]:
-        """Pixels (column, row; the middle of the first pixel is 0, 0) of points in the ring's frame."""
+        """Return the pixels (column, row; the middle of the first pixel is 0, 0) of points [m] in the ring's frame."""
         seen = (points - [0.0, 0.0, HEIGHT] - np.asarray(self.offset)) * [1.0, -1.0, -1.0] @ self.turn().T
         off = np.hypot(seen[..., 0], seen[..., 1])
         angle = np.arctan2(off, seen[..., 2])
@@ -73,7 +73,7 @@ class RingCamera:
         return seen[..., :2] * scale[..., None] * self.focal + self.middle
 
     def turn(self) -> Float[np.ndarray, "3 3"]:
-        """From the nominal camera's axes to this one's."""
+        """Return the rotation (3, 3) from the nominal camera's axes to this one's."""
         a, b = self.tilt
         about_x = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
         about_y = np.array([[np.cos(b), 0, np.sin(b)], [0, 1, 0], [-np.sin(b), 0, np.cos(b)]])
@@ -87,17 +87,17 @@ def _unit(rng: np.random.Generator, size: int) -> Float[np.ndarray, " d"]:
 
 @dataclass(frozen=True)
 class Look:
-    """How the scene looks.
+    """The look of the scene.
 
     Attributes:
-        noise: 1: a plain threshold and centroid have 0.3 px of noise an axis.
-        blur: [px] standard deviation of the lens.
-        vignette: light lost at the corners.
-        shadow: light lost in the middle of a soft shadow that wanders.
+        noise: factor of the noise; at 1 a plain threshold and centroid have 0.3 px of noise an axis.
+        blur: standard deviation of the lens's blur [px].
+        vignette: share of the light lost at the corners.
+        shadow: share of the light lost in the middle of a soft shadow that moves.
         brightness: factor of the light.
-        hue: [deg] by which colours turn.
+        hue: angle by which colours turn [deg].
         balance: gains of blue, green and red.
-        quality: of JPEG (4:2:0); None: not compressed.
+        quality: quality of JPEG (4:2:0); None: not compressed.
     """
 
     noise: float = 1.0
@@ -110,19 +110,19 @@ class Look:
     quality: int | None = 85
 
     def colours(self) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
-        """Of the skin and of the markers: blue, green, red of 255."""
+        """Return the colours of the skin and of the markers: blue, green, red of 255."""
         gain, turn = np.asarray(self.balance), _hue_turn(self.hue)
         return gain * (turn @ SKIN), gain * (turn @ RED)
 
 
 @dataclass(frozen=True, eq=False)
 class RenderedCamera:
-    """Draws frames of one camera and one look.
+    """A renderer of images of one camera and one look.
 
     Attributes:
-        camera: that sees.
-        look: of the scene.
-        rng: of noise and of spurious blobs; drawn from at every frame.
+        camera: camera that sees the scene.
+        look: look of the scene.
+        rng: random numbers of noise and of spurious blobs, drawn for every image.
     """
 
     camera: RingCamera
@@ -143,13 +143,13 @@ class RenderedCamera:
         hidden: Sequence[int] = (),
         blobs: int | Float[np.ndarray, "b 3"] = 0,
     ) -> UInt8[np.ndarray, "h w 3"]:
-        """One frame, blue first.
+        """Draw an image (h, w, 3), blue first.
 
         Args:
-            instants: the markers' outlines while the shutter is open; of several the mean is seen.
-            time: [s] where shadows have wandered to.
+            instants: the markers' outlines [m] at instants while the shutter is open; the mean of several is seen.
+            time: time [s], which determines the place of the shadow.
             hidden: numbers of markers behind something dark.
-            blobs: how many spurious red ones, anywhere and of 2 to 10 px; or column, row and radius of each [px].
+            blobs: number of spurious red blobs, anywhere and of 2 to 10 px; or column, row and radius of each [px].
         """
         shown = np.setdiff1d(np.arange(len(instants[0])), hidden)
         cover = np.zeros((self.camera.height, self.camera.width), dtype=np.float32)
@@ -159,15 +159,15 @@ class RenderedCamera:
         return self._developed(np.minimum(cover, 1.0), time)
 
     def black(self) -> UInt8[np.ndarray, "h w 3"]:
-        """A frame without light."""
+        """Return an image without light."""
         return np.zeros((self.camera.height, self.camera.width, 3), dtype=np.uint8)
 
     def background(self, time: float) -> UInt8[np.ndarray, "h w 3"]:
-        """A frame of skin alone."""
+        """Return an image of skin alone, at a time [s]."""
         return self._developed(np.zeros((self.camera.height, self.camera.width), dtype=np.float32), time)
 
     def grain(self, size: int) -> Float[np.ndarray, "s s 3"]:
-        """A piece of the sheet of noise, of standard deviation 1."""
+        """Return a piece of the sheet of noise, (size, size, 3), of standard deviation 1."""
         return np.ascontiguousarray(self._pool[:size, :size])
 
     def _blobs(self, blobs: int | Float[np.ndarray, "b 3"]) -> Float[np.ndarray, "b 3"]:
@@ -176,7 +176,7 @@ class RenderedCamera:
         return self.rng.uniform((0.0, 0.0, 2.0), (self.camera.width, self.camera.height, 10.0), (blobs, 3))
 
     def _developed(self, cover: Float[np.ndarray, "h w"], time: float) -> UInt8[np.ndarray, "h w 3"]:
-        """Colours, light, noise and compression over the share of red in every pixel."""
+        """Apply colours, light, noise and compression to the share of red in every pixel."""
         cv2, look = opencv(), self.look
         if look.blur > 0.0:
             cover = cv2.GaussianBlur(cover, (0, 0), look.blur)
@@ -194,7 +194,7 @@ class RenderedCamera:
         return cv2.imdecode(cv2.imencode(".jpg", frame, [cv2.IMWRITE_JPEG_QUALITY, look.quality])[1], cv2.IMREAD_COLOR)
 
     def light(self, time: float) -> Float[np.ndarray, "h w"]:
-        """Light at every pixel: less in the corners and in the wandering shadow."""
+        """Return the light at every pixel, (h, w): less in the corners and in the moving shadow."""
         width, height = self.camera.width, self.camera.height
         column, row = np.meshgrid(np.linspace(-1, 1, 41) * width / height, np.linspace(-1, 1, 31))
         far = (column**2 + row**2) / (1 + (width / height) ** 2)
@@ -205,7 +205,7 @@ class RenderedCamera:
 
 
 def _hue_turn(degrees: float) -> Float[np.ndarray, "3 3"]:
-    """Colours (blue, green, red) turned about grey."""
+    """Return the matrix that turns colours (blue, green, red) about grey."""
     angle, axis = np.radians(degrees), np.ones(3) / np.sqrt(3.0)
     cross = np.array([[0, -1, 1], [1, 0, -1], [-1, 1, 0]]) / np.sqrt(3.0)
     turned = np.cos(angle) * np.eye(3) - np.sin(angle) * cross + (1 - np.cos(angle)) * np.outer(axis, axis)

@@ -1,7 +1,7 @@
 """Sessions of the simulated marker ring: the calibration of the paper, with two bodies, and touches that move.
 
 Protocol [marker ring, IV]: a plate pressed at many angles and depths of 1 to 10 mm. Here a narrow round tip as well,
-and some of the bodies are dragged sideways, so that friction is in what is recorded.
+and some of the bodies are dragged sideways, so that the record includes friction.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ STILL = 1e-5  # m a frame: less is not smeared
 
 @dataclass(frozen=True)
 class RingUnit:
-    """One made unit: its barrel, its camera, and how the scene looks to it."""
+    """A made unit: its barrel, its camera, and the look of the scene."""
 
     barrel: BarrelSettings
     camera: RingCamera
@@ -40,13 +40,13 @@ class RingUnit:
 
     @staticmethod
     def drawn(seed: int, *, coarse: bool = False, look: Look | None = None, rings: int = 1) -> RingUnit:
-        """A unit as they leave the mould: wall, silicone and camera differ a little from the next.
+        """Draw a unit as it leaves the mould: wall, silicone and camera differ a little from the next.
 
         Args:
-            seed: of what differs.
+            seed: seed of the differences.
             coarse: fewer bricks.
-            look: of the scene; None: the usual one.
-            rings: of markers, 1 to 3, 10 mm apart.
+            look: look of the scene; None: the usual one.
+            rings: number of rings of markers, 1 to 3, at distances of 10 mm.
         """
         rng = np.random.default_rng([seed, 14])
         settings = BarrelSettings(seed=seed, rings=RINGS[:rings])
@@ -59,13 +59,13 @@ class RingUnit:
 
 @dataclass(frozen=True)
 class Faults:
-    """What goes wrong in frames.
+    """Faults of images.
 
     Attributes:
-        hidden: markers behind something dark, others in every frame.
-        blobs: spurious red ones, elsewhere in every frame.
-        black: numbers of frames without light.
-        frozen: number of the frame that is repeated from then on; None: none.
+        hidden: number of markers behind something dark, other ones in every image.
+        blobs: number of spurious red blobs, elsewhere in every image.
+        black: numbers of images without light.
+        frozen: number of the image that is repeated from then on; None: none.
     """
 
     hidden: int = 0
@@ -76,16 +76,16 @@ class Faults:
 
 @dataclass(frozen=True)
 class Protocol:
-    """A calibration.
+    """The presses of a calibration.
 
     Attributes:
-        angles: how many around the ring, for each body.
-        depths: [m] at each, from the shallowest.
-        tip: [m] radius of the narrow bodies.
-        hold: frames at each depth.
-        pause: frames without load between touches.
-        dragged: every so many touches end with a drag of 2 mm to either side; 0: none.
-        kinds: of the bodies, in turns; see `Indenter`.
+        angles: number of angles around the ring, for each body.
+        depths: depths [m] at each, from the shallowest.
+        tip: radius of the narrow bodies [m].
+        hold: number of images at each depth.
+        pause: number of images without load between touches.
+        dragged: one in this many touches ends with a drag of 2 mm to either side; 0: none.
+        kinds: kinds of the bodies, in turns; see `Indenter`.
     """
 
     angles: int = 36
@@ -98,7 +98,7 @@ class Protocol:
 
     @staticmethod
     def sized(*, small: bool = False, angles: int | None = None) -> Protocol:
-        """The usual one, or a small one of half the depths at two thirds of the angles."""
+        """Return the usual protocol, or a small one of half the depths at two thirds of the angles."""
         if small:
             return Protocol(angles or 24, (0.002, 0.004, 0.006, 0.008, 0.01), hold=1, pause=1)
         return Protocol(angles or 36)
@@ -109,12 +109,12 @@ class Touching:
     """Touches by round tips, some of them rolling along the ring.
 
     Attributes:
-        touches: how often something touches.
-        most: at once.
-        tip: [m] radius.
-        depth: [m] least and largest.
-        moving: share of them that moves, at 10 to 100 mm/s.
-        seed: of what is drawn.
+        touches: number of touches, each by one tip or by several at once.
+        most: largest number of tips at once.
+        tip: radius of a tip [m].
+        depth: least and largest depth [m].
+        moving: share of the touches that move, at 10 to 100 mm/s.
+        seed: seed of everything drawn.
     """
 
     touches: int = 12
@@ -127,15 +127,15 @@ class Touching:
 
 @dataclass(frozen=True, eq=False)
 class RingSession:
-    """What happened, and the truth of it.
+    """A session with its truth.
 
     Attributes:
-        unit: that was touched.
-        time: (n,) [s] of the middle of each exposure.
+        unit: unit that was touched.
+        time: (n,) [s] middle of each exposure.
         markers: (n, m, 3) [m] centres.
         discs: (n, m, p, 3) [m] outlines.
         angle, depth, force, shear: (n, k) [rad], [m], [N], [N] of each contact; NaN where there is none.
-        shutter: share of a frame during which it is open.
+        shutter: share of an image's period during which the shutter is open.
     """
 
     unit: RingUnit
@@ -150,7 +150,7 @@ class RingSession:
 
     @property
     def contacts(self) -> Int[np.ndarray, " n"]:
-        """How many there are in each frame."""
+        """Number of contacts in each image, (n,)."""
         return np.isfinite(self.angle).sum(axis=1, dtype=int)
 
     @property
@@ -159,11 +159,11 @@ class RingSession:
         return float(np.nan_to_num(self.force).max())
 
     def frames(self, look: Look | None = None, faults: Faults | None = None) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
-        """The frames, one after the other; the same every time.
+        """Yield the images (h, w, 3), blue first; they are the same every time.
 
         Args:
-            look: of the scene; None: the unit's.
-            faults: what goes wrong; None: nothing.
+            look: look of the scene; None: the unit's.
+            faults: faults of the images; None: none.
         """
         faults = faults or Faults()
         rng = np.random.default_rng([self.unit.seed, 41])
@@ -178,7 +178,7 @@ class RingSession:
             yield frame
 
     def _exposed(self, at: int) -> list[Float[np.ndarray, "m p 3"]]:
-        """Outlines at instants while the shutter is open: one where nothing moves."""
+        """Return outlines at instants while the shutter is open: one if nothing moves."""
         discs, last = self.discs[at], len(self.time) - 1
         change = (self.discs[min(at + 1, last)] - self.discs[max(at - 1, 0)]) / 2.0
         moved = self.shutter > 0.0 and float(np.abs(change).max()) > STILL
@@ -186,18 +186,18 @@ class RingSession:
 
 
 def _nothing(_: int, __: float) -> None:
-    """Nobody watches."""
+    """Ignore the progress."""
 
 
 def calibration_run(
     unit: RingUnit, protocol: Protocol | None = None, watch: Callable[[int, float], None] = _nothing
 ) -> RingSession:
-    """One second of rest, then each kind of body at every angle, from the shallowest depth to the deepest.
+    """Simulate one second of rest, then each kind of body at every angle, from the shallowest depth to the deepest.
 
     Args:
-        unit: that is calibrated.
+        unit: unit to calibrate.
         protocol: None: 36 angles, 10 depths.
-        watch: is told how many frames there are so far, and which share that is.
+        watch: function called with the number of images so far, and the share that is done.
     """
     protocol = protocol or Protocol()
     barrel = Barrel.built(unit.barrel)
@@ -224,12 +224,12 @@ def calibration_run(
 def touching_run(
     unit: RingUnit, touching: Touching | None = None, watch: Callable[[int, float], None] = _nothing
 ) -> RingSession:
-    """One second of rest, then touches by round tips, with pauses; what moves rolls, without friction.
+    """Simulate one second of rest, then touches by round tips, with pauses; moving tips roll, without friction.
 
     Args:
-        unit: that is touched.
-        touching: how; None: twelve touches, two at once at most.
-        watch: is told how many frames there are so far, and which share that is.
+        unit: unit to touch.
+        touching: settings of the touches; None: twelve touches, two at once at most.
+        watch: function called with the number of images so far, and the share that is done.
     """
     touching = touching or Touching()
     rng = np.random.default_rng([touching.seed, 77])
@@ -244,7 +244,7 @@ def touching_run(
 
 
 def _touched(barrel: Barrel, radius: float, touching: Touching, rng: np.random.Generator) -> list[Pressed]:
-    """A group of tips comes down, stays or rolls along the ring, and leaves."""
+    """Simulate a group of tips that comes down, stays or rolls along the ring, and leaves."""
     count = int(rng.integers(1, touching.most + 1))
     spare = 2.0 * np.pi - count * APART
     gaps = APART + spare * rng.dirichlet(np.ones(count))
@@ -265,7 +265,7 @@ def _touched(barrel: Barrel, radius: float, touching: Touching, rng: np.random.G
 
 
 def _recorded(unit: RingUnit, states: list[Pressed], most: int, shutter: float) -> RingSession:
-    """States as a session, a row a state; contacts in the order of their bodies."""
+    """Return states as a session, a row per state; contacts are in the order of their bodies."""
     truth: Float[np.ndarray, "4 n k"] = np.full((4, len(states), most), np.nan)
     for at, each in enumerate(states):
         here = each.force > 0.0

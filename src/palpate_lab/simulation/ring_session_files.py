@@ -1,4 +1,4 @@
-"""A session of the marker ring as a laboratory would have it on disk: a video, the truth apart, a rig, the lens."""
+"""Write a session of the marker ring as a laboratory would have it: a video, a rig, the lens, and the truth."""
 
 from __future__ import annotations
 
@@ -43,19 +43,19 @@ TOUCHES = ("time", "px", "py", "pz", "nx", "ny", "nz", "fx", "fy", "fz", *CALIBR
 
 
 def _nothing(_: int, __: float) -> None:
-    """Nobody watches."""
+    """Ignore the progress."""
 
 
 def write_calibration_run(
     session: RingSession, folder: Path, *, images: Images = "video", watch: Callable[[int, float], None] = _nothing
 ) -> None:
-    """Write the frames, truth.csv with a row a frame (NaN where nothing touches), rig.toml and camera.toml.
+    """Write the images, truth.csv with a row per image (NaN where nothing touches), rig.toml and camera.toml.
 
     Args:
-        session: of one contact at a time.
-        folder: is made where it is not there.
+        session: session of one contact at a time.
+        folder: created if it does not exist.
         images: frames.avi (Motion JPEG), or frames/000000.jpg and so on.
-        watch: is told how many frames are written, and which share that is.
+        watch: function called with the number of images written, and the share that is done.
     """
     _write_unit(session.unit, folder)
     numbers = np.column_stack([session.time, _units(session)[:, 0]])
@@ -66,7 +66,10 @@ def write_calibration_run(
 def write_touching_run(
     session: RingSession, folder: Path, *, images: Images = "video", watch: Callable[[int, float], None] = _nothing
 ) -> None:
-    """As `write_calibration_run`; truth.csv has a row a contact and frame, with place, normal and force on the skin."""
+    """Write a session as `write_calibration_run` does, with truth.csv of a row per contact and image.
+
+    The rows have point, normal and force on the skin.
+    """
     _write_unit(session.unit, folder)
     rows, contacts = np.nonzero(np.isfinite(session.angle))
     angle, zero = session.angle[rows, contacts], np.zeros(len(rows))
@@ -80,12 +83,12 @@ def write_touching_run(
 
 
 def _units(session: RingSession) -> np.ndarray:
-    """Angle [deg], depth [mm], force and shear [N] of every contact: (n, k, 4)."""
+    """Return angle [deg], depth [mm], force and shear [N] of every contact, (n, k, 4)."""
     return np.stack([np.degrees(session.angle), 1e3 * session.depth, session.force, session.shear], axis=-1)
 
 
 def _write_unit(unit: RingUnit, folder: Path) -> None:
-    """The rig by the drawing, and the lens; nothing of what only a simulation knows."""
+    """Write the rig by the drawing, and the lens, but nothing that only a simulation knows."""
     folder.mkdir(parents=True, exist_ok=True)
     barrel = unit.barrel
     rings = f"               # in each ring\nrings = {list(barrel.rings)}   # their heights, towards the camera"
@@ -97,7 +100,7 @@ def _write_unit(unit: RingUnit, folder: Path) -> None:
 
 
 def _write_frames(session: RingSession, folder: Path, images: Images, watch: Callable[[int, float], None]) -> None:
-    """Compressed once only, by what writes the file."""
+    """Write the images, compressed once only, by the writer of the file."""
     cv2, look = opencv(), session.unit.look
     quality = 95 if look.quality is None else look.quality
     frames = session.frames(replace(look, quality=None))

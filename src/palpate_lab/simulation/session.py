@@ -1,6 +1,6 @@
-"""A whole session with a convex probe, made in a second: free motion, then touches at marks, and the truth behind both.
+"""Simulate a session with a convex probe in a second: free motion, then touches at marks, and the truth of both.
 
-The arm moves slowly, so inertia is left out; noise is white; everything follows from one seed.
+The arm moves slowly, so inertia is neglected; noise is white; everything follows from one seed.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ HOLD, MOVE, FREE, RAMP, PRESS = 1.0, 0.6, 0.7, 0.3, 0.9  # s
 
 @dataclass(frozen=True)
 class Load:
-    """What the sensor carries, and its zero, in the sensor frame: mass [kg], centre [m], biases [N, N m]."""
+    """The sensor's true payload and biases, in the sensor frame: mass [kg], centre [m], biases [N, N m]."""
 
     mass: float
     center_of_mass: Float[np.ndarray, "3"]
@@ -36,7 +36,7 @@ class Load:
     torque_bias: Float[np.ndarray, "3"]
 
     def wrenches(self, quaternions: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 6"]:
-        """Readings [N, N m] of the free sensor at orientations x, y, z, w (sensor in base)."""
+        """Return readings (n, 6) [N, N m] of the free sensor at orientations x, y, z, w (sensor in base)."""
         weight = np.einsum("nji,j->ni", rotation_from_quaternion(quaternions), self.mass * GRAVITY)
         return np.concatenate(
             [weight + self.force_bias, np.cross(self.center_of_mass, weight) + self.torque_bias], axis=1
@@ -45,7 +45,7 @@ class Load:
 
 @dataclass(frozen=True)
 class SessionTouches:
-    """One touch a row, in the surface's frame: steady from `start` to `end` [s]; aimed at a mark, landed at a point."""
+    """Touches, a row each, in the surface's frame: steady from `start` to `end` [s], with their aims and landings."""
 
     start: Float[np.ndarray, " n"]
     end: Float[np.ndarray, " n"]
@@ -62,10 +62,11 @@ class Session:
     Attributes:
         vertices, faces: the probe's mesh [m].
         nominal, true: pose of the surface in the sensor's frame, as drawn and as assembled.
-        load: what the sensor really carries.
+        load: the sensor's true payload and biases.
         free_motion, touches: the logs.
         truth: the touches.
-        contact: (n, 6) [N, N m] what touches does to the probe at the times of `touches`, in the sensor's frame, exact.
+        contact: (n, 6) [N, N m] exact wrench of the touches on the probe at the times of `touches`, in the sensor's
+            frame.
     """
 
     vertices: Float[np.ndarray, "v 3"]
@@ -80,7 +81,7 @@ class Session:
 
 
 def simulate_session(seed: int = 0, *, touches: int = 20, facets: int = 8000) -> Session:
-    """A session with a probe of 60 x 25 x 40 mm whose assembly is 1.2 mm and 1.5 degrees off its drawing."""
+    """Simulate a session with a probe of 60 x 25 x 40 mm whose assembly is 1.2 mm and 1.5 degrees off its drawing."""
     rng = np.random.default_rng(seed)
     probe = Superquadric((0.030, 0.0125, 0.020), (0.8, 0.6))
     vertices, faces = probe.mesh(facets)
@@ -100,7 +101,7 @@ def simulate_session(seed: int = 0, *, touches: int = 20, facets: int = 8000) ->
 
 
 def _orientations(count: int, spread: float, rng: np.random.Generator) -> Float[np.ndarray, "n 4"]:
-    """Quaternions about "probe down", turned by rotation vectors of this standard deviation [rad] along each axis."""
+    """Draw quaternions about "probe down", turned by rotation vectors of standard deviation `spread` [rad] an axis."""
     from scipy.spatial.transform import Rotation
 
     down = Rotation.from_euler("x", np.pi)
@@ -108,7 +109,7 @@ def _orientations(count: int, spread: float, rng: np.random.Generator) -> Float[
 
 
 def _move(stops: Float[np.ndarray, "k 4"], hold: float, move: float) -> Float[np.ndarray, "n 4"]:
-    """Hold each orientation, then turn to the next one with a smooth start and stop."""
+    """Keep each orientation for a time, then turn to the next one with a smooth start and stop."""
     from scipy.spatial.transform import Rotation, Slerp
 
     held, moved = round(hold * RATE), round(move * RATE)
@@ -120,7 +121,7 @@ def _move(stops: Float[np.ndarray, "k 4"], hold: float, move: float) -> Float[np
 def _touching(
     probe: Superquadric, true: Pose, count: int, rng: np.random.Generator
 ) -> tuple[SessionTouches, Float[np.ndarray, "n 4"], Float[np.ndarray, "n 6"]]:
-    """Marks spread over the head, a touch at each with its own friction and torsion, and the arm's orientation."""
+    """Return marks spread over the head, touches there with random friction and torsion, and the arm's orientation."""
     mark = probe.on_ray(_spread(count, lowest=-0.2))
     aside = rng.normal(0.0, PLACEMENT, (count, 3))
     point = probe.on_ray(mark + aside)
@@ -139,7 +140,7 @@ def _touching(
 
 
 def _press_profile() -> Float[np.ndarray, " k"]:
-    """Free, up, held with a tremor of 3 %, down, free (the arm turns): shares of the full force."""
+    """Return shares of the full force: free, up, steady with a tremor of 3 %, down, free (the arm turns)."""
     free, ramp, press = (round(seconds * RATE) for seconds in (FREE / 2, RAMP, PRESS))
     up = np.arange(1, ramp + 1) / (ramp + 1)
     tremor = 1.0 + 0.03 * np.sin(2 * np.pi * 3.0 * np.arange(press) / RATE)
@@ -147,7 +148,7 @@ def _press_profile() -> Float[np.ndarray, " k"]:
 
 
 def _spread(count: int, lowest: float) -> Float[np.ndarray, "n 3"]:
-    """Unit directions spread evenly over the sphere above z = lowest (a Fibonacci lattice)."""
+    """Return unit directions spread evenly over the sphere above z = lowest (a Fibonacci lattice)."""
     z = 1.0 - (1.0 - lowest) * (np.arange(count) + 0.5) / count
     turn = np.pi * (3.0 - 5**0.5) * np.arange(count)
     return np.stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z], axis=1)

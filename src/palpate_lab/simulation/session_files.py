@@ -1,4 +1,4 @@
-"""A simulated session as a laboratory would have it on disk: logs, a mesh in millimetres, marks, a rig by drawing."""
+"""Write a simulated session as a laboratory would have it: logs, a mesh in millimetres, marks, a rig by the drawing."""
 
 from __future__ import annotations
 
@@ -56,8 +56,8 @@ contact = {{ on = 0.5, off = 0.3 }}    # N
 def write_session(session: Session, folder: Path) -> None:
     """Write free_motion.csv, touches.csv, probe.stl, rig.toml, and every other touch to marks.csv and to truth.csv.
 
-    marks.csv holds where touches were aimed at (what an operator knows); truth.csv where the others really landed (what
-    only a simulation knows), so that what is calibrated on the one can be judged on the other.
+    marks.csv has the points that touches were aimed at (as an operator knows them); truth.csv the points at which the
+    others really landed (as only a simulation knows), so that a calibration on the one can be judged on the other.
     """
     import trimesh
 

@@ -1,4 +1,4 @@
-"""A simulated session as a robot would record it: wrenches and poses on topics of an MCAP file, with a clock each."""
+"""Write a simulated session as a robot would record it: wrenches and poses on topics of an MCAP file, on two clocks."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from palpate_lab.simulation.session_files import POSE_TOPIC, WRENCH_TOPIC
 
 __all__ = ["CLOCK_OFFSET", "write_session_mcap"]
 
-CLOCK_OFFSET = 0.030  # s: the arm's clock is so much behind the sensor's
+CLOCK_OFFSET = 0.030  # s by which the arm's clock is behind the sensor's
 POSE_EVERY = 2  # samples: poses come at half the rate
 POSITION = (0.4, 0.0, 0.6)  # m: the arm turns the sensor about its origin
 
 
 def write_session_mcap(session: Session, folder: Path) -> None:
-    """Write free_motion.mcap and touches.mcap: WrenchStamped at 200 Hz, PoseStamped at 100 Hz, 30 ms behind.
+    """Write free_motion.mcap and touches.mcap: WrenchStamped at 200 Hz, PoseStamped at 100 Hz, its stamps 30 ms late.
 
     Raises:
         InputError: rosbags is not installed.

@@ -1,4 +1,4 @@
-"""Closed bodies that are known exactly: where the truth of a simulated touch comes from.
+"""Closed bodies that are known exactly, for the truth of simulated touches.
 
 Each body is star-shaped about its centre, so every direction from there meets it once, in closed form.
 """
@@ -16,41 +16,41 @@ __all__ = ["Body", "BumpySphere", "EllipsoidBody", "Superquadric", "icosphere"]
 
 
 class Body(ABC):
-    """A closed body about the origin; `value`, `gradient` and `on_ray` are all that a new one states."""
+    """A closed body about the origin; a new one defines `value`, `gradient` and `on_ray` only."""
 
     radius: float
     """A characteristic size R [m], for tolerances that scale with the body."""
 
     @abstractmethod
     def value(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch"]:
-        """The implicit function: negative inside, 0 on the surface, positive outside."""
+        """Return the implicit function: negative inside, 0 on the surface, positive outside."""
 
     @abstractmethod
     def gradient(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """The derivative of `value`, pointing outward on the surface."""
+        """Return the derivative of `value`, which points outward on the surface."""
 
     @abstractmethod
     def on_ray(self, directions: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """Where rays from the centre, of any length but zero, meet the surface [m]."""
+        """Return the points [m] at which rays from the centre, of any length but zero, meet the surface."""
 
     def normals(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """Outward unit normals at points of the surface."""
+        """Return the outward unit normals at points of the surface."""
         return _unit(self.gradient(points))
 
     def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, "n 3"]:
-        """Random points of the analytic surface [m], uniform in *direction* from the centre, not in area."""
+        """Draw points of the analytic surface [m], uniform in *direction* from the centre, not in area."""
         return self.on_ray(rng.standard_normal((count, 3)))
 
     def mesh(self, facets: int) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
-        """Vertices on the surface [m] and outward triangles, about as many as asked for (20, 80, ... 20 nu^2)."""
+        """Return vertices on the surface [m] and outward triangles, about `facets` of them (20, 80, ... 20 nu^2)."""
         directions, faces = icosphere(max(1, round((facets / 20) ** 0.5)))
         return self.on_ray(directions), faces
 
 
 class Superquadric(Body):
-    """(|x/a|^(2/e2) + |y/b|^(2/e2))^(e2/e1) + |z/c|^(2/e1) = 1 (Barr 1981); convex for exponents in (0, 2).
+    """A body (|x/a|^(2/e2) + |y/b|^(2/e2))^(e2/e1) + |z/c|^(2/e1) = 1 (Barr 1981); convex for exponents in (0, 2).
 
-    Below 1 the exponents square it off, and it is flat (no curvature) where it crosses its axes.
+    Exponents below 1 square it off, and it is flat (no curvature) where it crosses its axes.
 
     Args:
         axes: half-lengths a, b, c [m].
@@ -70,11 +70,11 @@ class Superquadric(Body):
         return scaled, around, around ** (e2 / e1) + scaled[..., 2:] ** (2 / e1)
 
     def value(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch"]:
-        """The left side of the equation less one."""
+        """Return the left side of the equation less one."""
         return self._terms(points)[2][..., 0] - 1.0
 
     def gradient(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """Term by term; finite everywhere but at the centre of a body with exponents above 1."""
+        """Return the derivative, term by term; finite everywhere but at the centre of a body with exponents above 1."""
         e1, e2 = self.exponents
         scaled, around, _ = self._terms(points)
         outer = np.maximum(around, np.finfo(float).tiny) ** (e2 / e1 - 1)
@@ -84,13 +84,13 @@ class Superquadric(Body):
         return (2 / e1) * slopes * np.sign(points) / self.axes
 
     def on_ray(self, directions: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """The left side is homogeneous of degree 2/e1, so the distance along the ray is its -e1/2 power."""
+        """Return points of the surface, by the left side's degree 2/e1: the distance along a ray is its -e1/2 power."""
         unit = _unit(directions)
         return unit * self._terms(unit)[2] ** (-self.exponents[0] / 2)
 
 
 class EllipsoidBody(Body):
-    """(x/a)^2 + (y/b)^2 + (z/c)^2 = 1.
+    """An ellipsoid, (x/a)^2 + (y/b)^2 + (z/c)^2 = 1.
 
     Args:
         axes: half-lengths a, b, c [m].
@@ -103,20 +103,20 @@ class EllipsoidBody(Body):
         self.radius = float(max(axes))
 
     def value(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch"]:
-        """The left side of the equation less one."""
+        """Return the left side of the equation less one."""
         return np.sum((points / self.axes) ** 2, axis=-1) - 1.0
 
     def gradient(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """2 (x/a^2, y/b^2, z/c^2)."""
+        """Return 2 (x/a^2, y/b^2, z/c^2)."""
         return 2.0 * points / self.axes**2
 
     def on_ray(self, directions: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """The direction divided by its length in the metric of the ellipsoid."""
+        """Return the directions divided by their length in the metric of the ellipsoid."""
         return directions / np.linalg.norm(directions / self.axes, axis=-1, keepdims=True)
 
 
 class BumpySphere(Body):
-    """r(u) = R (1 + A sin(k ux) sin(k uy) sin(k uz)) on the unit direction u: smooth, and not convex.
+    """A bumpy sphere, r(u) = R (1 + A sin(k ux) sin(k uy) sin(k uz)) on the unit direction u: smooth, and not convex.
 
     Args:
         radius: R [m].
@@ -134,11 +134,11 @@ class BumpySphere(Body):
         return self.radius * (1.0 + self.amplitude * waves)
 
     def value(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch"]:
-        """|p| - r(p/|p|) [m]: the height above the surface along the ray."""
+        """Return |p| - r(p/|p|) [m], the height above the surface along the ray."""
         return (np.linalg.norm(points, axis=-1, keepdims=True) - self._radii(_unit(points)))[..., 0]
 
     def gradient(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """U - (I - u u^T) r'(u) / |p|, with u the unit direction."""
+        """Return u - (I - u u^T) r'(u) / |p|, with u the unit direction."""
         unit = _unit(points)
         sine, cosine = np.sin(self.frequency * unit), np.cos(self.frequency * unit)
         others = np.stack([sine[..., 1] * sine[..., 2], sine[..., 2] * sine[..., 0], sine[..., 0] * sine[..., 1]], -1)
@@ -147,13 +147,13 @@ class BumpySphere(Body):
         return unit - tangential / np.linalg.norm(points, axis=-1, keepdims=True)
 
     def on_ray(self, directions: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """The equation itself."""
+        """Return the points u r(u) for the unit directions u."""
         unit = _unit(directions)
         return unit * self._radii(unit)
 
 
 def icosphere(frequency: int) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
-    """A near-uniform triangulation of the unit sphere: 20 frequency^2 outward facets, 10 frequency^2 + 2 vertices.
+    """Triangulate the unit sphere nearly uniformly: 20 frequency^2 outward facets, 10 frequency^2 + 2 vertices.
 
     Every side of an icosahedron is cut into `frequency` parts; a vertex shared by several of its faces is recognised
     by its whole-number weights on the twelve corners, so no tolerance is involved.
@@ -182,7 +182,7 @@ def _icosahedron() -> tuple[Float[np.ndarray, "12 3"], Int[np.ndarray, "20 3"]]:
 
 
 def _lattice(frequency: int) -> Int[np.ndarray, "m 3"]:
-    """Whole-number barycentric weights of the points of one face, row by row."""
+    """Return whole-number barycentric weights of the points of one face, row by row."""
     row = np.repeat(np.arange(frequency + 1), np.arange(1, frequency + 2))
     column = np.arange(len(row)) - row * (row + 1) // 2
     return np.stack([frequency - row, row - column, column], axis=1)

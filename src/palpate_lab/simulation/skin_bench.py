@@ -1,7 +1,7 @@
-"""A bench for taxel sheets: pressure on a sheet round a link, and what the sheet and cameras make of it.
+"""A bench for taxel sheets: pressure on a sheet round a link, and the readings of the sheet and of cameras.
 
-Truth is the geometry of the patches, never a map or an estimate: a patch is placed in the coordinates of the unrolled
-sheet, which a cylinder and a plane bear without strain, and integrated by its own points.
+The truth is the geometry of the patches, never a map or an estimate: a patch is placed in the coordinates of the
+unrolled sheet, which a cylinder and a plane bear without strain, and integrated at points of its disc.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ JOINT = 0.283  # N: 10 of the 90 pF, and so of the 255 counts, belong to the sen
 
 @dataclass(frozen=True)
 class Rolled:
-    """A flat sheet laid round a cylinder about z, columns round it, or left flat (radius inf, normal z).
+    """A flat sheet laid round a cylinder about z, columns round it, or unrolled (radius inf, normal z).
 
     Args:
-        rows, columns: cells.
-        pitch: [m].
-        radius: [m] of the sensing layer.
+        rows, columns: number of cells.
+        pitch: distance between cells [m].
+        radius: radius of the sensing layer [m].
     """
 
     rows: int = 6
@@ -42,7 +42,7 @@ class Rolled:
     def at(
         self, row: Float[np.ndarray, "*batch"], column: Float[np.ndarray, "*batch"]
     ) -> tuple[Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3"]]:
-        """Points [m] and outward normals; cell centres have whole numbers."""
+        """Return points [m] and outward normals at rows and columns; cell centres have integers."""
         along = (row - (self.rows - 1) / 2) * self.pitch
         around = column * self.pitch
         if np.isinf(self.radius):
@@ -54,11 +54,11 @@ class Rolled:
 
     @property
     def period(self) -> float:
-        """Columns once round; inf where the sheet is flat."""
+        """Number of columns once round; inf where the sheet is flat."""
         return inf if np.isinf(self.radius) else 2 * pi * self.radius / self.pitch
 
     def layout(self) -> SkinMap:
-        """A perfect map of it."""
+        """Return a perfect map of the sheet."""
         row, column = np.meshgrid(np.arange(self.rows), np.arange(self.columns), indexing="ij")
         centres, normals = self.at(row.astype(np.float64), column.astype(np.float64))
         return SkinMap(centres, normals, np.full((self.rows, self.columns), self.pitch**2), (self.pitch, self.pitch))
@@ -66,13 +66,13 @@ class Rolled:
 
 @dataclass(frozen=True)
 class Patch:
-    """Pressure on a disc of the sheet: Hertz's, p sqrt(1 - r^2/a^2), or flat.
+    """A pressure on a disc of the sheet: Hertz's, p sqrt(1 - r^2/a^2), or flat.
 
     Args:
-        row, column: of its middle, in cells.
+        row, column: position of its middle, in cells.
         radius: a, in cells.
-        force: [N], the integral of the pressure.
-        flat: the same pressure everywhere.
+        force: integral of the pressure [N].
+        flat: True for the same pressure everywhere.
     """
 
     row: float
@@ -82,7 +82,7 @@ class Patch:
     flat: bool = False
 
     def points(self) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"]]:
-        """Rows and columns of points that bear equal areas, and the force [N] on each."""
+        """Return rows and columns of points that bear equal areas, (n, 2), and the force [N] on each."""
         count = int(_RINGS * max(0.5, min(2 * self.radius, 4.0)))
         ring = np.sqrt((np.arange(count) + 0.5) / count)
         angle = pi * (np.arange(2 * count) + 0.5) / count
@@ -95,12 +95,14 @@ class Patch:
 
 @dataclass(frozen=True, eq=False)
 class Press:
-    """What patches do at one moment.
+    """Loads and wrenches of patches at one moment.
 
     Attributes:
         loads: (rows, columns) force [N] on each cell along its normal.
-        point: (k, 3) [m] of each patch's middle, on the sensing layer; normal: (k, 3) there.
-        force: (k, 3) [N] of each patch on the body; torque: (k, 3) [N m] about the origin of the link.
+        point: (k, 3) [m] middle of each patch, on the sensing layer.
+        normal: (k, 3) outward normal there.
+        force: (k, 3) [N] of each patch on the body.
+        torque: (k, 3) [N m] about the origin of the link.
     """
 
     loads: Float[np.ndarray, "rows columns"]
@@ -111,7 +113,7 @@ class Press:
 
 
 def press(sheet: Rolled, patches: Sequence[Patch]) -> Press:
-    """Patches on a sheet; what lies beside it presses the link, and no cell. A sheet that overlaps feels twice."""
+    """Press patches on a sheet; parts next to it press the link, and no cell. A sheet that overlaps feels twice."""
     loads = np.zeros((sheet.rows, sheet.columns))
     forces, torques = np.zeros((len(patches), 3)), np.zeros((len(patches), 3))
     for k, patch in enumerate(patches):
@@ -131,12 +133,12 @@ def press(sheet: Rolled, patches: Sequence[Patch]) -> Press:
 
 @dataclass(frozen=True, eq=False)
 class PaperSheet:
-    """How the paper's sheet reads: 8 bits, a sensitive range and a strong one, cells that are not quite alike.
+    """A model of the paper's sheet: 8 bits, a sensitive range and a strong one, cells with slightly different gains.
 
     Attributes:
         rest: (rows, columns) counts without load.
-        gain: (rows, columns), 1 for a cell as the calibrated one.
-        noise: [counts], standard deviation before rounding.
+        gain: (rows, columns), 1 for a cell like the calibrated one.
+        noise: standard deviation before rounding [counts].
         top: largest reading.
     """
 
@@ -147,13 +149,13 @@ class PaperSheet:
 
     @staticmethod
     def counts(force: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
-        """Counts above rest of a cell of 1 cm^2 [skin map, table 1]."""
+        """Return the counts above rest of a cell of 1 cm^2 under a force [N] [skin map, table 1]."""
         low = np.minimum(force, JOINT)
         return LOW * low + HIGH * (force - low)
 
 
 def paper_sheet(sheet: Rolled, rng: np.random.Generator, *, noise: float = 1.0, unequal: float = 0.02) -> PaperSheet:
-    """One such sheet, drawn at random: rest 3 to 8 counts, gains that differ by `unequal`."""
+    """Draw a sheet like the paper's: rest 3 to 8 counts, gains of standard deviation `unequal`."""
     shape = (sheet.rows, sheet.columns)
     return PaperSheet(
         frozen(rng.uniform(3.0, 8.0, shape)), frozen(1.0 + unequal * rng.standard_normal(shape)), noise=noise
@@ -169,7 +171,7 @@ def read_out(
     start: float = 0.0,
     wraps: bool = False,
 ) -> Recording:
-    """Frames of loads: noise, whole counts, and the end of the range, where readings stay, or wrap around."""
+    """Convert loads to samples: noise, integer counts, and the end of the range, where readings stay or wrap around."""
     exact = model.rest + model.gain * model.counts(loads) + model.noise * rng.standard_normal(loads.shape)
     counts = np.rint(exact)
     counts = np.mod(counts, model.top + 1.0) if wraps else np.clip(counts, 0.0, model.top)
@@ -181,11 +183,11 @@ class Wand:
     """A wand with a round tip, and the cameras that watch it and the link.
 
     Args:
-        radius: [m] of the tip.
-        arm: [m] of the markers about the middle of each body: closer ones turn it worse.
-        height: [m] of the wand's markers above the tip.
-        noise: [m] of a marker along each axis.
-        occlusion: chance that a marker is not seen; with fewer than three there is no pose.
+        radius: radius of the tip [m].
+        arm: distance of the markers from the middle of each body [m]: closer ones turn it worse.
+        height: height of the wand's markers above the tip [m].
+        noise: noise of a marker along each axis [m].
+        occlusion: probability that a marker is not seen; with fewer than three there is no pose.
     """
 
     radius: float = 0.004
@@ -195,7 +197,7 @@ class Wand:
     occlusion: float = 0.1
 
     def markers(self) -> Float[np.ndarray, "4 3"]:
-        """In the frame of the wand: its tip's centre, z to the markers."""
+        """Return the markers (4, 3) [m] in the frame of the wand: its tip's centre, z to the markers."""
         flat = self.arm * np.array([[1.0, 0, 0], [-0.5, 0.8, 0], [-0.4, -0.9, 0], [0.1, 0.1, 0.8]])
         return flat + np.array([0.0, 0.0, self.height])
 
@@ -203,7 +205,7 @@ class Wand:
 def wand_poses(
     wand: Wand, point: Float[np.ndarray, "n 3"], normal: Float[np.ndarray, "n 3"], rng: np.random.Generator
 ) -> Float[np.ndarray, "n 7"]:
-    """Position [m] and quaternion x, y, z, w of the wand in the link's frame as the cameras find them; NaN: lost.
+    """Return position [m] and quaternion x, y, z, w of the wand in the link's frame as cameras find it; NaN: lost.
 
     The wand stands on the point, its axis along the normal; the link has four markers too, whose errors turn all.
     """
@@ -232,7 +234,7 @@ def wand_poses(
 def _fitted(
     known: Float[np.ndarray, "m 3"], seen: Float[np.ndarray, "m 3"]
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
-    """Rotation and translation that take markers to where they are seen (Kabsch 1976)."""
+    """Return rotation and translation that take markers to their seen positions (Kabsch 1976)."""
     middle, there = known.mean(axis=0), seen.mean(axis=0)
     u, _, vt = np.linalg.svd((known - middle).T @ (seen - there))
     flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(vt.T @ u.T))])

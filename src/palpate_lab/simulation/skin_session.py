@@ -1,7 +1,7 @@
-"""The paper's validation as a session on the bench: touches by a wand, a sensor below, cameras around.
+"""Simulate the paper's validation as a session on the bench: touches by a wand, a sensor below, cameras around.
 
-Protocol [skin map, 3.5 and 4.3]: 19 touches at places drawn at random, of 1 to 16 N with a mean near 3.6 N, pressed
-along the normal. Each is a ramp, a hold and a release, and between touches the sheet is at rest.
+Protocol [skin map, 3.5 and 4.3]: 19 touches at random places, of 1 to 16 N with a mean near 3.6 N, pressed along the
+normal. Each is a ramp, a hold and a release, and between touches the sheet is at rest.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ FORCE_NOISE, TORQUE_NOISE = 0.05, 0.001  # N, N m, of the sensor below
 
 @dataclass(frozen=True, eq=False)
 class SkinSession:
-    """What is recorded, and what is true.
+    """The recordings of a session, and their truth.
 
     Attributes:
-        sheet, model: of the bench.
+        sheet, model: sheet of the bench, and the model of its readings.
         frames: cells at 50 Hz; the first second is untouched.
-        wrench: (n, 6) [N, N m] of the sensor below, at the frames' times, in the link's frame.
+        wrench: (n, 6) [N, N m] of the sensor below, at the times of `frames`, in the link's frame.
         wand: (n, 7) pose of the wand in the link's frame; NaN where it was lost or away.
         start, end: (k,) [s] of each touch.
-        point, normal, force: (k, 3) of each, from geometry.
+        point, normal, force: (k, 3) of each touch, from geometry.
     """
 
     sheet: Rolled
@@ -55,15 +55,15 @@ def simulate_protocol(
     width: float = 0.3,
     wand: Wand | None = None,
 ) -> SkinSession:
-    """One session.
+    """Simulate one session.
 
     Args:
-        rng: of everything drawn.
+        rng: random numbers of everything drawn.
         sheet: None: the paper's.
         model: None: the paper's, drawn.
-        touches: how many.
-        width: of a touch, in cells; small ones lie in one cell or two.
-        wand: the wand and its cameras.
+        touches: number of touches.
+        width: width of a touch, in cells; small ones lie in one cell or two.
+        wand: the wand and its cameras; None: the usual ones.
     """
     sheet, wand = sheet or Rolled(), wand or Wand()
     model = model or paper_sheet(sheet, rng)
@@ -106,7 +106,7 @@ def simulate_protocol(
 def load_cell_presses(
     sheet: Rolled, model: PaperSheet, rng: np.random.Generator, *, presses: int = 60
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Int[np.ndarray, "n 2"]]:
-    """Force [N], reading and cell of presses on each cell in turn: up, and down again."""
+    """Return force [N], reading and cell of presses on each cell in turn: up, and down again."""
     ramp = np.linspace(0.0, 1.0, presses // 2) ** 2
     force = np.concatenate([ramp, ramp[::-1]]) * 18.0
     cell = np.argwhere(np.ones((sheet.rows, sheet.columns)))

@@ -1,7 +1,7 @@
-"""The skin at work: a round fingertip on it, one at a time or two at once, as frames of readings with their truth.
+"""Simulate a skin in use: a round fingertip on it, one at a time or two at once, as samples with their truth.
 
 Pressure is Hertz's, p sqrt(1 - r^2/a^2), on a disc that grows with the force, a = a1 F^(1/3) (Johnson, Contact
-Mechanics, 4.2), and goes through the same layer as the tip of pokes. Truth is the middle of the disc.
+Mechanics, 4.2), and goes through the same layer as the tip of pokes. The truth is the middle of the disc.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ _TRIES = 400
 
 @dataclass(frozen=True)
 class Finger:
-    """How fingers touch.
+    """The touches of fingers.
 
     Args:
         radius: a1 [m], of the disc at 1 N: 4 to 6 mm from 2 to 8 N.
-        light, heavy: [N] forces, evenly between, along the inward normal.
-        reach: [m] of a taxel within which a finger lands.
-        hold, pause: frames of each touch, and of rest before it.
-        ramp: frames at each end of a touch during which the force rises or falls.
+        light, heavy: bounds of the force [N], evenly between, along the inward normal.
+        reach: distance [m] from a taxel within which a finger lands.
+        hold, pause: number of samples of each touch, and of rest before it.
+        ramp: number of samples at each end of a touch during which the force rises or falls.
     """
 
     radius: float = 3e-3
@@ -47,14 +47,16 @@ class Finger:
 
 @dataclass(frozen=True, eq=False)
 class SkinTouches(Value):
-    """Frames, and what is true of them; m contacts in all, those of one touch one after the other.
+    """Samples and their truth; m contacts in all, those of one touch one after the other.
 
     Attributes:
-        time: (n,) [s]; frames: (n, k) counts, rest included.
+        time: (n,) [s] of each sample.
+        frames: (n, k) counts of the samples, rest included.
         rest: (k,) counts without touch.
         touch: (m,) number of the touch that a contact belongs to, from 0.
-        start, end: (m,) first and last frame in which the force is whole.
-        point, normal: (m, 3) [m], outward; force: (m, 3) [N] on the body. All in the frame of the link.
+        start, end: (m,) first and last sample with the full force.
+        point, normal: (m, 3) point [m] and outward normal, in the frame of the link.
+        force: (m, 3) [N] on the body, in the frame of the link.
     """
 
     time: Float[np.ndarray, " n"]
@@ -72,7 +74,7 @@ class SkinTouches(Value):
             object.__setattr__(self, name, frozen(getattr(self, name), name=name))
 
     def truth(self) -> Float[np.ndarray, "r 10"]:
-        """Rows time, point, normal, force of each contact in each frame in which its force is whole."""
+        """Return rows of time, point, normal and force, (r, 10), of each contact in each sample with its full force."""
         sizes = self.end - self.start + 1
         which = np.repeat(np.arange(len(sizes)), sizes)
         frame = self.start[which] + np.arange(len(which)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
@@ -89,18 +91,18 @@ def simulate_touches(
     finger: Finger | None = None,
     counts: bool = True,
 ) -> SkinTouches:
-    """Touches at places drawn all over the skin.
+    """Simulate touches at random places all over the skin.
 
     Args:
-        bench: whose skin, layer and gains.
-        rng: of places, forces, rest and noise.
-        touches: how many.
-        spacing: [m] between two at once, along the skin; None: one at a time.
-        finger: None: the usual.
-        counts: readings are whole counts of 8 bits; False: floats with noise, without end.
+        bench: bench with the skin, its layer and gains.
+        rng: random numbers of places, forces, rest and noise.
+        touches: number of touches.
+        spacing: distance [m] between two at once, along the skin; None: one at a time.
+        finger: None: the usual one.
+        counts: True for integer counts of 8 bits, False for floats with noise, without a limit.
 
     Raises:
-        InputError: two places so far apart are not both on the skin.
+        InputError: no two places at this distance are both on the skin.
     """
     finger = finger or Finger()
     points = _pairs(bench.skin, rng, touches, spacing, finger.reach) if spacing else None
@@ -135,7 +137,7 @@ def simulate_touches(
 def _discs(
     radius: Float[np.ndarray, " n"], newtons: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, "n c"], Float[np.ndarray, "n c"], Float[np.ndarray, "n c"]]:
-    """Points that bear equal areas of discs, and the force on each."""
+    """Return points that bear equal areas of discs, and the force on each."""
     ring = np.repeat(np.sqrt((np.arange(_RINGS) + 0.5) / _RINGS), 2 * _RINGS)
     angle = pi * np.arange(ring.size) / _RINGS + 2.4 * np.repeat(np.arange(_RINGS), 2 * _RINGS)
     weight = np.sqrt(1.0 - ring**2)
@@ -145,7 +147,7 @@ def _discs(
 
 
 def _pairs(skin: Skin, rng: np.random.Generator, count: int, apart: float, reach: float) -> Float[np.ndarray, "m 3"]:
-    """Two places each, both near a taxel: the one beside a taxel, the other so far away along the skin."""
+    """Draw pairs of points, both near a taxel, at the distance `apart` along the skin."""
     from scipy.spatial import cKDTree
 
     there = np.flatnonzero(skin.places.there)

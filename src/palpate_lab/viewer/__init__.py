@@ -1,1 +1,1 @@
-"""The laboratory's pages."""
+"""Pages and pictures of the laboratory's arena and phantom."""

@@ -1,4 +1,4 @@
-"""An arena of robots as values: what stands, what a moment holds, which colours robots have, where they have been."""
+"""The drawn arena: its fixed parts, one moment of a run, the colours of the robots and their trails."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ _COLOURS = (AXES[2], AXES[1], STATUS[6], STATUS[1], STATUS[7], STATUS[5])  # ver
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Arena:
-    """What does not change.
+    """The fixed parts of an arena that is drawn.
 
     Attributes:
-        size: (width, height) of the field [m], its corner at the origin.
+        size: (width, height) of the field [m]; its corner is the origin.
         half: (m, 2) half sizes of the blocks along their own axes [m].
-        movable: (m,) which blocks can be pushed.
-        goals: (n, 2) of the robots [m].
-        radius: of a robot [m].
-        name: of the layout.
+        movable: (m,) True for blocks that can be pushed.
+        goals: (n, 2) goal of each robot [m].
+        radius: radius of a robot [m].
+        name: name of the layout.
     """
 
     size: tuple[float, float]
@@ -40,15 +40,15 @@ class Arena:
 
     @property
     def robots(self) -> int:
-        """How many."""
+        """Number of robots."""
         return len(self.goals)
 
     def outline(self, block: int, place: Float[np.ndarray, "3"]) -> Float[np.ndarray, "k 2"]:
-        """Corners of a block within the walls, counter-clockwise [m]; none where nothing of it is within.
+        """Return the corners (k, 2) of a block within the walls [m], counter-clockwise; (0, 2) if all of it is outside.
 
         Args:
-            block: which.
-            place: its x, y and turn.
+            block: index of the block.
+            place: its x, y [m] and turn [rad].
         """
         x, y, turn = place.tolist()
         turned = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
@@ -61,18 +61,18 @@ class Arena:
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class ArenaScene:
-    """A moment.
+    """A moment of a run, as it is drawn.
 
     Attributes:
-        time: [s].
-        poses: (n, 3) x, y, heading of the robots [m], [rad].
+        time: time [s].
+        poses: (n, 3) x, y and heading of the robots [m], [rad].
         blocks: (m, 3) x, y and turn of the blocks [m], [rad].
-        touches: of each robot (k, 2) angle in its own frame and inward force [rad], [N]; None where its skin says
-            nothing.
-        states: of the robots, in a word or two.
-        whys: of them, in a sentence.
-        arrived: (n,).
-        frames: what each robot's camera sees, blue, green, red; None where there are no images.
+        touches: (k, 2) for each robot: angle in its own frame and inward force [rad], [N]; None while its skin gives
+            no reading.
+        states: state of each robot, in a word or two.
+        whys: reason for each state, in a sentence.
+        arrived: (n,) True for robots that have arrived.
+        frames: image of each robot's camera, blue, green, red; None without images.
     """
 
     time: float
@@ -87,17 +87,21 @@ class ArenaScene:
 
 @takes_arrays
 class Trails:
-    """Where each robot has been, a point every centimetre of its way.
+    """The paths of all robots so far, with a point every centimetre.
 
     Args:
-        robots: how many.
+        robots: number of robots.
     """
 
     def __init__(self, robots: int) -> None:
         self._points: list[list[tuple[float, float]]] = [[] for _ in range(robots)]
 
     def add(self, poses: Float[np.ndarray, "n 3"]) -> None:
-        """The next moment; what moved less than a step adds nothing."""
+        """Add the position of each robot that has moved a centimetre since its last point.
+
+        Raises:
+            InputError: the number of poses is not the number of robots.
+        """
         if len(poses) != len(self._points):
             raise InputError(f"poses must be of {len(self._points)} robots, not {len(poses)}.")
         for points, (x, y, _) in zip(self._points, poses.tolist(), strict=True):
@@ -105,22 +109,22 @@ class Trails:
                 points.append((x, y))
 
     def of(self, robot: int) -> Float[np.ndarray, "p 2"]:
-        """(p, 2) [m], the oldest first."""
+        """Return the points of a robot's path, (p, 2) [m], the oldest first."""
         return np.array(self._points[robot]).reshape(-1, 2)
 
     def length(self, robot: int) -> int:
-        """How many points there are."""
+        """Return the number of points in a robot's path."""
         return len(self._points[robot])
 
 
 def colour(robot: int) -> tuple[int, int, int]:
-    """Red, green, blue of a robot, counted from 0; they begin anew after the sixth."""
+    """Return red, green and blue of a robot, counted from 0; the colours repeat after the sixth."""
     return mixed(_COLOURS[robot % len(_COLOURS)], 0.0)
 
 
 @takes_arrays
 def newtons(touches: Float[np.ndarray, "_ 2"] | None) -> str:
-    """What a skin feels, in a few words."""
+    """Return the forces that a skin feels as a short text."""
     if touches is None:
         return "feels nothing: blind"
     if not len(touches):
@@ -129,7 +133,7 @@ def newtons(touches: Float[np.ndarray, "_ 2"] | None) -> str:
 
 
 def _cut(corners: Float[np.ndarray, "k 2"], axis: int, sign: float, least: float) -> Float[np.ndarray, "m 2"]:
-    """What of a convex outline has sign * coordinate >= least (Sutherland and Hodgman's step)."""
+    """Return the part of a convex outline where sign * coordinate >= least (one step of Sutherland and Hodgman)."""
     kept = list[np.ndarray]()
     for one, two in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         a, b = sign * one[axis] - least, sign * two[axis] - least

@@ -1,4 +1,4 @@
-"""A moment of an arena, drawn from above: for films, and parts of it for the page. The same moment, the same pixels."""
+"""Draw moments of an arena from above, for films and the live page; the same moment gives the same pixels."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from palpate_lab.viewer.arena import FORCE, Arena, ArenaScene, Trails, colour, n
 __all__ = ["SIZE", "ArenaPicture", "senses"]
 
 SIZE = (960, 720)
-HEAD, FOOT, SIDE = 48, 118, 24  # px above, below and beside the field
+HEAD, FOOT, SIDE = 48, 118, 24  # px above, below and at the sides of the field
 LONG = 0.045  # m of an arrow for each newton
 LONGEST = 0.22  # m
 CELLS = 6  # robots that have a cell of their own below the field
@@ -26,10 +26,10 @@ _BLIND = (204, 51, 17)
 
 
 class ArenaPicture:
-    """Draws moments of one arena, one after the other: what was shown before leaves trails.
+    """A renderer of successive moments of one arena, in which robots leave trails.
 
     Args:
-        arena: to draw.
+        arena: arena to draw.
 
     Raises:
         InputError: OpenCV is not installed.
@@ -44,7 +44,7 @@ class ArenaPicture:
         self._empty = self._ground()
 
     def draw(self, scene: ArenaScene) -> UInt8[np.ndarray, "720 960 3"]:
-        """The picture of a moment: blue, green, red."""
+        """Return the picture of a moment, (720, 960, 3): blue, green, red."""
         self._trails.add(scene.poses)
         picture = self._empty.copy()
         self._draw_trails(picture)
@@ -58,11 +58,11 @@ class ArenaPicture:
         return picture
 
     def _placed(self, points: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n 2"]:
-        """Pixels of points of the field [m]."""
+        """Return the pixels of points of the field [m]."""
         return points * [self._scale, -self._scale] + self._corner
 
     def _ground(self) -> UInt8[np.ndarray, "720 960 3"]:
-        """Field, grid of half metres, walls and goals."""
+        """Draw the field, a grid of half metres, the walls and the goals."""
         ink, (width, height) = self._ink, self.arena.size
         picture = np.empty((SIZE[1], SIZE[0], 3), dtype=np.uint8)
         picture[:] = _GROUND[::-1]
@@ -92,12 +92,12 @@ class ArenaPicture:
                 continue
             self._ink.area(picture, corners, _PUSHED if movable else _FIXED)
             self._ink.loop(picture, corners, mixed(STATUS[5] if movable else MUTED, 0.0), 2 if movable else 1)
-            if movable and len(corners) == 4:  # a light cross tells it from a wall where colours are not told apart
+            if movable and len(corners) == 4:  # a light cross marks it as no wall for the colour-blind
                 self._ink.line(picture, corners[[0, 2]], mixed(STATUS[5], 0.2), 1)
                 self._ink.line(picture, corners[[1, 3]], mixed(STATUS[5], 0.2), 1)
 
     def _draw_robot(self, picture: np.ndarray, scene: ArenaScene, robot: int) -> None:
-        """A disc with its skin as a rim, a nose that shows where it heads, and its number."""
+        """Draw a disc with the skin as its rim, a nose in the direction of its heading, and its number."""
         ink, (x, y, heading) = self._ink, scene.poses[robot].tolist()
         at, radius, own = self._placed(np.array([x, y])), self._scale * self.arena.radius, colour(robot)
         pale = 0.5 if scene.arrived[robot] else 0.0
@@ -109,7 +109,7 @@ class ArenaPicture:
         ink.middle(picture, str(robot + 1), at, min(0.5, radius / 26), (255, 255, 255))
 
     def _draw_touches(self, picture: np.ndarray, pose: Float[np.ndarray, "3"], felt: Float[np.ndarray, "k 2"]) -> None:
-        """Arrows that push with their tips."""
+        """Draw an arrow for each contact force, its tip at the contact point."""
         for angle, force in felt.tolist():
             out = np.array([np.cos(pose[2] + angle), np.sin(pose[2] + angle)])
             tip = pose[:2] + self.arena.radius * out
@@ -126,7 +126,7 @@ class ArenaPicture:
         (self._cells if robots <= CELLS else self._counts)(picture, scene)
 
     def _cells(self, picture: np.ndarray, scene: ArenaScene) -> None:
-        """Of each robot what it feels or sees, its state and why."""
+        """Draw each robot's camera image or skin, its forces, its state and the reason."""
         ink, robots = self._ink, self.arena.robots
         wide, top = (SIZE[0] - 2 * 14) // max(robots, 3), SIZE[1] - FOOT + 12
         high = FOOT - 22
@@ -144,7 +144,7 @@ class ArenaPicture:
                 ink.text(picture, words, (x, top + 48 + 14 * row), 0.34, mixed(MUTED, 0.0))
 
     def _counts(self, picture: np.ndarray, scene: ArenaScene) -> None:
-        """How many robots are in each state."""
+        """Draw the number of robots in each state."""
         counted = sorted(Counter(scene.states).items(), key=lambda each: (-each[1], each[0]))[:12]
         for at, (state, count) in enumerate(counted):
             column, row = divmod(at, 4)
@@ -153,16 +153,16 @@ class ArenaPicture:
 
 
 def senses(scene: ArenaScene, radius: float, height: int, columns: int = 2) -> UInt8[np.ndarray, "h w 3"]:
-    """What every robot's camera sees, or else its ring with what presses on it, side by side with numbers.
+    """Draw each robot's camera image, or its skin as a ring with the contact forces, side by side with numbers.
 
     Args:
-        scene: a moment of some robots.
-        radius: of a robot [m].
-        height: of each view [px].
-        columns: beside each other.
+        scene: moment of one robot or more.
+        radius: radius of a robot [m].
+        height: height of each view [px].
+        columns: number of views in a row.
 
     Returns:
-        One picture: blue, green, red.
+        One picture (h, w, 3): blue, green, red.
     """
     ink = Ink(opencv())
     views = [_view(ink, scene, robot, radius, height) for robot in range(len(scene.poses))]
@@ -179,7 +179,7 @@ def senses(scene: ArenaScene, radius: float, height: int, columns: int = 2) -> U
 
 
 def _view(ink: Ink, scene: ArenaScene, robot: int, radius: float, height: int) -> UInt8[np.ndarray, "h w 3"]:
-    """Of one robot: its camera's image, or else its ring, with ahead at the top."""
+    """Draw one robot's camera image, or its skin as a ring with the robot's front at the top."""
     if scene.frames is not None:
         frame = scene.frames[robot]
         wide = round(height * frame.shape[1] / frame.shape[0])

@@ -1,4 +1,4 @@
-"""Many runs in the arena as a page: how many arrive, when, how hard they pressed, and how to see those that do not."""
+"""A page about many runs in the arena: arrivals, times, forces, and the commands that show the failures."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ GOOD, POOR = 0.95, 0.7  # shares of the robots
 
 @dataclass(frozen=True)
 class Judged:
-    """One run.
+    """The result of one run.
 
     Attributes:
-        seed: of it.
-        arrived: of each robot the time [s] at which it arrived; NaN: it did not.
-        path: of each robot [m].
-        force: [N] that no contact passes in 99 % of the contact time.
-        greatest: [N] that ever pressed.
-        pushes, deadlocks: how often, of all robots together.
-        states: of each robot at the end.
-        command: to see it.
+        seed: seed of the run.
+        arrived: time [s] at which each robot arrived; NaN if it did not.
+        path: length of each robot's path [m].
+        force: contact force [N] that is not exceeded in 99 % of the contact time.
+        greatest: largest contact force [N].
+        pushes, deadlocks: number of each, over all robots.
+        states: state of each robot at the end.
+        command: command that shows the run.
     """
 
     seed: int
@@ -50,20 +50,20 @@ class Judged:
 
     @property
     def count(self) -> int:
-        """How many robots arrived."""
+        """Number of robots that arrived."""
         return int(np.isfinite(self.arrived).sum())
 
     @property
     def complete(self) -> bool:
-        """All robots arrived."""
+        """True if all robots arrived."""
         return self.count == len(self.arrived)
 
 
 def figures(runs: Sequence[Judged]) -> list[tuple[str, str, float]]:
-    """What many runs come to: name, words and number of each figure.
+    """Return name, text and number of each summary figure of many runs.
 
     Args:
-        runs: one at least.
+        runs: at least one run.
     """
     times, total = _times(runs), sum(len(run.arrived) for run in runs)
     whole, there = float(np.mean([run.complete for run in runs])), len(times) / total
@@ -84,11 +84,11 @@ def figures(runs: Sequence[Judged]) -> list[tuple[str, str, float]]:
 
 
 def compose(runs: Sequence[Judged], settings: tuple[tuple[str, str], ...]) -> Report:
-    """The page.
+    """Compose the page about many runs.
 
     Args:
-        runs: one at least.
-        settings: that all of them had, as names and values.
+        runs: at least one run.
+        settings: settings that all runs share, as names and values.
     """
     found = {name: (text, value) for name, text, value in figures(runs)}
     seeds = f"seed {runs[0].seed}" if len(runs) == 1 else f"seeds {runs[0].seed} to {runs[-1].seed}"
@@ -126,7 +126,7 @@ def _tone(share: float) -> str:
 
 
 def _times(runs: Sequence[Judged]) -> Float[np.ndarray, " n"]:
-    """[s] of all robots that arrived."""
+    """Return the arrival times [s] of all robots that arrived."""
     times = np.array([time for run in runs for time in run.arrived], dtype=np.float64)
     return times[np.isfinite(times)]
 
@@ -146,7 +146,7 @@ def _over_time(runs: Sequence[Judged]) -> Section:
 @takes_arrays
 @styled()
 def arrivals(times: Float[np.ndarray, " n"]) -> Figure:
-    """How many robots arrived when [s]."""
+    """Draw a histogram of arrival times (n,) [s], at least one."""
     drawn = figure(2.6)
     axes: Any = drawn.subplots()
     step = 10.0 if times.max() <= 400.0 else 50.0
@@ -160,7 +160,7 @@ def arrivals(times: Float[np.ndarray, " n"]) -> Figure:
 
 
 def _failures(runs: Sequence[Judged]) -> Section:
-    """Each robot that did not arrive, what it said last, and how to see it."""
+    """List each robot that did not arrive, its last state, and the command that shows it."""
     rows = [
         (f"{run.seed}", f"{robot + 1}", state, run.command)
         for run in runs

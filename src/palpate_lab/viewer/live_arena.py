@@ -1,4 +1,4 @@
-"""Robots in an arena while they move: a page with the arena in three dimensions, what each feels, and what it does."""
+"""A live page of robots in an arena: a three-dimensional view, and what each robot feels and does."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ _RED = "#cc3311"
 
 
 class LiveArena(Served):
-    """A page that is fed, served as `Served` is.
+    """A live page of an arena, served like `Served`.
 
     Args:
-        arena: that is drawn.
-        host: to listen at.
-        port: the first to try; 0 for any.
+        arena: arena to draw.
+        host: address to listen at.
+        port: first port to try; 0 for any.
 
     Raises:
         InputError: viser or OpenCV is not installed, or nothing can listen there.
@@ -70,24 +70,24 @@ class LiveArena(Served):
 
     @property
     def paused(self) -> bool:
-        """Somebody wants it to stand still."""
+        """True while the run is paused on the page or by `pause`."""
         return self._paused
 
     @property
     def speed(self) -> float:
-        """Simulated seconds a second that somebody wants to see."""
+        """Speed selected on the page, in simulated seconds per second."""
         return float(self._speed.value)
 
     def pause(self, on: bool) -> None:
-        """Stand still, or go on; as the button does."""
+        """Pause the run or resume it, as the page's button does."""
         self._paused = on
         self._button.label = "Resume" if on else "Pause"
 
     def show(self, scene: ArenaScene, *, now: bool = False) -> None:
-        """Draw a moment, unless one was drawn a moment ago.
+        """Draw a moment, unless another one was drawn within the last `TICK` seconds.
 
         Args:
-            scene: to draw.
+            scene: moment to draw.
             now: draw it in any case.
         """
         self._trails.add(scene.poses)
@@ -107,7 +107,7 @@ class LiveArena(Served):
                 self._tell(scene)
 
     def _tell(self, scene: ArenaScene) -> None:
-        """What changes slowly, or is slow to draw."""
+        """Update the trails, the text and the views, which are slow to draw."""
         self._told = monotonic()
         for drawn in self._robots:
             drawn.tell(scene, self._trails)
@@ -116,12 +116,12 @@ class LiveArena(Served):
         self._views.content = _inline(senses(some, self.arena.radius, 120))
 
     def wait(self, time: float) -> None:
-        """Return when the page is to show a time [s] of the run: no sooner than it is due, and not while it pauses.
+        """Wait until a time [s] of the run is due on the page, and as long as the page is paused.
 
-        Who is behind does not hurry afterwards.
+        A run that falls behind does not catch up afterwards.
 
         Args:
-            time: of the next moment, never earlier than that of the call before.
+            time: time of the next moment [s], never earlier than in the previous call.
         """
         self._due += max(0.0, time - self._last) / self.speed
         self._last = time
@@ -149,7 +149,7 @@ class LiveArena(Served):
 
 
 class _Robot:
-    """One robot: a disc with a nose, its number, its way so far, and arrows that push it."""
+    """A drawn robot: a disc with a nose, its number, its path so far, and arrows of the forces on it."""
 
     def __init__(self, space: SceneApi, robot: int, radius: float) -> None:
         name, own = f"/robot_{robot + 1}", colour(robot)
@@ -183,13 +183,13 @@ class _Robot:
             arrow.visible = False
 
     def show(self, scene: ArenaScene) -> None:
-        """Move it to a moment."""
+        """Move the robot to its pose at a moment, and draw the forces on it."""
         x, y, heading = scene.poses[self._robot].tolist()
         self._frame.position, self._frame.wxyz = (x, y, 0.0), _about_z(heading)
         self._push(scene)
 
     def tell(self, scene: ArenaScene, trails: Trails) -> None:
-        """Its way so far."""
+        """Draw the robot's path so far."""
         if (length := trails.length(self._robot)) > max(1, self._shown):
             self._shown, way = length, trails.of(self._robot)
             way = np.column_stack([way, np.full(length, 0.003)]).astype(np.float32)
@@ -215,7 +215,7 @@ class _Robot:
 
 
 def _add_field(space: SceneApi, arena: Arena) -> None:
-    """Floor, walls and goals."""
+    """Draw the floor, the walls and the goals."""
     width, height = arena.size
     space.add_box(
         "/floor", (255, 255, 255), (width, height, 0.004), position=(width / 2, height / 2, -0.003), cast_shadow=False
@@ -249,7 +249,7 @@ def _add_field(space: SceneApi, arena: Arena) -> None:
 
 
 def _add_block(space: SceneApi, arena: Arena, at: int) -> Any:
-    """One that can be pushed, amber; None of a fixed one, which is drawn once its place is known."""
+    """Draw a movable block in amber; return None for a fixed one, which `_add_fixed` draws."""
     if not arena.movable[at]:
         return None
     wide, deep = (2.0 * arena.half[at]).tolist()
@@ -257,7 +257,7 @@ def _add_block(space: SceneApi, arena: Arena, at: int) -> Any:
 
 
 def _add_fixed(space: SceneApi, arena: Arena, blocks: Float[np.ndarray, "m 3"]) -> None:
-    """Blocks that stay where they are, as far as they stand within the walls."""
+    """Draw the fixed blocks, cut off at the walls."""
     for at in np.flatnonzero(~arena.movable).tolist():
         corners = arena.outline(at, blocks[at])
         if len(corners) > 2:
@@ -267,13 +267,13 @@ def _add_fixed(space: SceneApi, arena: Arena, blocks: Float[np.ndarray, "m 3"]) 
 
 
 def _disc(radius: float, high: float, sides: int = 40) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
-    """A cylinder that stands on the floor."""
+    """Return vertices and faces of a cylinder that stands on the floor."""
     angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
     return _prism(radius * np.stack([np.cos(angle), np.sin(angle)], axis=1), high)
 
 
 def _prism(corners: Float[np.ndarray, "k 2"], high: float) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
-    """What stands on a convex outline, counter-clockwise, without its lower end: vertices and faces."""
+    """Return vertices and faces of a prism on a convex, counter-clockwise outline, without its lower end."""
     sides = len(corners)
     low, upper = (np.column_stack([corners, np.full(sides, level)]) for level in (0.0, high))
     vertices = np.concatenate([low, upper, upper.mean(axis=0, keepdims=True)])
@@ -284,24 +284,24 @@ def _prism(corners: Float[np.ndarray, "k 2"], high: float) -> tuple[Float[np.nda
 
 
 def _deep(shade: tuple[int, int, int]) -> tuple[int, int, int]:
-    """A colour that the page's lights make what it was."""
+    """Return a darker colour that the page's lights brighten to the given one."""
     red, green, blue = (round(0.62 * part) for part in shade)
     return red, green, blue
 
 
 def _about_z(turn: float) -> tuple[float, float, float, float]:
-    """w, x, y, z of a turn about the vertical [rad]."""
+    """Return the quaternion w, x, y, z of a turn about the vertical [rad]."""
     return float(np.cos(turn / 2)), 0.0, 0.0, float(np.sin(turn / 2))
 
 
 def _inline(picture: np.ndarray) -> str:
-    """As HTML: a picture that is never older than the words beside it."""
+    """Return a picture as HTML that is never older than the text next to it."""
     code = b64encode(opencv().imencode(".jpg", picture)[1]).decode()
     return f'<img decoding="sync" alt="" style="display:block;width:100%" src="data:image/jpeg;base64,{code}">'
 
 
 def _first(scene: ArenaScene, most: int) -> ArenaScene:
-    """The first robots of a moment."""
+    """Return a moment reduced to its first `most` robots."""
     return ArenaScene(
         scene.time,
         scene.poses[:most],
@@ -315,7 +315,7 @@ def _first(scene: ArenaScene, most: int) -> ArenaScene:
 
 
 def _words(scene: ArenaScene) -> str:
-    """Time, and of each robot its state, what it feels and why, as HTML."""
+    """Return time, and each robot's state, forces and reason, as HTML."""
     rows = list[str]()
     for robot, (state, why) in enumerate(zip(scene.states, scene.whys, strict=True)):
         felt = scene.touches[robot]
@@ -336,7 +336,7 @@ def _words(scene: ArenaScene) -> str:
 
 
 def _legend(arena: Arena) -> list[str]:
-    """What is drawn of an arena."""
+    """Return the legend's entries for an arena, as HTML."""
     items = [item("arrow", "rgb(213,94,0)", f"push on a robot, and in its ring, up to {LONGEST / ARROW:.1f} N")]
     if arena.movable.any():
         items.append(dot(mixed(STATUS[5], 0.0), "block that can be pushed"))

@@ -1,4 +1,4 @@
-"""A probe on a surface that moves, while it happens: poses in, a picture and two curves out."""
+"""A live page of a probe on a moving surface: a three-dimensional view and two plots."""
 
 from __future__ import annotations
 
@@ -34,15 +34,17 @@ ARM, PROBE, TISSUE, PUSH = (205, 209, 214), (41, 97, 158), (232, 178, 153), (150
 
 @takes_arrays
 class LiveProbe(Served):
-    """A page that is fed, served as `Served` is; drawn about the place of the surface at the first call.
+    """A live page of a probe on a moving phantom, served like `Served`.
+
+    The view is centred on the surface's position at the first call of `show`.
 
     Args:
-        vertices: (v, 3) of the probe [m].
-        faces: (f, 3) of it.
+        vertices: (v, 3) vertices of the probe [m].
+        faces: (f, 3) faces of the probe.
         plate: (3,) length, width and height of the drawn phantom, its surface on top [m].
-        wanted: force that the probe is to be held with [N].
-        host: to listen at.
-        port: the first to try.
+        wanted: target contact force [N].
+        host: address to listen at.
+        port: first port to try.
 
     Raises:
         InputError: viser is not installed, or nothing can listen there.
@@ -97,13 +99,13 @@ class LiveProbe(Served):
         """Draw a moment.
 
         Args:
-            time: [s].
-            probe: T_base_probe.
-            phantom: T_base_surface, z out of it.
-            push: where the force acts and the force, in the base [m], [N].
-            angles: of the probe's axis to the normal, in-plane and out-of-plane [rad].
-            words: what is going on: a state, and after a colon why.
-            arm: the ends of its links in the base, and their radii [m].
+            time: time [s].
+            probe: pose of the probe, T_base_probe.
+            phantom: pose of the surface, T_base_surface, z out of it.
+            push: (2, 3) contact point [m] and force on the probe [N], in the base.
+            angles: angles of the probe's axis to the surface normal, in-plane and out-of-plane [rad].
+            words: the state, and after a colon the reason.
+            arm: (k, 2, 3) ends of the arm's links in the base, and their radii [m].
         """
         force, ends = float(np.linalg.norm(push[1])), SCALE * arm[0]
         if self._middle is None:
@@ -129,7 +131,7 @@ class LiveProbe(Served):
             self._angle.data = (columns[0], columns[3], columns[4], columns[5])
 
     def _link(self, number: int, ends: Float[np.ndarray, "2 3"], radius: float) -> CylinderHandle:
-        """One of the arm; its length stays."""
+        """Draw one link of the arm, whose length stays constant."""
         length = float(np.linalg.norm(ends[1] - ends[0]))
         return self._space.add_cylinder(f"/arm/{number}", SCALE * radius, length, ARM)
 

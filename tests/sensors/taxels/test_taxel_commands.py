@@ -12,8 +12,8 @@ import pytest
 
 from palpate.cli import main
 from palpate.files.logs import join
-from palpate.files.logs.log import MessageBlock
 from palpate.files.mcap.reader import McapFile
+from palpate.files.messages import MessageBlock
 from palpate.files.models import read_model
 from palpate.sensors.taxels.place_formats import read_taxel_places
 from palpate.sensors.taxels.places import TaxelPlaces
@@ -190,7 +190,7 @@ def _jointless(folder: Path) -> str:
 @pytest.mark.parametrize(
     ("made", "said"),
     [
-        (_degrees, "joint 'elbow_pitch' reads 60, more than a turn: is it in degrees?"),
+        (_degrees, "joint 'elbow_pitch' reads up to 60, more than a turn: is it in degrees?"),
         (_jointless, "there is no column 'elbow_roll'"),
     ],
 )

@@ -1,4 +1,4 @@
-"""Files of contacts, written and read block by block, as CSV, Parquet and MCAP."""
+"""Write and read files of contacts, block by block, as CSV, Parquet and MCAP."""
 
 from palpate.files.contacts.writing import (
     ContactsWriter,

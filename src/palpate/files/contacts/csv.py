@@ -1,4 +1,4 @@
-"""contacts.csv: written and read in pieces, to the last bit; one that somebody edited is read with care."""
+"""Write and read contacts.csv in pieces, exact to the last bit; a file that was edited is checked row by row."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ _PIECE = 1 << 23  # bytes of text parsed at a time
 
 
 def header(features: tuple[str, ...]) -> bytes:
-    """The first line of a contacts.csv."""
+    """Return the first line of a contacts.csv, the names of its columns, as bytes."""
     return (",".join((*COLUMNS, *features)) + "\n").encode()
 
 
 def to_csv(contacts: Contacts) -> bytes:
-    """Rows of a contacts.csv, without its header; numbers read back the same to the last bit."""
+    """Return the rows of a contacts.csv as bytes, without the header; numbers read back exactly."""
     text = io.BytesIO()
     table_of(contacts).write_csv(text, include_header=False)
     return text.getvalue()
 
 
 def csv_blocks(path: Path, *, torn: bool = False) -> Iterator[Contacts]:
-    """The rows of a contacts.csv in pieces, at least one; where it is not as it was written, all at once by `read_csv`.
+    """Yield the rows of a contacts.csv in pieces, at least one; a file that was edited is read at once by `read_csv`.
 
     Args:
         path: of the file.
-        torn: the last line may be cut; it is left out, and noted.
+        torn: the last line may be cut; it is then omitted, with a note.
     """
     done = 0
     try:
@@ -56,11 +56,11 @@ def csv_blocks(path: Path, *, torn: bool = False) -> Iterator[Contacts]:
 
 
 def read_csv(path: Path) -> Contacts:
-    """Read a contacts.csv that somebody may have edited, and say what is wrong with it.
+    """Read a contacts.csv that may have been edited by hand, and check every row.
 
     Raises:
-        InputError: not a contacts.csv, a status that there is none of, a field that is no number, or an answered row
-            without a point.
+        InputError: the file is not a contacts.csv, has an unknown status or a field that is not a number, or an
+            answered row has no point.
     """
     table = read_table(path)
     require_columns(path, table.names)
@@ -80,7 +80,7 @@ def read_csv(path: Path) -> Contacts:
 
 
 def require_columns(path: Path, names: list[str] | tuple[str, ...]) -> None:
-    """Raise an InputError if a column is missing."""
+    """Raise an InputError if a column of a contacts.csv is missing from `names`."""
     if missing := [name for name in COLUMNS if name not in names]:
         raise InputError(
             f"is not a contacts.csv: there is no column {missing[0]!r}.",
@@ -90,12 +90,12 @@ def require_columns(path: Path, names: list[str] | tuple[str, ...]) -> None:
 
 
 def noted(contacts: Contacts, note: str) -> Contacts:
-    """The same rows, with a note if there is something to say."""
+    """Return the same rows with the note in place of their notes, unless it is ""."""
     return replace(contacts, notes=(note,)) if note else contacts
 
 
 def _types(line: bytes) -> dict[str, Any] | None:
-    """Of the columns that a header of ours names; None where somebody else wrote it."""
+    """Return the polars types of the columns that our header names; None if the header is a different one."""
     names = line.decode("utf-8", "replace").rstrip("\n").split(",")
     features = tuple(names[len(COLUMNS) :])
     ours = tuple(names[: len(COLUMNS)]) == COLUMNS and len(set(names)) == len(names)
@@ -103,7 +103,7 @@ def _types(line: bytes) -> dict[str, Any] | None:
 
 
 def _pieces(file: BinaryIO, torn: bool, types: dict[str, Any]) -> Iterator[Contacts]:
-    """At least one."""
+    """Yield the rows in pieces of about 8 MB, at least one piece."""
     while True:
         text = file.read(_PIECE) + file.readline()
         whole, end, rest = text.rpartition(b"\n") if torn else (text, b"", b"")
@@ -113,7 +113,7 @@ def _pieces(file: BinaryIO, torn: bool, types: dict[str, Any]) -> Iterator[Conta
 
 
 def _parsed(text: bytes, types: dict[str, Any]) -> pl.DataFrame:
-    """Lines of text whose columns are those of a header of ours, strictly."""
+    """Parse lines of text strictly, with the columns of our header."""
     return pl.read_csv(text, has_header=False, schema=types, quote_char=None) if text else pl.DataFrame(schema=types)
 
 

@@ -1,4 +1,4 @@
-"""touches.csv: the touches that were found, in the form in which known touches are read."""
+"""Write touches.csv, the touches that were found, in the form that known touches have."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["write_events"]
 
 
 def write_events(path: Path, events: Events) -> None:
-    """Write start,end,px,py,pz,label and what else is known of each touch, SI; labels are numbers from 1."""
+    """Write touches as CSV, in SI: start,end,px,py,pz,label, then the other columns; labels count from 1."""
     require_polars_threads()
     columns = {
         "start": events.start,

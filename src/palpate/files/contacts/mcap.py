@@ -1,4 +1,4 @@
-"""Contacts as MCAP: what Foxglove, rerun and ROS 2 draw, and beside it a message with everything."""
+"""Convert contacts to and from MCAP messages: some that Foxglove, rerun and ROS 2 draw, and one with all numbers."""
 
 from __future__ import annotations
 
@@ -88,11 +88,11 @@ POSE_FIELDS: Fields = (("position", "<f8", (3,)), ("orientation", "<f8", (4,)))
 WRENCH_FIELDS: Fields = (("force", "<f8", (3,)), ("torque", "<f8", (3,)))
 _NAMED = 16  # bytes before the name of the frame
 _UPPER = np.triu_indices(3)
-LATEST = 2**31 * 10**9 - 1  # ns that an int32 of seconds can say
+LATEST = 2**31 * 10**9 - 1  # ns: the largest stamp whose seconds fit an int32
 
 
 def topics(features: tuple[str, ...] = ()) -> tuple[WrittenTopic, ...]:
-    """What a file of contacts declares: every row with all its numbers, and what viewers draw."""
+    """Return the topics that a file of contacts declares: one with all numbers of each row, and two for viewers."""
     added = "".join(f"float64 {name} # of the sensor, SI\n" for name in features)
     return (
         WrittenTopic("/palpate/contact/estimate", KIND, f"{_CONTACT}{added}{_STATUS}{STAMPED}{_POINT}{VECTOR}"),
@@ -102,7 +102,7 @@ def topics(features: tuple[str, ...] = ()) -> tuple[WrittenTopic, ...]:
 
 
 def named_features(definition: str) -> tuple[str, ...]:
-    """The features in a definition of `KIND`: its numbers between covariance and status."""
+    """Return the names of the features in a definition of `KIND`: its numbers between covariance and status."""
     own = definition.split(_RULE, 1)[0].partition("covariance")[2]
     return tuple(re.findall(r"^float64 (\w+)", own, re.MULTILINE))
 
@@ -113,11 +113,11 @@ def _contact_fields(features: tuple[str, ...]) -> Fields:
 
 @takes_arrays
 class ContactMessages:
-    """Makes the messages of samples; one frame's name makes all messages of a topic equally long.
+    """Converter of contacts to messages; all messages of a topic are equally long, since the frame's name is fixed.
 
     Args:
         frame_id: name of the frame of the contacts, for viewers.
-        features: that every row has.
+        features: names of the features of every row.
     """
 
     def __init__(self, frame_id: str, features: tuple[str, ...] = ()) -> None:
@@ -129,11 +129,11 @@ class ContactMessages:
     def of(
         self, contacts: Contacts, stamps: Int[np.ndarray, " n"] | None = None
     ) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Messages of the three `topics`: their bytes, and a view of them as one structured array a topic.
+        """Return messages of the three `topics`: their bytes, and a view of these as a structured array for each topic.
 
         Args:
             contacts: n rows; those with a point and a normal are in the second and third topic too.
-            stamps: [ns] of the rows, where they are known better than the times say.
+            stamps: [ns] of the rows, where they are known more exactly than by the times.
         """
         stamps = self._stamps(contacts.time) if stamps is None else stamps
         estimate = contacts.estimate
@@ -156,7 +156,7 @@ class ContactMessages:
         return raw, messages
 
     def _stamps(self, time: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-        """(n,) [ns] from 0 to what ROS can say; a time that is missing takes the one before."""
+        """Return stamps (n,) [ns], clipped to ROS's range; a missing time is replaced by the one before."""
         known = np.flatnonzero(np.isfinite(time))
         seconds = time[known].clip(0, LATEST / 1e9)
         whole = np.floor(seconds).clip(max=LATEST // 10**9)
@@ -168,14 +168,14 @@ class ContactMessages:
 
 
 def from_messages(payloads: np.ndarray, features: tuple[str, ...] = ()) -> Contacts:
-    """Contacts of messages of `KIND`, of one frame's name.
+    """Return the contacts in messages of `KIND` whose frame has one name.
 
     Args:
         payloads: (n, length) bytes.
-        features: that their definition names.
+        features: names of the features in their definition.
 
     Raises:
-        ValueError: they are not of that type, or a row is not one of contacts.
+        ValueError: a message is not of this type, has an unknown status, or is an answered row without a point.
     """
     length = payloads.shape[1]
     name = int(payloads[0, 12:16].view("<u4")[0]) if length > _NAMED else 0
@@ -197,7 +197,7 @@ def from_messages(payloads: np.ndarray, features: tuple[str, ...] = ()) -> Conta
 
 
 def _z_to(normal: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 4"]:
-    """(n, 4) x, y, z, w: the shortest rotation that turns z into `normal`; half a turn about x where that is -z."""
+    """Return the shortest rotations (n, 4), x, y, z, w, that turn z into `normal`; for -z, half a turn about x."""
     x, y, z = normal[:, 0], normal[:, 1], normal[:, 2]
     above: Float[np.ndarray, " n"] = np.where(
         z > 0, 1 + z, (x * x + y * y) / (1 - z.clip(max=0))

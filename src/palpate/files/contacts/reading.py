@@ -1,4 +1,4 @@
-"""Files of contacts, finished or not, in blocks, whatever their format is."""
+"""Read files of contacts in blocks, finished or not, in any of their formats."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from palpate.errors import InputError
 from palpate.files.atomic import PART
 from palpate.files.contacts.csv import csv_blocks, noted, require_columns
 from palpate.files.contacts.mcap import KIND, from_messages, named_features
-from palpate.files.logs.log import MessageBlock
 from palpate.files.mcap.reader import MAGIC, McapFile
+from palpate.files.messages import MessageBlock
 from palpate.files.tables.lines import open_input, read_some
 from palpate.forks import require_polars_threads
 
@@ -27,12 +27,12 @@ _KIND = KIND.replace("/msg/", "/")
 
 
 def contact_blocks(path: Path) -> Iterator[Contacts]:
-    """The rows of a file of contacts in order, in pieces, at least one; what is said in reading is in their notes.
+    """Yield the rows of a file of contacts in order, in pieces, at least one; remarks on the file are in their notes.
 
-    Of OUTPUT.part it gives every whole block, and notes what is torn.
+    From OUTPUT.part every complete block is read, and damage is noted.
 
     Raises:
-        InputError: it is none, or a row is not one of contacts.
+        InputError: the file holds no contacts, or a row in it is invalid.
     """
     require_polars_threads()
     if path.is_dir():
@@ -53,7 +53,7 @@ def _start(path: Path) -> bytes:
 
 
 def _folder(path: Path) -> Iterator[Contacts]:
-    """OUTPUT.part of a Parquet file."""
+    """Read OUTPUT.part of a Parquet file, a folder."""
     files = sorted(path.glob("*.parquet"))
     if not files:
         raise InputError("is a folder, with no rows of contacts in it.", where=str(path))
@@ -62,10 +62,10 @@ def _folder(path: Path) -> Iterator[Contacts]:
 
 
 def _parquet(path: Path) -> Iterator[Contacts]:
-    """The rows of a Parquet file of contacts, in pieces.
+    """Yield the rows of a Parquet file of contacts, in pieces.
 
     Raises:
-        InputError: it is none, or a row is not one of contacts.
+        InputError: the file holds no contacts, or a row in it is invalid.
     """
     try:
         rows = pl.scan_parquet(path, glob=False)
@@ -81,7 +81,7 @@ def _parquet(path: Path) -> Iterator[Contacts]:
 
 
 def _mcap(path: Path) -> Iterator[Contacts]:
-    """What is torn is noted after the last."""
+    """Yield the rows of an MCAP file of contacts; a last piece without rows has the note on damage."""
     file, rows = McapFile(path), 0
     try:
         for messages in file.messages():
@@ -98,7 +98,7 @@ def _mcap(path: Path) -> Iterator[Contacts]:
 
 
 def _ours(messages: MessageBlock) -> Iterator[np.ndarray]:
-    """(n, length) bytes of messages that hold contacts, in order, those of one length together."""
+    """Yield the messages that hold contacts, (n, length) bytes, in order; each array has messages of one length."""
     keys = [key for key, topic in messages.topics.items() if topic.kind == _KIND and topic.encoding == "cdr"]
     ours = np.isin(messages.topic, keys)
     start, length = messages.start[ours], messages.length[ours]

@@ -1,6 +1,6 @@
-"""Files of contacts: what was estimated, at least one row for every sample of the log, as CSV, Parquet or MCAP.
+"""Write files of contacts, with at least one row for every sample of the log, as CSV, Parquet or MCAP.
 
-While it is written, OUTPUT is OUTPUT.part, which can be read up to its last block at any moment.
+While it is being written, OUTPUT is OUTPUT.part, which can be read up to its last block at any moment.
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ _CHUNK = 2048  # samples of a chunk of MCAP
 
 
 class _Appended:
-    """Bytes appended all or not at all, as far as a reader of the finished file can see."""
+    """A file to which bytes are appended; a write that was interrupted is cut off when the file is finished."""
 
     def __init__(self, path: Path, head: bytes) -> None:
         self._path = path
-        self._file = path.open("wb", buffering=0)  # the system has each block, though the process be killed
+        self._file = path.open("wb", buffering=0)  # unbuffered: a block survives if the process is killed
         self.size = 0
         self.write(head)
 
@@ -55,7 +55,7 @@ class _Appended:
         self.size += len(raw)
 
     def end(self, tail: bytes, size: int) -> None:
-        """Cut what lies beyond `size`, which an interrupt left torn, and end the file."""
+        """Cut what lies beyond `size`, the remains of an interrupted write, append `tail` and close the file."""
         self._file.seek(size)
         self._file.truncate()
         self.write(tail)
@@ -95,7 +95,7 @@ class _Mcap(_Appended):
 
 
 class _Parquet:
-    """A folder of small files, each of them whole, joined at the end: a Parquet file has its index where it ends."""
+    """A folder of small, complete files, joined at the end: a Parquet file has its index at its end."""
 
     def __init__(self, path: Path, _: str, features: tuple[str, ...]) -> None:
         self._folder = path
@@ -115,7 +115,7 @@ class _Parquet:
 
     def finish(self) -> None:
         if files := sorted(self._folder.glob("*.parquet")):
-            beside = self._folder / f"joined{PART}"  # only what nothing interrupted is called `WHOLE`
+            beside = self._folder / f"joined{PART}"  # renamed to `WHOLE` only once it is complete
             with _of_the_system():
                 pl.scan_parquet(files, glob=False).sink_parquet(
                     beside, compression="zstd", compression_level=1, row_group_size=_GROUP
@@ -131,7 +131,7 @@ class _Parquet:
 
 @contextmanager
 def _of_the_system() -> Generator[None]:
-    """Raise the system's error, such as that of a full disk, which polars has in a sentence of its own."""
+    """Raise the operating system's error, such as that of a full disk, which polars wraps in a sentence."""
     try:
         yield
     except pl.exceptions.ComputeError as problem:
@@ -140,19 +140,19 @@ def _of_the_system() -> Generator[None]:
 
 
 _Sink = _Csv | _Parquet | _Mcap
-"""What contacts are appended to, in the making: `finish` makes it a whole file, `abandon` leaves or removes it."""
+"""An unfinished file to which contacts are appended: `finish` completes it, `abandon` keeps or removes it."""
 _SINKS: dict[str, type[_Sink]] = {".csv": _Csv, ".parquet": _Parquet, ".mcap": _Mcap}
 
 
 class ContactsWriter:
-    """Takes contacts block by block; each is in the file when `write` returns."""
+    """A writer of contacts, block by block; each block is in the file when `write` returns."""
 
     def __init__(self, path: Path, sink: _Sink, features: tuple[str, ...]) -> None:
         self._path, self._sink, self._features = path, sink, features
         self.rows = 0
 
     def write(self, contacts: Contacts) -> None:
-        """Append a block, in the frame of the file, with the features that it was opened for."""
+        """Append a block in the frame of the file; raise a ValueError if its features are not those of the file."""
         if tuple(contacts.features) != self._features:
             raise ValueError(f"contacts have features {tuple(contacts.features)}, the file {self._features}")
         if len(contacts):
@@ -162,10 +162,10 @@ class ContactsWriter:
 
 
 def require_format(path: Path) -> None:
-    """Refuse a suffix that says no format, before any work is done.
+    """Refuse an output whose suffix is that of no format, before any work is done.
 
     Raises:
-        InputError: the suffixes that there are.
+        InputError: the suffix is unknown; the hint lists the known ones.
     """
     if path.suffix.lower() not in _SINKS:
         raise InputError(
@@ -177,7 +177,7 @@ def require_format(path: Path) -> None:
 def open_contacts(
     path: str | Path, *, frame_id: str = "surface", features: tuple[str, ...] = ()
 ) -> Generator[ContactsWriter]:
-    """A file of contacts to write block by block, in memory that does not grow; the suffix says the format.
+    """Yield a writer of contacts, block by block, whose memory does not grow; the suffix gives the format.
 
     OUTPUT.part takes the name of OUTPUT when the block ends well, or by Ctrl-C once there is a row. After any other
     error, or a kill, it stays, with every block that was written; without a row it is removed. OUTPUT itself is not
@@ -185,11 +185,11 @@ def open_contacts(
 
     Args:
         path: OUTPUT, ending in .csv, .parquet or .mcap.
-        frame_id: name of the contacts' frame, for viewers; only MCAP holds it.
-        features: names of the columns that the sensor adds, behind the others.
+        frame_id: name of the contacts' frame, for viewers; only MCAP stores it.
+        features: names of the columns that the sensor adds, after the others.
 
     Raises:
-        InputError: another suffix, or it cannot be written.
+        InputError: the suffix is unknown, or the file cannot be written.
     """
     path = Path(path)
     require_format(path)
@@ -211,22 +211,22 @@ def open_contacts(
 
 
 def write_contacts(path: str | Path, contacts: Contacts, *, frame_id: str = "surface") -> None:
-    """Write contacts in one go; see `open_contacts`."""
+    """Write all contacts to a file at once; the suffix gives the format, see `open_contacts`."""
     with open_contacts(path, frame_id=frame_id, features=tuple(contacts.features)) as writer:
         writer.write(contacts)
 
 
 def read_contacts(path: str | Path) -> Contacts:
-    """All rows of a file of contacts, finished or not; numbers are those that were written, to the last bit.
+    """Read all rows of a file of contacts, finished or not; numbers equal those written, to the last bit.
 
     Raises:
-        InputError: it is none, or a row is not one of contacts.
+        InputError: the file holds no contacts, or a row in it is invalid.
     """
     return Contacts.joined(list(contact_blocks(Path(path))))
 
 
 def unfinished(path: Path) -> Path | None:
-    """OUTPUT.part where there is no OUTPUT, or what was named is such a file itself: writing it was cut short."""
+    """Return OUTPUT.part if writing it was cut short: OUTPUT does not exist, or `path` names OUTPUT.part; else None."""
     if path.suffix == PART:
         return path if path.exists() else None
     try:

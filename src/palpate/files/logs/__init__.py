@@ -1,4 +1,4 @@
-"""Logs: from what a file is to recordings in SI, block by block. `open_log` opens any of them."""
+"""Read logs of any format as recordings in SI, block by block; `open_log` opens any of them."""
 
 from palpate.files.logs.layout import ArrayChannel, ImageChannel, LogLayout
 from palpate.files.logs.log import Images, Log, LogContents, Stored

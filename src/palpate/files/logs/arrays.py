@@ -1,6 +1,6 @@
-"""A log of arrays with a row a sample: an .npz, the one array of an .npy, or those that a program holds.
+"""Read a log of arrays with one row per sample: an .npz, the one array of an .npy, or arrays in memory.
 
-No pickle is opened.
+Pickled objects are never loaded.
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ _DAMAGED = (
 
 
 class ArrayLog(ColumnLog):
-    """As many samples as the arrays have rows; such a file is whole or none."""
+    """A log in a NumPy file, with as many samples as the arrays have rows; a damaged file cannot be read at all."""
 
     def contents(self) -> LogContents:
-        """See `palpate.files.logs.log.Log`."""
+        """Return the names and sample shapes of the arrays, from their headers."""
         with self._reading(), open_input(self.path) as file:
             if file.read(len(_MAGIC)) == _MAGIC:
                 file.seek(0)
@@ -55,7 +55,7 @@ class ArrayLog(ColumnLog):
         return LogContents(self.path, {name: _sample(shape) for name, shape in heads.items() if shape})
 
     def blocks(self) -> Iterator[Recording]:
-        """See `palpate.files.logs.log.Log`."""
+        """Yield the rows as recordings in SI; raise an InputError if the layout does not fit the arrays."""
         shapes = self.contents().names
         if self._layout.rate is None and self._layout.time not in shapes:
             raise InputError(
@@ -74,7 +74,7 @@ class ArrayLog(ColumnLog):
             return {SINGLE: loaded} if alone else {name: loaded[name] for name in names}
 
     def _arrays(self, names: Sequence[str]) -> dict[str, np.ndarray]:
-        """Those that are read, (n, k) each, row for row."""
+        """Return the arrays to be read, each as (n, k) and with the same number of rows."""
         arrays, first = self._loaded(names), names[0]
         for name, values in arrays.items():
             if not (np.issubdtype(values.dtype, np.integer) or np.issubdtype(values.dtype, np.floating)):
@@ -97,20 +97,20 @@ class ArrayLog(ColumnLog):
 
 @runtime_checkable
 class DataFrame(Protocol):
-    """A table of polars or pandas: names of columns, and a column by its name."""
+    """A table of polars or pandas: `columns` are the names, and indexing by a name gives a column."""
 
     @property
     def columns(self) -> Any:
-        """The names."""
+        """Names of the columns."""
         ...
 
     def __getitem__(self, name: Any, /) -> Any:
-        """A column."""
+        """Return the column of this name."""
         ...
 
 
 def arrays_of(log: DataFrame | Mapping[str, Any] | np.ndarray) -> dict[str, np.ndarray]:
-    """Return the columns or arrays that a program holds, as an .npz would; dates become seconds since 1970."""
+    """Return the columns of a table, or given arrays, by name, as in an .npz; dates become seconds since 1970."""
     if isinstance(log, np.ndarray):
         return {SINGLE: log}
     names = log if isinstance(log, Mapping) else log.columns
@@ -122,14 +122,14 @@ def _seconds(values: np.ndarray) -> np.ndarray:
 
 
 class HeldLog(ArrayLog):
-    """Of arrays in memory, by their names."""
+    """A log of arrays in memory, given by name."""
 
     def __init__(self, arrays: Mapping[str, np.ndarray], layout: LogLayout) -> None:
         super().__init__(Path("the log"), layout)
         self._held = arrays
 
     def contents(self) -> LogContents:
-        """See `palpate.files.logs.log.Log`."""
+        """Return names and sample shapes of the arrays; raise an InputError if one is a single number."""
         single = [name for name, values in self._held.items() if not values.ndim]
         if single or not self._held:
             what = f"{single[0]!r} is a single number" if single else "there is no column"
@@ -146,7 +146,7 @@ def _opened_head(archive: ZipFile, name: str) -> tuple[int, ...]:
 
 
 def _head(file: Any) -> tuple[int, ...]:
-    """The shape of an array in a file."""
+    """Return the shape of an array from its header in a file; raise a ValueError if it holds Python objects."""
     version = np.lib.format.read_magic(file)
     read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     shape, _, kind = read(file)
@@ -156,5 +156,5 @@ def _head(file: Any) -> tuple[int, ...]:
 
 
 def _sample(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Of one row, () for one number."""
+    """Return the shape of one row, () if that is one number."""
     return shape[1:] if prod(shape[1:]) != 1 else ()

@@ -1,4 +1,4 @@
-"""The messages of a ROS 1 bag or a ROS 2 bag, through rosbags; a folder of MCAP files without it."""
+"""Read the messages of a ROS 1 or ROS 2 bag through rosbags, and of a folder of MCAP files without it."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from palpate.errors import InputError, not_loaded
-from palpate.files.logs.log import MessageBlock, MessageFile, Topic, merged
 from palpate.files.mcap.reader import McapFile
+from palpate.files.messages import MessageBlock, MessageFile, Topic, merged
 from palpate.files.tables.lines import open_input
 
 __all__ = ["BagFile", "natural", "open_folder"]
@@ -21,10 +21,10 @@ _MOST, _BYTES = 1 << 13, 1 << 22  # messages and bytes of a batch
 
 
 def open_folder(path: Path) -> MessageFile:
-    """A ROS 2 bag: with MCAP files in it even if it is without metadata, as a recorder that was stopped leaves it.
+    """Open a ROS 2 bag; one of MCAP files needs no metadata.yaml, which a recorder that was killed does not write.
 
     Raises:
-        InputError: there is no bag in the folder.
+        InputError: the folder holds no bag, or MCAP files of several recordings.
     """
     try:
         files = [file for file in path.iterdir() if file.is_file()]
@@ -42,12 +42,12 @@ def open_folder(path: Path) -> MessageFile:
 
 
 def natural(path: Path) -> tuple[str | int, ...]:
-    """bag_2 comes before bag_10."""
+    """Return a sort key of a file's name by which bag_2 comes before bag_10."""
     return tuple(int(part) if part.isdigit() else part for part in re.split(r"(\d+)", path.name))
 
 
 class _Parts(MessageFile):
-    """Files of one recording, one after the other."""
+    """The MCAP files of one recording, read one after the other."""
 
     def __init__(self, path: Path, parts: list[McapFile]) -> None:
         super().__init__(path, sum(part.size for part in parts))
@@ -76,20 +76,20 @@ class _Parts(MessageFile):
 
 
 class BagFile(MessageFile):
-    """A .bag file, a .db3 file or a folder of these; rosbags reads one that is whole, or none."""
+    """A .bag file, a .db3 file or a folder of these; rosbags can read only an undamaged one."""
 
     def __init__(self, path: Path) -> None:
         files = [path] if path.is_file() else [file for file in path.iterdir() if file.is_file()]
         super().__init__(path, sum(file.stat().st_size for file in files))
 
     def topics(self) -> list[Topic]:
-        """By what the bag says of itself."""
+        """Return the topics that the bag lists, with their message counts; raise an InputError if it cannot be read."""
         with self._opened() as bag:
             self.duration = bag.duration / 1e9
             return _topics(bag)
 
     def messages(self, names: Collection[str] = ()) -> Generator[MessageBlock]:
-        """Those of some topics, or all."""
+        """Yield the messages of the topics in `names`, or of all, in batches; raise an InputError if damaged."""
         self.position = 0
         with self._opened() as bag:
             topics = {key: topic for key, topic in enumerate(_topics(bag)) if not names or topic.name in names}
@@ -112,7 +112,7 @@ class BagFile(MessageFile):
 
     @contextmanager
     def _opened(self) -> Generator[Any]:
-        """Rosbags' reader; whatever it meets in a damaged bag becomes a sentence."""
+        """Yield rosbags' reader of the bag; any error that it meets in a damaged bag becomes an InputError."""
         if self.path.is_file():
             open_input(self.path).close()
         try:

@@ -1,4 +1,4 @@
-"""A log of columns, whatever its format, in blocks: which columns are what, and how well they could be read."""
+"""Read a log of columns in blocks, in any format: assign columns to channels, and count what cannot be read."""
 
 from __future__ import annotations
 
@@ -53,19 +53,19 @@ _OTHER_NAMES = {CELLS: "frames"}  # of arrays
 
 
 class Columns:
-    """Makes the blocks of a log out of its columns.
+    """Builder of the recordings of a log from its columns.
 
     Args:
-        layout: which columns are read.
+        layout: names of the columns to read, and their units.
         path: of the log.
-        shapes: name -> () of a column, or the shape of one sample of an array, whose columns `flattened` names.
-        stated: units, as the log states them.
+        shapes: name -> () of a column, or the shape of one sample of an array, whose columns are named by `flattened`.
+        stated: units that the log states.
 
     Raises:
-        InputError: the layout cannot be meant, a column that it names is not there, or the log states other units.
+        InputError: the layout is invalid, a column that it names is missing, or the log states other units.
 
     Attributes:
-        places: column -> its array, and where in it.
+        places: column -> its array, and its index in a sample of this.
     """
 
     def __init__(self, layout: LogLayout, path: Path, shapes: Shapes, stated: Stated | None = None) -> None:
@@ -81,11 +81,11 @@ class Columns:
 
     @property
     def names(self) -> list[str]:
-        """Every column that is read."""
+        """Names of all columns that are read."""
         return list(dict.fromkeys(chain.from_iterable(self._groups.values())))
 
     def block(self, read: Read) -> Recording:
-        """The next samples; `read` gives columns as numbers."""
+        """Return the next samples as a recording in SI; `read` returns the numbers of given columns, (n, k)."""
         values = {group: read(columns, self._fields[group]) for group, columns in self._groups.items()}
         if _TIME in values:  # 235 / 1e3 is 0.235, 235 * 1e-3 is not
             time = values.pop(_TIME)[:, 0] / self._per_second
@@ -96,12 +96,12 @@ class Columns:
         return self._samples.block(time, values)
 
     def finish(self) -> None:
-        """Raise an InputError if a column held no number from the first block to the last."""
+        """Raise an InputError if a column contained no number from the first block to the last."""
         for fields in self._fields.values():
             fields.require_numbers(self._path)
 
     def notes(self) -> tuple[str, ...]:
-        """What a reader should know of the blocks so far."""
+        """Return notes on the blocks so far, one sentence each: unreadable fields, odd times, an assumed rate."""
         said = tuple(note for fields in self._fields.values() for note in fields.notes()) + self._samples.notes()
         if _TIME not in self._groups:
             return (f"samples have no times: {self._layout.rate:g} Hz is taken", *said)
@@ -109,7 +109,7 @@ class Columns:
 
 
 class ColumnLog(Log):
-    """A file of columns: as many samples as it has rows, in their order; what cannot be read is NaN and noted."""
+    """A log of columns: one sample per row, in their order; what cannot be read is NaN and noted."""
 
     def __init__(self, path: Path, layout: LogLayout) -> None:
         super().__init__(path, path.stat().st_size if path.exists() else 0)
@@ -117,11 +117,11 @@ class ColumnLog(Log):
         self._columns: Columns | None = None
 
     def notes(self) -> tuple[str, ...]:
-        """See `palpate.files.logs.log.Log`."""
+        """Return the notes on the columns read so far, one sentence each."""
         return () if self._columns is None else tuple(dict.fromkeys(self._columns.notes()))
 
     def _cut(self, columns: Columns, arrays: Mapping[str, np.ndarray], before: int, total: int) -> Iterator[Recording]:
-        """The rows of some arrays, (n, k) each, in blocks; so many stand before them in the file, of so many in all."""
+        """Yield the rows of arrays, (n, k) each, in blocks; `before` rows of `total` precede them in the file."""
         count, block = len(next(iter(arrays.values()))), rows_at_once(BLOCK, len(columns.names))
         for start in range(0, count, block):  # what follows needs far more memory than what is read
             self.position = self.size * (before + min(start + block, count)) // total
@@ -130,7 +130,7 @@ class ColumnLog(Log):
 
 
 class _Rows:
-    """Some rows of arrays, in which `places` says where the columns are."""
+    """Rows of some arrays; `places` gives the array and index of each column."""
 
     def __init__(self, arrays: Mapping[str, np.ndarray], places: Mapping[str, tuple[str, int]], before: int) -> None:
         self._arrays, self._places, self._before = arrays, places, before
@@ -146,15 +146,15 @@ class _Rows:
 
 
 def plan(layout: LogLayout, shapes: Shapes, path: Path) -> dict[str, Sequence[str]]:
-    """The columns of the time, of `WRENCH` and of each channel.
+    """Return the columns of the time, of `WRENCH` and of each channel.
 
     Args:
-        layout: what is read.
-        shapes: of the columns and arrays that there are.
+        layout: channels to read.
+        shapes: name -> sample shape of the columns and arrays that the log has.
         path: of the log.
 
     Raises:
-        InputError: something is not there, or not of the size that is wanted.
+        InputError: a column is missing, an array has the wrong size, or images are requested.
     """
     if layout.images is not None:
         raise InputError("holds no images.", where=str(path), hint=_IMAGES)
@@ -183,7 +183,7 @@ def plan(layout: LogLayout, shapes: Shapes, path: Path) -> dict[str, Sequence[st
 
 
 def flattened(shapes: Shapes) -> dict[str, tuple[str, int]]:
-    """Columns in their order -> the array and the place in its sample: an array is the columns `force[0]`, ..."""
+    """Return column -> its array and its index in a sample: the columns of an array are named `force[0]`, ..."""
     found: dict[str, tuple[str, int]] = {}
     for name, shape in shapes.items():
         found |= {column: (name, k) for k, column in enumerate(_columns(name, shape))}
@@ -191,7 +191,7 @@ def flattened(shapes: Shapes) -> dict[str, tuple[str, int]]:
 
 
 def _per_second(layout: LogLayout) -> float:
-    """How much of the time's unit makes a second."""
+    """Return the number of the time's units in a second."""
     if layout.time_unit == SAMPLES:
         return layout.rate or 1.0
     return float(round(1 / to_si(layout.time_unit, TIME_UNITS, where="time_unit")))
@@ -202,7 +202,7 @@ def _columns(name: str, shape: tuple[int, ...]) -> tuple[str, ...]:
 
 
 def _by_arrays(layout: LogLayout, shapes: Shapes, path: Path) -> LogLayout:
-    """With arrays in place of columns that are not there, where a file holds arrays that are called as channels are."""
+    """Return the layout with arrays in place of missing columns, if the log has arrays with names of channels."""
     arrays = {name: shape for name, shape in shapes.items() if shape}
     if not arrays:
         return layout
@@ -221,7 +221,7 @@ def _by_arrays(layout: LogLayout, shapes: Shapes, path: Path) -> LogLayout:
 
 
 def _found(array: ArrayChannel, shapes: Shapes, made: Mapping[str, tuple[str, ...]], path: Path) -> ArrayChannel:
-    """With the columns of the array that is called as the channel."""
+    """Return the channel with the columns of the array of its name; raise an InputError if missing or misshapen."""
     if array.columns is not None and set(array.columns) <= shapes.keys():
         return array
     name = next((name for name in (array.name, _OTHER_NAMES.get(array.name), SINGLE) if name in made), None)
@@ -252,7 +252,7 @@ def _mend(array: ArrayChannel) -> str:
 
 
 def _require_known(wanted: Sequence[str], names: Mapping[str, object], path: Path) -> None:
-    """One sentence for all missing columns, not one error after the other."""
+    """Raise one InputError that names all missing columns, not one error after the other."""
     missing = [name for name in wanted if name not in names]
     if missing:
         raise InputError(

@@ -1,4 +1,4 @@
-"""A CSV log, read in pieces of some megabytes."""
+"""Read a CSV log in pieces of a few megabytes."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ HEAD = 1 << 16  # bytes, in which the header is looked for
 
 
 class CsvLog(ColumnLog):
-    """Delimited text, as `palpate.files.tables.dialect` finds it written."""
+    """A log in delimited text, whose dialect `palpate.files.tables.dialect` determines."""
 
     def __init__(self, path: Path, layout: LogLayout) -> None:
         super().__init__(path, layout)
         self._rows = RowCount()
 
     def contents(self) -> LogContents:
-        """See `palpate.files.logs.log.Log`."""
+        """Return the names, units and dialect of the table, from its header."""
         with open_input(self.path) as file:
             dialect = next(tables(file, self.path, HEAD)).dialect
         names, stated = dict.fromkeys(dialect.names, ()), Stated.of_dialect(dialect)
         return LogContents(self.path, names, stated=stated, written=dialect.described())
 
     def blocks(self) -> Iterator[Recording]:
-        """See `palpate.files.logs.log.Log`."""
+        """Yield the rows as recordings in SI; raise an InputError if the layout does not fit."""
         self._rows, self._columns, self.torn = RowCount(), None, ""
         with open_input(self.path, pipe=True) as file:
             for table in tables(file, self.path, PIECE):
@@ -57,5 +57,5 @@ class CsvLog(ColumnLog):
             self._columns.finish()
 
     def notes(self) -> tuple[str, ...]:
-        """See `palpate.files.logs.log.Log`."""
+        """Return notes on the rows so far, one sentence each."""
         return tuple(dict.fromkeys((*self._rows.notes(), *super().notes())))

@@ -1,4 +1,4 @@
-"""Reading on through the bytes of many messages of ROS at once."""
+"""Parse many ROS messages at once, byte by byte."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from copy import copy
 import numpy as np
 from jaxtyping import Bool, Int
 
-from palpate.files.logs.log import MessageBlock
+from palpate.files.messages import MessageBlock
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["taken"]
@@ -17,14 +17,15 @@ _MOST_DIMENSIONS = 16
 
 @takes_arrays
 class Cursor:
-    """Reads on through many messages at once, each at its own place.
+    """A parser of many messages at once, with a read position in each.
 
-    In CDR (ROS 2) four bytes come first, of which the second says the order of bytes, and numbers stand at multiples of
-    their size behind them; in ROS 1 nothing is aligned, and the header begins with a number of its own.
+    In CDR (ROS 2) the second of the first four bytes states the byte order, and numbers are aligned to their size from
+    the fifth on; in ROS 1 nothing is aligned, and a header begins with an additional number.
 
     Attributes:
-        at: (n,) byte at which each message is read next.
-        sound: (n,) false from where a message is cut, or is not what it should be; what is read of it means nothing.
+        data: bytes that contain the messages.
+        at: (n,) index of the byte at which each message is read next.
+        sound: (n,) False once a message is found to be cut or malformed; numbers read from it have no meaning.
     """
 
     def __init__(self, messages: MessageBlock, encoding: str) -> None:
@@ -39,7 +40,7 @@ class Cursor:
             self._origin = self.at.copy()
 
     def numbers(self, code: str, count: int, before: int | np.ndarray = 0, after: int = 0) -> np.ndarray:
-        """(n, count) numbers of one type, passing over some `before` and `after` them."""
+        """Read (n, count) numbers of type `code`; skip `before` of them first and `after` of them last."""
         size = int(code[1])
         self._align(size)
         start = self.at + size * before
@@ -52,27 +53,27 @@ class Cursor:
         return values
 
     def number(self) -> Int[np.ndarray, " n"]:
-        """A whole number of four bytes."""
+        """Read a four-byte unsigned integer from each message, (n,)."""
         return self.numbers("u4", 1)[:, 0].astype(np.int64)
 
     def length(self) -> Int[np.ndarray, " n"]:
-        """Of what stands behind it in bytes; a message that is shorter is not sound."""
+        """Read the number (n,) of bytes that follow; a message with fewer is marked as not sound, and has 0."""
         found = self.number()
         self.sound &= found <= self._end - self.at
         return np.where(self.sound, found, 0)
 
     def text(self) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-        """Where a string begins, and its length."""
+        """Read a string, and return the index of its first byte in `data` (n,), and its length (n,)."""
         length = self.length()
         self.at = self.at + length
         return self.at - length, length
 
     def stamp(self) -> Int[np.ndarray, " n"]:
-        """Of a header [ns], which is passed over."""
+        """Read a header, and return its stamp (n,) [ns]."""
         return self.header()[0]
 
     def header(self) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-        """Its stamp [ns], and where the name of its frame begins and how long it is."""
+        """Read a header; return its stamp [ns], and start and length of its frame's name, (n,) each."""
         if not self._cdr:
             self.number()
         part = self.numbers("u4", 2)
@@ -80,22 +81,22 @@ class Cursor:
         return whole.astype(np.int64) * 10**9 + part[:, 1].astype(np.int64), *self.text()
 
     def gap(self, which: int, at: int, size: int) -> int:
-        """Bytes from `at` to where a number of this size may stand, in one message."""
+        """Return the number of padding bytes from `at` to the next aligned number of this size, in one message."""
         return (int(self._origin[which]) - at) % size if self._cdr else 0
 
     def little(self, which: int) -> bool:
-        """Whether numbers of one message have their least byte first."""
+        """Return True if the numbers of one message are little-endian."""
         return bool(self._little[which])
 
     def picked(self, which: Int[np.ndarray, " k"]) -> Cursor:
-        """Another cursor at the same places, in some of the messages."""
+        """Return a cursor at the same positions in a selection of the messages."""
         other = copy(self)
         for name in ("at", "_end", "_origin", "sound", "_little"):
             setattr(other, name, getattr(self, name)[which])
         return other
 
     def dimensions(self) -> None:
-        """Passes over a list of labels with a size and a stride each."""
+        """Skip a list of array dimensions, each a label, a size and a stride."""
         left = self.number()
         self.sound &= left <= _MOST_DIMENSIONS
         while (more := self.sound & (left > 0)).any():
@@ -112,7 +113,7 @@ class Cursor:
 
 @takes_arrays
 def taken(data: bytes, at: Int[np.ndarray, " n"], width: int, sound: Bool[np.ndarray, " n"]) -> np.ndarray:
-    """(n, width) bytes, of which those that are not sound are 0xff: NaN as doubles."""
+    """Return (n, width) bytes from `at` on; those of messages that are not sound are 0xff, which is NaN as float64."""
     if not sound.all():
         found = np.full((len(at), width), 0xFF, dtype=np.uint8)
         found[sound] = taken(data, at[sound], width, sound[sound])

@@ -1,4 +1,4 @@
-"""Bytes of ROS become numbers, many messages at once: which types are understood, and where their numbers are."""
+"""Decode many ROS messages of known types to numbers at once."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.files.logs.cursor import Cursor, taken
-from palpate.files.logs.log import MessageBlock, Topic
+from palpate.files.messages import MessageBlock, Topic
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = [
@@ -28,12 +28,12 @@ __all__ = [
 
 @dataclass(frozen=True)
 class MessageLayout:
-    """Where the numbers are in a type whose messages all hold as many.
+    """The positions of the numbers in a message type of fixed size.
 
     Args:
         role: "wrench", "pose", "acceleration" or "temperature".
-        before, count, after: doubles in front of those wanted, these, and behind them.
-        strings: how many there are in front, that of the header among them; 0 is a type without a header.
+        before, count, after: number of doubles before those wanted, of these, and after them.
+        strings: number of strings before them, with the one in the header; 0 for a type without a header.
     """
 
     role: str
@@ -88,22 +88,22 @@ Decoded = tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n k"], Bool[np.ndarray
 
 
 def role(kind: str) -> str:
-    """What messages of a type are good for: "wrench", "pose", "acceleration", "temperature" or "array"; or ""."""
+    """Return the use of a message type: "wrench", "pose", "acceleration", "temperature" or "array"; "" for others."""
     return FIXED[kind].role if kind in FIXED else "array" if kind in ARRAYS or kind == IMAGE else ""
 
 
 def has_header(kind: str) -> bool:
-    """Whether messages of a type have a stamp."""
+    """Return True if messages of a type have a header, with a stamp."""
     return FIXED[kind].strings > 0 if kind in FIXED else kind == IMAGE
 
 
 def decode(messages: MessageBlock, topic: Topic, shape: tuple[int, ...] = ()) -> Decoded:
-    """Stamps [ns] (0 where the type has none), numbers (NaN where they could not be read), and where they could.
+    """Return stamps (n,) [ns], 0 if the type has none, numbers (n, k), NaN if unreadable, and True (n,) where readable.
 
     Args:
         messages: of the topic.
         topic: of a type that has a role.
-        shape: of an array; a message that holds another number of numbers cannot be read.
+        shape: of an array; a message with another count of numbers is unreadable.
     """
     cursor = Cursor(messages, topic.encoding)
     if topic.kind == IMAGE:
@@ -116,7 +116,7 @@ def decode(messages: MessageBlock, topic: Topic, shape: tuple[int, ...] = ()) ->
 
 
 def shape_of(messages: MessageBlock, topic: Topic) -> tuple[int, ...] | None:
-    """Of the array, or rows and columns of the image of one channel, in the first message that can be read, or None."""
+    """Return the shape of the array, or (rows, columns) of the image, in the first readable message; else None."""
     cursor = Cursor(messages, topic.encoding)
     if topic.kind == IMAGE:
         cursor.stamp()
@@ -134,7 +134,7 @@ def shape_of(messages: MessageBlock, topic: Topic) -> tuple[int, ...] | None:
 
 @takes_arrays
 def seconds(nanoseconds: Int[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """The doubles nearest to these times."""
+    """Convert nanoseconds to the nearest doubles in seconds."""
     whole = nanoseconds // 10**9
     split = whole + (nanoseconds - whole * 10**9) / 1e9
     if len(nanoseconds) and nanoseconds.min() >= 2**53:  # as all are since 1970
@@ -154,13 +154,13 @@ def _fixed(cursor: Cursor, kind: MessageLayout) -> tuple[np.ndarray, np.ndarray]
 def decode_array(
     messages: MessageBlock, topic: Topic, shape: tuple[int, ...]
 ) -> tuple[np.ndarray, Bool[np.ndarray, " n"]]:
-    """Numbers of arrays in the type in which they are stored, and which messages could be read."""
+    """Return numbers of arrays (n, k) in their stored type, and True (n,) for each message that could be read."""
     cursor = Cursor(messages, topic.encoding)
     return _stored(cursor, ARRAYS[topic.kind], shape), cursor.sound
 
 
 def _stored(cursor: Cursor, code: str, shape: tuple[int, ...]) -> np.ndarray:
-    """Numbers behind dimensions, which say nothing more, and behind as many others as the offset says."""
+    """Read the numbers of arrays, after their dimensions, which are not needed, and after `offset` other numbers."""
     count = int(np.prod(shape))
     cursor.dimensions()
     offset, held = cursor.number(), cursor.number()
@@ -169,7 +169,7 @@ def _stored(cursor: Cursor, code: str, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _array(cursor: Cursor, code: str, shape: tuple[int, ...]) -> np.ndarray:
-    """As float64; NaN of messages that cannot be read."""
+    """Read the numbers of arrays as float64; NaN for messages that cannot be read."""
     values = _stored(cursor, code, shape)
     with np.errstate(invalid="ignore"):  # bytes make NaNs of which arithmetic warns
         values = values.astype(np.float64, copy=False)
@@ -180,7 +180,7 @@ def _array(cursor: Cursor, code: str, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _image(cursor: Cursor, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels of an image of this shape; its rows may be longer than their pixels."""
+    """Read the pixels of images of this shape; rows may be longer than their pixels."""
     rows, columns = shape
     stamps = cursor.stamp()
     cursor.sound &= (cursor.number() == rows) & (cursor.number() == columns)

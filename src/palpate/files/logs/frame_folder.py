@@ -1,4 +1,4 @@
-"""A folder of frames, one file each, in the natural order of their names."""
+"""Read a folder of images, one file each, in the natural order of their names."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _BAG = (".mcap", ".db3")
 
 
 def holds_frames(path: Path) -> bool:
-    """Whether a folder is one of frames, and not a bag."""
+    """Return True if a folder contains images and no bag."""
     try:
         names = [file.name.lower() for file in path.iterdir()]
     except OSError:
@@ -38,9 +38,9 @@ def holds_frames(path: Path) -> bool:
 
 
 class FrameFolder(ImageLog):
-    """As many samples as there are images.
+    """A log in a folder of image files, one sample each.
 
-    Times are the column of `times.csv`, or else of `truth.csv`, in the folder, if it has as many rows; else k / rate.
+    Times are a column of `times.csv`, or else of `truth.csv`, in the folder, if it has as many rows; else k / rate.
     """
 
     def __init__(self, path: Path, layout: LogLayout) -> None:
@@ -49,7 +49,7 @@ class FrameFolder(ImageLog):
         super().__init__(path, sum(file.stat().st_size for file in self._files), layout)
 
     def contents(self) -> LogContents:
-        """See `palpate.files.logs.log.Log`; only the first frames are read."""
+        """Return the number, formats and size of the images; only the first readable one is decoded."""
         cv2, size = opencv(), (0, 0, 0)
         for file in self._files:
             if (image := decoded(cv2, _bytes(file), as_stored=True)) is not None:
@@ -59,7 +59,7 @@ class FrameFolder(ImageLog):
         return LogContents(self.path, {}, images=Images(size, len(self._files), None, suffixes))
 
     def blocks(self) -> Iterator[Recording]:
-        """See `palpate.files.logs.log.Log`."""
+        """Yield the images as recordings; raise an InputError if no image is readable."""
         cv2 = self._begin("a folder of frames")
         yield from self._frames.blocks(self._read(cv2, self._times()))
 
@@ -70,7 +70,7 @@ class FrameFolder(ImageLog):
             yield time, decoded(cv2, raw), file.name
 
     def _times(self) -> Float[np.ndarray, " n"]:
-        """[s]."""
+        """Return the time [s] of each image, (n,)."""
         count = len(self._files)
         for name in TIMES:
             if not (self.path / name).is_file():
@@ -98,7 +98,7 @@ def _column(file: Path, layout: LogLayout) -> Float[np.ndarray, " n"] | None:
 
 
 def _bytes(file: Path) -> bytes:
-    """Nothing where it cannot be read."""
+    """Return the content of a file; no bytes where it cannot be read."""
     try:
         return file.read_bytes()
     except OSError:

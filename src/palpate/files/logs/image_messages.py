@@ -1,4 +1,4 @@
-"""Messages of ROS that hold an image, one by one: raw pixels, or the bytes of a JPEG or PNG."""
+"""Read ROS messages with an image one by one: raw pixels, or the bytes of a JPEG or PNG."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from palpate.files.logs.cursor import Cursor
 from palpate.files.logs.images import decoded, to_bgr
-from palpate.files.logs.log import MessageBlock, Topic
+from palpate.files.messages import MessageBlock, Topic
 
 __all__ = ["IMAGES", "ImageMessage", "image_messages"]
 
@@ -37,7 +37,7 @@ _PIXELS: Mapping[str, tuple[str, int, str]] = {  # encoding -> each number, numb
 
 @dataclass(frozen=True)
 class _Raw:
-    """Pixels as a message holds them."""
+    """The pixels of a sensor_msgs/Image message, as stored."""
 
     data: bytes
     rows: int
@@ -47,7 +47,7 @@ class _Raw:
     step: int
 
     def image(self, cv2: Any) -> np.ndarray | None:
-        """In uint8, blue, green, red; None where it is not what it says, or of an encoding that is not known."""
+        """Return the image as uint8, blue, green, red; None if it is too short or its encoding is unknown."""
         code, channels, way = _PIXELS.get(self.encoding, ("", 0, ""))
         width = self.columns * channels * int(code[1:] or 0)
         if not self.rows * width or self.step < width or len(self.data) < self.rows * self.step:
@@ -65,30 +65,30 @@ class _Raw:
 
     @property
     def channels(self) -> int:
-        """Of the image that was sent; 3 where its pixels hold a part of the colours each."""
+        """Number of channels of the image that was sent; 3 for the YUV and Bayer encodings."""
         _, channels, way = _PIXELS.get(self.encoding, ("", 0, ""))
         return 3 if way.startswith(("YUV", "Bayer")) else channels
 
 
 @dataclass(frozen=True)
 class ImageMessage:
-    """One message.
+    """A message with an image.
 
     Attributes:
         stamp: of its header [ns]; None where that cannot be read.
-        content: pixels, the bytes of a file, or None where the message is cut.
+        content: pixels, the bytes of an image file, or None if the message is cut.
     """
 
     stamp: int | None
     content: _Raw | bytes | None
 
     def image(self, cv2: Any) -> np.ndarray | None:
-        """(height, width, 3) uint8, blue, green, red; None where there is none that can be read."""
+        """Return (height, width, 3) uint8, blue, green, red; None if the image cannot be read."""
         content = self.content
         return content.image(cv2) if isinstance(content, _Raw) else decoded(cv2, content or b"")
 
     def size(self, cv2: Any) -> tuple[int, int, int] | None:
-        """Height, width, channels as they were sent; None where the image cannot be read."""
+        """Return height, width and channels of the image as sent; None if it cannot be read."""
         image = self.image(cv2)
         if image is None or self.content is None:
             return None
@@ -99,11 +99,11 @@ class ImageMessage:
 
 
 def image_messages(messages: MessageBlock, topic: Topic) -> Iterator[ImageMessage]:
-    """Those of a topic, one by one.
+    """Yield the messages of a topic of images, one by one.
 
     Args:
         messages: of the topic.
-        topic: of one of `IMAGES`.
+        topic: of one of the types `IMAGES`.
     """
     cursor = Cursor(messages, topic.encoding)
     stamps, stamped = cursor.stamp(), cursor.sound.copy()

@@ -1,4 +1,4 @@
-"""A log of topics of which one holds images: one sample a message, in the order of the file."""
+"""Read the images of one topic of a log: one sample per message, in the order of the file."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ from palpate.files.logs.decoding import seconds
 from palpate.files.logs.image_messages import image_messages
 from palpate.files.logs.images import Frame, ImageLog
 from palpate.files.logs.layout import ImageChannel, LogLayout
-from palpate.files.logs.log import LogContents, MessageFile, Topic
+from palpate.files.logs.log import LogContents
 from palpate.files.logs.topics import choose_images
+from palpate.files.messages import MessageFile, Topic
 from palpate.opencv import opencv
 from palpate.signals.recording import Recording
 
@@ -24,19 +25,19 @@ _FIRST = 2  # stamps that say whether a topic has any: a clock may begin at 0
 
 
 class ImageTopicLog(ImageLog):
-    """Times are the stamps of the headers, or of the recorder where they are all 0."""
+    """The images of a topic as a log; times are the stamps of the headers, or of the recorder if these are all 0."""
 
     def __init__(self, path: Path, layout: LogLayout, source: MessageFile) -> None:
         super().__init__(path, source.size, layout)
         self._source = source
 
     def contents(self) -> LogContents:
-        """See `palpate.files.logs.log.Log`."""
+        """Return the topics of the log, its duration and any damage."""
         topics = tuple(self._source.topics())
         return LogContents(self.path, {}, topics, self._source.torn, self._source.duration)
 
     def blocks(self) -> Iterator[Recording]:
-        """See `palpate.files.logs.log.Log`."""
+        """Yield the images as recordings; raise an InputError if no topic fits."""
         cv2 = self._begin("a log of topics that is read for images")
         topic = choose_images(self.contents(), self._layout.images or ImageChannel())
         stamped = _has_stamps(self._source, topic)
@@ -46,7 +47,7 @@ class ImageTopicLog(ImageLog):
         yield from self._frames.blocks(self._read(cv2, topic, stamped=stamped))
 
     def notes(self) -> tuple[str, ...]:
-        """See `palpate.files.logs.log.Log`."""
+        """Return notes on the file and its images so far, one sentence each."""
         return (*self._source.notes(), *super().notes())
 
     def _read(self, cv2: Any, topic: Topic, *, stamped: bool) -> Iterator[Frame]:
@@ -64,7 +65,7 @@ class ImageTopicLog(ImageLog):
 
 
 def first_size(source: MessageFile, topic: Topic) -> tuple[int, int, int] | None:
-    """Height, width and channels of the first image that can be read."""
+    """Return height, width and channels of the first readable image of a topic; None if it has none."""
     cv2 = opencv()
     with closing(source.messages([topic.name])) as pieces:
         for piece in pieces:

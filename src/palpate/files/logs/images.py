@@ -1,4 +1,4 @@
-"""Frames of a camera, whatever they come in, become blocks of images of one size: uint8, blue, green, red."""
+"""Convert camera images from any source to blocks of images of one size: uint8, blue, green, red."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Frame = tuple[float, np.ndarray | None, str]  # time [s], image (None: it could 
 
 
 def refuse_others(layout: LogLayout, path: Path, called: str) -> None:
-    """Raise an InputError where something else than images is asked for."""
+    """Raise an InputError if the layout requests a wrench or arrays, or no images."""
     if layout.images is None or layout.wrench is not None or layout.arrays:
         wanted = [*(["a wrench"] if layout.wrench is not None else []), *(array.name for array in layout.arrays)]
         raise InputError(
@@ -36,7 +36,7 @@ def refuse_others(layout: LogLayout, path: Path, called: str) -> None:
 
 
 def to_bgr(image: np.ndarray) -> UInt8[np.ndarray, "height width 3"] | None:
-    """Grey in three equal channels, without alpha, of 16 bits the upper 8; None of other numbers."""
+    """Return uint8 (height, width, 3): grey repeated, alpha dropped, the upper 8 of 16 bits; None for other types."""
     if image.dtype.kind != "u" or image.dtype.itemsize > 2:
         return None
     if image.dtype.itemsize == 2:
@@ -46,12 +46,12 @@ def to_bgr(image: np.ndarray) -> UInt8[np.ndarray, "height width 3"] | None:
 
 
 def decoded(cv2: Any, raw: bytes, *, as_stored: bool = False) -> np.ndarray | None:
-    """The image in the bytes of a JPEG, PNG, BMP, TIFF or WebP file, or None.
+    """Decode the bytes of a JPEG, PNG, BMP, TIFF or WebP file; return None if that fails.
 
     Args:
         cv2: OpenCV.
         raw: the bytes.
-        as_stored: with as many channels as there are, and not (height, width, 3) of uint8.
+        as_stored: keep the number of channels and the type, rather than return (height, width, 3) of uint8.
     """
     if not raw:
         return None
@@ -63,9 +63,9 @@ def decoded(cv2: Any, raw: bytes, *, as_stored: bool = False) -> np.ndarray | No
 
 
 class FrameBlocks:
-    """Makes the blocks of one log of images, and keeps account of what is odd in them.
+    """Builder of the recordings of one log of images, which also counts irregular ones.
 
-    A frame that could not be decoded, or is of another size than the first that could, is a row of zeros.
+    An image that could not be decoded, or whose size differs from that of the first decoded one, becomes zeros.
     """
 
     def __init__(self, layout: LogLayout, path: Path) -> None:
@@ -75,10 +75,10 @@ class FrameBlocks:
         self.count = 0
 
     def blocks(self, frames: Iterable[Frame]) -> Iterator[Recording]:
-        """All frames, in their order.
+        """Yield all images, in their order, as recordings with `IMAGE` (n, height, width, 3).
 
         Raises:
-            InputError: there are none, or none could be decoded.
+            InputError: there are no images, or none could be decoded.
         """
         held: list[tuple[float, np.ndarray | None]] = []
         for time, image, name in frames:
@@ -93,7 +93,7 @@ class FrameBlocks:
         yield from self._cut(held)
 
     def notes(self) -> tuple[str, ...]:
-        """What a reader should know of the frames so far, one sentence each."""
+        """Return notes on the images so far, one sentence each: lost ones, those of other sizes, odd times."""
         height, width = self._size or (0, 0)
         said = (
             (self._lost, "could not be decoded and are black here"),
@@ -115,7 +115,7 @@ class FrameBlocks:
 
     @property
     def lost(self) -> int:
-        """Rows of zeros so far, for what is said in `notes`."""
+        """Number of images so far that are zeros, because they were lost or have another size."""
         return len(self._lost) + len(self._other)
 
     @property
@@ -124,7 +124,7 @@ class FrameBlocks:
         return max(1, min(ROWS, BYTES // (3 * height * width)))
 
     def _cut(self, held: Sequence[tuple[float, np.ndarray | None]]) -> Iterator[Recording]:
-        """More than a block where the log began with frames that could not be decoded."""
+        """Yield images in blocks; there are several blocks if the log begins with images that cannot be decoded."""
         for start in range(0, len(held), self._rows):
             part = held[start : start + self._rows]
             images = np.zeros((len(part), *(self._size or (0, 0)), 3), dtype=np.uint8)
@@ -135,7 +135,7 @@ class FrameBlocks:
 
 
 class ImageLog(Log):
-    """What every reader of images gives."""
+    """Base class of the logs that consist of images."""
 
     def __init__(self, path: Path, size: int, layout: LogLayout) -> None:
         super().__init__(path, size)
@@ -143,15 +143,15 @@ class ImageLog(Log):
 
     @property
     def lost(self) -> int:
-        """Frames so far that could not be decoded, or are of another size than the others."""
+        """Number of images so far that could not be decoded, or differ in size from the others."""
         return self._frames.lost
 
     def notes(self) -> tuple[str, ...]:
-        """See `palpate.files.logs.log.Log`."""
+        """Return the notes on the images read so far, one sentence each."""
         return (*self._said, *self._frames.notes())
 
     def _begin(self, called: str) -> Any:
-        """Nothing was read yet; OpenCV."""
+        """Check the layout, reset what was counted, and return the module of OpenCV."""
         refuse_others(self._layout, self.path, called)
         self._frames, self._said, self.position, self.torn = FrameBlocks(self._layout, self.path), [], 0, ""
         return opencv()

@@ -1,4 +1,4 @@
-"""Messages of sensor_msgs/JointState become positions of joints, and these the pose of one link in another."""
+"""Convert sensor_msgs/JointState messages to joint positions, and these to the pose of one link in another."""
 
 from __future__ import annotations
 
@@ -11,27 +11,26 @@ from jaxtyping import Bool, Float, Int
 from palpate.errors import InputError
 from palpate.files.logs.cursor import Cursor, taken
 from palpate.files.logs.decoding import seconds
-from palpate.files.logs.log import MessageBlock, Topic
+from palpate.files.messages import MessageBlock, Topic
 from palpate.files.urdf import Kinematics
 from palpate.spatial.pose_track import PoseTrack
 
 __all__ = ["JOINTS", "JointPoses", "joint_names", "joint_positions", "joint_stamps", "joint_topic"]
 
 JOINTS = "sensor_msgs/JointState"
-_LAYOUTS = 64  # different lists of names in some messages: more are no robot's
+_LAYOUTS = 64  # distinct lists of joint names in a block of messages; a robot has fewer
 _MOST = 1000  # joints of a message
 
 Read = tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n k"], Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]
 
 
 def joint_positions(messages: MessageBlock, topic: Topic, wanted: Sequence[str]) -> Read:
-    """Stamps [ns], positions [rad, m] of the wanted joints in their order (NaN: not in the message), and two masks.
+    """Read stamps (n,) [ns] and positions (n, k) [rad, m] of the wanted joints; NaN for those not in the message.
 
-    Messages may name their joints in any order, and each message in its own; those of one list of names are read at
-    once.
+    Each message may name its joints in another order; those with the same list of names are read at once.
 
     Returns:
-        The third says which messages could be read, the fourth which of them name one of the wanted joints at least.
+        Stamps, positions, True for each message that could be read, and True for each that names a wanted joint.
     """
     cursor = Cursor(messages, topic.encoding)
     stamp, count = cursor.stamp(), cursor.number()
@@ -48,7 +47,7 @@ def joint_positions(messages: MessageBlock, topic: Topic, wanted: Sequence[str])
         block = taken(cursor.data, cursor.at[left], size, fits)
         same = fits & (block == block[0]).all(axis=1)
         same &= names is not None
-        same[0] = True  # whatever it is, it is dealt with
+        same[0] = True  # the first one is done, even if it is malformed
         rows, left = left[same], left[~same]
         if names is None:
             continue
@@ -67,13 +66,13 @@ def joint_positions(messages: MessageBlock, topic: Topic, wanted: Sequence[str])
 
 
 def joint_stamps(messages: MessageBlock, topic: Topic) -> Int[np.ndarray, " n"]:
-    """Those [ns] of the messages that can be read."""
+    """Return the stamps [ns] of the messages of a topic that can be read."""
     stamp, _, sound, _ = joint_positions(messages.of(topic), topic, ())
     return stamp[sound]
 
 
 def joint_names(messages: MessageBlock, topic: Topic) -> list[str]:
-    """Of the joints in the first message that can be read."""
+    """Return the names of the joints in the first readable message; an empty list if no message is readable."""
     cursor = Cursor(messages, topic.encoding)
     cursor.stamp()
     count, end = cursor.number(), messages.start + messages.length
@@ -84,7 +83,7 @@ def joint_names(messages: MessageBlock, topic: Topic) -> list[str]:
 
 
 def _listed(cursor: Cursor, which: int, count: int, end: int) -> tuple[list[str] | None, int]:
-    """The names in one message, and how many bytes they take; None where they do not end within it."""
+    """Return the joint names in one message and the bytes they take; None if they extend beyond `end`."""
     at, names, start = int(cursor.at[which]), list[str](), int(cursor.at[which])
     for _ in range(count):
         at += cursor.gap(which, at, 4)
@@ -99,7 +98,7 @@ def _listed(cursor: Cursor, which: int, count: int, end: int) -> tuple[list[str]
 
 
 class JointPoses:
-    """One link in another by its joints, fed with messages; what `palpate.files.logs.topic_log` asks of poses."""
+    """The pose of one link in another from joint states; a `PoseSource` of `palpate.files.logs.topic_log`."""
 
     def __init__(self, topic: Topic, kinematics: Kinematics, track: PoseTrack, *, stamped: bool) -> None:
         self.topics, self.track = (topic,), track
@@ -108,7 +107,7 @@ class JointPoses:
         self._lacks = dict[str, None]()
 
     def add(self, messages: MessageBlock) -> None:
-        """More of the log."""
+        """Read the joint states in a block of the log, and add the poses to the track."""
         topic, joints = self.topics[0], self._kinematics.joints
         own = messages.of(topic)
         stamp, values, sound, concerned = joint_positions(own, topic, joints)
@@ -127,7 +126,7 @@ class JointPoses:
             self.track.add(time, *self._kinematics.poses(values[good]))
 
     def notes(self) -> tuple[str, ...]:
-        """How the sensor was found in the base, and what was odd."""
+        """Return notes, one sentence each: how the sensor's pose was found, and which messages lack joints."""
         name, joints = self.topics[0].name, self._kinematics.joints
         said = [f"the sensor's pose is that of the URDF at the joint states of {name!r}"]
         if not self._used and self._count:
@@ -145,10 +144,10 @@ class JointPoses:
 
 
 def joint_topic(topics: Sequence[Topic], name: str | None, where: str) -> Topic:
-    """The topic of joint states that is named, or the only one.
+    """Return the topic of joint states called `name`, or the only one if `name` is None.
 
     Raises:
-        InputError: there is none, or there are several.
+        InputError: no topic, or more than one, fits.
     """
     fitting = [topic for topic in topics if topic.kind == JOINTS and topic.encoding in ("cdr", "ros1")]
     found = [topic for topic in fitting if topic.name == name] if name is not None else fitting

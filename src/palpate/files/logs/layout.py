@@ -1,4 +1,4 @@
-"""Where a log keeps what: columns, arrays or topics, units, axes, the frame of the wrench."""
+"""Describe the layout of a log: columns, arrays or topics, their units and axes, and the frame of the wrench."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ ACCELERATION_COLUMNS = ("ax", "ay", "az")
 
 @dataclass(frozen=True)
 class ArrayChannel:
-    """So many numbers a sample: voltages of load cells, readings of taxels, the reference of a bench.
+    """A channel with an array per sample: voltages of load cells, readings of taxels, the reference of a test bench.
 
     Args:
         name: of the channel of the `Recording`.
         shape: of one sample: (12,), or (6, 22).
         columns: of a table, the last axis running fastest; None: all that are not named otherwise, in their order. In
-            an .npz an array called `name` takes their place, where it is there.
+            an .npz an array called `name` is used instead, if it exists.
         topic: of a log with topics. None: the only one that holds arrays.
-        scale: what one unit of the log is in SI, for all numbers or for each.
-        table: of the rig that says all this, for messages.
+        scale: SI value of one unit of the log, for all numbers or for each.
+        table: of the rig that declares this channel, for messages.
     """
 
     name: str
@@ -52,22 +52,22 @@ class ArrayChannel:
 
     @property
     def size(self) -> int:
-        """Numbers a sample."""
+        """Number of values per sample."""
         return prod(self.shape)
 
     @property
     def described(self) -> str:
-        """'6 x 22'."""
+        """The shape as text, such as '6 x 22'."""
         return " x ".join(map(str, self.shape))
 
 
 @dataclass(frozen=True)
 class ImageChannel:
-    """Frames of a camera: the channel `IMAGE`.
+    """The channel `IMAGE`, images of a camera.
 
     Args:
         topic: of a log with topics. None: the only one that holds images.
-        table: of the rig that says all this, for messages.
+        table: of the rig that declares this channel, for messages.
     """
 
     topic: str | None = None
@@ -76,34 +76,34 @@ class ImageChannel:
 
 @dataclass(frozen=True)
 class LogLayout:
-    """Where a log keeps what, and in which units and axes. The defaults need no mapping.
+    """The columns or topics of a log that are read, with their units and axes. The defaults need no mapping.
 
     Args:
-        time, time_unit: the column of the time, and its unit; of a counter "samples", with its rate.
+        time, time_unit: the column of the time, and its unit; "samples" for a counter, which needs the rate.
         wrench: the six columns, force first; None: no wrench is read.
-        arrays: other channels that are read. In a log of topics one at most; a wrench beside it is the mean about each
-            of its rows.
-        images: frames of a camera. None: no images are read. They are read alone: `wrench` is None, and no `arrays`.
-        rate: [Hz] of a file that has no such column. None: it must have it. Of a video in place of its own stamps (one
-            that is played slower than it was taken); of a folder of frames without times. None: 30 Hz of the latter.
+        arrays: other channels that are read. In a log of topics one at most; if a wrench is read too, it is averaged
+            about each row of the array.
+        images: images of a camera. None: no images are read. They are read alone: `wrench` is None, and no `arrays`.
+        rate: [Hz] of a log without a time column. None: it must have one. For a video it replaces the stamps (of one
+            that plays slower than it was recorded); for a folder of images without times None is 30 Hz.
         force_unit, torque_unit: see `palpate.files.units`.
-        axes: which recorded axis is the sensor's x, y, z; "-x" flips. Applied to force and to torque alike.
+        axes: recorded axes that are the sensor's x, y, z; "-x" flips. Applied to force and to torque alike.
         left_handed: declares that `axes` is a reflection: the driver reported a left-handed wrench, or the reaction.
         frame: "sensor" or "base", of the recorded wrench.
-        wrench_range: of each channel as recorded, in SI; a reading at it is saturated, and no mean hides that.
+        wrench_range: of each channel as recorded, in SI; a reading at it is saturated, which an average must not hide.
         orientation: quaternion x, y, z, w of the sensor in the base. None: qx, qy, qz, qw where the log has them.
         position: of the sensor in the base [m]. None: x, y, z where the log has them.
         acceleration: of the sensor in its own frame. None: ax, ay, az where the log has them.
         acceleration_unit: see `palpate.files.units`.
         wrench_topic, orientation_topic: of a log with topics. None: the only one of its kind; an orientation_topic of
-            "none" is none.
-        frames: base and sensor, of a log with topics: the pose of one in the other is taken from the tree of /tf.
-        urdf: of which they are links: the pose is taken from joint states instead.
+            "none" reads no poses.
+        frames: base and sensor, of a log with topics: the pose of one in the other is read from the tree of /tf.
+        urdf: description with these links: the pose is computed from joint states instead.
         joints_topic: of joint states. None: the only one.
-        acceleration_topic: of a log with topics. None: no acceleration, as an accelerometer may sit anywhere.
+        acceleration_topic: of a log with topics. None: no acceleration, as an accelerometer may be mounted anywhere.
         offset: [s] added to the stamps of the poses of a topic to put them on the samples' clock.
         temperature: column, or topic of a log with topics: [K or degrees C]. None: it is not read.
-        max_gap: [s] between poses or accelerations of a topic, beyond which there is none in between.
+        max_gap: [s] largest gap between poses or accelerations of a topic that is interpolated.
     """
 
     time: str = "time"
@@ -134,10 +134,10 @@ class LogLayout:
 
 
 def axis_matrix(axes: tuple[str, ...], *, left_handed: bool, where: str) -> Float[np.ndarray, "3 3"]:
-    """The signed permutation that takes recorded components to the sensor's x, y, z.
+    """Return the signed permutation (3, 3) that takes recorded components to the sensor's x, y, z.
 
     Raises:
-        InputError: not three different axes, or a reflection that was not declared, or declared and is none.
+        InputError: the axes are not three different ones, or `left_handed` does not match their handedness.
     """
     matrix = np.zeros((3, 3))
     for row, axis in enumerate(axes):

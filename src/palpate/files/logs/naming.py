@@ -1,4 +1,4 @@
-"""Units that a log of columns states, held against those by which it is read."""
+"""Compare the units that a log of columns states with those of the layout."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ __all__ = ["require_stated", "stated_layout"]
 
 
 def stated_layout(layout: LogLayout, names: Iterable[str], stated: Stated) -> LogLayout:
-    """With `Fx [N]`, `Time [ms]` for `fx`, `time`, where those are asked for, not there, and only one column each is.
+    """Return the layout with `Fx [N]`, `Time [ms]` in place of missing `fx`, `time`, and with their units.
 
-    A name without a unit is no other name of these: a rig says which column it is.
+    Each name must have one match, and a match must have a unit: for other names a rig states the column.
     """
     if layout.wrench != WRENCH_COLUMNS or layout.time != "time":
         return layout
@@ -44,7 +44,7 @@ def stated_layout(layout: LogLayout, names: Iterable[str], stated: Stated) -> Lo
 
 
 def require_stated(layout: LogLayout, stated: Stated, path: Path) -> None:
-    """Raise an InputError where the log states a unit, and it is read by another one."""
+    """Raise an InputError if the log states a unit that differs from the one in the layout."""
     wrench = layout.wrench or ()
     for kind, columns, unit, table in (
         ("force", wrench[:3], layout.force_unit, FORCE_UNITS),

@@ -1,4 +1,4 @@
-"""Opening a log by what the file is, in blocks or whole."""
+"""Open a log by what the file is, and read it in blocks or at once."""
 
 from __future__ import annotations
 
@@ -21,13 +21,14 @@ from palpate.files.logs.image_messages import IMAGES
 from palpate.files.logs.image_topics import ImageTopicLog, first_size
 from palpate.files.logs.images import refuse_others
 from palpate.files.logs.layout import LogLayout
-from palpate.files.logs.log import Log, LogContents, MessageFile, Topic
+from palpate.files.logs.log import Log, LogContents
 from palpate.files.logs.parquet import ParquetLog
 from palpate.files.logs.survey import Survey, survey_of
 from palpate.files.logs.topic_log import TopicLog
 from palpate.files.logs.topics import choose, choose_images
 from palpate.files.logs.video import VIDEOS, VideoLog, is_video
 from palpate.files.mcap.reader import MAGIC, McapFile
+from palpate.files.messages import MessageFile, Topic
 from palpate.files.tables.lines import open_input, read_some
 from palpate.signals.recording import ORIENTATION, POSITION, Recording, sealed
 
@@ -69,16 +70,16 @@ _WORKBOOKS = (b"[Content_Types]", b"_rels/", b"xl/", b"docProps/", b"mimetype") 
 
 
 def contents(path: str | Path | Mapping[str, np.ndarray]) -> LogContents:
-    """What is in a log, as far as it says so before it is read.
+    """Return the contents of a log, as far as they are known before its samples are read.
 
     Raises:
-        InputError: the file is not there, or not what its name says.
+        InputError: the file does not exist, or is not what its suffix indicates.
     """
     return open_log(path).contents()
 
 
 def topic_shapes(path: Path) -> dict[str, tuple[int, ...]]:
-    """Of each topic of arrays, or of images of one channel: numbers in the first message, or its rows and columns."""
+    """Return topic -> shape of an array, or rows and columns of a one-channel image, from its first message."""
     kind = _kind(path)
     if kind in _WITHOUT_TOPICS:
         return {}
@@ -90,14 +91,14 @@ def topic_shapes(path: Path) -> dict[str, tuple[int, ...]]:
 
 
 def image_size(path: str | Path, topic: str | None = None) -> tuple[int, int, int] | None:
-    """Height, width and channels of the first image of a log; None where it holds none that can be read.
+    """Return height, width and channels of the first image of a log; None if it has no readable image.
 
     Args:
         path: of the log.
         topic: of the images. None: the first that has an image, compressed ones last.
 
     Raises:
-        InputError: it is no log.
+        InputError: the file is not a log.
     """
     path = Path(path)
     kind = _kind(path)
@@ -113,7 +114,7 @@ def image_size(path: str | Path, topic: str | None = None) -> tuple[int, int, in
 
 
 def survey(path: Path) -> Survey | None:
-    """What messages say of frames, poses and joints; None of a log of columns."""
+    """Return the frames, poses and joints that the messages of a log mention; None for a log of columns."""
     kind = _kind(path)
     return None if kind in _WITHOUT_TOPICS else survey_of(_messages(path, kind))
 
@@ -127,7 +128,7 @@ def _shape(source: MessageFile, topic: Topic) -> tuple[int, ...] | None:
 
 
 def missing(there: LogContents, layout: LogLayout) -> list[str]:
-    """Why a log cannot be read with a layout, one sentence each; nothing: it has all that the layout asks for."""
+    """Return a list with the reason why a log cannot be read with a layout; empty if it can."""
     try:
         if there.images is not None:
             refuse_others(layout, there.path, "a folder of frames" if there.path.is_dir() else "a video")
@@ -145,10 +146,10 @@ def missing(there: LogContents, layout: LogLayout) -> list[str]:
 def open_log(path: str | Path | Mapping[str, np.ndarray], layout: LogLayout | None = None) -> Log:
     """Open a log: CSV or other text, Parquet, NumPy, MCAP, a ROS 1 bag, a ROS 2 bag (its folder, or a .db3 file).
 
-    Images are read from a video, a folder of frames, MCAP and bags. Arrays in memory are a log, too.
+    Images are read from a video, a folder of images, MCAP and bags. Arrays in memory are a log, too.
 
     Raises:
-        InputError: the file is not there, or not what its name says.
+        InputError: the file does not exist, or is not what its suffix indicates.
     """
     layout = layout or LogLayout()
     if isinstance(path, Mapping):
@@ -169,10 +170,10 @@ def open_log(path: str | Path | Mapping[str, np.ndarray], layout: LogLayout | No
 
 
 def read_recording(path: str | Path, layout: LogLayout | None = None) -> Recording:
-    """Read a whole log: as many samples as it has, in their order; what cannot be read is NaN and noted.
+    """Read a complete log as one recording: one row per sample, in their order; what cannot be read is NaN and noted.
 
     Raises:
-        InputError: it is no log, or what the layout asks for is not there.
+        InputError: the file is not a log, or something that the layout requests is missing.
     """
     log = open_log(path, layout)
     recording = join(list(log.blocks()))
@@ -182,12 +183,12 @@ def read_recording(path: str | Path, layout: LogLayout | None = None) -> Recordi
 def read_poses(
     path: str | Path, layout: LogLayout | None = None
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k 4"], Float[np.ndarray, "k 3"]]:
-    """The poses alone: stamps [s] without the layout's offset, quaternions x, y, z, w, positions [m].
+    """Read the poses alone: stamps (k,) [s] without the layout's offset, quaternions x, y, z, w and positions [m].
 
-    Of a log of columns each row is a pose.
+    In a log of columns each row is a pose.
 
     Raises:
-        InputError: it is no log, or it has no orientations.
+        InputError: the file is not a log, or it has no orientations.
     """
     log = open_log(path, layout)
     if isinstance(log, TopicLog):
@@ -205,7 +206,7 @@ def read_poses(
 
 
 def join(blocks: Sequence[Recording]) -> Recording:
-    """Blocks of one log, one after the other, as one recording."""
+    """Join the blocks of one log, in their order, to one recording."""
     if len(blocks) == 1:
         return blocks[0]
     channels = {name: _joined([block.channels[name] for block in blocks]) for name in blocks[0].channels}
@@ -223,7 +224,7 @@ def _messages(path: Path, kind: str) -> MessageFile:
 
 
 def _require_ours(first: bytes, path: Path) -> None:
-    """Raise an InputError where the first bytes are of a file that other programs write and we do not read."""
+    """Raise an InputError if a file begins with the bytes of a foreign format that cannot be read here."""
     for magic, (what, hint) in _FOREIGN.items():
         archive = magic.startswith(b"PK")
         if first.startswith(magic) and (not archive or first[30:].startswith(_WORKBOOKS)):
@@ -231,7 +232,7 @@ def _require_ours(first: bytes, path: Path) -> None:
 
 
 def _kind(path: Path) -> str:
-    """The usual suffix of what this is, by its first bytes: "" for text."""
+    """Return the format of a file by its first bytes: its usual suffix, "" for text, "video", "frames" or "folder"."""
     if path.is_dir():
         return _FRAMES if holds_frames(path) else "folder"
     if path.is_fifo():  # it gives its first bytes once

@@ -1,4 +1,4 @@
-"""A Parquet log, read in pieces."""
+"""Read a Parquet log in pieces."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ PIECE = 1 << 17  # rows: each piece reads the file's own group of rows again, so
 
 
 class ParquetLog(ColumnLog):
-    """A Parquet file is whole or none."""
+    """A log in a Parquet file; a damaged file cannot be read at all."""
 
     def contents(self) -> LogContents:
-        """See `palpate.files.logs.log.Log`."""
+        """Return the names of the columns and the units in them."""
         open_input(self.path).close()
         with self._reading():
             names = pl.scan_parquet(self.path, glob=False).collect_schema().names()
             return LogContents(self.path, dict.fromkeys(names, ()), stated=Stated.of_names(names))
 
     def blocks(self) -> Iterator[Recording]:
-        """See `palpate.files.logs.log.Log`."""
+        """Yield the rows as recordings in SI; raise an InputError if the layout does not fit."""
         open_input(self.path).close()
         with self._reading():
             yield from self._blocks()
@@ -69,6 +69,6 @@ class ParquetLog(ColumnLog):
 
 
 def _number(name: str, *, date: bool) -> pl.Expr:
-    """A column as numbers; a date with a time as seconds since 1970, to the nearest double."""
+    """Return a column as numbers, a date with a time as seconds since 1970, to the nearest double."""
     column = pl.col(name).dt.epoch("ns").cast(pl.Float64) / 1e9 if date else pl.col(name).cast(pl.Float64)
     return column.fill_null(np.nan)

@@ -1,4 +1,4 @@
-"""Raw numbers of a log, whatever its format, become recordings: units into SI, axes put right, oddities said."""
+"""Convert the raw numbers of a log to recordings: units to SI, axes to the sensor's, with notes on irregularities."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ from palpate.spatial.arguments import takes_arrays
 __all__ = ["NUMBERS", "WRENCH", "SampleReader", "rows_at_once"]
 
 WRENCH = "wrench"  # (n, 6) force and torque as recorded
-NUMBERS = 1 << 22  # of a block
+NUMBERS = 1 << 22  # numbers per block
 
-GAP = 5.0  # steps of the median length that make a gap
-LONG_STEP = 0.5  # s: of a log of forces a long one, and in another unit a usual one
+GAP = 5.0  # median steps that make a gap
+LONG_STEP = 0.5  # s: unusually long for a log of forces, unless the time has another unit
 LATEST = 1e20  # s: beyond any clock, in nanoseconds too
 
 
 @takes_arrays
 class SampleReader:
-    """Makes the blocks of one log, and keeps account of what is odd in them.
+    """Converter of the raw numbers of one log to recordings, which also counts irregularities.
 
     Raises:
-        InputError: the layout's axes or units cannot be meant.
+        InputError: the axes or units of the layout are invalid.
     """
 
     def __init__(self, layout: LogLayout, path: Path) -> None:
@@ -59,12 +59,12 @@ class SampleReader:
         self._infinite = self._none = self._far = 0
 
     def block(self, time: Float[np.ndarray, " n"], read: Mapping[str, np.ndarray]) -> Recording:
-        """The next samples.
+        """Return the next samples as a recording in SI.
 
         Args:
             time: [s].
-            read: as recorded, (n, k) each: `WRENCH` or arrays, and the channels besides them; or (n, height, width, 3)
-                `IMAGE`. Nobody else holds them.
+            read: name -> numbers as recorded: `WRENCH`, arrays and other channels, (n, k) each; or `IMAGE`, (n, height,
+                width, 3). The caller must not use the arrays afterwards.
         """
         time = np.where(np.abs(time) <= LATEST, time, np.nan)
         channels: dict[str, np.ndarray] = {}
@@ -89,10 +89,10 @@ class SampleReader:
         return Recording(sealed(time, own=True), channels, frame=self._frame, source=self._source)
 
     def readings(self, values: np.ndarray) -> np.ndarray:
-        """Of a stream: (n, k) as recorded become what a sensor of this layout is updated with, (n, ...) in SI.
+        """Convert readings of a stream, (n, k) as recorded, to the input of the sensor's update, (n, ...) in SI.
 
-        The bits are those of `block`. Of an array with a wrench beside it, (n, k + 7), the wrench stands behind it, and
-        of how many readings it is the mean.
+        The bits are those of `block`. If an array and a wrench are read, (n, k + 7), the wrench follows the array, then
+        the number of readings of which it is the mean.
         """
         if self._both:
             array = self._scaled(self._arrays[0], values[:, :-7].copy()).reshape(len(values), -1)
@@ -104,13 +104,13 @@ class SampleReader:
         return values if not self._arrays else self._scaled(self._arrays[0], values.reshape(len(values), -1))
 
     def recorded(self, limits: Sequence[float]) -> Float[np.ndarray, "6"]:
-        """Limits of a wrench [N, N m], along the sensor's axes, as the log's columns have them."""
+        """Convert limits of a wrench [N, N m] along the sensor's axes, in magnitude, to the log's columns and units."""
         made = np.empty(6)
         made[self._picked] = np.abs(np.asarray(limits) / self._factors)
         return made
 
     def notes(self) -> tuple[str, ...]:
-        """What a reader should know of the blocks so far, one sentence each."""
+        """Return notes on the blocks so far, one sentence each: infinite numbers, odd times, bad quaternions."""
         infinite, none, far = self._infinite, self._none, self._far
         arrays = [(array.name, self._beyond[array.name]) for array in self._arrays]
         beyond = self._beyond.total() - sum(count for _, count in arrays)
@@ -125,15 +125,15 @@ class SampleReader:
         return tuple(sentence for count, sentence in said if count)
 
     def _scaled(self, array: ArrayChannel, values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n ..."]:
-        """An array in SI; counts of taxels may be larger than `LARGEST`."""
+        """Return an array channel in SI; counts of taxels may exceed `LARGEST`."""
         values = values if array.name == CELLS else self._bounded(array.name, values)
         values = values if array.scale == 1.0 else values * np.array(array.scale)
         return values.reshape(-1, *array.shape)
 
     def _wrenches(self, wrench: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "n 6"]:
-        """Force and torque along the sensor's axes, in SI.
+        """Return force and torque along the sensor's axes, in SI.
 
-        Picked and flipped, not multiplied out: an infinite component must not spoil the others.
+        Columns are picked and flipped, not multiplied by a matrix, so that an infinite component does not spoil others.
         """
         with np.errstate(over="ignore"):
             made = wrench.take(self._picked, axis=1) * self._factors  # by rows: an index would leave columns
@@ -142,13 +142,13 @@ class SampleReader:
         return made
 
     def _bounded(self, name: str, values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
-        """NaN where a number is a fault of the file."""
+        """Replace numbers beyond `LARGEST`, which are faults of the file, by NaN, and count their rows."""
         wrong = np.abs(values) > LARGEST
         self._beyond[name] += int(np.count_nonzero(wrong.any(axis=1)))
         return np.where(wrong, np.nan, values)
 
     def _sound(self, quaternion: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4"]:
-        """NaN where the length says that it is no rotation."""
+        """Replace quaternions whose length is far from 1, which are no rotations, by NaN, and count them."""
         length = np.linalg.norm(quaternion, axis=1)
         none = (length < 0.5) | (length > 2.0)
         self._none += int(np.count_nonzero(none))
@@ -157,12 +157,12 @@ class SampleReader:
 
 
 def rows_at_once(most: int, width: int, numbers: int = NUMBERS) -> int:
-    """How many rows of so many numbers are read or held at once: `most`, or fewer if they are long."""
+    """Return the number of rows of `width` numbers to process at once: `most`, or fewer so that `numbers` suffice."""
     return max(1, min(most, numbers // max(width, 1)))
 
 
 class _Times:
-    """Times that are missing, repeat, run backwards or leave a gap."""
+    """Counts of the times of a log that are missing, repeat, run backwards or follow a gap."""
 
     def __init__(self) -> None:
         self.count = self.missing = self.backwards = self.repeated = self.gaps = 0
@@ -187,7 +187,7 @@ class _Times:
         self._last = known[-1:]
 
     def oddities(self) -> tuple[tuple[int, str], ...]:
-        """How many, and the sentence on them."""
+        """Return pairs of a count and a sentence on it."""
         return (
             (self.missing, f"{self.missing} of {self.count} times are missing"),
             (self.backwards, f"times run backwards {self.backwards} times (kept in the order of the file)"),

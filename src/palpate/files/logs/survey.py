@@ -1,4 +1,4 @@
-"""What messages say of frames: whose names stand in their headers, which poses move, which joints are named."""
+"""List the frames in a log of topics: names in headers, the tree of /tf, moving poses, joint names."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ import numpy as np
 from palpate.files.logs.cursor import Cursor
 from palpate.files.logs.decoding import FIXED, decode, role
 from palpate.files.logs.joints import JOINTS, joint_names
-from palpate.files.logs.log import MessageBlock, MessageFile, Topic
 from palpate.files.logs.transforms import SeenEdge, TransformTree, frame_name, tree_topics
+from palpate.files.messages import MessageBlock, MessageFile, Topic
 
 __all__ = ["Survey", "survey_of"]
 
 
 @dataclass
 class Survey:
-    """Of a log of topics.
+    """The frames, poses and joints in a log of topics.
 
     Attributes:
         frames: the tree of /tf.
-        named: topic of wrenches or poses -> the frame of its header and its child frame, "" where it has none.
-        poses: topic of poses -> how many there are, and whether they move.
+        named: topic of wrenches or poses -> frame of its header and child frame, "" where it has none.
+        poses: topic of poses -> their number, and if they move.
         joints: topic of joint states -> names of the joints.
     """
 
@@ -33,7 +33,7 @@ class Survey:
     joints: dict[str, list[str]] = field(default_factory=dict[str, list[str]])
 
     def add(self, messages: MessageBlock, topics: Mapping[str, Topic]) -> None:
-        """More of the log."""
+        """Add a block of messages of the log; `topics` are those of wrenches, poses and joint states, by name."""
         self.frames.add(messages)
         for name, topic in topics.items():
             if topic.kind == JOINTS:
@@ -52,10 +52,10 @@ class Survey:
 
 
 def survey_of(source: MessageFile) -> Survey:
-    """One pass over the log.
+    """Read the log once, and return the frames, poses and joints in it.
 
     Args:
-        source: of its messages.
+        source: file of the log's messages.
     """
     there = [topic for topic in source.topics() if topic.encoding in ("cdr", "ros1") and topic.count]
     wanted = {topic.name: topic for topic in there if topic.kind == JOINTS or role(topic.kind) in ("wrench", "pose")}
@@ -67,7 +67,7 @@ def survey_of(source: MessageFile) -> Survey:
 
 
 def _frames_of(messages: MessageBlock, topic: Topic) -> tuple[str, str]:
-    """Of the first message that can be read."""
+    """Return the header's frame and the child frame of the first readable message; "" for those it lacks."""
     strings = FIXED[topic.kind].strings
     if not strings:
         return "", ""

@@ -1,4 +1,4 @@
-"""A log of topics: wrenches or arrays row by row, each with what other topics say of its time."""
+"""Read a log of topics: wrenches or arrays row by row, joined with poses and other topics by their times."""
 
 from __future__ import annotations
 
@@ -15,11 +15,12 @@ from palpate.errors import InputError
 from palpate.files.logs.decoding import ARRAYS, decode, decode_array, has_header, seconds
 from palpate.files.logs.joints import JointPoses, joint_stamps, joint_topic
 from palpate.files.logs.layout import ArrayChannel, LogLayout
-from palpate.files.logs.log import Log, LogContents, MessageBlock, MessageFile, Stored, Topic
+from palpate.files.logs.log import Log, LogContents, Stored
 from palpate.files.logs.samples import NUMBERS, WRENCH, SampleReader, rows_at_once
 from palpate.files.logs.topics import LIVE_ACCELERATION, LIVE_POSE, POSE_KINDS, choose, doubtful, main_channel, sentence
 from palpate.files.logs.transforms import TransformTree, TreePoses, read_frames, tree_topics
 from palpate.files.logs.wrench_means import WrenchMeans
+from palpate.files.messages import MessageBlock, MessageFile, Topic
 from palpate.files.urdf import Kinematics, Urdf
 from palpate.signals.recording import ACCELERATION, AVERAGED, ORIENTATION, POSITION, TEMPERATURE, Recording
 from palpate.spatial.frames import FramePath
@@ -35,29 +36,29 @@ HELD = 1 << 16  # rows that wait for a pose; a topic that fell silent must not h
 
 @runtime_checkable
 class PoseSource(Protocol):
-    """Where the sensor's poses come from: a topic, the tree of /tf, or joint states."""
+    """A source of the sensor's poses: a topic, the tree of /tf, or joint states."""
 
     @property
     def topics(self) -> tuple[Topic, ...]:
-        """Those to be read."""
+        """Topics that must be read."""
         ...
 
     @property
     def track(self) -> PoseTrack | FramePath:
-        """What was fed so far, to be asked."""
+        """Track of the poses added so far, to be interpolated."""
         ...
 
     def add(self, messages: MessageBlock) -> None:
-        """More of the log."""
+        """Add the poses in a block of messages."""
         ...
 
     def notes(self) -> tuple[str, ...]:
-        """What was odd, one sentence each."""
+        """Return notes on irregular poses, one sentence each."""
         ...
 
 
 class TopicLog(Log):
-    """One sample a wrench, or an array, in the order of the file; times are the stamps of the headers."""
+    """A log of topics: one sample per wrench or array, in the order of the file, at the stamps of the headers."""
 
     def __init__(self, path: Path, layout: LogLayout, source: MessageFile) -> None:
         super().__init__(path, source.size)
@@ -68,14 +69,14 @@ class TopicLog(Log):
         self._unsure = list[str]()  # topics of poses, none of which was named
 
     def blocks(self) -> Iterator[Recording]:
-        """See `palpate.files.logs.log.Log`."""
+        """Yield the samples as recordings in SI; raise an InputError if a topic is missing or empty."""
         join, wanted = self._started()
         for messages in self._pieces(wanted):
             yield from join.take(messages)
         yield from self._ended(join)
 
     def stored(self) -> Iterator[Stored]:
-        """See `palpate.files.logs.log.Log`."""
+        """Yield times [s] and frames (n, k) of taxels, in their stored type where possible."""
         main = self._as_stored()
         if main is None:
             yield from super().stored()
@@ -84,7 +85,7 @@ class TopicLog(Log):
             yield main.stored(messages)
 
     def merged_with(self, frames: Log) -> Iterator[Recording | Stored]:
-        """See `palpate.files.logs.log.Log`."""
+        """Yield the `blocks` of this log and the `stored` of `frames`, in one pass where possible."""
         main = frames._as_stored() if isinstance(frames, TopicLog) else None
         if main is None:
             yield from super().merged_with(frames)
@@ -96,22 +97,22 @@ class TopicLog(Log):
         yield from self._ended(join)
 
     def _pieces(self, names: Collection[str]) -> Iterator[MessageBlock]:
-        """Of the source, which is watched meanwhile."""
+        """Yield blocks of messages from the file, and copy its position and `torn`."""
         for messages in self._source.messages(names):
             self.position = self._source.position
             yield messages
         self.torn = self._source.torn
 
     def _as_stored(self) -> _Stream | None:
-        """The topic of an array whose numbers are taken as they are stored; None: they are not."""
-        array, topic = main_channel(self._layout), self._chosen()["main"]
-        if array is None or topic.kind not in ARRAYS or array.scale != 1.0:
+        """Return the stream of the array if its stored numbers can be used unconverted, or else None."""
+        array, topic = main_channel(self._layout), self._chosen().get("main")
+        if array is None or topic is None or topic.kind not in ARRAYS or array.scale != 1.0:
             return None
         self._main = _Stream(topic, self._source, array)
         return self._main
 
     def _started(self) -> tuple[_Join, set[str]]:
-        """What makes samples of messages, and the topics that it needs."""
+        """Return a new join of messages to samples, and the names of the topics that it needs."""
         layout, array, chosen = self._layout, main_channel(self._layout), self._chosen()
         if "both" in chosen and array is not None:
             array = replace(array, shape=(array.size + BESIDE,))
@@ -132,16 +133,19 @@ class TopicLog(Log):
         return join, wanted
 
     def _ended(self, join: _Join) -> Iterator[Recording]:
-        """The samples that are left."""
+        """Yield the remaining samples; raise an InputError if there were none at all."""
         yield from join.finish()
         if not join.rows:
             name = join.topic.name
             raise InputError(f"topic {name!r} has no messages.", where=str(self.path), hint=sentence(self.torn))
 
     def poses(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k 7"]]:
-        """Stamps [s] as recorded, without the layout's offset, and positions [m] and quaternions of the sensor.
+        """Return stamps (k,) [s] as recorded, without the layout's offset, and positions [m] and quaternions, (k, 7).
 
-        Of the tree of /tf: at the stamps of the transform that comes most often.
+        From the tree of /tf they are taken at the stamps of the most frequent transform.
+
+        Raises:
+            InputError: no topic holds poses.
         """
         poses = self._poses(self._chosen(), 0.0)
         if poses is None:
@@ -160,12 +164,12 @@ class TopicLog(Log):
         return time[known], np.concatenate([position, quaternion], axis=1)[known]
 
     def contents(self) -> LogContents:
-        """See `palpate.files.logs.log.Log`."""
+        """Return the topics of the log, its duration and any damage."""
         topics = tuple(self._source.topics())
         return LogContents(self.path, {}, topics, self._source.torn, self._source.duration)
 
     def notes(self) -> tuple[str, ...]:
-        """See `palpate.files.logs.log.Log`."""
+        """Return notes on the file, its topics and the samples so far, one sentence each."""
         unsure, joined = self._unsure, () if self._join is None else self._join.notes()
         joined = (*joined, *(() if self._main is None else self._main.notes()))
         several = f"{len(unsure)} topics hold poses, and none is taken: {', '.join(unsure)}; [orientation] may name one"
@@ -177,7 +181,7 @@ class TopicLog(Log):
         return choose(there, self._layout)
 
     def _poses(self, chosen: dict[str, Topic], offset: float) -> PoseSource | None:
-        """Where the sensor is, as the layout says."""
+        """Return the source of the sensor's poses that the layout selects, or None."""
         layout, where = self._layout, str(self.path)
         if "pose" in chosen and chosen["pose"].name == LIVE_POSE:  # at the readings' own stamps, and nowhere between
             return _Tracked(_Stream(chosen["pose"], self._source), PoseTrack(0.0, 0.0))
@@ -208,7 +212,7 @@ class _Stream:
         self._stamped = has_header(topic.kind) and _has_stamps(source, topic, self._stamps)
 
     def read(self, messages: MessageBlock) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n k"]]:
-        """Times [s] and numbers; NaN where a message is cut or of another make."""
+        """Return times (n,) [s] and numbers (n, k) of the topic; NaN where a message is cut or of another form."""
         messages = messages.of(self.topic)
         stamps, values, sound = decode(messages, self.topic, self._shape)
         self.count += len(sound)
@@ -218,7 +222,7 @@ class _Stream:
         return np.where(sound, seconds(stamps), np.nan), values
 
     def stored(self, messages: MessageBlock) -> tuple[Float[np.ndarray, " n"], np.ndarray]:
-        """Times [s] and numbers of an array as they are stored, of those messages that can be read."""
+        """Return times [s] and numbers of an array in their stored type, for the messages that can be read."""
         messages = messages.of(self.topic)
         values, sound = decode_array(messages, self.topic, self._shape)
         self.count += len(sound)
@@ -226,7 +230,7 @@ class _Stream:
         return seconds(messages.time[sound]), values if sound.all() else values[sound]
 
     def notes(self) -> tuple[str, ...]:
-        """What was odd."""
+        """Return notes on unreadable messages and missing stamps."""
         name, unread, array = repr(self.topic.name), self.unread, self._array
         made = f"are not {self.topic.kind}" if array is None else f"do not hold {array.described} numbers"
         said = (
@@ -241,7 +245,7 @@ class _Stream:
 
 
 def _has_stamps(source: MessageFile, topic: Topic, read: Callable[[MessageBlock], Int[np.ndarray, " n"]]) -> bool:
-    """Whether one of the first two stamps that can be read is not 0: a clock may begin there."""
+    """Check whether one of the first two readable stamps is not 0: a clock may begin at 0."""
     found = np.empty(0, dtype=np.int64)
     with closing(source.messages([topic.name])) as pieces:
         for messages in pieces:
@@ -252,44 +256,44 @@ def _has_stamps(source: MessageFile, topic: Topic, read: Callable[[MessageBlock]
 
 
 class _Tracked:
-    """The poses, accelerations or temperatures of one topic, and what lies between them."""
+    """The poses, accelerations or temperatures of one topic, interpolated between messages."""
 
     def __init__(self, stream: _Stream, track: PoseTrack, *, still: bool = False) -> None:
         self.stream, self.track, self._still = stream, track, still
         self.topics = (stream.topic,)
 
     def add(self, messages: MessageBlock) -> None:
-        """More of the log."""
+        """Add the messages of the topic in a block to the track."""
         time, values = self.stream.read(messages)
-        if self._still:  # what runs straight between its readings is a position too
+        if self._still:  # as positions, which are interpolated linearly
             three = np.broadcast_to(values, (len(time), 3))
             self.track.add(time, np.tile([0.0, 0.0, 0.0, 1.0], (len(time), 1)), three)
         else:
             self.track.add(time, values[:, 3:], values[:, :3])
 
     def notes(self) -> tuple[str, ...]:
-        """What was odd."""
+        """Return notes on unreadable messages and on those that the track dropped."""
         return (*self.stream.notes(), *self.track.notes())
 
 
 class _Beside:
-    """The wrenches of one topic, beside the rows of another."""
+    """The wrenches of one topic, averaged about the rows of another."""
 
     def __init__(self, stream: _Stream, layout: LogLayout) -> None:
         limits = None if layout.wrench_range is None else SampleReader(layout, Path()).recorded(layout.wrench_range)
         self.stream, self.track = stream, WrenchMeans(0.0, layout.max_gap, limits)
 
     def add(self, messages: MessageBlock) -> None:
-        """More of the log."""
+        """Add the wrenches in a block of messages."""
         self.track.add(*self.stream.read(messages))
 
     def notes(self) -> tuple[str, ...]:
-        """What was odd."""
+        """Return notes on unreadable and late wrenches."""
         return (*self.stream.notes(), *self.track.notes())
 
 
 class _Join:
-    """Rows that wait until poses, accelerations and wrenches around their time have come."""
+    """A join that delays rows until poses, accelerations and wrenches around their time have arrived."""
 
     def __init__(
         self,
@@ -310,7 +314,7 @@ class _Join:
         self._fresh = self.rows = self._lost = 0
 
     def take(self, messages: MessageBlock) -> Iterator[Recording]:
-        """Some more messages, and the rows that can now be answered."""
+        """Add a block of messages, and yield the rows that are now complete."""
         for source in (*self._sources.values(), *self._beside):
             source.add(messages)
         time, values = self._main.read(messages)
@@ -322,14 +326,14 @@ class _Join:
             yield from self._release(complete=False)
 
     def finish(self) -> Iterator[Recording]:
-        """The rows that are left, once there are no more messages."""
+        """Yield the remaining rows, once there are no more messages."""
         for track in self._all:
             track.complete()
         if self._time:
             yield from self._release(complete=True)
 
     def notes(self) -> tuple[str, ...]:
-        """What was odd, one sentence each."""
+        """Return notes on all streams and on samples without a pose, one sentence each."""
         said = [note for source in (*self._sources.values(), *self._beside) for note in source.notes()]
         said = [*self._main.notes(), *said]
         pose = self._sources.get("pose")
@@ -341,7 +345,7 @@ class _Join:
 
     @property
     def topic(self) -> Topic:
-        """That of the rows."""
+        """Topic of the rows."""
         return self._main.topic
 
     @property
@@ -369,7 +373,7 @@ class _Join:
             track.forget(oldest)
 
     def _rows(self, values: Float[np.ndarray, "n k"]) -> dict[str, np.ndarray]:
-        """The readings themselves; of a live record with a wrench and its readings behind an array."""
+        """Return the readings; those of a live record with a wrench are split into array, wrench and count."""
         if values.shape[1] != self._width + BESIDE:
             return {self._name: values}
         ends = (self._width, self._width + 6)

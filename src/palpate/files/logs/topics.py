@@ -1,4 +1,4 @@
-"""Which topics of a log are read: those that the rig names, else the only ones of their kind."""
+"""Choose the topics of a log to read: those that the rig names, else the only ones of their kind."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from palpate.errors import InputError
 from palpate.files.logs.decoding import ARRAYS, FIXED, IMAGE, role
 from palpate.files.logs.image_messages import IMAGES
 from palpate.files.logs.layout import ArrayChannel, ImageChannel, LogLayout
-from palpate.files.logs.log import LogContents, Topic
+from palpate.files.logs.log import LogContents
+from palpate.files.messages import Topic
 from palpate.files.units import near
 
 __all__ = [
@@ -31,15 +32,15 @@ __all__ = [
 _ENCODINGS = ("cdr", "ros1")
 _SHOWN = 12  # topics in a sentence
 _DOUBLES = "std_msgs/Float64MultiArray"
-RESULTS = "/palpate/contact/"  # what topics of contacts begin with: they are what was made of readings, and none
-LIVE = "/palpate/live/"  # what topics of a live record begin with
+RESULTS = "/palpate/contact/"  # prefix of topics of contacts: results, not readings
+LIVE = "/palpate/live/"  # prefix of topics of a live record
 LIVE_BOTH = f"{LIVE}cells_and_wrench"  # a row a frame: its numbers, the wrench, of how many readings that is the mean
 LIVE_POSE, LIVE_ACCELERATION = f"{LIVE}pose", f"{LIVE}acceleration"  # one of these stands beside each reading
 
 
 @dataclass(frozen=True)
 class _Wanted:
-    """A topic that is looked for: for what role, for which array, and the table of the rig that may name it."""
+    """A topic to look for: its role, the array it must hold, and the table of the rig that may name it."""
 
     role: str
     table: str
@@ -48,11 +49,11 @@ class _Wanted:
 
     @property
     def called(self) -> str:
-        """What messages hold, in a sentence."""
+        """Name of the contents of its messages, in a sentence."""
         return self.role if self.array is None else self.array.name
 
     def fits(self, topic: Topic) -> bool:
-        """Whether its messages can be read for it; an image is two-dimensional."""
+        """Check whether the messages of a topic have this role; images fit two-dimensional arrays only."""
         if self.role == "image":
             return topic.encoding in _ENCODINGS and topic.kind in IMAGES
         flat = self.array is not None and len(self.array.shape) != 2
@@ -75,10 +76,10 @@ _ACCELERATION = _Wanted("acceleration", "acceleration", f"Accelerations are read
 
 
 def main_channel(layout: LogLayout) -> ArrayChannel | None:
-    """What each row of a log of topics is made of: an array, beside which wrenches may stand; or None, the wrench.
+    """Return the channel of which a log of topics has a row each: an array, also if a wrench is read; None: the wrench.
 
     Raises:
-        InputError: the layout asks for several arrays, whose messages come at times of their own, or for nothing.
+        InputError: the layout requests several arrays, whose messages have different times, or nothing, or images.
     """
     asked = [*([None] if layout.wrench is not None else []), *layout.arrays]
     if layout.images is None and asked and len(layout.arrays) <= 1:
@@ -93,14 +94,15 @@ def main_channel(layout: LogLayout) -> ArrayChannel | None:
 
 
 def choose(there: LogContents, layout: LogLayout) -> dict[str, Topic]:
-    """What "main" (wrench or array), "wrench" beside an array, "pose", "acceleration", "temperature" are taken from.
+    """Return role -> topic: "main" (wrench or array), "wrench" next to an array, "pose", "acceleration", "temperature".
 
-    "both": an array with the wrench beside it in one message, as a live record has them.
+    "both", in place of the first two: an array with the wrench in one message, as a live record has them.
 
-    The last three as far as they are there; none of several topics of poses, as long as none is named (`doubtful`).
+    The last three may be missing; there is no "pose" if several topics hold poses and none is named (`doubtful`).
 
     Raises:
-        InputError: a topic that is named is not there or holds something else, or several of wrenches could be meant.
+        InputError: a topic that is named does not exist or has another type, or no topic or several could be "main" or
+            "wrench".
     """
     array, topics, path = main_channel(layout), there.topics, there.path
     if array is not None and layout.wrench is not None and (both := _recorded(topics, LIVE_BOTH)) is not None:
@@ -119,17 +121,17 @@ def choose(there: LogContents, layout: LogLayout) -> dict[str, Topic]:
 
 
 def choose_images(there: LogContents, channel: ImageChannel) -> Topic:
-    """The topic of images.
+    """Return the topic of images that the channel names, or the only one.
 
     Raises:
-        InputError: a topic that is named is not there or holds something else, or none or several could be meant.
+        InputError: a topic that is named does not exist or holds no images; or none, or several, could be meant.
     """
     kinds = ", ".join(name.split("/")[1] for name in IMAGES)
     return _required(there, _Wanted("image", channel.table, f"Images are read from {kinds}."), channel.topic)
 
 
 def _required(there: LogContents, wanted: _Wanted, name: str | None) -> Topic:
-    """The topic that is named, or the only one of its kind."""
+    """Return the topic called `name`, or the only one of its kind; raise an InputError if there is not exactly one."""
     topics, path = there.topics, there.path
     found = _named(topics, wanted, name, path) or _only(topics, wanted, path)
     if found is None:
@@ -153,7 +155,7 @@ def _pose(topics: Sequence[Topic], layout: LogLayout, path: Path) -> Topic | Non
 
 
 def doubtful(topics: Sequence[Topic], layout: LogLayout) -> list[str]:
-    """Topics of poses none of which is taken, because there are several and none is named."""
+    """Return the names of several topics of poses of which none is used, because none is named; else an empty list."""
     if layout.orientation_topic is not None or layout.frames is not None or _recorded(topics, LIVE_POSE):
         return []
     fitting = [topic.name for topic in topics if _meant(topic, _POSE)]
@@ -161,7 +163,7 @@ def doubtful(topics: Sequence[Topic], layout: LogLayout) -> list[str]:
 
 
 def sentence(torn: str) -> str:
-    """As a sentence of its own."""
+    """Return a remark as a sentence, with a capital letter and a full stop; "" stays ""."""
     return torn and f"{torn[0].upper()}{torn[1:]}."
 
 
@@ -173,7 +175,7 @@ def _wanted(array: ArrayChannel) -> _Wanted:
 
 
 def _named(topics: Sequence[Topic], wanted: _Wanted, name: str | None, path: Path) -> Topic | None:
-    """The topic that the rig names."""
+    """Return the topic that the rig names; None if it names none. Raise an InputError if missing or of another type."""
     if name is None:
         return None
     found = [topic for topic in topics if topic.name == name]
@@ -190,9 +192,9 @@ def _named(topics: Sequence[Topic], wanted: _Wanted, name: str | None, path: Pat
 
 
 def _only(topics: Sequence[Topic], wanted: _Wanted, path: Path) -> Topic | None:
-    """The only topic with messages of a fitting type; a list of numbers is one of doubles where there is one.
+    """Return the only topic of a fitting type; for a list of numbers, doubles are preferred. None if no topic fits.
 
-    A live record's own comes before others.
+    Topics of a live record are preferred to others. Raise an InputError if several fit.
     """
     fitting = [topic for topic in topics if _meant(topic, wanted)]
     fitting = [topic for topic in fitting if topic.name.startswith(LIVE)] or fitting
@@ -208,10 +210,10 @@ def _only(topics: Sequence[Topic], wanted: _Wanted, path: Path) -> Topic | None:
 
 
 def _meant(topic: Topic, wanted: _Wanted) -> bool:
-    """Whether it may be meant where no topic is named."""
+    """Check whether a topic may be used where none is named: it fits, has messages and holds no contacts."""
     return wanted.fits(topic) and topic.count > 0 and not topic.name.startswith(RESULTS)
 
 
 def _recorded(topics: Sequence[Topic], name: str) -> Topic | None:
-    """What a live record holds beside its readings: it comes before what a rig names for other logs."""
+    """Return the topic of a live record with this name, which takes precedence over the rig's; None if it has none."""
     return next((topic for topic in topics if topic.name == name and topic.count), None)

@@ -1,4 +1,4 @@
-"""The tree of /tf and /tf_static: what frames a log has, which of them move, and one of them in another over time."""
+"""Read the tree of /tf and /tf_static: its frames, those that move, and the pose of one frame in another over time."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 from palpate.errors import InputError
 from palpate.files.logs.cursor import taken
 from palpate.files.logs.decoding import seconds
-from palpate.files.logs.log import MessageBlock, MessageFile, Topic
+from palpate.files.messages import MessageBlock, MessageFile, Topic
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.frames import FramePath, FrameTree
 from palpate.spatial.pose import Pose
@@ -29,12 +29,12 @@ _FORMS = 32  # forms of messages of one length that are looked for among all of 
 
 @dataclass(frozen=True)
 class Transforms:
-    """Transforms of some messages, one a row.
+    """The transforms in some messages, one per row.
 
     Attributes:
-        parent, child: numbers of names.
+        parent, child: numbers of the frames' names.
         stamp: [ns] of each header.
-        message: which of the messages it stands in.
+        message: index of the message that contains it.
         values: position [m] and quaternion x, y, z, w of the child in the parent.
     """
 
@@ -45,7 +45,7 @@ class Transforms:
     values: Float[np.ndarray, "m 7"]
 
     def edges(self) -> Iterator[tuple[int, int, Int[np.ndarray, " k"]]]:
-        """Parent, child, and the rows of each edge, in their order."""
+        """Yield parent, child, and the indices of the rows of each edge, in their order."""
         key = (self.parent << 32) + self.child
         order = np.argsort(key, kind="stable")
         starts = np.flatnonzero(np.diff(key[order], prepend=-1))
@@ -56,15 +56,15 @@ class Transforms:
 def transforms(
     messages: MessageBlock, topic: Topic, names: dict[str, int]
 ) -> tuple[Transforms, Bool[np.ndarray, " n"]]:
-    """Every transform of some messages in their order, and which messages could be read.
+    """Read all transforms in some messages, in their order; return them, and True (n,) for each readable message.
 
-    A publisher names the same frames again and again, so that its messages are alike but for stamps and numbers: the
-    first of them is walked through, and those that are like it are read at once.
+    A publisher sends the same frames again and again, so that its messages differ only in stamps and numbers: the first
+    is parsed, and those of the same form are read at once.
 
     Args:
         messages: of the topic.
         topic: of a type of `TREES`.
-        names: of frames, without a leading slash, as numbers; new ones are added.
+        names: frame, without a leading slash -> its number; new frames are added.
     """
     pieces, sound = list[Transforms](), np.zeros(len(messages.start), dtype=bool)
     for size in np.unique(messages.length).tolist():
@@ -87,13 +87,13 @@ def transforms(
 
 @dataclass(frozen=True)
 class _Form:
-    """What messages that are alike have in common.
+    """The common form of messages that differ only in stamps and numbers.
 
     Attributes:
-        little: their numbers have the least byte first.
-        fixed: bytes that are the same in all of them, from where in the message: counts, names and their lengths.
+        little: True if their numbers are little-endian.
+        fixed: pairs of byte offset and bytes that all of them share: counts, names and their lengths.
         frames: parent and child of each transform.
-        stamps, values: where each transform has them.
+        stamps, values: byte offsets of the stamp and the numbers of each transform.
     """
 
     little: bool
@@ -103,7 +103,7 @@ class _Form:
     values: list[int]
 
     def fits(self, data: bytes, start: Int[np.ndarray, " n"], size: int) -> Bool[np.ndarray, " n"]:
-        """Which messages of this size are alike."""
+        """Return True (n,) for the messages of this size that have this form."""
         same = np.ones(len(start), dtype=bool)
         for at, wanted in self.fixed:
             if at + len(wanted) > size:
@@ -114,7 +114,7 @@ class _Form:
     def read(
         self, data: bytes, start: Int[np.ndarray, " n"], message: Int[np.ndarray, " n"], names: dict[str, int]
     ) -> Transforms:
-        """All of their transforms."""
+        """Read the transforms of messages that have this form."""
         order = "<" if self.little else ">"
         each = np.zeros((len(self.frames), 3, len(start)), dtype=np.int64)
         values = np.zeros((len(self.frames), len(start), 7))
@@ -129,7 +129,7 @@ class _Form:
 
 
 def _form(raw: bytes, cdr: bool) -> _Form | None:
-    """Of one message; None where it is cut, or is none."""
+    """Return the form of one message; None if it is cut or malformed."""
     origin = 4 if cdr else 0
     if cdr and (len(raw) < 4 or raw[0] or raw[1] > 1):
         return None
@@ -162,17 +162,17 @@ def _form(raw: bytes, cdr: bool) -> _Form | None:
 
 
 def frame_name(text: bytes) -> str:
-    """As tf2 has it: without the slash that ROS 1 may put in front."""
+    """Return a frame's name as tf2 spells it: without the leading slash that ROS 1 allows."""
     return text.rstrip(b"\0").decode(errors="replace").removeprefix("/")
 
 
 def _bytes(data: bytes, at: Int[np.ndarray, " n"], width: int) -> np.ndarray:
-    """(n, width) bytes, all of which are there."""
+    """Return (n, width) bytes from `at` on; all must be within `data`."""
     return taken(data, at, width, np.ones(len(at), dtype=bool))
 
 
 def _in_order(pieces: list[Transforms]) -> Transforms:
-    """All of them, message after message, and in each as they stand."""
+    """Join transforms and sort them by message, in the order within each."""
     message = _joined([piece.message for piece in pieces])
     order = np.argsort(message, kind="stable")
     parent, child, stamp = (
@@ -189,14 +189,14 @@ def _joined(pieces: list[np.ndarray]) -> np.ndarray:
 @takes_arrays
 @dataclass
 class SeenEdge:
-    """What a log says of one edge.
+    """The transforms of one edge that were found in a log.
 
     Attributes:
-        count: transforms on topics that are not static.
-        first: of these: position and quaternion.
-        moves: whether another differs from it.
-        stamped: whether one of them has a stamp.
-        constant: of /tf_static, the last one; None: it is not there.
+        count: number of transforms on topics that are not static.
+        first: the first of these: position [m] and quaternion.
+        moves: True if another of these differs from it.
+        stamped: True if one of these has a stamp.
+        constant: the last one of /tf_static; None if it has none.
     """
 
     count: int = 0
@@ -206,7 +206,7 @@ class SeenEdge:
     constant: Float[np.ndarray, "7"] | None = None
 
     def add(self, values: Float[np.ndarray, "k 7"], stamp: Int[np.ndarray, " k"], *, static: bool) -> None:
-        """More of it; what is no transform is left out."""
+        """Add transforms (k, 7) with stamps (k,) [ns]; invalid ones are not used."""
         fine = values[sound_quaternions(values[:, 3:]) & np.isfinite(values).all(axis=1)]
         if static and len(fine):
             self.constant = fine[-1]
@@ -221,19 +221,19 @@ class SeenEdge:
 
     @property
     def holds(self) -> bool:
-        """Whether it is one pose for the whole log: of /tf_static, and /tf does not say otherwise."""
+        """True if the edge is one pose for the complete log: it is on /tf_static, and /tf does not differ."""
         return self.constant is not None and not self.contradicted
 
     @property
     def contradicted(self) -> bool:
-        """Whether /tf and /tf_static differ."""
+        """True if /tf and /tf_static differ."""
         if self.constant is None or self.first is None:
             return False
         return self.moves or _differs(self.constant[None], self.first)
 
 
 def _differs(values: Float[np.ndarray, "k 7"], first: Float[np.ndarray, "7"]) -> bool:
-    """Beyond rounding; q and -q are one rotation."""
+    """Check whether a pose differs from the first by more than rounding; q and -q are the same rotation."""
     turn = np.minimum(*(np.abs(values[:, 3:] + sign * first[3:]).max(axis=1, initial=0.0) for sign in (1, -1)))
     shift = np.abs(values[:, :3] - first[:3]).max(axis=1, initial=0.0)
     return bool((np.maximum(turn, shift) > _MOVED).any())
@@ -241,12 +241,12 @@ def _differs(values: Float[np.ndarray, "k 7"], first: Float[np.ndarray, "7"]) ->
 
 @dataclass
 class TransformTree:
-    """Every edge of a log's tree, as one pass over its topics finds them.
+    """All edges of a log's tree, found in one pass over its topics.
 
     Attributes:
-        topics: from which.
-        edges: (parent, child) -> what was seen.
-        names: of frames, as numbers.
+        topics: topics of transforms.
+        edges: (parent, child) -> transforms found.
+        names: name of a frame -> its number.
     """
 
     topics: tuple[Topic, ...] = ()
@@ -254,7 +254,7 @@ class TransformTree:
     names: dict[str, int] = field(default_factory=dict[str, int])
 
     def add(self, messages: MessageBlock) -> None:
-        """More of the log."""
+        """Add the transforms in a block of the log."""
         for topic in self.topics:
             rows, _ = transforms(messages.of(topic), topic, self.names)
             called = list(self.names)
@@ -263,9 +263,9 @@ class TransformTree:
                 seen.add(rows.values[which], rows.stamp[which], static=_static(topic))
 
     def tree(self, offset: float = 0.0, max_gap: float = 0.25) -> FrameTree:
-        """With a track, still empty, for each edge that may move.
+        """Return a tree with constant poses, and with an empty track for each edge that may move.
 
-        An edge of /tf that was never seen to move may be published as seldom as it likes.
+        An edge of /tf that did not move in the log is interpolated over gaps of any length.
         """
         made = FrameTree()
         for (parent, child), seen in self.edges.items():
@@ -276,13 +276,13 @@ class TransformTree:
         return made
 
     def moving(self, frames: Sequence[str]) -> list[tuple[str, str]]:
-        """Edges between neighbours of these frames that were seen to move."""
+        """Return the edges between neighbours in `frames` that move."""
         pairs = {frozenset(pair) for pair in pairwise(frames)}
         return [edge for edge, seen in self.edges.items() if seen.moves and frozenset(edge) in pairs]
 
 
 def tree_topics(topics: Sequence[Topic]) -> list[Topic]:
-    """Those of transforms that can be read."""
+    """Return the topics of transforms that can be read."""
     return [topic for topic in topics if topic.kind in TREES and topic.encoding in ("cdr", "ros1")]
 
 
@@ -291,7 +291,7 @@ def _static(topic: Topic) -> bool:
 
 
 def read_frames(source: MessageFile, topics: Sequence[Topic]) -> TransformTree:
-    """One pass over the topics of transforms, wherever in the file they stand."""
+    """Read the topics of transforms in the complete file, and return their tree."""
     found = TransformTree(tuple(topics))
     for messages in source.messages([topic.name for topic in topics]) if topics else ():
         found.add(messages)
@@ -299,7 +299,7 @@ def read_frames(source: MessageFile, topics: Sequence[Topic]) -> TransformTree:
 
 
 class TreePoses:
-    """One frame in another, fed with messages; what `palpate.files.logs.topic_log` asks of a source of poses."""
+    """The pose of one frame in another from /tf; a `PoseSource` of `palpate.files.logs.topic_log`."""
 
     def __init__(
         self, frames: TransformTree, base: str, sensor: str, offset: float, max_gap: float, where: str
@@ -324,7 +324,7 @@ class TreePoses:
         }
 
     def add(self, messages: MessageBlock) -> None:
-        """More of the log."""
+        """Add the transforms in a block of messages to the tracks of moving edges."""
         for topic in self.topics:
             own = messages.of(topic)
             rows, sound = transforms(own, topic, self._names)
@@ -339,7 +339,7 @@ class TreePoses:
                     track.add(seconds(time), rows.values[which, 3:], rows.values[which, :3])
 
     def notes(self) -> tuple[str, ...]:
-        """How the sensor was found in the base, and what was odd."""
+        """Return notes, one sentence each: the path from base to sensor, and contradictory or unreadable transforms."""
         said = [f"the sensor's pose is that of {' -> '.join(self.track.frames)} in the tree of /tf"]
         if not self._needed:
             said.append("none of these transforms moves: the sensor is taken to stand still")

@@ -1,4 +1,4 @@
-"""A video file, through the FFmpeg in OpenCV: one sample a frame, at the time that the file gives it."""
+"""Read a video file through OpenCV's FFmpeg: one sample per frame, at the time that the file gives it."""
 
 from __future__ import annotations
 
@@ -28,23 +28,23 @@ _ROUNDED = 1e-3  # s: to which Matroska rounds its stamps
 
 
 def is_video(first: bytes) -> bool:
-    """By the first bytes of a file."""
+    """Recognise a video file by its first bytes."""
     riff = first[:4] == b"RIFF" and first[8:11] == b"AVI"
     return riff or first[:4] == b"\x1aE\xdf\xa3" or first[4:8] in _BOXES
 
 
 class VideoLog(ImageLog):
-    """Every frame that the file holds is a sample, also one that cannot be decoded.
+    """A log in a video file; each frame in it is a sample, even one that cannot be decoded.
 
-    A first pass reads the file without decoding it: how many frames there are, and their stamps. Times are k / rate by
-    the layout's rate; without one by the file's, as long as its stamps agree; else its stamps (a rate that varies).
+    A first pass counts the frames and reads their stamps, without decoding. Times are k / rate by the layout's rate, or
+    else by the file's if its stamps agree with that, or else the stamps (for a variable rate).
     """
 
     def __init__(self, path: Path, layout: LogLayout) -> None:
         super().__init__(path, path.stat().st_size, layout)
 
     def contents(self) -> LogContents:
-        """See `palpate.files.logs.log.Log`."""
+        """Return size, frame count, rate and codec, as the file's header announces them."""
         cv2 = opencv()
         with _opened(cv2, self.path, packed=True) as video:
             size = int(video.get(cv2.CAP_PROP_FRAME_HEIGHT)), int(video.get(cv2.CAP_PROP_FRAME_WIDTH))
@@ -52,7 +52,7 @@ class VideoLog(ImageLog):
             return LogContents(self.path, {}, images=Images((*size, 3), count, rate, _codec(cv2, video)))
 
     def blocks(self) -> Iterator[Recording]:
-        """See `palpate.files.logs.log.Log`."""
+        """Yield the frames as recordings; raise an InputError if none can be decoded."""
         cv2 = self._begin("a video")
         stamps, announced = self._stamps(cv2)
         yield from self._frames.blocks(self._decoded(cv2, stamps))
@@ -60,7 +60,7 @@ class VideoLog(ImageLog):
             self.torn = f"the video is cut short: it announces {announced:,} frames and holds {len(stamps):,}"
 
     def _stamps(self, cv2: Any) -> tuple[Float[np.ndarray, " n"], int]:
-        """Of all frames [s], in the order in which they are shown, and how many are announced where it is torn."""
+        """Return the stamps (n,) [s] of all frames in display order, and the number announced if more, else 0."""
         with _opened(cv2, self.path, packed=True) as video:
             announced, rate = int(video.get(cv2.CAP_PROP_FRAME_COUNT)), _rate(cv2, video)
             found: list[float] = []
@@ -82,7 +82,7 @@ class VideoLog(ImageLog):
         return even if np.abs(even - stamps).max() < _ROUNDED else stamps
 
     def _decoded(self, cv2: Any, stamps: Float[np.ndarray, " n"]) -> Iterator[Frame]:
-        """The decoder skips what it cannot decode: which frames it gives is told by their stamps."""
+        """Yield each frame, decoded or None; the decoder skips bad frames, which are identified by stamps."""
         with _opened(cv2, self.path) as video:
             times, count = self._times(stamps, _rate(cv2, video)), len(stamps)
             named, listed = _told_apart(stamps), stamps.tolist()
@@ -118,17 +118,17 @@ def _rate(cv2: Any, video: Any) -> float | None:
 
 
 def _codec(cv2: Any, video: Any) -> str:
-    """Four characters."""
+    """Return the four characters of the codec."""
     code = int(video.get(cv2.CAP_PROP_FOURCC)) & 0xFFFFFFFF
     return "".join(chr(byte) if 32 <= byte < 127 else "?" for byte in code.to_bytes(4, "little"))
 
 
 @contextmanager
 def _opened(cv2: Any, path: Path, *, packed: bool = False) -> Generator[Any]:
-    """The video; `packed`: its frames are only passed over.
+    """Yield the video opened by OpenCV; `packed`: its frames are skipped, not decoded.
 
     Raises:
-        InputError: it cannot be read, or not decoded.
+        InputError: the file cannot be read, or not be decoded.
     """
     open_input(path).close()
     logging = cv2.utils.logging
@@ -147,7 +147,7 @@ def _opened(cv2: Any, path: Path, *, packed: bool = False) -> Generator[Any]:
 
 
 def _closed(cv2: Any, path: Path, *, packed: bool) -> InputError:
-    """Why a video cannot be opened."""
+    """Return an InputError with the reason why a video cannot be opened."""
     if not packed:  # it could be opened to pass over its frames
         with _opened(cv2, path, packed=True) as video:
             codec = _codec(cv2, video)
@@ -168,7 +168,7 @@ def _closed(cv2: Any, path: Path, *, packed: bool) -> InputError:
 
 
 def _lacks_index(path: Path) -> bool:
-    """Whether an MP4 or QuickTime file has no whole box of this name."""
+    """Check whether an MP4 or QuickTime file lacks a complete index (a box called moov)."""
     size, at = path.stat().st_size, 0
     with open_input(path) as file:
         if file.read(12)[4:8] not in _BOXES:

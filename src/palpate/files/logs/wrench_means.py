@@ -1,4 +1,4 @@
-"""Wrenches of one topic at the times of the rows of another: their mean about each row."""
+"""Average the wrenches of one topic about the times of the rows of another."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ SLACK = 1e-6  # s: seconds since 1970 are only good to a quarter of this
 
 @takes_arrays
 class WrenchMeans:
-    """Recorded wrenches, added in pieces as they come; asked in order at the times of rows, such as frames of a skin.
+    """Wrenches that are added in pieces, and averaged about the times of rows, for example frames of a skin, in order.
 
-    The answer at a row is the mean of the readings within half a step of the rows to either side of it, so that all
-    readings are used once and the mean stands at the row's own time; where there is none, as of a sensor slower than
-    the rows, it lies on the line between its neighbours. Nothing depends on how rows or wrenches are cut into pieces.
+    The mean of a row is over the readings within half a step of the rows to either side of it, so that all are used
+    once and the mean belongs to the row's own time. If there are none, as for a sensor slower than the rows, the wrench
+    is interpolated linearly between its neighbours. Results do not depend on how rows or wrenches are cut into pieces.
 
     Args:
         offset: [s] added to the wrenches' stamps to put them on the rows' clock.
-        max_gap: [s] between neighbours, or to the only one, beyond which there is no answer; and the longest step.
-        limits: (6,) as recorded, at which a reading is saturated: a mean of several with one in it is that reading.
+        max_gap: [s] largest gap between neighbours that is interpolated, and the longest step between rows.
+        limits: (6,) as recorded, at which a reading is saturated: a mean that includes it is replaced by it.
     """
 
     def __init__(
@@ -38,7 +38,7 @@ class WrenchMeans:
         self._step = 0.0  # between rows, the last that was no gap
 
     def add(self, time: Float[np.ndarray, " n"], wrenches: Float[np.ndarray, "n 6"]) -> None:
-        """More readings; one that is no newer than one before, or without a stamp or a number, is left out."""
+        """Add readings; one without a stamp or a number, or not newer than all before, is dropped."""
         stamped = np.column_stack([time + self.offset, wrenches])
         stamped = stamped[np.isfinite(stamped).all(axis=1)]
         reached = np.maximum.accumulate(np.append(self._newest, stamped[:, 0]))
@@ -48,18 +48,18 @@ class WrenchMeans:
         self._fresh.append(stamped[newer])
 
     def complete(self) -> None:
-        """No more readings will come."""
+        """Declare that there are no more readings."""
         self._complete = True
 
     def answerable(self, time: Float[np.ndarray, " n"]) -> int:
-        """How many of the next rows get an answer that readings to come will not change."""
+        """Return the number of the next rows whose means future readings cannot change."""
         waits = np.flatnonzero(time + self._halves(time)[0] > self._newest)
         return len(time) if self._complete or not len(waits) else int(waits[0])
 
     def means(self, time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 1"]]:
-        """Of the next rows: wrenches as recorded, NaN where there is none, and of how many readings each is the mean.
+        """Return the wrenches of the next rows (n, 6) as recorded, NaN if unknown, and the readings averaged (n, 1).
 
-        0 readings: it was interpolated, or there is none.
+        The number of readings is 0 if the wrench was interpolated or is unknown.
         """
         halves, self._step = self._halves(time)
         known = time[np.isfinite(time)]
@@ -76,14 +76,14 @@ class WrenchMeans:
         return made, counts[:, None].astype(np.float64)
 
     def forget(self, before: float) -> None:
-        """Drop what rows at `before` [s] and later do not need."""
+        """Drop readings that rows at `before` [s] and later do not need."""
         kept = self._gathered()
         first = int(np.searchsorted(kept[:, 0], before - self.max_gap - SLACK)) - 1
         if first > 0:
             self._kept = kept[first:].copy()
 
     def notes(self) -> tuple[str, ...]:
-        """What was left out, one sentence each."""
+        """Return notes on late wrenches and on rows without a wrench, one sentence each."""
         said = (
             (self.late, f"{self.late} wrenches are no newer than one before them and were left out"),
             (self.unanswered, f"{self.unanswered} of {self.rows} rows have no wrench within {self.max_gap:g} s"),
@@ -91,7 +91,7 @@ class WrenchMeans:
         return tuple(sentence for count, sentence in said if count)
 
     def _halves(self, time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n"], float]:
-        """Half of the step to each row, that before it where it is a gap; and the last step."""
+        """Return half the step to each row (n,) [s], after a gap half the step before it; and the last step."""
         halves, step, last = np.zeros(len(time)), self._step, self._last
         for k, now in enumerate(time.tolist()):
             passed = now - last
@@ -105,7 +105,7 @@ class WrenchMeans:
     def _mean(
         self, values: Float[np.ndarray, "k 6"], first: Int[np.ndarray, " n"], counts: Int[np.ndarray, " n"]
     ) -> Float[np.ndarray, "n 6"]:
-        """Return the means of `counts` readings from the `first` on; where one is saturated, the first such reading."""
+        """Return the means of `counts` readings from `first` on; if one is saturated, the first such reading."""
         made = np.zeros((len(first), 6))
         for k in range(int(counts.max(initial=0))):
             more = counts > k
@@ -120,7 +120,7 @@ class WrenchMeans:
     def _between(
         self, time: Float[np.ndarray, " n"], stamps: Float[np.ndarray, " k"], values: Float[np.ndarray, "k 6"]
     ) -> Float[np.ndarray, "n 6"]:
-        """On the line between the neighbours of each row."""
+        """Interpolate linearly between the neighbours of each row; NaN over gaps longer than `max_gap`."""
         made = np.full((len(time), 6), np.nan)
         if not len(stamps):
             return made

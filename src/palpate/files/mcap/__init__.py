@@ -1,1 +1,1 @@
-"""MCAP files: one reader, one writer of rows of structured arrays, and what is whole of a file that was torn."""
+"""Read and write MCAP files: a reader, a writer of rows of structured arrays, and recovery of damaged files."""

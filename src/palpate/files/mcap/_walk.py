@@ -1,4 +1,4 @@
-"""Compiled: the records of a stretch of an MCAP file, one after the other, as far as they are whole."""
+"""List the records of a piece of an MCAP file, up to the first incomplete one; compiled."""
 
 # pyright: basic
 from __future__ import annotations
@@ -14,7 +14,7 @@ _MESSAGE_HEAD = 22  # bytes: channel (2), sequence (4), log time (8), publish ti
 
 @inlined
 def _whole(data, at, count):
-    """A little-endian number; negative where it needs a 64th bit."""
+    """Return a little-endian integer of `count` bytes; negative if it needs a 64th bit."""
     value = 0
     for k in range(count - 1, -1, -1):
         value = (value << 8) | int(data[at + k])
@@ -23,10 +23,10 @@ def _whole(data, at, count):
 
 @released("data uint8 n, at int, messages out int64 4 m, others out int64 k 3")
 def walk(data, at, messages, others):
-    """Lists messages (4, k): channel, log time [ns], start and length of payload; others (k, 3): kind, start, length.
+    """Fill `messages` (4, k) with channel, log time [ns], start and length; `others` (k, 3) with kind, start, length.
 
-    Returns how many there are of each, and where it stopped: at the end, after a chunk or the footer, before a record
-    that is not whole or is none, or where a list was full.
+    Return the number of each, and the position where it stopped: at the end, after a chunk or the footer, before a
+    record that is incomplete or invalid, or where a list was full. Start and length are those of the payload.
     """
     found, rest = 0, 0
     while at + _HEAD <= len(data) and found < messages.shape[1] and rest < len(others):

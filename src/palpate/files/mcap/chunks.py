@@ -1,4 +1,4 @@
-"""The bytes in a chunk of an MCAP file, as far as they can be had."""
+"""Decompress the chunks of an MCAP file, damaged ones as far as possible."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _STEP = 1 << 17  # bytes: what was decompressed before damage is kept in steps o
 
 
 def inflate(content: memoryview) -> tuple[bytes, str]:
-    """The records of a chunk, or the first of them, and what is wrong with it, "" if nothing."""
+    """Return the records of a chunk, or the first of a damaged one, and a description of the damage, "" if none."""
     try:
         _, _, size, checksum, named = unpack_from("<QQQII", content)
         compression = bytes(content[32 : 32 + named]).decode(errors="replace")

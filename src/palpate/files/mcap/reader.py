@@ -1,7 +1,7 @@
-"""The messages of an MCAP file, read from its start and without need of its index: a cut file is read up to the cut.
+"""Read the messages of an MCAP file from its start; its index is not needed, so that a cut file is read up to the cut.
 
-MAGIC, then records: a kind (1 byte), a length (8) and so many bytes. Messages stand in chunks, packed or not, or beside
-them; behind them an index, a footer and MAGIC again.
+The format: MAGIC, then records, each a kind (1 byte), a length (8 bytes) and content of that length. Messages are in
+chunks, compressed or not, or between them; an index, a footer and MAGIC follow.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ from mcap.reader import make_reader
 from mcap.records import Channel, Schema
 from mcap.summary import Summary
 
-from palpate.files.logs.log import MessageBlock, MessageFile, Topic, merged
 from palpate.files.mcap.chunks import LARGEST, inflate
+from palpate.files.messages import MessageBlock, MessageFile, Topic, merged
 from palpate.files.tables.lines import open_input, read_some
 
 __all__ = ["McapFile"]
 
 MAGIC = b"\x89MCAP0\r\n"
 PIECE = 1 << 22  # bytes read at a time
-LONGEST: Mapping[int, int] = {Opcode.CHUNK: LARGEST, Opcode.MESSAGE: 1 << 26}  # bytes; others: PIECE; passed over
+LONGEST: Mapping[int, int] = {Opcode.CHUNK: LARGEST, Opcode.MESSAGE: 1 << 26}  # bytes; others: PIECE; else skipped
 _HEAD = 9
 _MOST = 1 << 16  # records of a stretch
 _DECLARING: Mapping[int, type[Schema] | type[Channel]] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel}
@@ -42,7 +42,7 @@ _DECLARING: Mapping[int, type[Schema] | type[Channel]] = {Opcode.SCHEMA: Schema,
 
 @dataclass(frozen=True)
 class _Stretch:
-    """Whole records up to `end`: `messages` and `others` as `walk` lists them; a chunk or the footer is the last."""
+    """Complete records up to `end`, listed as by `walk`; a chunk or the footer, if there is one, is the last."""
 
     messages: Int[np.ndarray, "4 k"]
     others: list[list[int]]
@@ -50,30 +50,30 @@ class _Stretch:
 
     @property
     def last(self) -> int:
-        """Kind of the last record that is no message."""
+        """Kind of the last record that is not a message; 0 if all are messages."""
         return self.others[-1][0] if self.others else 0
 
 
 class McapFile(MessageFile):
-    """One file."""
+    """The messages of one MCAP file."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, path.stat().st_size)
         self.definitions: dict[str, str] = {}  # name of a type -> its fields, as text
-        self._schemas: dict[int, str] = {}  # these stand once read: a file may declare behind its messages
+        self._schemas: dict[int, str] = {}  # kept once read: a file may declare them after its messages
         self._channels: dict[int, Channel] = {}
         self._topics: dict[int, Topic] = {}
         self._forget()
 
     def topics(self) -> list[Topic]:
-        """From the index at the end where there is one, else by reading everything."""
+        """Return all topics with their message counts, from the index at the end or by reading the complete file."""
         if not self._read_index():
             for _ in self.messages():
                 pass
         return merged(replace(topic, count=self._counts[key]) for key, topic in self._topics.items())
 
     def messages(self, names: Collection[str] = ()) -> Generator[MessageBlock]:
-        """All of them, whatever the names."""
+        """Yield all messages in the order of the file, regardless of `names`; `torn` then describes any damage."""
         self._read_index()  # what it declares stands even if the chunk that declares it is damaged
         self._counts.clear()
         with open_input(self.path) as file:
@@ -85,7 +85,7 @@ class McapFile(MessageFile):
             self.torn = f"the file is torn {where} ({what}); {count:,} whole messages were read"
 
     def notes(self) -> tuple[str, ...]:
-        """What was odd."""
+        """Return a sentence on messages whose topic is not declared, or nothing."""
         stray = sum(count for key, count in self._counts.items() if key not in self._topics)
         return (f"{stray} messages belong to no topic that is declared",) if stray else ()
 
@@ -95,10 +95,10 @@ class McapFile(MessageFile):
         self._counts = Counter[int]()
 
     def _damaged(self, at: int, what: str) -> None:
-        self._damage = self._damage or (at, what)  # the first is said
+        self._damage = self._damage or (at, what)  # the first is reported
 
     def _read(self, file: BinaryIO) -> Iterator[MessageBlock]:
-        """`held` are the bytes from `at` on that were not used yet; they begin with a record."""
+        """Yield the messages of an open file, in pieces, up to the footer or a record that is cut or invalid."""
         at, held, want = file.seek(len(MAGIC)), b"", PIECE
         while more := read_some(file, self.path, want):
             held += more
@@ -133,14 +133,14 @@ class McapFile(MessageFile):
         self._damaged(at, "it ends within a record" if held else "it ends without its footer")
 
     def _pass_over(self, kind: int, head: bytes, at: int) -> None:
-        """A record too long to be one of ours."""
+        """Note a record that is too long to be read."""
         if kind == Opcode.CHUNK:
             self._damaged(at, "a chunk of more than 1 GiB")
         if kind == Opcode.MESSAGE:
             self._counts[unpack_from("<H", head, _HEAD)[0]] += 1
 
     def _unpack(self, content: memoryview, at: int) -> Iterator[MessageBlock]:
-        """The messages of a chunk that begins at byte `at`."""
+        """Yield the messages of the chunk that begins at byte `at`."""
         data, problem = inflate(content)
         end = 0
         for stretch in _stretches(data):
@@ -164,7 +164,7 @@ class McapFile(MessageFile):
             yield MessageBlock(data, self._topics, topic, time, start, length)
 
     def _declare(self, record: Schema | Channel) -> None:
-        """A type or a topic: geometry_msgs/msg/Wrench and geometry_msgs/Wrench are the same."""
+        """Register a type or a topic; geometry_msgs/msg/Wrench and geometry_msgs/Wrench are the same type."""
         if isinstance(record, Schema):
             name = record.name.replace("/msg/", "/")
             self._schemas[record.id] = name
@@ -173,12 +173,12 @@ class McapFile(MessageFile):
         else:
             self._channels[record.id] = record
             channels = [record]
-        for channel in channels:  # of a type also those that came before it
+        for channel in channels:  # a type may follow its channels
             kind = self._schemas.get(channel.schema_id, "")
             self._topics[channel.id] = Topic(channel.topic, kind, channel.message_encoding)
 
     def _read_index(self) -> bool:
-        """Whether there is one that names every topic, with the number of messages in each."""
+        """Read the index; return True if it exists and names every topic, with its number of messages."""
         self._forget()
         with suppress(Exception):  # whatever the library meets in a damaged one
             summary = self._summary
@@ -192,13 +192,13 @@ class McapFile(MessageFile):
 
     @cached_property
     def _summary(self) -> Summary | None:
-        """The library reads it record by record, which takes longer than to read a chunk: once."""
+        """Read the summary at the file's end; only once, because the library is slow, record by record."""
         with open_input(self.path) as file:
             return make_reader(file).get_summary()
 
 
 def _stretches(data: bytes) -> Iterator[_Stretch]:
-    """All that is whole, in pieces that end with a chunk, with the footer, or when they are long."""
+    """Yield all complete records, in pieces that end with a chunk, with the footer, or when they are long."""
     from palpate.files.mcap._walk import walk
 
     raw, end = np.frombuffer(data, dtype=np.uint8), 0

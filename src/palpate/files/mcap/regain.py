@@ -1,4 +1,4 @@
-"""An MCAP file of `McapWriter` whose writer was killed: every whole chunk of it, and the writer to go on with."""
+"""Recover an MCAP file of `McapWriter` whose process was killed: its complete chunks, and a writer to continue it."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _ENTRY = 16  # bytes of an index for each message
 
 
 class SequenceSpan(NamedTuple):
-    """Sequence numbers of a channel: the first and the last, and the largest of those that begin or end a chunk."""
+    """Sequence numbers of a channel: the first, the last, and the largest of those that begin or end a chunk."""
 
     first: int
     last: int
@@ -37,12 +37,12 @@ class SequenceSpan(NamedTuple):
 
 
 class Regained(NamedTuple):
-    """What is whole in a file.
+    """The part of a file that is complete.
 
     Attributes:
-        writer: with its chunks; `writer.size` is where what is whole ends.
-        topics: that it declares.
-        sequences: of each channel that has messages.
+        writer: has the complete chunks; they end at byte `writer.size` of the file.
+        topics: those that the file declares.
+        sequences: channel -> its sequence numbers, for each channel that has messages.
     """
 
     writer: McapWriter
@@ -51,10 +51,10 @@ class Regained(NamedTuple):
 
 
 def regained(path: Path) -> Regained | None:
-    """Read a file as far as it is whole, each chunk checked by its checksum; nothing is changed.
+    """Read a file as far as it is complete, and check each chunk by its checksum; the file is not changed.
 
     Returns:
-        None where not even its head is whole, or it is not one of `McapWriter`.
+        The complete part; None where not even the head is complete, or the file is not from `McapWriter`.
     """
     with path.open("rb") as file:
         found = _head(file)
@@ -70,7 +70,7 @@ def regained(path: Path) -> Regained | None:
 
 
 def _head(file: BinaryIO) -> tuple[McapWriter, tuple[WrittenTopic, ...]] | None:
-    """The writer that wrote this head, as it began."""
+    """Return a writer that makes the same head as this file has, and its topics; None if no writer does."""
     if file.read(len(MAGIC)) != MAGIC:
         return None
     library, schemas, topics = "", dict[int, Schema](), list[WrittenTopic]()
@@ -94,7 +94,7 @@ def _head(file: BinaryIO) -> tuple[McapWriter, tuple[WrittenTopic, ...]] | None:
 
 
 def _records(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
-    """Whole ones, from where the file is read."""
+    """Yield the kind and content of each complete record, from the current position of the file."""
     at = file.tell()
     size = file.seek(0, SEEK_END)
     file.seek(at)
@@ -106,7 +106,7 @@ def _records(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
 
 
 def _chunks(file: BinaryIO, writer: McapWriter) -> Iterator[dict[int, SequenceSpan]]:
-    """Sequence numbers of each channel, chunk by chunk; a chunk is appended to the writer's when it is whole."""
+    """Yield the sequence numbers of each channel, chunk by chunk; each complete chunk is appended to the writer's."""
     content, data, counts, places, numbers = b"", b"", dict[int, int](), dict[int, int](), dict[int, SequenceSpan]()
     at = left = 0
     for kind, held in _records(file):
@@ -136,7 +136,7 @@ def _chunks(file: BinaryIO, writer: McapWriter) -> Iterator[dict[int, SequenceSp
 
 
 def _numbers(data: bytes, starts: Int[np.ndarray, " n"]) -> tuple[SequenceSpan, int] | None:
-    """Sequence numbers of messages that are equally long, and bytes of all; None where an index does not fit."""
+    """Return the sequence numbers of equally long messages and their total bytes; None if an index is wrong."""
     ends = int(starts[0]), int(starts[-1])
     if min(ends) < 0 or max(ends) + _SEQUENCE + 4 > len(data):
         return None

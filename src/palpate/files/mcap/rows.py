@@ -1,4 +1,4 @@
-"""Messages of ROS 2 that are all equally long, many at once: rows of a structured array, ready for a chunk of MCAP."""
+"""Make many equally long ROS 2 messages at once: rows of a structured array, ready for a chunk of MCAP."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from palpate.spatial.arguments import takes_arrays
 __all__ = ["CDR", "ChannelRows", "Fields", "layout", "made", "stamped"]
 
 Fields = tuple[tuple[str, str, tuple[int, ...]], ...]
-"""Name, code and shape of each number, or "S" and the bytes of a string with its end."""
+"""Name, type code and shape of each field; the code of a string is "S" and its length in bytes, with the final NUL."""
 CDR = 0x100  # the bytes 0, 1, 0, 0: plain, little-endian
 
 
 def layout(fields: Fields) -> np.dtype[np.void]:
-    """A message in CDR: numbers stand at multiples of their size behind the four bytes of `encoding`."""
+    """Return the dtype of a message in CDR: numbers are aligned to their size, counted from the end of `encoding`."""
     placed: list[tuple[str, str, tuple[int, ...]]] = [("encoding", "<u4", ())]
     at = 0
     for name, code, shape in fields:
@@ -32,7 +32,7 @@ def layout(fields: Fields) -> np.dtype[np.void]:
 
 
 def stamped(frame_id: str, fields: Fields) -> tuple[Fields, Mapping[str, object]]:
-    """The fields of a message that begins with a header, and what all its messages hold of it."""
+    """Return the fields of a message that begins with a header, and the header values that all messages share."""
     frame = frame_id.encode() + b"\0"
     header: Fields = (
         ("sec", "<i4", ()),
@@ -44,16 +44,16 @@ def stamped(frame_id: str, fields: Fields) -> tuple[Fields, Mapping[str, object]
 
 
 class ChannelRows:
-    """The messages of one channel: what they have in common, and how many were made.
+    """The messages of one channel: their common values, and the number made so far.
 
     Args:
         channel: number of the channel, from 1.
         fields: of the message.
-        common: values that all have.
+        common: values that all messages share.
 
     Attributes:
-        record: the one that is copied.
-        count: messages so far; their sequence numbers go on from it.
+        record: (1,) the template that is copied for each message.
+        count: messages so far; the next sequence number.
     """
 
     def __init__(self, channel: int, fields: Fields, common: Mapping[str, object]) -> None:
@@ -68,7 +68,7 @@ class ChannelRows:
 
 @takes_arrays
 def made(kinds: Sequence[ChannelRows], stamps: Sequence[Int[np.ndarray, " _"]]) -> tuple[np.ndarray, list[np.ndarray]]:
-    """A message of each kind for each of its stamps [ns]: the bytes of all, and a view of them a kind, to be filled."""
+    """Make a message of each kind for each of its stamps [ns]; return all bytes, and a view per kind to be filled."""
     ends = np.cumsum([len(each) * kind.record.itemsize for kind, each in zip(kinds, stamps, strict=True)])
     raw = np.empty(ends[-1], dtype=np.uint8)
     views: list[np.ndarray] = []

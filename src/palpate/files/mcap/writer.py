@@ -1,4 +1,4 @@
-"""An MCAP file that grows chunk by chunk, whose messages are the rows of structured arrays.
+"""Write an MCAP file chunk by chunk, whose messages are the rows of structured arrays.
 
 The records around the messages are those of the `mcap` library, which writes messages one by one.
 """
@@ -25,13 +25,13 @@ MESSAGE = np.dtype(  # what stands before the bytes of a message
 
 
 class Written(NamedTuple):
-    """A chunk that is in the file, as small as can be: a file may have many.
+    """A chunk that is in the file, in as little memory as possible: a file may have many.
 
     Attributes:
-        entry: what the summary says of it, as a record.
-        end: byte at which the next begins.
+        entry: its record in the summary (a chunk index).
+        end: byte of the file at which the next chunk begins.
         span: first and last time of its messages [ns].
-        counts: its messages of each channel.
+        counts: number of its messages in each channel.
     """
 
     entry: bytes
@@ -49,13 +49,13 @@ class WrittenTopic(NamedTuple):
 
 
 class McapWriter:
-    """Makes the bytes of an MCAP file, in the order in which they belong into it.
+    """Maker of the bytes of an MCAP file, in the order in which they are to be written.
 
-    The channel of a topic is its place, counted from 1.
+    Channels are numbered from 1 in the order of `topics`.
 
     Attributes:
-        head: where the file begins.
-        chunks: that were written.
+        head: bytes with which the file begins.
+        chunks: chunks that were written.
     """
 
     def __init__(self, topics: Sequence[WrittenTopic], library: str) -> None:
@@ -68,11 +68,11 @@ class McapWriter:
 
     @property
     def size(self) -> int:
-        """Bytes of the head and of all `chunks`."""
+        """Number of bytes of the head and of all `chunks`."""
         return self.chunks[-1].end if self.chunks else len(self.head)
 
     def chunk(self, records: np.ndarray, messages: Sequence[np.ndarray]) -> tuple[bytes, Written]:
-        """The next chunk, and what to append to `chunks` once it is written.
+        """Return the bytes of the next chunk, and the entry to append to `chunks` once they are written.
 
         Args:
             records: bytes of all its messages.
@@ -95,13 +95,13 @@ class McapWriter:
     def written(
         self, chunk: mcap.Chunk, lengths: tuple[int, int], places: dict[int, int], counts: dict[int, int]
     ) -> Written:
-        """What to append to `chunks` for one that stands behind them.
+        """Return the entry to append to `chunks` for a chunk that follows them in the file.
 
         Args:
             chunk: the record.
-            lengths: bytes of the record, and with the indices behind it.
-            places: in the file, of the index of each channel.
-            counts: messages of each channel.
+            lengths: bytes of the record, without and with the message indices after it.
+            places: channel -> byte of the file at which its message index begins.
+            counts: channel -> number of messages.
         """
         length, whole = lengths
         index = mcap.ChunkIndex(
@@ -120,7 +120,7 @@ class McapWriter:
         return Written(_raw(index), self.size + whole, span, counted)
 
     def tail(self) -> bytes:
-        """What ends the file: its summary, by which readers find their way."""
+        """Return the bytes that end the file, with the summary by which readers find topics and chunks."""
         end = _raw(mcap.DataEnd(0))
         start = self.size + len(end)
         groups: tuple[tuple[Opcode, Sequence[mcap.McapRecord]], ...] = (
@@ -159,7 +159,7 @@ class McapWriter:
 
 
 def _raw(*records: mcap.McapRecord) -> bytes:
-    """The bytes of records, one after the other."""
+    """Return the bytes of records, one after the other."""
     builder = RecordBuilder()
     for record in records:
         record.write(builder)
@@ -167,14 +167,14 @@ def _raw(*records: mcap.McapRecord) -> bytes:
 
 
 def _message_index(channel: int, rows: np.ndarray, offset: int) -> bytes:
-    """All at once: the library's own writes entry by entry."""
+    """Return the message index of a channel, made at once: the library's own writes entry by entry."""
     entries = np.column_stack([rows["log"], offset + rows.itemsize * np.arange(len(rows), dtype=np.uint64)])
     content = pack("<HI", channel, entries.nbytes) + entries.astype("<u8").tobytes()
     return pack("<BQ", Opcode.MESSAGE_INDEX, len(content)) + content
 
 
 def _compressed(records: np.ndarray) -> bytes:
-    """Quick rather than small: what noise there is in doubles cannot be squeezed, and NaN vanish anyway."""
+    """Compress fast rather than well: the noise in doubles cannot be compressed, and NaN always can."""
     from lz4 import frame  # pyright: ignore[reportMissingTypeStubs] - it has none
 
     return cast(bytes, frame.compress(records, compression_level=-4, store_size=False))

@@ -1,4 +1,4 @@
-"""Models in files: one reader and one writer for all of them, and where results come from."""
+"""Read and write all kinds of models as files, and record the provenance of results."""
 
 from palpate.files.models.kinds import MODELS, read_model, write_model
 from palpate.files.models.model import Model

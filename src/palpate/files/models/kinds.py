@@ -1,4 +1,4 @@
-"""The kinds of models, and the one reader and the one writer of their files."""
+"""Read and write the files of all kinds of models."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ MODELS = Registry(
     Model,
     "palpate.models",
 )
-"""Kind of a model, as its file states it -> what it is; other packages join by an entry point `palpate.models`."""
+"""Kind of a model, as in its file -> its description; other packages add theirs by an entry point `palpate.models`."""
 
 
 @overload
@@ -41,14 +41,15 @@ def read_model(path: str | Path) -> Any: ...
 @overload
 def read_model(path: str | Path, holds: type[Value]) -> Value: ...
 def read_model(path: str | Path, holds: type[Any] | None = None) -> Any:
-    """Read a model, the same to the last bit as it was written.
+    """Read a model from its file; numbers equal those written, to the last bit.
 
     Args:
         path: of the file.
-        holds: class that is wanted; None: whichever it is.
+        holds: class of the model that is wanted; None: any.
 
     Raises:
-        InputError: no model, or not of that class; a key misspelt or missing, a value of the wrong kind or shape.
+        InputError: the file is not a model, or not of that class; a key is misspelt or missing, or a value has the
+            wrong type or shape.
     """
     try:
         table = load_toml(path)
@@ -73,10 +74,10 @@ def read_model(path: str | Path, holds: type[Any] | None = None) -> Any:
 
 
 def write_model(path: str | Path, value: Any) -> None:
-    """Write a model, with a comment and the unit beside each key.
+    """Write a model to a file, with a comment and the unit next to each key.
 
     Raises:
-        TypeError: the value is no model.
+        TypeError: the value is not a model.
     """
     kind, model = _model(cast("type[Any]", type(value)))
     head = [f"# {model.description} Written by `{model.command}`.", *toml_lines("kind", kind), ""]
@@ -84,7 +85,7 @@ def write_model(path: str | Path, value: Any) -> None:
 
 
 def _model(holds: type[Any]) -> tuple[str, Model]:
-    """The kind whose values are of a class."""
+    """Return name and description of the kind whose values are of a class; raise a TypeError for other classes."""
     for kind, model in MODELS.items():
         if model.holds is holds:
             return kind, model
@@ -92,7 +93,7 @@ def _model(holds: type[Any]) -> tuple[str, Model]:
 
 
 def _table(value: Any, forms: Mapping[type, TableForm], place: str, *, commented: bool = True) -> list[str]:
-    """The keys of a value, then its tables, whose names begin with `place`."""
+    """Return the lines of a value's keys, then of its tables, whose names begin with `place`."""
     form = forms[type(value)]
     spelled = form.spell(value) if form.spell else {each.name: getattr(value, each.name) for each in fields(value)}
     keys = [*form.keys, *(name for name in spelled if name not in form.keys)]
@@ -115,6 +116,6 @@ def _table(value: Any, forms: Mapping[type, TableForm], place: str, *, commented
 
 
 def _unknown(value: Any) -> bool:
-    """NaN throughout, which is left out."""
+    """Check whether a number, or every number of a tuple, is NaN; it is then not written."""
     values = cast("tuple[Any, ...]", value if isinstance(value, tuple) else (value,))
     return bool(values) and all(isinstance(each, float) and isnan(each) for each in values)

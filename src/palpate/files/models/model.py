@@ -1,4 +1,4 @@
-"""What a kind of model is to its files."""
+"""Describe a kind of model and its file."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ class Model:
     """A kind of model.
 
     Args:
-        holds: the class of its values.
-        called: in a sentence.
+        holds: class of its values.
+        called: name of the model in a sentence.
         description: first line of its files.
-        command: what writes one.
-        summary: a value's main figures, each with its name.
-        forms: of the class and of those in it: comments and bounds of keys, and what is spelled otherwise than field by
-            field.
+        command: command that writes one.
+        summary: function that returns a value's main figures, each with its name.
+        forms: class -> form, for `holds` and the classes in it: comments and bounds of keys, and keys that differ from
+            the fields.
     """
 
     holds: type[Any]

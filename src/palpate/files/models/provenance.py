@@ -1,4 +1,4 @@
-"""Where a result came from: the version, each input by its content, each option that was set."""
+"""Record the provenance of a result: the version, each input by its content, each option that was set."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["printable", "provenance", "read_provenance", "write_provenance"]
 
 
 def provenance(inputs: Mapping[str, Path | None], options: Mapping[str, object]) -> dict[str, str]:
-    """What a result was made from: version, each input's name and SHA-256, each option that was set."""
+    """Return the provenance of a result: Palpate's version, each input's name and SHA-256, each option that was set."""
     record = {"palpate": version("palpate")}
     for name, path in inputs.items():
         if path is not None:
@@ -26,18 +26,18 @@ def provenance(inputs: Mapping[str, Path | None], options: Mapping[str, object])
 
 
 def write_provenance(path: Path, record: Mapping[str, object]) -> None:
-    """Write beside a result where it came from, as TOML."""
+    """Write the provenance of a result as TOML to `path`."""
     write_text(path, tomlkit.dumps(dict(record)))
 
 
 def read_provenance(path: Path) -> dict[str, Any]:
-    """What stands beside a result, in its .toml; nothing where there is none."""
+    """Read the provenance of a result from PATH.toml next to it; return an empty dictionary if that does not exist."""
     beside = path.with_name(f"{path.name}.toml")
     return load_toml(beside) if beside.exists() else {}
 
 
 def printable(name: str) -> str:
-    """A file name as it may stand in a line of UTF-8 text."""
+    """Return a file name with unprintable characters replaced, so that it can be written in a line of UTF-8."""
     return "".join(letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in name)
 
 

@@ -1,4 +1,4 @@
-"""TOML as text: read into dictionaries, and written with comments, every number the same to the last bit."""
+"""Read TOML into dictionaries, and write it with comments, every number exact to the last bit."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ _LARGEST = 1 << 25  # characters
 
 
 def load_toml(path: str | Path) -> dict[str, Any]:
-    """A TOML file as a dictionary.
+    """Read a TOML file into a dictionary.
 
     Raises:
-        InputError: not there, longer than 32 MB, or not TOML; says the line.
+        InputError: the file does not exist, is longer than 32 MB, or is not TOML; the message names the line.
     """
     path = Path(path)
     try:
@@ -44,7 +44,7 @@ def load_toml(path: str | Path) -> dict[str, Any]:
 
 @takes_arrays
 def toml_array(rows: Float[np.ndarray, "n k"] | Sequence[Sequence[float]]) -> Array:
-    """A matrix for tomlkit, one row a line."""
+    """Return a matrix (n, k) as an array of tomlkit, one row per line."""
     array = tomlkit.array()
     for row in np.asarray(rows).tolist():
         array.append(row)
@@ -52,7 +52,7 @@ def toml_array(rows: Float[np.ndarray, "n k"] | Sequence[Sequence[float]]) -> Ar
 
 
 def toml_lines(name: str, value: Any, comment: str = "") -> list[str]:
-    """One key with its value: a matrix has one row a line and its comment above."""
+    """Return the lines of one key and its value; a matrix has one row per line and its comment above."""
     if not (isinstance(value, np.ndarray) and value.ndim == 2):
         return [f"{_key(name)} = {_literal(value)}{f'  # {comment}' if comment else ''}"]
     above = [f"# {comment}"] if comment else []
@@ -64,7 +64,7 @@ def _key(name: str) -> str:
 
 
 def _literal(value: Any) -> str:
-    """A float by the shortest digits that read back to it."""
+    """Return a value in TOML, a float with the fewest digits that read back to it."""
     if isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind == "f":  # of a large skin there are many
         return f"[{', '.join(map(repr, cast('Any', value).tolist()))}]"
     if isinstance(value, (np.ndarray, np.generic)):

@@ -1,1 +1,1 @@
-"""Delimited text: lines, fields and numbers, every row accounted for."""
+"""Read delimited text: lines, fields and numbers, with every row accounted for."""

@@ -1,4 +1,4 @@
-"""How a delimited text is written: what stands before its rows, what parts its fields, its decimal point, its names."""
+"""Find the dialect of a delimited text: lines before the rows, delimiter, decimal point and column names."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ LOOKED_AT = 1 << 16  # bytes of a text that are looked at
 SPACES = " "  # as a delimiter: runs of spaces and tabs
 COMMENTS = ("#", "%", "//")  # begin a line that is no row
 _DELIMITERS = (",", ";", "\t", "|", SPACES)
-_MOST = 20_000  # columns, of a sheet of 128 x 128 cells: more are rows whose ends were lost
-_LINES = 150  # of those, at most
+_MOST = 20_000  # columns: a skin of 128 x 128 taxels has fewer; more mean that line ends were lost
+_LINES = 150  # lines looked at, at most
 _NUMBER = re.compile(r"[-+]?(?:\d[\d.,']*|[.,]\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf)", re.IGNORECASE)
 _is_number = _NUMBER.fullmatch
 _THOUSANDS = re.compile(r"[-+]?\d{1,3}(?:(?:,\d{3})+\.\d*|(?:\.\d{3})+,\d*|(?:,\d{3}){2,}|(?:'\d{3})+(?:[.,]\d*)?)")
@@ -31,16 +31,16 @@ _CALLED = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", SPACES: 
 
 @dataclass(frozen=True)
 class Dialect:
-    """How a text is written.
+    """The format of a delimited text.
 
     Attributes:
         delimiter: comma, semicolon, tab, bar, or `SPACES`.
         decimal: "." or ",".
         names: of the columns.
-        units: of the columns, as a second row of the header states them; "" where it states none.
-        first: the line of the text on which rows may begin, counted from 0.
-        header: the line of the names, counted from 0; -1: there are none, and `column_1`, ... were made up.
-        stated: what lines before the header say: key in lower case -> value.
+        units: of the columns, from a second row of the header; "" where it states none.
+        first: index of the line at which rows may begin, counted from 0.
+        header: index of the line with the names, counted from 0; -1: there are none, and `column_1`, ... are used.
+        stated: key in lower case -> value, from the lines before the header.
     """
 
     delimiter: str
@@ -52,7 +52,7 @@ class Dialect:
     stated: Mapping[str, str] = field(default_factory=dict[str, str])
 
     def described(self) -> str:
-        """What is not as in a plain table, in words; "" where nothing is."""
+        """Describe in words how this text differs from a plain table; return "" if it does not."""
         said = [
             (self.delimiter not in ",;\t", f"separated by {_CALLED[self.delimiter]}"),
             (self.decimal == "," and self.delimiter == ",", "decimal commas in quotes"),
@@ -64,10 +64,11 @@ class Dialect:
 
 
 def find_dialect(text: bytes, path: Path) -> Dialect:
-    """Look at the start of a text.
+    """Determine the dialect of a text from its first `LOOKED_AT` bytes.
 
     Raises:
-        InputError: it is empty, has one column only, or its decimal points cannot be told from thousands.
+        InputError: the text is empty, is XML or HTML, has only one column or more than 20,000, has a header with an
+            open quote, or its commas may be decimal points or marks between thousands.
     """
     if text[:LOOKED_AT].lstrip().startswith(b"<"):
         raise InputError("is XML or HTML, and no table.", where=str(path))
@@ -85,12 +86,12 @@ def find_dialect(text: bytes, path: Path) -> Dialect:
 
 
 def spaces_to_tabs(text: bytes) -> bytes:
-    """Runs of spaces and tabs become one tab, none at the ends of a line."""
+    """Replace each run of spaces and tabs by one tab, and remove those at the ends of lines."""
     return re.sub(rb"(?m)^\t|\t?\r?$", b"", re.sub(rb"[ \t]+", b"\t", text))
 
 
 def _whole_lines(text: bytes) -> list[bytes]:
-    """Those that are looked at: where rows have thousands of fields, three."""
+    """Return the complete lines in the first `LOOKED_AT` bytes, or three lines where rows are very long."""
     lines = text[:LOOKED_AT].split(b"\n")
     if len(text) <= LOOKED_AT:
         return lines
@@ -98,7 +99,7 @@ def _whole_lines(text: bytes) -> list[bytes]:
 
 
 def _decoded(line: bytes) -> str:
-    """A line in UTF-8, or in the code page that Windows had before."""
+    """Decode a line as UTF-8, or else as Windows' former code page (cp1252)."""
     try:
         return line.rstrip(b"\r").decode()
     except UnicodeDecodeError:
@@ -106,7 +107,7 @@ def _decoded(line: bytes) -> str:
 
 
 def _plain(lines: list[str], filled: list[int], path: Path) -> Dialect | None:
-    """Names, and numbers in as many fields in the next line, parted by comma, semicolon or tab: no more to look at."""
+    """Return the dialect of a plain table, a line of names above numbers in as many fields; None if it is not plain."""
     if len(filled) < 2:
         return None
     head, row = lines[filled[0]], lines[filled[1]]
@@ -126,7 +127,7 @@ def _plain(lines: list[str], filled: list[int], path: Path) -> Dialect | None:
 
 
 def _is_row(names: Sequence[str]) -> bool:
-    """Whether what stands where names do is a first row: numbers, among which there may be words."""
+    """Check whether the fields where names are expected are a first row: numbers, among which there may be words."""
     numbers = [name for name in names if _is_number(name)]
     return len(numbers) == len(names) or (
         bool(_is_number(names[0])) and 2 * len(numbers) > len(names) and any("." in number for number in numbers)
@@ -134,7 +135,7 @@ def _is_row(names: Sequence[str]) -> bool:
 
 
 def _header_only(lines: list[str], filled: list[int], path: Path) -> Dialect:
-    """The first line names the columns, and what follows is no table of numbers, or nothing at all."""
+    """Return the dialect if the first line names columns, though no rows of numbers follow it."""
     if not filled:
         raise InputError("the file is empty.", where=str(path))
     head = lines[filled[0]]
@@ -147,7 +148,7 @@ def _header_only(lines: list[str], filled: list[int], path: Path) -> Dialect:
 
 
 def _found(lines: list[str], path: Path) -> Dialect | None:
-    """By the rows of numbers: what parts them best, and the names above the first of them."""
+    """Find the dialect by the rows of numbers: the delimiter that splits them best, and the names above them."""
     scores = {delimiter: _rows(lines, delimiter) for delimiter in _DELIMITERS}
     delimiter = max(_DELIMITERS, key=lambda each: sum(score for _, score in scores[each].values()))
     ended = max((k for k, line in enumerate(lines) if line.startswith("***End_of_Header***")), default=-1)  # LabVIEW's
@@ -175,7 +176,7 @@ def _found(lines: list[str], path: Path) -> Dialect | None:
 
 
 def _rows(lines: Sequence[str], delimiter: str) -> dict[int, tuple[int, float]]:
-    """Lines that are rows of numbers, or more than half of them: how many fields, and the share of numbers."""
+    """Return line -> (field count, share of numbers), for lines at least half of whose fields are numbers."""
     found: dict[int, tuple[int, float]] = {}
     for k, line in enumerate(lines):
         if (delimiter != SPACES and delimiter not in line) or line.startswith(COMMENTS):
@@ -190,7 +191,7 @@ def _rows(lines: Sequence[str], delimiter: str) -> dict[int, tuple[int, float]]:
 def _names(
     lines: Sequence[str], above: Sequence[int], delimiter: str, width: int, path: Path
 ) -> tuple[int, list[str], dict[int, list[str]]]:
-    """The line of the names (-1: none), the names, and the line of the units with them, above the rows."""
+    """Return the index of the line of names (-1: none), the names, and the line of units with its fields."""
     units: dict[int, list[str]] = {}
     for k in reversed(above[-3:]):
         remark = lines[k].startswith(COMMENTS) or (lines[k].startswith(";") and delimiter != ";")
@@ -208,12 +209,12 @@ def _names(
                 units[earlier[-1]] = other
             return k, fields, units
         elif not remark and len(fields) > 2 and delimiter != SPACES and not units and ":" not in marked:
-            return k, fields, {}  # names in another number: no row will have as many, which is said
+            return k, fields, {}  # names that no row fits, which an error states later
     return -1, [], {}
 
 
 def _are_units(fields: Sequence[str]) -> bool:
-    """Whether these are units, some of force, torque or time among them, or dashes and nothing."""
+    """Check whether fields are units, with some of force, torque or time among them, or empty fields and dashes."""
     bare = [re.sub(r"^[\[(]|[\])]$", "", text) for text in fields]
     known = [text for text in bare if any(known_unit(text, each) for each in (TIME_UNITS, FORCE_UNITS, TORQUE_UNITS))]
     others = [text for text in bare if text not in known and text not in ("", "-", "--", "1", "m", "mm", "deg", "rad")]
@@ -222,7 +223,7 @@ def _are_units(fields: Sequence[str]) -> bool:
 
 
 def _parted(line: str, delimiter: str, width: int) -> list[str]:
-    """The fields of a header, whose names may have spaces where spaces part the rows."""
+    """Split a header, whose names may contain spaces even where spaces separate the fields of rows."""
     if delimiter != SPACES:
         return _split(line, delimiter)
     for way in (r"\s+", r"\s{2,}|\t", r"\s*,\s*", r"\s+(?![\[(])"):
@@ -232,7 +233,7 @@ def _parted(line: str, delimiter: str, width: int) -> list[str]:
 
 
 def _split(line: str, delimiter: str) -> list[str]:
-    """Fields without the quotes and spaces around them."""
+    """Split a line into fields, without the quotes and spaces around them."""
     if delimiter == SPACES:
         return re.split(r"[ \t]+", line.strip(" \t"))
     if '"' not in line:
@@ -242,7 +243,7 @@ def _split(line: str, delimiter: str) -> list[str]:
 
 
 def _fields(line: str, delimiter: str, path: Path, number: int) -> list[str]:
-    """Of a line whose quotes must be closed."""
+    """Split a line of the header into fields; raise an InputError if one of its quotes is not closed."""
     if line.count('"') % 2:
         raise InputError("a quote is not closed in the header.", where=f"{path}, line {number + 1}")
     return _split(line, delimiter)
@@ -253,7 +254,7 @@ def _bare(line: str) -> str:
 
 
 def _facts(lines: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """`key: value`, `key = value`, several a line, or a key and a value in two fields."""
+    """Yield pairs of key and value from `key: value` or `key = value`, several per line, or from two fields."""
     for line in lines:
         bare = _MARK.sub("", line, count=1).strip().strip('"')
         pairs = _FACT.findall(bare) or [fields for fields in (re.split(r"\s*[,;\t]\s*", bare),) if len(fields) == 2]
@@ -261,10 +262,10 @@ def _facts(lines: Sequence[str]) -> Iterator[tuple[str, str]]:
 
 
 def _decimal(lines: Sequence[str], delimiter: str, first: int, path: Path) -> str:
-    """The decimal point of the numbers: a comma only where it cannot part thousands.
+    """Return the decimal point of the numbers: a comma only where it cannot separate thousands.
 
     Raises:
-        InputError: numbers have thousands parted, or may have.
+        InputError: numbers have, or may have, marks between thousands.
     """
     doubted, points, commas = "", False, False
     for k, line in enumerate(lines):

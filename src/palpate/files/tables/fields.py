@@ -1,4 +1,4 @@
-"""How well a file could be read as rows of numbers, summed over the pieces in which it is read."""
+"""Count the rows and fields of a file that could not be read as numbers, summed over its pieces."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ __all__ = ["Fields", "RowCount"]
 
 @takes_arrays
 class Fields:
-    """What was met while some columns were read."""
+    """Counts of the rows read from some columns and of the fields in them that are not numbers."""
 
     def __init__(self) -> None:
         self.rows = self.bad = 0
         self.first_bad = ""
-        """The place of the first row with a field that is missing or no number."""
+        """Place of the first row with a field that is missing or not a number, "" before that."""
         self.unread: dict[str, tuple[str, str]] = {}
-        """Column -> place and text of the first field that is neither a number nor empty nor says nan."""
+        """Column -> place and text of the first field that is neither a number nor empty nor nan."""
         self._numeric: set[str] = set()
 
     def see(self, name: str, values: Float[np.ndarray, " n"]) -> None:
-        """The numbers of a column, NaN where there is none."""
+        """Record whether a column has a number yet; `values` are NaN where it has none."""
         if name not in self._numeric and not np.isnan(values).all():
             self._numeric.add(name)
 
     def count(self, values: Float[np.ndarray, "n k"], place: Callable[[int], str]) -> None:
-        """The rows of a piece, of which some have a field that is missing or no number: NaN."""
+        """Count the rows of a piece, and those with NaN, a field that is missing or not a number."""
         bad = np.any(np.isnan(values), axis=1)
         self.rows += len(bad)
         self.bad += int(np.count_nonzero(bad))
@@ -40,13 +40,13 @@ class Fields:
             self.first_bad = place(int(np.argmax(bad)))
 
     def require_numbers(self, path: Path) -> None:
-        """Raise an InputError if a column holds text, and not one number."""
+        """Raise an InputError if a column contains text and not a single number."""
         for name, (place, text) in self.unread.items():
             if name not in self._numeric:
                 raise InputError(f"no number in column {name!r}; {place} has {text!r}.", where=str(path))
 
     def notes(self) -> tuple[str, ...]:
-        """One sentence if there was anything."""
+        """Return a sentence on rows with a field that is missing or not a number, or nothing."""
         if not self.bad:
             return ()
         first = self.first_bad
@@ -58,17 +58,17 @@ class Fields:
 
 @takes_arrays
 class RowCount:
-    """How many rows of a file have the fields of its header, summed over its pieces."""
+    """Counts of the rows of a file that have the fields of its header, summed over its pieces."""
 
     def __init__(self) -> None:
-        self.count = self.whole = self.unclosed = self.ragged = 0
+        self.count = self.unclosed = self.ragged = 0
         self.cut = False
-        """Whether the last row so far has fewer fields than the header."""
+        """True if the last row so far has fewer fields than the header."""
         self._first = self._first_unclosed = self._first_ragged = ""
         self._fields, self._delimiter = 0, ""
 
     def add(self, lines: Int[np.ndarray, " n"], fields: Int[np.ndarray, " n"], width: int, delimiter: str) -> None:
-        """One more piece: the line of each row, its fields (-1: a quote is not closed), and those of the header."""
+        """Add a piece: line number and field count (-1: an open quote) of each row, field count of the header."""
         unclosed, ragged = fields < 0, (fields >= 0) & (fields != width)
         if not self.count and len(lines):
             found = f"{fields[0]}" if fields[0] >= 0 else "a quote that is not closed"
@@ -84,7 +84,7 @@ class RowCount:
             self._first_ragged = f"line {lines[int(np.argmax(ragged))]}"
 
     def require(self, path: Path) -> None:
-        """Raise an InputError if there is no row, or none with the fields of the header."""
+        """Raise an InputError if there is no row, or none with as many fields as the header."""
         if not self.count:
             raise InputError("there is a header, but no rows.", where=str(path))
         if self.unclosed + self.ragged == self.count:
@@ -95,7 +95,7 @@ class RowCount:
             )
 
     def notes(self) -> tuple[str, ...]:
-        """What a reader should know."""
+        """Return a sentence each on rows with an open quote and on rows with the wrong number of fields."""
         said = (
             (self.unclosed, "have a quote that is not closed", self._first_unclosed),
             (self.ragged, f"do not have {self._fields} fields", self._first_ragged),

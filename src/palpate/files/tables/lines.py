@@ -1,4 +1,4 @@
-"""Opening what is read, and the whole lines of a text file in pieces."""
+"""Open input files, and read the complete lines of a text file in pieces."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ _LONGEST = 1 << 26  # bytes of a line, beyond which a file is no text
 
 
 def open_input(path: Path, *, pipe: bool = False) -> BufferedReader:
-    """Open a file to be read. A pipe waits for who writes, and a device may never end: they are not opened.
+    """Open a file for reading, in binary. Pipes and devices are refused, because reading them may never end.
 
     Args:
         path: of the file.
-        pipe: a pipe is read too, from its start to its end and once, if something is written into it by now.
+        pipe: accept a pipe too, which can be read only once, if something is written into it within 1.5 s.
 
     Raises:
-        InputError: it is not there, may not be read, or is a folder, a pipe, a device or a socket.
+        InputError: the file does not exist, may not be read, or is a folder, a pipe, a device or a socket.
     """
     try:
         kind = irregular(path.stat())
@@ -47,7 +47,7 @@ def open_input(path: Path, *, pipe: bool = False) -> BufferedReader:
 
 
 def _open_pipe(path: Path) -> BufferedReader:
-    """Open a pipe into which something is written."""
+    """Open a pipe; raise an InputError if nothing is written into it within 1.5 s."""
     handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # does not wait for who writes
     if not select.select([handle], [], [], _WAIT)[0]:
         os.close(handle)
@@ -58,12 +58,12 @@ def _open_pipe(path: Path) -> BufferedReader:
 
 
 def complete_lines(file: BinaryIO, path: Path, size: int) -> Iterator[bytes]:
-    """The text in pieces of about `size` bytes (-1: all of it) that begin and end with a line, without its end.
+    """Yield the text in pieces of about `size` bytes (-1: all of it), cut at newlines, which are dropped there.
 
-    UTF-16 is told by its mark, and becomes UTF-8.
+    UTF-16 is recognised by its byte order mark and converted to UTF-8.
 
     Raises:
-        InputError: it is no text.
+        InputError: the file is not text, has a line of more than 64 MB, or cannot be read.
     """
     piece = read_some(file, path, size).removeprefix(b"\xef\xbb\xbf")
     recode = _from_utf16() if piece.startswith((b"\xff\xfe", b"\xfe\xff")) else None
@@ -87,16 +87,16 @@ def complete_lines(file: BinaryIO, path: Path, size: int) -> Iterator[bytes]:
 
 
 def _from_utf16() -> Callable[[bytes], bytes]:
-    """What makes UTF-8 of one piece of a text after the other."""
+    """Return a function that converts successive pieces of a UTF-16 text to UTF-8."""
     decoder = codecs.getincrementaldecoder("utf-16")("replace")
     return lambda piece: decoder.decode(piece, final=not piece).encode()
 
 
 def read_some(file: BinaryIO, path: Path, size: int) -> bytes:
-    """So many bytes, or what is left, or all with -1.
+    """Read `size` bytes, fewer at the end of the file, or everything with -1.
 
     Raises:
-        InputError: they cannot be read.
+        InputError: the file cannot be read.
     """
     try:
         return file.read(size)

@@ -1,4 +1,4 @@
-"""Dates and times of day as text, in seconds."""
+"""Convert dates and times of day from text to seconds."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ _STAMP = f"^{_DATE}{_CLOCK}{_ZONE}$"
 
 
 def seconds(text: pl.Series) -> pl.Series:
-    """Seconds since 1970, or of the day where there is no date; null where it is no stamp.
+    """Convert stamps to seconds since 1970, or since midnight if they have no date; null where the text is no stamp.
 
-    Read are ISO 8601 and its looser forms, `31.12.2025 12:34:56,789`, `12:34:56.789` and `3:04:05 PM`; not dates of
-    which the day and the month cannot be told apart.
+    Accepted are ISO 8601 and its looser forms, `31.12.2025 12:34:56,789`, `12:34:56.789` and `3:04:05 PM`; not dates
+    whose day and month could be exchanged.
     """
     parts = text.to_frame("text").select(pl.col("text").str.extract_groups(_STAMP).alias("p")).unnest("p")
     number = {name: pl.col(name).cast(pl.Float64) for name in ("hour", "minute", "zh", "zm")}

@@ -1,4 +1,4 @@
-"""What a table says of its own units and rate: in its names, in a row of units, in the lines before them."""
+"""Extract the units and the rate that a table states: in its names, in a row of units, in the lines before them."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ _COUNTS = re.compile(r"\bcounts? ?(?:per|/) ?(?:unit )?(force|torque|n ?m|n)\b")
 
 @dataclass(frozen=True)
 class Stated:
-    """Units as they are spelt there, "" where none is stated.
+    """Units and rate that a table states; units are spelt as there, "" where none is stated.
 
     Attributes:
         units: column -> its unit, where its name or a row of units has one.
-        force, torque: of columns that state none: "N", or "N/1000000" where so many counts make one.
+        force, torque: unit of columns that state none: "N", or "N/1000000" for a million counts per newton.
         rate: [Hz] of the samples, None where it is not stated.
     """
 
@@ -35,12 +35,12 @@ class Stated:
 
     @classmethod
     def of_names(cls, names: Iterable[str]) -> Stated:
-        """What names alone say."""
+        """Return the units that column names contain."""
         return cls({name: unit for name in names if (unit := split_unit(name)[1])})
 
     @classmethod
     def of_dialect(cls, dialect: Dialect) -> Stated:
-        """What a text says before its rows."""
+        """Return the units and the rate that a text states before its rows."""
         rows = dict(zip(dialect.names, dialect.units, strict=False))
         units = {name: unit for name, unit in rows.items() if unit.strip("-")}
         for name, unit in cls.of_names(dialect.names).units.items():
@@ -57,7 +57,7 @@ class Stated:
         return cls(units, force, torque, _rate(facts))
 
     def unit(self, name: str, kind: str = "") -> str:
-        """Of a column, of force, torque or anything else."""
+        """Return the unit of a column; "" if none is stated. `kind` is "force", "torque" or anything else."""
         return self.units.get(name) or (self.force if kind == "force" else self.torque if kind == "torque" else "")
 
 
@@ -67,7 +67,7 @@ def _unit(facts: Mapping[str, str], key: str, usual: str) -> str:
 
 
 def _rate(facts: Mapping[str, str]) -> float | None:
-    """Of samples, less what was averaged."""
+    """Return the rate [Hz] of the samples over the number averaged; None if it is not stated."""
     rate: float | None = None
     averaged = 1.0
     for key, value in facts.items():
@@ -82,6 +82,6 @@ def _rate(facts: Mapping[str, str]) -> float | None:
 
 
 def _number(text: str) -> float:
-    """The number that a text begins with; 0: there is none."""
+    """Return the number at the beginning of a text, or 0."""
     match = re.match(r"\d+(?:[.,]\d*)?(?:[eE][-+]?\d+)?", text)
     return float(match[0].replace(",", ".")) if match else 0.0

@@ -1,4 +1,4 @@
-"""A delimited text file as named columns of text, every row of it accounted for: whole, or in pieces."""
+"""Read a delimited text file as named columns, at once or in pieces, with every row accounted for."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ _INSIDE = b"\x1f"  # stands for a delimiter inside quotes, so that every line pa
 @takes_arrays
 @dataclass(frozen=True)
 class TextTable:
-    """The text of some rows of a file; numbers are made on request, so that a bad field can be named.
+    """The text of some rows of a file; numbers are parsed on request, so that errors can name a bad field.
 
     Attributes:
         path: the file.
-        dialect: how it is written.
-        lines: (n,) the line of the file that each row stands on, counted from 1.
-        fields: (n,) how many fields each row has; -1 where a quote is not closed.
+        dialect: format of the text.
+        lines: (n,) line number of each row in the file, counted from 1.
+        fields: (n,) number of fields of each row; -1 where a quote is not closed.
     """
 
     path: Path
@@ -54,45 +54,45 @@ class TextTable:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the columns, as the header gives them."""
+        """Names of the columns, from the header."""
         return self.dialect.names
 
     @property
     def delimiter(self) -> str:
-        """Of the text as it is held."""
+        """Delimiter of the stored text, in which tabs replace runs of spaces."""
         return "\t" if self.dialect.delimiter == SPACES else self.dialect.delimiter
 
     @property
     def ragged(self) -> Bool[np.ndarray, " n"]:
-        """True where a row has more or fewer fields than the header, or a quote that is not closed."""
+        """(n,) True where a row has more or fewer fields than the header, or a quote that is not closed."""
         return self.fields != len(self.names)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was met on the way."""
+        """Notes on ragged rows, one sentence each."""
         return self.counted(RowCount()).notes()
 
     def counted(self, rows: RowCount) -> RowCount:
-        """Add these rows to an account of them."""
+        """Add these rows to `rows`, and return it."""
         rows.add(self.lines, self.fields, len(self.names), self.delimiter)
         return rows
 
     def strings(self, name: str) -> pl.Series:
-        """One column as text, stripped, null where empty."""
+        """Return one column as text, stripped, null where empty; raise an InputError if it is missing."""
         self.require([name])
         return self._strings([name])[0]
 
     def numbers(
         self, names: Sequence[str], *, strict: bool = False
     ) -> tuple[Float[np.ndarray, "n k"], tuple[str, ...]]:
-        """Columns as float64, NaN where a field is not a number or its row is ragged, and a note when there is one.
+        """Return columns (n, k) as float64, NaN where a field is no number or its row is ragged, and a note on these.
 
         Args:
             names: of the columns.
-            strict: refuse a ragged row and a field that is no number, unless it is empty or says nan.
+            strict: refuse a ragged row, and a field that is neither a number nor empty nor nan.
 
         Raises:
-            InputError: a column is missing, or holds no number at all, or `strict` finds a row.
+            InputError: a column is missing or contains no number at all, or `strict` refuses a row.
         """
         if strict and self.ragged.any():
             self.refuse(
@@ -107,10 +107,10 @@ class TextTable:
         return values, fields.notes()
 
     def read(self, names: Sequence[str], fields: Fields) -> Float[np.ndarray, "n k"]:
-        """Columns as float64, NaN where there is no number, of which `fields` keeps account.
+        """Return columns (n, k) as float64, NaN where there is no number, and count the rows in `fields`.
 
         Raises:
-            InputError: a column is missing.
+            InputError: a column is missing, or is there more than once.
         """
         self.require(names)
         parsed = self._parse(names, numbers=True)
@@ -127,11 +127,11 @@ class TextTable:
         return values
 
     def refuse(self, row: int, what: str) -> NoReturn:
-        """Raise an InputError that names the line of a row."""
+        """Raise an InputError that names the line of a row and gives `what` as the reason."""
         raise InputError(f"{what}.", where=f"{self.path}, {self._line(row)}")
 
     def require(self, names: Sequence[str]) -> None:
-        """Raise an InputError unless each of these columns is there, once."""
+        """Raise an InputError unless each of these columns exists exactly once."""
         there = Counter(self.names)
         for name in names:
             if there[name] > 1:
@@ -171,10 +171,10 @@ class TextTable:
 
 
 def read_table(path: Path) -> TextTable:
-    """Read a delimited text as `palpate.files.tables.dialect` finds it written.
+    """Read a complete delimited text file, whose dialect is found by `palpate.files.tables.dialect`.
 
     Raises:
-        InputError: the file is not there, not text, empty, or has no header or no row that fits it.
+        InputError: the file does not exist, is not text, is empty, or has no header or no row that fits it.
     """
     with open_input(path) as file:
         whole = next(tables(file, path, -1))
@@ -183,10 +183,10 @@ def read_table(path: Path) -> TextTable:
 
 
 def tables(file: BinaryIO, path: Path, size: int) -> Iterator[TextTable]:
-    """The rows of an opened file in pieces of about `size` bytes; the first may be without rows.
+    """Yield the rows of an open file in tables of about `size` bytes of text; the first may be without rows.
 
     Raises:
-        InputError: it is not text, empty, or has no header.
+        InputError: the file is not text, is empty, or has no header.
     """
     pieces, before, ahead = complete_lines(file, path, size), 0, list[bytes]()
     for text in pieces:  # until there is something, and enough of it to tell how it is written
@@ -216,9 +216,9 @@ def tables(file: BinaryIO, path: Path, size: int) -> Iterator[TextTable]:
 
 
 def _split(raw: bytes, delimiter: bytes) -> tuple[bytes, Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """The text without blank lines and comments, `_INSIDE` for delimiters inside quotes; each line's number and fields.
+    """Drop blank lines and comments, and replace delimiters in quotes; return the text, line numbers and field counts.
 
-    A line is a row, whatever its quotes say: where one is not closed, the count of fields is -1.
+    Each line is a row, even if a quote in it is not closed; its field count is -1 then. `_INSIDE` is the replacement.
     """
     text = np.frombuffer(raw, dtype=np.uint8)
     ends = np.append(np.flatnonzero(text == ord("\n")), len(text))
@@ -244,7 +244,7 @@ def _split(raw: bytes, delimiter: bytes) -> tuple[bytes, Int[np.ndarray, " n"], 
 
 
 def _marked(text: UInt8[np.ndarray, " size"], starts: Int[np.ndarray, " n"]) -> Int[np.ndarray, " k"]:
-    """Lines that may be comments, by their first byte."""
+    """Return the indices of lines that may be comments, by their first byte."""
     if not len(text):
         return np.zeros(0, dtype=np.int64)
     first = text.take(starts, mode="clip")
@@ -252,7 +252,7 @@ def _marked(text: UInt8[np.ndarray, " size"], starts: Int[np.ndarray, " n"]) -> 
 
 
 def _unquoted(text: pl.Expr, delimiter: str) -> pl.Expr:
-    """Without quotes and space around it, and with what the quotes protected."""
+    """Remove quotes and spaces around a text, and restore the delimiters and quotes inside it."""
     bare = text.str.strip_chars().str.strip_prefix('"').str.strip_suffix('"').str.strip_chars()
     return bare.str.replace_all('""', '"', literal=True).str.replace_all(_INSIDE.decode(), delimiter, literal=True)
 
@@ -260,7 +260,7 @@ def _unquoted(text: pl.Expr, delimiter: str) -> pl.Expr:
 def _frame(
     text: bytes, delimiter: str, path: Path, count: int, columns: Sequence[int], *, numbers: bool
 ) -> pl.DataFrame:
-    """Columns c0, c1, ... of text without a header; null where a field is empty or not of this kind."""
+    """Parse text without a header as columns c0, c1, ...; null where a field is empty or cannot be converted."""
     require_polars_threads()
     names = [f"c{k}" for k in range(count)]
     try:
@@ -279,5 +279,5 @@ def _frame(
 
 
 def _says_nan(text: pl.Series) -> Bool[np.ndarray, " n"]:
-    """Where a field says that there is no number."""
+    """Return True for each field that is a spelling of NaN or null."""
     return text.str.to_lowercase().is_in(["nan", "-nan", "+nan", "null", "none"]).fill_null(value=False).to_numpy()

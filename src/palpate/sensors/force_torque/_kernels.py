@@ -1,4 +1,4 @@
-"""Compiled: from a reading to the contact's wrench in the surface's frame, with its covariance.
+"""Compiled loops from a reading to the contact's wrench in the surface's frame, with its covariance.
 
 Explicit loops, sample by sample: a product by BLAS has other last bits in a batch of another size.
 """
@@ -15,15 +15,15 @@ from palpate.surfaces._vectors import copy_into, cross_into
 __all__ = ["compensate", "place"]
 
 _SATURATED, _INVALID, _NO_POSE = 6, 7, 8
-_LARGEST = 1e9  # sensors.recording.LARGEST
-# load: what hangs on the sensor, as numbers
+_LARGEST = 1e9  # signals.recording.LARGEST
+# load: the payload, as numbers
 # slope: of the mass by the weight, (w/|w|)/|g|; lever: 1/L^2 of `ForceTorque.gain_error`
 _WEIGHT, _CENTER, _SLOPE, _MASS, _LEVER = 0, 3, 6, 9, 10
 
 
 @inner
 def _finite(values):
-    """No NaN, and nothing that is too large to be one."""
+    """Return whether every value is a number of at most 1e9; False for NaN."""
     for value in values:  # noqa: SIM110 - numba knows no generators here
         if not abs(value) <= _LARGEST:
             return False
@@ -32,7 +32,7 @@ def _finite(values):
 
 @inner
 def _hang(rotation, acceleration, load, weight):
-    """The weight in the sensor's frame of an accelerated payload, u = R^T w - m a."""
+    """Write the force [N] of an accelerated payload in the sensor's frame, u = R^T w - m a, into `weight`."""
     for k in range(3):
         weight[k] = -load[_MASS] * acceleration[k]
         for j in range(3):
@@ -46,11 +46,11 @@ def _hang(rotation, acceleration, load, weight):
     """
 )
 def compensate(readings, rotations, accelerations, limits, load, zero, base, wrenches, statuses):
-    """`Payload.compensate` without its covariance, and what is wrong with a sample (-1: nothing).
+    """Compute `Payload.compensate` without its covariance, and each sample's status (-1: to be located).
 
-    Readings (n, 6) as measured, in the base's frame or the sensor's; rotations (n, 3, 3), sensor in base, and
-    accelerations (n, 3), or one row for all; limits (6,) of the sensor; zero (6,), its biases and the tare. Out come
-    wrenches (n, 6) and statuses (n,); what saturates is compensated all the same.
+    Takes readings (n, 6) as measured, in the base's frame or the sensor's; rotations (n, 3, 3), sensor in base, and
+    accelerations (n, 3), or one row for all; limits (6,) of the sensor; zero (6,), its biases and the tare. Writes
+    wrenches (n, 6) and statuses (n,); saturated samples are compensated too.
     """
     weight, moment = np.empty(3), np.empty(3)
     for i in range(len(readings)):
@@ -85,9 +85,9 @@ def compensate(readings, rotations, accelerations, limits, load, zero, base, wre
 
 @inner
 def _payload_errors(turn, weight, center, factor, matrix, work, errors):
-    """J L for each column of a factor (r, 12), L L^T = C, of the payload's covariance: they sum to J C J^T.
+    """Write J L for each row of a factor (r, 12), L L^T = C, of the payload's covariance: squares sum to J C J^T.
 
-    By a column dw, df, dc, dm the load is off by A dw + df in force and c x (A dw) + dc x u + dm in torque.
+    An error dw, df, dc, dm changes the load by A dw + df in force and by c x (A dw) + dc x u + dm in torque.
     """
     error, moment = work[0], work[1]
     for i in range(len(factor)):
@@ -124,14 +124,14 @@ def place(
     located,
     covariance,
 ):
-    """Wrenches (n, 6) to the surface's frame, and their covariances.
+    """Transform wrenches (n, 6) to the surface's frame, and compute their covariances.
 
-    What varies: unsteady (n, 1), deviation of the acceleration, age (n, 1) [s] of the zero, and share (n,) of the noise
-    that a filter left, or one row for all. What does not: mean (4, 3), the A = R^T - a (dm/dw)^T and u of a tare;
-    factor (r, 12) of the payload's covariance, mounting (q, 6) of the mounting's; matrix (6, 6) from sensor to surface;
-    constant (5, 6, 6), covariances in the surface's frame of what a filter takes off the noise, of what stays of it, of
-    the tare and of the payload's misfit, of an acceleration of deviation 1, of the gains for a wrench of size 1, and of
-    a second of drift. Out come located (n, 6) and covariance (n, 6, 6).
+    Per sample, or one row for all: unsteady (n, 1), standard deviation of the acceleration, age (n, 1) [s] of the zero,
+    and share (n,) of the noise that remains after a filter. Constant: mean (4, 3), the A = R^T - a (dm/dw)^T and u of a
+    tare; factor (r, 12) of the payload's covariance, mounting (q, 6) of the mounting's; matrix (6, 6) from sensor to
+    surface; constant (5, 6, 6), covariances in the surface's frame: 0, the part of the noise that a filter removes;
+    1, the remaining noise, with the tare and the payload's misfit; 2, an acceleration of standard deviation 1; 3, the
+    gains for a wrench of size 1; 4, a second of drift. Writes located (n, 6) and covariance (n, 6, 6).
     """
     turn, weight, work = np.empty((3, 3)), np.empty(3), np.empty((2, 6))
     errors = np.empty((len(factor) + len(mounting), 6))

@@ -1,4 +1,4 @@
-"""Compiled: from readings to rows of `estimate.ROW` in one call, by the steps and with the bits of blocks."""
+"""Compiled loop from readings to rows of `estimate.ROW` in one call, with the same steps and bits as for blocks."""
 
 # pyright: basic
 from __future__ import annotations
@@ -20,9 +20,9 @@ __all__ = ["locate"]
     """
 )
 def locate(inputs, memory, table, unused, noises, nodes, corners, settings, state, rows):
-    """Inputs (20 n,) of n samples, as `Compensation.inputs` lays them out.
+    """Compute n rows of estimates from the inputs (20 n,) of n samples, as `Compensation.inputs` lays them out.
 
-    Noises (1, 6, 6) if the sensor knows none, or (0, 6, 6).
+    Noises (1, 6, 6) are used if the sensor's noise is not known; else they are (0, 6, 6).
     """
     n = len(rows)
     wrenches, statuses, located = np.empty((n, 6)), np.empty(n, np.int8), np.empty((n, 6))

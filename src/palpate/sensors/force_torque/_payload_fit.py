@@ -1,6 +1,6 @@
 """The algebra of payload identification: the model and its Jacobian, two linear fits, their covariance, outliers.
 
-Parameters are always the twelve (weight, force_bias, center_of_mass, torque_bias) of `palpate.Payload`, held to
+Parameters are always the twelve (weight, force_bias, center_of_mass, torque_bias) of `palpate.Payload`, restricted to
 a subspace by a basis where something is given.
 """
 
@@ -29,13 +29,13 @@ HUBER = 1.5
 BLOCKS = 200  # into which a long log is parted for the drift of its bias
 FEWEST = 12  # blocks without which a drift is not looked for
 ROUNDING = 1e-9  # N, N m: residuals below it are no errors
-DRIFTS = 3.5  # standard deviations of the ratio that tells a drift: 1 in 700 of six axes without one
+DRIFTS = 3.5  # standard deviations of the ratio that shows a drift: 1 in 700 of six axes without one
 
 Vector = Float[np.ndarray, "12"]
 
 
 def model(theta: Vector, rotations: Float[np.ndarray, "n 3 3"]) -> tuple[np.ndarray, np.ndarray]:
-    """Wrenches (n, 6) that a payload makes, and their Jacobian (n, 6, 12): F = R^T w + f0, M = c x (R^T w) + m0."""
+    """Return a payload's wrenches (n, 6) and their Jacobian (n, 6, 12): F = R^T w + f0, M = c x (R^T w) + m0."""
     weight, center = rotations.swapaxes(-1, -2) @ theta[:3], theta[6:9]
     jacobian = np.zeros((len(rotations), 6, 12))
     jacobian[:, :3, :3] = rotations.swapaxes(-1, -2)
@@ -52,7 +52,7 @@ def two_stage(
     direction: Float[np.ndarray, "3"] | None,
     weights: Float[np.ndarray, "n 2"] | None = None,
 ) -> Vector:
-    """Force on (weight, bias), then torque on (centre, bias) with the *modelled* weight as the regressor.
+    """Fit force on (weight, bias), then torque on (centre, bias) with the *modelled* weight as the regressor.
 
     With the measured force as the regressor, as [probe] prints it, its noise pulls the centre towards the sensor.
 
@@ -71,14 +71,14 @@ def two_stage(
 
 
 def force_columns(rotations: np.ndarray, direction: np.ndarray | None) -> Float[np.ndarray, "n 3 p"]:
-    """The regressor of the force: on (w, f0), or on (|w|, f0) along a given direction."""
+    """Return the force's regressor (n, 3, p) on (w, f0), or on (|w|, f0) along a given direction."""
     transposed = rotations.swapaxes(-1, -2)
     first = transposed if direction is None else (transposed @ direction)[..., None]
     return np.concatenate([first, np.broadcast_to(np.eye(3), transposed.shape)], axis=-1)
 
 
 def torque_columns(rotations: np.ndarray, weight: np.ndarray) -> Float[np.ndarray, "n 3 6"]:
-    """The regressor of the torque, on (c, m0), for a weight in the base."""
+    """Return the torque's regressor (n, 3, 6) on (c, m0), for a weight [N] in the base frame."""
     levers = -skew(rotations.swapaxes(-1, -2) @ weight)
     return np.concatenate([levers, np.broadcast_to(np.eye(3), levers.shape)], axis=-1)
 
@@ -90,7 +90,7 @@ def _weighted(columns: np.ndarray, target: np.ndarray, weights: np.ndarray) -> n
 
 
 def residual_covariance(residuals: Float[np.ndarray, "n 6"], force_unknowns: int) -> Float[np.ndarray, "6 6"]:
-    """Of one sample, unbiased for the unknowns that force and torque were fitted with."""
+    """Return the covariance (6, 6) of one sample's residual, unbiased for the number of fitted unknowns."""
     count = residuals.size // 2
     free = np.array([max(count - unknowns, 1) for unknowns in (force_unknowns, 6)])
     scale = np.repeat(np.sqrt(count / free), 3)
@@ -99,12 +99,12 @@ def residual_covariance(residuals: Float[np.ndarray, "n 6"], force_unknowns: int
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """Model the errors of a log's wrenches: noise of each, and a bias that drifts from one to the next.
+    """Errors of a log's wrenches: independent noise, and a bias that drifts from one wrench to the next.
 
     Attributes:
-        white: (6, 6) covariance of what each errs by alone.
-        walk: (6,) by how much the bias drifts from block to block, along each axis; 0 where it is not seen to.
-        block: (n,) of each wrench; there are at most `BLOCKS`.
+        white: (6, 6) covariance of each wrench's independent error.
+        walk: (6,) standard deviation of the bias's drift from block to block, along each axis; 0 where none is seen.
+        block: (n,) index of each wrench's block; there are at most `BLOCKS`.
     """
 
     white: Float[np.ndarray, "6 6"]
@@ -113,7 +113,7 @@ class Errors:
 
     @staticmethod
     def of(residuals: Float[np.ndarray, "n 6"], white: Float[np.ndarray, "6 6"]) -> Errors:
-        """Return the errors of residuals in the order of time, whose covariance is `white`, drift included."""
+        """Return the errors that explain residuals (n, 6) in the order of time; `white` is their covariance."""
         from palpate.calibration.random_walk import fit_walk, steps_of  # scipy.optimize: loaded when first needed
 
         count = len(residuals)
@@ -133,7 +133,7 @@ class Errors:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """A sentence where the bias drifts."""
+        """Notes: one sentence where the bias drifts, else empty."""
         if not self.walk.any():
             return ()
         blocks = len(set(self.block.tolist()))
@@ -146,10 +146,10 @@ class Errors:
         )
 
     def spread(self, gain: Float[np.ndarray, "p n 6"]) -> Float[np.ndarray, "p p"]:
-        """Return the covariance of what a linear map makes of the errors.
+        """Return the covariance (p, p) of an estimate's errors, `gain` times the errors of the wrenches.
 
-        The bias at block i of B has the covariance walk^2 (B - |i - j|) / 2 with that at block j, which is that of a
-        random walk but for a constant: that of the bias when the sensor is used later, at some time like those here.
+        The bias at block i of B has the covariance walk^2 (B - |i - j|) / 2 with the bias at block j. That is the
+        covariance of a random walk plus a constant: the bias when the sensor is used later, at a time like these.
         """
         found = np.einsum("pni,ij,qnj->pq", gain, self.white, gain, optimize=True)
         if self.walk.any():
@@ -181,12 +181,12 @@ def gain_of(
 ) -> tuple[Float[np.ndarray, "p n 6"], Float[np.ndarray, "n 6 p"]]:
     """Return the gain of an estimate that solves sum Z_i^T r_i = 0, G^-1 Z_i^T with G = sum Z_i^T J_i, and Z.
 
-    Jointly whitened, Z = S^-1 J; in two stages, Z is J without the torque's say on the force's parameters. Either way
+    Jointly whitened, Z = S^-1 J; in two stages, Z is J without the torque's rows for the force's parameters. Either way
     the centre carries the weight's error.
 
     Args:
-        jacobian: of every sample, in the parameters that are free; the last six only the torque determines.
-        noise: S, of one sample, for a joint fit; None: in two stages.
+        jacobian: (n, 6, p) of every sample, in the free parameters; only the torque determines the last six.
+        noise: S, (6, 6) covariance of one sample, for a joint fit; None: in two stages.
     """
     if noise is not None:
         instruments = np.linalg.solve(noise, jacobian)
@@ -203,11 +203,11 @@ def kept_samples(
     direction: Float[np.ndarray, "3"] | None,
     floor: Float[np.ndarray, "6"],
 ) -> Bool[np.ndarray, " n"]:
-    """Samples within `CUTOFF` robust standard deviations, channel by channel, of a fit that the others do not pull.
+    """Return a mask (n,) of the samples within `CUTOFF` robust standard deviations, per channel, of a robust fit.
 
-    A Huber fit to start, then least squares on what lies within, until that no longer changes. Gaussian data keep the
-    efficiency of plain least squares. Regressors are rotations, bounded: poses that are spread
-    out leave no leverage to guard against.
+    The fit starts as a Huber fit, then is least squares on the samples within, until these no longer change. Gaussian
+    data keep the efficiency of plain least squares. Regressors are rotations, bounded: poses that are spread out have
+    no leverage to guard against.
     """
 
     def left(weights: np.ndarray | None) -> np.ndarray:
@@ -228,7 +228,7 @@ def kept_samples(
 
 
 def _spread(residuals: np.ndarray, floor: np.ndarray) -> Float[np.ndarray, "6"]:
-    """Standard deviations from the median absolute residual, widened where samples are few [Rousseeuw 1987]."""
+    """Return standard deviations (6,) from the median absolute residual, wider for few samples [Rousseeuw 1987]."""
     free = max(len(residuals) - 2, 1)  # six unknowns are two samples' worth
     middle = 1.4826 * (1.0 + 5.0 / free) * np.asarray(np.median(np.abs(residuals), axis=0))
     return np.maximum(middle, floor)

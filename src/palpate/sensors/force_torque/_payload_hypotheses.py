@@ -1,13 +1,13 @@
-"""Named ways in which a log's wrenches and rotations come out wrong, and what undoes each.
+"""Named mistakes in how a log's wrenches and rotations were recorded, and the correction of each.
 
-Told apart by residual: the frame of the wrenches, the swap of y and z (it makes the sensor left-handed, which no
-rotation undoes), the direction of the rotations. In the force alone, wrenches in the base frame and inverse rotations
-look the same, weight and bias having changed places; the torque tells them apart.
+The residual distinguishes the frame of the wrenches, the swap of y and z (it makes the sensor left-handed, which no
+rotation undoes) and the direction of the rotations. In the force alone, wrenches in the base frame and inverse
+rotations look the same, with weight and bias exchanged; the torque distinguishes them.
 
-Not told apart by residual: the sign. Reversing force and torque turns the weight about and leaves the centre, so it
+The residual does not distinguish the sign. Reversing force and torque reverses the weight and keeps the centre, so it
 shows only as a weight that points up: against the given gravity, or else against a base whose z points up. Reversing
 the torque alone mirrors the centre, and turning sensor or rotations by a fixed rotation (two axes flipped, the
-mounting) turns weight or centre: none of these leaves a trace that poses could show.
+mounting) turns weight or centre: no set of poses can show any of these.
 """
 
 from __future__ import annotations
@@ -47,14 +47,14 @@ FAR_BETTER = 3.0  # an explanation must reduce the misfit by this
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """What a log may be, instead of wrenches in the sensor frame with rotations of the sensor in the base.
+    """A way to read a log, other than wrenches in the sensor frame with rotations of the sensor in the base.
 
     Attributes:
-        name: as `identify_payload(..., hypothesis=name)` takes it.
+        name: name that `identify_payload(..., hypothesis=name)` takes.
         residual: (2,) rms of force [N] and torque [N m] per axis, over every sample, the ones set aside too.
         misfit: geometric mean of the force and the torque that four samples in five stay within. With noise unknown the
             likelihood compares hypotheses by this mean, which needs no length to add newtons and newton-metres.
-        payload: what comes out if it is true.
+        payload: payload that is identified if the hypothesis is true.
     """
 
     name: str
@@ -64,22 +64,22 @@ class Hypothesis:
 
 
 def _names() -> list[str]:
-    """Every combination that residuals tell apart, simplest first; the sign comes on top."""
+    """Return every combination that residuals distinguish, simplest first; the sign is added later."""
     choices = product(("", BASE), ("", SWAPPED), ("", INVERSE))
     return sorted((compose(*choice) for choice in choices), key=lambda name: len(parts(name)))
 
 
 def compose(*hypotheses: str) -> str:
-    """One name from several, in the order of `MEANINGS`."""
+    """Join several names into one, in the order of `MEANINGS`."""
     given = {part for name in hypotheses for part in parts(name)}
     return " + ".join(part for part in MEANINGS if part in given) or AS_IS
 
 
 def parts(hypothesis: str) -> tuple[str, ...]:
-    """The simple names in a name such as "base frame + sign reversed".
+    """Return the simple names in a name such as "base frame + sign reversed".
 
     Raises:
-        InputError: one of them is not known.
+        InputError: a simple name is not known.
     """
     found = tuple(part.strip() for part in hypothesis.split("+") if part.strip() not in ("", AS_IS))
     unknown = [part for part in found if part not in MEANINGS]
@@ -92,9 +92,10 @@ def parts(hypothesis: str) -> tuple[str, ...]:
 def corrected(
     wrenches: Float[np.ndarray, "n 6"], rotations: Float[np.ndarray, "n 3 3"], hypothesis: str
 ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 3 3"]]:
-    """Wrenches in the sensor frame and rotations sensor in base, were the hypothesis true.
+    """Return wrenches in the sensor frame and rotations of the sensor in the base if the hypothesis is true.
 
-    "base frame + y and z swapped": the driver swapped in the sensor frame, then the log was rotated; undone backwards.
+    "base frame + y and z swapped": the driver swapped in the sensor frame, then the log was rotated; this is undone in
+    the reverse order.
     """
     told = parts(hypothesis)
     if INVERSE in told:
@@ -109,7 +110,10 @@ def corrected(
 def diagnose(
     wrenches: Float[np.ndarray, "n 6"], rotations: Float[np.ndarray, "n 3 3"], settings: PayloadSettings
 ) -> list[Hypothesis]:
-    """The hypotheses under which the log determines a payload, best fit first, each with the sign that hangs down."""
+    """Return the hypotheses under which the log determines a payload, best fit first.
+
+    Each has the sign with which the weight points down.
+    """
     found: list[Hypothesis] = []
     for name in _names():
         try:
@@ -124,20 +128,23 @@ def diagnose(
 
 
 def misfit(solution: PayloadSolution) -> float:
-    """See `Hypothesis`: a quantile over all samples, so that setting aside what disagrees improves nothing."""
+    """Return the misfit of a `Hypothesis`: a quantile over all samples, so setting samples aside cannot improve it."""
     lengths = np.linalg.norm(solution.residuals.reshape(-1, 2, 3), axis=2)
     return float(np.sqrt(np.prod(np.quantile(lengths, 0.8, axis=0))))
 
 
 def points_up(payload: Payload, settings: PayloadSettings) -> bool:
-    """Whether the weight points against gravity, given or, unless the base hangs on a wall, down its z."""
+    """Return whether the weight points against gravity: as given, or else within 60 degrees of the base's +z."""
     if settings.direction is not None:
         return float(payload.weight @ settings.direction) < 0
     return float(payload.weight[2]) > 0.5 * float(np.linalg.norm(payload.weight))
 
 
 def is_bad(solution: PayloadSolution, wrenches: Float[np.ndarray, "n 6"], settings: PayloadSettings) -> bool:
-    """Whether the fit leaves more than a sound log does. `wrenches` as given, for the torque's variation."""
+    """Return whether the residual is larger than that of a sound log, or too many samples were set aside.
+
+    `wrenches` are those of the log, from which the torque's variation is computed.
+    """
     stated = np.zeros(2) if settings.noise is None else np.sqrt(np.diag(settings.noise).reshape(2, 3).mean(axis=1))
     variation = float(np.std(wrenches[:, 3:], axis=0).max())
     share = BAD_SHARE * np.array([np.linalg.norm(solution.payload.weight), variation])
@@ -148,10 +155,10 @@ def is_bad(solution: PayloadSolution, wrenches: Float[np.ndarray, "n 6"], settin
 def doubts(
     solution: PayloadSolution, hypothesis: str, wrenches: np.ndarray, rotations: np.ndarray, settings: PayloadSettings
 ) -> tuple[str, ...]:
-    """What to say about a fit under `hypothesis` of wrenches and rotations as given.
+    """Return warnings about a fit under `hypothesis`; wrenches and rotations are those of the log, not corrected.
 
     Raises:
-        NotIdentifiable: the fit leaves so much that the weight is lost in it, and no hypothesis mends that.
+        NotIdentifiable: the residual hides the weight, and no hypothesis explains that.
     """
     payload, bad = solution.payload, is_bad(solution, wrenches, settings)
     if bad and (mistake := _explanation(diagnose(wrenches, rotations, settings), misfit(solution))):
@@ -179,7 +186,7 @@ def _upward(settings: PayloadSettings, hypothesis: str) -> str:
 
 
 def _explanation(found: list[Hypothesis], misfit_now: float) -> str:
-    """A sentence that names the hypothesis that fits far better than now, or nothing."""
+    """Return a sentence that names the hypothesis that fits far better than the present one, or ""."""
     if not found or found[0].misfit * FAR_BETTER > misfit_now:
         return ""
     best = found[0]

@@ -1,4 +1,4 @@
-"""What a set of poses can tell apart: refusals that name the directions and the turn to add."""
+"""Check that a set of poses determines the payload; errors name the missing directions and the turn to add."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from palpate.sensors.force_torque._payload_fit import force_columns, torque_colu
 __all__ = ["check_noise", "check_poses"]
 
 MIN_SINGULAR = 0.02  # orientations are only good to about a degree: a smaller singular value may be nothing but that
-MAX_SHARE = 0.1  # of the weight, for the standard error of a direction of weight or bias that counts as determined
+MAX_SHARE = 0.1  # of the weight: largest standard error of a direction of weight or bias that counts as determined
 
 
 def check_poses(
     rotations: Float[np.ndarray, "n 3 3"], direction: Float[np.ndarray, "3"] | None, weight: Float[np.ndarray, "3"]
 ) -> None:
-    """Refuse poses that cannot separate the parameters, by name.
+    """Raise NotIdentifiable, with the parameters' names, if the poses cannot separate the parameters.
 
     The regressors of the force, on (w, f0), and of the torque, on (|w| c, m0), are dimensionless; over sqrt(n) their
-    singular values lie in [0, sqrt 2], near 1 for poses all around. Below MIN_SINGULAR they may come from wrong
+    singular values lie in [0, sqrt 2], near 1 for poses in all directions. Below MIN_SINGULAR they may come from wrong
     orientations alone.
 
     Args:
@@ -29,7 +29,7 @@ def check_poses(
         weight: (3,) [N] as fitted.
 
     Raises:
-        NotIdentifiable: naming the directions, and the turn to add.
+        NotIdentifiable: some direction is not determined; names these directions and the turn to add.
     """
     values, basis = _scaled_svd(force_columns(rotations, direction))
     if values[-1] <= MIN_SINGULAR:
@@ -47,13 +47,13 @@ def check_noise(
     weight: Float[np.ndarray, "3"],
     noise: float,
 ) -> None:
-    """Refuse poses that would separate the parameters with less noise than `noise` [N] a sample.
+    """Raise NotIdentifiable if the poses do not separate the parameters because of the noise, `noise` [N] a sample.
 
     A direction of weight or bias is determined when its standard error, noise / (s sqrt n) with s its singular value in
     `check_poses`, is below MAX_SHARE of the weight.
 
     Raises:
-        NotIdentifiable: saying how much noise there is for how much weight.
+        NotIdentifiable: some direction is not determined; states the noise and the weight.
     """
     values, _ = _scaled_svd(force_columns(rotations, direction))
     known = noise / (values * np.sqrt(len(rotations))) <= MAX_SHARE * float(np.linalg.norm(weight))
@@ -62,7 +62,7 @@ def check_noise(
 
 
 def _scaled_svd(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Singular values over sqrt(n), falling, and their directions as rows."""
+    """Return singular values over sqrt(n) in decreasing order, and their directions as rows."""
     rows = columns.reshape(-1, columns.shape[-1])
     gram = rows.T @ rows / len(columns)  # values of 0.02 are far above its rounding
     values, vectors = np.linalg.eigh(gram)
@@ -99,7 +99,7 @@ def _force_refusal(null: np.ndarray, rotations: np.ndarray, direction: np.ndarra
 
 
 def _turn_across(axis: np.ndarray) -> str:
-    """One turn tells weight from bias; the second is for the centre, where the weight hangs along the axis."""
+    """Return advice on two turns: one separates weight from bias, the other helps if the weight is along `axis`."""
     one = _across(axis)
     other = np.cross(axis, one)
     turns = (_named(turn if turn[np.abs(turn).argmax()] > 0 else -turn) for turn in (one, other))
@@ -130,14 +130,14 @@ def _torque_refusal(null: np.ndarray) -> NotIdentifiable:
 
 
 def _across(axis: np.ndarray) -> np.ndarray:
-    """A unit vector perpendicular to an axis, along a coordinate axis where one is nearly so."""
+    """Return a unit vector perpendicular to an axis, along a coordinate axis where one is nearly perpendicular."""
     other = np.eye(3)[np.abs(axis).argmin()]
     across = other - axis * (axis @ other) / (axis @ axis)
     return across / np.linalg.norm(across)
 
 
 def _named(axis: np.ndarray) -> str:
-    """'z', '-x', or the three numbers."""
+    """Return an axis as text: 'z', '-x', or the three numbers."""
     largest = int(np.abs(axis).argmax())
     if abs(axis[largest]) > 0.9998:  # about a degree
         return ("-" if axis[largest] < 0 else "") + "xyz"[largest]

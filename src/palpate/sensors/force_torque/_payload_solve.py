@@ -1,4 +1,4 @@
-"""One identification under one reading of the data: robust, two-stage or jointly whitened, with its covariance."""
+"""Fit a payload to wrenches in the sensor frame: robust, two-stage or jointly whitened, with its covariance."""
 
 from __future__ import annotations
 
@@ -27,9 +27,14 @@ BELIEVED = 2.0  # chi-square per degree of freedom up to which the stated noise 
 
 @dataclass(frozen=True)
 class PayloadSettings:
-    """What the caller chose, checked: gravity's unit direction or None, |g|, noise covariance or None, robust.
+    """Checked settings of a payload identification.
 
-    `of` is what a row is called in messages.
+    Attributes:
+        direction: unit vector of gravity in the base; None: identified.
+        magnitude: |g| [m/s^2].
+        noise: (6, 6) covariance of one reading; None: not known.
+        robust: whether outliers are set aside.
+        of: name of a row in messages.
     """
 
     direction: Float[np.ndarray, "3"] | None
@@ -39,7 +44,7 @@ class PayloadSettings:
     of: str = "samples"
 
     def basis(self) -> Float[np.ndarray, "12 p"]:
-        """The free directions among the twelve parameters."""
+        """Return a basis (12, p) of the free directions among the twelve parameters; p is 10 with gravity given."""
         if self.direction is None:
             return np.eye(12)
         basis = np.zeros((12, 10))
@@ -48,16 +53,22 @@ class PayloadSettings:
         return basis
 
     def floor(self, wrenches: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "6"]:
-        """Residuals below this are not worth doubting: the stated noise, at least rounding."""
+        """Return the residuals (6,) below which no sample is an outlier: the stated noise, but at least rounding."""
         rounding = 1e-9 * np.repeat(np.abs(wrenches).reshape(-1, 2, 3).max(axis=(0, 2)) + 1e-3, 3)
         return rounding if self.noise is None else np.maximum(np.sqrt(np.diag(self.noise)), rounding)
 
 
 @dataclass(frozen=True)
 class PayloadSolution:
-    """A payload, the standard deviation of a force [N], what is left of every sample, and which were used.
+    """A fitted payload with its residuals.
 
-    `white` is the covariance of a sample's error, and `joint` whether the fit was whitened by it.
+    Attributes:
+        payload: payload with the covariance of the fit.
+        noise: standard deviation of a force [N].
+        residuals: (n, 6) of every sample.
+        kept: (n,) mask of the samples that were used.
+        white: (6, 6) covariance of a sample's error.
+        joint: whether the fit was whitened by `white`.
     """
 
     payload: Payload
@@ -71,7 +82,7 @@ class PayloadSolution:
 def solve(
     wrenches: Float[np.ndarray, "n 6"], rotations: Float[np.ndarray, "n 3 3"], settings: PayloadSettings
 ) -> PayloadSolution:
-    """Fit wrenches in the sensor frame; see `identify_payload` for what is done and why.
+    """Fit a payload to wrenches in the sensor frame; see `identify_payload` for the method and its reasons.
 
     Raises:
         NotIdentifiable: the poses do not determine the parameters.
@@ -108,9 +119,9 @@ def judged(
     rotations: Float[np.ndarray, "n 3 3"],
     settings: PayloadSettings,
 ) -> tuple[Payload, Validation]:
-    """Return a payload whose covariance has the drift of the bias during the log, and holds for poses left out.
+    """Return the payload and its cross-validation; the covariance contains the bias's drift and is widened by it.
 
-    A part that is left out is compared by its normal equations, Z^T r: what it says of the parameters.
+    An omitted part of the log is compared by its normal equations, Z^T r: its information about the parameters.
     """
     kept, basis, payload = solution.kept, settings.basis(), solution.payload
     wrenches, rotations = wrenches[kept], rotations[kept]
@@ -137,7 +148,7 @@ def judged(
 
 
 def rms(residuals: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "2"]:
-    """Of force and torque, per axis."""
+    """Return the rms of residuals per axis, (2,), of force [N] and torque [N m]."""
     return np.sqrt((residuals.reshape(-1, 2, 3) ** 2).mean(axis=(0, 2)))
 
 
@@ -154,7 +165,7 @@ def _refined(
 ) -> tuple[Float[np.ndarray, "12"], Float[np.ndarray, "6 6"], tuple[str, ...], bool]:
     """Return parameters, a sample's covariance, notes, and whether the fit was whitened by the stated noise.
 
-    It is where that explains the residuals; else the parameters stay as they are.
+    It is whitened where the stated noise explains the residuals; else the parameters are returned unchanged.
     """
     basis, noise = settings.basis(), settings.noise
     predicted, jacobian = model(theta, rotations)

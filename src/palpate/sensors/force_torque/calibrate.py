@@ -1,4 +1,4 @@
-"""The payload and the sensor's zero, from free motion: nothing touches the sensor, its orientation is known."""
+"""Identify the payload and the sensor's bias from free motion: nothing touches the sensor, its orientation is known."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from palpate.spatial.wrench import Wrench
 
 __all__ = ["Hypothesis", "diagnose_payload", "identify_payload"]
 
-FAR = 1.0  # m from the sensor: no tool has its centre of mass further out
+FAR = 1.0  # m from the sensor: no tool has its centre of mass farther away
 
 
 @called_as("palpate.identify_payload(wrenches, quaternions)")
@@ -40,33 +40,34 @@ def identify_payload(
     of: str = "samples",
     provenance: Mapping[str, str] | None = None,
 ) -> Payload:
-    """Weight, centre and biases from wrenches that nothing but the payload makes [probe, (1)-(2), corrected].
+    """Identify weight, centre of mass and biases from wrenches of the payload alone [probe, (1)-(2), corrected].
 
-    Two linear least squares: force on (weight, bias), then torque on (centre, bias) with the modelled weight. With
-    `noise` given, and the residuals explained by it, all are then fitted jointly, whitened: the torque sharpens the
-    weight's direction. Without, they are not: the residuals of real rigs are errors of the model (gains, cross-talk,
-    flexing). The covariance covers all twelve, the centre carrying the weight's error, from the residuals' covariance
-    (or the stated noise, where believed), with the drift of the bias where the residuals show one. Parts of the log are
-    left out in turn, and the covariance is widened where they lie further from the rest's prediction than it says. Rows
-    must be in the order of time. Of a log with many samples a pose, average each pose first: they err alike. With few
-    poses state the noise: from residuals alone it is too small, by 1.1 at 40 poses, by 2 at 12.
+    Two linear least squares: force on (weight, bias), then torque on (centre, bias) with the modelled weight. If
+    `noise` is given and explains the residuals, all are then fitted jointly, whitened: the torque sharpens the
+    weight's direction. Otherwise they are not: the residuals of real rigs are errors of the model (gains, cross-talk,
+    flexing). The covariance covers all twelve parameters, the centre carrying the weight's error. It is computed from
+    the residuals' covariance (or from the stated noise, if that explains them), with the drift of the bias where the
+    residuals show one. Parts of the log are omitted in turn, and the covariance is widened where they lie further
+    from the prediction of the other parts than it allows. Rows must be in the order of time. If a log has many samples
+    per pose, average each pose first: they share one error. With few poses state the noise: from residuals alone it is
+    too small, by 1.1 at 40 poses, by 2 at 12.
 
     Args:
         wrenches: (n, 6) [N, N m], or a `Wrench` of n, in the sensor frame. Rows with NaN or infinity (above 1e9) are
-            ignored, and said.
+            ignored and listed in the notes.
         rotations: (n, 3, 3), sensor in base; or (n, 4) its quaternions x, y, z, w.
-        gravity: (3,) its direction in the base, of any length; None when unknown, to be identified.
-        magnitude: |g| [m/s^2], which only divides the weight into a mass.
-        noise: of one reading, if known: standard deviations of force and torque, or six, or a (6, 6) covariance.
-        robust: set samples aside that lie 5 robust standard deviations from the fit, and say which.
-        hypothesis: a name that `diagnose_payload` gave, undone before the fit. Later wrenches must be corrected alike
-            before `Payload.compensate`.
-        of: what a row is, in messages: "samples", or "poses" where each is a mean.
-        provenance: kept in the payload, beside the options used here.
+        gravity: (3,) its direction in the base, of any length; None when unknown: it is then identified.
+        magnitude: |g| [m/s^2], used only to divide the weight into a mass.
+        noise: noise of one reading, if known: standard deviations of force and torque, or six, or a (6, 6) covariance.
+        robust: set samples aside that lie 5 robust standard deviations from the fit, and list them in the notes.
+        hypothesis: a name that `diagnose_payload` gave; the log is corrected for it before the fit. Later wrenches must
+            be corrected in the same way before `Payload.compensate`.
+        of: name of a row in messages: "samples", or "poses" where each is a mean.
+        provenance: kept in the payload, in addition to the options used here.
 
     Raises:
         NotIdentifiable: the poses cannot separate the parameters; names which, and the pose to add.
-        InputError: shapes, or a row that is not a rotation.
+        InputError: a shape is wrong, a row is not a rotation, no row is complete, gravity or `hypothesis` is invalid.
     """
     settings = replace(settings_of(gravity, magnitude, noise, robust=robust), of=of)
     wrenches, rotations, finite = usable(wrenches, rotations)
@@ -94,10 +95,10 @@ def diagnose_payload(
     noise: ArrayLike | None = None,
     robust: bool = True,
 ) -> list[Hypothesis]:
-    """Every named hypothesis under which the log determines a payload, the best fit first.
+    """Return every named hypothesis under which the log determines a payload, the best fit first.
 
-    Arguments as for `identify_payload`. Of each, the sign is chosen under which the weight points down (see
-    `palpate.sensors.force_torque._payload_hypotheses` for what can be told apart and what not).
+    Arguments are those of `identify_payload`. The sign of each hypothesis is the one under which the weight points down
+    (see `palpate.sensors.force_torque._payload_hypotheses` for the mistakes that can be distinguished).
     """
     settings = settings_of(gravity, magnitude, noise, robust=robust)
     wrenches, rotations, _ = usable(wrenches, rotations)
@@ -107,7 +108,11 @@ def diagnose_payload(
 def settings_of(
     gravity: ArrayLike | None, magnitude: float, noise: ArrayLike | None, *, robust: bool
 ) -> PayloadSettings:
-    """The caller's choices, checked; gravity may have any length."""
+    """Return the checked settings; gravity may have any length.
+
+    Raises:
+        InputError: `magnitude` is not positive, or gravity is not three finite numbers, not all zero.
+    """
     if not (np.isfinite(magnitude) and magnitude > 0):
         raise InputError(f"magnitude of gravity must be positive, not {magnitude}")
     direction = None if gravity is None else np.asarray(gravity, dtype=np.float64)
@@ -121,7 +126,7 @@ def settings_of(
 
 
 def usable(wrenches: Wrench | ArrayLike, rotations: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Complete rows, their rotations checked, and which they are (bool, n)."""
+    """Return the complete rows' wrenches (m, 6), their checked rotations (m, 3, 3), and a mask (n,) of these rows."""
     wrenches = shaped(wrenches.vector() if isinstance(wrenches, Wrench) else wrenches, (None, 6), "wrenches")
     if np.shape(rotations) == (len(wrenches), 4):
         with np.errstate(invalid="ignore"):  # a quaternion of zeros is NaN, which is ignored
@@ -138,7 +143,7 @@ def usable(wrenches: Wrench | ArrayLike, rotations: ArrayLike) -> tuple[np.ndarr
 
 
 def validated(finite: Bool[np.ndarray, " n"], kept: Bool[np.ndarray, " m"], of: str) -> tuple[str, ...]:
-    """Sentences about the rows that were not used: those not complete, and of the others those not kept."""
+    """Return sentences about the rows that were not used: those not complete, and of the others those not kept."""
     name = "rows" if of == "samples" else of
     lost, away = np.flatnonzero(~finite), np.flatnonzero(finite)[~kept]
     said: tuple[str, ...] = ()

@@ -1,4 +1,4 @@
-"""`palpate calibrate clock`: how far the clock of the poses is off the clock of the wrenches."""
+"""`palpate calibrate clock`: find the offset between the clocks of poses and wrenches."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class CalibrateClock(Calibration):
         log: MCAP or bag with topics of wrenches and poses; a log of columns is judged too.
         rig: TOML of the set-up.
         output: rig to write; it may be the same file.
-        search: seconds to either side of the rig's offset that are looked at.
+        search: seconds to either side of the rig's offset that are searched.
     """
 
     replaces = "rig"
@@ -43,7 +43,11 @@ class CalibrateClock(Calibration):
     search: Annotated[float, arg(metavar="X")] = 0.5
 
     def identify(self) -> CalibrationResult:
-        """Find the offset under which the forces read as a weight that turns with the poses."""
+        """Return the clock offset [s] under which the forces are those of a weight that turns with the poses.
+
+        Raises:
+            InputError: the wrenches are written in the base frame.
+        """
         setup = self.stated.resolve("force_torque")
         sensor = setup.of(ForceTorqueSection)
         if sensor.table.frame == "base":
@@ -89,7 +93,7 @@ class CalibrateClock(Calibration):
 
 
 def _findings(found: ClockOffset, *, columns: bool) -> list[str]:
-    """What the offset means."""
+    """Return notes that explain the offset, one sentence each."""
     said: list[str] = []
     together = abs(found.offset) < SURE * found.deviation
     if together:

@@ -1,4 +1,4 @@
-"""`palpate calibrate payload`: what hangs on the sensor, and the sensor's zero, from free motion."""
+"""`palpate calibrate payload`: identify the payload and the sensor's bias from free motion."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class CalibratePayload(Calibration):
         log: CSV or Parquet with time,fx,fy,fz,tx,ty,tz,qx,qy,qz,qw (sensor in base); MCAP or a ROS bag with
             WrenchStamped and PoseStamped; or as the rig says.
         output: payload.toml to write.
-        rig: TOML that says where the log keeps what.
+        rig: TOML with the columns, topics and units of the log.
         gravity: its direction in the base as x,y,z (0,0,-1 when z points up), or free: identified too.
         magnitude: of gravity [m/s^2].
         base_frame: the wrenches are written in the base frame (a rig says it as frame = "base").
@@ -57,7 +57,11 @@ class CalibratePayload(Calibration):
     base_frame: Annotated[bool, FlagCreatePairsOff] = False
 
     def identify(self) -> CalibrationResult:
-        """Average the poses at rest, and fit the payload to them."""
+        """Average the poses at rest, and return the payload that is fitted to them.
+
+        Raises:
+            InputError: the log has no orientation, or `gravity` is not a direction.
+        """
         layout = LogLayout() if self.rig is None else self.stated.layout("force_torque")
         recording = read_recording(self.log, layout)
         if ORIENTATION not in recording.channels:
@@ -93,7 +97,7 @@ class CalibratePayload(Calibration):
 
 
 def _hints(payload: Payload) -> list[str]:
-    """What to write where, for each explanation that the calibration names."""
+    """Return the rig's setting that corrects the log, for each hypothesis that the payload's notes name."""
     named = {name for text in payload.notes for name in re.findall(r"hypothesis='([^']*)'", text)}
     return [hint for name, hint in _HINTS.items() if any(name in hypothesis for hypothesis in named)]
 

@@ -1,4 +1,4 @@
-"""A six-axis sensor: what its payload weighs and how it is accelerated is taken off, and widens the covariance."""
+"""Gravity and inertia compensation of a six-axis sensor: the payload's wrench, and its part of the covariance."""
 
 from __future__ import annotations
 
@@ -31,16 +31,19 @@ NOTHING = Payload(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3))
 EXPLAINED = 2.0  # residual over noise, squared, up to which the noise explains what a payload leaves
 UPRIGHT = np.eye(3)[None]
 ITSELF = Placement(Pose.identity())
-SATURATED = 6  # of contact.Status, which stands above
-SURE = 5.0  # times what it is unsure by: a tare of less is no touch
+SATURATED = 6  # contact.Status.SATURATED, which this layer does not import
+SURE = 5.0  # times its standard deviation: a smaller tare is no touch
 
 
 class _Readings(NamedTuple):
     """Samples as the compiled loops take them: contiguous and writable, n rows, or one that stands for all.
 
     Attributes:
-        time: (n,) [s]; wrench: (n, 6) as measured.
-        rotation: (n or 1, 3, 3) sensor in base; acceleration: (n or 1, 3); unsteady: (n or 1, 1).
+        time: (n,) [s].
+        wrench: (n, 6) as measured.
+        rotation: (n or 1, 3, 3) sensor in base.
+        acceleration: (n or 1, 3) [m/s^2].
+        unsteady: (n or 1, 1) [m/s^2] standard deviation of the acceleration.
         age: (n or 1, 1) [s] since the zero was taken.
     """
 
@@ -52,17 +55,17 @@ class _Readings(NamedTuple):
     age: np.ndarray
 
     def picked(self, rows: Bool[np.ndarray, " n"]) -> _Readings:
-        """Those of a mask."""
+        """Return the readings of a mask (n,); a row that stands for all is kept."""
         count = len(self.time)
         return _Readings(*(part[rows] if len(part) == count else part for part in self))
 
     def mean(self) -> _Readings:
-        """Their means, as one sample."""
+        """Return the mean of the samples as one sample."""
         return _Readings(*(part.mean(axis=0, keepdims=True) for part in self))
 
 
 class _Compensated(NamedTuple):
-    """As `Measured`, with the readings that the wrenches came from."""
+    """Samples as wrenches, like `Measured`, with the readings that the wrenches were computed from."""
 
     time: Float[np.ndarray, " n"]
     wrench: Float[np.ndarray, "n 6"]
@@ -72,14 +75,14 @@ class _Compensated(NamedTuple):
 
 @called_as("palpate.Compensation(palpate.ForceTorque(noise=(0.02, 0.001)), palpate.Payload(mass=0.4))")
 class Compensation:
-    """The `WrenchSensor` of a force/torque sensor and what hangs on it; see `Payload`.
+    """The `WrenchSensor` of a force/torque sensor and its payload; see `Payload`.
 
     A sample that is invalid, saturated or without pose gets its status.
 
     Args:
         sensor: noise, range and frame of the wrenches.
-        payload: what hangs on the sensor; None leaves the wrenches as they are.
-        motion: where accelerations come from in a stream; None: from the recordings alone.
+        payload: payload to compensate; with None the wrenches are not changed.
+        motion: source of accelerations in a stream; None: only those of the recordings.
     """
 
     channels = (FORCE, TORQUE)
@@ -111,39 +114,52 @@ class Compensation:
 
     @property
     def noise(self) -> Float[np.ndarray, "6 6"] | None:
-        """Of the sensor."""
+        """Covariance (6, 6) of the sensor's noise, force first [N, N m]; None when not known."""
         return self.sensor.noise
 
     @property
     def needs_orientation(self) -> str:
-        """Why, or nothing."""
+        """Reason why samples need the sensor's orientation, or "" where they do not."""
         if self._weighs:
             return "the payload's weight turns with the sensor"
         return "the wrenches are in the base frame" if self._turned else ""
 
     def ready(self, blocks: Iterable[Recording]) -> Iterator[Recording]:
-        """With accelerations, where `motion` tells them."""
+        """Yield the same recordings, with accelerations added where `motion` provides them."""
         return iter(blocks) if self.motion is None else self.motion.stream(iter(blocks))
 
     def measure(self, recording: Recording) -> _Compensated:
-        """The contacts' wrenches.
+        """Return the contacts' wrenches (n, 6) in the sensor's frame and the statuses of a recording.
 
         Raises:
-            InputError: an orientation is needed (payload with weight, wrenches in the base frame) and there is none.
+            InputError: forces or torques are missing, or an orientation is needed (payload with weight, wrenches in the
+                base frame) and there is none.
         """
         return self._compensated(self._readings(recording), self._zero)
 
     def single(
         self, time: float, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None
     ) -> _Compensated:
-        """Of six numbers, with the sensor's rotation in the base (3, 3) where it is needed; NaN: not known now."""
+        """Return the contact's wrench of one reading (6,), with the sensor's rotation in the base (3, 3) if needed.
+
+        A rotation of NaN is not known now.
+
+        Raises:
+            InputError: the rotation is needed and None, or an argument has another shape.
+        """
         if type(time) is not float:
             time = number(time, "time")
         self.hold(time, reading, rotation, acceleration)
         return self._compensated(self._read(time), self._zero)
 
     def hold(self, time: float, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None) -> None:
-        """Reading, rotation, acceleration and age of the zero of one sample into `held`; it is taken as steady."""
+        """Write reading, rotation, acceleration and age of the zero of one sample into `live_inputs`.
+
+        The sample is taken as steady.
+
+        Raises:
+            InputError: the rotation is needed and None, or an argument has another shape.
+        """
         if self._turns:
             if rotation is None:
                 raise InputError(f"update needs the orientation of the sensor: {self.needs_orientation}.")
@@ -160,17 +176,18 @@ class Compensation:
         readings: Float[np.ndarray, "n 6"],
         extra_channels: Mapping[str, np.ndarray],
     ) -> Float[np.ndarray, " _"]:
-        """Of n samples what `hold` keeps of one: (20 n,), all of a kind one behind the other.
+        """Return the live inputs (20 n,) of n samples, which `hold` writes for one sample; grouped by kind.
 
-        Readings (n, 6), rotations (n, 3, 3), accelerations (n, 3), what these leave out (n,), ages of the zero (n,).
+        Readings (n, 6), rotations (n, 3, 3), accelerations (n, 3), their standard deviations (n,), ages of the zero
+        (n,).
 
         Args:
-            time: [s].
-            readings: as measured.
-            extra_channels: `ORIENTATION`, `ACCELERATION`, `UNSTEADY` of a `Recording`, as far as they are known.
+            time: (n,) [s].
+            readings: (n, 6) as measured.
+            extra_channels: `ORIENTATION`, `ACCELERATION`, `UNSTEADY` of a `Recording`, if they are known.
 
         Raises:
-            InputError: readings of another shape; the orientation is needed, and there is none.
+            InputError: the readings have another shape, or the orientation is needed and there is none.
         """
         count = len(time)
         if readings.shape != (count, 6):
@@ -189,7 +206,7 @@ class Compensation:
         return made
 
     def constants(self, placement: Placement) -> tuple[np.ndarray, ...]:
-        """What `compensate` and `place` of the compiled loops take, in their order."""
+        """Return the constant arguments of `compensate` and `place` of the compiled loops, in their order."""
         turned, constant = np.array([float(self._turned)]), self._constant_in(placement)
         made = self._limits, self._load, self._zero, turned, self._mean, self._unsure
         return *made, placement.factor, placement.matrix, constant
@@ -202,7 +219,10 @@ class Compensation:
         share: Float[np.ndarray, " k"],
         placement: Placement,
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"] | None]:
-        """In the surface's frame; what payload, tare and mounting add, the same in every sample, stays whole."""
+        """Return wrenches (n, 6) in the surface's frame and covariances (n, 6, 6), None if the noise is not known.
+
+        The filter's share does not reduce the errors of payload, tare and mounting, the same in every sample.
+        """
         located, covariances = np.empty_like(wrenches), np.empty((len(wrenches), 6, 6))
         readings = measured.readings
         self._place(
@@ -224,12 +244,12 @@ class Compensation:
         return located, None if self.noise is None else covariances
 
     def smoothed_by(self, filter: Filter | None, rate: float | None, share: float) -> None:
-        """Learn which filter wrenches pass before `place`; of noise with a known spectrum each channel keeps a part.
+        """Set the filter that wrenches pass before `place`; with a known spectrum each channel keeps its own share.
 
         Args:
-            filter: of the wrenches; None: none.
+            filter: filter of the wrenches; None: none.
             rate: [Hz] of the samples.
-            share: least share of white noise's variance that it leaves.
+            share: least share of white noise's variance that remains after the filter.
         """
         spectrum = self.sensor.spectrum
         self._kept = 1.0, np.ones(6)
@@ -239,12 +259,13 @@ class Compensation:
         self.revision += 1
 
     def tare(self, recording: Recording) -> Tare:
-        """Take the mean compensated wrench of a window off from now on.
+        """Subtract the mean compensated wrench of a window from now on, and return this tare.
 
-        Its error is in it too: of the payload's, only the difference to what it was there is left, so biases go.
+        Later covariances contain the error of the mean. Of the payload's error only the difference to its value in the
+        window remains, so the biases' errors cancel.
 
         Raises:
-            InputError: too few samples, or not steady: what was seen.
+            InputError: the window has too few samples or is not steady; states what was seen.
         """
         made = self._compensated(self._readings(recording), self._bias, self._stated)
         usable = made.status < 0
@@ -269,16 +290,20 @@ class Compensation:
         return Tare(found.sentence, touch=found.mean, least=SURE * float(np.sqrt(largest)))
 
     def reset(self) -> None:
-        """Forget when the log began."""
+        """Forget when the log began: the age of the zero counts from the tare, or else from the next sample."""
         self._since = self._tared
 
     @property
     def coefficients(self) -> int:
-        """One, the weight, where there is any."""
+        """Number of coefficients that are followed with the zero: 1, the payload's weight, or 0 without weight."""
         return int(bool(self._stated[:3].any()))
 
     def kept(self, recording: Recording) -> Float[np.ndarray, "n 19"]:
-        """Readings, rotations, accelerations and what these leave out, side by side."""
+        """Return readings, rotations, accelerations and their standard deviations of a recording, as columns (n, 19).
+
+        Raises:
+            InputError: forces or torques are missing, or an orientation is needed and there is none.
+        """
         channels = recording.channels
         if FORCE not in channels or TORQUE not in channels:
             raise InputError("has no forces and torques.", where=recording.source)
@@ -287,7 +312,7 @@ class Compensation:
 
     @takes_arrays
     def kept_of(self, inputs: Float[np.ndarray, " _"], count: int) -> Float[np.ndarray, "n 19"]:
-        """The same of live inputs."""
+        """Return the columns (n, 19) of `kept` from the live inputs (20 n,) of `count` = n samples."""
         if count == 1:
             return inputs[None, :19].copy()
         widths = np.cumsum([0, 6, 9, 3, 1]) * count
@@ -296,7 +321,7 @@ class Compensation:
 
     @takes_arrays
     def free(self, kept: Float[np.ndarray, "n 19"]) -> Free:
-        """Readings less the stated payload; by how much they differ for a newton more of its weight."""
+        """Return readings less the stated payload, NaN if unusable, and their change per newton more of its weight."""
         readings = _kept(kept)
         made = self._compensated(readings, np.zeros(6), self._stated)
         usable = made.status < 0
@@ -314,7 +339,13 @@ class Compensation:
     def window_noise(
         self, kept: Float[np.ndarray, "n 19"], usable: Bool[np.ndarray, " n"]
     ) -> tuple[Float[np.ndarray, "6 6"], Float[np.ndarray, "6 6"]]:
-        """The noise's, and what the payload leaves in this pose against that of the tare, and the acceleration."""
+        """Return two (6, 6) covariances of a window's mean: the noise's, and that of payload and acceleration.
+
+        The payload's is that of this pose against the pose of the tare.
+
+        Raises:
+            InputError: the noise is not known.
+        """
         if self.noise is None:
             raise InputError("what follows a zero needs the noise of the sensor.", hint="State [force_torque] noise.")
         count, spectrum = int(np.count_nonzero(usable)), self.sensor.spectrum
@@ -337,12 +368,18 @@ class Compensation:
     def as_wrench(
         self, change: Float[np.ndarray, "n 6"], covariance: Float[np.ndarray, "6 6"]
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "6 6"]]:
-        """Itself; the gains' error is that of the last."""
+        """Return the changes, which are wrenches already, and the covariance plus the gains' error of the last one."""
         square = float(change[-1] ** 2 @ np.repeat([1.0, self._load[10]], 3)) if len(change) else 0.0
         return change, covariance + self.sensor.gain_error**2 * square * np.diag(self._gains)
 
     def start(self) -> tuple[float, ZeroState, Float[np.ndarray, "6 q"]]:
-        """Of the tare; without one, of the payload's biases."""
+        """Return the time [s], the state and the regressor (6, q) of the tare; without one, of the payload's biases.
+
+        The time is NaN without a tare.
+
+        Raises:
+            InputError: the noise is not known.
+        """
         if self.noise is None:
             raise InputError("what follows a zero needs the noise of the sensor.", hint="State [force_torque] noise.")
         spread = np.zeros((6, 6))
@@ -357,7 +394,7 @@ class Compensation:
         return self._tared, ZeroState(self._own[0].copy(), np.zeros(0), spread), regressor
 
     def follow(self, state: ZeroState | None) -> None:
-        """This zero, this much more weight, and what is unsure about both; None: those of the tare again."""
+        """Use the zero, the additional weight and their covariance from now on; None: those of the tare again."""
         if (state is None) != (self._followed is None):
             self._placement = None
         self._followed, self.revision = state, self.revision + 1
@@ -370,7 +407,7 @@ class Compensation:
             direction = self._stated[:3] / weighs
             self._load = self._stated.copy()
             self._load[[0, 1, 2, 9]] *= 1.0 + float(state.coefficient[0]) / weighs
-            turn[:6, 6] = self._hung(self._mean[:3])  # the loops count from the tare's pose on
+            turn[:6, 6] = self._hung(self._mean[:3])  # the loops count from the tare's pose
         root = square_root(turn @ state.covariance @ turn.T)
         more = np.zeros((len(root), 12))
         more[:, 3:6], more[:, 9:] = root[:, :3], root[:, 3:6]
@@ -379,31 +416,34 @@ class Compensation:
         self._unsure = np.concatenate([self._unknown(), more])
 
     def notes(self) -> tuple[str, ...]:
-        """On the motion."""
+        """Return notes on the motion, one sentence each; none without a payload or a `Motion`."""
         return () if self.motion is None or self.payload is None else self.motion.notes(self.payload.mass)
 
     def warnings(self) -> tuple[str, ...]:
-        """None."""
+        """Return no warnings: an empty tuple."""
         return ()
 
     def _hung(self, turn: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "6"]:
-        """A newton more of the payload, by R^T."""
+        """Return the wrench (6,) of one more newton of the payload's weight; `turn` is R^T."""
         force = turn @ self._stated[:3] / np.linalg.norm(self._stated[:3])
         return np.concatenate([force, np.cross(self._stated[3:6], force)])
 
     def _unknown(self) -> Float[np.ndarray, "r 12"]:
-        """Of the payload's covariance, what is no zero."""
+        """Return the factor (r, 12) of the payload's covariance without its biases, which are in the zero."""
         left = self._doubts.copy()
         left[:, 3:6] = left[:, 9:] = 0.0
         return left
 
     def _least_share(self, count: int) -> float:
-        """Of the noise in the mean of so many samples; no less than a filter may leave, below which A + B is none."""
+        """Return the share of the noise's variance in the mean of `count` samples, at least the share after a filter.
+
+        Below that, w A + B of `_constant_in` is no covariance.
+        """
         white, _ = self._kept
         return 1.0 / count if white == 1.0 else max(1.0 / count, white)
 
     def _untare(self) -> None:
-        """Take off the payload's biases, and nothing else."""
+        """Subtract only the payload's biases from now on, as without a tare."""
         self._zero, self._unsure, self._mean = self._bias.copy(), self._doubts, np.zeros((4, 3))
         self._own, self._load = (self._zero, self._unsure), self._stated
         self._followed: ZeroState | None = None
@@ -412,11 +452,11 @@ class Compensation:
         self._placement: Placement | None = None
 
     def _constant_in(self, placement: Placement) -> Float[np.ndarray, "5 6 6"]:
-        """Covariances in the surface's frame, those of `place`.
+        """Return the five constant covariances in the surface's frame that `place` of the compiled loops takes.
 
-        With w(age) the share of white noise that a filter leaves, w the least of it, and s those of the noise N as it
-        is, w(age) A + B is N at a start, and N s when the filter has settled; B holds what the tare and the
-        payload's misfit add too.
+        With w(age) the share of white noise that remains after a filter, w its least value, and s the channels' shares
+        for the actual noise N, w(age) A + B is N at a start, and N s when the filter has settled; B also contains the
+        covariances of the tare and of the payload's misfit.
         """
         if placement is self._placement:
             return self._constant
@@ -441,28 +481,28 @@ class Compensation:
         return made
 
     def _read(self, time: float) -> _Readings:
-        """The inputs of one sample."""
+        """Return the readings of the one sample in `live_inputs`."""
         made = self.live_inputs.copy()
         reading, rotation, acceleration = made[None, :6], made[6:15].reshape(1, 3, 3), made[None, 15:18]
         now = np.array([time], dtype=np.float64)
         return _Readings(now, reading, rotation, acceleration, made[None, 18:19], made[None, 19:])
 
     def _aged(self, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 1"]:
-        """Since the tare, or since the log began; 0 where the time is not known."""
+        """Return the seconds (n, 1) since the tare or since the log began; 0 where the time is not known."""
         known = time[np.isfinite(time)]
         if np.isnan(self._since) and len(known):
             self._since = float(known[0])
         return np.nan_to_num(np.maximum(time - self._since, 0.0))[:, None]
 
     def _misfit(self, noise: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "6 6"]:
-        """What the payload's model leaves beyond the noise, in any orientation: gains, cables, a load that moves."""
+        """Return the covariance of the payload's residual beyond the noise: gains, cables, a load that moves."""
         if self.payload is None:
             return np.zeros((6, 6))
         seen, stated = self.payload.residual**2, np.diag(noise).reshape(2, 3).mean(axis=1)
         return np.diag(np.repeat(np.where(seen > EXPLAINED * stated, seen - stated, 0.0), 3))
 
     def _readings(self, recording: Recording) -> _Readings:
-        """The channels that are needed."""
+        """Return the channels of a recording that are needed, as readings."""
         channels = recording.channels
         if FORCE not in channels or TORQUE not in channels:
             raise InputError("has no forces and torques.", where=recording.source)
@@ -480,7 +520,7 @@ class Compensation:
     def _compensated(
         self, readings: _Readings, zero: Float[np.ndarray, "6"], load: Float[np.ndarray, "11"] | None = None
     ) -> _Compensated:
-        """The contacts' wrenches in the sensor's frame, and statuses known beforehand (else -1)."""
+        """Return the contacts' wrenches in the sensor's frame, and the statuses that are known already (else -1)."""
         wrenches, statuses = np.empty_like(readings.wrench), np.empty(len(readings.wrench), np.int8)
         self._compensate(
             readings.wrench,
@@ -496,7 +536,7 @@ class Compensation:
         return _Compensated(readings.time, wrenches, statuses, readings)
 
     def _rotations(self, channels: Mapping[str, np.ndarray], source: str) -> Float[np.ndarray, "_ 3 3"]:
-        """Sensor in base, NaN where the quaternion is none; the identity where nothing needs it."""
+        """Return rotations of the sensor in the base, NaN for an invalid quaternion; the identity if not needed."""
         if not self.needs_orientation:
             return UPRIGHT
         quaternions = channels.get(ORIENTATION)
@@ -514,7 +554,7 @@ class Compensation:
 
 
 def _kept(kept: Float[np.ndarray, "n 19"]) -> _Readings:
-    """Rows of `Compensation.kept` apart again, as the compiled loops take them."""
+    """Split rows of `Compensation.kept` into readings, as the compiled loops take them."""
     count = len(kept)
     reading, rotation, acceleration, unsteady = np.split(kept, [6, 15, 18], axis=1)
     parts = [np.ascontiguousarray(part) for part in (reading, rotation, acceleration, unsteady)]
@@ -523,11 +563,11 @@ def _kept(kept: Float[np.ndarray, "n 19"]) -> _Readings:
 
 
 def _both(shares: Float[np.ndarray, "6"]) -> Float[np.ndarray, "6 6"]:
-    """What of a covariance is left where a share of each channel's variance is."""
+    """Return the factors of a covariance's entries for the given shares of each channel's variance."""
     root = np.sqrt(shares)
     return np.outer(root, root)
 
 
 def _of_one(what: str, values: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
-    """One sample's values."""
+    """Return one sample's values as an array of the given shape; raise InputError for another."""
     return shaped(values, shape, what)

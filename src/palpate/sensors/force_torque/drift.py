@@ -1,4 +1,4 @@
-"""Identify how the zero of a force/torque sensor drifts, from a log in which nothing touches it."""
+"""Identify how the bias of a force/torque sensor drifts, from a log in which nothing touches it."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ COMMENTS = {
 def wrench_drift(
     setup: Setup, recording: Recording, temperature: Float[np.ndarray, " n"] | None, window: float
 ) -> SensorDrift:
-    """Return the drift of what is left when the payload is taken off.
+    """Return the drift of the sensor's bias, identified from its wrenches without payload and inertia.
 
     Args:
-        setup: of the sensor.
-        recording: in which nothing touches it.
-        temperature: of the samples; None: not recorded.
+        setup: setup of the sensor.
+        recording: log in which nothing touches it.
+        temperature: (n,) of the samples; None: not recorded.
         window: [s] over which readings are averaged at first.
 
     Raises:
@@ -87,7 +87,7 @@ def _moving(setup: Setup, recording: Recording) -> tuple[Setup, tuple[str, ...]]
 
 
 def _down(recording: Recording) -> Float[np.ndarray, "n 3"] | None:
-    """Direction of gravity in the sensor's frame, NaN where it is not known; None: nowhere."""
+    """Return the direction of gravity in the sensor's frame, NaN where it is not known; None without orientation."""
     if ORIENTATION not in recording.channels:
         return None
     quaternions = recording.channels[ORIENTATION]
@@ -98,7 +98,7 @@ def _down(recording: Recording) -> Float[np.ndarray, "n 3"] | None:
 
 
 def _turned(recording: Recording) -> float:
-    """Degrees between the orientations that are furthest from the first."""
+    """Return the largest angle [degrees] between an orientation and the first; 0 without orientation."""
     if ORIENTATION not in recording.channels:
         return 0.0
     quaternions = recording.channels[ORIENTATION]
@@ -111,7 +111,7 @@ def _turned(recording: Recording) -> float:
 
 
 def _unsure_weight(payload: Payload | None) -> float:
-    """[N] deviation of the weight, by its calibration."""
+    """Return the standard deviation [N] of the payload's weight in its least certain direction; 0 without payload."""
     if payload is None:
         return 0.0
     return float(np.sqrt(max(0.0, np.linalg.eigvalsh(payload.covariance[:3, :3]).max())))

@@ -1,4 +1,4 @@
-"""How a payload stands in a file."""
+"""The table of a payload in a model file, and its summary."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["PAYLOAD", "of_payload"]
 
 
 def of_payload(payload: Payload) -> Lines:
-    """Each with its standard deviation."""
+    """Return the payload's figures as lines of text, those of the fit with their standard deviations."""
     spread = np.sqrt(np.diag(payload.covariance))
     weight = float(np.linalg.norm(payload.weight))
     along = payload.weight / weight if weight else np.zeros(3)

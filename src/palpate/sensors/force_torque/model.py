@@ -34,15 +34,16 @@ class ForceTorque(Value):
             first; None when not known.
         limits: (6,) range [N, N m] of each channel; a reading at it is saturated. None when not known.
         frame: the frame in which the log's wrenches are written, "sensor" or "base".
-        spectrum: of the noise; None: white.
+        spectrum: spectrum of the noise; None for white noise.
         gain_error: standard deviation of each entry of the sensor's matrix, gain and cross-talk alike, as a share: with
             L the ratio of the ranges of torque and force (of their noises where no range is stated), the channels of
             force err by gain_error sqrt(|F|^2 + |M|^2/L^2), and those of torque by L times that, in every sample.
-        drift: (6,) standard deviation of a random walk of the zero [N/sqrt(s), N m/sqrt(s)], from the tare or the log's
-            start on; None: none.
+        drift: (6,) standard deviation of the random walk of the bias [N/sqrt(s), N m/sqrt(s)], which starts at the tare
+            or at the start of the log; None for no drift.
 
     Raises:
-        InputError: a limit that is not positive, another frame, a negative drift, or a gain_error that is no share.
+        InputError: a limit is not positive, the frame is unknown, a drift is negative or above 1e9, or gain_error is
+            not in [0, 1).
     """
 
     noise: Float[np.ndarray, "6 6"] | None
@@ -79,7 +80,7 @@ class ForceTorque(Value):
 
     @property
     def lever(self) -> float:
-        """L [m], of `gain_error`: torque over force of the ranges, or of the noise."""
+        """Lever L [m] of `gain_error`: torque over force of the ranges, or of the noise where a range is unknown."""
         scale = np.full(6, np.inf) if self.limits is None else self.limits
         if not np.isfinite(scale).all():
             scale = np.ones(6) if self.noise is None else np.sqrt(np.diag(self.noise))
@@ -90,7 +91,7 @@ class ForceTorque(Value):
         return by_name("palpate.sensors.force_torque.compensation.Compensation")(self)
 
     def saturated(self, wrenches: Float[np.ndarray, "*batch 6"]) -> Bool[np.ndarray, "*batch"]:
-        """Where a channel of a raw reading (sensor frame, before compensation) is at its range; False for NaN."""
+        """Return which raw readings (sensor frame, not compensated) have a channel at its range; False for NaN."""
         if self.limits is None:
             return np.zeros(wrenches.shape[:-1], dtype=bool)
         return np.any(np.abs(wrenches) >= self.limits, axis=-1)

@@ -1,4 +1,4 @@
-"""`palpate calibrate mounting`: where the surface really sits in the sensor's frame, from touches."""
+"""`palpate calibrate mounting`: find the pose of the surface in the sensor's frame from touches."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class CalibrateMounting(Calibration):
     which tells less and believes that presses are mostly along the normal. Comments in the rig stay.
 
     Args:
-        log: in which marked points, or many different places, are pressed.
+        log: log in which marked points, or many different places, are pressed.
         rig: TOML of the set-up, with payload and a rough pose.
         output: rig to write; it may be the same file.
         marks: start,end,px,py,pz[,label] of each touch, in the surface's frame.
@@ -62,7 +62,11 @@ class CalibrateMounting(Calibration):
     placement: Annotated[float, arg(metavar="X")] = 0.5e-3
 
     def identify(self) -> CalibrationResult:
-        """Find the pose under which the touches act where they were."""
+        """Return the pose of the surface under which the measured wrenches act at the touched points.
+
+        Raises:
+            InputError: the rig has no surface, the log has no press, or no touch lies in the log.
+        """
         setup, marks = self.stated.resolve("force_torque"), self.marks
         recording = read_recording(self.log, setup.layout())
         if setup.link.stated is None:
@@ -105,7 +109,7 @@ class CalibrateMounting(Calibration):
         )
 
     def write(self, found: CalibrationResult) -> None:
-        """Write the pose, its covariance and what touches err by into the rig."""
+        """Write the pose, its covariance and the placement error of touches into the rig."""
         mounting, added = found.model
         record = self.record()
         comment = f"from {len(mounting.touches)} touches of {origin(record, 'log')}, palpate {record['palpate']}"
@@ -113,7 +117,7 @@ class CalibrateMounting(Calibration):
 
 
 def _doubts(mounting: Mounting, initial: Pose, residual: float, *, payload: bool, anywhere: bool) -> list[str]:
-    """Before somebody relies on it."""
+    """Return warnings: no payload, a large residual, or a pose that moved by less than its standard deviation."""
     said: list[str] = []
     if not payload:
         said.append("the rig names no payload: weight and bias, where they are not taken off, end up in the pose")
@@ -135,7 +139,10 @@ def _doubts(mounting: Mounting, initial: Pose, residual: float, *, payload: bool
 def _in_sensor(
     recording: Recording, setup: Setup, surface: Mesh
 ) -> tuple[np.ndarray, np.ndarray | None, WrenchEstimator]:
-    """Compensated wrenches in the sensor's frame, and what the payload's uncertainty adds to their covariance."""
+    """Return compensated wrenches (n, 6) in the sensor's frame, what the payload adds to their covariance, and more.
+
+    The last is the estimator. Wrenches of samples that cannot be used are NaN.
+    """
     sensor = stated_sensor(setup, recording)
     settings = setup.estimate.contact
     locator = Locator(
@@ -159,9 +166,9 @@ def _placed(
     marks: Path | None,
     count: int,
 ) -> tuple[Mounting, float, TouchError | None]:
-    """The mounting, its residual with marks hit as stated, and what touches at marks err by.
+    """Return the mounting, its residual under the stated placement, and the error of touches (None without marks).
 
-    Where that is more than stated, the mounting is found again with touches weighed by it.
+    Where that error is larger than stated, the mounting is identified again with touches weighted by it.
     """
     every: Rows = np.arange(count, dtype=np.int64)
     mounting = identify(every, placement)
@@ -185,7 +192,7 @@ def _error(
     used: Rows,
     pose_from: Callable[[Rows], Pose],
 ) -> TouchError:
-    """What the touches that were used err by beside the noise."""
+    """Return the error of the touches that were used, in addition to the noise."""
     names = tuple(np.array(touches.label)[used])
     kept = TrueTouches(touches.start[used], touches.end[used], touches.point[used], names)
     normals = surface.project(kept.point)[1]
@@ -216,7 +223,7 @@ def _presses(recording: Recording, wrenches: np.ndarray, estimator: WrenchEstima
 
 
 def _require_overlap(recording: Recording, touches: TrueTouches, source: Path) -> None:
-    """Some touch must lie in the log, or the two are not on one clock."""
+    """Raise InputError unless some touch lies in the log: else the two are not on one clock."""
     known = recording.time[np.isfinite(recording.time)]
     first, last = (known.min(), known.max()) if len(known) else (np.nan, np.nan)
     if not np.any((touches.start <= last) & (touches.end >= first)):

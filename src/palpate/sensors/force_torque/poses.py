@@ -1,4 +1,4 @@
-"""One wrench a pose, from a log that holds each pose for a while."""
+"""Average the wrenches of a log in which the arm rests in each pose for a while: one mean per pose."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ ENOUGH = 4  # poses
 def average_poses(
     wrenches: Float[np.ndarray, "n 6"], rotations: Float[np.ndarray, "n 3 3"], *, shortest: int = 10
 ) -> tuple[Float[np.ndarray, "k 6"], Float[np.ndarray, "k 3 3"], Int[np.ndarray, " k"]]:
-    """Means over the stretches in which the orientation stays within 0.3 degrees, and how many samples each has.
+    """Return mean wrenches, rotations and sample counts of the stretches whose orientation stays within 0.3 degrees.
 
-    Samples of one pose share its error of model, so that a fit which takes them as independent would believe itself
-    too much. What is logged while the arm turns (with its inertia) is left out. A log of single poses, or of motion
-    only, comes back as it is.
+    Samples of one pose share its model error, so a fit which takes them as independent would be overconfident.
+    Samples logged while the arm turns (with its inertia) are omitted. A log with fewer than four stretches, of single
+    poses or of motion only, is returned unchanged, with counts of one.
 
     Args:
         wrenches: (n, 6) [N, N m].
         rotations: (n, 3, 3); rows that are not finite belong to no pose.
-        shortest: samples that make a stretch.
+        shortest: least number of samples in a stretch.
     """
     both = np.concatenate([wrenches, rotations.reshape(-1, 9)], axis=1)
     finite = np.asarray(np.isfinite(both).all(axis=1), dtype=bool)
@@ -41,7 +41,7 @@ def average_poses(
 
 
 def _stretches(rotations: Float[np.ndarray, "n 3 3"], finite: Bool[np.ndarray, " n"]) -> list[Int[np.ndarray, " k"]]:
-    """Rows that follow each other and lie within `STILL` of the first of them."""
+    """Return runs of consecutive rows whose rotation lies within `STILL` of that of the run's first row."""
     found: list[Int[np.ndarray, " k"]] = []
     start, cosine = 0, 1.0 + 2.0 * np.cos(STILL)  # the trace of a rotation by that angle
     while start < len(rotations):
@@ -57,7 +57,7 @@ def _stretches(rotations: Float[np.ndarray, "n 3 3"], finite: Bool[np.ndarray, "
 def _first_turned(
     rotations: Float[np.ndarray, "n 3 3"], finite: Bool[np.ndarray, " n"], start: int, cosine: float
 ) -> int:
-    """The first row after `start` that is turned away from it, looked for in growing chunks."""
+    """Return the first row after `start` that is turned from it by more than `STILL`, searched in growing chunks."""
     chunk, begin = 64, start + 1
     while begin < len(rotations):
         rows = slice(begin, begin + chunk)

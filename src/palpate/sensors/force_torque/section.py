@@ -1,4 +1,4 @@
-"""A six-axis force/torque sensor in a rig: payload, inertia, noise, how a log of it is read, and how one is told."""
+"""A six-axis force/torque sensor in a rig: payload, inertia, noise, the layout of its log, and how a log is guessed."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ __all__ = [
     "stated_sensor",
 ]
 
-_LONG_ARM, _LONGEST_ARM = 0.5, 2.0  # m: of a force about a sensor, doubted and beyond belief
+_LONG_ARM, _LONGEST_ARM = 0.5, 2.0  # m: lever arm of a force about a sensor, doubtful and impossible
 _TURNED = 20.0  # degrees between an IMU and gravity, at the median of a log: more than a mounting by hand
-_LEAST_NOISE = 1e-6  # N, N m: a log that never changes does not make a noise of nothing
+_LEAST_NOISE = 1e-6  # N, N m: the noise of a log that never changes, in place of zero
 _TEXT = """\
 {time}[force_torque]
 {wrench}
@@ -72,12 +72,12 @@ class ForceTorqueSection(SensorSection):
 
     @cached_property
     def payload(self) -> Payload | None:
-        """What hangs on the sensor; None where the rig names no file."""
+        """Payload read from the file that the rig names; None where it names none."""
         return None if self.table.payload is None else read_model(self.link.folder / self.table.payload, Payload)
 
 
 def _layout(setup: Setup) -> LogLayout:
-    """Where a log keeps wrenches and poses."""
+    """Return the layout of a log: the names, units, axes and frame of its wrenches, and where its poses are."""
     wrench = setup.of(ForceTorqueSection).table
     return LogLayout(
         wrench=wrench.columns,
@@ -92,7 +92,7 @@ def _layout(setup: Setup) -> LogLayout:
 
 
 def stated_sensor(setup: Setup, recording: Recording | None = None) -> ForceTorque:
-    """Return the sensor; noise that the rig does not state is that of a recording."""
+    """Return the sensor that a rig states; where the rig states no noise, it is estimated from the recording."""
     wrench, seen = setup.of(ForceTorqueSection).table, _Seen(setup, recording)
     deviation, spectrum = seen.deviation, seen.spectrum
     if wrench.noise is not None:
@@ -106,10 +106,10 @@ def stated_sensor(setup: Setup, recording: Recording | None = None) -> ForceTorq
 
 
 def free_wrenches(setup: Setup, recording: Recording) -> Float[np.ndarray, "n 6"]:
-    """Return the wrenches of an untouched log without payload and inertia; NaN where a sample cannot be used.
+    """Return the wrenches (n, 6) of an untouched log without payload and inertia; NaN where a sample cannot be used.
 
     Raises:
-        InputError: the payload's weight is to be taken off, and there is no orientation.
+        InputError: the payload's weight must be subtracted, and there is no orientation.
     """
     wrench, payload = setup.of(ForceTorqueSection).table, setup.of(ForceTorqueSection).payload
     limits = None if wrench.range is None else wrench.range.six()
@@ -119,7 +119,7 @@ def free_wrenches(setup: Setup, recording: Recording) -> Float[np.ndarray, "n 6"
 
 
 def accelerated(setup: Setup, recording: Recording) -> bool:
-    """Return whether poses show that the payload is accelerated, and no acceleration that the rig names tells it."""
+    """Return whether poses show that the payload is accelerated, while the rig names no source of accelerations."""
     motion = _motion(setup, recording)
     if motion is None or motion.source != "none" or ORIENTATION not in recording.channels:
         return False
@@ -127,7 +127,7 @@ def accelerated(setup: Setup, recording: Recording) -> bool:
 
 
 def noise_warnings(setup: Setup, recording: Recording) -> list[str]:
-    """Return where noise that the rig states is wrong by two or more against a recording."""
+    """Return a warning where the rig's noise differs by a factor of two or more from that of a recording."""
     if (stated := setup.of(ForceTorqueSection).table.noise) is None:
         return []
     seen = _Seen(setup, recording).deviation
@@ -136,7 +136,7 @@ def noise_warnings(setup: Setup, recording: Recording) -> list[str]:
 
 
 class _Seen:
-    """The noise of a recording: where it rests, else in its quiet parts, of an unknown spectrum."""
+    """Noise of a recording: from where it rests, or else from its quiet parts, with an unknown spectrum."""
 
     def __init__(self, setup: Setup, recording: Recording | None) -> None:
         wrenches = np.zeros((0, 6)) if recording is None else _unloaded(setup, recording)
@@ -146,7 +146,7 @@ class _Seen:
 
 
 def _unloaded(setup: Setup, recording: Recording) -> Float[np.ndarray, "n 6"]:
-    """Wrenches without what hangs on the sensor, which moves with the arm and is no noise; NaN is left out."""
+    """Return wrenches without the payload, which moves with the arm and is not noise; rows of NaN are omitted."""
     six = setup.of(ForceTorqueSection)
     if six.payload is None or ORIENTATION not in recording.channels:
         return recording.wrenches()
@@ -156,7 +156,7 @@ def _unloaded(setup: Setup, recording: Recording) -> Float[np.ndarray, "n 6"]:
 
 
 def compensation(setup: Setup, head: Recording | None) -> Compensation:
-    """Return the sensor with what hangs on it; what the rig does not state is taken from the start of a log."""
+    """Return the sensor with its payload; noise that the rig does not state is estimated from the start of a log."""
     return Compensation(stated_sensor(setup, head), setup.of(ForceTorqueSection).payload, _motion(setup, head))
 
 
@@ -172,7 +172,7 @@ def _build(setup: Setup) -> BuiltEstimator:
 
 
 def _turned(payload: Payload | None, sensor: Compensation, head: Recording) -> list[str]:
-    """Whether an IMU has other axes than the sensor, by where it reads gravity."""
+    """Return a warning where the gravity that an IMU reads shows that its axes are not the sensor's."""
     if payload is None or sensor.motion is None or sensor.motion.source != "imu" or ORIENTATION not in head.channels:
         return []
     turned = turned_from_gravity(head.channels[ACCELERATION], head.channels[ORIENTATION], payload.gravity)
@@ -197,7 +197,7 @@ def _payload_said(payload: Payload | None, tare: float | None) -> list[str]:
 
 
 def _motion(setup: Setup, head: Recording | None) -> Motion | None:
-    """Return how inertia is accounted for."""
+    """Return the source of accelerations for inertia compensation; None without a payload or a log."""
     stated, payload = setup.acceleration, setup.of(ForceTorqueSection).payload
     if payload is None or not payload.weight.any() or head is None:
         return None
@@ -218,7 +218,7 @@ def _check(table: RigForceTorque | None, path: Path) -> None:
 
 
 def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | None:
-    """Columns or a topic of forces and torques."""
+    """Return the rig text for the log's columns or topic of forces and torques; None where there are none."""
     found = _topics_of(log, contents, body) if contents.topics else columns_guess(log, contents)
     if found is None:
         return None
@@ -235,7 +235,7 @@ def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | 
 
 
 def _with_torques(found: WrenchColumns, wrenches: np.ndarray, size: float | None) -> WrenchColumns:
-    """With the unit of the torque, by its numbers where nothing states it, and the noise."""
+    """Return the columns with the noise and the torque's unit, guessed from its numbers where nothing states it."""
     fields, remarks, layout = dict(found.fields), list(found.remarks), found.layout
     if "torque_unit" not in fields:
         known = wrenches[np.isfinite(wrenches).all(axis=1)]
@@ -275,11 +275,11 @@ def _topics_of(log: Path, contents: LogContents, body: GivenBody | None) -> Wren
 
 
 def _torque_unit(free: np.ndarray, size: float | None) -> str:
-    """N mm if N m puts the lines of action off the body, and N mm does not.
+    """Return "N mm" if N m puts the lines of action off the body and N mm does not, else "N m".
 
     Args:
         free: wrenches without bias.
-        size: [m] of the body; None: not known, and only torques that no arm makes are told.
+        size: [m] of the body; None: not known, and N mm is only guessed where the arm in N m is longer than 2 m.
     """
     if size is None or not len(free):
         return "N mm" if _arm(free) > _LONGEST_ARM else "N m"
@@ -291,7 +291,7 @@ def _torque_unit(free: np.ndarray, size: float | None) -> str:
 
 
 def _arm(free: np.ndarray) -> float:
-    """Torque over force at the median; NaN without a wrench."""
+    """Return the median lever arm [m], torque over force; NaN without a wrench."""
     arms = np.linalg.norm(free[:, 3:], axis=1) / np.linalg.norm(free[:, :3], axis=1).clip(1e-12)
     return float(np.median(arms)) if len(arms) else np.nan
 

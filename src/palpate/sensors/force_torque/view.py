@@ -1,4 +1,4 @@
-"""Show a six-axis force/torque sensor in the report: payload, mounting, and what would make its answers better."""
+"""Show a six-axis force/torque sensor in the report: payload, mounting, and advice that improves its answers."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ from palpate.viewer.run_report import Run
 
 __all__ = ["ForceTorqueView", "force_torque", "wrench_advice"]
 
-BLURRED = 1e-3  # m: of a median ellipse that a filter is worth its lag for
+BLURRED = 1e-3  # m: radius of the median ellipse above which a filter is worth its lag
 
 
 class ForceTorqueView(WrenchView):
-    """Show payload and mounting of a six-axis force/torque sensor."""
+    """The report's view of a six-axis force/torque sensor: payload, mounting and advice."""
 
     def compensated(self, estimator: WrenchEstimator) -> str:
-        """Return how wrenches were compensated, in words."""
+        """Return in words whether wrenches were compensated with a payload model."""
         return f"{'without' if _payload(estimator) is None else 'with'} a payload model"
 
     def uncertain(self, setup: Setup, estimator: WrenchEstimator) -> tuple[str, ...]:
-        """Return whose uncertainties beside the noise the ellipses hold."""
+        """Return the names of the uncertainties, in addition to the noise, that the ellipses contain."""
         held = super().uncertain(setup, estimator)
         return held if _payload(estimator) is None else ("the payload's", *held)
 
     def sections(self, run: Run, setup: Setup, estimator: WrenchEstimator) -> Run:
-        """Return the run with payload, mounting and advice."""
+        """Return the run with a section on payload and mounting, and with advice."""
         payload, radius = _payload(estimator), run.kept.median_radius
         filtered = estimator.filter is not None
         advice = wrench_advice(setup, payload=payload is not None, filtered=filtered, radius=radius)
@@ -50,12 +50,12 @@ def _payload(estimator: WrenchEstimator) -> Payload | None:
 
 
 def wrench_advice(setup: Setup, *, payload: bool, filtered: bool, radius: float) -> tuple[str, ...]:
-    """Return what would make the answers of a force/torque sensor better.
+    """Return advice that would improve the answers of a force/torque sensor, one sentence or two each.
 
     Args:
-        setup: with the options of the command line in it.
-        payload: one is taken off.
-        filtered: a filter is in force.
+        setup: setup that includes the options of the command line.
+        payload: whether a payload is compensated.
+        filtered: whether a filter is used.
         radius: [m] median of the 95 % ellipses; NaN where there is none.
     """
     said: list[str] = []
@@ -80,7 +80,7 @@ def wrench_advice(setup: Setup, *, payload: bool, filtered: bool, radius: float)
 
 
 def force_torque(setup: Setup, payload: Payload | None, mount: Pose) -> Section:
-    """Return the section of payload and mounting, with standard deviations, axes and orientation."""
+    """Return the report's section on payload and mounting, with standard deviations, axes and orientation."""
     none = [("payload", "none: wrenches are taken as they are")]
     facts = none if payload is None else list(MODELS["payload"].summary(payload))
     facts += _mounting(mount, setup.link.mount_covariance)

@@ -1,16 +1,16 @@
-"""Compiled: forces of several contacts from what a skin says of each and the total wrench of a sensor.
+"""Compiled loops for the forces of several contacts from the skin's normal force of each and the sensor's wrench.
 
-Of contact i, at p_i with outward normal n_i, the skin says a normal force s_i. Before the wrench is looked at,
+For contact i, at p_i with outward normal n_i, the skin gives a normal force s_i. Before the wrench is used,
 
     f_i = -n_i x_i + t_i,   x_i ~ N(s_i, d_i^2),   t_i ~ N(0, u^2 (s_i^2 + d_i^2) I),
 
-t_i in the tangent plane. Sensor k feels W_k = sum over i of c_ki (f_i; p_i x f_i) + noise. An error of the place, of
-covariance Q_i, adds a moment of covariance Q_i xx E[f_i f_i^T], the cross product of two matrices:
+t_i in the tangent plane. Sensor k feels W_k = sum over i of c_ki (f_i; p_i x f_i) + noise. An error of the place, with
+covariance Q_i, adds a moment with covariance Q_i xx E[f_i f_i^T], the cross product of two matrices:
 
     A xx B = (tr A tr B - tr AB) I + AB + BA - tr(A) B - tr(B) A    (symmetric A, B).
 
-It is the same error in every sensor that feels the contact. The posterior comes measurement after measurement by
-Potter's square root filter ([potter]): the covariance is S S^T, so it stays symmetric and positive whatever the noise.
+It is the same error in every sensor that feels the contact. The posterior is computed measurement after measurement by
+Potter's square root filter ([potter]): the covariance is S S^T, so it stays symmetric and positive for any noise.
 """
 
 # pyright: basic
@@ -24,13 +24,13 @@ from palpate.surfaces._jit import entry, inlined, inner, released
 
 __all__ = ["clusters", "explained", "fuse", "fuse_frames", "fuse_one", "rarity", "room", "spaced"]
 
-ROW = 17  # of a contact: point, outward normal, normal force, its deviation, covariance of the place row by row
-OUT = 5  # of a contact: force, deviation of the tangential force now over before, slack of the cone
+ROW = 17  # of a contact: point, outward normal, normal force, its standard deviation, covariance of the place by rows
+OUT = 5  # of a contact: force, standard deviation of the tangential force now over before, slack of the cone
 
 
 @inner
 def _frame(normal, frame):
-    """Rows: minus the normal, and two tangents (Duff et al. 2017)."""
+    """Write minus the normal, and two tangents (Duff et al. 2017), into the rows of `frame`."""
     x, y, z = normal[0], normal[1], normal[2]
     sign = 1.0 if z >= 0.0 else -1.0
     a = -1.0 / (sign + z)
@@ -42,7 +42,7 @@ def _frame(normal, frame):
 
 @inner
 def _place_moment(contact, second, out):
-    """Covariance of the moment by which a contact's place errs: spread xx second."""
+    """Write the covariance of the moment from the error of a contact's place, spread xx second, into `out`."""
     ta = contact[8] + contact[12] + contact[16]
     tb = second[0, 0] + second[1, 1] + second[2, 2]
     tab = 0.0
@@ -62,7 +62,7 @@ def _place_moment(contact, second, out):
 
 @inner
 def _first(contacts, settings, frames, mean, variance, second):
-    """Frames, means, variances of the normal force and E f f^T, from the skin alone."""
+    """Write frames, means, variances of the normal force and E f f^T, from the skin alone."""
     for i in range(len(contacts)):
         _frame(contacts[i, 3:6], frames[i])
         force = contacts[i, 6]
@@ -77,7 +77,10 @@ def _first(contacts, settings, frames, mean, variance, second):
 
 @inner
 def _prior(contacts, settings, level, variance, root):
-    """Deviations of each contact's (normal, tangential, tangential) force, whose usual normal force is `level`."""
+    """Write prior standard deviations of each contact's (normal, tangential, tangential) force into `root`.
+
+    `level` is the normal force to which they are proportional.
+    """
     for i in range(len(contacts)):
         square = contacts[i, 7] ** 2 + (settings[1] * level[i]) ** 2 + settings[2] ** 2
         root[3 * i] = np.sqrt(square)
@@ -86,7 +89,7 @@ def _prior(contacts, settings, level, variance, root):
 
 @inner
 def _again(contacts, frames, mean, square, level, variance, second):
-    """`_first` from forces after the wrenches; a contact that is nearly lost keeps a share of what its skin says."""
+    """Compute `_first` again from the posterior forces; a contact's level is at least a fifth of the skin's force."""
     count = len(contacts)
     world = np.empty((3, 3))
     for i in range(count):
@@ -109,7 +112,7 @@ def _again(contacts, frames, mean, square, level, variance, second):
 
 @inner
 def _felt(contacts, frames, rows):
-    """(6, 3n) wrench of a unit of each component."""
+    """Write the wrench of a unit of each force component, (6, 3n), into `rows`."""
     for i in range(len(contacts)):
         p0, p1, p2 = contacts[i, 0], contacts[i, 1], contacts[i, 2]
         for e in range(3):
@@ -122,7 +125,7 @@ def _felt(contacts, frames, rows):
 
 @inner
 def _noise(contacts, second, covariances, carries, noise):
-    """(6k, 6k) covariance of the wrenches' noise, with what the places err by."""
+    """Write the covariance (6k, 6k) of the wrenches' noise, with the errors of the places, into `noise`."""
     count, sensors = len(contacts), len(covariances)
     for a in range(6 * sensors):
         for b in range(6 * sensors):
@@ -144,7 +147,7 @@ def _noise(contacts, second, covariances, carries, noise):
 
 @inner
 def _split(matrix, least):
-    """L D L^T in place: D on the diagonal, L below it; a pivot at or below `least` of its entry is taken as 0."""
+    """Factor a matrix as L D L^T in place: D on the diagonal, L below; a pivot up to `least` of its entry becomes 0."""
     size = len(matrix)
     for j in range(size):
         scale = abs(matrix[j, j])
@@ -160,7 +163,7 @@ def _split(matrix, least):
 
 @inner
 def _innovation(noise, rows, root, carries, out):
-    """(6k, 6k) covariance of the wrenches before they are looked at."""
+    """Write the prior covariance (6k, 6k) of the wrenches, with their noise, into `out`."""
     sensors, count = carries.shape
     for k in range(sensors):
         for m in range(k + 1):
@@ -176,7 +179,7 @@ def _innovation(noise, rows, root, carries, out):
 
 @inner
 def _update(square, mean, row, left, variance, work):
-    """Potter's step: one measurement row . x = left + row . mean with a noise of `variance`; square, mean change."""
+    """Update square and mean by one measurement row . x = left + row . mean with noise `variance` (Potter's step)."""
     size = len(mean)
     total = variance
     for c in range(size):
@@ -201,7 +204,7 @@ def _update(square, mean, row, left, variance, work):
 
 @inner
 def _posterior(rows, carries, noise, left, mean, before, square, product, whitened):
-    """All measurements one after the other. `noise` becomes L D L^T; `left` is measured minus expected, changed."""
+    """Update by all measurements in turn; `noise` becomes L D L^T, and `left`, measured minus expected, is changed."""
     sensors, count = carries.shape
     size = 3 * count
     _split(noise, 1e-13)
@@ -223,7 +226,7 @@ def _posterior(rows, carries, noise, left, mean, before, square, product, whiten
 
 @inner
 def _results(frames, mean, root, square, friction, out, covariance):
-    """Forces, shares and slacks; the covariance in the surface's frame. How many contacts violate their cone."""
+    """Write forces, shares, slacks and their covariance in the surface's frame; return the number of violated cones."""
     count, broken = len(out), 0
     for i in range(count):
         now = before = 0.0
@@ -254,7 +257,7 @@ def _results(frames, mean, root, square, friction, out, covariance):
 
 @inner
 def _whiten(factor, column):
-    """Column becomes D^-1/2 L^-1 column; 0 where D is."""
+    """Replace column by D^-1/2 L^-1 column; 0 where D is 0."""
     for r in range(6):
         for q in range(r):
             column[r] -= factor[r, q] * column[q]
@@ -264,10 +267,10 @@ def _whiten(factor, column):
 
 @inner
 def _surprise(rows, root, carries, factor, column, found):
-    """How far a sensor's wrench lies from what was expected: squared, degrees of freedom, its variance, share.
+    """Write a wrench's squared distance from the expected one, its degrees of freedom, variance and share to `found`.
 
     `factor`: L D L^T of the wrench's covariance; column[0]: whitened. The variance of a chi-square is 2 dof; that of a
-    source that is uniform in a disc lacks tr G^2 + 2/3 det G, with G (2, 2) what its components are worth, whitened.
+    force uniform in a disc is less by tr G^2 + 2/3 det G, with G (2, 2) the Gram matrix of its whitened components.
     """
     total, dof = 0.0, 0
     for r in range(6):
@@ -292,7 +295,10 @@ def _surprise(rows, root, carries, factor, column, found):
 
 @entry("total float, dof float, variance float")
 def rarity(total, dof, variance):
-    """Share of a gamma distribution of this mean and variance beyond `total` (Wilson and Hilferty); NaN without one."""
+    """Return the share of a gamma distribution, of mean `dof` and this variance, beyond `total` (Wilson and Hilferty).
+
+    NaN if `dof` or `variance` is not positive.
+    """
     if not (dof > 0 and variance > 0.0):
         return np.nan
     spread = variance / (9.0 * dof * dof)
@@ -301,7 +307,7 @@ def rarity(total, dof, variance):
 
 @inner
 def _expected(rows, carries, wrenches, mean, totals, off):
-    """Wrenches that the skin alone lets expect, and how far off those are that are measured."""
+    """Write the wrenches expected from the skin alone into `totals`, and the measured less the expected into `off`."""
     sensors, count = carries.shape
     for k in range(sensors):
         for r in range(6):
@@ -314,7 +320,7 @@ def _expected(rows, carries, wrenches, mean, totals, off):
 
 @inner
 def _whitened(innovation, off, k, factor, column):
-    """One sensor's `off`, whitened into column[0] by L D L^T of its covariance, which is left in `factor`."""
+    """Whiten sensor k's `off` into column[0] by L D L^T of its covariance, which is written into `factor`."""
     for r in range(6):
         column[0, r] = off[6 * k + r]
         for q in range(6):
@@ -325,7 +331,7 @@ def _whitened(innovation, off, k, factor, column):
 
 @inner
 def _taken(work, begin, size):
-    """The next numbers of `work`, and where they end."""
+    """Return the next `size` numbers of `work`, and their end."""
     return work[begin : begin + size], begin + size
 
 
@@ -336,10 +342,10 @@ def _taken(work, begin, size):
     """
 )
 def fuse_one(contacts, wrench, covariance, settings, work, out, out_covariance, total):
-    """`fuse` for one sensor that feels all contacts: (6,), (6, 6), (16,) for (1, 6), (1, 6, 6), (1, 16).
+    """Compute `fuse` for one sensor that feels all contacts: (6,), (6, 6), (16,) for (1, 6), (1, 6, 6), (1, 16).
 
-    A wrench that is not finite tells nothing, and leaves NaN in `total`. `work` is as long as `room` says, its first 36
-    numbers are what `fuse` leaves in `factors`. Fewer arrays, because a call takes 0.15 us for each.
+    A wrench that is not finite is not used, and `total` becomes NaN. `work` has 36 numbers more than `room`; the first
+    36 are the `factors` of `fuse`. There are fewer arrays, because a call takes 0.15 us for each.
     """
     heard = 1
     for r in range(6):
@@ -363,11 +369,11 @@ def fuse_one(contacts, wrench, covariance, settings, work, out, out_covariance, 
     """
 )
 def fuse_frames(contacts, counts, wrenches, covariances, settings, out, spreads, covariance, totals, factors, broken):
-    """`fuse_one` for frame after frame, each with its `counts` of the contacts.
+    """Compute `fuse_one` for each frame in turn.
 
-    `counts` are the contacts of each frame; `spreads` the covariances of the single forces: xx, xy, xz, yy, yz, zz;
-    `covariance` those of all forces of a frame, 9 counts^2 numbers, frame by frame; `broken` what `fuse_one` returns. A
-    wrench that is not finite leaves NaN in `totals` and `factors`.
+    `counts` are the numbers of contacts in the frames; `spreads` the covariances of the single forces: xx, xy, xz, yy,
+    yz, zz; `covariance` those of all forces of a frame, 9 counts^2 numbers, frame by frame; `broken` the return values
+    of `fuse_one`. For a wrench that is not finite `totals` and `factors` are NaN.
     """
     most = 0
     for k in range(len(counts)):
@@ -392,7 +398,7 @@ def fuse_frames(contacts, counts, wrenches, covariances, settings, out, spreads,
 
 @inner
 def room(count, sensors):
-    """Numbers that `fuse` works in; `fuse_one` 36 more."""
+    """Return the length of `work` that `fuse` needs; `fuse_one` needs 36 more."""
     n, k = 3 * count, 6 * sensors
     return 20 * count + 5 * n + n * n + 6 * n + 2 * k * k + 2 * k + k * n
 
@@ -404,26 +410,25 @@ def room(count, sensors):
     """
 )
 def fuse(contacts, wrenches, covariances, carries, settings, work, out, covariance, totals, factors):
-    """The forces of contacts (n, 17) felt by sensors (k, 6).
+    """Compute the forces of contacts (n, 17) felt by sensors (k, 6).
 
     Args:
         contacts: (n, 17) rows, see `ROW`.
         wrenches: (k, 6), finite.
-        covariances: (k, 6, 6) of their noise.
+        covariances: (k, 6, 6) of the wrenches' noise.
         carries: (k, n) whether a sensor feels a contact.
-        settings: (5,) tangential deviation, gain, floor, friction, how often the prior is written anew.
-        work: as many numbers as `room` says.
-        out: (n, 5) rows, see `OUT`.
-        covariance: (3n, 3n) of the forces.
-        totals: (k, 16) the wrenches that the skin alone lets expect; how far they are off: squared, degrees of
-            freedom, its variance, share of such distances that are as large, all by the prior as it was last written,
-            whose forces are those that misplaced contacts and friction are proportional to; how far off they are,
-            whitened by `factors`.
-        factors: (k, 6, 6) L D L^T of the wrenches' covariance by the first prior: where something is unseen, the
-            forces found are bent towards it.
+        settings: (5,) tangential standard deviation, gain, floor, friction, number of times the prior is recomputed.
+        work: array of the length of `room`.
+        out: (n, 5) rows, see `OUT`, written.
+        covariance: (3n, 3n) of the forces, written.
+        totals: (k, 16), written: the wrenches expected from the skin alone; the squared distance of the measured ones,
+            its degrees of freedom, its variance, the share of distances that are as large, all by the last prior, to
+            whose forces misplaced contacts and friction are proportional; and the difference whitened by `factors`.
+        factors: (k, 6, 6), written: L D L^T of the wrenches' covariance by the first prior, since an unseen contact
+            biases the forces found.
 
     Returns:
-        How many contacts violate their cone.
+        The number of contacts that violate their cone.
     """
     return _fuse((contacts, wrenches, covariances, carries, settings), work, out, covariance, totals, factors)
 
@@ -492,19 +497,19 @@ def _fuse(given, work, out, covariance, totals, factors):
 
 @released("places c 8, whitened 6, factor 6 6, tangential float, magnitudes m, out out c 4")
 def explained(places, whitened, factor, tangential, magnitudes, out):
-    """How well one more contact explains a wrench, place by place.
+    """Compute the evidence of one more contact that explains a wrench, place by place.
 
-    Its normal force is one of `magnitudes` m, give or take a quarter; a place errs by its own spacing. With y the
-    whitened wrench and G m what (normal, tangential, tangential, place, place) of deviation 1 do to it, the evidence is
-    that of y ~ N(m g, I + m^2 G G^T).
+    Its normal force is one of `magnitudes` m, with a standard deviation of a quarter; the error of a place is that of
+    its spacing. With y the whitened wrench and G m the effect of (normal, tangential, tangential, place, place) with
+    standard deviation 1 on it, the evidence is that of y ~ N(m g, I + m^2 G G^T).
 
     Args:
-        places: (c, 8) points [m], outward normals, log of the share of the area, deviation [m] of the place.
-        whitened: (6,) wrench less what is expected, as `fuse` left it.
-        factor: (6, 6) as `fuse` left it.
-        tangential: deviation of a tangential component over the normal force.
+        places: (c, 8) points [m], outward normals, log of the share of the area, standard deviation [m] of the place.
+        whitened: (6,) wrench less the expected one, whitened, from `fuse`.
+        factor: (6, 6) from `fuse`.
+        tangential: standard deviation of a tangential component over the normal force.
         magnitudes: (m,) [N], equally likely.
-        out: (c, 4) log evidence with the share of the area, and the force [N] there.
+        out: (c, 4) log evidence with the share of the area, and the force [N] there, written.
     """
     frame, columns, push, off = np.empty((3, 3)), np.empty((5, 6)), np.empty(6), np.empty(6)
     products, split, right, best = np.empty((5, 5)), np.empty((5, 5)), np.empty(5), np.empty(3)
@@ -557,9 +562,9 @@ def _cross(a, b, out):
 
 @inlined
 def _evidence(columns, products, push, whitened, m, split, right, off):
-    """Log of N(y; m g, I + m^2 G G^T) but for a constant; `right` becomes the components x, in deviations.
+    """Return the log of N(y; m g, I + m^2 G G^T) without its constant; `right` becomes x, in standard deviations.
 
-    What is left of y - m g - m G x counts with |x|^2: no large numbers are taken from each other.
+    The square is |y - m g - m G x|^2 + |x|^2, without a difference of large numbers.
     """
     for r in range(6):
         off[r] = whitened[r] - m * push[r]
@@ -596,7 +601,7 @@ def _evidence(columns, products, push, whitened, m, split, right, off):
 
 @entry("points n 3, kept out int64 c, nearest out int64 n")
 def spaced(points, kept, nearest):
-    """Points as far from each other as can be, one after the other, and which of them is nearest to each point."""
+    """Choose points one after the other, each farthest from those before; write them and each point's nearest one."""
     apart = np.full(len(points), np.inf)
     for k in range(len(kept)):
         kept[k] = 0 if k == 0 else np.argmax(apart)
@@ -608,7 +613,7 @@ def spaced(points, kept, nearest):
 
 @entry("points n 3, near float, label out int64 n")
 def clusters(points, near, label):
-    """Patches of points that are near each other, numbered by their first point."""
+    """Write the number of each point's group of neighbours into `label`, numbered in the order of first points."""
     waiting = np.empty(len(points), np.int64)
     label[:] = -1
     patches = 0
@@ -628,5 +633,5 @@ def clusters(points, near, label):
 
 @inner
 def _square(a, b):
-    """Squared distance of two points."""
+    """Return the squared distance of two points."""
     return (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2

@@ -1,4 +1,4 @@
-"""Whether a skin and a force/torque sensor belong together: how often their frames disagree."""
+"""Check that a skin and a force/torque sensor belong together, by the share of frames in which they disagree."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from jaxtyping import Bool, Float, Int
 
 __all__ = ["Agreement"]
 
-AGREES = 0.8  # of the frames with a contact may be unexplained before that is a doubt
-ENOUGH = 50  # frames with a contact, for doubts
+DISAGREES = 0.8  # of the frames with a contact may be unexplained before a warning
+ENOUGH = 50  # frames with a contact that a warning needs
 
 
 class Agreement:
-    """Count the frames with a contact in which skin and wrench disagree."""
+    """Counts of the frames with a contact, and of those in which skin and wrench disagree."""
 
     def __init__(self) -> None:
         self._touched = self._unexplained = self._opposed = 0
@@ -28,11 +28,11 @@ class Agreement:
         """Count more frames.
 
         Args:
-            forces: [N] of the contacts that the skin feels.
-            frame: of each contact.
-            wrenches: of the frames.
-            touched: frames with a contact and a wrench.
-            alarm: frames whose wrench is not that of what the skin feels.
+            forces: (m, 3) [N] of the contacts that the skin feels.
+            frame: (m,) number of each contact's frame.
+            wrenches: (n, 6) of the frames.
+            touched: (n,) frames with a contact and a wrench.
+            alarm: (n,) frames whose wrench the skin's contacts do not explain.
         """
         total = np.zeros((len(wrenches), 3))
         np.add.at(total, frame, forces)
@@ -43,15 +43,15 @@ class Agreement:
         self._opposed += int(np.count_nonzero(opposed))
 
     def warnings(self) -> tuple[str, ...]:
-        """Return what may be wrong, as a sentence, where most frames disagree."""
+        """Return a warning, one sentence, if most frames disagree; else an empty tuple."""
         if self._touched < ENOUGH:
             return ()
-        if self._opposed > AGREES * self._touched:
+        if self._opposed > DISAGREES * self._touched:
             return (
                 f"the wrench points against what the skin feels in {self._opposed} of {self._touched} frames with a "
                 "contact: is it the reaction (axes, left_handed), or of the other end of the link?",
             )
-        if self._unexplained > AGREES * self._touched:
+        if self._unexplained > DISAGREES * self._touched:
             return (
                 f"in {self._unexplained} of {self._touched} frames with a contact the wrench is not that of what the "
                 "skin feels: are skin map, surface.pose, clocks and units of one link?",

@@ -1,4 +1,4 @@
-"""Forces that friction allows: the best ones within their cones, where the closed form leaves them."""
+"""Move forces into their cones of friction where the closed form is outside."""
 
 from __future__ import annotations
 
@@ -35,17 +35,18 @@ def within_cones(
     |t_i| <= friction n_i: a problem of a frame's cones, solved by clarabel.
 
     Args:
-        force: (m, 3) [N] the best without cones, frame by frame.
+        force: (m, 3) [N] the best forces without cones, frame by frame.
         normals: (m, 3) outward unit normals.
-        counts: (n,) contacts of each frame.
+        counts: (n,) number of contacts in each frame.
         covariances: n of (3 counts, 3 counts); one may be singular.
-        friction: tangential over normal force.
+        friction: bound of the tangential over the normal force.
 
     Returns:
-        Forces, how far off those of each frame are: that least square, and what could not be done.
+        Forces (m, 3) [N], the least square (n,) of each frame, and notes on failures: clarabel is not installed, or
+        found no forces.
 
     Raises:
-        InputError: counts and covariances that do not fit to the forces.
+        InputError: counts or covariances do not fit to the forces.
     """
     if counts.sum() != len(force) or [np.shape(each) for each in covariances] != [(3 * n, 3 * n) for n in counts]:
         raise InputError(f"counts and covariances must be those of frames with {len(force)} contacts in all.")
@@ -70,7 +71,7 @@ def within_cones(
 def _shortest(
     clarabel: Any, matrix: Float[np.ndarray, "m s"], given: Float[np.ndarray, " m"]
 ) -> Float[np.ndarray, " s"] | None:
-    """Return the x for which `given` + `matrix` x lies in its cones; None where there is none."""
+    """Return the shortest x for which `given` + `matrix` x lies in its cones; None if none is found."""
     count, size = len(given) // 3, matrix.shape[1]
     if not size:
         return None
@@ -83,7 +84,7 @@ def _shortest(
 
 
 class _Sparse(NamedTuple):
-    """Hold what clarabel reads of a sparse matrix of SciPy, whose import would take longer than many frames."""
+    """The fields of SciPy's sparse matrices that clarabel reads; SciPy's import would take longer than many frames."""
 
     data: list[float]
     indices: list[int]
@@ -93,7 +94,7 @@ class _Sparse(NamedTuple):
 
 
 def _columns(matrix: Float[np.ndarray, "r c"]) -> _Sparse:
-    """Return a full matrix column by column; in lists, which clarabel reads in half the time."""
+    """Return a full matrix as a sparse one, column by column, in lists, which clarabel reads in half the time."""
     height, width = matrix.shape
     ends = range(0, height * width + 1, height)
     return _Sparse(matrix.T.ravel().tolist(), [*range(height)] * width, [*ends], (height, width))
@@ -106,7 +107,7 @@ def _identity(size: int) -> _Sparse:
 
 
 def _root(covariance: Float[np.ndarray, "m m"]) -> Float[np.ndarray, "m r"]:
-    """S with covariance = S S^T; without the columns of directions in which it is zero."""
+    """Return S (m, r) with covariance = S S^T, without the columns of directions in which it is zero."""
     try:
         return np.linalg.cholesky(covariance)
     except np.linalg.LinAlgError:
@@ -116,7 +117,7 @@ def _root(covariance: Float[np.ndarray, "m m"]) -> Float[np.ndarray, "m r"]:
 
 
 def _cones(normals: Float[np.ndarray, "n 3"], friction: float) -> Float[np.ndarray, "n 3 3"]:
-    """Rows that take a force to (friction times its normal part, its tangential parts)."""
+    """Return matrices (n, 3, 3) that map a force to (friction times its normal part, its two tangential parts)."""
     x, y, z = normals.T
     sign = np.where(z >= 0.0, 1.0, -1.0)
     a = -1.0 / (sign + z)

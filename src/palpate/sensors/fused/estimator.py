@@ -1,4 +1,4 @@
-"""A skin says where contacts are, a force/torque sensor what they sum up to: each contact with its force in 3-D."""
+"""Estimate each contact with its 3-D force: a skin gives the places, a force/torque sensor the sum of the forces."""
 
 from __future__ import annotations
 
@@ -42,37 +42,40 @@ FEATURES = (
     "force_yz",
     "force_zz",
 )
-SHARE, BOUND, UNEXPLAINED, BELIEF, SPREAD = range(5)  # where they stand behind the skin's
+SHARE, BOUND, UNEXPLAINED, BELIEF, SPREAD = range(5)  # their columns after the skin's
 
 
 class FusedEstimator(ContactEstimator):
-    """Locate the contacts on a link with a skin and a force/torque sensor, each with its force in 3-D.
+    """An estimator of the contacts on a link with a skin and a force/torque sensor, each with its force in 3-D.
 
-    A reading is (k + 7,): the cells row by row, force [N] and torque [N m] as measured, NaN where there is none, and of
-    how many readings they are the mean (1; 0: interpolated).
+    A reading is (k + 7,): the cells row by row, force [N] and torque [N m] as measured, NaN where there is none, and
+    the number of readings of which they are the mean (1; 0: interpolated).
 
-    Each frame of the skin gives places, normals and normal forces, the wrench at that time what they sum up to
-    (`FusedLocator`). A frame without a wrench keeps the skin's forces, with `share` 1. What the skin cannot explain
-    for 50 ms is one more contact, of identity 0, at the place that is believed most.
+    Each frame of the skin gives places, normals and normal forces, the wrench at that time their sum (`FusedLocator`).
+    A frame without a wrench keeps the skin's forces, with `share` 1. If the skin does not explain the wrench for 50 ms,
+    one more contact is added, of identity 0, at the place of the largest belief.
 
-    Features, behind those of the skin: `share`, the posterior over the prior deviation of a contact's force: 1 where
-    the wrench says nothing of it; `bound`, 1 where its friction cone binds; `unexplained`, the probability of a wrench
-    as far from what the skin feels as this one, where the skin feels all; `belief` in the place of a contact, 1 where
-    the skin feels it, else of all places about it; `force_xx` ... `force_zz` [N^2], the covariance of the force.
+    Features, after those of the skin: `share`, posterior over prior standard deviation of a contact's tangential force:
+    1 where the wrench adds no information; `bound`, 1 where its friction cone binds; `unexplained`, the probability of
+    a wrench as far from the expected one as this one, if the skin feels all; `belief` in the place of a contact, 1
+    where the skin feels it, else of all places about it; `force_xx` ... `force_zz` [N^2], the covariance of the force.
 
     Args:
-        taxels: of the skin; its filter smooths the wrenches too.
-        sensor: of wrenches.
-        fused: on the surface, in the surface's frame, which is the skin's too.
+        taxels: estimator of the skin; its filter smooths the wrenches too.
+        sensor: sensor of wrenches.
+        fused: locator with the surface, in the surface's frame, which is the skin's too.
         mount: T_sensor_surface.
         mount_covariance: (6, 6) of its (rotation vector [rad], translation [m]), perturbed on the left.
-        drift: how the sensor's zero wanders: it is followed while neither skin nor wrench tells of a contact.
-        covered: the body is touched nowhere but on the skin, so that where this feels nothing, nothing touches.
-        live: for samples as they come. False is for logs: in `pairs` and `stream` the zero is smoothed by what comes
+        drift: drift of the sensor's bias, which is followed while neither skin nor wrench shows a contact.
+        covered: whether the body is touched only on the skin, so that nothing touches where the skin feels nothing.
+        live: whether samples come live. False is for logs: in `pairs` and `stream` the bias is smoothed by samples
             after a touch, for which blocks wait 10 minutes at most.
 
     Attributes:
-        kelvin: as of `WrenchEstimator`.
+        kelvin: temperature of the sensor, see `WrenchEstimator`.
+
+    Raises:
+        InputError: the sensor's noise is not known, or the filter has zero phase while the bias is followed.
     """
 
     @takes_arrays
@@ -118,7 +121,7 @@ class FusedEstimator(ContactEstimator):
         self.reset()
 
     def reset(self) -> None:
-        """Forget what frames left; not the tares."""
+        """Forget earlier frames, notes and warnings; the tares are kept."""
         super().reset()
         self.taxels.reset()
         self._wrenches.reset()
@@ -128,7 +131,7 @@ class FusedEstimator(ContactEstimator):
         self._frames = self._missing = 0
 
     def tare(self, recording: Recording) -> Tare:
-        """Take what both read at rest off from now on; see `ContactEstimator.tare`."""
+        """Tare the skin and the force/torque sensor with a window at rest; see `ContactEstimator.tare`."""
         wrench = self.sensor.tare(recording)
         cells = self.taxels.tare(recording)
         self.reset()
@@ -136,26 +139,26 @@ class FusedEstimator(ContactEstimator):
         return Tare(f"{wrench.note}; {cells.note}", doubt)
 
     def answer(self, block: Recording, watched: bool = False) -> Answered:
-        """Answer the frames of a block, with the force of each taxel if `watched`."""
+        """Return the contacts of a block's frames, with the force of each taxel if `watched`."""
         return next(self._rejoined(self._wrenches.forward(self._pieces([self.taxels.answer(block, watched)]))))
 
     def answers(self, blocks: Iterable[Recording], watched: bool = False) -> Iterator[Answered]:
-        """Answer the blocks of a log, from its start, each as soon as its contacts are known."""
+        """Yield the contacts of the blocks of a log, from its start, each as soon as they are known."""
         skin = self.taxels.answers(self.sensor.ready(blocks), watched)
         return self._rejoined(self._wrenches.of_log(self._pieces(skin)))
 
     def run(self, recording: Recording) -> Contacts:
-        """Return the contacts of a block; its first frames say what is not known of the skin's rest and bad cells."""
+        """Return the contacts of a block; the skin's baseline and bad cells, if unknown, are from its first frames."""
         require_forward(self.filter)
         self.taxels.look(recording)
         return super().run(recording)
 
     def zero_history(self) -> ZeroHistory | None:
-        """Return how the zero of the wrenches went; None where it is not followed."""
+        """Return the history of the wrenches' zero; None where it is not followed."""
         return self._wrenches.history()
 
     def notes(self) -> tuple[str, ...]:
-        """Return what was met so far, one sentence each."""
+        """Return notes on the frames so far, of the skin and of the wrenches, one sentence each."""
         said = [*self._noted, *self.taxels.notes(), *self._wrenches.notes()]
         if self._missing:
             said.append(
@@ -164,7 +167,7 @@ class FusedEstimator(ContactEstimator):
         return tuple(said)
 
     def warnings(self) -> tuple[str, ...]:
-        """Return what may be wrong, one sentence each: a skin and a wrench that do not belong together."""
+        """Return warnings of the skin, of the wrenches, and of their disagreement, one sentence each."""
         return (*self.taxels.warnings(), *self._wrenches.warnings(), *self._agreement.warnings())
 
     def _single(self, time: float, reading: ArrayLike, out: Rows, rotation: Known, acceleration: Known) -> int:
@@ -186,13 +189,13 @@ class FusedEstimator(ContactEstimator):
         return super()._arrays(time, readings, beside, out, counts)
 
     def _touches(self, skin: Float[np.ndarray, "n v"]) -> bool | None:
-        """Return whether the skin feels something; None where it cannot tell."""
+        """Return whether the skin feels a contact; None if it does not, but the body may be touched elsewhere."""
         if np.isfinite(skin[:, ROW.point]).all(axis=1).any():
             return True
         return False if self._covered else None
 
     def _pieces(self, skin: Iterable[Answered]) -> Iterator[Piece]:
-        """Yield the pieces of blocks, with what the skin alone answers."""
+        """Yield the pieces of blocks, with the contacts of the skin alone."""
         for block, rows, counts, seen in skin:
             ends = np.concatenate([[0], np.cumsum(counts)])
             cuts = self._wrenches.cuts(block.time)
@@ -204,7 +207,7 @@ class FusedEstimator(ContactEstimator):
                 yield Piece(samples, block if last else None, self._touches(part), averaged, answered)
 
     def _rejoined(self, pieces: Iterable[tuple[Piece, Wrenches]]) -> Iterator[Answered]:
-        """Yield blocks of fused contacts."""
+        """Yield complete blocks with fused contacts, from their pieces."""
         made = list[tuple[np.ndarray, np.ndarray]]()
         for (samples, ends, _, _, skin), wrenches in pieces:
             if skin is not None:
@@ -221,7 +224,7 @@ class FusedEstimator(ContactEstimator):
         counts: Int[np.ndarray, " n"],
         located: Wrenches,
     ) -> tuple[Float[np.ndarray, "_ w"], Int[np.ndarray, " _"]]:
-        """Return the rows of frames: the skin's, `counts` of each, then one of what it does not feel; and how many."""
+        """Return the rows of frames, the skin's and then that of an unseen contact, and their number in each frame."""
         wrenches, covariances, status = located
         if covariances is None:
             raise InputError("fusing needs the noise of the wrenches.", where="force_torque.noise")
@@ -263,7 +266,7 @@ class FusedEstimator(ContactEstimator):
         return rows, np.where(instead, 0, counts) + more
 
     def _pressing(self, skin: Float[np.ndarray, "n v"]) -> Float[np.ndarray, "n 17"]:
-        """Return contacts of the skin as `fused` takes them."""
+        """Return contacts of the skin as rows (n, 17) of `FusedLocator.rows`."""
         normals, status = skin[:, ROW.normal], skin[:, ROW.status]
         normal = np.maximum(-np.sum(normals * skin[:, ROW.force], axis=1), 0.0)
         deviations = np.where(status == Status.SATURATED, np.maximum(normal, 1.0), 0.0)
@@ -272,7 +275,7 @@ class FusedEstimator(ContactEstimator):
 
 
 def _write(fused: FusedFrames, rows: Float[np.ndarray, "r w"], which: Bool[np.ndarray, " r"], after: int) -> None:
-    """Write what is known of the forces of contacts into `which` of the rows."""
+    """Write forces, shares, bounds and covariances of contacts into the rows of the mask `which`."""
     rows[which, ROW.force] = fused.force
     rows[which, after + SHARE], rows[which, after + BOUND] = fused.share, fused.bound
     rows[which, after + SPREAD : after + SPREAD + 6] = fused.spread

@@ -1,4 +1,4 @@
-"""A contact that lasts and that a skin does not feel: when there is one, and where."""
+"""Find a contact that lasts and that a skin does not feel."""
 
 from __future__ import annotations
 
@@ -12,24 +12,31 @@ from palpate.sensors.fused.locator import FusedFrames, FusedLocator
 
 __all__ = ["LastingUnseen", "Place"]
 
-LOOKS = 0.1  # s after which the place of what the skin does not feel is looked for again: that takes milliseconds
-PERSISTS = 0.05  # s that something must be unexplained before it is a contact: a touch that begins is felt first
+LOOKS = 0.1  # s between two searches for the place of an unseen contact, which take milliseconds
+PERSISTS = 0.05  # s that a wrench must be unexplained before it is a contact: a touch that begins is felt first
 
 
 class Place(NamedTuple):
-    """A contact that the skin does not feel: as a row but for its force, and as `FusedLocator.rows` has it."""
+    """A contact that the skin does not feel.
+
+    Attributes:
+        row: row of the estimator, without its force.
+        contact: (17,) row of `FusedLocator.rows`.
+    """
 
     row: Float[np.ndarray, " w"]
     contact: Float[np.ndarray, "17"]
 
 
 class LastingUnseen:
-    """Find what the skin does not feel once it is unexplained for 50 ms, at the place that is believed most.
+    """A search for a contact that the skin does not feel, once the wrench is unexplained for 50 ms.
+
+    The contact is put at the place of the largest belief.
 
     Args:
-        fused: on the surface.
+        fused: locator with the surface.
         belief: column of the belief in the place.
-        width: of a row.
+        width: width of a row.
     """
 
     def __init__(self, fused: FusedLocator, belief: int, width: int) -> None:
@@ -37,7 +44,7 @@ class LastingUnseen:
         self.reset()
 
     def reset(self) -> None:
-        """Forget what frames left."""
+        """Forget the place, and the time since the wrench is unexplained."""
         self._since = self._looked = np.nan  # [s] when the wrench began to be unexplained, and its place was looked for
         self._place: Place | None = None
 
@@ -48,13 +55,13 @@ class LastingUnseen:
         usable: Bool[np.ndarray, " n"],
         fused: FusedFrames,
     ) -> dict[int, Place]:
-        """Return the place by frame, of frames in which something lasts; it is looked for now and then.
+        """Return the unseen contact by number of the frame, for frames in which it lasts; searched every 0.1 s.
 
         Args:
-            time: [s].
-            reporting: frames in which skin or wrench have something to say.
-            usable: frames with a wrench.
-            fused: what the skin explains of it.
+            time: (n,) [s].
+            reporting: (n,) frames with a valid skin, and a wrench or a contact.
+            usable: (n,) frames with a wrench.
+            fused: forces of the skin's contacts, with the alarm of each frame.
         """
         found = dict[int, Place]()
         for k, now in enumerate(time.tolist()):
@@ -67,7 +74,7 @@ class LastingUnseen:
         return found
 
     def _persists(self, time: float, alarm: bool) -> bool:
-        """Return whether what is unexplained lasts."""
+        """Return whether the wrench has been unexplained for `PERSISTS` or longer."""
         if not alarm:
             self._since, self._place = np.nan, None
             return False

@@ -1,7 +1,7 @@
-"""Several contacts at once: a skin says where and how hard each presses, a force/torque sensor what all push together.
+"""Forces of several contacts: a skin gives place and normal force of each, a force/torque sensor the sum of all.
 
-A skin measures normal forces, a few per cent off, and no tangential ones; one wrench has six numbers for all contacts.
-Together they give each contact's whole force, because friction bounds what a tangential force can be.
+A skin measures normal forces, with errors of a few per cent, and no tangential ones; one wrench has six numbers for all
+contacts. Together they give each contact's complete force, because friction bounds the tangential force.
 """
 
 from __future__ import annotations
@@ -29,18 +29,21 @@ _BINDS = 1e-6  # slack over 1 N plus the normal force below which a cone binds
 
 @dataclass(frozen=True)
 class FusionSettings:
-    """What is known before the wrench is looked at, and when to give an alarm.
+    """Settings of the fusion: the prior of the forces, and the rate of false alarms.
 
     Args:
         friction: bound of a contact's tangential over its normal force.
-        tangential: deviation of each of the two components of the tangential force, as a share of the normal force. A
-            force that is uniform in a disc has half the disc's radius: 0.25 stands for tangential forces of up to half
-            of the normal force.
-        gain: deviation of the skin's normal force, as a share of it, each contact's its own.
-        floor: [N] deviation that is added to it.
-        alarm: share of false alarms that is accepted.
-        turns: times that the prior and the effect of misplaced contacts, which are proportional to the forces, are
-            written anew from the forces found.
+        tangential: standard deviation of each of the two components of the tangential force, as a share of the normal
+            force. That of a force uniform in a disc is half the disc's radius: 0.25 stands for tangential forces of up
+            to half of the normal force.
+        gain: standard deviation of the skin's normal force, as a share of it, independent for each contact.
+        floor: [N] standard deviation that is added to that of the gain.
+        alarm: accepted share of false alarms.
+        turns: number of times that the prior and the effect of misplaced contacts, which are proportional to the
+            forces, are computed again from the forces found.
+
+    Raises:
+        InputError: a setting is out of its range.
     """
 
     friction: float = 0.6
@@ -65,14 +68,16 @@ class FusionSettings:
 
 @dataclass(frozen=True, eq=False)
 class Given(Value):
-    """What forces were made of; only sensors whose wrench is finite.
+    """The inputs from which forces were computed; only of sensors whose wrench is finite.
 
     Attributes:
-        contacts: (n, 17) rows as `FusedLocator.rows` makes them.
-        wrenches, covariances: (k, 6), (k, 6, 6).
+        contacts: (n, 17) rows of `FusedLocator.rows`.
+        wrenches: (k, 6) [N, N m].
+        covariances: (k, 6, 6) of the wrenches' noise.
         carries: (k, n) whether a sensor feels a contact.
-        whitened, factors: (k, 6), (k, 6, 6) wrench less what is expected, whitened by L D L^T of its covariance.
-        p: (k,) as in `Fused`.
+        whitened: (k, 6) wrench less the expected one, whitened by `factors`.
+        factors: (k, 6, 6) L D L^T of the wrench's covariance.
+        p: (k,) see `Fused`.
     """
 
     contacts: Float[np.ndarray, "n 17"]
@@ -95,16 +100,16 @@ class Fused(Value):
     Attributes:
         force: (n, 3) [N] on the body, within the cones of friction.
         covariance: (3n, 3n) [N^2] of the forces, contact by contact; not narrowed by cones.
-        share: (n,) deviation of the tangential force over that before the wrench was looked at: 1 where nothing was
-            learnt.
+        share: (n,) posterior over prior standard deviation of the tangential force: 1 where the wrench adds no
+            information.
         slack: (n,) [N] friction times the normal less the tangential force.
         bound: (n,) whether the cone of friction binds.
-        expected: (k, 6) wrenches that the skin alone lets expect.
-        surprise: (k,) squared distance of the wrench from it, in the deviations that the forces found let expect
-            (Mahalanobis), and of one sensor from there into the cones; NaN without a wrench.
+        expected: (k, 6) wrenches that are expected from the skin alone.
+        surprise: (k,) squared Mahalanobis distance of the wrench from the expected one, with the covariance for the
+            forces found, and, for one sensor, of the step into the cones in addition; NaN without a wrench.
         p: (k,) share of touches without an unseen contact whose wrench is as far off; NaN without a wrench.
-        alarm: whether something pushes that the skin does not see.
-        given: what it was made of.
+        alarm: whether a contact pushes that the skin does not see.
+        given: the inputs of the computation.
         notes: a sentence each.
     """
 
@@ -125,13 +130,17 @@ class Fused(Value):
 
 
 class FusedFrames(NamedTuple):
-    """Hold the forces of the contacts of many frames, frame by frame, and how well each frame's wrench fits to them.
+    """Forces of the contacts of many frames, frame by frame, and how well each frame's wrench fits to them.
 
     Attributes:
-        force, share, bound: (m, 3), (m,), (m,) of each contact, as in `Fused`.
+        force: (m, 3) [N] of each contact, see `Fused`.
+        share: (m,) of each contact, see `Fused`.
+        bound: (m,) of each contact, see `Fused`.
         spread: (m, 6) [N^2] covariance of each force: xx, xy, xz, yy, yz, zz.
-        p, alarm: (n,) of each frame, as in `Fused`.
-        whitened, factors: (n, 6), (n, 6, 6) of each frame, as in `Given`.
+        p: (n,) of each frame, see `Fused`.
+        alarm: (n,) of each frame, see `Fused`.
+        whitened: (n, 6) of each frame, see `Given`.
+        factors: (n, 6, 6) of each frame, see `Given`.
         notes: a sentence each.
     """
 
@@ -148,14 +157,14 @@ class FusedFrames(NamedTuple):
 
 @takes_arrays
 class FusedLocator:
-    """Forces of several contacts of a body, from its skin and its force/torque sensors.
+    """An estimator of the forces of several contacts of a body, from its skin and its force/torque sensors.
 
-    All is written in the surface's frame, wrenches about its origin.
+    All quantities are in the surface's frame, wrenches about its origin.
 
     Args:
-        surface: of the body; where unseen contacts are looked for.
-        settings: what is known beforehand.
-        seed: of the places at which unseen contacts are looked for.
+        surface: surface of the body, which is searched for unseen contacts.
+        settings: settings of the fusion; None: the defaults.
+        seed: random seed of the places that are searched for unseen contacts.
     """
 
     def __init__(self, surface: Surface, settings: FusionSettings | None = None, seed: int = 0) -> None:
@@ -175,20 +184,21 @@ class FusedLocator:
         covariances: ArrayLike,
         carries: ArrayLike | None = None,
     ) -> Fused:
-        """Forces of n contacts felt by k sensors.
+        """Return the forces of n contacts felt by k sensors.
 
         Args:
-            points: (n, 3) [m] where the skin is touched.
+            points: (n, 3) [m] contact points on the skin.
             normals: (n, 3) outward normals there.
-            forces: (n,) [N] normal forces that the skin says, >= 0.
-            deviations: (n,) [N] of them, beside the settings' gain and floor.
+            forces: (n,) [N] normal forces from the skin, >= 0.
+            deviations: (n,) [N] their standard deviations, in addition to the settings' gain and floor.
             spreads: (n, 3, 3) [m^2] covariances of the points.
-            wrenches: (k, 6) [N, N m]; one with NaN tells nothing.
-            covariances: (k, 6, 6) of their noise.
-            carries: (k, n) whether a sensor feels a contact; without it each feels all.
+            wrenches: (k, 6) [N, N m]; one with NaN is not used.
+            covariances: (k, 6, 6) of the wrenches' noise.
+            carries: (k, n) whether a sensor feels a contact; None: each feels all.
 
         Raises:
-            InputError: shapes that do not fit, forces that are negative or not finite, normals without a length.
+            InputError: shapes do not fit, a force or its standard deviation is negative, a number is not finite, or a
+                normal has no length.
         """
         contacts = self.rows(points, normals, forces, deviations, spreads)
         wrenches = shaped(wrenches, (None, 6), "wrenches")
@@ -211,19 +221,19 @@ class FusedLocator:
         out_covariance: Float[np.ndarray, "m m"],
         out_total: Float[np.ndarray, "16"],
     ) -> int:
-        """The closed form for one wrench that feels all contacts; nothing is allocated once n was seen.
+        """Compute the closed form for one wrench that feels all contacts; it allocates nothing after the first n.
 
         Args:
-            contacts: (n, 17) rows as `rows` makes them.
-            wrench: (6,) [N, N m]; NaN tells nothing.
-            covariance: (6, 6) of its noise.
-            out: (n, 5) force [N], share, slack [N].
-            out_covariance: (3n, 3n) of the forces.
-            out_total: (16,) expected wrench, surprise but for the cones, its degrees of freedom and variance, p of
-                that, and the wrench less what was expected, whitened.
+            contacts: (n, 17) rows of `rows`.
+            wrench: (6,) [N, N m]; with NaN it is not used.
+            covariance: (6, 6) of the wrench's noise.
+            out: (n, 5) force [N], share, slack [N], written.
+            out_covariance: (3n, 3n) of the forces, written.
+            out_total: (16,) expected wrench, surprise without the cones, its degrees of freedom and variance, p of
+                these, and the wrench less the expected one, whitened; written.
 
         Returns:
-            How many contacts violate their cone: `fuse` would move them into it.
+            The number of contacts that violate their cone: `fuse` would move them into it.
         """
         from palpate.sensors.fused import _kernels as _fused
 
@@ -237,16 +247,16 @@ class FusedLocator:
         wrenches: Float[np.ndarray, "n 6"],
         covariances: Float[np.ndarray, "n 6 6"],
     ) -> FusedFrames:
-        """`fuse` for many frames of one wrench, which feels all contacts of its frame.
+        """Return the forces of many frames, as `fuse` does, each with one wrench that feels all contacts of its frame.
 
         Args:
-            contacts: (m, 17) rows as `rows` makes them, frame by frame.
-            counts: (n,) how many contacts each frame has.
-            wrenches: (n, 6) [N, N m]; one with NaN tells nothing.
-            covariances: (n, 6, 6) of their noise.
+            contacts: (m, 17) rows of `rows`, frame by frame.
+            counts: (n,) number of contacts in each frame.
+            wrenches: (n, 6) [N, N m]; one with NaN is not used.
+            covariances: (n, 6, 6) of the wrenches' noise.
 
         Raises:
-            InputError: shapes that do not fit, or counts that are not those of the contacts.
+            InputError: shapes do not fit, or the counts are not those of the contacts.
         """
         from palpate.sensors.fused import _kernels as _fused
 
@@ -275,10 +285,10 @@ class FusedLocator:
     def rows(
         points: ArrayLike, normals: ArrayLike, forces: ArrayLike, deviations: ArrayLike, spreads: ArrayLike
     ) -> Float[np.ndarray, "n 17"]:
-        """Contacts in the form of the compiled loops: point, unit normal, force, deviation, spread row by row.
+        """Return contacts (n, 17) for the compiled loops: point, unit normal, force, deviation, spread row by row.
 
         Raises:
-            InputError: as for `fuse`.
+            InputError: see `fuse`.
         """
         points, normals = shaped(points, (None, 3), "points"), shaped(normals, (None, 3), "normals")
         forces, deviations = shaped(forces, (None,), "forces"), shaped(deviations, (None,), "deviations")
@@ -299,7 +309,7 @@ class FusedLocator:
         return contacts
 
     def _room(self, count: int) -> Float[np.ndarray, " s"]:
-        """What the loops work in, kept for the next call of as many contacts."""
+        """Return the work array of the loops, cached for the next call with the same number of contacts."""
         from palpate.sensors.fused import _kernels as _fused
 
         if count not in self._work:
@@ -352,7 +362,7 @@ class FusedLocator:
         covariances: list[np.ndarray],
         totals: Float[np.ndarray, "n 16"],
     ) -> tuple[Float[np.ndarray, "m 3"], tuple[str, ...]]:
-        """Return forces within their cones and what could not be done; add to `totals` how far off each frame is."""
+        """Return forces within their cones, and notes; add each frame's squared step into the cones to `totals`."""
         from palpate.sensors.fused import _kernels as _fused
 
         force, further, notes = within_cones(force, normals, counts, covariances, self.settings.friction)
@@ -363,20 +373,20 @@ class FusedLocator:
     def _slack(
         self, force: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"]
     ) -> tuple[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-        """Return friction times the normal less the tangential force, and whether the cone binds."""
+        """Return friction times the normal less the tangential force (n,) [N], and whether the cone binds (n,)."""
         normal = -np.einsum("ni,ni->n", force, normals)
         across = np.linalg.norm(force + normal[:, None] * normals, axis=1)
         slack = self.settings.friction * normal - across
         return slack, slack <= _BINDS * (1.0 + np.abs(normal))
 
     def unseen(self, fused: Fused) -> Unseen:
-        """Where one contact more may be that explains the wrench; of several sensors, that of the least p.
+        """Return the places of one more contact that explain the wrench; of several sensors, that of the least p.
 
         Args:
-            fused: as `fuse` gave it.
+            fused: result of `fuse`.
 
         Raises:
-            InputError: it was made without a wrench.
+            InputError: `fused` was computed without a wrench.
         """
         given = fused.given
         if not len(given.wrenches):
@@ -385,10 +395,10 @@ class FusedLocator:
         return self.unseen_by(given.whitened[k].copy(), given.factors[k].copy())
 
     def unseen_by(self, whitened: Float[np.ndarray, "6"], factor: Float[np.ndarray, "6 6"]) -> Unseen:
-        """Return where a contact could be that one whitened wrench feels and the skin does not.
+        """Return the places of one more contact that one whitened wrench feels and the skin does not.
 
         Raises:
-            InputError: a number is not finite, as of a frame without a wrench.
+            InputError: a number is not finite, as in a frame without a wrench.
         """
         from palpate.sensors.fused import _kernels as _fused
 
@@ -399,12 +409,12 @@ class FusedLocator:
         return ranked(self._places, out, self._width)
 
     def neighbours(self, fused: Fused, unseen: Unseen, place: int = 0) -> Fused:
-        """Forces of the contacts seen and of one unseen, all estimated anew together; the unseen one is the last.
+        """Return the forces of the seen contacts and of an unseen one, estimated together; the unseen one is the last.
 
         Args:
-            fused: as `fuse` gave it.
-            unseen: as `unseen` gave it.
-            place: number of the place in it.
+            fused: result of `fuse`.
+            unseen: result of `unseen`.
+            place: number of the place in `unseen`.
         """
         given = fused.given
         carries = np.concatenate([given.carries, np.ones((len(given.wrenches), 1), np.bool_)], axis=1)
@@ -412,7 +422,7 @@ class FusedLocator:
         return self._fused(contacts, given.wrenches.copy(), given.covariances.copy(), carries)
 
     def unseen_row(self, unseen: Unseen, place: int = 0) -> Float[np.ndarray, "17"]:
-        """Return an unseen contact as a row of `rows`."""
+        """Return an unseen contact at a place as a row (17,) of `rows`."""
         new = np.zeros(17)
         new[:3], new[3:6] = unseen.points[place], unseen.normals[place]
         new[6], new[7] = PUSHES.mean(), PUSHES.std()
@@ -422,10 +432,10 @@ class FusedLocator:
 
     @cached_property
     def _places(self) -> Float[np.ndarray, "c 8"]:
-        """Where unseen contacts are looked for."""
+        """Places (c, 8) that are searched for unseen contacts, see `candidates`."""
         return candidates(self.surface, self.seed)
 
     @cached_property
     def _width(self) -> float:
-        """[m] deviation of the area that a place stands for, the median of them."""
+        """Median standard deviation [m] of the area that a place stands for."""
         return float(np.median(self._places[:, 7]))

@@ -1,4 +1,4 @@
-"""A skin and a force/torque sensor on one link, in a rig: both of their tables, and what is known of friction."""
+"""A skin and a force/torque sensor on one link, in a rig: their tables, and the table of their fusion."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ alarm = 0.01                         # share of touches that may be thought to h
 
 @dataclass(frozen=True)
 class RigFusion:
-    """What is known of contacts before the wrench is looked at: see `palpate.sensors.fused.locator.FusionSettings`.
+    """Rig table of the prior of contacts before a wrench is used: see `palpate.sensors.fused.locator.FusionSettings`.
 
-    The bound of friction is that of [estimate]. `covered`: the body is touched nowhere but on the skin.
+    The bound of friction is that of [estimate]. `covered`: the body is touched only on the skin.
     """
 
     tangential: float = 0.25
@@ -51,12 +51,12 @@ class RigFusion:
         self.settings(max(1.0, self.tangential))
 
     def settings(self, friction: float) -> FusionSettings:
-        """With the bound of friction, in which the tangential forces that are expected must lie."""
+        """Return the settings with the bound of friction, to which the prior of the tangential forces is limited."""
         return FusionSettings(friction, min(self.tangential, friction), self.gain, self.floor, self.alarm)
 
 
 def _layout(setup: Setup) -> LogLayout:
-    """Return how frames of the skin are read, each with the mean of the wrenches about it."""
+    """Return the layout of a log with frames of the skin, each with the mean of the wrenches about its time."""
     skin, wrench = SKIN.layout(setup), FORCE_TORQUE.layout(setup)
     stated = setup.of(ForceTorqueSection).table.range
     return replace(wrench, arrays=skin.arrays, rate=skin.rate, wrench_range=None if stated is None else stated.six())
@@ -90,7 +90,7 @@ def _build(setup: Setup) -> BuiltEstimator:
 
 
 def _single(head: Recording | None) -> Recording | None:
-    """As if each wrench were one reading: the noise that is taken from a log is that of one."""
+    """Return the recording with the spread of single readings, so that the noise estimated from it is that of one."""
     if head is None:
         return None
     wrenches, count = head.wrenches(), np.maximum(head.channels[AVERAGED], 1.0)
@@ -100,7 +100,7 @@ def _single(head: Recording | None) -> Recording | None:
 
 
 def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | None:
-    """Wrenches, and frames beside them."""
+    """Return the rig text for a log with wrenches and frames of a skin; None where either is missing."""
     felt = guess_with_wrench(log, contents)
     found = None if felt is None else FORCE_TORQUE.guess(log, contents, body)
     if felt is None or found is None:

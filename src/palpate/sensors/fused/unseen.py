@@ -1,4 +1,4 @@
-"""Where a contact may be that the skin does not see: places of a body, ranked by how well they explain a wrench."""
+"""Find places of a contact that the skin does not see, ranked by how well they explain a wrench."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from palpate.surfaces.surface import Surface
 
 __all__ = ["PUSHES", "Unseen", "candidates", "locked"]
 
-PUSHES = np.geomspace(0.5, 20.0, 11)  # [N] normal forces of an unseen contact, equally likely; a quarter of each beside
+PUSHES = np.geomspace(0.5, 20.0, 11)  # [N] normal forces of an unseen contact, equally likely; sd a quarter of each
 _PLACES = 1200
 _FINER = 8  # points of the surface behind each place
 _HELD = 0.95
 
 
 def locked(value: Value) -> None:
-    """Nobody can change its arrays from now on, which nobody else holds."""
+    """Make the arrays of a value read-only; they must not be shared with other objects."""
     for each in vars(value).values():
         if isinstance(each, np.ndarray):
             each.flags.writeable = False
@@ -30,15 +30,16 @@ def locked(value: Value) -> None:
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Unseen(Value):
-    """Places of one contact more, the likeliest first.
+    """Places of one more contact that the skin does not see, the likeliest first.
 
     Attributes:
         points: (c, 3) [m] on the surface.
-        normals: (c, 3) outward.
+        normals: (c, 3) outward normals.
         forces: (c, 3) [N] of the contact if it is there.
-        belief: (c,) probability of each place, given that there is one contact more.
-        region: (c,) whether a place belongs to the fewest that hold 95 %.
-        cluster: (c,) which patch of neighbours a place of the region belongs to, 0 the likeliest; -1 outside.
+        belief: (c,) probability of each place, given that there is one more contact.
+        region: (c,) whether a place belongs to the smallest set with a probability of 95 %.
+        cluster: (c,) number of the group of neighbours to which a place of the region belongs, 0 for that of the
+            likeliest place; -1 outside.
     """
 
     points: Float[np.ndarray, "c 3"]
@@ -53,26 +54,26 @@ class Unseen(Value):
 
     @property
     def best(self) -> Int[np.ndarray, " r"]:
-        """(r,) the likeliest place of each cluster, the likeliest cluster first."""
+        """Indices (r,) of the likeliest place of each cluster, cluster by cluster."""
         return np.array([np.argmax(self.cluster == k) for k in range(int(self.cluster.max(initial=-1)) + 1)], np.int64)
 
     @property
     def share(self) -> Float[np.ndarray, " r"]:
-        """(r,) probability of each cluster."""
+        """Probability (r,) of each cluster."""
         return np.array([self.belief[self.cluster == k].sum() for k in range(int(self.cluster.max(initial=-1)) + 1)])
 
 
 def candidates(surface: Surface, seed: int, count: int = _PLACES) -> Float[np.ndarray, "c 8"]:
-    """Places spread evenly over what can be touched of a surface.
+    """Return places spread evenly over the parts of a surface that can be touched.
 
     Args:
-        surface: of the body.
-        seed: of the points.
-        count: of places.
+        surface: surface of the body.
+        seed: random seed of the points.
+        count: number of places.
 
     Returns:
-        (c, 8) points [m], outward normals, log of the share of the area that each stands for, and the deviation [m] of
-        that area in each direction.
+        (c, 8) points [m], outward normals, log of the share of the area that each stands for, and the standard
+        deviation [m] of that area in each direction.
     """
     from palpate.sensors.fused import _kernels as _fused  # compiled: loaded when first needed
 
@@ -95,12 +96,12 @@ def candidates(surface: Surface, seed: int, count: int = _PLACES) -> Float[np.nd
 
 @takes_arrays
 def ranked(places: Float[np.ndarray, "c 8"], explained: Float[np.ndarray, "c 4"], width: float) -> Unseen:
-    """Places in the order of belief, with the smallest set that holds 95 %.
+    """Return places in the order of belief, with the smallest set whose probability is 95 %.
 
     Args:
-        places: as `candidates` gives them.
+        places: (c, 8) places of `candidates`.
         explained: (c, 4) log evidence with the share of the area, and force [N] there.
-        width: [m] the median of the places' deviations.
+        width: [m] median of the places' standard deviations.
     """
     from palpate.sensors.fused import _kernels as _fused
 

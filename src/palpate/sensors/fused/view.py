@@ -19,7 +19,7 @@ __all__ = ["FusedView"]
 
 
 class FusedView(TaxelView):
-    """Show the skin, and what the wrench adds to its contacts."""
+    """The view of a skin with a force/torque sensor: that of the skin, with the facts of the wrench."""
 
     words: ClassVar[Mapping[str, Words]] = {
         **TaxelView.words,
@@ -36,7 +36,7 @@ class FusedView(TaxelView):
         return setup.answering(setup.sensors[SkinSection.name].kind)
 
     def report(self, run: Run, setup: Setup, estimator: ContactEstimator) -> Run:
-        """Return the run with the skin's part, and how the zero of the wrenches went."""
+        """Return the run with the skin's part, and with a section on the history of the wrenches' zero."""
         made = cast("FusedEstimator", estimator)
         run = super().report(run, setup, made.taxels)
         return replace(

@@ -1,4 +1,4 @@
-"""What a bench log must hold before anything is fitted to it: sentences about channels and directions."""
+"""Check the channels and the directions of a bench log before anything is fitted to it."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from palpate.sensors.load_cells.model import wrench_direction
 
 __all__ = ["check_channels", "check_directions", "check_response"]
 
-ODD = 100.0  # times the others: no gain of a cell differs so much, a prefix of its unit does
+ODD = 100.0  # times the others: gains of cells do not differ so much, prefixes of units do
 LEAST_PUSH, AS_NOISE = 0.01, 1.5  # N, rms along a direction of the wrench, and times the reference's noise
-LEAST_ANSWER = 5.0  # times the noise of a reading, for 1 N or 10 N mm: less is no answer
+LEAST_ANSWER = 5.0  # times the noise of a reading, for 1 N or 10 N mm: less is no response
 AT_RANGE = 0.001  # share of samples at a limit that is too much
 
 
@@ -25,7 +25,7 @@ def check_channels(
     limits: ArrayLike | None,
     names: tuple[str, ...],
 ) -> None:
-    """Raise an InputError where a channel never moves, is at its range, or has another unit than the others."""
+    """Raise InputError if a channel never moves, is at its range, or has another unit than the others."""
     middle = np.mean([rest.voltage for rest in found], axis=0)
     travel = np.median(np.abs(voltages - middle), axis=0)
     still = [name for name, span in zip(names, np.ptp(voltages, axis=0), strict=True) if span == 0]
@@ -56,7 +56,7 @@ def check_channels(
 
 
 def check_directions(wrenches: Float[np.ndarray, "n 6"], reference: float) -> None:
-    """Raise a NotIdentifiable where wrenches, torques over `LENGTH`, do not span six directions; name those missing."""
+    """Raise NotIdentifiable if wrenches, torques over `LENGTH`, do not span six directions; name those missing."""
     _, values, directions = np.linalg.svd(wrenches, full_matrices=False)
     _require(
         values / np.sqrt(len(wrenches)) > max(LEAST_PUSH, AS_NOISE * reference),
@@ -67,7 +67,7 @@ def check_directions(wrenches: Float[np.ndarray, "n 6"], reference: float) -> No
 
 
 def check_response(white: Float[np.ndarray, "n m"], wrenches: Float[np.ndarray, "n 6"]) -> None:
-    """Raise a NotIdentifiable where the whitened voltages (n, m) answer nothing to a direction of the wrench."""
+    """Raise NotIdentifiable if the whitened voltages (n, m) do not respond to a direction of the wrench."""
     directions, values, _ = np.linalg.svd(np.linalg.lstsq(wrenches, white)[0])
     _require(
         values > LEAST_ANSWER,

@@ -1,4 +1,4 @@
-"""What a calibration of load cells knows well, and where it has not been: places, and directions of the force."""
+"""Coverage of a calibration of load cells: places and force directions that it knows well, and those it lacks."""
 
 from __future__ import annotations
 
@@ -13,21 +13,22 @@ from palpate.spatial.pose import skew
 
 __all__ = ["CalibratedRegion", "coverage"]
 
-PARTS = 3  # along x and along y into which the surface that was touched is cut
-FORCE, FRICTION = 1.0, 0.5  # N, and the sideways share of it, for which errors are predicted
-WANTED = 50e-6  # m: a predicted error of the calibration that is too much
+PARTS = 3  # parts along x and along y into which the touched surface is divided
+FORCE, FRICTION = 1.0, 0.5  # N, and its sideways share, for which errors are predicted
+WANTED = 50e-6  # m: largest acceptable error from the calibration
 QUIET = 0.1  # of the normal force: less friction does not show the moment along the force
 
 
 @dataclass(frozen=True, eq=False)
 class CalibratedRegion:
-    """Where the calibration was, and how well it knows each place.
+    """The parts of a surface that a calibration touched, and the predicted error in each.
 
     Attributes:
-        place: (9, 3) [m] middles of the parts of the surface; visits: (9,) blocks in each.
-        error: (9, 5) [m] predicted from the calibration alone, straight on and with friction along +-x, +-y.
+        place: (9, 3) [m] touched points nearest to the middles of the parts of the surface.
+        visits: (9,) number of blocks in each part.
+        error: (9, 5) [m] predicted from the calibration alone, for normal forces and with friction along +-x, +-y.
         friction: (2,) rms of the sideways share of the force along the two tangents.
-        notes: what is missing, one sentence each.
+        notes: missing places and directions, one sentence each.
     """
 
     place: Float[np.ndarray, "p 3"]
@@ -38,7 +39,7 @@ class CalibratedRegion:
 
 
 def coverage(data: ReferenceBlocks, cells: LoadCells) -> CalibratedRegion:
-    """From what was touched, and the covariance that came of it."""
+    """Return the region that the blocks cover, with errors predicted from the cells' calibration covariance."""
     low, high = data.contact[:, :2].min(axis=0), data.contact[:, :2].max(axis=0)
     cell = np.minimum((PARTS * (data.contact[:, :2] - low) / np.maximum(high - low, 1e-9)).astype(int), PARTS - 1)
     part = PARTS * cell[:, 0] + cell[:, 1]
@@ -54,7 +55,7 @@ def coverage(data: ReferenceBlocks, cells: LoadCells) -> CalibratedRegion:
 
 
 def _foretold(data: ReferenceBlocks, cells: LoadCells, k: int) -> Float[np.ndarray, "5"]:
-    """RMS position error [m] that the calibration's covariance makes of a touch at block k."""
+    """Return the rms position errors (5,) [m] of touches at block k, from the calibration's covariance."""
     normal, tangents, at = data.normal[k], data.tangents[k], data.contact[k]
     pushes = [-normal, *(-normal + sign * FRICTION * t for t in tangents for sign in (1, -1))]
     out = list[float]()

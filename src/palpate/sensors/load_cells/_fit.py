@@ -1,15 +1,15 @@
-"""The least squares behind a calibration of load cells: wrench and contact against a reference.
+"""The least squares of a calibration of load cells: wrench and contact against a reference.
 
-The voltages span six dimensions. With V their six strongest whitened directions, y = V' R^-1/2 (u - b) holds all that
-they say of the wrench, and w = B y leaves 36 unknowns, whatever the number of cells. Of each block, with c the contact,
-n its normal, t two tangents and M_e = M - e x F the moment about e = c - d n, where the force acts
-[load cells, (18), corrected]:
+The voltages span six dimensions. With V their six strongest whitened directions, y = V' R^-1/2 (u - b) contains all
+their information about the wrench, and w = B y has 36 unknowns for any number of cells. The residuals of each block,
+with c the contact, n its normal, t two tangents and M_e = M - e x F the moment about e = c - d n, where the force acts
+[load cells, (18), corrected], are:
 
     r = ( F - F_ref,  t . (n x M_e) / (F . n),  F . M_e / |F|  )
 
-The middle two are where the wrench meets the tangent plane at c, less c; the last is the moment along the force, to
-which force and position are blind. With a reference of zero, the first and the second, times F . n, are linear in B:
-that is the global start.
+The middle two are the point where the wrench meets the tangent plane at c, less c; the last is the moment along the
+force, which force and position do not contain. With a reference of zero, the first and the second, times F . n, are
+linear in B: that gives the global start.
 """
 
 from __future__ import annotations
@@ -30,25 +30,31 @@ from palpate.spatial.pose import skew
 __all__ = ["Fit", "ReferenceBlocks", "fit", "linear_start", "residuals", "touches"]
 
 START = np.array([17e-3] * 3 + [100e-6] * 2 + [1e-4])  # N, m, N m: standard deviations before any residual is seen
-# Of whitening again by what the fit leaves. More would not be better: where whitening and fit settle together, the
-# determinant of what is left is least, and a B that scatters less is preferred to one that is right.
+# Rounds of whitening again by the residuals. More would not be better: where whitening and fit converge together, the
+# determinant of the residuals' covariance is least, and a B that scatters less is preferred to one that is right.
 ROUNDS = 2
 OUTLYING = 3.0  # whitened residuals beyond which a component counts less (Huber)
 LAW = np.array([0.0, 0.2]), np.array([2e-3, 1.2])  # bounds of depth [m] at 1 N, and exponent
 LAW_START = np.array([2e-4, 0.5])
 SETTLED = 1e-13  # relative change of cost at which the solver stops
-SAME = 1e-9  # of the cost: by less, the first of two starts is followed
+SAME = 1e-9  # of the cost: for a smaller gain, the first of two starts is used
 STEPS, MOST_DAMPING = 100, 1e6
-LIGHTEST = 1e-3  # N: the pressing force is not taken to be less, wherever a start goes
+LIGHTEST = 1e-3  # N: lower bound of the pressing force, for starts that lead to none
 
 
 @dataclass(frozen=True, eq=False)
 class ReferenceBlocks:
-    """What the reference says of each block.
+    """Blocks of a bench log with the reference's force and contact.
 
     Attributes:
-        time: (n,) [s]; run: (n,) which; signal: (n, 6) y; force: (n, 3) [N]; contact, normal: (n, 3) of the surface.
-        tangents: (n, 2, 3); torque: (n,) [N m].
+        time: (n,) [s].
+        run: (n,) number of the block's run.
+        signal: (n, 6) y.
+        force: (n, 3) [N].
+        contact: (n, 3) [m] on the surface.
+        normal: (n, 3) outward unit normals there.
+        tangents: (n, 2, 3) unit vectors.
+        torque: (n,) [N m] about the normal.
     """
 
     time: Float[np.ndarray, " n"]
@@ -61,21 +67,22 @@ class ReferenceBlocks:
     torque: Float[np.ndarray, " n"]
 
     def picked(self, rows: Bool[np.ndarray, " n"]) -> ReferenceBlocks:
-        """Return some of them."""
+        """Return the blocks of a mask (n,)."""
         return ReferenceBlocks(**{name: values[rows] for name, values in vars(self).items()})
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """B, the law of indentation if one was fitted, and what is left.
+    """A fitted B, the law of indentation if one was fitted, and the residuals.
 
     Attributes:
-        unknowns: B row by row; of the law depth and exponent, or nothing.
-        covariance: of the unknowns.
+        unknowns: B row by row, then depth and exponent of the law, if fitted.
+        covariance: (p, p) of the unknowns.
         residuals: (n, 6) estimate less reference: force [N], position along two tangents [m], moment along the force
             [N m].
-        cost: half the sum of whitened squares; correlation: (6,) blocks that tell as much as one independent block.
-        followed: which of the starts.
+        cost: half the sum of whitened squares.
+        correlation: (6,) number of blocks that count as one independent block.
+        followed: index of the start that was used.
     """
 
     unknowns: Float[np.ndarray, " p"]
@@ -87,19 +94,19 @@ class Fit:
 
     @property
     def inverse(self) -> Float[np.ndarray, "6 6"]:
-        """B^-1."""
+        """The inverse of B, (6, 6)."""
         return np.linalg.inv(_matrix(self.unknowns))
 
     @property
     def relative_covariance(self) -> Float[np.ndarray, "36 36"]:
-        """Of E = -dB B^-1: the true matrix is C (I + E)."""
+        """Covariance (36, 36) of E = -dB B^-1: the true matrix is C (I + E)."""
         turn = np.kron(np.eye(6), self.inverse.T)
         covariance = turn @ self.covariance[:36, :36] @ turn.T
         return (covariance + covariance.T) / 2.0
 
     @property
     def indentation(self) -> Indentation | None:
-        """The law, if one was fitted."""
+        """The law of indentation; None if none was fitted."""
         law = map(float, self.unknowns[36:])
         return Indentation(*law, covariance=self.covariance[36:, 36:]) if len(self.unknowns) > 36 else None
 
@@ -110,7 +117,7 @@ def touches(
     contact: Float[np.ndarray, "n 3"],
     normal: Float[np.ndarray, "n 3"],
 ) -> ReferenceBlocks:
-    """Prepared."""
+    """Return the blocks of a log with contact, normal and tangents, as the fit takes them."""
     across = np.cross(normal, np.where(np.abs(normal[:, 1:2]) < 0.9, [[0.0, 1.0, 0.0]], [[1.0, 0.0, 0.0]]))
     first = across / np.linalg.norm(across, axis=1, keepdims=True)
     both = np.stack([first, np.cross(normal, first)], axis=1)
@@ -118,9 +125,9 @@ def touches(
 
 
 def linear_start(data: ReferenceBlocks) -> Float[np.ndarray, "36"]:
-    """B by linear least squares: force against the reference, and no moment about the contact but the reference's.
+    """Return B by linear least squares on the reference's force and its moment about the contact.
 
-    The moment is weighed as the positions are whose error it would be.
+    A moment is weighted like the position error that it would make.
     """
     frame = np.concatenate([data.tangents, data.normal[:, None]], axis=1)  # (n, 3, 3) rows t1, t2, n
     size = np.maximum(np.linalg.norm(data.force, axis=1), 1e-3)
@@ -142,7 +149,7 @@ def _matrix(unknowns: Float[np.ndarray, " p"]) -> Float[np.ndarray, "6 6"]:
 def _normal(
     by_wrench: Float[np.ndarray, "n 6 6"], signal: Float[np.ndarray, "n 6"], by_law: Float[np.ndarray, "n 6 l"]
 ) -> Float[np.ndarray, "p p"]:
-    """J' J for unknowns (B row by row, law), without J: of B it is a sum of products (A' A) x (y y')."""
+    """Return J' J for unknowns (B row by row, law), without J: for B it is a sum of products (A' A) x (y y')."""
     count, laws = len(signal), by_law.shape[2]
     gram = np.swapaxes(by_wrench, 1, 2) @ by_wrench
     pairs = signal[:, :, None] * signal[:, None, :]
@@ -160,14 +167,14 @@ def _normal(
 def _gradient(
     by_wrench: Float[np.ndarray, "n 6 6"], signal: Float[np.ndarray, "n 6"], right: Float[np.ndarray, "n 6"]
 ) -> Float[np.ndarray, "36"]:
-    """J' r for B row by row."""
+    """Return J' r for B row by row."""
     return (np.einsum("nra,nr->na", by_wrench, right).T @ signal).reshape(36)
 
 
 def _step(normal: Float[np.ndarray, "p p"], gradient: Float[np.ndarray, " p"], damping: float = 0.0) -> np.ndarray:
-    """Solution of the damped normal equations, in units in which each unknown moves the residuals alike.
+    """Return the solution of the damped normal equations, in units in which each unknown changes residuals equally.
 
-    An unknown that moves none, as the exponent of no indentation, stays where it is.
+    An unknown that changes none, like the exponent without indentation, keeps its value.
     """
     idle = np.diag(normal) == 0
     size = np.where(idle, 1.0, np.sqrt(np.diag(normal)))
@@ -183,14 +190,17 @@ def fit(
     indented: bool,
     robust: bool,
 ) -> Fit:
-    """The nonlinear least squares from the better of some starts, whitened again by what it leaves.
+    """Return the nonlinear least squares fit from the best of several starts, whitened again by its residuals.
 
     Args:
         data: blocks.
-        starts: of B, row by row.
+        starts: values of B, row by row.
         zeros: variance of the zero of y and of the reference force [N^2], each the same in all blocks of a run.
         indented: fit the law of indentation too.
-        robust: as of `identify_load_cells`.
+        robust: whether outliers count less, see `CalibrationOptions`.
+
+    Raises:
+        NotIdentifiable: the log does not determine the law of indentation.
     """
     law = LAW_START.copy() if indented else np.zeros(0)
     whitener = np.diag(1.0 / START)
@@ -205,7 +215,7 @@ def fit(
 
 
 def _whitener(left: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "6 6"]:
-    """Inverse of a Cholesky factor of residuals' covariance: by their spread about 0, what lies far out cut off."""
+    """Return the inverse Cholesky factor of the residuals' covariance, their spread about 0 with outliers clipped."""
     deviation = np.sqrt(np.median(left**2, axis=0) / 0.4549)  # the median of chi-square of one degree
     cut_off = np.clip(left, -OUTLYING * deviation, OUTLYING * deviation)
     covariance = cut_off.T @ cut_off / len(left) / 0.973  # what a normal keeps of its variance within 3
@@ -215,7 +225,7 @@ def _whitener(left: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "6 6"]:
 def residuals(
     data: ReferenceBlocks, unknowns: Float[np.ndarray, " p"]
 ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"], Float[np.ndarray, "n 6 l"]]:
-    """r, and its derivatives by the wrench and by the law."""
+    """Return the residuals r (n, 6), and their derivatives by the wrench (n, 6, 6) and by the law (n, 6, l)."""
     law, normal = unknowns[36:], data.normal
     wrench = data.signal @ _matrix(unknowns).T
     force = wrench[:, :3]
@@ -249,7 +259,7 @@ def residuals(
 def _solve(
     data: ReferenceBlocks, start: np.ndarray, whitener: Float[np.ndarray, "6 6"], *, robust: bool
 ) -> tuple[np.ndarray, float]:
-    """Levenberg and Marquardt on a Huber cost, the law kept within its bounds; unknowns and half the cost."""
+    """Minimize a Huber cost by Levenberg-Marquardt, the law within its bounds; return unknowns and half the cost."""
     found, damping = start, 1e-9
     left, slopes, law_slopes = _whitened(data, found, whitener)
     weight, cost = _huber(left, robust=robust)
@@ -285,7 +295,7 @@ def _whitened(
 
 
 def _huber(white: Float[np.ndarray, "n 6"], *, robust: bool) -> tuple[Float[np.ndarray, "n 6"], float]:
-    """Weights of squares, and half the cost: beyond `OUTLYING` it grows as |r|."""
+    """Return the weights of the squares, and half the cost, which grows as |r| beyond `OUTLYING`."""
     size = np.abs(white)
     far = (size > OUTLYING) & robust
     weight = np.where(far, OUTLYING / np.maximum(size, OUTLYING), 1.0)
@@ -295,9 +305,12 @@ def _huber(white: Float[np.ndarray, "n 6"], *, robust: bool) -> tuple[Float[np.n
 def _covariance(
     data: ReferenceBlocks, found: np.ndarray, whitener: Float[np.ndarray, "6 6"], zeros: Float[np.ndarray, "9"]
 ) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, "6"]]:
-    """Return H^-1 (sum tau_c s_c^2 J_c' J_c + what the zeros of each run add) H^-1, of the unknowns, and tau.
+    """Return the unknowns' covariance H^-1 (sum tau_c s_c^2 J_c' J_c + the part of the runs' zeros) H^-1, and tau.
 
-    Each whitened component counts as the independent samples that its correlation leaves.
+    Each whitened component counts as the number of independent samples in it.
+
+    Raises:
+        NotIdentifiable: the log does not determine the law of indentation.
     """
     white = _whitened(data, found, whitener)
     times = correlation_time(white[0])
@@ -322,7 +335,7 @@ def _equations(
     variance: Float[np.ndarray, "6"],
     zeros: Float[np.ndarray, "9"],
 ) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"], Float[np.ndarray, "p p"]]:
-    """Return J' J, J' r, and the covariance of J' r by residuals of a variance and by the zeros of each run."""
+    """Return J' J, J' r, and the covariance of J' r from the residuals' variance and the zeros of each run."""
     left, slopes, law_slopes = white
     scale = np.sqrt(variance)[:, None]
     meat = _normal(slopes * scale, data.signal, law_slopes * scale)
@@ -338,13 +351,13 @@ def _equations(
 
 
 def validated(data: ReferenceBlocks, found: Fit, zeros: Float[np.ndarray, "9"], *, robust: bool) -> Validation:
-    """Compare touches that were left out with what the others predict, by their normal equations, J' r.
+    """Return a cross-validation: omitted touches against the prediction of the others, by normal equations, J' r.
 
     Args:
         data: all blocks, in the order of time.
-        found: the fit to all of them, from which the others' begins.
-        zeros: as of `fit`.
-        robust: as of `fit`.
+        found: the fit to all blocks, from which the other fits start.
+        zeros: see `fit`.
+        robust: see `fit`.
     """
     whitener = _whitener(found.residuals)
     variance = found.correlation * np.mean((found.residuals @ whitener.T) ** 2, axis=0)

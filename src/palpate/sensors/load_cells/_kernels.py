@@ -1,4 +1,4 @@
-"""Compiled: from the voltages of load cells to wrenches in the surface's frame, with what is unsure about each.
+"""Compiled loops from the voltages of load cells to wrenches in the surface's frame, with their covariances.
 
 Loops run along the outputs, sample by sample, in one order: the last bits do not depend on how samples are cut.
 """
@@ -15,13 +15,13 @@ __all__ = ["measure", "place"]
 
 _SATURATED, _INVALID = 6, 7
 _LARGEST = 1e9
-_FADES, _ENOUGH = 0.999, 10.0  # of blame a sample; to be left out where that fits, whatever else does
+_FADES, _ENOUGH = 0.999, 10.0  # of blame per sample; blame with which an explanation that fits is used before others
 _STUCK = 5  # samples in which a channel repeats itself exactly
 
 
 @inlined
 def _mapped(readings, n, channels, mapping, out):
-    """Reading n less zero, mapped: six of a wrench, then what no wrench can make."""
+    """Write reading n less zero, mapped, into out: six of a wrench, then the combinations that no wrench can make."""
     count = mapping.shape[1]
     for i in range(count):
         out[i] = 0.0
@@ -33,7 +33,7 @@ def _mapped(readings, n, channels, mapping, out):
 
 @inner
 def _saturated(readings, n, channels, bounds):
-    """The explanation that leaves out what is at its range, -1 where nothing is, -2 where none does."""
+    """Return the explanation that omits the channels at their range; -1 if there are none, -2 if none omits all."""
     full, cell = -1, -1
     for j in range(len(channels)):
         if readings[n, j] <= channels[j, 1] or readings[n, j] >= channels[j, 2]:
@@ -48,9 +48,9 @@ def _saturated(readings, n, channels, bounds):
 
 @inner
 def _stuck(readings, n, last, repeats):
-    """The one channel that repeats itself exactly, or the cell if several do, as an explanation; -1 where none does.
+    """Return the explanation of the one channel that repeats itself exactly, or of its cell if several do; else -1.
 
-    That is how a channel at a range that nobody stated looks, and a dead one. Coarse voltages repeat themselves too,
+    A channel at a range that the model does not state does so, and a dead one. Coarse voltages repeat themselves too,
     but hardly so often, and not in one cell alone.
     """
     channels = readings.shape[1]
@@ -68,7 +68,7 @@ def _stuck(readings, n, last, repeats):
 
 @inner
 def _expected(w, settings):
-    """Of the square of what no wrench makes, each: noise, drift, and what the calibration leaves of a load."""
+    """Return the expected square of a combination that no wrench makes: noise, drift, and the misfit under load w."""
     expected = 1.0 + settings[6, 0] * settings[6, 0]
     if settings[6, 1] > 0.0:
         square = 0.0
@@ -81,7 +81,7 @@ def _expected(w, settings):
 
 @inner
 def _without(out, e, ways, w):
-    """The wrench without what explanation e leaves out, into w; how much of the square it explains."""
+    """Write the wrench without the channels that explanation e omits into w; return the square that it explains."""
     for i in range(6):
         w[i] = out[i]
     explained = 0.0
@@ -97,7 +97,7 @@ def _without(out, e, ways, w):
 
 @inner
 def _fits(out, square, e, ways, bounds, settings, w):
-    """Whether what is left agrees; the wrench into w."""
+    """Return whether the channels that explanation e keeps agree; write their wrench into w."""
     if not bounds[1 + e] > 0.0:
         return False
     left = square - _without(out, e, ways, w)
@@ -106,9 +106,9 @@ def _fits(out, square, e, ways, bounds, settings, w):
 
 @inner
 def _believed(out, square, ways, bounds, settings, found, fitting):
-    """Which explanations fit, into fitting, and their wrenches, into found; how many.
+    """Write which explanations fit into fitting, and their wrenches into found; return the number that fit.
 
-    Whole cells only where no single channel does.
+    Explanations of complete cells are tried only if none of a single channel fits.
     """
     count, total = len(ways), 0
     cells = count // 4
@@ -126,7 +126,7 @@ def _believed(out, square, ways, bounds, settings, found, fitting):
 
 @inner
 def _mixed(found, fitting, total, covariances, factor, w, extra):
-    """The mean of the wrenches that fit; by how much its covariance is more than that of all channels."""
+    """Write the mean of the wrenches that fit into w, and its covariance beyond that of all channels into extra."""
     w[:] = 0.0
     for e in range(len(found)):
         if fitting[e]:
@@ -145,10 +145,10 @@ def _mixed(found, fitting, total, covariances, factor, w, extra):
 
 @inner
 def _judged(out, square, stuck, agreed, ways, covariances, bounds, settings, blame, w, extra, found, fitting):
-    """Which explanation answers, its wrench in w: 0 none is needed, 1 + e, 1 + s several; -2 nothing fits.
+    """Return the explanation used, its wrench in w: 0 none is needed, 1 + e, 1 + s several; -2 nothing fits.
 
-    Blame grows where one explanation alone fits, and fades; one that has enough of it, or a channel that repeats
-    itself, is believed where it fits, whatever else does.
+    Blame grows where one explanation alone fits, and fades; an explanation with enough blame, or a channel that repeats
+    itself, is used where it fits, even if others fit too.
     """
     count, most, suspect = len(ways), 0.0, 0
     for e in range(count):
@@ -189,14 +189,14 @@ def _judged(out, square, stuck, agreed, ways, covariances, bounds, settings, bla
     """
 )
 def measure(readings, channels, mapping, ways, covariances, bounds, settings, state, wrenches, statuses, which, extra):
-    """Voltages (n, m) to wrenches (n, 6), and what is wrong with a sample (-1: nothing).
+    """Compute wrenches (n, 6) from voltages (n, m), and the status of each sample (-1: to be located).
 
-    channels (m, 3): zero, lowest, highest; mapping (m, 6 + r, and zeros), of A and Q. Of `Explanations`: ways (s, 3,
+    channels (m, 3): zero, lowest, highest; mapping (m, 6 + r, and zeros), of A and Q. From `Explanations`: ways (s, 3,
     6 + r), corrections and directions; covariances, bounds; settings (7, 6), its metric, then drift, misfit, and the
     variance of a wrench over that of a reading. state (s + 2 m,): blame of each explanation, last voltages, and for how
-    long each has repeated itself. Out come statuses (n,); which (n,), 0 all channels answered, 1 + e all but what an
-    explanation leaves out, 1 + s several explanations, negative none; extra (n, 6, 6), where several fit, what the
-    covariance is more by.
+    many samples each has repeated itself. Writes statuses (n,); which (n,): 0 all channels are used, 1 + e all but
+    those that explanation e omits, 1 + s several explanations, negative none; extra (n, 6, 6), the additional
+    covariance where several fit.
     """
     width, count = readings.shape[1], len(ways)
     blame, last, repeats = state[:count], state[count : count + width], state[count + width :]
@@ -238,7 +238,7 @@ def measure(readings, channels, mapping, ways, covariances, bounds, settings, st
 
 @inlined
 def _unsure(wrench, unsure, squares, out):
-    """Covariance of E w, as its upper triangle row by row, from that of w w'."""
+    """Write the covariance of E w into out, as its upper triangle row by row, from that of w w'."""
     k = 0
     for i in range(6):
         for j in range(i, 6):
@@ -254,7 +254,7 @@ def _unsure(wrench, unsure, squares, out):
 
 @inner
 def _turned(matrix, extra, work, covariance):
-    """Adds matrix extra matrix' to covariance."""
+    """Add matrix extra matrix' to covariance."""
     for i in range(6):
         for k in range(6):
             total = 0.0
@@ -274,12 +274,12 @@ def _turned(matrix, extra, work, covariance):
     """
 )
 def place(wrenches, which, extra, share, slow, covariances, unsure, mounting, matrix, located, covariance):
-    """Wrenches (n, 6) to the surface's frame (n, 6), and their covariances (n, 6, 6).
+    """Transform wrenches (n, 6) to the surface's frame, and compute their covariances (n, 6, 6).
 
-    which (n,) and extra (n, 6, 6) of `measure`; share (n,) or (1,) of a reading's noise that a filter left, and slow,
-    of what it does not: zero and drift. In the surface's frame: covariances (1 + s, 6, 6) of a reading's noise, unsure
-    (21, 21 and zeros) from w w' to the calibration's covariance, mounting (q, 6), a factor of the mounting's; matrix
-    (6, 6).
+    which (n,) and extra (n, 6, 6) are from `measure`; share (n,) or (1,) is that of a reading's noise after a filter,
+    and slow that of zero and drift, which a filter does not reduce. In the surface's frame: covariances (1 + s, 6, 6)
+    of a reading's noise, unsure (21, 21 and zeros) from w w' to the calibration's covariance, mounting (q, 6), a factor
+    of the mounting's; matrix (6, 6) from sensor to surface.
     """
     several = len(covariances)
     triangle, squares, turn = np.empty(unsure.shape[1]), np.empty(21), np.empty((6, 6))

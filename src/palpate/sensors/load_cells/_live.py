@@ -1,4 +1,4 @@
-"""Compiled: from voltages to rows of `estimate.ROW` in one call, by the steps and with the bits of blocks."""
+"""Compiled loop from voltages to rows of `estimate.ROW` in one call, with the same steps and bits as for blocks."""
 
 # pyright: basic
 from __future__ import annotations
@@ -20,7 +20,7 @@ __all__ = ["locate"]
     """
 )
 def locate(inputs, memory, table, memory_of_blame, noises, nodes, corners, settings, state, rows):
-    """Inputs are the voltages (n m,) of n samples; noises (0, 6, 6), for the sensor always knows its own."""
+    """Compute n rows of estimates from voltages (n m,) of n samples; noises (0, 6, 6), as the sensor has its own."""
     n = len(rows)
     wrenches, statuses, which = np.empty((n, 6)), np.empty(n, np.int8), np.empty(n, np.int64)
     extra, located, covariances = np.empty((n, 6, 6)), np.empty((n, 6)), np.empty((n, 6, 6))

@@ -1,4 +1,4 @@
-"""A bench log as the fit takes it: zeros from unloaded stretches, averages of short blocks of what is loaded."""
+"""Prepare a bench log for the fit: zeros from unloaded stretches, averages of short blocks of loaded samples."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from palpate.signals.correlation import correlation_time
 
 __all__ = ["BenchLog", "Blocks", "UnloadedStretch", "blocks_of", "rest_noise", "rests"]
 
-BLOCK = 0.01  # s: a touch moves 25 um meanwhile at 2.5 mm/s, and readings filtered at 100 Hz tell little more
-SMOOTH = 0.05  # s over which a reference force is averaged before it is called none
-UNLOADED, NOISES = 0.1, 5.0  # N, and times the noise of that average: below both nothing touches
-MEDIAN_STEP = 0.954  # of |difference of two normals|, in their deviation
+BLOCK = 0.01  # s: a touch moves 25 um meanwhile at 2.5 mm/s, and readings filtered at 100 Hz contain little more
+SMOOTH = 0.05  # s over which a reference force is averaged before it is compared with `UNLOADED`
+UNLOADED, NOISES = 0.1, 5.0  # N, and times the noise of that average: below the larger one nothing touches
+MEDIAN_STEP = 0.954  # median of |difference of two normals|, in their standard deviation
 LEAST_REST = 0.2  # s
-LATEST_REST = 1.0  # s into the log
-SETTLING = 0.03  # s at the end of a rest where a touch begins that are left out too
+LATEST_REST = 1.0  # s into the log: latest start of the first rest
+SETTLING = 0.03  # s at the end of a rest where a touch begins that are omitted too
 LEAVES = 4.0  # standard deviations of the smoothed voltages
 FEWEST = 200  # blocks
 GAP = 5.0  # steps of the median length that separate two runs
@@ -29,11 +29,14 @@ GAP = 5.0  # steps of the median length that separate two runs
 
 @dataclass(frozen=True, eq=False)
 class BenchLog:
-    """Complete rows of a log.
+    """Complete rows of a bench log.
 
     Attributes:
-        time: (n,) [s]; voltages: (n, m) [V]; forces: (n, 3) [N]; centres: (n, 3) [m] of the ball.
-        torques: (n,) [N m] about the normal, as the reference says it.
+        time: (n,) [s].
+        voltages: (n, m) [V].
+        forces: (n, 3) [N] of the reference.
+        centres: (n, 3) [m] of the ball.
+        torques: (n,) [N m] about the normal, from the reference.
     """
 
     time: Float[np.ndarray, " n"]
@@ -44,7 +47,7 @@ class BenchLog:
 
     @cached_property
     def step(self) -> float:
-        """Median time between two rows [s]."""
+        """Median time between two rows [s]; InputError if time never goes forward."""
         steps = np.diff(self.time)
         if not (steps > 0).any():
             raise InputError("the times of the bench log never go forward.", where="time")
@@ -52,23 +55,25 @@ class BenchLog:
 
     @cached_property
     def runs(self) -> list[slice]:
-        """Rows of each run: it ends at a gap, or where time runs back."""
+        """Rows of each run as slices: a run ends at a gap, or where time runs back."""
         steps = np.diff(self.time)
         starts = [0, *(np.flatnonzero((steps > GAP * self.step) | (steps < 0)) + 1).tolist()]
         return [slice(*ends) for ends in pairwise([*starts, len(self.time)])]
 
     def rows(self, duration: float) -> int:
-        """How many rows a duration [s] takes, at least one."""
+        """Return the number of rows in a duration [s], at least one."""
         return max(1, round(duration / self.step))
 
 
 @dataclass(frozen=True, eq=False)
 class UnloadedStretch:
-    """A stretch in which nothing touches.
+    """A stretch of a log in which nothing touches.
 
     Attributes:
-        rows: of the log; middle: [s].
-        voltage: (m,) [V] mean; force: (3,) [N] mean of the reference.
+        rows: rows of the log.
+        middle: [s] mean time.
+        voltage: (m,) [V] mean.
+        force: (3,) [N] mean of the reference.
     """
 
     rows: slice
@@ -82,8 +87,12 @@ class Blocks:
     """Averages over blocks of `size` samples.
 
     Attributes:
-        time: (n,) [s]; run: (n,) which; voltages: (n, m) [V] without bias; forces: (n, 3) [N]; centres: (n, 3) [m].
-        torques: (n,) [N m] about the normal, as the reference says it.
+        time: (n,) [s].
+        run: (n,) number of the block's run.
+        voltages: (n, m) [V] without bias.
+        forces: (n, 3) [N] of the reference, without bias.
+        centres: (n, 3) [m] of the ball.
+        torques: (n,) [N m] about the normal, from the reference.
         size: samples of a block.
     """
 
@@ -97,10 +106,10 @@ class Blocks:
 
 
 def rests(log: BenchLog) -> list[UnloadedStretch]:
-    """The unloaded stretches of a log, in order.
+    """Return the unloaded stretches of a log, in order.
 
     Raises:
-        InputError: the log does not begin with one.
+        InputError: the log does not begin with an unloaded stretch.
     """
     found = [rest for run in log.runs for rest in _rests_of(log, run)]
     if not found or found[0].rows.start * log.step > LATEST_REST:
@@ -131,13 +140,16 @@ def _rests_of(log: BenchLog, run: slice) -> Iterator[UnloadedStretch]:
 
 
 def _noise_of(smooth: Float[np.ndarray, "n 3"], width: int) -> float:
-    """Standard deviation [N] of smoothed forces, from how they usually differ a width apart."""
+    """Return the standard deviation [N] of smoothed forces, from the median difference at a lag of `width` rows."""
     steps = smooth[width:] - smooth[:-width]
     return float(np.median(np.abs(steps), axis=0).max()) / MEDIAN_STEP if len(steps) else 0.0
 
 
 def _still(voltages: Float[np.ndarray, "n m"], log: BenchLog) -> tuple[int, int]:
-    """The rows around the middle in which no channel leaves what it reads there: a touch begins before it weighs."""
+    """Return first and last of the rows around the middle that stay on the line fitted there.
+
+    A touch moves voltages before the force shows it.
+    """
     width, count = log.rows(SMOOTH), len(voltages)
     smooth = _smooth(voltages, width)
     middle = slice(count // 4, max(count // 4 + 2, 3 * count // 4))
@@ -154,7 +166,7 @@ def _still(voltages: Float[np.ndarray, "n m"], log: BenchLog) -> tuple[int, int]
 
 
 def _smooth(values: Float[np.ndarray, "n k"], width: int) -> Float[np.ndarray, "n k"]:
-    """Moving means over `width` rows, shorter at the ends."""
+    """Return moving means over `width` rows, over fewer at the ends."""
     sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
     rows = np.arange(len(values))
     low, high = np.maximum(rows - width // 2, 0), np.minimum(rows + width // 2 + 1, len(values))
@@ -162,7 +174,10 @@ def _smooth(values: Float[np.ndarray, "n k"], width: int) -> Float[np.ndarray, "
 
 
 def rest_noise(log: BenchLog, found: list[UnloadedStretch]) -> tuple[Float[np.ndarray, "m m"], float, float]:
-    """Covariance of a reading's voltages, their correlation time [samples], and the reference's deviation [N]."""
+    """Return the covariance of a reading's voltages, their correlation time [samples], and the reference's noise [N].
+
+    The reference's noise is a standard deviation.
+    """
     left = list[np.ndarray]()
     for rest in found:
         voltages = log.voltages[rest.rows]
@@ -176,13 +191,13 @@ def rest_noise(log: BenchLog, found: list[UnloadedStretch]) -> tuple[Float[np.nd
 
 
 def blocks_of(log: BenchLog, found: list[UnloadedStretch], least: float) -> Blocks:
-    """Means of blocks in which every sample is loaded by `least` [N], without what the rests read.
+    """Return means of blocks in which every sample is loaded by `least` [N] or more, without the rests' mean readings.
 
-    Within a run the zero goes straight from one rest to the next, and is held after the last: what was switched off in
-    between has another.
+    Within a run the zero is interpolated linearly between rests, and constant after the last. It is not interpolated
+    between runs: a sensor that was switched off has another zero.
 
     Raises:
-        InputError: too few blocks.
+        InputError: the log has too few blocks.
     """
     size, m = log.rows(BLOCK), log.voltages.shape[1]
     rows = np.column_stack([log.time, log.voltages, log.forces, log.centres, log.torques])
@@ -204,7 +219,7 @@ def blocks_of(log: BenchLog, found: list[UnloadedStretch], least: float) -> Bloc
 
 
 def _zeros(log: BenchLog, found: list[UnloadedStretch]) -> Float[np.ndarray, "n k"]:
-    """What voltages and reference read without a load; a run without a rest of its own takes the last before it."""
+    """Return unloaded voltages [V] and reference forces [N], (n, m + 3); a run without a rest uses the one before."""
     zero = np.empty((len(log.time), log.voltages.shape[1] + 3))
     for run in log.runs:
         before = [rest for rest in found if rest.rows.start < run.stop]

@@ -1,4 +1,4 @@
-"""Load cells as a sensor of wrenches: which cells and channels to believe, the zero, and what the calibration lacks."""
+"""Load cells as a sensor of wrenches: the channels to use, the zero, and the calibration's uncertainty."""
 
 from __future__ import annotations
 
@@ -26,16 +26,19 @@ from palpate.spatial.pose import Pose
 
 __all__ = ["START", "LoadCellArray"]
 
-START = 0.5  # s at a start in which nothing is touched, where no tare said how long
-RESTART = 5.0  # s without a sample: what was switched off in between has another zero
-LANES = 8  # outputs of a product are a multiple of it: the compiler adds so many at a time
-KEPT = 20_000  # readings, evenly spread, that faults are looked for in
-LIVE = 16  # one of so many live readings is kept for them
+START = 0.5  # s at a start in which nothing is touched, before a tare sets another time
+RESTART = 5.0  # s without a sample: a sensor that was switched off has another zero
+LANES = 8  # outputs of a product are a multiple of it: the compiler adds that many at a time
+KEPT = 20_000  # readings, evenly spread, that are searched for faults
+LIVE = 16  # every 16th live reading is kept for them
 UPPER = np.triu_indices(6)
 
 
 class _Weighed(NamedTuple):
-    """As `Measured`; `which` explanation answered, `extra` covariance where several did, `slow` share of the zero."""
+    """Samples as wrenches, like `Measured`.
+
+    `which` is the explanation used, `extra` the covariance where several are, `slow` the zero's share of a variance.
+    """
 
     time: Float[np.ndarray, " n"]
     wrench: Float[np.ndarray, "n 6"]
@@ -46,7 +49,7 @@ class _Weighed(NamedTuple):
 
     @classmethod
     def of(cls, time: Float[np.ndarray, " n"], slow: float) -> _Weighed:
-        """To be filled."""
+        """Return empty arrays for the samples of `time`, which the compiled loop fills."""
         n = len(time)
         return cls(time, np.empty((n, 6)), np.empty(n, np.int8), np.zeros(n, np.int64), np.zeros((n, 6, 6)), slow)
 
@@ -55,24 +58,24 @@ class _Weighed(NamedTuple):
 class LoadCellArray:
     """The `WrenchSensor` of cells under a rigid frame; see `LoadCells` and `Explanations`.
 
-    A sample is answered from all channels or, where those contradict each other, without the channel or the cell that
-    explains it; where several explanations fit, by the mean of their wrenches with a covariance that covers them; where
-    none does, it is INVALID. A channel at its range is left out, or its cell; more make a sample SATURATED. What one
-    sample leaves to the next is how much each explanation was to blame.
+    A sample's wrench is computed from all channels or, where those contradict each other, without the channel or the
+    cell that explains it; where several explanations fit, it is the mean of their wrenches with a covariance that
+    covers them; where none fits, the sample is INVALID. A channel at its range is omitted, or its cell; more make a
+    sample SATURATED. The blame of each explanation is kept from one sample to the next.
 
     The zero is that of the calibration until a `tare`. In a stream it is taken again wherever the log begins anew:
-    after a gap of 5 s, or where time runs back. A later start that is not at rest keeps the zero before it, and is
-    doubted.
+    after a gap of 5 s, or where time runs back. A later start that is not at rest keeps the previous zero, and gives a
+    warning.
 
     Args:
         cells: the model.
         sound: (k,) cells or (3 k,) channels to use; None: all.
-        zero: what the cells read unloaded; None: as in the calibration.
-        names: of the channels, for messages.
+        zero: unloaded reading of the cells; None: that of the calibration.
+        names: names of the channels, for messages.
         seconds: [s] at a later start in which nothing is touched.
 
     Raises:
-        NotIdentifiable: the sound cells tell no wrench.
+        NotIdentifiable: the sound cells do not determine a wrench.
     """
 
     channels = (VOLTAGE,)
@@ -114,21 +117,21 @@ class LoadCellArray:
 
     @property
     def noise(self) -> Float[np.ndarray, "6 6"]:
-        """Of one reading."""
+        """Covariance (6, 6) of a wrench from the noise of one reading by all sound channels, force first [N, N m]."""
         return self._noises[0]
 
     def set_zero(self, zero: Zero) -> None:
-        """What the cells read unloaded; its variance goes into every covariance."""
+        """Set the zero, the unloaded reading of the cells; its variance is in every later covariance."""
         self.zero = zero
         self.zeros_taken += 1
         self.follow(None)
 
     def smoothed_by(self, filter: Filter | None, rate: float | None, share: float) -> None:
-        """Learn the least share of the noise's variance that a filter leaves; see `WrenchSensor.smoothed_by`."""
+        """Set the least share of the noise's variance that remains after a filter; see `WrenchSensor.smoothed_by`."""
         self._settled = share
 
     def ready(self, blocks: Iterable[Recording]) -> Iterator[Recording]:
-        """The same rows, cut where the log begins anew, with the zero taken there."""
+        """Yield the same rows, cut where the log begins anew; the zero is taken there before its rows are yielded."""
         waiting, begun, last = list[Recording](), np.nan, np.nan
         for block in blocks:
             for part, fresh in _parts(block, last):
@@ -146,10 +149,10 @@ class LoadCellArray:
         yield from self._restarted(waiting, begun)
 
     def measure(self, recording: Recording) -> _Weighed:
-        """Wrenches of voltages.
+        """Return the wrenches (n, 6) and statuses of a recording's voltages, in the sensor's frame.
 
         Raises:
-            InputError: the log has no voltages, or not three a cell.
+            InputError: the log has no voltages, or not three per cell.
         """
         voltages = self._voltages(recording)
         self._keep(voltages)
@@ -162,14 +165,14 @@ class LoadCellArray:
         rotation: ArrayLike | None = None,
         acceleration: ArrayLike | None = None,
     ) -> _Weighed:
-        """Of one sample of voltages (3 k,)."""
+        """Return the wrench of one sample of voltages (3 k,) [V]; raise InputError for another shape."""
         if type(time) is not float:
             time = number(time, "time")
         self.hold(time, reading, rotation, acceleration)
         return self._weighed(np.array([time], dtype=np.float64), self.live_inputs[None])
 
     def hold(self, time: float, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None) -> None:
-        """The voltages of one sample into `held`."""
+        """Write the voltages of one sample into `live_inputs`; raise InputError for another shape."""
         values = shaped(reading, (...,), "reading")
         if values.shape != self._shape:
             raise InputError(_SHAPE.format(self.cells.cells, *self._shape, values.shape))
@@ -185,10 +188,10 @@ class LoadCellArray:
         readings: Float[np.ndarray, "n m"],
         extra_channels: Mapping[str, np.ndarray],
     ) -> Float[np.ndarray, " _"]:
-        """Of n samples what `hold` keeps of one, one behind the other; what there is beside makes no difference.
+        """Return the live inputs (3 k n,) of n samples, their voltages in turn; time and other channels are not used.
 
         Raises:
-            InputError: readings of another shape.
+            InputError: the readings have another shape.
         """
         if readings.shape[1:] != self._shape:
             raise InputError(_SHAPE.format(self.cells.cells, *self._shape, readings.shape[1:]))
@@ -198,7 +201,7 @@ class LoadCellArray:
         return np.array(readings, dtype=np.float64).ravel()
 
     def constants(self, placement: Placement) -> tuple[np.ndarray, ...]:
-        """What `measure` and `place` of the compiled loops take, in their order."""
+        """Return the constant arguments of `measure` and `place` of the compiled loops, in their order."""
         made = self._channels, self._mapping, self._ways, self._covariances, self._bounds, self._settings
         slow = np.array([self._slow])
         return *made, slow, *self._seen_from(placement), placement.factor, placement.matrix
@@ -211,7 +214,10 @@ class LoadCellArray:
         share: Float[np.ndarray, " k"],
         placement: Placement,
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"]]:
-        """In the surface's frame; what zero, drift, calibration and mounting add stays whole."""
+        """Return wrenches (n, 6) in the surface's frame and covariances (n, 6, 6).
+
+        A filter's share does not reduce the errors of zero, drift, calibration and mounting.
+        """
         located, covariances = np.empty_like(wrenches), np.empty((len(wrenches), 6, 6))
         self._place(
             wrenches,
@@ -228,10 +234,10 @@ class LoadCellArray:
         return located, covariances
 
     def tare(self, recording: Recording) -> Tare:
-        """Take the zero from a window in which nothing touches, from now on.
+        """Take the zero from a window in which nothing touches, use it from now on, and return this tare.
 
         Raises:
-            InputError: the window does not stand still, or is too short.
+            InputError: the window is not at rest, or is too short.
         """
         zero = take_zero(self.cells, self._voltages(recording), recording.source)
         self._taken(zero)
@@ -242,17 +248,17 @@ class LoadCellArray:
     coefficients = 0
 
     def kept(self, recording: Recording) -> Float[np.ndarray, "n m"]:
-        """The voltages."""
+        """Return the voltages (n, 3 k) [V] of a recording, as `free` needs them."""
         return self._voltages(recording)
 
     @takes_arrays
     def kept_of(self, inputs: Float[np.ndarray, " _"], count: int) -> Float[np.ndarray, "n m"]:
-        """The same of live inputs."""
+        """Return the voltages (n, 3 k) of `kept` from the live inputs of `count` = n samples."""
         return inputs.reshape(count, -1).copy()
 
     @takes_arrays
     def free(self, kept: Float[np.ndarray, "n m"]) -> Free:
-        """The voltages, NaN in samples with a sound channel at its range or beyond sense."""
+        """Return the voltages, NaN in samples with a sound channel at its range, not finite or above 1e9."""
         sound: Bool[np.ndarray, "n m"] = np.abs(kept) <= LARGEST
         beyond: Bool[np.ndarray, "n m"] = (kept <= self._channels[:, 1]) | (kept >= self._channels[:, 2])
         full = beyond & np.isfinite(self._channels[:, 1]) & sound
@@ -264,7 +270,7 @@ class LoadCellArray:
     def window_noise(
         self, kept: Float[np.ndarray, "n m"], usable: Bool[np.ndarray, " n"]
     ) -> tuple[Float[np.ndarray, "m m"], Float[np.ndarray, "m m"]]:
-        """The noise's, as many samples as tell something of their own."""
+        """Return the covariance of a window's mean voltages from noise, by its independent samples, and zeros."""
         count = max(1.0, float(np.count_nonzero(usable)) / self.cells.correlation)
         return self.cells.noise / count, np.zeros_like(self.cells.noise)
 
@@ -272,21 +278,24 @@ class LoadCellArray:
     def as_wrench(
         self, change: Float[np.ndarray, "n m"], covariance: Float[np.ndarray, "m m"]
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "6 6"]]:
-        """By all sound channels; what the calibration is unsure of is that of the last."""
+        """Return changes of voltages as wrenches by all sound channels, and the covariance of the last one.
+
+        The covariance contains the calibration's error.
+        """
         wrenches = change @ self._inverse.T
         spread = self._inverse @ covariance @ self._inverse.T
         return wrenches, spread + self.cells.calibration_covariance(wrenches[-1]) if len(wrenches) else spread
 
     def start(self) -> tuple[float, ZeroState, Float[np.ndarray, "m q"]]:
-        """Of the zero that was taken last, whenever that was."""
+        """Return NaN (the time is not known), the state of the zero that was taken last, and an empty regressor."""
         spread = self.cells.noise * (self.zero.share + self.cells.drift**2)
         return np.nan, ZeroState(np.array(self.zero.voltage), np.zeros(0), spread), np.zeros((len(spread), 0))
 
     def follow(self, state: ZeroState | None) -> None:
-        """This zero and its covariance, whichever channels answer; None: the one that was taken.
+        """Use a followed zero and its covariance for all explanations; None: the zero that was taken.
 
-        A filter leaves a share of the noise, and all of the zero's error. The loops scale both by the share, so what
-        is handed to them is divided by the share of a filter that has settled: before, it counts for more.
+        A filter reduces the noise to a share, but not the zero's error. The loops scale both by the share, so the
+        covariance for them is divided by the share of a filter that has settled: before, it counts for more.
         """
         voltage = self.zero.voltage if state is None else state.zero
         spread = np.zeros_like(self.cells.noise) if state is None else state.covariance
@@ -301,27 +310,27 @@ class LoadCellArray:
         self._placement, self.revision = None, self.revision + 1
 
     def reset(self) -> None:
-        """Forget what was blamed; not the zero."""
+        """Forget the blame of the explanations and the last voltages; the zero is kept."""
         (channels,) = self._shape
         self.state[:] = 0.0
         self.state[-2 * channels : -channels] = np.nan
 
     def notes(self) -> tuple[str, ...]:
-        """Nothing that the tare did not say."""
+        """Return no notes, an empty tuple: that of the tare is enough."""
         return ()
 
     def warnings(self) -> tuple[str, ...]:
-        """Of the zeros of later starts, and the faults of the cells."""
+        """Return warnings about a missing zero, the zeros of later starts, and the faults of the cells."""
         zero = () if self._known else ("no zero of the cells was taken: that of the calibration is used",)
         return (*zero, *self._doubted, *(fault.text for fault in self.faults()))
 
     def faults(self) -> list[CellFault]:
-        """What is wrong with the cells, judged by some of the readings so far."""
+        """Return the faults of the cells, judged by some of the readings so far."""
         kept = np.concatenate(self._kept) if self._kept else np.empty((0, *self._shape))
         return find_faults(self.cells, kept, self.sound, self.names)
 
     def _seen_from(self, placement: Placement) -> tuple[Float[np.ndarray, "t 6 6"], Float[np.ndarray, "21 q"]]:
-        """Covariances of the noise there, and that of E w, kept for the next time."""
+        """Return the noise's covariances in the surface's frame and the map to that of E w, cached."""
         if placement is not self._seen_at:
             self._seen_at, self._unsure = placement, _unsure(self.cells, placement.matrix)
             self._placement = None
@@ -349,7 +358,7 @@ class LoadCellArray:
         return out
 
     def _voltages(self, recording: Recording) -> Float[np.ndarray, "n m"]:
-        """A copy, contiguous and writable, as the loops were compiled for."""
+        """Return a copy of the voltages, contiguous and writable for the compiled loops; InputError without them."""
         found = recording.channels.get(VOLTAGE)
         if found is None:
             raise InputError("the log has no voltages.", where=recording.source, hint="Name them in [load_cells].")
@@ -362,7 +371,7 @@ class LoadCellArray:
         self.reset()
 
     def _restarted(self, waiting: list[Recording], begun: float) -> Iterator[Recording]:
-        """Those that waited for the zero of their start."""
+        """Yield the blocks that waited for the zero of their start, after taking it."""
         if not waiting:
             return
         rest = [self._voltages(part)[part.time <= begun + self._seconds] for part in waiting]
@@ -397,7 +406,7 @@ _SHAPE = "{} cells give {} voltages a sample, and these have shape {}."
 
 
 def _padded(matrix: Float[np.ndarray, "n o"]) -> Float[np.ndarray, "n q"]:
-    """With columns of zeros to whole lanes."""
+    """Return the matrix with columns of zeros added up to a multiple of `LANES`."""
     rows, width = matrix.shape
     made = np.zeros((rows, -(-width // LANES) * LANES))
     made[:, :width] = matrix
@@ -405,7 +414,7 @@ def _padded(matrix: Float[np.ndarray, "n o"]) -> Float[np.ndarray, "n q"]:
 
 
 def _unsure(cells: LoadCells, matrix: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "21 q"]:
-    """In the surface's frame the covariance of E w, linear in the upper triangle of w w'."""
+    """Return the map from the upper triangle of w w' to the covariance of E w in the surface's frame."""
     whole = np.einsum("pi,iajb,qj->paqb", matrix, cells.covariance.reshape(6, 6, 6, 6), matrix)
     both = whole + whole.transpose(0, 3, 2, 1)  # of w_a w_b and w_b w_a
     rows, columns = UPPER
@@ -414,7 +423,7 @@ def _unsure(cells: LoadCells, matrix: Float[np.ndarray, "6 6"]) -> Float[np.ndar
 
 
 def _parts(block: Recording, last: float) -> Iterator[tuple[Recording, bool]]:
-    """A block cut where the log begins anew, and whether a part does."""
+    """Yield the parts of a block that is cut where the log begins anew, and whether each begins there."""
     steps = np.diff(block.time, prepend=last)
     fresh = np.flatnonzero((steps > RESTART) | (steps < 0))
     edges = np.unique(np.concatenate([[0], fresh, [len(block)]]))

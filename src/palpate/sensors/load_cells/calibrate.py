@@ -1,4 +1,4 @@
-"""Load cells under a rigid frame, calibrated with a ball that a reference sensor and stages push over their surface."""
+"""Calibrate load cells under a rigid frame with a ball that slides over their surface, and a reference sensor."""
 
 from __future__ import annotations
 
@@ -23,29 +23,29 @@ from palpate.surfaces import Surface
 __all__ = ["CalibrationOptions", "LoadCellCalibration", "identify_load_cells"]
 
 BALL = 2e-3  # m: radius of the paper's ball, of 4 mm diameter
-LEAST = 0.3  # N: lighter touches are left out
-BEYOND = 5.0  # times the reference's noise that they must also be
-NOWHERE = 5.0  # times its radius: a log that cannot be meant
+LEAST = 0.3  # N: lighter touches are omitted
+BEYOND = 5.0  # times the reference's noise: lighter touches are omitted too
+NOWHERE = 5.0  # times the ball's radius: a centre farther off the surface is an error
 PULLING = 0.3  # of the loaded blocks: a ball presses
-UNEXPLAINED = 0.05, 50.0  # share of a reading, and noise of one, that no wrench explains: other cells than these
-FARTHEST = 0.2  # of the ball's radius: how far off the surface its centre may say that it touches, before it is said
+UNEXPLAINED = 0.05, 50.0  # share of a reading, and times its noise, that no wrench explains: other cells than these
+FARTHEST = 0.2  # of the ball's radius: distance between ball and surface, or depth, above which a note is given
 
 
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class CalibrationOptions:
-    """What is known beside the log, and how it is fitted.
+    """Settings of a calibration of load cells, and facts that are not in the log.
 
     Attributes:
-        ball: its radius [m].
-        positions: (k, 3) [m] of the cells as far as known, NaN else: checked, and kept.
+        ball: radius of the ball [m].
+        positions: (k, 3) [m] of the cells, NaN where not known: checked, and kept.
         limits: (3 k, 2) range of each channel [V].
-        noise: (3 k,) or (3 k, 3 k) of one reading; None: as the unloaded stretches show it.
-        least: [N] lighter touches are left out.
-        start: (6, 3 k) a map from voltages to wrenches to start from, beside the linear least squares; where it leads
-            to a worse fit, it is not followed, and that is said.
-        robust: what lies more than three deviations out counts less.
-        names: of the channels, for messages.
+        noise: (3 k,) or (3 k, 3 k) of one reading; None: estimated from the unloaded stretches.
+        least: [N] lighter touches are omitted.
+        start: (6, 3 k) a map from voltages to wrenches to start from, in addition to the linear least squares; if it
+            leads to a worse fit, it is not used, and a note states that.
+        robust: whether residuals beyond three standard deviations count less.
+        names: names of the channels, for messages.
         provenance: kept in the model.
     """
 
@@ -65,15 +65,15 @@ _USUAL = CalibrationOptions()
 
 @dataclass(frozen=True, eq=False)
 class LoadCellCalibration:
-    """The cells, and how well they explain the log they come from.
+    """Calibrated load cells, and how well they explain the log they come from.
 
     Attributes:
         cells: the model.
         touches: the blocks of the log that were used, with the reference's force and contact.
-        fit: what the model leaves of them.
+        fit: the fit to `touches`, with its residuals.
         reference_noise: [N] of one reading of the reference, unloaded.
-        coverage: what the log did not visit.
-        validation: how touches lie that a fit had not seen.
+        coverage: parts of the surface and directions of force that the log contains.
+        validation: errors of touches that a fit had not seen, over those expected.
     """
 
     cells: LoadCells
@@ -85,12 +85,12 @@ class LoadCellCalibration:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a user should know, one sentence each."""
+        """Notes on the calibration for its user, one sentence each."""
         return self.cells.notes
 
     @property
     def rms(self) -> tuple[float, float, float]:
-        """Root mean squares of force [N], position [m] and moment along the force [N m], as lengths."""
+        """Root mean square lengths of the residuals: force [N], position [m] and moment along the force [N m]."""
         square = np.mean(self.fit.residuals**2, axis=0)
         return float(np.sqrt(square[:3].sum())), float(np.sqrt(square[3:5].sum())), float(np.sqrt(square[5]))
 
@@ -108,25 +108,26 @@ def identify_load_cells(
     indentation: bool = False,
     options: CalibrationOptions = _USUAL,
 ) -> LoadCellCalibration:
-    """C, its covariance and the noise, from voltages beside a reference force and the place of a ball [load cells, D].
+    """Identify C, its covariance and the noise from voltages, a reference force and a ball's position [load cells, D].
 
     A global linear least squares, then the paper's nonlinear one on wrench and contact, with the moment along the
-    force beside them (see `palpate.sensors.load_cells._fit`). The bias is taken in every unloaded stretch.
-    Samples are averaged over blocks of 10 ms, and blocks counted as what their correlation leaves of them.
+    force in addition (see `palpate.sensors.load_cells._fit`). The bias is taken in every unloaded stretch.
+    Samples are averaged over blocks of 10 ms, and blocks count as the independent ones that their correlation leaves.
 
     Args:
         time: (n,) [s]; a gap begins a new run.
         voltages: (n, 3 k) [V], cell by cell.
-        forces: (n, 3) [N] that the ball puts on the fingertip, in the surface's frame.
+        forces: (n, 3) [N] of the ball on the fingertip, in the surface's frame.
         centres: (n, 3) [m] of the ball's centre there; the contact is the point of the surface nearest to it.
-        surface: that is touched, undeformed.
-        torques: (n,) [N m] about the normal, if the reference knows one; None: none acts.
+        surface: touched surface, undeformed.
+        torques: (n,) [N m] about the normal, if the reference measures it; None: none acts.
         indentation: fit the depth below the surface at which the force of the ball acts, as on a soft layer.
-        options: what else is known.
+        options: other settings and known facts.
 
     Raises:
-        InputError: shapes; a log that does not begin unloaded; a channel that never moves, or of another unit.
-        NotIdentifiable: directions of the wrench that the log does not hold, or that the cells cannot tell.
+        InputError: a shape is wrong, the log does not begin unloaded, a channel never moves or has another unit, the
+            ball does not press, or no wrench explains the readings.
+        NotIdentifiable: the log does not contain a direction of the wrench, or the cells do not measure it.
     """
     log, names = _complete(time, voltages, forces, centres, torques), options.names
     if options.positions is not None:
@@ -183,7 +184,7 @@ def identify_load_cells(
 def _complete(
     time: ArrayLike, voltages: ArrayLike, forces: ArrayLike, centres: ArrayLike, torques: ArrayLike | None
 ) -> BenchLog:
-    """The log's complete rows as arrays of one length."""
+    """Return the log's complete rows as arrays of one length; raise InputError for wrong shapes or no such row."""
     at, u, f, c = (np.asarray(part, dtype=np.float64) for part in (time, voltages, forces, centres))
     if u.ndim != 2 or u.shape[1] < 9 or u.shape[1] % 3:
         raise InputError(f"voltages must be (n, 3 k) of at least three cells, not {u.shape}")
@@ -197,10 +198,10 @@ def _complete(
 
 
 def _unexplained(white: np.ndarray, basis: np.ndarray, blocks: Blocks, correlation: float) -> tuple[float, float]:
-    """Drift and misfit of `LoadCells`: squares across the six directions beyond the noise that a block has left.
+    """Return drift and misfit of `LoadCells`, from squares across the six directions beyond a block's noise.
 
     A channel's square is noise/samples + drift^2 + misfit^2 |along|^2 / (m - 6). The drift is that of the worst run:
-    others will be as bad.
+    later ones may be as large.
     """
     from scipy.optimize import nnls
 
@@ -215,7 +216,7 @@ def _unexplained(white: np.ndarray, basis: np.ndarray, blocks: Blocks, correlati
 
 
 def _require_pressing(blocks: Blocks, normal: np.ndarray) -> None:
-    """Raise an InputError where the reference's force points out of the surface."""
+    """Raise InputError if the reference's force points out of the surface in too many blocks."""
     pulling = np.count_nonzero(np.sum(blocks.forces * normal, axis=1) > 0) / len(normal)
     if pulling > PULLING:
         raise InputError(
@@ -226,7 +227,11 @@ def _require_pressing(blocks: Blocks, normal: np.ndarray) -> None:
 
 
 def _off_surface(blocks: Blocks, contact: np.ndarray, normal: np.ndarray, ball: float) -> tuple[str, ...]:
-    """A doubt where the ball's centre is not its radius, less some indentation, off the surface."""
+    """Return a note if the ball's centre is not its radius, less some indentation, off the surface.
+
+    Raises:
+        InputError: the ball lies far from the surface, or inside it.
+    """
     height = np.einsum("nk,nk->n", blocks.centres - contact, normal)
     middle = float(np.median(height))
     if -FARTHEST * ball <= middle <= (1 + FARTHEST) * ball:

@@ -1,4 +1,4 @@
-"""`palpate calibrate load-cells`: from a bench log to the model of a fingertip's force cells."""
+"""`palpate calibrate load-cells`: identify the model of a fingertip's force cells from a bench log."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class CalibrateLoadCells(Calibration):
     output: Output
 
     def identify(self) -> CalibrationResult:
-        """Fit the cells to the reference's wrenches."""
+        """Return the model of the cells that is fitted to the reference's forces and contacts of the bench log."""
         setup = self.stated.resolve()
         table = setup.of(LoadCellSection).table
         recording = read_recording(self.log, load_cells_layout(setup, bench=True))

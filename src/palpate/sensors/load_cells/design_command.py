@@ -1,4 +1,4 @@
-"""`palpate design load-cells`: what a layout of force cells can resolve, before it is built."""
+"""`palpate design load-cells`: predict what a layout of force cells can resolve, before it is built."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from palpate.viewer.report import render, require_report
 
 __all__ = ["design_load_cells"]
 
-STEP = 0.25  # by which cells are moved apart and together, to see what it does
+STEP = 0.25  # relative change of the cells' distances in the variants
 
 
 def design_load_cells(
@@ -40,10 +40,10 @@ def design_load_cells(
     Args:
         rig: TOML with a [surface] and [load_cells]: positions, noise and sensitivity, or a calibrated model.
         output: page to write, HTML.
-        accuracy: m that are wanted of the place, root mean square in three dimensions.
-        force: N that the maps are drawn for.
+        accuracy: wanted accuracy of the place [m], root mean square in three dimensions.
+        force: force that the maps are drawn for [N].
         friction: tangent of the angle between force and normal; the worst direction counts.
-        tared: independent readings that the bias is taken from.
+        tared: number of independent readings that the bias is taken from.
     """
     require_report()
     for name, value in (("accuracy", accuracy), ("force", force), ("tared", tared)):
@@ -64,7 +64,7 @@ def design_load_cells(
 
 
 def _variants(table: RigLoadCells, cells: LoadCells) -> Iterator[tuple[str, LoadCells]]:
-    """Layouts that have not been built can still be changed."""
+    """Yield names and cells of changed layouts, to compare; none for a calibrated model."""
     places = cells.positions
     if table.model is not None or table.sensitivity is None or table.noise is None:
         return

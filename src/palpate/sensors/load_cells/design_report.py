@@ -1,4 +1,4 @@
-"""What a design of load cells can do, put together as a page: maps, curves, and what would change it."""
+"""Compose the page of a design of load cells: maps and curves of its resolution, and those of variants."""
 
 from __future__ import annotations
 
@@ -18,22 +18,24 @@ from palpate.viewer.report import Picture, Report, ReportTable, Section, Tile, p
 
 __all__ = ["Design", "compose", "tiles", "warnings"]
 
-STEEPEST = 0.2  # cosine between normal and view: what is steeper is hardly seen from there
+STEEPEST = 0.2  # cosine between normal and view: steeper parts are hardly seen from there
 REACH = np.geomspace(3e-3, 30.0, 81)  # N: forces of the curves
 EVEN = 0.01  # relative difference below which a map would be one colour
 
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """Cells under a surface, and what is asked of them.
+    """Cells under a surface, and the accuracy wanted of them.
 
     Attributes:
-        name: of the rig.
-        cells: calibrated, or as drawn.
-        surface: that is touched.
-        accuracy: [m] that is wanted; force: [N] of the maps; friction: tangent of its angle.
-        tared: independent readings of the bias.
-        variants: other layouts to compare with, by what is different.
+        name: name of the rig.
+        cells: calibrated model, or the one predicted from the layout.
+        surface: touched surface.
+        accuracy: [m] wanted accuracy of the place.
+        force: [N] of the maps.
+        friction: tangent of the angle between force and normal.
+        tared: number of independent readings that the bias was taken from.
+        variants: other layouts to compare with, each with a name of its difference.
     """
 
     name: str
@@ -47,14 +49,14 @@ class Design:
 
     @cached_property
     def places(self) -> tuple[Float[np.ndarray, "v 3"], Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
-        """Points of the surface, outward normals, and triangles between them."""
+        """Points (v, 3) [m] of the surface, outward normals (v, 3), and triangles (f, 3) between them."""
         mesh = self.surface.drawn()
         points, normals, _ = self.surface.project(mesh.vertices)
         return points, normals, mesh.faces
 
     @cached_property
     def view(self) -> tuple[int, float]:
-        """Axis and side that most of the surface looks to; of a closed body, away from the cells."""
+        """Axis (0 to 2) and side (+-1) that most of the surface faces; of a closed body, away from the cells."""
         points, normals, _ = self.places
         looks = normals.mean(axis=0)
         if np.linalg.norm(looks) < STEEPEST and np.isfinite(self.cells.positions).all():
@@ -64,13 +66,13 @@ class Design:
 
     @cached_property
     def seen(self) -> Bool[np.ndarray, " v"]:
-        """Points that look to that side: those of the maps, and of all figures."""
+        """Mask (v,) of the points that face the side of `view`: those of the maps, and of all figures."""
         axis, side = self.view
         return side * self.places[1][:, axis] > STEEPEST
 
     @cached_property
     def found(self) -> Resolution:
-        """At all points; NaN where they are not seen."""
+        """Resolution of the design's cells at all points; NaN where they are not seen."""
         return self.with_cells(self.cells)
 
     def with_cells(
@@ -81,10 +83,10 @@ class Design:
         friction: float | None = None,
         tared: float | None = None,
     ) -> Resolution:
-        """The same of other cells, of some of them, or with another friction or bias.
+        """Return the resolution of other cells, of some of them, or with another friction or bias; NaN where not seen.
 
         Raises:
-            NotIdentifiable: those cells tell no wrench.
+            NotIdentifiable: the sound cells do not determine a wrench.
         """
         points, normals, _ = self.places
         made = resolution(
@@ -99,7 +101,7 @@ class Design:
 
 
 def compose(design: Design) -> Report:
-    """The page."""
+    """Return the design's page: tiles, warnings and sections."""
     known = "their calibration" if design.cells.samples else "the layout and the noise alone, before they are built"
     sections = (_maps(design), _curves(design), _dead(design), _variants(design), _facts(design))
     return Report(
@@ -115,7 +117,7 @@ def compose(design: Design) -> Report:
 
 
 def tiles(design: Design) -> Iterator[Tile]:
-    """What is read first."""
+    """Yield the tiles at the top of the page: smallest force, position, force and torque errors, largest force."""
     found, wanted = design.found, f"for {1e3 * design.accuracy:g} mm"
     least = found.smallest(design.accuracy)
     yield Tile(
@@ -136,7 +138,7 @@ def tiles(design: Design) -> Iterator[Tile]:
 
 
 def warnings(design: Design) -> Iterator[str]:
-    """What a builder should not miss."""
+    """Yield warnings: the calibration does not allow the wanted accuracy, or a cell leaves its range before it."""
     least = design.found.smallest(design.accuracy)[design.seen]
     if not np.isfinite(least).all():
         share = 100 * float(np.mean(~np.isfinite(least)))
@@ -197,7 +199,7 @@ def _curves(design: Design) -> Section:
 
 
 def _dead(design: Design) -> Section:
-    """Each cell in turn does not answer, and still carries its load."""
+    """Return the section with one dead cell after the other, which does not answer but still carries its load."""
     rows: list[tuple[str, ...]] = [("all answer", *_summary(design, design.found))]
     every = np.arange(design.cells.cells)
     for cell in every:

@@ -26,12 +26,12 @@ COMMENTS = {
 def voltage_drift(
     setup: Setup, recording: Recording, temperature: Float[np.ndarray, " n"] | None, window: float
 ) -> SensorDrift:
-    """Return the drift of the cells that are used; one that is left out drifts as the others do.
+    """Return the drift of the voltages of the cells that are used; an excluded cell gets the drift of the others.
 
     Args:
-        setup: of the cells.
-        recording: in which nothing touches them.
-        temperature: of the samples; None: not recorded.
+        setup: setup of the cells.
+        recording: log in which nothing touches them.
+        temperature: (n,) of the samples; None: not recorded.
         window: [s] over which readings are averaged at first.
     """
     table, cells = setup.of(LoadCellSection).table, setup.of(LoadCellSection).cells

@@ -1,4 +1,4 @@
-"""What may be wrong where load cells contradict each other: one channel, or one cell, and the wrench without it."""
+"""Explanations of load cells that contradict each other: one wrong channel or cell, and the wrench without it."""
 
 from __future__ import annotations
 
@@ -19,19 +19,21 @@ CHANCE = 1e-6  # that sound channels leave more than the bound
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Explanations:
-    """Of k cells: that cell e is wrong, e < k, or else channel e - k.
+    """The explanations of k cells: explanation e is that cell e is wrong, for e < k, or else channel e - k.
 
-    Readings u without zero are a wrench w = A u, and v = Q u that no wrench makes, of unit variance. A channel set J
-    that is left out has an error f of its own, v = Q_J f + noise. With U an orthonormal basis of Q_J, what is left of
-    |v|^2 is |v|^2 - |U v|^2, and the wrench without J is w - K U v with K = A_J Q_J^+ U'. So one product serves all.
+    Readings u without zero are a wrench w = A u, and v = Q u that no wrench makes, of unit variance. An omitted set J
+    of channels has an unknown error f, v = Q_J f + noise. With U an orthonormal basis of Q_J, the rest of |v|^2 is
+    |v|^2 - |U v|^2, and the wrench without J is w - K U v with K = A_J Q_J^+ U'. So one product serves all.
 
     Attributes:
         cells: the model.
-        inverse: (6, m) A; rest: (r, m) Q.
-        directions: (s, 3, r) U, rows of zeros where J is smaller; corrections: (s, 3, 6) K'.
+        inverse: (6, m) A.
+        rest: (r, m) Q.
+        directions: (s, 3, r) U, rows of zeros where J is smaller.
+        corrections: (s, 3, 6) K'.
         covariances: (1 + s, 6, 6) covariance of the wrench from a reading's noise: of all, then of each explanation.
-        bounds: (1 + s,) of what may be left of |v|^2; 0 where nothing is left to judge by; -1 where there would be no
-            wrench.
+        bounds: (1 + s,) of the rest of |v|^2; 0 where no degree of freedom remains to judge by; -1 where no wrench is
+            determined.
     """
 
     cells: LoadCells
@@ -43,23 +45,23 @@ class Explanations:
     bounds: Float[np.ndarray, " t"]
 
     def metric(self) -> Float[np.ndarray, "6 6"]:
-        """Squared length of a wrench in whitened voltages, a degree of freedom of what is left."""
+        """Return the metric (6, 6): a wrench's squared length in whitened voltages, per degree of freedom of v."""
         matrix = self.cells.matrix
         return matrix.T @ np.linalg.solve(self.cells.noise, matrix) / max(1, len(matrix) - 6)
 
     def channels(self, which: int) -> Bool[np.ndarray, " m"]:
-        """(m,) those that an explanation leaves out."""
+        """Return a mask (m,) of the channels that an explanation omits."""
         count = self.cells.cells
         numbers = np.arange(len(self.cells.matrix))
         return numbers // 3 == which if which < count else numbers == which - count
 
     def cell(self, which: int) -> int:
-        """Of which cell an explanation speaks."""
+        """Return the number of the cell that an explanation is about, from 0."""
         count = self.cells.cells
         return which if which < count else (which - count) // 3
 
     def fits(self, readings: Float[np.ndarray, "n m"]) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, "n s"]]:
-        """Whether all channels agree in a reading without zero, and under which explanations they do."""
+        """Return whether all channels agree in readings without zero (n,), and whether each explanation fits (n, s)."""
         metric = self.metric()
         wrench, left = readings @ self.inverse.T, readings @ self.rest.T
         square = np.sum(left**2, axis=1)
@@ -72,28 +74,28 @@ class Explanations:
         return agree, fits
 
     def simplest(self, fits: Bool[np.ndarray, "*batch s"]) -> Bool[np.ndarray, "*batch s"]:
-        """Without whole cells where a single channel explains it."""
+        """Return the mask `fits` (*batch, s) without complete cells where a single channel fits."""
         kept = fits.copy()
         kept[..., : self.cells.cells] &= ~fits[..., self.cells.cells :].any(axis=-1, keepdims=True)
         return kept
 
     def wrenches(self, readings: Float[np.ndarray, "n m"], which: int) -> Float[np.ndarray, "n 6"]:
-        """Of readings without zero, without what an explanation leaves out."""
+        """Return the wrenches (n, 6) of readings without zero, without the channels that an explanation omits."""
         shares = readings @ self.rest.T @ self.directions[which].T
         return readings @ self.inverse.T - shares @ self.corrections[which]
 
     def _expected(self, wrench: Float[np.ndarray, "n 6"], metric: Float[np.ndarray, "6 6"]) -> np.ndarray:
-        """Of the square of each v: noise, drift, and what the calibration does not explain of a load."""
+        """Return the expected square (n,) of each entry of v: noise, drift, and the calibration's misfit under load."""
         load = np.einsum("ni,ij,nj->n", wrench, metric, wrench)
         return 1.0 + self.cells.drift**2 + self.cells.misfit**2 * load
 
 
 @takes_arrays
 def explanations(cells: LoadCells, sound: Bool[np.ndarray, " some"] | None = None) -> Explanations:
-    """Prepared for sound cells (k,) or channels (3 k,); None: all.
+    """Return the explanations for sound cells (k,) or channels (3 k,); None: all.
 
     Raises:
-        NotIdentifiable: they tell no wrench.
+        NotIdentifiable: the sound channels do not determine a wrench.
     """
     from scipy.special import chdtri  # here: scipy is slow to import, its stats most of all
 

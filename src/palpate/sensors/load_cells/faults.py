@@ -1,4 +1,4 @@
-"""Which cell or channel is wrong, and how: from what the others say that it should read."""
+"""Find faults of cells and channels by comparing their readings with those that the others predict."""
 
 from __future__ import annotations
 
@@ -16,24 +16,25 @@ __all__ = ["CellFault", "find_faults"]
 
 RARE = 0.002  # share of samples that may contradict
 AGREE = 0.9  # share of the contradicting samples that a cause must explain
-STILL = 0.02  # of what it should move: a cell that moves less is dead
+STILL = 0.02  # of the predicted movement: a cell that moves less is dead
 CLIPPED = 0.1  # share of samples that repeat the one before exactly
-SAME_GAIN = 0.1  # by which a drifting cell may still answer differently to load
-LAGS = 100  # parts of a log over which a cell's movement is looked at
-PREFIX = 300.0  # a gain so far off is a prefix of the unit
-PROPORTIONAL = 0.01  # of the squares of a channel in another unit that its multiple leaves, at most
+SAME_GAIN = 0.1  # by which the gain of a drifting cell may differ
+LAGS = 100  # parts of a log over which a cell's movement is measured
+PREFIX = 300.0  # a gain wrong by this factor is a prefix of the unit
+PROPORTIONAL = 0.01  # largest relative squared residual of a channel in another unit, after its gain is divided out
 
 
 @dataclass(frozen=True)
 class CellFault:
-    """What is wrong.
+    """A fault of one or more cells.
 
     Attributes:
-        cells: numbers from 0; kind: "dead", "stuck", "saturated", "swapped", "drifting", "unit", "gain", "unclear"
-            where each of the cells may be it, or "several".
-        share: of the samples in which it shows.
-        text: the sentence, with what to do.
-        channels: numbers from 0 of those that are wrong, or may be.
+        cells: numbers of the cells, from 0.
+        kind: "dead", "stuck", "saturated", "swapped", "drifting", "unit", "gain", "unclear" where any one of the cells
+            may be wrong, or "several".
+        share: share of the samples in which the fault shows.
+        text: sentence about the fault, with advice.
+        channels: numbers, from 0, of the channels that are or may be wrong.
     """
 
     cells: tuple[int, ...]
@@ -50,20 +51,20 @@ def find_faults(
     sound: Bool[np.ndarray, " some"] | None = None,
     names: tuple[str, ...] = (),
 ) -> list[CellFault]:
-    """What is wrong with the cells of a log; nothing where they agree.
+    """Return the faults of the cells of a log; an empty list where they agree.
 
-    A wrench explains six of 3 k voltages. Where chi-square of the others is beyond its bound, each channel and each
-    cell in turn is left out, as an estimator does sample by sample (`Explanations`), then each pair of cells is
-    exchanged; what makes the samples agree is the cause, and how its readings differ from what the others predict is
-    its kind. A channel that repeats one voltage is saturated where the load lies beyond that, else stuck. Where several
-    make them agree, all are named. Three cells have none to spare, but perhaps a channel: else only a cell that stands
-    still or is at its range is named then, and an exchanged pair.
+    A wrench explains six of 3 k voltages. If the chi-square of the others exceeds its bound, each channel and each
+    cell in turn is omitted, as an estimator does sample by sample (`Explanations`), then each pair of cells is
+    exchanged; the change that makes the samples agree is the cause, and the difference of its readings from those that
+    the others predict gives its kind. A channel that repeats one voltage is saturated if the load lies beyond it, else
+    stuck. If several changes make them agree, all are named. Of three cells none can be omitted, but perhaps a channel:
+    else only a cell that does not move or is at its range is named then, or an exchanged pair.
 
     Args:
         cells: the model.
-        readings: (n, m) [V] less the zero; rows of NaN are left out.
+        readings: (n, m) [V] less the zero; rows of NaN are omitted.
         sound: (k,) cells or (3 k,) channels to judge; None: all.
-        names: of the channels, for messages.
+        names: names of the channels, for messages.
     """
     kept = cells.channels(sound)
     usable = readings[np.isfinite(readings).all(axis=1)]
@@ -91,7 +92,7 @@ def _bound(freedom: int) -> float:
 def _explained(
     made: Explanations, usable: np.ndarray, bad: np.ndarray, fits: np.ndarray, names: tuple[str, ...]
 ) -> CellFault | None:
-    """The channel or cell without which the others agree, or all that may be it."""
+    """Return the fault of the channel or cell without which the others agree, or of all candidates; else None."""
     share = np.mean(fits[bad], axis=0)
     if share.max() < AGREE:
         return None
@@ -110,13 +111,13 @@ def _explained(
 
 
 def _beside(made: Explanations, usable: np.ndarray, which: int) -> tuple[np.ndarray, np.ndarray]:
-    """What an explanation's channels read, and what the others say that they should."""
+    """Return the readings of an explanation's channels, and those that the other channels predict, (n, c) each."""
     out = made.channels(which)
     return usable[:, out], made.wrenches(usable, which) @ made.cells.matrix[out].T
 
 
 def _in_other_unit(seen: np.ndarray, due: np.ndarray) -> bool:
-    """Whether a channel is a large multiple of what it should be, and nothing else."""
+    """Return whether a channel is its prediction times a large or small factor, with no other difference."""
     gains = np.sum(seen * due, axis=0) / np.maximum(np.sum(due**2, axis=0), 1e-300)
     rest = np.sum((seen - gains * due) ** 2, axis=0) <= PROPORTIONAL * np.sum(seen**2, axis=0)
     return bool(np.any(rest & _far(gains)))
@@ -127,7 +128,7 @@ def _far(gains: np.ndarray) -> np.ndarray:
 
 
 def _unclear(made: Explanations, candidates: list[int], share: float) -> CellFault:
-    """Several that explain the same."""
+    """Return the "unclear" fault of several candidates that explain the samples equally well."""
     count, cells = made.cells.cells, tuple(made.cell(e) for e in candidates)
     axes = {"xyz"[(e - count) % 3] if e >= count else "" for e in candidates}
     if len(axes) == 1:
@@ -155,11 +156,11 @@ def _label(made: Explanations, which: int) -> str:
 def _named(
     made: Explanations, which: int, seen: np.ndarray, due: np.ndarray, bad: np.ndarray, names: tuple[str, ...]
 ) -> CellFault:
-    """What the readings of a cell or channel say of its fault, beside what they should be."""
+    """Return the fault of a cell or channel, its kind judged by its readings and their prediction."""
     name, share, channels = _label(made, which), float(bad.mean()), _channels(made, [which])
 
-    def fault(kind: str, said: str) -> CellFault:
-        return CellFault((made.cell(which),), kind, share, said, channels)
+    def fault(kind: str, text: str) -> CellFault:
+        return CellFault((made.cell(which),), kind, share, text, channels)
 
     rest = f"; the other {'cells' if len(channels) > 1 else 'channels'} go on without it, with wider covariances"
     if np.all(_moves(seen) <= STILL * _moves(due).max()) or np.all(seen.std(axis=0) <= STILL * due.std(axis=0).max()):
@@ -185,16 +186,16 @@ def _named(
 
 
 def _repeats(values: np.ndarray, share: float = CLIPPED) -> Bool[np.ndarray, " c"]:
-    """Which channels read exactly what they read before in more than a share of samples, as those at their range do."""
+    """Return which channels (c,) repeat their last reading exactly in more than `share` of samples, as at a range."""
     if len(values) < 2:
         return np.zeros(int(values.shape[1]), dtype=bool)
     return np.asarray(np.mean(np.diff(values, axis=0) == 0, axis=0) > share, dtype=bool)
 
 
 def _clipped(seen: np.ndarray, due: np.ndarray, bad: Bool[np.ndarray, " n"]) -> bool:
-    """Whether the load lies beyond readings that repeat themselves, away from zero, as at the end of a range.
+    """Return whether the load lies beyond repeated readings, away from zero, as at the end of a range.
 
-    Where that end is in these readings depends on the zero, which every start takes anew.
+    The position of that end in these readings depends on the zero, which is taken again at every start.
     """
     held = (np.diff(seen, axis=0, prepend=np.nan) == 0) & bad[:, None]
     beyond = np.where(seen == 0, True, np.sign(seen) * (due - seen) >= 0)
@@ -202,7 +203,7 @@ def _clipped(seen: np.ndarray, due: np.ndarray, bad: Bool[np.ndarray, " n"]) -> 
 
 
 def _moves(values: np.ndarray) -> Float[np.ndarray, " c"]:
-    """How much each channel usually changes meanwhile; jumps between logs do not count."""
+    """Return the median change (c,) of each channel over a hundredth of the log; jumps between logs do not count."""
     lag = max(1, len(values) // LAGS)
     if len(values) <= lag:
         return np.zeros(int(values.shape[1]))
@@ -210,14 +211,14 @@ def _moves(values: np.ndarray) -> Float[np.ndarray, " c"]:
 
 
 def _steady(off: np.ndarray, due: np.ndarray) -> bool:
-    """Whether what a cell is off by has little to do with its load."""
+    """Return whether the error `off` of a cell hardly depends on its load."""
     centred, load = off - off.mean(axis=0), due - due.mean(axis=0)
     explained = np.sum(centred * load, axis=0) ** 2 / np.maximum(np.sum(load**2, axis=0), 1e-300)
     return bool(np.sum(explained) < 0.1 * np.sum(off**2))
 
 
 def _swapped(cells: LoadCells, some: np.ndarray, kept: np.ndarray, share: float) -> CellFault | None:
-    """The two cells that agree with the others when they are exchanged."""
+    """Return the fault of the two cells that agree with the others when exchanged; None if there are none."""
     best, least, bound = None, AGREE, _bound(3 * int(kept.sum()) - 6)
     for one, other in combinations(np.flatnonzero(kept).tolist(), 2):
         order = np.arange(len(some.T)).reshape(-1, 3)
@@ -237,7 +238,7 @@ def _swapped(cells: LoadCells, some: np.ndarray, kept: np.ndarray, share: float)
 
 
 def _still(cells: LoadCells, usable: np.ndarray, kept: np.ndarray, share: float) -> CellFault | None:
-    """Of three cells, the one that does not move while the others do."""
+    """Return the fault of the cell, of three, that does not move or repeats its readings while the others move."""
     size = np.sqrt(np.diag(cells.noise)).reshape(-1, 3)
     moves = (usable.std(axis=0).reshape(-1, 3) / size).max(axis=1)
     for cell in np.flatnonzero(kept):
@@ -253,7 +254,7 @@ def _still(cells: LoadCells, usable: np.ndarray, kept: np.ndarray, share: float)
 
 
 def _leaves(column: np.ndarray) -> bool:
-    """Whether channels that repeat themselves mostly come back from it before the log ends, as from a range's end."""
+    """Return whether channels mostly stop repeating a reading before the log ends, as they leave a range's end."""
     held = np.diff(column, axis=0) == 0
     last = np.logical_and.accumulate(held[::-1], axis=0)[::-1]
     return bool(np.count_nonzero(held & ~last) > 0.5 * np.count_nonzero(held))

@@ -1,4 +1,4 @@
-"""How a model of load cells stands in a file."""
+"""The tables of a model of load cells in a file, and its summary."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["LOAD_CELLS", "of_load_cells"]
 
 
 def of_load_cells(cells: LoadCells) -> Lines:
-    """Cells, what a reading tells, what it was calibrated with."""
+    """Return the model's figures as lines of text: cells, noise, range, sensitivity, misfit, drift and samples."""
     known = np.isfinite(cells.positions).all(axis=1)
     _, spread, _ = cells.inverse()
     # k cells of S [N/V] share a force F, so that the lengths of their readings add up to F/S or a little more
@@ -48,7 +48,7 @@ def _limits(limits: Float[np.ndarray, "m 2"]) -> str:
 
 
 def _mixed(covariance: Float[np.ndarray, "6 6"]) -> str:
-    """Force and torque of a wrench's noise."""
+    """Return the largest standard deviations of force and torque of a wrench's noise as text."""
     deviation = np.sqrt(np.diag(covariance))
     return f"{1e3 * deviation[:3].max():.2g} mN and {1e3 * deviation[3:].max():.2g} N mm"
 

@@ -1,4 +1,4 @@
-"""What load cells add to the page: the cells, coloured by what they carry."""
+"""Draw load cells on the page, coloured by their load."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 __all__ = ["LoadCellLayer", "loads"]
 
-PULLED = 0.22  # sizes of the body by which cells are drawn below their places: else it would hide them
+PULLED = 0.22  # sizes of the body: cells are drawn that far below their places, else it would hide them
 BOX = 0.35  # of the distance between neighbours
-_STRONG = 0.95  # quantile of what counts as usual
+_STRONG = 0.95  # quantile of the loads that is drawn darkest
 
 
 @takes_arrays
@@ -31,14 +31,14 @@ def loads(
     force: Float[np.ndarray, "*batch 3"],
     torque: Float[np.ndarray, "*batch"],
 ) -> Float[np.ndarray, "*batch k"]:
-    """Lengths of the cells' readings [V] that a contact makes: what the model says, so that a dead cell has one too."""
+    """Return the lengths (*batch, k) of the cells' readings [V] that the model predicts; a dead cell has one too."""
     wrench = np.concatenate([force, np.cross(point, force) + torque[..., None] * normal], axis=-1)
     readings = wrench @ cells.matrix.T
     return np.linalg.norm(readings.reshape(*readings.shape[:-1], -1, 3), axis=-1)
 
 
 class LoadCellLayer:
-    """A box for each cell whose place is known, pulled away from the body, darker where it carries more."""
+    """A layer with a box for each cell, drawn below the body, darker for a larger load; none if a place is unknown."""
 
     def __init__(self, cells: LoadCells) -> None:
         self.cells = cells
@@ -48,16 +48,16 @@ class LoadCellLayer:
 
     @property
     def covers(self) -> bool:
-        """Cells are drawn below the body."""
+        """False: cells are drawn below the body and do not cover it."""
         return False
 
     @property
     def places(self) -> Float[np.ndarray, "k 3"]:
-        """(k, 3) [m] of the cells, none where they are not known."""
+        """Positions (k, 3) [m] of the cells whose places are known."""
         return self.cells.positions[np.isfinite(self.cells.positions).all(axis=1)]
 
     def draw(self, server: ViserServer | ClientHandle, scene: Scene) -> None:
-        """Boxes below the body; none where a place is not known."""
+        """Draw the boxes below the body; none where the place of a cell is not known."""
         self._drawn = []  # anew: a copy of this layer may be drawn elsewhere
         if len(self.places) < self.cells.cells:
             return
@@ -75,10 +75,10 @@ class LoadCellLayer:
             self._drawn.append((box, server.scene.add_label(f"{name}/name", "", position=(0.0, 0.0, -side))))
 
     def panel(self, gui: GuiApi) -> None:
-        """Nothing."""
+        """Add no controls to the panel."""
 
     def show(self, scene: Scene, index: int) -> None:
-        """Colour them for a sample."""
+        """Colour the boxes by the cells' loads in a sample."""
         if not self._drawn:
             return
         carried = self._now(scene, index)
@@ -91,21 +91,21 @@ class LoadCellLayer:
             label.text = f"{number + 1}"
 
     def rows(self, scene: Scene, index: int) -> list[tuple[str, str]]:
-        """What each cell carries, by the model: a cell whose place is not known has a row too."""
+        """Return names and predicted readings [mV] of all cells; a cell whose place is not known has a row too."""
         carried = self._now(scene, index)
         return [(f"cell {number + 1}", f"{1e3 * volts:.1f} mV") for number, volts in enumerate(carried)]
 
     def legend(self) -> list[str]:
-        """The reading of the darkest cell."""
+        """Return a colour bar with the reading of the darkest cell; nothing if no boxes are drawn."""
         return [bar("load cell", 1e3 * self._darkest, "mV")] if self._drawn else []
 
     @property
     def _darkest(self) -> float:
-        """[V] of a cell."""
+        """Reading [V] of a cell that is drawn darkest."""
         return self._met if self._most is None else max(self._most, 1e-12)
 
     def _now(self, scene: Scene, index: int) -> Float[np.ndarray, " k"]:
-        """[V] of each cell at a sample; 0 where nothing is located."""
+        """Return the predicted reading (k,) [V] of each cell at a sample; 0 where nothing is located."""
         row = scene.strongest[index : index + 1]
         return self._carried(scene, row)[0] if scene.contacts[row].located[0] else np.zeros(self.cells.cells)
 

@@ -30,9 +30,9 @@ __all__ = [
     "wrench_direction",
 ]
 
-LENGTH = 0.01  # m: a torque of 1 N at this arm weighs as much as 1 N where ranks are judged
+LENGTH = 0.01  # m: a torque of 1 N at this arm counts as much as 1 N where ranks are judged
 FLATTEST = 1e-3  # of the largest singular value: below it a direction of the wrench is not measured
-IN_LINE = 0.02  # of the layout's extent: cells nearer to one line than this cannot tell the moment about it
+IN_LINE = 0.02  # of the layout's extent: cells nearer to one line than this cannot measure the moment about it
 
 
 @takes_arrays
@@ -50,17 +50,19 @@ class LoadCells(Value):
         limits: (3 k, 2) lowest and highest voltage; None: not known.
         covariance: (36, 36) of the relative error E, row by row: the true matrix is C (I + E). One E serves every
             subset of cells.
-        positions: (k, 3) [m] of the cells as far as they are known, else NaN.
-        indentation: of the soft layer on the frame; None: rigid.
-        bias: (3 k,) b [V] as it was in the calibration: what a later one is compared with.
-        drift: standard deviation of slow changes of the zero after it was taken, in those of a reading's noise.
-        misfit: the share of a reading's whitened length by which C does not explain it, besides noise.
-        correlation: samples of this sensor that tell as much as one independent sample.
-        samples: of the calibration. provenance: where it came from. notes: what to know, one sentence each.
+        positions: (k, 3) [m] of the cells, NaN where not known.
+        indentation: law of the soft layer on the frame; None: rigid.
+        bias: (3 k,) b [V] as it was in the calibration, with which later ones are compared.
+        drift: standard deviation of the bias's drift after the zero was taken, over that of a reading's noise.
+        misfit: share of a reading's whitened length that C does not explain, in addition to noise.
+        correlation: number of samples of this sensor that count as one independent sample.
+        samples: number of samples of the calibration.
+        provenance: origin of the calibration.
+        notes: facts about the calibration, one sentence each.
 
     Raises:
-        InputError: shapes, or numbers that cannot be meant.
-        NotIdentifiable: the matrix does not determine a wrench.
+        InputError: a shape is wrong, a number is not finite, or the noise is not positive definite.
+        NotIdentifiable: the matrix or the positions do not determine a wrench.
     """
 
     matrix: Float[np.ndarray, "m 6"]
@@ -125,16 +127,16 @@ class LoadCells(Value):
         self.require_rank(np.ones(rows // 3, dtype=bool))
 
     def __reduce__(self) -> tuple[Any, tuple[dict[str, Any]]]:
-        """Read-only arrays and mappings come back as such."""
+        """Return how to unpickle the cells, with read-only arrays and mappings again."""
         return _remade, ({**vars(self), "provenance": dict(self.provenance)},)
 
     @property
     def cells(self) -> int:
-        """How many, k."""
+        """Number of cells, k."""
         return len(self.matrix) // 3
 
     def channels(self, sound: Bool[np.ndarray, " some"] | None = None) -> Bool[np.ndarray, " m"]:
-        """(3 k,) those of sound cells (k,), or sound channels (3 k,) as they are; None: all."""
+        """Return a mask (3 k,) of the channels of sound cells (k,); a mask of channels is returned as is; None: all."""
         if sound is not None and len(sound) == len(self.matrix):
             return sound
         return np.repeat(np.ones(self.cells, dtype=bool) if sound is None else sound, 3)
@@ -142,17 +144,17 @@ class LoadCells(Value):
     def inverse(
         self, sound: Bool[np.ndarray, " some"] | None = None
     ) -> tuple[Float[np.ndarray, "6 m"], Float[np.ndarray, "6 6"], Float[np.ndarray, "r m"]]:
-        """What turns readings u - b into wrenches, by generalised least squares from what is sound.
+        """Return the map from readings u - b to wrenches, by generalised least squares from the sound channels.
 
         Args:
-            sound: (k,) cells or (3 k,) channels to take; None: all.
+            sound: (k,) cells or (3 k,) channels to use; None: all.
 
         Returns:
             A (6, 3 k) with w = A (u - b) and zeros for the others; P (6, 6), the covariance of w from the noise of one
             reading; and Q (r, 3 k), the combinations of unit variance that no wrench can make, six fewer than channels.
 
         Raises:
-            NotIdentifiable: they do not determine a wrench.
+            NotIdentifiable: the sound channels do not determine a wrench.
         """
         kept = self.channels(sound)
         self.require_rank(kept)
@@ -168,30 +170,30 @@ class LoadCells(Value):
     def wrenches(
         self, readings: Float[np.ndarray, "*batch m"], sound: Bool[np.ndarray, " some"] | None = None
     ) -> tuple[Float[np.ndarray, "*batch 6"], Float[np.ndarray, "*batch 6 6"]]:
-        """Wrenches of readings without bias, and covariances: of a reading's noise and drift, and of the calibration.
+        """Return wrenches (*batch, 6) of readings without bias, and covariances of noise, drift and calibration.
 
         Args:
             readings: (*batch, 3 k) [V], u - b.
-            sound: (k,) cells or (3 k,) channels to take; None: all.
+            sound: (k,) cells or (3 k,) channels to use; None: all.
 
         Raises:
-            NotIdentifiable: they do not determine a wrench.
+            NotIdentifiable: the sound channels do not determine a wrench.
         """
         inverse, covariance, _ = self.inverse(sound)
         found = readings @ inverse.T
         return found, (1.0 + self.drift**2) * covariance + self.calibration_covariance(found)
 
     def calibration_covariance(self, wrenches: Float[np.ndarray, "*batch 6"]) -> Float[np.ndarray, "*batch 6 6"]:
-        """Covariance of E w: what the calibration is unsure about, the same in every sample of a contact."""
+        """Return the covariance (*batch, 6, 6) of E w, the calibration's error, common to all samples of a contact."""
         blocks = self.covariance.reshape(6, 6, 6, 6)
         return np.einsum("iajb,...a,...b->...ij", blocks, wrenches, wrenches)
 
     def chi_square(
         self, readings: Float[np.ndarray, "*batch m"], sound: Bool[np.ndarray, " some"] | None = None
     ) -> Float[np.ndarray, "*batch"]:
-        """What no wrench explains of readings without bias: chi-square of 3 k - 6 degrees, where the cells are sound.
+        """Return the squared residual (*batch,) of readings without bias, a chi-square of 3 k - 6 degrees.
 
-        Drift, and the calibrated misfit, which grows with the load, are divided out.
+        It is divided by the variance of drift and of the calibrated misfit, which grows with the load.
         """
         inverse, _, rest = self.inverse(sound)
         left = np.sum((readings @ rest.T) ** 2, axis=-1)
@@ -201,7 +203,7 @@ class LoadCells(Value):
         return left / (1.0 + self.drift**2 + self.misfit**2 * size / len(rest)) if len(rest) else left
 
     def require_rank(self, sound: Bool[np.ndarray, " some"]) -> None:
-        """Raise a NotIdentifiable where some cells (k,) or channels (3 k,) do not determine a wrench."""
+        """Raise NotIdentifiable if the sound cells (k,) or channels (3 k,) do not determine a wrench."""
         kept = self.channels(sound)
         scaled = self.matrix[kept] / np.sqrt(np.diag(self.noise))[kept, None]
         scaled = scaled * [1.0, 1.0, 1.0, LENGTH, LENGTH, LENGTH]
@@ -230,12 +232,12 @@ class LoadCells(Value):
 
 @takes_arrays
 def require_layout(positions: Float[np.ndarray, "k 3"]) -> None:
-    """Raise a NotIdentifiable where the cells whose places are known stand in one line.
+    """Raise NotIdentifiable if all cells lie on one line or at one point.
 
     Forces at points of a line have no moment about it: sum l_i x f_i spans two dimensions only [load cells, (4)].
 
     Args:
-        positions: (k, 3) [m]; rows of NaN are not known, and nothing is said then.
+        positions: (k, 3) [m]; rows of NaN are not known, and nothing is checked then.
     """
     if not np.isfinite(positions).all():
         return
@@ -256,7 +258,7 @@ def require_layout(positions: Float[np.ndarray, "k 3"]) -> None:
 
 @takes_arrays
 def wrench_direction(direction: Float[np.ndarray, "6"]) -> str:
-    """A direction of (force, torque / `LENGTH`) as words."""
+    """Return a direction of (force, torque / `LENGTH`) in words."""
     force, torque = direction[:3], direction[3:]
     parts = [
         f"{word} {named_axis(part)}"
@@ -268,7 +270,7 @@ def wrench_direction(direction: Float[np.ndarray, "6"]) -> str:
 
 @takes_arrays
 def named_axis(axis: Float[np.ndarray, "3"]) -> str:
-    """'z', or the three numbers."""
+    """Return an axis as text: 'z', if it lies within 11 degrees of it, or the three numbers."""
     unit = axis / np.linalg.norm(axis)
     largest = int(np.abs(unit).argmax())
     unit = unit * np.sign(unit[largest])
@@ -279,12 +281,12 @@ def named_axis(axis: Float[np.ndarray, "3"]) -> str:
 
 @takes_arrays
 def single_wrench_map(position: Float[np.ndarray, "3"]) -> Float[np.ndarray, "6 3"]:
-    """(I; [l]x): the wrench of a cell's force at its place."""
+    """Return (I; [l]x), (6, 3), which maps a cell's force at its position l to a wrench."""
     return np.concatenate([np.eye(3), skew(position)])
 
 
 def with_changes(cells: LoadCells, **changes: Any) -> LoadCells:
-    """The same cells with other fields."""
+    """Return the same cells with some fields replaced."""
     return _remade(vars(cells) | changes)
 
 

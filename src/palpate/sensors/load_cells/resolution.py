@@ -1,4 +1,4 @@
-"""What force cells can resolve at points of a surface, before anything is measured, or built."""
+"""Predict the resolution of force cells at points of a surface, before anything is measured, or built."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from palpate.spatial.pose import skew
 
 __all__ = ["WANTED", "Resolution", "nominal_cells", "position_slope", "resolution"]
 
-WANTED = 2e-3  # m: the accuracy that the paper asks for
-AZIMUTHS = 12  # of a force with friction, the worst of which counts
+WANTED = 2e-3  # m: the accuracy that the paper requires
+AZIMUTHS = 12  # directions of a force with friction, the worst of which counts
 
 
 @takes_arrays
@@ -25,16 +25,16 @@ AZIMUTHS = 12  # of a force with friction, the worst of which counts
 class Resolution:
     """Root mean square errors at n points, in three dimensions, of a force that presses there.
 
-    The noise of the cells moves the point by so much less as the force is larger; what the calibration does not know,
-    by the same however large it is: e(F)^2 = (noise/F)^2 + calibration^2.
+    The cells' noise moves the point by an amount inverse to the force; the calibration's error moves it by the same
+    amount for every force: e(F)^2 = (noise/F)^2 + calibration^2.
 
     Attributes:
-        noise: [m N] of the position, by the noise of readings and bias, times the force.
-        calibration: [m] of the position, by the calibration.
-        force: [N] of the force vector, by the noise.
-        scale: of the force vector, by the calibration, as a share of the force.
-        torque: [N m] of the torque about the normal, by the noise; NaN for contacts without one.
-        largest: [N] pressing force at which the first cell leaves its range; inf where none is known.
+        noise: (n,) [m N] position error from the noise of readings and bias, times the force.
+        calibration: (n,) [m] position error from the calibration.
+        force: (n,) [N] error of the force vector from the noise.
+        scale: (n,) error of the force vector from the calibration, as a share of the force.
+        torque: (n,) [N m] error of the torque about the normal from the noise; NaN for contacts without one.
+        largest: (n,) [N] pressing force at which the first cell leaves its range; inf where no range is known.
     """
 
     noise: Float[np.ndarray, " n"]
@@ -49,11 +49,11 @@ class Resolution:
             value.flags.writeable = False
 
     def position(self, force: float) -> Float[np.ndarray, " n"]:
-        """[m] under a force [N]."""
+        """Return the position error (n,) [m] under a force [N]."""
         return np.hypot(self.noise / force, self.calibration)
 
     def smallest(self, accuracy: float) -> Float[np.ndarray, " n"]:
-        """[N] from which on the position errs by less than `accuracy` [m]; inf where the calibration alone does not."""
+        """Return the least force (n,) [N] with a position error below `accuracy` [m]; inf where no force is enough."""
         left = accuracy**2 - self.calibration**2
         with np.errstate(divide="ignore"):
             return np.where(left <= 0, np.inf, self.noise / np.sqrt(np.maximum(left, 0.0)))
@@ -71,20 +71,21 @@ def resolution(
     soft: bool = True,
     sound: Bool[np.ndarray, " k"] | None = None,
 ) -> Resolution:
-    """Resolution over a surface, to first order; with friction, in the worst direction of the force.
+    """Return the resolution over a surface, to first order; with friction, in the worst direction of the force.
 
     Args:
         cells: calibrated, or `nominal_cells`; their drift since the bias was taken counts too.
         points: (n, 3) [m] of the surface.
         normals: (n, 3) outward unit normals.
-        forces: (n, 3) that press there, of any length; None: against the normals, and at this friction.
+        forces: (n, 3) that press there, of any length; None: against the normals, with `friction`.
         friction: tangent of the angle between force and normal.
-        tare: independent readings that the bias was taken from.
-        soft: whether a contact may have a torque about the normal; if not, that F . M = 0 is used.
+        tare: number of independent readings that the bias was taken from.
+        soft: whether a contact may have a torque about the normal; if not, F . M = 0 is used.
         sound: (k,) the cells that answer; None: all. The others still carry load.
 
     Raises:
-        NotIdentifiable: those cells tell no wrench.
+        InputError: `tare` is not positive, or `friction` is negative.
+        NotIdentifiable: the sound cells do not determine a wrench.
     """
     if not (tare > 0 and friction >= 0):  # NaN too
         raise InputError("tare must be positive, and friction not negative.")
@@ -102,7 +103,7 @@ def position_slope(
     normal: Float[np.ndarray, "*batch 3"],
     force: Float[np.ndarray, "*batch 3"],
 ) -> Float[np.ndarray, "*batch 4 6"]:
-    """How point and torque of a soft finger answer to a change of the wrench, where there is no torque yet.
+    """Return the derivative of a soft finger's point and torque by the wrench, for a contact with zero torque.
 
     M = p x F + tau n gives with m = dM - p x dF, the change of the moment about the point,
 
@@ -126,22 +127,25 @@ def position_slope(
 def nominal_cells(
     positions: ArrayLike, sensitivity: float, noise: float, limit: float = np.inf, *, drift: float = 0.0
 ) -> LoadCells:
-    """Equal cells that have not been built: springs of one stiffness, without cross-coupling.
+    """Return a model of equal cells that have not been built: springs of equal stiffness, without cross-coupling.
 
     The frame's balance gives f_i = B_i' (sum B_j B_j')^-1 w with B_i = (1; [l_i]x).
 
     Args:
         positions: (k, 3) [m].
         sensitivity: [N/V] of every axis.
-        noise: [V] of a reading, one standard deviation.
-        limit: [V] of a reading, to either side.
-        drift: [V] of a reading after its bias was taken, one standard deviation.
+        noise: [V] standard deviation of a reading.
+        limit: [V] range of a reading, to either side.
+        drift: [V] standard deviation of the bias's drift after it was taken.
+
+    Raises:
+        NotIdentifiable: the positions do not determine a wrench.
     """
     places = shaped(positions, (None, 3), "positions")
     maps = np.concatenate([single_wrench_map(place) for place in places], axis=1)
     balance = maps @ maps.T
     if np.linalg.cond(balance / np.outer(_ARMS, _ARMS)) > _FLAT:
-        shares = np.zeros((maps.shape[1], 6))  # LoadCells says which direction is missing
+        shares = np.zeros((maps.shape[1], 6))  # LoadCells names the missing direction
     else:
         shares = np.linalg.solve(balance, maps).T
     channels = len(shares)
@@ -159,7 +163,7 @@ _Part = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.nda
 def _at(
     cells: LoadCells, points: np.ndarray, normals: np.ndarray, force: np.ndarray, spread: np.ndarray, soft: bool
 ) -> _Part:
-    """Of one force of 1 N at each point, as the fields of `Resolution`, and the readings that it makes."""
+    """Return the first five fields of `Resolution` for a force of 1 N at each point, and its readings (n, 3 k)."""
     slope = position_slope(points, normals, force)
     place = slope[:, :3]
     wrench = np.concatenate([force, np.cross(points, force)], axis=1)
@@ -179,7 +183,7 @@ def _at(
 
 
 def _directions(normals: np.ndarray, friction: float) -> list[np.ndarray]:
-    """Unit forces that press at that friction."""
+    """Return unit forces (n, 3) that press with the given friction, in `AZIMUTHS` directions."""
     if friction == 0.0:
         return [-normals]
     first = np.cross(normals, np.eye(3)[np.argmin(np.abs(normals), axis=1)])
@@ -193,7 +197,7 @@ def _directions(normals: np.ndarray, friction: float) -> list[np.ndarray]:
 
 
 def _largest(cells: LoadCells, parts: list[_Part], kept: Bool[np.ndarray, " m"]) -> Float[np.ndarray, " n"]:
-    """Readings grow with the force from the bias that they had; those of a dead cell go nowhere."""
+    """Return the force (n,) [N] at which the first sound channel leaves its range, starting from the bias."""
     room = np.stack([cells.bias - cells.limits[:, 0], cells.limits[:, 1] - cells.bias], axis=1)
     least = [np.where(part[5] < 0, room[:, 0], room[:, 1]) / np.maximum(np.abs(part[5]), 1e-300) for part in parts]
     return np.min(np.array(least)[..., kept], axis=(0, 2))

@@ -1,4 +1,4 @@
-"""Load cells under a body in a rig: their table, how a log of voltages is read, and what is built of it."""
+"""Load cells under a body in a rig: their table, the layout of a log of voltages, and the estimator built from it."""
 
 from __future__ import annotations
 
@@ -50,15 +50,15 @@ REFERENCE = ("ref_fx", "ref_fy", "ref_fz", "ref_x", "ref_y", "ref_z")
 
 @dataclass(frozen=True)
 class RigLoadCells:
-    """Cells under a rigid frame, and where the log keeps their voltages.
+    """Rig table of cells under a rigid frame, with the columns or topic of their voltages.
 
-    `model` is the file of `palpate calibrate load-cells`; `columns`, three a cell, or a `topic` of arrays with so many
-    numbers; `units` of them (one, or one each). What is known beforehand, for a calibration or a design: `positions`
-    [m] of the cells in the surface's frame, `noise` [V] of a reading, `range` [V], `sensitivity` [N/V]. `drift` [V] of
-    the zero within a session; `without` names bad cells, counted from 1; `accuracy` [m] wanted: what is less sure is
-    too_light.
+    `model` is the file of `palpate calibrate load-cells`; `columns` are three per cell, or `topic` has arrays of as
+    many numbers; `units` are theirs (one, or one each). Known beforehand, for a calibration or a design: `positions`
+    [m] of the cells in the surface's frame, `noise` [V] of a reading, `range` [V], `sensitivity` [N/V]. `drift` [V] is
+    that of the bias within a session; `without` names bad cells, counted from 1; `accuracy` [m] is the one wanted: less
+    certain contacts are too_light.
     For a calibration: `reference` columns of force [N] on the fingertip and of the ball's centre [m], the `ball`'s
-    diameter [m], and `indentation` true where the surface is soft.
+    diameter [m], and `indentation`, true where the surface is soft.
     """
 
     model: str | None = None
@@ -91,30 +91,30 @@ class RigLoadCells:
         require_positive(self, "noise", "range", "sensitivity", "drift", "accuracy", "ball")
 
     def names(self, cells: int) -> tuple[str, ...]:
-        """Of the columns: u1x, u1y, u1z, u2x, ... where none are named."""
+        """Return the names of the columns: u1x, u1y, u1z, u2x, ... where the rig names none."""
         return self.columns or tuple(f"u{cell + 1}{axis}" for cell in range(cells) for axis in "xyz")
 
     def count(self, model: LoadCells | None = None) -> int:
-        """How many cells: of the model, the columns or the positions; else the paper's four."""
+        """Return the number of cells: that of the model, the columns or the positions; else the paper's four."""
         if model is not None:
             return model.cells
         return len(self.columns) // 3 or (len(self.positions) if self.positions else 4)
 
     def volts(self, cells: int) -> tuple[float, ...]:
-        """What one unit of each column is in V."""
+        """Return one unit of each column in V, (3 k,)."""
         units = [self.units] * (3 * cells) if isinstance(self.units, str) else self.units
         return tuple(VOLT_UNITS[unit] for unit in units)
 
     def places(self) -> np.ndarray | None:
-        """(k, 3) [m], if they are stated."""
+        """Return the cells' positions (k, 3) [m]; None if the rig does not state them."""
         return None if self.positions is None else np.array(self.positions)
 
     def limits(self, cells: int) -> np.ndarray | None:
-        """(3 k, 2) [V], if the range is stated."""
+        """Return the channels' limits (3 k, 2) [V]; None if the rig does not state the range."""
         return None if self.range is None else np.tile([-self.range, self.range], (3 * cells, 1))
 
     def cells(self, folder: Path) -> LoadCells:
-        """The calibrated model, with what the rig states over it.
+        """Return the calibrated model; range, drift and noise that the rig states replace those of the model.
 
         Raises:
             InputError: no model is named, or it does not fit the rig.
@@ -148,10 +148,10 @@ class RigLoadCells:
         return with_changes(model, **changes) if changes else model
 
     def nominal(self) -> LoadCells:
-        """Return what positions, sensitivity and noise say that the calibrated model will be.
+        """Return the model that is predicted from positions, sensitivity and noise.
 
         Raises:
-            InputError: one of them is not stated.
+            InputError: positions, sensitivity or noise are not stated.
         """
         if self.positions is None or self.sensitivity is None or self.noise is None:
             raise InputError(
@@ -171,16 +171,16 @@ class LoadCellSection(SensorSection):
 
     @cached_property
     def cells(self) -> LoadCells:
-        """The calibrated model, with what the rig states over it; see `RigLoadCells.cells`."""
+        """Calibrated model, with the values that the rig states instead; see `RigLoadCells.cells`."""
         return self.table.cells(self.link.folder)
 
     def nominal(self) -> LoadCells:
-        """Return the calibrated model, or what positions, sensitivity and noise say that it will be."""
+        """Return the calibrated model, or the one that is predicted from positions, sensitivity and noise."""
         return self.cells if self.table.model is not None else self.table.nominal()
 
 
 def load_cells_layout(setup: Setup, *, bench: bool = False) -> LogLayout:
-    """Return where a log keeps voltages and poses; of a bench, with the reference beside them."""
+    """Return the layout of a log with voltages and poses; of a bench log, with the reference too."""
     frame = setup.of(LoadCellSection)
     table = frame.table
     count = table.count(None if bench or table.model is None else frame.cells)
@@ -206,7 +206,7 @@ def _build(setup: Setup) -> BuiltEstimator:
 
 
 def _least(surface: Surface, cells: LoadCells, table: RigLoadCells) -> str:
-    """From which force on a touch is located well enough."""
+    """Return a sentence with the smallest force whose contact point is known to the wanted accuracy."""
     accuracy = table.accuracy or WANTED
     above = surface.centre + np.array([0.0, 0.0, surface.size])
     points, normals, _ = surface.project(above[None])
@@ -215,7 +215,7 @@ def _least(surface: Surface, cells: LoadCells, table: RigLoadCells) -> str:
 
 
 def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | None:
-    """Three columns a cell of three or more, or arrays of so many numbers."""
+    """Return the rig text for three columns per cell of at least three, or for arrays of as many numbers; else None."""
     if contents.topics:
         return _guess_topic(log, contents)
     there = list(contents.names)
@@ -246,7 +246,7 @@ def _guess_topic(log: Path, contents: LogContents) -> Guess | None:
 
 
 def _voltage_columns(names: Sequence[str]) -> tuple[str, ...] | None:
-    """Columns named like voltages of cells, three each of at least three; None where there are none."""
+    """Return columns named like voltages of cells, three each of at least three cells; None where there are none."""
     heads: dict[str, list[str]] = {}
     for name in names:
         if match := _CELL.match(name):

@@ -24,18 +24,18 @@ __all__ = ["LoadCellView", "load_cells"]
 
 
 class LoadCellView(WrenchView):
-    """Show where load cells are, and what is wrong with them."""
+    """The view of load cells: their places and loads on the page, their facts and faults in the report."""
 
     def layers(self, setup: Setup, kept: LayerData, live: tuple[int, ...] | None) -> tuple[Layer, ...]:
-        """Return the cells under the body."""
+        """Return the layer that draws the cells under the body."""
         return (LoadCellLayer(setup.of(LoadCellSection).cells),)
 
     def uncertain(self, setup: Setup, estimator: WrenchEstimator) -> tuple[str, ...]:
-        """Return whose uncertainties beside the noise the ellipses hold."""
+        """Return the names of the uncertainties, in addition to the noise, that the ellipses contain."""
         return (*super().uncertain(setup, estimator), "the calibration's")
 
     def sections(self, run: Run, setup: Setup, estimator: WrenchEstimator) -> Run:
-        """Return the run with a section of the cells."""
+        """Return the run with a section on the cells before its other sections."""
         sensor = cast("LoadCellArray", estimator.sensor)
         left_out = (1 + np.flatnonzero(~sensor.sound)).tolist()
         section = load_cells(sensor.cells, excluded=left_out, notes=sensor.notes(), faults=sensor.warnings())
@@ -43,13 +43,13 @@ class LoadCellView(WrenchView):
 
 
 def load_cells(cells: LoadCells, *, excluded: Sequence[int], notes: Sequence[str], faults: Sequence[str]) -> Section:
-    """Return the section of the cells: which are not used, the zero, faults, and the smallest force that is located.
+    """Return the section on the cells: those not used, the zero, faults, and the smallest force that is located.
 
     Args:
         cells: the model.
-        excluded: numbers from 1 of cells that are not used.
-        notes: of the zero and the smallest force, a sentence each.
-        faults: that were found, a sentence each.
+        excluded: numbers, from 1, of cells that are not used.
+        notes: notes on the zero and the smallest force, a sentence each.
+        faults: faults that were found, a sentence each.
     """
     noise = np.sqrt(np.diag(cells.noise))
     unused = ", ".join(f"cell {number}" for number in excluded)

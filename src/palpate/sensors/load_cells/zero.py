@@ -1,4 +1,4 @@
-"""What load cells read unloaded: taken at every start, from a window that is checked to stand still."""
+"""The zero of load cells, their unloaded reading: taken at every start, from a window that is checked to be at rest."""
 
 from __future__ import annotations
 
@@ -16,20 +16,22 @@ __all__ = ["Zero", "take_zero"]
 
 FEWEST = 20  # samples
 SCATTER, DRIFT = 3.0, 5.0  # times the noise of a sample, and of the difference of the two halves
-WARMS = 3.0  # times the noise by which the halves may differ besides: cells warm up
+WARMS = 3.0  # times the noise by which the halves may also differ: cells warm up
 LIKE_TOUCH = 0.05  # of a change of the zero that no wrench explains: less, and it may be a touch
-HEAVY = 0.2  # N that such a change must weigh
+HEAVY = 0.2  # N: least force of such a change
 
 
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Zero:
-    """What the cells read unloaded.
+    """The unloaded reading of load cells.
 
     Attributes:
-        voltage: (m,) [V]; share: its variance over that of one reading.
-        note: what was taken. doubt: why it may be wrong, or nothing.
-        touch: (6,) the wrench that a change of the zero since the calibration looks like, if it does.
+        voltage: (m,) [V].
+        share: variance of `voltage` over that of one reading.
+        note: sentence about the window, or "".
+        warning: reason why the zero may be wrong, or "".
+        touch: (6,) wrench that would explain the zero's change since the calibration; None if none does.
     """
 
     voltage: Float[np.ndarray, " m"]
@@ -41,19 +43,19 @@ class Zero:
 
 @takes_arrays
 def take_zero(cells: LoadCells, voltages: Float[np.ndarray, "n m"], where: str = "") -> Zero:
-    """The mean of a window in which nothing changes but by noise.
+    """Return the zero, the mean of a window in which readings change only by noise.
 
-    A touch moves all cells: where one alone is not at rest among four or more, it is named, and the others go on. A
-    touch that stands still cannot be told from a zero, except by what the calibration knows: a change of the zero since
-    then that is nearly a wrench is doubted.
+    A touch moves all cells: if one alone of four or more is not at rest, a warning names it, and the others are used. A
+    steady touch looks like a zero, except for the calibration's bias: a change of the zero since then that is nearly a
+    wrench gives a warning.
 
     Args:
         cells: the model, with its noise.
-        voltages: (n, m) [V] of the window; rows with NaN are left out.
-        where: they came from, for messages.
+        voltages: (n, m) [V] of the window; rows with NaN are omitted.
+        where: source of the voltages, for messages.
 
     Raises:
-        InputError: too few samples, or they do not stand still.
+        InputError: the window has too few samples, or is not at rest.
     """
     usable = voltages[np.isfinite(voltages).all(axis=1)]
     if len(usable) < FEWEST:
@@ -96,7 +98,7 @@ _LIKE = (
 
 
 def _touch(cells: LoadCells, zero: Float[np.ndarray, " m"]) -> Float[np.ndarray, "6"] | None:
-    """The wrench that explains nearly all of the change of the zero, if there is one of some weight."""
+    """Return the wrench that explains nearly all of the zero's change, if its force is `HEAVY` or more; else None."""
     change = zero - cells.bias
     inverse, _, rest = cells.inverse()
     wrench = inverse @ change

@@ -1,14 +1,14 @@
-"""Compiled: displacements of the markers of a ring become a few radial contacts, each with angle, force, width, shear.
+"""Compiled loops that find a few radial contacts, each with angle, force, width and shear, in a ring's displacements.
 
-Minimised over the contacts c of a frame, each with (phi, F, z, t), see `sensors.ring_response`:
+Minimised over the contacts c of an image, each with (phi, F, z, t), see `palpate.optical.ring_response`:
 
     sum over i of (u_i - sum over c of F (v0 + z v1 + z^2 v2 + t s)_i(phi))^2 / var_i
     + sum over c of ((z - m) / Z)^2 + ((t - h) / T)^2
 
-by Gauss-Newton steps that are shortened until they help. var_i is the pixels' noise and what the response leaves; m, Z
-and T are what the calibration showed; h is the shear that a contact's neighbours leave it with, see `_held`; 0 while
-contacts are looked for, and for a single one, whose t is then weighed anew where the presses of the calibration
-came in two kinds, see `_told`.
+by Gauss-Newton steps that are shortened until the sum decreases. var_i is the variance of the pixels' noise and of the
+response's misfit; m, Z and T are from the calibration; h is the shear of a contact that its neighbours cause, see
+`_held`. It is 0 during the search for contacts, and for a single one, whose t is then corrected if the presses of the
+calibration were of two kinds, see `_told`.
 """
 
 # pyright: basic
@@ -23,17 +23,17 @@ from palpate.surfaces._vectors import solve_positive
 __all__ = ["MOST", "STATE", "frames", "shown"]
 
 MOST = 6  # contacts at once
-STATE = 8  # angle, force, width z, shear / force t, deviations of angle, force and depth, evidence
+STATE = 8  # angle, force, width z, shear / force t, standard deviations of angle, force and depth, evidence
 _STEPS = 12  # of Gauss-Newton
-_TRIALS = 180  # angles at which one more contact is looked for
-_FAR = (3.0, 4.0)  # deviations of width and of shear, within which they are looked for
-_ROUNDS = 2  # of shears by neighbours that move as they do
-_FITS = 12.0  # squared deviations of a marker: where all lie below, no contact is missing
+_TRIALS = 180  # angles at which an additional contact is tried
+_FAR = (3.0, 4.0)  # standard deviations of width and of shear: bounds of both
+_ROUNDS = 2  # of computing the shears by neighbours and fitting again
+_FITS = 12.0  # squared standard deviations of a marker: if all lie below, no contact is missing
 
 
 @inner
 def _shapes(table, slope, phi, z, t, value, by_phi, by_z, shear):
-    """Displacements per newton of one contact, and their derivatives; Hermite between the table's angles."""
+    """Compute displacements per newton of one contact, and their derivatives, by Hermite interpolation of the table."""
     angles, count, terms = table.shape
     at = phi / (2.0 * np.pi)
     at = (at - np.floor(at)) * angles
@@ -63,7 +63,7 @@ def _shapes(table, slope, phi, z, t, value, by_phi, by_z, shear):
 
 @inner
 def _copy(one, other):
-    """Contacts of one array into another: a loop is compiled faster than an assignment of slices."""
+    """Copy contacts from one array to another: a loop is compiled faster than an assignment of slices."""
     for c in range(one.shape[0]):
         for k in range(one.shape[1]):
             other[c, k] = one[c, k]
@@ -71,7 +71,7 @@ def _copy(one, other):
 
 @inner
 def _variances(state, count, markers, misfit, noise, variance):
-    """Of each displacement: the pixels', and what the response of each contact leaves."""
+    """Write the variance of each displacement: that of the pixels, and the misfit of each contact's response."""
     parts, each = misfit.shape[1], 2 * len(markers) // len(misfit)
     for m in range(len(markers)):
         ring = 2 * (m // each)
@@ -86,7 +86,7 @@ def _variances(state, count, markers, misfit, noise, variance):
 
 @inner
 def _cost(displacement, used, variance, state, count, model, held, residual, jacobian):
-    """The sum that is minimised, with residuals and derivatives where `jacobian` has columns."""
+    """Return the sum that is minimised; write residuals, and derivatives where `jacobian` has columns."""
     table, slope, priors = model
     size = len(displacement)
     value, by_phi = np.empty(size), np.empty(size)
@@ -113,10 +113,10 @@ def _cost(displacement, used, variance, state, count, model, held, residual, jac
 
 @inner
 def _refine(problem, used, state, count, work):
-    """Gauss-Newton from `state`, which is changed; the cost at its end. The normal matrix stays in work[2].
+    """Refine `state` in place by Gauss-Newton steps; return the final cost. The normal matrix remains in work[2].
 
-    `problem`: displacements, markers, model, misfit and noise of `frames`, and what `_held` fills. `work`: residuals,
-    their derivatives, the normal matrix, variances.
+    `problem`: displacements, markers, model, misfit and noise of `frames`, and the shears of `_held`. `work`:
+    residuals, their derivatives, the normal matrix, variances.
     """
     residual, jacobian, normal, variance = work
     displacement, markers, model, misfit, noise, held = problem
@@ -183,14 +183,14 @@ def _refine(problem, used, state, count, work):
 
 @inner
 def _apart(a, b):
-    """Angle between two directions [rad]."""
+    """Return the angle between two directions [rad], 0 to pi."""
     turn = (a - b) / (2.0 * np.pi)
     return 2.0 * np.pi * abs(turn - np.round(turn))
 
 
 @inner
 def _candidate(used, state, count, table, work, nearest):
-    """Where one more contact would explain most of the residual: its angle, force and width, and how much."""
+    """Return angle, force and width of the additional contact that explains most of the residual, and its gain."""
     residual, _, _, variance = work
     best, phi, force, width = 0.0, 0.0, 0.0, 0.0
     step = max(1, len(table) // _TRIALS)
@@ -224,7 +224,7 @@ def _candidate(used, state, count, table, work, nearest):
 
 @inner
 def _drop(state, count, which):
-    """Takes one contact out; how many are left."""
+    """Remove one contact; return the number of those remaining."""
     for c in range(which, count - 1):
         for k in range(STATE):
             state[c, k] = state[c + 1, k]
@@ -233,7 +233,7 @@ def _drop(state, count, which):
 
 @inner
 def _worst(used, work):
-    """The marker whose displacement is farthest from what the contacts explain, and how far (squared deviations)."""
+    """Return the marker with the largest residual, and its square in squared standard deviations."""
     residual, _, _, variance = work
     worst, far = -1, 0.0
     for m in range(len(residual) // 2):
@@ -246,7 +246,7 @@ def _worst(used, work):
 
 @inner
 def _explained(used, state, which, model, work):
-    """By how much at least the cost would rise if one contact's share of the displacements were not explained."""
+    """Return the squared displacements over their variance that one contact explains."""
     residual, _, _, variance = work
     size = len(residual)
     value, spare = np.empty(size), np.empty(size)
@@ -260,7 +260,7 @@ def _explained(used, state, which, model, work):
 
 @inner
 def _weakest(problem, used, state, count, work, cost, off):
-    """The contact that explains least, and how much the cost rises without it; one that explains much is not tried."""
+    """Return the contact that explains least, and the rise of the cost without it; strong ones are not tried."""
     least, which = np.inf, -1
     other = np.empty((len(state), STATE))
     spare = (np.empty(len(work[0])), work[1], np.empty((4 * MOST, 4 * MOST)), np.empty(len(work[0])))
@@ -278,7 +278,7 @@ def _weakest(problem, used, state, count, work, cost, off):
 
 @inner
 def _added(problem, used, state, count, work, cost, nearest, on, trial):
-    """One contact more, into `trial`: how many, and the cost; as many as before where none is worth a trial."""
+    """Write the contacts with one added into `trial`; return their number and cost, unchanged if none helps."""
     more, after = count, cost
     phi, force, width, gain = _candidate(used, state, count, problem[2][0], work, nearest)
     if gain > 0.5 * on:
@@ -306,7 +306,7 @@ def _added(problem, used, state, count, work, cost, nearest, on, trial):
 
 @inner
 def _merged(problem, used, state, count, work, cost, nearest):
-    """Of two contacts that moved nearer together than is told apart the stronger alone: a wide body is no two."""
+    """Keep the stronger of two contacts nearer than `nearest`, as a wide body is one; return number and cost."""
     c = 1
     while c < count:
         other = -1
@@ -324,9 +324,9 @@ def _merged(problem, used, state, count, work, cost, nearest):
 
 @inner
 def _retried(problem, used, state, count, work, cost, nearest, on):
-    """Each contact in turn is taken out and looked for anew; the cost at the end.
+    """Remove each contact in turn and search for it again; return the final cost.
 
-    What was first taken for one wide body between two contacts stays in a valley of its own when the second is added.
+    A contact first fitted as one wide body between two stays in another local minimum when the second is added.
     """
     other, trial = np.empty((len(state), STATE)), np.empty((len(state), STATE))
     for c in range(count):
@@ -342,7 +342,7 @@ def _retried(problem, used, state, count, work, cost, nearest, on):
 
 @inner
 def _found(problem, used, state, count, work, settings):
-    """The contacts of a frame, from those of the one before: how many, and the cost."""
+    """Find the contacts of an image, starting from those of the one before; return their number and the cost."""
     on, off, nearest, dropped = settings[0] ** 2, settings[1] ** 2, settings[2], settings[3]
     cost, before = _refine(problem, used, state, count, work), count
     trial = np.empty((len(state), STATE))
@@ -377,7 +377,7 @@ def _found(problem, used, state, count, work, settings):
 
 @inner
 def _covariance(normal, size, covariance):
-    """The inverse of a normal matrix, of which the lower half is filled; NaN where it has none."""
+    """Write the inverse of a normal matrix, whose lower half is filled, into `covariance`; NaN if it is singular."""
     factor, column, unit = np.empty((size, size)), np.empty(size), np.zeros(size)
     for a in range(size):
         for b in range(size):
@@ -391,16 +391,16 @@ def _covariance(normal, size, covariance):
 
 @inner
 def _told(t, variance, usual, kinds):
-    """Mean and variance of a contact's shear / force, where contacts come in two kinds.
+    """Return mean and variance of a contact's shear / force, where contacts are of two kinds.
 
-    The fit took it for a number of one normal distribution; what the markers alone say is that result less the
-    distribution. Each kind makes another of it, and has a weight: the share of the kind, times how likely it makes what
-    the markers say. The moments are those of the mixture.
+    The fit used one normal distribution as a prior; the markers' information is the result without that prior. With
+    the prior of each kind it gives another mean and variance, and a weight: the share of the kind, times the likelihood
+    of the markers' information under it. The moments are those of the mixture.
 
     Args:
-        t: of the fit.
-        variance: of it.
-        usual: deviation of the one distribution.
+        t: shear / force of the fit.
+        variance: variance of t.
+        usual: standard deviation of the one prior.
         kinds: `dragged` of a `RingResponse`.
     """
     sure = max(1.0 / variance - 1.0 / usual**2, 1e-6 / variance)  # of the markers alone
@@ -419,7 +419,7 @@ def _told(t, variance, usual, kinds):
 
 @inner
 def _weighed(state, usual, kinds, covariance):
-    """A single contact's shear as `_told`, and all else by as much as it goes with shear, in state and covariance."""
+    """Correct a single contact's shear as in `_told`, and its other values by their covariance with shear, in place."""
     variance, t, gain = covariance[3, 3], state[0, 3], np.empty(4)
     if not variance > 0.0:
         return
@@ -435,10 +435,10 @@ def _weighed(state, usual, kinds, covariance):
 
 @inner
 def _deviations(state, count, covariance, width, spread, shift):
-    """Standard deviations of angle, force and depth of each contact.
+    """Write standard deviations of angle, force and depth of each contact into `state`.
 
     A neighbour's dent turns the skin, so that responses do not quite add up: it shifts a contact 30 degrees away by
-    about `shift` [rad], one farther away by less.
+    about `shift` [rad], and less if farther away.
     """
     for c in range(count):
         force, z, at = state[c, 1], state[c, 2], 4 * c
@@ -457,7 +457,7 @@ def _deviations(state, count, covariance, width, spread, shift):
 
 @inner
 def _skin(skin, delta, phi, moved):
-    """What a contact at phi does to the outer skin at an angle delta from it, per newton: `moved` (2, b)."""
+    """Write the outer skin's motion at an angle delta from a contact at phi, per newton, into `moved` (2, b)."""
     moved[:] = 0.0
     for k in range(skin.shape[2]):
         turn = (k + 1) // 2 * delta
@@ -472,9 +472,9 @@ def _skin(skin, delta, phi, moved):
 
 @inner
 def _dents(state, count, which, skin, moved):
-    """How the dents of its neighbours move the skin under a contact: along rising angles [m], and its slope [m/rad].
+    """Return the skin's motion under a contact by its neighbours' dents: along rising angles [m], and slope [m/rad].
 
-    What shear moves is left out: the markers tell it too poorly.
+    Motion by shear is not included: the markers determine it too poorly.
     """
     along = slope = 0.0
     for d in range(count):
@@ -488,15 +488,15 @@ def _dents(state, count, which, skin, moved):
 
 @inner
 def _carried(state, count, skin, outer, width, found):
-    """Angles of contacts where the skin beneath each is, which its neighbours' dents move along: into `found`.
+    """Write the contacts' angles, corrected for the motion of the skin by their neighbours' dents, into `found`.
 
-    A response says which part of the skin is pressed, by where that part is under one contact alone.
+    The response gives the pressed part of the skin, at its angle under one contact alone.
 
     Args:
         state: contacts.
-        count: of them.
+        count: number of contacts.
         skin: (2, b, 2 K + 1, 2 M + 1) [m/N] of `RingResponse.skin`.
-        outer: radius [m].
+        outer: outer radius [m].
         width: (2,) of a `RingResponse`.
         found: (n, STATE), its first column is written.
     """
@@ -509,19 +509,19 @@ def _carried(state, count, skin, outer, width, found):
 
 @inner
 def _held(state, count, skin, outer, grip, held):
-    """The shear / force that its neighbours leave each contact with, into `held`.
+    """Write each contact's shear / force that its neighbours cause into `held`.
 
-    Their dents tilt the skin under it, and it presses along the skin's normal. They carry the skin along, too, and
-    friction holds it back: at the least not at all, at the most until it does not move, or up to `grip` of the force.
-    Which of these is not known, so it is the middle. Markers tell the shears of near contacts poorly: two that pull
-    at each other look much like two that press harder.
+    Neighbours' dents tilt the skin under a contact, which presses along the skin's normal. They also move the skin
+    along, and friction resists: at least not at all, at most until the skin does not move, or up to `grip` of the
+    force. The true value is not known, so the middle is used. Markers determine the shears of near contacts poorly: two
+    that pull at each other look much like two that press harder.
 
     Args:
         state: contacts.
-        count: of them.
-        skin: as of `_carried`, with what shear does.
-        outer: radius [m].
-        grip: of a `RingResponse`.
+        count: number of contacts.
+        skin: see `_carried`, with the motion by shear.
+        outer: outer radius [m].
+        grip: largest shear / force, see `RingLocator`.
         held: (MOST,), written.
     """
     moved = np.empty(skin.shape[:2])
@@ -541,22 +541,23 @@ def _held(state, count, skin, outer, grip, held):
     """
 )
 def frames(displacements, markers, model, misfit, noise, settings, learned, states, counts, left, cost):
-    """Contacts of frames one after the other, each from those of the one before.
+    """Find the contacts of successive images, each starting from those of the one before.
 
     Args:
         displacements: (n, 2 m) [m] outwards and along rising angles, marker by marker; NaN: not seen.
-        markers: (m,) [rad] at rest, ring by ring, as many in each.
-        model: table and slope (a, 2 m, b) of `RingResponse.tables`, and (3,) deviations of z and t, and z's mean.
+        markers: (m,) [rad] angles at rest, ring by ring, the same number in each.
+        model: table and slope (a, 2 m, b) of `RingResponse.tables`, and (3,) standard deviations of z and t, and z's
+            mean.
         misfit: (2 r, B) [m/N] of r rings.
-        noise: (2 m,) [m^2] of the pixels.
-        settings: (5,) on and off in deviations, least angle between contacts [rad], markers that may be left out, and
-            by how much a neighbour shifts a contact [rad].
-        learned: width (2,) [m/N] and spread (2,) of a `RingResponse`, its `skin`, the outer radius [m], its grip; 0:
-            neighbours leave no shear; and its kinds of contacts, see `_told`; a share of 0: one kind.
-        states: (n, MOST, STATE), written, as all that follows.
-        counts: (n,) of contacts; -1: fewer than half of the markers are seen.
-        left: (MOST + 1, STATE) contacts of the frame before, their count in the last row's first place; changed.
-        cost: (n,) root of what is left of each frame over its degrees of freedom.
+        noise: (2 m,) [m^2] variances from the pixels.
+        settings: (5,) on and off in standard deviations, least angle between contacts [rad], number of markers that may
+            be omitted, and shift of a contact by a neighbour [rad].
+        learned: width (2,) [m/N] and spread (2,) of a `RingResponse`, its `skin`, the outer radius [m], its grip (0:
+            neighbours cause no shear), and its kinds of contacts, see `_told` (a share of 0: one kind).
+        states: (n, MOST, STATE), written, like all that follow.
+        counts: (n,) number of contacts; -1: fewer than half of the markers are seen.
+        left: (MOST + 1, STATE) contacts of the last image, their count in the last row's first place; changed.
+        cost: (n,) root of each image's chi-square over its degrees of freedom.
     """
     size = displacements.shape[1]
     work = (np.empty(size), np.empty((size, 4 * MOST)), np.empty((4 * MOST, 4 * MOST)), np.empty(size))
@@ -609,18 +610,18 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
     """
 )
 def shown(pixels, ring, steps, known, states, counts, left, cost, many):
-    """`frames` of markers that are seen at pixels: `MarkerRing.displacements` first.
+    """Compute displacements from markers' pixels, as `MarkerRing.displacements` does, and call `frames` with them.
 
     Args:
         pixels: (n m, 2), NaN: not seen.
         ring: lens, pose, heights, resting and axes of `_fisheye.displaced`.
-        steps: as there.
-        known: markers to learned of `frames`.
-        states: as of `frames`.
-        counts: as of `frames`.
-        left: as of `frames`.
-        cost: as of `frames`.
-        many: (n,) int64 is filled: markers seen.
+        steps: see `_fisheye.displaced`.
+        known: the arguments markers to learned of `frames`.
+        states: see `frames`.
+        counts: see `frames`.
+        left: see `frames`.
+        cost: see `frames`.
+        many: (n,) int64, written: number of markers seen.
     """
     moved, m = np.empty(pixels.shape), len(pixels) // len(counts)
     displaced(pixels, *ring[:3], steps, *ring[3:], moved)

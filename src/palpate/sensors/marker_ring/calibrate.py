@@ -1,4 +1,4 @@
-"""From frames of a ring that is pressed at known angles, depths and forces to its model."""
+"""Calibrate a marker ring from images of presses at known angles, depths and forces."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from palpate.spatial.pose import Pose
 
 __all__ = ["RingTruth", "calibrate_marker_ring"]
 
-_TOUCHED = 0.02  # N: with less a press says nothing
+_TOUCHED = 0.02  # N: lighter presses have no information
 _LOOKED = 60  # unloaded frames that the rest is taken from
 _MIRRORED = 0.6  # rad: median error of angles that fall where the markers' rise
 
@@ -29,7 +29,14 @@ _MIRRORED = 0.6  # rad: median error of angles that fall where the markers' rise
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class RingTruth:
-    """Of each frame: (n,) angle [rad], depth [m], force [N] and shear [N]; NaN: untouched, or not known."""
+    """True contacts of n images, one each; NaN: untouched, or not known.
+
+    Attributes:
+        angle: (n,) [rad].
+        depth: (n,) [m].
+        force: (n,) [N], positive inwards.
+        shear: (n,) [N] along rising angles.
+    """
 
     angle: Float[np.ndarray, " n"]
     depth: Float[np.ndarray, " n"]
@@ -38,13 +45,13 @@ class RingTruth:
 
     @property
     def pressed(self) -> Bool[np.ndarray, " n"]:
-        """Frames that a fit can use."""
+        """Mask (n,) of the images that a fit can use: pressed with a known angle, depth and force."""
         known = np.isfinite(self.angle) & np.isfinite(self.depth) & np.isfinite(self.force)
         return known & (self.force > _TOUCHED) & (self.depth > 0)
 
     @property
     def free(self) -> Bool[np.ndarray, " n"]:
-        """Frames in which nothing touches."""
+        """Mask (n,) of the images in which nothing touches."""
         return ~np.isfinite(self.force) | (self.force == 0)
 
 
@@ -55,17 +62,18 @@ def calibrate_marker_ring(
     before: RingResponse | None = None,
     provenance: Mapping[str, str] | None = None,
 ) -> MarkerRing:
-    """The model of a ring: camera, markers at rest, noise of their places, response.
+    """Calibrate a ring: camera, markers at rest, noise of their places, response.
 
     Args:
-        blocks: of images, from the start of the log, which begins untouched.
-        truth: of every frame, in the same order.
-        body: what is known of the unit.
-        before: response of another unit: tens of presses then do.
-        provenance: for the model's file.
+        blocks: recordings of images, from the start of the log, which begins untouched.
+        truth: true contact of every image, in the same order.
+        body: known dimensions of the unit.
+        before: response of another unit: tens of presses are then enough.
+        provenance: stored in the model's file.
 
     Raises:
-        InputError: the markers are not found, the truth does not fit the frames, or the presses say too little.
+        InputError: the markers are not found, the truth does not fit the images, or the presses do not determine the
+            response.
     """
     looking, kept = _Rest(body), list[np.ndarray]()
     tracker: MarkerTracker | None = None
@@ -91,7 +99,7 @@ def calibrate_marker_ring(
 
 @dataclass
 class _Rest:
-    """The first frames, until enough untouched ones are there to say where the markers rest."""
+    """The first images, collected until enough untouched ones show where the markers rest."""
 
     body: RingBody
     frames: list[UInt8[np.ndarray, "n h w 3"]] = field(default_factory=list[np.ndarray])
@@ -102,14 +110,14 @@ class _Rest:
     area: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def add(self, frames: np.ndarray, free: np.ndarray) -> bool:
-        """Whether the untouched start is over, or long enough."""
+        """Add images with the mask of untouched ones; return whether the untouched start is over, or long enough."""
         self.frames.append(frames)
         self.free.append(free)
         known = np.concatenate(self.free)
         return bool(np.count_nonzero(known[: _leading(known)]) >= _LOOKED or not known.all())
 
     def tracker(self) -> MarkerTracker:
-        """Ready for the first frame."""
+        """Return a tracker that is ready for the first image; raise InputError if the markers at rest are not found."""
         known = np.concatenate(self.free)
         count = _leading(known)
         if not count:
@@ -136,7 +144,7 @@ class _Rest:
 
 
 def _colour(still: UInt8[np.ndarray, "n h w 3"], markers: int) -> MarkerColour:
-    """From a frame that tells; one frame of a noisy camera may show a marker too few."""
+    """Return the markers' colour from one of the first images; one image of a noisy camera may lack a marker."""
     for frame in still[1:10]:
         try:
             return find_colour(frame, markers)
@@ -146,7 +154,7 @@ def _colour(still: UInt8[np.ndarray, "n h w 3"], markers: int) -> MarkerColour:
 
 
 def _usual(seen: Sequence[Blobs], places: Float[np.ndarray, "m 2"]) -> tuple[np.ndarray, np.ndarray]:
-    """(m, 2) places and (m,) areas of markers: medians, as those of one frame are off by a tenth and more."""
+    """Return median places (m, 2) and areas (m,) of markers; areas of one image are wrong by a tenth and more."""
     near = 0.3 * np.linalg.norm(places - np.roll(places, 1, axis=0), axis=1).min()
     found = np.full((len(seen), len(places), 3), np.nan)
     for k, blobs in enumerate(seen):
@@ -160,12 +168,12 @@ def _usual(seen: Sequence[Blobs], places: Float[np.ndarray, "m 2"]) -> tuple[np.
 
 
 def _leading(free: np.ndarray) -> int:
-    """How many frames from the start on are untouched."""
+    """Return the number of untouched images at the start."""
     return int(len(free) if free.all() else np.argmin(free))
 
 
 def _tracked(tracker: MarkerTracker, frames: np.ndarray) -> np.ndarray:
-    """(n, m, 2) [px]; NaN where a marker or the whole frame is of no use."""
+    """Return the markers' places (n, m, 2) [px]; NaN where a marker or the entire image cannot be used."""
     pixels = np.full((len(frames), len(tracker.view.angles), 2), np.nan)
     for frame, row in zip(frames, pixels, strict=True):
         tracker.track(frame, row)
@@ -208,7 +216,11 @@ def _model(
 
 
 def _turned(ring: MarkerRing, pixels: np.ndarray, angle: np.ndarray) -> MarkerRing:
-    """The same ring in the frame of the truth's angles: a camera does not know where they are counted from."""
+    """Return the ring turned into the frame of the truth's angles, whose origin a camera cannot see.
+
+    Raises:
+        InputError: the markers do not move at the truth's angles.
+    """
     inward = np.maximum(-np.nan_to_num(ring.displacements(pixels)[..., 0]), 0.0) ** 2
     seen = np.angle((inward * np.exp(1j * ring.view.angles)).sum(axis=1))
     offset = float(np.angle(np.exp(1j * (angle - seen)).sum()))
@@ -225,6 +237,6 @@ def _turned(ring: MarkerRing, pixels: np.ndarray, angle: np.ndarray) -> MarkerRi
 
 
 def _median_off(angles: np.ndarray) -> float:
-    """[rad] from their own middle."""
+    """Return the median distance [rad] of angles from their circular mean."""
     middle = np.angle(np.exp(1j * angles).sum())
     return float(np.median(np.abs(np.angle(np.exp(1j * (angles - middle))))))

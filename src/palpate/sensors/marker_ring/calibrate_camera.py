@@ -1,4 +1,4 @@
-"""The camera of a marker ring: its lens from pictures of a chessboard, its place from the ring itself."""
+"""Calibrate the camera of a marker ring: its lens from pictures of a chessboard, its pose from the ring."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ __all__ = ["BoardFit", "RingFit", "calibrate_board", "fit_lens", "fit_ring_view"
 HEIGHT = 0.04  # m, of the camera above the ring, where nothing better is known
 _FACING = np.diag([1.0, -1.0, -1.0])  # x_c = x, y_c = -y, z_c = -z
 _FEWEST_BOARDS = 3
-_FAR, _FAR_PIXELS = 4.0, 1.0  # times the usual rms of a picture, and px: one that is farther off is left out
+_FAR, _FAR_PIXELS = 4.0, 1.0  # times the usual rms of a picture, and px: one with a larger rms is omitted
 _LEAST_INFORMATION = 1e-9  # smallest eigenvalue of the scaled information of a lens that is determined
-_UNSURE = 0.02  # of the focal length: a lens that is not known better is none
+_UNSURE = 0.02  # of the focal length: a lens with a larger standard deviation is not determined
 
 
 @dataclass(frozen=True)
@@ -33,11 +33,11 @@ class BoardFit:
 
     Attributes:
         camera: the lens.
-        residual: rms [px] of what it leaves of the corners.
+        residual: rms [px] of the corners' residuals.
         used: numbers of the pictures that were used.
-        far: of those that show the board, but contradict the others.
-        deviation: of the focal length [px/rad], across or along the picture, whichever is known less.
-        validation: how corners of pictures lie that the fit had not seen.
+        far: numbers of the pictures that show the board, but contradict the others.
+        deviation: standard deviation of the focal length [px/rad], the larger one of the picture's axes.
+        validation: errors of corners in pictures that a fit had not seen, over those expected.
     """
 
     camera: Fisheye
@@ -50,17 +50,17 @@ class BoardFit:
 
 @dataclass(frozen=True, eq=False, init=False)
 class RingFit(Value):
-    """Where the camera stands, and where the markers rest.
+    """The pose of the camera, and the places of the markers at rest.
 
     Attributes:
-        view: with the measured angle of every marker.
-        order: (m,) which of the given pixels is marker i; marker 0 is the one nearest to angle 0.
-        plane: (m, 2) where markers rest as measured [m], in that order: the irregularities of the ring are in it.
+        view: view with the measured angle of every marker.
+        order: (m,) index, in the given pixels, of marker i; marker 0 is the one nearest to angle 0.
+        plane: (m, 2) measured rest positions [m], in that order: they contain the irregularities of the ring.
         start: angle at which the even ring begins [rad].
         residual: rms of a marker's distance from an even ring [px].
         covariance: (6, 6) of the tilts about x and y [rad], the place x, y, z [m] and the start angle [rad]; with
-            `focal_fitted`, z is exchanged for the logarithm of the focal length.
-        focal_fitted: the focal length was fitted and the height held.
+            `focal_fitted`, z is replaced by the logarithm of the focal length.
+        focal_fitted: whether the focal length was fitted and the height kept.
     """
 
     view: RingView
@@ -84,15 +84,15 @@ class RingFit(Value):
 def calibrate_board(
     images: Sequence[UInt8[np.ndarray, "h w 3"]], board: tuple[int, int] = (9, 6), square: float = 0.01
 ) -> BoardFit:
-    """The lens from pictures of a chessboard.
+    """Fit a lens to pictures of a chessboard.
 
     Args:
-        images: of one size; those that do not show the whole board are passed over.
+        images: pictures of one size; those that do not show the complete board are skipped.
         board: inner corners, columns and rows.
         square: side of a square [m]; only the place of the board depends on it.
 
     Raises:
-        InputError: fewer than three pictures show the board; OpenCV is missing.
+        InputError: fewer than three pictures show the board, they do not determine a lens, or OpenCV is missing.
     """
     cv2 = opencv()
     corners, shown, size = list[np.ndarray](), list[int](), (0, 0)
@@ -116,7 +116,7 @@ def fit_lens(
 ) -> BoardFit:
     """Fit a lens to a chessboard's corners [px], picture by picture, row by row; `size` is the image's width, height.
 
-    Pictures whose corners lie far from the fit, such as those of a board more than a right angle aside, are left out.
+    Pictures whose corners lie far from the fit, such as those of a board more than a right angle aside, are omitted.
 
     Raises:
         InputError: the corners do not determine a lens; OpenCV is missing.
@@ -159,7 +159,7 @@ def fit_lens(
 
 @dataclass(frozen=True)
 class _Lens:
-    """A lens, fx, fy, cx, cy, k1 to k4, with the pose of the board in each picture."""
+    """A lens (fx, fy, cx, cy, k1 to k4) with the pose of the board in each picture."""
 
     camera: Float[np.ndarray, "8"]
     grid: Float[np.ndarray, "1 c 3"]
@@ -184,7 +184,7 @@ class _Lens:
         return _Lens(camera, grid, seen, list(zip(turns, places, strict=True)))
 
     def _projected(self, k: int) -> tuple[np.ndarray, np.ndarray]:
-        """Corners of picture k [px], and their derivatives by the lens (8) and by the pose (6)."""
+        """Return the corners of picture k [px], and their derivatives by the lens (8) and by the pose (6)."""
         fx, fy, cx, cy, *bent = self.camera.tolist()
         matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
         turn, place = (np.asarray(each, dtype=np.float64).reshape(3, 1) for each in self.poses[k])
@@ -192,11 +192,11 @@ class _Lens:
         return pixels.reshape(-1, 2), slopes
 
     def residual(self, k: int) -> Float[np.ndarray, "c 2"]:
-        """Return what is left of the corners of picture k [px]."""
+        """Return the residuals (c, 2) of the corners of picture k [px]."""
         return self.seen[k].reshape(-1, 2) - self._projected(k)[0]
 
     def normal(self, k: int) -> tuple[Float[np.ndarray, "8 8"], Float[np.ndarray, "8"]]:
-        """Return J^T J and J^T r of picture k for the lens, whatever the board's pose."""
+        """Return J^T J and J^T r of picture k for the lens, with the board's pose eliminated."""
         slopes = self._projected(k)[1]
         of_lens, of_pose = slopes[:, :8], slopes[:, 8:14]
         across = of_lens - of_pose @ np.linalg.lstsq(of_pose, of_lens, rcond=None)[0]
@@ -217,24 +217,24 @@ def fit_ring_view(
     height: float = HEIGHT,
     size: tuple[int, int] = (640, 480),
 ) -> RingFit:
-    """Where the camera stands above a ring of evenly spaced markers, from where they rest in the picture.
+    """Fit the camera's pose above a ring of evenly spaced markers to their places at rest in the picture.
 
-    Tilt, offset, height and start angle by least squares of pixels against the even ring; the camera's turn about the
-    axis is left at its nominal value, because the ring's x axis is where the camera's is. What is uneven about the
-    markers stays in the measured rest places. One ring only: `fit_rings` is for markers at several heights.
+    Tilt, offset, height and start angle are fitted by least squares of pixels against the even ring; the camera's turn
+    about the axis keeps its nominal value, because the ring's x axis is defined by the camera's. Irregularities of the
+    markers remain in the measured rest positions. For one ring only: `fit_rings` is for markers at several heights.
 
-    One flat ring does not tell the focal length from the height: without a `camera` an equidistant lens with its
-    middle in the picture's middle is taken, `height` is held and the focal length fitted.
+    One flat ring does not separate the focal length from the height: without a `camera` an equidistant lens with its
+    middle in the picture's middle is used, `height` is kept and the focal length fitted.
 
     Args:
-        rest_pixels: all markers of the ring, in any order.
-        radius: of the ring of markers [m].
-        camera: the lens, as a board gave it.
-        height: of the camera above the ring [m]: a guess, or held.
-        size: of the picture, where no camera is given.
+        rest_pixels: (m, 2) all markers of the ring, in any order.
+        radius: radius of the ring of markers [m].
+        camera: the lens, as calibrated with a board; None: not known.
+        height: height of the camera above the ring [m]: a guess, or kept without a `camera`.
+        size: width and height of the picture, if no camera is given.
 
     Raises:
-        InputError: fewer than six markers, or some that are not finite.
+        InputError: there are fewer than six markers, or some are not finite.
         NotIdentifiable: the pixels are not those of an even ring about the picture's middle.
     """
     pixels = np.asarray(rest_pixels, dtype=np.float64)
@@ -269,16 +269,17 @@ def fit_ring_view(
 def fit_rings(
     rest_pixels: Float[np.ndarray, "m 2"], radius: float, rings: Sequence[float], **camera: Any
 ) -> tuple[RingView, Int[np.ndarray, " m"]]:
-    """`fit_ring_view` of the first of several rings, and which of the given pixels is marker i, ring by ring.
+    """Return the view of several rings, fitted to the first, and the index of marker i in the pixels, ring by ring.
 
     Args:
-        rest_pixels: as many of each ring, in any order.
-        radius: of the first ring [m].
+        rest_pixels: (m, 2) markers, the same number of each ring, in any order.
+        radius: radius of the first ring [m].
         rings: heights of the rings [m]; the first is 0.
-        camera: what is known of it, as `fit_ring_view` takes it.
+        camera: camera, height and size, see `fit_ring_view`.
 
     Raises:
-        InputError: as `fit_ring_view`; the rings do not lie one round the other in the picture.
+        InputError: see `fit_ring_view`; or the rings have different numbers of markers, or do not lie one round the
+            other in the picture.
     """
     pixels = np.asarray(rest_pixels, dtype=np.float64)
     rings = tuple(shaped(rings, (None,), "rings").tolist())
@@ -306,14 +307,14 @@ def fit_rings(
 
 
 def replace_angles(view: RingView, angles: Float[np.ndarray, " m"]) -> RingView:
-    """The same view of markers that rest elsewhere."""
+    """Return the view with other angles (m,) [rad] of the markers at rest."""
     return RingView(view.camera, view.pose, view.radius, angles)
 
 
 def _around(pixels: np.ndarray, even: np.ndarray) -> tuple[np.ndarray, float]:
-    """The pixels in order of rising angle, and the angle of the first, which is the one nearest to 0.
+    """Return the order of the pixels by rising angle, from the one nearest to 0, and the start angle of the even ring.
 
-    About the middle of the circle through them: their mean, which is right where the ring is whole.
+    Angles are about the pixels' mean, which is the circle's middle if the ring is complete.
     """
     middle = pixels.mean(axis=0)
     angle = np.arctan2(middle[1] - pixels[:, 1], pixels[:, 0] - middle[0])

@@ -1,4 +1,4 @@
-"""`palpate calibrate camera`: the lens of a fisheye camera, from pictures of a chessboard."""
+"""`palpate calibrate camera`: identify the lens of a fisheye camera from pictures of a chessboard."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from palpate.signals.recording import IMAGE
 
 __all__ = ["CalibrateCamera"]
 
-_MOST = 40  # pictures, evenly spread: more tell nothing new
+_MOST = 40  # pictures, evenly spread: more add no information
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,11 @@ class CalibrateCamera(Calibration):
     square: Annotated[float, arg(metavar="METRES")] = 0.01
 
     def identify(self) -> CalibrationResult:
-        """Find the board in the pictures, and fit the lens to its corners."""
+        """Find the board in the pictures, and return the lens that is fitted to its corners.
+
+        Raises:
+            InputError: `board` or `square` is invalid, or the pictures do not determine a lens.
+        """
         columns, _, rows = self.board.lower().partition("x")
         if not (columns.isdigit() and rows.isdigit() and int(columns) > 2 and int(rows) > 2):
             hint = "Write its inner corners as 9x6."
@@ -67,7 +71,7 @@ class CalibrateCamera(Calibration):
 
 
 def _pictures(path: Path) -> tuple[list[tuple[int, np.ndarray]], int]:
-    """Return at most 40 pictures, evenly spread, each with its number from 1 on; and how many there are."""
+    """Return at most 40 pictures, evenly spread, each with its number, from 1, and the number of all pictures."""
     log = open_log(path, LogLayout(wrench=None, images=ImageChannel()))
     kept, stride, count = list[tuple[int, np.ndarray]](), 1, 0
     for block in log.blocks():

@@ -1,4 +1,4 @@
-"""How a camera's lens stands in a file."""
+"""The table of a camera's lens in a file, and its summary."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["CAMERA", "of_camera"]
 
 
 def of_camera(camera: Fisheye) -> Lines:
-    """Image and focal length."""
+    """Return the lens's image size and focal length as lines of text."""
     return [
         ("image", f"{camera.width} x {camera.height}"),
         ("focal length", f"{camera.fx:.5g}, {camera.fy:.5g} px/rad"),

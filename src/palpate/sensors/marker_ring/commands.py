@@ -1,4 +1,4 @@
-"""`palpate calibrate marker-ring`: from frames of known presses to the model of a soft ring of markers."""
+"""`palpate calibrate marker-ring`: identify the model of a soft ring of markers from images of known presses."""
 
 from __future__ import annotations
 
@@ -41,7 +41,8 @@ class CalibrateMarkerRing(Calibration):
         rig: TOML with [marker_ring]: radius, thickness, markers, camera.
         output: model to write, such as ring.toml.
         truth: CSV with a row a frame: angle_deg (anticlockwise as the camera sees the ring), depth_mm, force_n and, if
-            it is known, shear_n along rising angles; empty where nothing touches (default: truth.csv beside them).
+            it is known, shear_n along rising angles; empty where nothing touches (default: truth.csv next to the
+            images).
         like: model of another unit: tens of presses then do.
     """
 
@@ -54,7 +55,11 @@ class CalibrateMarkerRing(Calibration):
 
     @cached_property
     def reads(self) -> dict[str, Path]:
-        """The images and the table of truth, found in the folder or beside the file that is named; rig and model."""
+        """Paths of the input files: images and truth, found in the folder or next to the named file; rig and model.
+
+        Raises:
+            InputError: there is no table of truth.
+        """
         frames, folder = self.log, self.log if self.log.is_dir() else self.log.parent
         if self.log.is_dir():
             inside = sorted(path for path in self.log.iterdir() if path.suffix.lower() in _LOGS)
@@ -70,7 +75,7 @@ class CalibrateMarkerRing(Calibration):
         return named if self.like is None else {**named, "like": self.like}
 
     def identify(self) -> CalibrationResult:
-        """Follow the markers through all frames, and fit their response to the presses."""
+        """Track the markers through all images, and return the ring with the response that fits the presses."""
         setup = self.stated.resolve("marker_ring")
         before = None if self.like is None else read_model(self.like, MarkerRing).response
         log = open_log(self.reads["log"], setup.layout())

@@ -1,4 +1,4 @@
-"""Images of a soft ring's markers become contacts: several at once, each with angle, force, depth, width and shear."""
+"""Estimate contacts from images of a soft ring's markers: several, each with angle, force, depth, width and shear."""
 
 from __future__ import annotations
 
@@ -26,28 +26,28 @@ __all__ = ["FEATURES", "RingEstimator"]
 
 UINT8 = np.dtype(np.uint8)
 FEATURES = ("angle", "depth", "width", "shear", "angle_sd", "force_sd", "depth_sd", "markers")
-_SEEN = ROW.length + len(FEATURES) - 1  # the column of how many markers were seen
-_UNBELIEVABLE = 4.0  # deviations that the displacements are off, on the whole, from what contacts can make
-_HEIGHT = 2e-3  # m: along the barrel's axis contacts are taken for the ring's own height
+_SEEN = ROW.length + len(FEATURES) - 1  # the column of the number of markers seen
+_UNBELIEVABLE = 4.0  # root of chi-square over its degrees of freedom above which contacts are implausible
+_HEIGHT = 2e-3  # m: standard deviation along the barrel's axis, where contacts are placed at the ring's height
 _STEADY = 3.0  # times the calibration's jitter: a tare in which markers move more is refused
 
 
 @called_as('palpate.load_rig("rig.toml").estimator()')
 class RingEstimator(ContactEstimator):
-    """Locate the contacts in each image of a marker ring, by where markers and contacts were in the one before.
+    """An estimator of the contacts in each image of a marker ring, from markers and contacts of the one before.
 
-    A reading is an image (height, width, 3), uint8; orientation and acceleration make no difference. The
-    place is that of the centre of pressure on the outer surface, at the height of the markers; the force is what the
-    environment presses with, inwards and along the ring; the torque is NaN. IMPLAUSIBLE: located, but the markers move
-    as no few contacts can make them. INVALID: a black, frozen or unfitting frame, or fewer than half of the markers.
+    A reading is an image (height, width, 3), uint8; orientation and acceleration make no difference. The contact point
+    is the centre of pressure on the outer surface, at the height of the markers; the force is that of the environment
+    on the ring, inwards and along the ring; the torque is NaN. IMPLAUSIBLE: located, but a few contacts cannot move the
+    markers like this. INVALID: a black, frozen or unfitting image, or fewer than half of the markers.
 
     Features: `angle` [rad] about the ring's axis; `depth` [m] of the indenter's foremost point; `width` [m], half of
     the dent's width at half of its depth; `shear` [N] along rising angles, NaN where it was not calibrated; `angle_sd`
-    [rad], `force_sd` [N], `depth_sd` [m] standard deviations; `markers`, how many were seen.
+    [rad], `force_sd` [N], `depth_sd` [m] standard deviations; `markers`, the number of markers seen.
 
     Args:
-        ring: calibrated.
-        settings: how contacts are found.
+        ring: calibrated ring.
+        settings: settings of the search for contacts; None: the defaults.
         mount: T_sensor_surface.
     """
 
@@ -74,7 +74,7 @@ class RingEstimator(ContactEstimator):
         self.reset()
 
     def reset(self) -> None:
-        """Forget what frames left: places of markers, contacts, identities."""
+        """Forget the places of markers, the contacts and the identities of earlier images."""
         super().reset()
         self.locator.reset()
         self.tracker.reset()
@@ -82,7 +82,11 @@ class RingEstimator(ContactEstimator):
         self._bad = dict.fromkeys(FrameProblem, 0)
 
     def tare(self, recording: Recording) -> Tare:
-        """Take where the markers are in a window for their rest from now on; see `ContactEstimator.tare`."""
+        """Use the markers' mean places in a window as their rest from now on; see `ContactEstimator.tare`.
+
+        Raises:
+            InputError: markers are not seen, or are not steady.
+        """
         pixels, _ = self.markers(recording)
         self.reset()
         seen = np.count_nonzero(np.isfinite(pixels[..., 0]), axis=0)
@@ -116,7 +120,7 @@ class RingEstimator(ContactEstimator):
         return self._tared
 
     def markers(self, recording: Recording) -> tuple[Float[np.ndarray, "n m 2"], Int[np.ndarray, " n"]]:
-        """Places [px] of the markers in each frame, NaN where one is not seen, and each frame's `Frame`.
+        """Return the markers' places (n, m, 2) [px] in each image, NaN if not seen, and its `FrameProblem` (n,).
 
         Raises:
             InputError: the recording has no images.
@@ -130,12 +134,12 @@ class RingEstimator(ContactEstimator):
         return pixels, states
 
     def _track(self, image: np.ndarray, pixels: Float[np.ndarray, "m 2"]) -> int:
-        """Places of one frame's markers into `pixels`, and the frame's `Frame`."""
+        """Write the places of one image's markers into `pixels`; return the image's `FrameProblem`."""
         self.tracker.track(image, pixels)
         return int(self.tracker.frame)
 
     def answer(self, block: Recording, watched: bool = False) -> Answered:
-        """Answer the frames of a block, with the places of the markers."""
+        """Return the contacts of a block's images, with the places of the markers."""
         pixels, states = self.markers(block)
         found, seen = self._found(pixels, states.tolist())
         counts = np.maximum(found.counts, 1)
@@ -151,21 +155,26 @@ class RingEstimator(ContactEstimator):
         out: Float[np.ndarray, "*rows width"],
         frame: FrameProblem = FrameProblem.OK,
     ) -> int:
-        """`update_into` for whoever knows where the markers are, by a tracker or by a simulation.
+        """Write contacts into rows from known places of the markers, as `update_into` does; return their number.
+
+        The places may come from a tracker or a simulation.
 
         Args:
-            time: [s] of the frame.
-            pixels: of every marker, NaN where it is not seen.
+            time: [s] of the image.
+            pixels: (m, 2) of every marker, NaN where it is not seen.
             out: rows of `empty`.
-            frame: what is the matter with it, as `MarkerTracker.frame` says.
+            frame: problem of the image, see `MarkerTracker.frame`.
+
+        Raises:
+            InputError: the pixels have another shape, or `frame` is not a `FrameProblem`.
         """
         pixels = shaped(pixels, (len(self.ring), 2), "pixels")
         if not any(frame is each for each in FrameProblem):
-            raise InputError(f"frame must be a Frame, not {frame!r:.60}.")
+            raise InputError(f"frame must be a FrameProblem, not {frame!r:.60}.")
         return self._write(instant(time), pixels, int(frame), rows_of(out, self._width))
 
     def _write(self, time: float, pixels: np.ndarray, state: int, rows: np.ndarray) -> int:
-        """One frame's contacts into rows: how many."""
+        """Write one image's contacts into rows; return the number written."""
         found, seen = self._found(pixels[None], [state])
         count = self._frame(float(time), found, 0, seen[0], self._scratch)
         fits = min(count, len(rows))
@@ -187,7 +196,7 @@ class RingEstimator(ContactEstimator):
         return len(time)
 
     def notes(self) -> tuple[str, ...]:
-        """Return what was met so far, one sentence each."""
+        """Return notes on the ring, the tare and the images that could not be used, one sentence each."""
         said = [*self.ring.notes, *([self._tared.note] if self._tared else [])]
         what = {
             FrameProblem.LOST: "show fewer than half of the markers",
@@ -199,7 +208,7 @@ class RingEstimator(ContactEstimator):
         return tuple(said)
 
     def warnings(self) -> tuple[str, ...]:
-        """Return what may be wrong, one sentence each."""
+        """Return the tare's warning, if it has one."""
         return (self._tared.warning,) if self._tared and self._tared.warning else ()
 
     def _found(self, pixels: np.ndarray, states: list[int]) -> tuple[RingFound, list[float]]:
@@ -213,7 +222,7 @@ class RingEstimator(ContactEstimator):
         return found, seen.astype(np.float64).tolist()
 
     def _frame(self, time: float, found: RingFound, n: int, seen: float, rows: np.ndarray) -> int:
-        """The rows of one frame, at least one: how many."""
+        """Write the rows of one image, at least one; return the number written."""
         count = int(found.counts[n])
         if count < 1:
             rows[0] = self._nothing
@@ -229,13 +238,13 @@ class RingEstimator(ContactEstimator):
         return count
 
     def _row(self, state: list[float], more: tuple[float, ...], off: float, seen: float) -> list[float]:
-        """One contact, without its identity: plain numbers, as arrays of one to six cost more than what is computed.
+        """Return a contact's row without its identity, as plain numbers: small arrays cost more than the computation.
 
         Args:
-            state: of `RingFound`.
+            state: (8,) contact of `RingFound.states`.
             more: cosine and sine of the angle, depth [m], width [m].
-            off: what is left of the frame, in deviations.
-            seen: markers.
+            off: residual of the image, in standard deviations.
+            seen: number of markers seen.
         """
         c, s, depth, width = more
         angle, force, _, t, angle_sd, force_sd, depth_sd, _ = state
@@ -251,7 +260,7 @@ class RingEstimator(ContactEstimator):
         return [*place, *out, *push, nan, *covariance, off, 1.0, status, *said, 0.0]  # in the order of ROW, features
 
     def _identify(self, time: float, rows: np.ndarray) -> None:
-        """Identities into the last column."""
+        """Write the contacts' identities into the last column of the rows."""
         from palpate.contact import _track
 
         set_, count = self.settings, len(rows)
@@ -262,7 +271,7 @@ class RingEstimator(ContactEstimator):
 
 
 def _dent_widths(ring: MarkerRing) -> tuple[np.ndarray, np.ndarray]:
-    """Half of a dent's width at half of its depth [m], over the width coordinate z of the response."""
+    """Return the response's width coordinates z, and half of a dent's width [m] at half of its depth for each."""
     z, delta = np.linspace(-3.0, 3.0, 25), np.linspace(0.0, np.pi / 2, 181)
     mean = ring.response.coefficients[:3, 0, :, 0] @ ring_basis(delta, ring.response.orders[0]).T
     inward = -(mean[0] + np.multiply.outer(z, mean[1]) + np.multiply.outer(z * z, mean[2]))

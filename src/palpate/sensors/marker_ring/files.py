@@ -1,4 +1,4 @@
-"""How a model of a marker ring stands in a file."""
+"""The tables of a model of a marker ring in a file, and its summary."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def _ring_response_keys(response: RingResponse) -> dict[str, Any]:
 
 
 def of_marker_ring(ring: MarkerRing) -> Lines:
-    """Ring, camera, noise and how well the response holds."""
+    """Return the model's figures as lines of text: ring, camera, noise, calibrated range and errors."""
     response, view = ring.response, ring.view
     outward, along = (1e6 * np.median(ring.noise(), axis=0)).tolist()
     tilt = np.degrees(np.arccos(np.clip(-view.pose.rotation[2, 2], -1.0, 1.0)))

@@ -1,4 +1,4 @@
-"""What a marker ring adds to the page: the camera's frame with its markers, and the markers where they stand."""
+"""Draw a marker ring on the page: the camera's image with its markers, and the markers in the scene."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["RingLayer", "annotated"]
 
 _REST, _NOW, _MOVED = (150, 150, 150), (0, 235, 255), (255, 160, 0)  # blue, green, red
-_MAGNIFIED = 4  # times that displacements are drawn longer than they are
+_MAGNIFIED = 4  # factor by which drawn displacements are longer than they are
 _FARTHEST = 1e6  # px: OpenCV counts sixteenths in 32 bits
 _COLOUR = (190, 60, 150)
 _ABOVE = 1.03  # radii of the skin
@@ -32,7 +32,11 @@ _ABOVE = 1.03  # radii of the skin
 def annotated(
     frame: UInt8[np.ndarray, "h w 3"], rest: Float[np.ndarray, "m 2"], pixels: Float[np.ndarray, "m 2"]
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """A frame with each marker's place, and its way from rest drawn four times as long; red first."""
+    """Return an image with each marker's place, and its displacement from rest drawn four times as long; red first.
+
+    Raises:
+        InputError: `rest` is not finite, or `frame` is empty.
+    """
     if not (np.abs(rest) < _FARTHEST).all():
         raise InputError(f"rest must be finite pixels, less than {_FARTHEST:g}.")
     if not frame.size:
@@ -53,13 +57,13 @@ def annotated(
 
 @takes_arrays
 class RingLayer:
-    """The ring's markers in the scene, and the frame in the panel.
+    """A layer with the ring's markers in the scene, and the camera's image in the panel.
 
     Args:
-        ring: calibrated.
-        frames: as JPEG, one a sample of the log; empty: not known, as of a file of contacts.
+        ring: calibrated ring.
+        frames: JPEG images, one per sample of the log; empty: not known, as for a file of contacts.
         pixels: (n, m, 2) [px] of the markers in each; NaN: not seen.
-        size: (height, width) [px] of frames that are fed as they come; None: none are.
+        size: (height, width) [px] of the images of a stream; None: no stream.
     """
 
     def __init__(
@@ -77,18 +81,18 @@ class RingLayer:
 
     @property
     def covers(self) -> bool:
-        """Markers are within the skin."""
+        """False: markers are within the skin and do not cover it."""
         return False
 
     @property
     def places(self) -> Float[np.ndarray, "k 3"]:
-        """(m, 3) [m] of the skin's outside at the markers."""
+        """Points (m, 3) [m] of the skin's outer surface at the markers."""
         angles = self._ring.view.angles
         place = [self._ring.radius * np.cos(angles), self._ring.radius * np.sin(angles), self._ring.view.heights]
         return np.stack(place, axis=1)
 
     def draw(self, server: ViserServer | ClientHandle, scene: Scene) -> None:
-        """Markers as points on the skin: within it nobody sees them."""
+        """Draw the markers as points on the skin, as they would not be visible within it."""
         self._scene = scene
         colours = np.tile(np.array(_COLOUR, np.uint8), (len(self._ring), 1))
         points = self._points(self._ring.rest)
@@ -97,17 +101,17 @@ class RingLayer:
         )
 
     def panel(self, gui: GuiApi) -> None:
-        """The frame."""
+        """Add the camera's image to the panel, if there are images."""
         if self._frames or self._fed is not None:
             label = f"camera; yellow: markers; blue: ways from rest, \u00d7 {_MAGNIFIED}"
             self._image = gui.add_image(self._picture(0), label=label, format="jpeg")
 
     def feed(self, frame: UInt8[np.ndarray, "h w 3"], pixels: Float[np.ndarray, "m 2"]) -> None:
-        """The frame of now, and the markers [px] in it."""
+        """Set the present image of a stream, and the markers [px] in it."""
         self._fed = frame, pixels
 
     def show(self, scene: Scene, index: int) -> None:
-        """Move the markers to a sample, and show its frame."""
+        """Move the markers to a sample, and show its image."""
         sample = self._sample(scene, index)
         if sample is None:
             return
@@ -116,24 +120,24 @@ class RingLayer:
             self._image.image = self._picture(sample)
 
     def rows(self, scene: Scene, index: int) -> list[tuple[str, str]]:
-        """Nothing: how many markers are seen is a feature of the contacts."""
+        """Return no rows: the number of markers seen is a feature of the contacts."""
         return []
 
     def legend(self) -> list[str]:
-        """The markers."""
+        """Return the legend's entry for the markers."""
         return [dot(_COLOUR, "marker, below the skin")]
 
     def _sample(self, scene: Scene, index: int) -> int | None:
-        """Of the log; None where nothing is known of it."""
+        """Return the sample number in the log; None if there is no image of it."""
         sample = int(scene.contacts.sample[scene.starts[index]])
         return sample if sample < len(self._pixels) or self._fed is not None else None
 
     def _seen(self, sample: int) -> Float[np.ndarray, "m 2"]:
-        """[px] of the markers."""
+        """Return the markers' places (m, 2) [px] in a sample, or in the present image of a stream."""
         return self._pixels[sample].astype(np.float64) if self._fed is None else self._fed[1]
 
     def _points(self, pixels: Float[np.ndarray, "m 2"]) -> Float32[np.ndarray, "m 3"]:
-        """Above the markers, in the scene's units; a marker that is not seen stands where it rests."""
+        """Return points above the markers in the scene's units; a marker that is not seen is drawn at rest."""
         view = self._ring.view
         plane = view.to_plane(np.where(np.isfinite(pixels), pixels, self._ring.rest), view.heights)
         plane *= _ABOVE * self._ring.radius / np.linalg.norm(plane, axis=1, keepdims=True)

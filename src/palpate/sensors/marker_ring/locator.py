@@ -1,4 +1,4 @@
-"""Displacements of the markers of a soft ring become contacts: how many, where, how hard, how wide, how sheared."""
+"""Find contacts in the displacements of a soft ring's markers: number, angles, forces, widths and shears."""
 
 from __future__ import annotations
 
@@ -19,24 +19,28 @@ from palpate.spatial.arguments import takes_arrays
 __all__ = ["RingFound", "RingLocator", "RingSettings", "turned"]
 
 _TABLE = 720  # angles of the response's table
-_NO_SHEAR = 1e-6  # deviation of shear / force where shear was not calibrated: none
+_NO_SHEAR = 1e-6  # standard deviation of shear / force where shear was not calibrated: none
 
 
 @dataclass(frozen=True)
 class RingSettings:
-    """How contacts are found.
+    """Settings of the search for contacts.
 
     Args:
-        on, off: a contact begins where it explains so many deviations of the markers' noise more than without it, and
-            ends where it explains fewer than `off`.
-        apart: [deg] nearer to each other no two contacts are told apart.
-        dropped: markers of a frame that may be left out because no contact explains them.
-        shift: [deg] by which a neighbour 30 degrees away may shift a contact, as a deviation; one farther away by less.
-        friction: usual shear / force, as a deviation; None: that of the calibration. Where it is less, what neighbours
-            leave a contact with is held by as much less.
-        wide: deviations of the calibration's widths that a contact's width usually has.
-        reach, speed, patience: of identities: a contact may be `reach` [m] off from one frame to the next, and move at
-            `speed` [m/s] beside that; one that is lost is waited for `patience` [s].
+        on: standard deviations of the markers' noise that a contact must explain to begin.
+        off: standard deviations of the markers' noise below which a contact ends.
+        apart: [deg] least angle between two contacts; nearer ones are taken as one.
+        dropped: number of markers of an image that may be omitted because no contact explains them.
+        shift: [deg] standard deviation of the shift of a contact by a neighbour 30 degrees away; less if farther away.
+        friction: standard deviation of shear / force; None: that of the calibration. If it is smaller, the shear that
+            neighbours cause is limited by the same factor.
+        wide: standard deviation of a contact's width, in those of the calibration's widths.
+        reach: [m] by which a contact may move from one image to the next and keep its identity.
+        speed: [m/s] at which a contact may move in addition to `reach`.
+        patience: [s] for which a lost contact keeps its identity.
+
+    Raises:
+        InputError: a setting is out of its range.
     """
 
     on: float = 5.5
@@ -64,12 +68,12 @@ class RingSettings:
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class RingFound:
-    """Contacts of frames, in the form of the compiled loops.
+    """Contacts of images, in the form of the compiled loops.
 
     Attributes:
-        states: (n, most, 8) angle [rad], force [N], width (deviations of the calibration's), shear / force, deviations
-            of angle [rad], force [N] and depth [m], and by how much the frame's chi-square would rise without it.
-        counts: (n,) of contacts; -1: fewer than half of the markers were seen.
+        states: (n, most, 8) angle [rad], force [N], width (in standard deviations of the calibration's), shear / force,
+            standard deviations of angle [rad], force [N] and depth [m], and the rise of chi-square without the contact.
+        counts: (n,) number of contacts; -1: fewer than half of the markers were seen.
         residual: (n,) root of chi-square over its degrees of freedom.
     """
 
@@ -80,17 +84,18 @@ class RingFound:
 
 @takes_arrays
 class RingLocator:
-    """Contacts from displacements, frame after frame: each starts from those of the frame before.
+    """Finder of contacts in displacements, image after image: each search starts from the contacts of the one before.
 
     Args:
-        response: of the ring.
+        response: response of the ring.
         markers: (m,) [rad] angles at rest, ring by ring.
-        noise: (m, 2) [m] deviation of a displacement, outwards and along.
-        settings: how contacts are found.
-        skin: radii [m] of the outer surface and of the markers; None: of a skin that no contact moves along.
+        noise: (m, 2) [m] standard deviation of a displacement, outwards and along.
+        settings: settings of the search; None: the defaults.
+        skin: radii [m] of the outer surface and of the markers; None: contacts do not move the skin under others.
 
     Attributes:
-        grip: shear / force up to which a contact is held where its neighbours carry the skin along.
+        grip: largest shear / force with which a contact resists the skin's motion by its neighbours.
+        most: largest number of contacts in an image.
     """
 
     def __init__(
@@ -121,14 +126,17 @@ class RingLocator:
         self.most = _ring.MOST
 
     def reset(self) -> None:
-        """Forget the contacts of the frame before."""
+        """Forget the contacts of the last image."""
         self._left[:] = 0.0
 
     def run(self, displacements: Float[np.ndarray, "n m 2"]) -> RingFound:
-        """Contacts of frames one after the other.
+        """Return the contacts of successive images.
 
         Args:
             displacements: (n, m, 2) [m] outwards and along rising angles; NaN: not seen.
+
+        Raises:
+            InputError: the displacements have another shape.
         """
         from palpate.sensors.marker_ring import _kernels as _ring
 
@@ -141,7 +149,10 @@ class RingLocator:
     def run_pixels(
         self, pixels: Float[np.ndarray, "n m 2"], ring: MarkerRing
     ) -> tuple[RingFound, Int[np.ndarray, " n"]]:
-        """`run` of markers of a ring that are seen at pixels, NaN: not seen; and how many are seen in each frame."""
+        """Return the contacts for the markers' pixels (n, m, 2), and the number (n,) of markers seen in each image.
+
+        A marker at NaN is not seen.
+        """
         from palpate.sensors.marker_ring import _kernels as _ring
 
         pixels = shaped(pixels, (None, len(self.markers), 2), "pixels")
@@ -154,12 +165,12 @@ class RingLocator:
         return RingFound(np.zeros((count, *self._left[1:].shape)), np.zeros(count, dtype=np.int64), np.zeros(count))
 
     def depth(self, states: Float[np.ndarray, "*batch 8"]) -> Float[np.ndarray, "*batch"]:
-        """[m] of contacts: force times the depth of a newton."""
+        """Return the depth (*batch,) [m] of contacts: force times the depth per newton."""
         mean, deviation = self.response.width
         return states[..., 1] * (mean + deviation * states[..., 2])
 
 
 @takes_arrays
 def turned(angle: ArrayLike) -> Float[np.ndarray, "*batch"]:
-    """Angles [rad] into -pi ... pi."""
+    """Return angles [rad] wrapped into -pi ... pi."""
     return np.asarray((np.asarray(angle, dtype=np.float64) + pi) % (2.0 * pi) - pi)

@@ -1,4 +1,4 @@
-"""A soft ring of markers that a fisheye camera watches: what calibration finds, and what estimates are made with."""
+"""A soft ring of markers that a fisheye camera watches: the calibrated model that estimates use."""
 
 from __future__ import annotations
 
@@ -22,14 +22,16 @@ __all__ = ["MarkerRing", "RingBody"]
 
 @dataclass(frozen=True)
 class RingBody:
-    """What is known of a unit before it is calibrated.
+    """The dimensions of a unit that are known before it is calibrated.
 
     Attributes:
-        radius: [m] of the outer surface at the markers. thickness: [m] of the skin. markers: how many, in each ring.
-        camera: lens; None: of an equidistant lens, whose focal length is fitted.
+        radius: [m] of the outer surface at the markers.
+        thickness: [m] of the skin.
+        markers: number of markers in each ring.
+        camera: lens; None: an equidistant lens, whose focal length is fitted.
         height: [m] of the camera above the markers, roughly.
-        colour: of the markers; None: found.
-        rings: [m] heights of the rings of markers, towards the camera; the first is 0: the one that radius is of.
+        colour: colour of the markers; None: it is found in the images.
+        rings: [m] heights of the rings of markers, towards the camera; the first is 0, the ring at which `radius` is.
     """
 
     radius: float
@@ -44,16 +46,18 @@ class RingBody:
 @takes_arrays
 @dataclass(frozen=True, eq=False, repr=False)
 class MarkerRing(Value):
-    """One unit.
+    """A calibrated unit of a marker ring.
 
     Attributes:
         radius: [m] of the skin's outer surface at the markers.
         view: the camera, its place in the ring, and the angles at which markers rest on the inner surface.
-        colour: how markers are told from the skin.
-        rest: (m, 2) [px] places of the markers at rest. area: (m,) [px] sizes.
-        jitter: [px] deviation of a marker's place along each axis from frame to frame.
-        response: how markers move.
-        notes: what a user should know. provenance: of the calibration.
+        colour: colour that distinguishes markers from the skin.
+        rest: (m, 2) [px] places of the markers at rest.
+        area: (m,) [px] sizes of the markers.
+        jitter: [px] standard deviation of a marker's place along each axis from image to image.
+        response: displacements of the markers under contacts.
+        notes: notes on the calibration, one sentence each.
+        provenance: origin of the calibration.
     """
 
     radius: float
@@ -81,7 +85,10 @@ class MarkerRing(Value):
         return len(self.view.angles)
 
     def displacements(self, pixels: Float[np.ndarray, "*batch m 2"]) -> Float[np.ndarray, "*batch m 2"]:
-        """[m] of markers at pixels from where they rest, outwards and along rising angles; NaN stays."""
+        """Return the markers' displacements [m] from rest, outwards and along rising angles, for their pixels.
+
+        A marker at NaN has a displacement of NaN.
+        """
         from palpate.optical._fisheye import displaced  # compiled: loaded when first needed
 
         flat, out = flat_pixels(pixels), np.empty(np.shape(pixels))
@@ -91,17 +98,17 @@ class MarkerRing(Value):
 
     @cached_property
     def numbers(self) -> tuple[np.ndarray, ...]:
-        """Lens and place of the camera; heights of the markers, where they rest in their planes [m], and `axes`."""
+        """Lens and pose of the camera, heights and rest positions [m] of the markers in their planes, and `axes`."""
         resting = self.view.to_plane(self.rest, self.view.heights)
         return *self.view.numbers, self.view.heights, resting, np.ascontiguousarray(self.axes())
 
     def axes(self) -> Float[np.ndarray, "m 2 2"]:
-        """Directions outwards and along rising angles at each marker, in the ring's plane: the columns."""
+        """Return unit vectors outwards and along rising angles at each marker in the ring's plane, as columns."""
         c, s = np.cos(self.view.angles), np.sin(self.view.angles)
         return np.stack([np.stack([c, s], axis=-1), np.stack([-s, c], axis=-1)], axis=-1)
 
     def noise(self) -> Float[np.ndarray, "m 2"]:
-        """[m] deviation of each displacement that `jitter` makes."""
+        """Return the standard deviation (m, 2) [m] of each displacement that comes from `jitter`."""
         along = np.swapaxes(self.axes(), -1, -2) @ self.view.to_plane_with_slope(self.rest, self.view.heights)[1]
         return self.jitter * np.linalg.norm(along, axis=-1)
 

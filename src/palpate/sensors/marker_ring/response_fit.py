@@ -1,4 +1,4 @@
-"""The response of a ring's markers, by regression on presses of known angle, depth and force."""
+"""Fit the response of a ring's markers by regression on presses of known angle, depth and force."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from palpate.spatial.arguments import takes_arrays
 __all__ = ["RingPresses", "fit_response"]
 
 ORDERS = (16, 2)  # of the angle between marker and contact, and of the contact's own angle
-PARTS = 48  # of a turn, in which misfits are told
+PARTS = 48  # parts of a turn, each with a misfit
 _BLOCK = 256  # presses at once
 _LEAST = 8  # presses that a fit needs
-_PLAIN = 0.02  # of the force, taken for what a gauge beside a ring tells shear to: a judgement, not measured
+_PLAIN = 0.02  # of the force: assumed accuracy of a shear gauge next to a ring; a judgement, not measured
 _TURNS = 200  # of expectation and maximisation
-_STEEPEST = 2.0  # shear / force: of silicone on anything it is below
-_ASTRAY, _WRONG = 0.35, 0.5  # rad, share: presses left out that are found so far off were not understood
+_STEEPEST = 2.0  # shear / force: that of silicone on anything is below
+_ASTRAY, _WRONG = 0.35, 0.5  # rad, share of force: larger errors on omitted presses mean a wrong truth
 _SHEAR = 0.15  # usual shear / force where none was calibrated
 _NEW_SKIN = 1.0, 4.0, 0.03  # numbers of `_deviations` that the search for the likeliest begins with: of a new kind,
 _NEW_UNIT = 0.1, 4.0, 0.3  # and of another unit of a known kind, once its stiffness is taken off
@@ -33,14 +33,17 @@ _NEW_UNIT = 0.1, 4.0, 0.3  # and of another unit of a known kind, once its stiff
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class RingPresses:
-    """Single contacts of known truth with what the markers did.
+    """Single contacts of known truth with the displacements of the markers.
 
     Attributes:
-        angle: (n,) [rad] of the centre of pressure. depth: (n,) [m]. force: (n,) [N] radial, positive inwards.
+        angle: (n,) [rad] of the centre of pressure.
+        depth: (n,) [m].
+        force: (n,) [N] radial, positive inwards.
         shear: (n,) [N] along rising angles; NaN: not known.
         displacements: (n, m, 2) [m] outwards and along; NaN: not seen.
-        markers: (m,) [rad] at rest, ring by ring, as many in each. noise: (m, 2) [m] deviation of a displacement.
-        rings: of markers.
+        markers: (m,) [rad] angles at rest, ring by ring, the same number in each.
+        noise: (m, 2) [m] standard deviation of a displacement.
+        rings: number of rings of markers.
     """
 
     angle: Float[np.ndarray, " n"]
@@ -56,13 +59,13 @@ class RingPresses:
         return len(self.angle)
 
     def picked(self, rows: Bool[np.ndarray, " n"]) -> RingPresses:
-        """Some of them."""
+        """Return the presses of a mask (n,)."""
         rows = shaped(rows, self.angle.shape, "rows", np.dtype(np.bool_))
         names = ("angle", "depth", "force", "shear", "displacements")
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
     def by_ring(self) -> list[RingPresses]:
-        """What each ring saw of them."""
+        """Return the presses once for each ring, with the displacements of its markers."""
         if self.rings == 1:
             return [self]
         own = [np.split(each, self.rings) for each in (np.swapaxes(self.displacements, 0, 1), self.markers, self.noise)]
@@ -73,20 +76,20 @@ class RingPresses:
 
 
 def fit_response(presses: RingPresses, before: RingResponse | None = None) -> RingResponse:
-    """The response that explains presses, with what it leaves unexplained on presses that were left out.
+    """Fit the response that explains presses, with its errors on presses that were omitted from the fit.
 
-    A regression on v0, v1, v2 and s with a prior: smooth in the angle from the contact, nearly the same all round the
-    ring; how smooth and how nearly, the presses say: a looser prior learns the pixels' noise, and two contacts near to
-    each other pay for that. With the response of another unit the prior is that one, times a stiffness of its own all
-    round: tens of presses then do.
+    A regression on v0, v1, v2 and s with a prior: smooth in the angle from the contact, and nearly the same all round
+    the ring. The degrees of both are chosen from the presses: a looser prior learns the pixels' noise, which makes two
+    contacts near to each other worse. With the response of another unit the prior is that response, times a stiffness
+    that varies round the ring: tens of presses are then enough.
 
     Args:
-        presses: all round, of two widths at least; of shear, too, where it is known.
-        before: of another unit.
+        presses: presses all round the ring, of two widths at least; with shear, if it is known.
+        before: response of another unit.
 
     Raises:
-        InputError: too few presses, or only on a part of the ring; shear that no friction makes; or presses that are
-            left out are not found by what the others tell.
+        InputError: the presses are too few, or only on a part of the ring; a shear is more than friction allows; or
+            omitted presses are not found with the response of the others.
     """
     _require_presses(presses, before)
     whole = _fitted(presses, before)
@@ -130,7 +133,7 @@ def _require_presses(presses: RingPresses, before: RingResponse | None) -> None:
 
 
 def _fitted(presses: RingPresses, before: RingResponse | None) -> RingResponse:
-    """Without knowledge of its errors."""
+    """Return the fitted response without its errors: misfit and spread are zero."""
     if before is None:
         ratio = presses.depth / presses.force
         sheared = bool(np.isfinite(presses.shear).all() and np.ptp(presses.shear / presses.force) > 0.1)
@@ -152,7 +155,7 @@ def _fitted(presses: RingPresses, before: RingResponse | None) -> RingResponse:
 
 
 def _usual(presses: RingPresses, width: np.ndarray, sheared: bool) -> tuple[Float[np.ndarray, "3"], float]:
-    """`usual` and `grip` of a `RingResponse`; grip of the heavier half: light presses tell more of the gauge."""
+    """Return `usual` and `grip` of a `RingResponse`; grip from the heavier half, as light presses show the gauge."""
     z = (presses.depth / presses.force - width[0]) / width[1]
     if not sheared:
         return np.array([z.mean(), z.std(), _SHEAR]), 0.0
@@ -162,9 +165,9 @@ def _usual(presses: RingPresses, width: np.ndarray, sheared: bool) -> tuple[Floa
 
 
 def _dragged(share: Float[np.ndarray, " n"]) -> Float[np.ndarray, "3"]:
-    """`dragged` of a `RingResponse`: two normal distributions about 0, by expectation and maximisation.
+    """Return `dragged` of a `RingResponse`: two normal distributions about 0, by expectation and maximisation.
 
-    Zeros where one distribution explains shear / force as well, by Schwarz's criterion [Bishop 2006, 4.4.1 and 9.2.2].
+    Zeros if one distribution explains shear / force as well, by Schwarz's criterion [Bishop 2006, 4.4.1 and 9.2.2].
     """
     square, deviations = share**2, np.maximum([np.median(np.abs(share)), np.abs(share).max()], _PLAIN)
     weights = np.array([0.5, 0.5])
@@ -185,7 +188,7 @@ def _dragged(share: Float[np.ndarray, " n"]) -> Float[np.ndarray, "3"]:
 
 
 def _terms(presses: RingPresses, width: np.ndarray, terms: int) -> Float[np.ndarray, "n b"]:
-    """What multiplies v0, v1, v2 and s."""
+    """Return the factors (n, b) of v0, v1, v2 and s for each press: F, F z, F z^2 and the shear."""
     force, z = presses.force, (presses.depth / presses.force - width[0]) / width[1]
     columns = [force, force * z, force * z * z]
     if terms == 4:
@@ -194,7 +197,7 @@ def _terms(presses: RingPresses, width: np.ndarray, terms: int) -> Float[np.ndar
 
 
 def _rescaled(presses: RingPresses, before: RingResponse) -> tuple[np.ndarray, np.ndarray]:
-    """Another unit's response, softer or stiffer all round: u = g(phi) u_before, depth / F = g width_before."""
+    """Return another unit's response times a softness g: u = g(phi) u_before, width = mean(g) width_before."""
     g, gain = np.ones(len(presses)), np.array([1.0, 0.0, 0.0, 0.0, 0.0])
     for _ in range(3):
         terms = _terms(presses, before.width * np.mean(g), len(before.coefficients))
@@ -210,7 +213,7 @@ def _rescaled(presses: RingPresses, before: RingResponse) -> tuple[np.ndarray, n
 
 
 def _times(coefficients: np.ndarray, gain: np.ndarray, order: int) -> np.ndarray:
-    """Coefficients of a response times a series in the contact's angle, cut off at the response's own order."""
+    """Return a response's coefficients times a series in the contact's angle, truncated at the response's order."""
     phi = 2.0 * np.pi * np.arange(64) / 64
     of_phi = ring_basis(phi, order)
     values = np.einsum("bckm,am->bcka", coefficients, of_phi) * (ring_basis(phi, 2) @ gain)
@@ -228,7 +231,7 @@ def _predicted(presses: RingPresses, coefficients: np.ndarray, terms: np.ndarray
 
 
 def _regression(presses: RingPresses, start: np.ndarray, width: np.ndarray, *, known: bool) -> np.ndarray:
-    """Ridge regression of one ring's response towards `start`, with the prior that its evidence chooses."""
+    """Return one ring's response by ridge regression towards `start`, with the prior of the largest evidence."""
     shape, usual = start.shape, float(np.sqrt(np.nanmean((presses.displacements / presses.force[:, None, None]) ** 2)))
     normal, right = _sums(presses, start, width, usual)
     scale = _most_likely(normal, right, shape, usual, _NEW_UNIT if known else _NEW_SKIN)
@@ -239,7 +242,7 @@ def _regression(presses: RingPresses, start: np.ndarray, width: np.ndarray, *, k
 def _sums(
     presses: RingPresses, start: np.ndarray, width: np.ndarray, usual: float
 ) -> tuple[Float[np.ndarray, "size size"], Float[np.ndarray, "size 2"]]:
-    """The normal matrix and its right sides, outwards and along, of what `start` leaves."""
+    """Return the normal matrix and its right sides, outwards and along, for the residuals of `start`."""
     terms, shape = _terms(presses, width, len(start)), start.shape
     size = shape[0] * shape[2] * shape[3]
     normal, right = np.zeros((size, size)), np.zeros((size, 2))
@@ -262,17 +265,17 @@ def _sums(
 def _most_likely(
     normal: np.ndarray, right: np.ndarray, shape: tuple[int, ...], usual: float, first: tuple[float, float, float]
 ) -> Float[np.ndarray, " size"]:
-    """Deviations of the coefficients under the prior whose evidence is largest [Bishop 2006, 3.5.1].
+    """Return the coefficients' standard deviations under the prior of the largest evidence [Bishop 2006, 3.5.1].
 
-    log p(u) = sum over both axes of (log|P| - log|N + P| + r' (N + P)^-1 r) / 2 + what no prior changes, P the
-    precision, N the normal matrix, r its right side.
+    log p(u) = sum over both axes of (log|P| - log|N + P| + r' (N + P)^-1 r) / 2 + a constant, with P the precision, N
+    the normal matrix, r its right side.
 
     Args:
-        normal: of the regression.
-        right: its right sides.
-        shape: of the coefficients.
-        usual: displacement of a newton [m/N].
-        first: numbers of `_deviations` to begin with.
+        normal: (size, size) normal matrix of the regression.
+        right: (size, 2) its right sides.
+        shape: shape of the coefficients.
+        usual: usual displacement per newton [m/N].
+        first: numbers of `_deviations` to start from.
     """
     from scipy.linalg import cho_factor, cho_solve  # here: they take a while to import
     from scipy.optimize import minimize
@@ -294,12 +297,12 @@ def _most_likely(
 
 
 def _deviations(shape: tuple[int, ...], size: float, smooth: float, uneven: float) -> Float[np.ndarray, " size"]:
-    """Of coefficients under the prior, beside those of the start; the usual displacement of a newton is 1.
+    """Return prior standard deviations of the coefficients' differences from the start, per usual displacement.
 
     Args:
-        shape: of the coefficients.
-        size: of all of them.
-        smooth: order in delta from which on they fall.
+        shape: shape of the coefficients.
+        size: standard deviation of the lowest orders.
+        smooth: order in delta from which they decrease.
         uneven: share of the first order in phi.
     """
     of_term = np.array([1.0, 0.5, 0.25, 1.0])[: shape[0]]
@@ -311,7 +314,7 @@ def _deviations(shape: tuple[int, ...], size: float, smooth: float, uneven: floa
 
 
 def _left_out(presses: RingPresses, before: RingResponse | None, whole: RingResponse) -> dict[str, np.ndarray]:
-    """Misfit and spread, from two fits to halves of the angles, each judged on the other."""
+    """Return `misfit`, `spread` and `left_out`, from two fits to halves of the angles, each tested on the other."""
     _, which = np.unique(np.round(np.mod(presses.angle, 2.0 * np.pi), 2), return_inverse=True)
     folds = which % 2 if min(np.bincount(which % 2, minlength=2)) >= _LEAST else np.arange(len(presses)) % 2
     judged = list[np.ndarray]()
@@ -337,7 +340,7 @@ def _rms(values: Sequence[float]) -> float:
 
 
 def _add_misfit(fit: RingResponse, part: RingPresses, square: np.ndarray, number: np.ndarray) -> None:
-    """Squares of what a fit leaves of presses, per newton, less what noise explains."""
+    """Add the squared residuals of presses, less the noise, to `square`, and the squared forces to `number`."""
     left = part.displacements - _predicted(part, fit.coefficients, _terms(part, fit.width, len(fit.coefficients)))
     delta = np.mod(part.markers[None, :] - part.angle[:, None], 2.0 * np.pi)
     where = np.minimum((delta / (2.0 * np.pi) * PARTS).astype(np.int64), PARTS - 1)
@@ -350,7 +353,7 @@ def _add_misfit(fit: RingResponse, part: RingPresses, square: np.ndarray, number
 
 
 def _errors(fit: RingResponse, part: RingPresses) -> Float[np.ndarray, "n 5"]:
-    """Errors of angle and force with their deviations, and the force, of presses that were not fitted."""
+    """Return errors of angle [rad] and force [N], their standard deviations, and the force, of presses not fitted."""
     locator = RingLocator(fit, part.markers, part.noise, RingSettings())
     rows = list[list[float]]()
     for k in range(len(part)):
@@ -365,7 +368,7 @@ def _errors(fit: RingResponse, part: RingPresses) -> Float[np.ndarray, "n 5"]:
 
 
 def _beside(errors: Float[np.ndarray, "n 5"]) -> Float[np.ndarray, "2"]:
-    """Deviations that, beside the stated ones, make 95 % of the errors lie within 1.96."""
+    """Return the additional standard deviations (2,) with which 95 % of the errors lie within 1.96 of the total."""
     found = np.zeros(2)
     if not len(errors):
         return found

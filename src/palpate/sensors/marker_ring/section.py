@@ -1,4 +1,4 @@
-"""A ring of markers that a camera watches, in a rig: its table, how images are read, and what is built of it."""
+"""A ring of markers that a camera watches, in a rig: its table, the layout of images, and the estimator built of it."""
 
 from __future__ import annotations
 
@@ -47,12 +47,13 @@ _NO_WRENCH = "a camera measures no wrench"
 
 @dataclass(frozen=True)
 class RigMarkerRing:
-    """The ring, its model, and where a log keeps its images.
+    """Rig table of a marker ring: its model, its dimensions, and the topic of its images.
 
     `model` is a file of `palpate calibrate marker-ring`. For a calibration: `radius` [m] of the outer surface at the
-    markers, `thickness` [m] of the skin, how many `markers`, the `camera`'s lens as a file, its `height` [m] above the
-    markers; `rings` [m], the heights of several rings of as many markers each, the first 0. `topic` of a log with
-    topics; `tare` [s]: the log starts untouched for so long; `contacts`: how contacts are found.
+    markers, `thickness` [m] of the skin, the number of `markers`, the `camera`'s lens as a file, its `height` [m] above
+    the markers; `rings` [m], the heights of several rings with that number of markers each, the first 0. `topic` is
+    that of a log with topics; `tare` [s] is the untouched time at the log's start; `contacts` are the settings of the
+    search for contacts.
     """
 
     model: str | None = None
@@ -90,7 +91,7 @@ class MarkerRingSection(SensorSection):
 
     @cached_property
     def ring(self) -> MarkerRing:
-        """The calibrated ring.
+        """Calibrated ring, read from the model's file.
 
         Raises:
             InputError: no model is named, or it cannot be read.
@@ -104,10 +105,10 @@ class MarkerRingSection(SensorSection):
         return read_model(self.link.folder / self.table.model, MarkerRing)
 
     def body(self) -> RingBody:
-        """Return what the rig says of a unit that is to be calibrated.
+        """Return the dimensions that the rig states for a unit before its calibration.
 
         Raises:
-            InputError: it says too little, or the camera's file cannot be read.
+            InputError: radius, thickness or markers are missing, or the camera's file cannot be read.
         """
         table = self.table
         if table.radius is None or table.thickness is None or table.markers is None:
@@ -121,13 +122,13 @@ class MarkerRingSection(SensorSection):
         return RingBody(table.radius, table.thickness, table.markers, camera, table.height, rings=table.rings)
 
     def surface(self) -> Surface:
-        """Return a cylinder as large as the ring, to draw it on where the rig has no [surface]."""
+        """Return a cylinder of the ring's radius, on which it is drawn if the rig has no [surface]."""
         radius, upright = self.ring.radius, np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
         return Cylinder(radius, 0.6 * radius).transformed(Pose(upright, np.zeros(3)))  # its own axis is y
 
 
 def _camera(path: Path) -> Fisheye:
-    """Of `palpate calibrate camera`, or the same keys by another hand, without its kind."""
+    """Return the lens of a file of `palpate calibrate camera`, or of a table with the same keys, without its kind."""
     table = load_toml(path)
     return read_model(path, Fisheye) if "kind" in table else parse(table, Fisheye, file=str(path))
 
@@ -148,7 +149,7 @@ def _build(setup: Setup) -> BuiltEstimator:
 
 
 def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | None:
-    """A video, a folder of frames, or a topic of colour images."""
+    """Return the rig text for a video, a folder of images, or a topic of colour images; None if there are none."""
     size = image_size(log)
     if size is None:
         return None

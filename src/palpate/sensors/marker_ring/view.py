@@ -18,11 +18,11 @@ from palpate.viewer.scene import Layer
 
 __all__ = ["MarkerRingView"]
 
-SHOWN = 0.25  # s between two frames that are shown
+SHOWN = 0.25  # s between two images that are shown
 
 
 class MarkerRingView(SensorView):
-    """Show the camera's frame with the markers, on a cylinder as large as the ring where the rig has no surface."""
+    """The view of a marker ring: the camera's image, and the markers on the surface, or on a cylinder without one."""
 
     words: ClassVar[Mapping[str, Words]] = {
         **TRACKED,
@@ -33,16 +33,16 @@ class MarkerRingView(SensorView):
     }
 
     def body(self, setup: Setup) -> Surface | None:
-        """Return the link's surface, or a cylinder as large as the ring."""
+        """Return the link's surface, or else a cylinder of the ring's radius."""
         return super().body(setup) or setup.of(MarkerRingSection).surface()
 
     def layers(self, setup: Setup, kept: LayerData, live: tuple[int, ...] | None) -> tuple[Layer, ...]:
-        """Return the ring with its frames and markers."""
+        """Return the layer that draws the ring's images and markers."""
         shape = None if live is None else (live[0], live[1])
         return (RingLayer(setup.of(MarkerRingSection).ring, kept.frames, kept.joined(), shape),)
 
     def feed(self, setup: Setup, tares: Callable[[], int], layers: tuple[Layer, ...]) -> Feed:
-        """Return what takes the frames of a stream to the ring."""
+        """Return the feed that shows the images of a stream in the ring's layer."""
         if layers and isinstance(layers[0], RingLayer):
             made = setup.prepared().estimator
             if isinstance(made, RingEstimator):
@@ -51,7 +51,7 @@ class MarkerRingView(SensorView):
 
 
 class _Frames:
-    """The last frame of a camera, and the markers in it."""
+    """A feed that shows the last image of a camera, and the markers in it."""
 
     def __init__(self, estimator: RingEstimator, layer: RingLayer) -> None:
         self._estimator, self._layer, self._at = estimator, layer, -np.inf

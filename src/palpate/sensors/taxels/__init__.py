@@ -1,4 +1,4 @@
-"""A skin of taxels: a flexible sheet on a curved link, or taxels anywhere."""
+"""Estimate contacts on a skin of taxels: a flexible sheet on a curved link, or taxels anywhere on a body."""
 
 from palpate.sensors.taxels.calibrate import identify_intensity
 from palpate.sensors.taxels.estimator import TaxelEstimator

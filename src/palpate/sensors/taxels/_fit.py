@@ -1,9 +1,9 @@
-"""Compiled: where a touch lies between taxels that stand anywhere, and where that is on the body.
+"""Compiled: fit the place of a touch between taxels that stand anywhere, and lift it onto the body.
 
-A centroid lies inside the taxels that feel a touch, so beside an edge of the skin, a hole or a module it is pulled to
-where taxels are. Here a round Gaussian of unknown place, height and width is fitted to their readings instead, by
-Gauss-Newton's steps with Marquardt's damping: what stands nowhere says nothing, and a taxel that feels nothing says so.
-Lengths are in spacings of taxels.
+A centroid lies inside the taxels that feel a touch, so next to an edge of the skin, a hole or a module it is pulled
+towards the taxels. Here a round Gaussian of unknown place, height and width is fitted to their readings instead, by
+Gauss-Newton steps with Marquardt's damping: places without taxels add no information, and a taxel that feels nothing
+does. Lengths are in spacings of taxels.
 """
 
 # pyright: basic
@@ -16,21 +16,22 @@ from palpate.surfaces._vectors import solve_positive
 
 __all__ = ["fit_touch", "lift"]
 
-# what is thought of a touch before it is seen: taxels stand about as far apart as they feel
-_WIDTH, _WIDER = 0.5, 0.5  # deviation of its pressure, and that of the logarithm of it
-_BESIDE = 0.5  # by which it lies beside the hardest pressed taxel, along each axis
-# of its height, by which pressure is off from a Gaussian's: Hertz's as wide as a spacing 1 to 3 %, a flat disc's 1 to 6
+# prior of a touch: the spacing of taxels is about as large as their reach
+_WIDTH, _WIDER = 0.5, 0.5  # standard deviation of its pressure, and that of the logarithm of it
+_BESIDE = 0.5  # standard deviation of its distance from the hardest pressed taxel, along each axis
+# share of its height by which pressure differs from a Gaussian: Hertz's, one spacing wide, 1 to 3 %, a flat disc 1 to 6
 _SHAPE = 0.04
 _STEPS = 20
-_RIDGE = 1e-3  # squared spacings: a bend across which no taxels stand is none
+_RIDGE = 1e-3  # squared spacings: damps a bend along which there are no taxels
 
 
 @inner
 def fit_touch(cells, count, end, own, numbers, at, start, out):
-    """Place (2) and its variances along both axes and their product, into out (5,); `start` (2,) is the centroid.
+    """Fit a touch; write its place (2), its variances along both axes and their covariance into out (5,).
 
-    Of an area's cells those from `count` to `end` are its rim; `own` is the share of each that is this touch's, and
-    `numbers` are the forces of all, what noise makes of them, and what noise and gain do.
+    `start` (2,) is the centroid. Of an area's cells those from `count` to `end` are its rim; `own` is the share of each
+    that belongs to this touch, and `numbers` are the forces of all cells, and their standard deviations by noise, and
+    by noise and gain.
     """
     force, noise, error = numbers
     hardest, peak = cells[0], 0.0
@@ -78,7 +79,7 @@ def fit_touch(cells, count, end, own, numbers, at, start, out):
 
 @inner
 def _cost(touch, x, prior, sure):
-    """Squares of what is left, in deviations, those from the prior included."""
+    """Return the sum of squared residuals in standard deviations, including those from the prior."""
     cells, count, end, own, force, noise, error, at, shape = touch
     cost, narrow = 0.0, 0.5 * np.exp(-2.0 * x[3])
     for i in range(end):
@@ -93,7 +94,7 @@ def _cost(touch, x, prior, sure):
 
 @inner
 def _normal(touch, x, prior, sure, normal, pull):
-    """Normal equations about x, and the cost there."""
+    """Write the normal equations about x into `normal` and `pull`, and return the cost there."""
     cells, count, end, own, force, noise, error, at, shape = touch
     cost, narrow, slope = 0.0, np.exp(-2.0 * x[3]), np.empty(4)
     normal[:], pull[:] = 0.0, 0.0
@@ -120,11 +121,11 @@ def _normal(touch, x, prior, sure, normal, pull):
 
 @inner
 def lift(cells, end, own, used, inside, origin, at, row, column, place, here, ways):
-    """Position and unit normal of the body at a place of the tangent plane of `origin`, and both ways (2, 3) there.
+    """Write position and unit normal of the body at a place of `origin`'s tangent plane, and both steps (2, 3) there.
 
-    Normals turn evenly with the way along the body: the turn K is found from those of the cells by least squares. A way
-    x then ends at a chord that leans by half of what the normal turns by, and on a sphere or along a cylinder there
-    exactly. How far the cells themselves lie off that, by their forces, is added along the normal.
+    Normals turn evenly with the distance along the body: the turn K is fitted to those of the cells by least squares. A
+    path x then ends at a chord that leans by half the turn of the normal; this is exact on a sphere and along a
+    cylinder. The mean distance of the cells from that surface, weighted by their forces, is added along the normal.
     """
     positions, normals, tangents, spacing = place[0][0], place[0][1], place[0][2], place[1][1]
     size, n, along = spacing[origin], normals[origin], tangents[origin]
@@ -162,7 +163,7 @@ def lift(cells, end, own, used, inside, origin, at, row, column, place, here, wa
 
 @inner
 def _bend(cells, end, normals, n, along, aside, at, bend):
-    """The turn (2, 2) [rad] of the normal a spacing along both axes."""
+    """Add the turn (2, 2) [rad] of the normal over one spacing along both axes to `bend`, which is 0 before."""
     xx, xy, yy = _RIDGE, 0.0, _RIDGE
     for i in range(end):
         k = cells[i]
@@ -187,7 +188,7 @@ def _bend(cells, end, normals, n, along, aside, at, bend):
 
 @inner
 def _reach(x, y, bend, size, there):
-    """Where a way (x, y) [m] along the body ends, along both tangents and the normal; sin(turn)/turn of its normal."""
+    """Write the end of a path (x, y) [m] on the body, by tangents and normal, to `there`; return sin(turn)/turn."""
     ahead, across = (bend[0, 0] * x + bend[0, 1] * y) / size, (bend[1, 0] * x + bend[1, 1] * y) / size
     way, turn = np.sqrt(x * x + y * y), np.sqrt(ahead * ahead + across * across)
     half = 0.5 * turn

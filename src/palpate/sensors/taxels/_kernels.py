@@ -1,7 +1,7 @@
-"""Compiled: frames of taxels to contacts: rest, force, areas, the split of areas, centroids, identities.
+"""Compiled: turn frames of taxels into contacts by baseline, force, areas, split areas, centroids and identities.
 
-Cells know their neighbours by a table. `at` is where a cell of an area lies, in cells: row and column on a sheet, which
-run on over the seam of a ring; else about the hardest pressed cell, in its tangent plane.
+Cells know their neighbours by a table. `at` is the place of an area's cell, in cells: row and column on a sheet, which
+continue over the seam of a ring; else in the tangent plane of the hardest pressed cell, about it.
 """
 
 # pyright: basic
@@ -42,19 +42,19 @@ MOST = 64  # contacts of a frame
 PARTS = 16  # of an area
 AREA = 22  # where the numbers behind a row of an estimate begin
 NO_CONTACT, SATURATED, INVALID = 2, 6, 7  # palpate.contact.estimate.Status
-# numbers of a cell: what is known of it, what the last frame left (rest, reading, one that was a number), and a frame's
+# numbers of a cell: constants, state after the last frame (baseline, reading, last finite one), and work space
 NOISE, LIMIT, BASELINE, LAST, HELD, FORCE, Z, SPREAD = 0, 1, 2, 3, 4, 5, 6, 7
 ERROR, USED, OWN, VARIANCE, AT, NUMBERS = 8, 9, 10, 11, 12, 14
-# and whole ones: the same; how often around its range it is, and how often it went over an end; the window in which it
-# was last touched
+# and integers: the same; its present turns around the range, and the number of times it wrapped; the window in which
+# it was last touched
 GOOD, CURVE, TURNS, WRAPPED, LABEL, LIVE, CELLS, PARENT, TOUCHED, WHOLE = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9
-# of a rest that is followed by a Kalman filter, as `contact.zero_follower` does for wrenches
+# of a baseline that a Kalman filter follows, as `contact.drift_tracker` does for wrenches
 WINDOW = 0.1  # s whose mean is taken
-DELAY = 10  # windows that one waits for a touch that shows late
-AFTER = 5  # windows after a touch that are left out
+DELAY = 10  # windows to wait for a touch that shows late
+AFTER = 5  # windows after a touch that are not used
 SLOTS = DELAY + 1
 NEVER = -(1 << 60)
-_HELD = 4.0  # deviations above the rest beyond which a window is of a touch below the thresholds
+_HELD = 4.0  # standard deviations above the baseline beyond which a window has a touch below the thresholds
 _ROUNDS = 8  # of expectation maximisation
 _NARROW = 0.12  # squared cells: no contact is seen narrower than its cell
 # what the edges of cells make of a centroid, in cells: see `_narrow`
@@ -68,7 +68,7 @@ _LEAST_WIDE = 0.2  # squared cells
 
 @inner
 def _force(counts, table, step):
-    """[N] of counts above rest: straight between the entries, and on with the first and the last slope."""
+    """Return the force [N] of counts above the baseline: linear between entries, beyond them by the end slopes."""
     at = counts / step
     k = min(max(int(at), 0), len(table) - 2)
     return table[k] + (at - k) * (table[k + 1] - table[k])
@@ -76,9 +76,9 @@ def _force(counts, table, step):
 
 @inner
 def _wraps(raw, rest, noise, neighbours, turn, last, turns, wrapped):
-    """Readings that went over one end of their range and came out at the other, alone: a touch moves neighbours too.
+    """Count turns of readings that wrapped around the range alone, because a touch moves neighbours too.
 
-    Below 0 only where a cell rests that low; over the top only while a neighbour is pressed.
+    A reading may wrap below 0 only where a cell rests that low, and over the top only while a neighbour is pressed.
     """
     for k in range(len(raw)):
         moved = raw[k] - (last[k] if np.isfinite(last[k]) else rest[k])
@@ -101,7 +101,7 @@ def _wraps(raw, rest, noise, neighbours, turn, last, turns, wrapped):
 
 @inner
 def _take(raw, rest, neighbours, turn, numbers, whole, value):
-    """Readings to work on: put right where they wrapped, held where they are no numbers; False: too few are."""
+    """Write unwrapped readings to `value`, the last ones for those not finite; return False if over 1/4 of them is."""
     last, held, good, turns = numbers[LAST], numbers[HELD], whole[GOOD], whole[TURNS]
     missing, count = 0, 0
     for k in range(len(raw)):
@@ -122,7 +122,7 @@ def _take(raw, rest, neighbours, turn, numbers, whole, value):
 
 @inner
 def _fill(z, force, live, neighbours, between):
-    """Cells that are no good take the mean of the good ones that touch them, if there are two."""
+    """Give bad cells the mean of the good cells that touch them, if there are two, else 0."""
     for k in range(len(force)):
         if live[k]:
             continue
@@ -139,7 +139,7 @@ def _fill(z, force, live, neighbours, between):
 
 @inner
 def _grow(seed, name, z, off, columns, neighbours, steps, label, at, cells):
-    """The cells joined to a seed; returns how many."""
+    """Join cells above the threshold to a seed; return the number of cells."""
     label[seed], cells[0] = name, seed
     at[0, seed], at[1, seed] = seed // columns, seed % columns
     done, count = 0, 1
@@ -158,7 +158,7 @@ def _grow(seed, name, z, off, columns, neighbours, steps, label, at, cells):
 
 @inner
 def _rim(name, count, live, neighbours, steps, label, at, cells):
-    """The cells around an area, behind it in `cells`: what is below the threshold there is force all the same."""
+    """Append the cells around an area to `cells`, because a touch reaches below the threshold; return the new end."""
     end = count
     for i in range(count):
         k = cells[i]
@@ -174,7 +174,7 @@ def _rim(name, count, live, neighbours, steps, label, at, cells):
 
 @inner
 def _chart(cells, end, origin, place, at):
-    """Where cells lie about one of them, in its tangent plane, as far as the way along an arc between both normals."""
+    """Place cells in the tangent plane of one of them, at the distance along an arc between both normals."""
     positions, normals, tangents, spacing = place[0][0], place[0][1], place[0][2], place[1][1]
     for i in range(end):
         k = cells[i]
@@ -204,9 +204,9 @@ def _root(parent, k):
 
 @inner
 def _split(cells, count, name, force, spread, neighbours, between, sure, share, label, parent):
-    """Basins of an area: a peak counts that stands higher over its saddle than noise and unequal cells can make it.
+    """Split an area into basins: a peak counts if it exceeds its saddle by more than noise and unequal cells explain.
 
-    Cells are taken from the hardest pressed down. Where two basins meet, the lower is given up unless it stands out;
+    Cells are taken from the hardest pressed down. Where two basins meet, the lower is merged unless it stands out;
     across a corner, the saddle is the higher of the two cells between. Afterwards parent[k] is the peak of each cell's
     basin.
     """
@@ -235,7 +235,7 @@ def _split(cells, count, name, force, spread, neighbours, between, sure, share, 
 
 @inner
 def _mixture(cells, count, force, at, parent, parts):
-    """Shares of an area's contacts: round Gaussians fitted to its force; parts (p, 5): place, variance, weight."""
+    """Fit round Gaussians to an area's force; write parts (p, 5): place, variance, weight, peak; return p."""
     number = 0
     for i in range(count):
         k = cells[i]
@@ -272,7 +272,7 @@ def _mixture(cells, count, force, at, parent, parts):
 
 @inner
 def _shares(row, column, parts, number, share):
-    """How much of a cell belongs to each contact."""
+    """Write the share of a cell that belongs to each contact."""
     least = np.inf
     for p in range(number):
         square = ((row - parts[p, 0]) ** 2 + (column - parts[p, 1]) ** 2) / parts[p, 2]
@@ -288,7 +288,7 @@ def _shares(row, column, parts, number, share):
 
 @inner
 def _cubic(t, weights):
-    """Catmull and Rom's weights of four values around t in [0, 1]."""
+    """Write Catmull and Rom's weights of four values around t in [0, 1]."""
     s, q = t * t, t * t * t
     weights[0] = 0.5 * (-t + 2.0 * s - q)
     weights[1] = 0.5 * (2.0 - 5.0 * s + 3.0 * q)
@@ -298,7 +298,7 @@ def _cubic(t, weights):
 
 @inner
 def _between_cells(grid, row, column, out):
-    """Position and normal (not yet unit) between cell centres; `grid` has two more cells at each end."""
+    """Interpolate position and normal (not yet unit) between cell centres; `grid` has two more cells at each end."""
     i = min(max(int(np.floor(row)), -1), grid.shape[0] - 5)
     j = min(max(int(np.floor(column)), -1), grid.shape[1] - 5)
     u, v = np.empty(4), np.empty(4)
@@ -314,7 +314,7 @@ def _between_cells(grid, row, column, out):
 
 @inner
 def _on_sheet(grid, row, column, here, ways):
-    """Position and unit normal of a place on a sheet, and the ways (2, 3) of a row and of a column there."""
+    """Write position and unit normal of a place on a sheet, and the steps (2, 3) [m] of a row and of a column there."""
     there = np.empty(6)
     _between_cells(grid, row, column, here)
     here[3:] /= np.sqrt(here[3] ** 2 + here[4] ** 2 + here[5] ** 2)
@@ -327,7 +327,7 @@ def _on_sheet(grid, row, column, here, ways):
 
 @inner
 def _write(here, ways, moments, variances, out, first):
-    """Where a contact lies and what its place is worth; from `first` the axes of its pressure [m] and their angle."""
+    """Write a contact's place and covariance; from `first` the axes of its pressure [m] and their angle [rad]."""
     out[:6] = here
     sizes = np.zeros(2)
     for a in range(3):
@@ -349,11 +349,11 @@ def _write(here, ways, moments, variances, out, first):
 
 @inner
 def _add_places(cells, count, own, force, inside, covariances, out):
-    """Adds what is not known of where the taxels are to the covariance of a contact, in its tangent plane.
+    """Add the covariance of the taxels' positions to that of a contact, in its tangent plane.
 
-    The errors d of taxels side by side are mostly alike, as of one module. Whatever they have in common, the centroid's
+    The errors d of nearby taxels are mostly equal, as on one module. Whatever they have in common, the centroid's
     covariance is at most the mean of theirs, since E (sum w d) (sum w d)' <= sum w E d d' [Jensen, for shares w], and
-    just that if they are the same.
+    equal to it if they are the same.
     """
     known, half = np.zeros((3, 3)), np.zeros((3, 3))
     for i in range(count):
@@ -374,11 +374,11 @@ def _add_places(cells, count, own, force, inside, covariances, out):
 
 @inner
 def _narrow(moment, least):
-    """Variance of a centroid along an axis, because a cell does not tell where in it the force is; squared cells.
+    """Return the variance of a centroid along an axis from the unknown place of the force in its cells; squared cells.
 
-    A touch w < 1 wide lies across an edge with a share q of its force: it is (1/2 - q) (1 - w) from where the centroid
-    says, whose square is (1/4 - m) (1 - w)^2 with the second moment m = q (1 - q). Only a touch that lies within one
-    row of cells, along this axis or the other (`least`, the smallest moment), may be of any such width.
+    A touch w < 1 wide lies across an edge with a share q of its force: it is (1/2 - q) (1 - w) from the centroid, whose
+    square is (1/4 - m) (1 - w)^2 with the second moment m = q (1 - q). Only a touch that lies within one row of cells,
+    along this axis or the other (`least`, the smallest moment), may have any such width.
     """
     inside = max(0.25 - moment, 0.0) * (_ALIKE + _SMALLER * np.exp(-max(least, 0.0) / _ONE_ROW))
     return inside + (_WIDE / max(moment, _LEAST_WIDE)) ** 2
@@ -386,7 +386,7 @@ def _narrow(moment, least):
 
 @inner
 def _vary(cells, end, own, error, inside, at, row, column, moments, out):
-    """Variances of a centroid along both axes, and their product, into out (3,), of cells and of where in them."""
+    """Write a centroid's variances along both axes and their covariance to out (3,), by errors and cell sizes."""
     out[:] = 0.0
     for i in range(end):
         k = cells[i]
@@ -403,17 +403,17 @@ def _vary(cells, end, own, error, inside, at, row, column, moments, out):
 
 @inner
 def _deviation(noise, variance):
-    """Of a reading above its rest, whose own variance is 0 where it is not followed by a Kalman filter."""
+    """Return the standard deviation of a reading above its baseline, whose variance is 0 without a Kalman filter."""
     return noise if variance == 0.0 else np.sqrt(noise * noise + variance)
 
 
 @inner
 def _errors(cells, count, end, scale, curves, settings, value, numbers, whole):
-    """What the centroid takes for the force of each cell of an area and its rim, and by how much that may be off [N].
+    """Write the force of each cell of an area and its rim that the centroid uses, and its standard deviation [N].
 
-    By its noise, and by that and its gain. Cells of the rim may hold anything up to the threshold: their readings
-    shrink by 1 - (n - 2) / sum z^2 [James and Stein, 1961], so that of a sharp edge hardly noise is taken, and of a
-    wide and light touch what is below the threshold. What is left out is off by (off spread)^2 / 12.
+    Write it by noise, and by noise and gain. Cells of the rim may have any reading up to the threshold: their readings
+    shrink by 1 - (n - 2) / sum z^2 [James and Stein, 1961], so that hardly any noise is used at a sharp edge, and the
+    force below the threshold of a wide and light touch is. The variance of the excluded part is (off spread)^2 / 12.
     """
     off, sign, unequal = settings[1], settings[4], settings[5]
     tables, gaps = curves
@@ -438,7 +438,7 @@ def _errors(cells, count, end, scale, curves, settings, value, numbers, whole):
 
 @inner
 def _measure(cells, count, end, part, number, parts, raw, value, numbers, sign, place, origin, out):
-    """One contact of an area: sums over its share of each cell; the centroid is divided by the sum of the forces."""
+    """Write one contact of an area: sums over its share of each cell, with the centroid over the sum of forces."""
     force, error, used = numbers[FORCE], numbers[ERROR], numbers[USED]
     own, limit, at = numbers[OWN], numbers[LIMIT], numbers[AT:]
     vectors, sizes, grid, ring, covariances = place
@@ -497,7 +497,7 @@ def _measure(cells, count, end, part, number, parts, raw, value, numbers, sign, 
 
 @inner
 def _sense(raw, value, scale, curves, sign, numbers, whole, neighbours, between):
-    """How far each cell stands above its rest, in deviations and in newtons."""
+    """Write the height of each cell above its baseline, in standard deviations and in newtons."""
     tables, gaps = curves
     baseline, noise, z, force = numbers[BASELINE], numbers[NOISE], numbers[Z], numbers[FORCE]
     variance = numbers[VARIANCE]
@@ -516,7 +516,7 @@ def _sense(raw, value, scale, curves, sign, numbers, whole, neighbours, between)
 
 @inner
 def _enter_window(time, walk, sign, zeros, numbers, whole):
-    """The rests at a frame of a new window: all may have wandered, and what by now is known to be free is taken in."""
+    """Start a new window: add the random walk to all variances, and use windows now known to be untouched."""
     sums, slots, clock = zeros
     now = np.floor(time / WINDOW)
     if now == clock[0] or np.isnan(time):
@@ -546,10 +546,10 @@ def _enter_window(time, walk, sign, zeros, numbers, whole):
 
 @inner
 def _take_in(time, walk, sign, total, slot, frames, numbers, whole):
-    """A window's mean into the rest of each cell that was not touched about then: a Kalman filter of a random walk.
+    """Update the baseline of each cell untouched about a window by its mean: a Kalman filter of a random walk.
 
-    Variances are those of now, the mean is that of a second ago: between them lies the walk. The mean of all `frames`
-    that wait, in numbers[OWN], tells of a touch below the thresholds.
+    Variances are those of now, the mean is that of a second ago: the walk lies between them. The mean of all `frames`
+    that wait, in numbers[OWN], reveals a touch below the thresholds.
     """
     baseline, noise, variance, waiting = numbers[BASELINE], numbers[NOISE], numbers[VARIANCE], numbers[OWN]
     good, touched, count = whole[GOOD], whole[TOUCHED], slot[1]
@@ -569,7 +569,7 @@ def _take_in(time, walk, sign, total, slot, frames, numbers, whole):
 
 @inner
 def _keep_window(time, value, zeros, whole):
-    """A frame for its window, and which cells were touched in it, or their rims were."""
+    """Add a frame to its window, and mark cells that were touched in it or were on the rim of a touch."""
     sums, slots, _ = zeros
     if np.isnan(time):
         return
@@ -586,7 +586,7 @@ def _keep_window(time, value, zeros, whole):
 
 @inner
 def _contacts(raw, value, scale, drift, place, table, curves, settings, numbers, whole, out):
-    """The contacts of a frame in rows of `out`, and how many; the rest of cells that nothing touches follows them."""
+    """Write a frame's contacts to `out` and return their number; baselines of untouched cells follow the readings."""
     on, off, sure, share, sign = settings[:5]
     neighbours, steps, between, columns = table
     baseline, z, force, spread = numbers[BASELINE], numbers[Z], numbers[FORCE], numbers[SPREAD]
@@ -627,7 +627,7 @@ def _contacts(raw, value, scale, drift, place, table, curves, settings, numbers,
     """
 )
 def prepare(raw, rest, neighbours, turn, numbers, whole, values, status):
-    """The first step of frames (n, k) for a filter that looks ahead: `values` (n, k) to filter, and status (n,)."""
+    """Prepare frames (n, k) for a filter of zero phase: write `values` (n, k) to filter, and status (n,)."""
     for i in range(len(raw)):
         status[i] = -1 if _take(raw[i], rest, neighbours, turn, numbers, whole, values[i]) else INVALID
 
@@ -642,28 +642,29 @@ def prepare(raw, rest, neighbours, turn, numbers, whole, values, status):
 )
 def frames(time, raw, values, status, left, place, table, curves, settings, smoothing, clock, zeros, numbers, whole,
            tracks, following, out, rows, forces):  # fmt: skip
-    """Frames to contacts: rows in `out`, at least one a frame; (how many frames, how many rows).
+    """Turn frames into contacts, at least one row of `out` for each; return the numbers of frames and of rows.
 
     It stops before a frame for which `out` could be too short, unless that is the first.
 
     time, raw: (n,) [s] and (n, k) readings.
-    values, status, left: (n, k), (n,), (n,) of frames that are filtered already, and the share of the variance of their
-        noise that is left; (1, k), (1,) to work on and (0,) where not.
+    values, status, left: (n, k), (n,), (n,) of frames that are filtered already, and the remaining share of their
+    noise's
+        variance; (1, k), (1,) as work space and (0,) where not.
     place: (3, k, 3) positions, normals and tangents, (2, k) areas and spacings, grid (0, 0, 6 if none), columns of a
         ring (0: none), (k, 3, 3) covariances of the positions ((0, 3, 3): not known).
     table: neighbours, steps, between, columns (1 if no sheet).
     curves: (c, t) forces [N], (c,) counts between two.
     settings: on, off, sure, share, sign, unequal, drift [s], turn (0: none), share of the noise's variance in the
-        rest, reach, speed, patience, walk [counts/sqrt(s)] (0: the rest is followed exponentially, within `drift`).
-    smoothing: sections, start, gains, gap, clock, state of `sensors._filters.smooth`, and shares by age ((0,) if there
+        baseline, reach, speed, patience, walk [counts/sqrt(s)] (0: the baseline follows exponentially, within `drift`).
+    smoothing: sections, start, gains, gap, clock, state of `signals._filters.smooth`, and shares by age ((0,) if there
         is no filter).
-    clock: (2,) time of the last frame and how many were of no use: changed, as all that follows.
-    zeros: of rests with a walk, what waits: sums of readings (SLOTS, k), of each window its number, how many frames and
-        the sum of their times (SLOTS, 3), and (2,) number of the last window and when it began (NaN: none).
+    clock: (2,) time of the last frame and the number of unusable ones: changed, as all that follows.
+    zeros: waiting data of baselines with a walk: sums of readings (SLOTS, k), of each window its number, its number of
+        frames and the sum of their times (SLOTS, 3), and (2,) number and start of the last window (NaN: none).
     numbers, whole: (NUMBERS, k) and (WHOLE, k) of the cells.
     tracks, following: of `contact._track.follow`.
-    out: (r, w) rows: of an estimate, then features, then identity. rows: (n,) of each frame.
-    forces: (n, k) [N] of each cell; (0, k): not wanted.
+    out: (r, w) rows: of an estimate, then features, then identity. rows: (n,) number of rows of each frame.
+    forces: (n, k) [N] of each cell; (0, k): not requested.
     """
     drift, turn, resting, reach, speed, patience, walk = settings[6:]
     sections, start, gains, gap, since, state, shares = smoothing

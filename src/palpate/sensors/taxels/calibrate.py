@@ -1,4 +1,4 @@
-"""The curve from intensity to force of a taxel, from presses whose force a load cell knows."""
+"""Fit a taxel's curve from intensity to force, from presses whose force a load cell measured."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["identify_curve", "identify_intensity", "identify_resistive", "tells"]
 
-BLOCKS = 20  # of rows, dealt out to the parts that are left out in turn
+BLOCKS = 20  # of rows, assigned in turn to the parts of the cross-validation
 _FLAT = 0.1  # of the slope below it: a curve that rises less to its end saturates
 
 
@@ -30,21 +30,21 @@ def identify_curve(
     degree: int | None = None,
     top: float | None = None,
 ) -> Curve:
-    """One curve I - I0 = f(F), by least squares in the intensity: the load cell is the better of the two.
+    """Fit one curve I - I0 = f(F) by least squares in the intensity, because the load cell is the more accurate sensor.
 
-    The unloaded intensity I0 is fitted along and left out: on a sheet it is each cell's baseline. Rows at the sensor's
-    range say nothing but that, and are left out; so are those beyond the force at which the curve goes flat.
+    The unloaded intensity I0 is fitted too but not returned: on a sheet it is each cell's baseline. Rows at the end of
+    the sensor's range are excluded, and so are those beyond the force at which the curve goes flat.
 
     Args:
         force: (n,) [N], not negative.
         intensity: (n,) raw.
-        kind: of `sensors.intensity.Curve` but "resistive", or "auto": the one that predicts held-out blocks best.
+        kind: kind of `Curve` but "resistive", or "auto": the one that predicts unseen blocks best.
         degree: of the polynomial; None: the best of 1 to 5, in the same way.
         top: raw reading at the end of the range (255); None: found where readings stop rising.
 
     Raises:
-        NotIdentifiable: too few rows, or forces that hardly differ.
-        InputError: the fit does not rise with force.
+        NotIdentifiable: too few rows, forces that hardly differ, or readings that never change.
+        InputError: negative forces, an unknown kind, or a fit that does not rise with force.
     """
     return _identified(force, intensity, kind, degree, top)[0]
 
@@ -52,7 +52,7 @@ def identify_curve(
 def _identified(
     force: Float[np.ndarray, " n"], intensity: Float[np.ndarray, " n"], kind: str, degree: int | None, top: float | None
 ) -> tuple[Curve, str, Validation]:
-    """Return the curve of `identify_curve`, why it is a straight line where it could be another, and how it holds."""
+    """Return the curve of `identify_curve`, the reason if it is a straight line by choice, and its cross-validation."""
     force, intensity, dropped = _sound(force, intensity)
     _require_spread(force, dropped)
     if not np.ptp(intensity) > 0:
@@ -74,16 +74,17 @@ def _identified(
 
 
 def _left_out(curve: Curve, force: Float[np.ndarray, " n"], signed: Float[np.ndarray, " n"]) -> Validation:
-    """Compare presses that were left out with a curve of the same kind that the others give.
+    """Compare unseen presses with a curve of the same kind that is fitted to the others.
 
-    By their normal equations, J^T r: readings of one press err alike, which the covariance of a fit does not know.
+    Compare by the normal equations, J^T r: readings of one press have errors in common, which the fit's covariance
+    ignores.
     """
     degree, rounding = len(curve.parameters) if curve.kind == "polynomial" else None, 1e-6 * float(np.ptp(signed))
 
     def predict(left: Bool[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
         rest = chosen(curve.kind, degree, force[~left], signed[~left])[0]
         zero = float(np.median(signed[~left] - rest.intensity(force[~left])))
-        seen = left & (force <= rest.largest)  # beyond it no curve is meant to hold
+        seen = left & (force <= rest.largest)  # beyond it no curve is valid
         slopes = rest.jacobian(force[seen])
         square = slopes.T @ slopes
         error = slopes.T @ (signed[seen] - zero - rest.intensity(force[seen]))
@@ -94,14 +95,14 @@ def _left_out(curve: Curve, force: Float[np.ndarray, " n"], signed: Float[np.nda
 
 @takes_arrays
 def tells(curve: Curve, force: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-    """Whether one reading at a force [N] says more of it than that it lies within the range, largest / sqrt(12)."""
+    """Return whether one reading at each force [N], (n,), determines it better than its range, largest / sqrt(12)."""
     return curve.deviation(force, curve.residual) < curve.largest / np.sqrt(12.0)
 
 
 def _goes_flat(force: Float[np.ndarray, " n"], signed: Float[np.ndarray, " n"]) -> tuple[float, float]:
-    """[N] The force from which on a taxel saturates, and a reading that 98 % of those there exceed; inf if it does not.
+    """Return the force [N] above which a taxel saturates, and the reading that 98 % there exceed; inf if it does not.
 
-    A curve straight between knots is fitted, and again to what lies below, whose knots are closer.
+    A curve that is linear between knots is fitted, and fitted again to the rows below, with closer knots.
     """
     end = limit = np.inf
     for _ in range(4):
@@ -115,7 +116,7 @@ def _goes_flat(force: Float[np.ndarray, " n"], signed: Float[np.ndarray, " n"]) 
 
 
 def _end(curve: Curve) -> float:
-    """[N] The force from which on no reading tells it and the curve hardly rises; else the largest."""
+    """Return the force [N] above which no reading determines it and the curve hardly rises; else the largest force."""
     forces = curve.largest * np.arange(1, 257) / 256.0
     known = np.flatnonzero(tells(curve, forces))
     last = float(forces[known[-1]]) if len(known) else curve.largest
@@ -138,19 +139,23 @@ def identify_intensity(
     top: float | None = None,
     provenance: Mapping[str, str] | None = None,
 ) -> Intensity:
-    """Curves of a sheet: one shape for all cells, and a gain of its own for each cell that was pressed.
+    """Fit the curves of a sheet: one shape for all cells, and a separate gain for each cell that was pressed.
 
     I = I0_k + g_k f(F) for cell k: shape and gains are fitted in turn, so that forty presses a cell are enough.
 
     Args:
-        force: (n,) [N], as of `identify_curve`.
+        force: (n,) [N], as for `identify_curve`.
         intensity: (n,) raw.
-        cell: (n, 2) row and column of the cell that was pressed; None: the presses stand for all cells.
-        shape: rows and columns of the sheet; None: as many as were pressed.
-        kind: of the curve, as of `identify_curve`.
+        cell: (n, 2) row and column of the pressed cell; None: one curve is fitted for all cells.
+        shape: rows and columns of the sheet; None: up to the largest row and column that were pressed.
+        kind: of the curve, as for `identify_curve`.
         degree: of a polynomial.
         top: raw reading at the end of the range.
-        provenance: where the log came from.
+        provenance: origin of the log.
+
+    Raises:
+        NotIdentifiable: as for `identify_curve`.
+        InputError: as for `identify_curve`; or a pressed cell that is not on the sheet.
     """
     common, why, left = _identified(force, intensity, kind, degree, top)
     if cell is None:
@@ -186,7 +191,7 @@ def identify_intensity(
 
 
 def _below(common: Curve, intensity: np.ndarray) -> Bool[np.ndarray, " n"]:
-    """Which readings are numbers and below the end of the range."""
+    """Return whether each reading is finite and below the end of the range."""
     sign = -1.0 if common.falling else 1.0
     limit = np.inf if np.isnan(common.saturation) else sign * common.saturation
     return np.isfinite(intensity) & (sign * intensity < limit)
@@ -195,7 +200,7 @@ def _below(common: Curve, intensity: np.ndarray) -> Bool[np.ndarray, " n"]:
 def _gains(
     common: Curve, force: np.ndarray, intensity: np.ndarray, number: Int[np.ndarray, " n"], count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Reading at rest, gain and its standard deviation of each cell, by a straight line; a gain of 0: not known."""
+    """Fit a line to each cell; return its unloaded reading, gain (0: not known) and the gain's standard deviation."""
     sign = -1.0 if common.falling else 1.0
     use = np.isfinite(force) & _below(common, intensity)
     x, y = sign * common.intensity(np.maximum(force, 0.0)), intensity
@@ -224,18 +229,18 @@ def identify_resistive(
     layer: Int[np.ndarray, " n"],
     floor: float = 0.0,
 ) -> tuple[Curve, ...]:
-    """A sheet of resistive taxels: reading = max(floor, s (1 - R / (2 S / F + R_i))), S common, R_i of each layer.
+    """Fit a sheet of resistive taxels: reading = max(floor, s (1 - R / (2 S / F + R_i))), S common, R_i of each layer.
 
     Args:
         force: (n,) [N].
         reading: (n,) of the ADC, falling with force.
         scale: s, the reading without load.
-        reference: (n,) R of the divider, in any unit of resistance; S and R_i come out in it.
-        layer: (n,) from 0, which series resistance a row has.
+        reference: (n,) R of the divider, in any unit of resistance, which is also the unit of S/F and R_i.
+        layer: (n,) index of the layer, from 0, which selects R_i for each row.
         floor: the lowest reading.
 
     Returns:
-        One curve for each layer, of the reference that its rows have; their covariance is that of (S, R_i).
+        One curve for each layer, with the reference of its rows; the covariance is that of (S, R_i).
 
     Raises:
         NotIdentifiable: too few rows, or forces that hardly differ.
@@ -277,7 +282,7 @@ def identify_resistive(
 
 
 def _sound(force: np.ndarray, intensity: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
-    """Rows with both numbers."""
+    """Return the finite rows and the number of the others; raise an InputError if forces are negative."""
     known = np.isfinite(force) & np.isfinite(intensity)
     if known.any() and float(force[known].min()) < -0.05 * float(np.ptp(force[known])):
         raise InputError(
@@ -302,7 +307,7 @@ def _require_spread(force: np.ndarray, dropped: int) -> None:
 
 
 def _limit(force: Float[np.ndarray, " n"], signed: Float[np.ndarray, " n"], stated: float | None) -> float:
-    """The reading at the end of the range: as stated, or the highest, if it stays while the force grows by a tenth."""
+    """Return the reading at the end of the range: as stated, or the highest, if it stays over a tenth of the forces."""
     if stated is not None:
         return stated
     top = signed.max()
@@ -313,7 +318,7 @@ def _limit(force: Float[np.ndarray, " n"], signed: Float[np.ndarray, " n"], stat
 
 
 def _hysteresis(curve: Curve, force: np.ndarray, signed: np.ndarray) -> float:
-    """Difference between readings as the force grows and as it falls, over the span; NaN where it does only one."""
+    """Return the largest difference between loading and unloading, over the span; NaN where there is only one."""
     span = float(np.ptp(signed))
     trend = np.sign(np.convolve(np.gradient(force), np.ones(5) / 5, mode="same"))
     left = signed - curve.intensity(force)

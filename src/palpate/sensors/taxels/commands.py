@@ -1,4 +1,4 @@
-"""`palpate calibrate intensity`: what readings of taxels mean, from presses that a load cell measured."""
+"""Define `palpate calibrate intensity`, which fits readings of taxels to forces that a load cell measured."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ class CalibrateIntensity(Calibration):
             were pressed, row and column.
         output: intensity.toml to write.
         kind: polynomial (the paper's), two_range (a sensitive and a strong range, joined), monotone, or auto: the one
-            that predicts presses held out best; resistive: a taxel in a voltage divider.
+            that predicts unseen presses best; resistive: a taxel in a voltage divider.
         degree: of the polynomial.
-        bits: of the reading: what is at its top is saturated (default: found where readings stop rising).
+        bits: of the reading, whose largest value is saturated (default: found where readings stop rising).
         unit: of the force in the log: N, mN, gf, ...
-        sheet: rows and columns of the whole sheet, as 6x22.
+        sheet: rows and columns of the sheet, as 6x22.
         scale: reading without load, of a resistive taxel.
         reference: resistor of its divider, in the unit in which its resistances come out.
     """
@@ -52,7 +52,7 @@ class CalibrateIntensity(Calibration):
     reference: Scalar = None
 
     def identify(self) -> CalibrationResult:
-        """Fit the curve, and the gains, to the presses."""
+        """Fit the curve, and the gains of cells, to the presses of the log."""
         force, intensity, cell = _presses(self.log, to_si(self.unit, FORCE_UNITS, where="--unit"))
         record = self.record(kind=self.kind, degree=self.degree, bits=self.bits, unit=self.unit)
         if self.kind == "resistive":
@@ -84,7 +84,7 @@ class CalibrateIntensity(Calibration):
 
 
 def _deviation(curve: Curve) -> str:
-    """Of a force in the middle of the range; a figure only where a reading tells it."""
+    """Return, as text, the standard deviation of a force in the middle of the range, if a reading determines it."""
     half = np.array([curve.largest / 2])
     if not tells(curve, half)[0]:
         return f"not known at {half[0]:.3g} N: no reading tells the force there"
@@ -115,7 +115,7 @@ def _divider(
 
 
 def _presses(log: Path, unit: float) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """Forces [N], readings and cells."""
+    """Read forces [N], readings and cells; the cells are None where the log has no row and column."""
     table = read_table(log)
     values, _ = table.numbers(["force", "intensity"])
     if not {"row", "column"} <= set(table.names):

@@ -1,4 +1,4 @@
-"""Kinds of intensity curves that a least squares fit can try, and which predicts best what it has not seen."""
+"""Fit intensity curves of several kinds by least squares, and choose the one that predicts unseen presses best."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _Make = Callable[[np.ndarray, np.ndarray], Curve]
 
 @dataclass(frozen=True)
 class _Linear:
-    """A curve that is linear in its parameters, beside the intensity at rest."""
+    """A kind of curve that is linear in its parameters and in the unloaded intensity, which is fitted too."""
 
     kind: str
     design: _Matrix
@@ -63,7 +63,7 @@ def _two_range(joint: float) -> _Linear:
 
 
 def _monotone(knots: Float[np.ndarray, " k"]) -> _Linear:
-    """Steps from knot to knot, none of them downward."""
+    """Return a curve that is linear between knots, as steps from knot to knot, none of them downward."""
 
     def design(force: np.ndarray) -> np.ndarray:
         edges = np.concatenate([[0.0], knots])
@@ -81,7 +81,7 @@ def _increasing(matrix: np.ndarray, signed: np.ndarray) -> np.ndarray:
 
 
 def _best_joint(force: np.ndarray, signed: np.ndarray) -> Curve:
-    """Two ranges, joined where the fit is best."""
+    """Fit a curve of two ranges, whose joint is where the residual is smallest."""
     joints: Float[np.ndarray, " j"] = np.quantile(force[force > 0], np.linspace(0.02, 0.95, 48))
     best = _best(joints, force, signed)
     for _ in range(2):  # finer, to either side
@@ -108,13 +108,16 @@ def _best(joints: np.ndarray, force: np.ndarray, signed: np.ndarray) -> Curve:
 def chosen(
     kind: str, degree: int | None, force: Float[np.ndarray, " n"], signed: Float[np.ndarray, " n"]
 ) -> tuple[Curve, str]:
-    """The curve that predicts presses held out best, and why it is a straight line where it could be another.
+    """Return the curve that predicts unseen presses best, and the reason if it is a straight line by choice, else "".
 
     Args:
-        kind: of `Curve`, or "auto".
+        kind: of `Curve` but "resistive", or "auto".
         degree: of a polynomial; None: the best.
         force: (n,) [N].
-        signed: (n,) readings that grow with it.
+        signed: (n,) readings that grow with the force.
+
+    Raises:
+        InputError: an unknown kind, or a curve that does not rise with force.
     """
     choice = _choices(kind, degree, force, signed)
     errors = [_held_out(make, force, signed) for make in choice] if len(choice) > 1 else [0.0]
@@ -131,7 +134,7 @@ def chosen(
 
 
 def _choices(kind: str, degree: int | None, force: np.ndarray, signed: np.ndarray) -> list[_Make]:
-    """What may be tried."""
+    """Return the fits to try for a kind and degree of curve."""
     known: dict[str, list[_Make]] = {
         "polynomial": [_polynomial(each) for each in (_DEGREES if degree is None else (degree,))],
         "two_range": [_best_joint],
@@ -145,7 +148,7 @@ def _choices(kind: str, degree: int | None, force: np.ndarray, signed: np.ndarra
 
 
 def _knots(force: np.ndarray, signed: np.ndarray) -> np.ndarray:
-    """Up to twelve forces, equally far apart along the curve: dense where it is steep."""
+    """Return up to twelve forces [N], equally spaced along the curve: dense where it is steep."""
     count = int(np.clip(len(force) // 8, 2, 12))
     order = np.argsort(force, kind="stable")
     window = max(len(force) // 40, 1)
@@ -160,7 +163,7 @@ def _knots(force: np.ndarray, signed: np.ndarray) -> np.ndarray:
 
 
 def _held_out(make: _Make, force: np.ndarray, signed: np.ndarray) -> float:
-    """Mean squared error over blocks of neighbouring forces that the fit has not seen; inf where it cannot be made."""
+    """Return the sum of squared errors over unseen blocks of neighbouring forces; inf where a fit cannot be made."""
     order = np.argsort(force, kind="stable")
     fold = np.empty(len(force), dtype=np.int64)
     fold[order] = np.arange(len(force)) // max(len(force) // (4 * _FOLDS), 1) % _FOLDS

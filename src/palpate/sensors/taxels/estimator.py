@@ -1,4 +1,4 @@
-"""Readings of taxels become contacts: several at once, each with place, force, pressure, area, axes and identity."""
+"""Estimate several contacts at once from readings of taxels: place, force, pressure, area, axes and identity."""
 
 from __future__ import annotations
 
@@ -41,40 +41,41 @@ _ROWS = 1024  # of a piece of answers
     estimate='skin.run(palpate.Recording(times, {"cells": readings}))',
 )
 class TaxelEstimator(ContactEstimator):
-    """Locate the contacts of each frame of taxels, by what the frames before it left: rest, identities, filter.
+    """An estimator of contacts in frames of taxel readings; baseline, identities and filter go on between frames.
 
-    A reading is raw, rows x columns or one a taxel; another size, or many that are no number, is INVALID. Orientation
-    and acceleration make no difference.
+    A reading is raw, rows x columns or one for each taxel; another size, or too many readings that are not finite,
+    gives the status INVALID. Orientation and acceleration make no difference.
 
-    A cell's reading is taken from its rest, which follows drift while nothing touches it, and turned into force before
-    anything is summed. Contacts are connected cells; one whose pressure has two peaks with a saddle between them is
-    two, whose cells are shared out by a mixture of two round Gaussians. The place on a sheet is the centroid, divided
-    by the sum of the forces [skin map, (1) corrected], on the map between cell centres. Of taxels anywhere it is the
-    middle of a round Gaussian that is fitted to their readings, so that an edge of the skin or a hole does not pull it,
-    lifted onto the body. Its covariance holds that of the taxels' own places, where the body has one, as if those of a
-    contact erred alike. The force is the sum over the cells, each along its own normal; the torque about the normal is
-    NaN, because cells feel no shear. SATURATED: located, but the force is a lower bound.
+    A cell's baseline, which follows drift while nothing touches the cell, is subtracted from its reading, and the
+    difference is turned into force before anything is summed. Contacts are connected cells; one whose pressure has two
+    peaks with a saddle between them is two contacts, which share its cells by a mixture of two round Gaussians. The
+    place on a sheet is the centroid, divided by the sum of the forces [skin map, (1) corrected], on the map between
+    cell centres. For taxels anywhere it is the middle of a round Gaussian that is fitted to their readings, so that an
+    edge of the skin or a hole does not pull it, lifted onto the body. Its covariance includes that of the taxels'
+    positions, where the body has one, as if the errors in a contact were equal. The force is the sum over the cells,
+    each along its own normal; the torque about the normal is NaN, because cells feel no shear. SATURATED: located, but
+    the force is a lower bound.
 
-    Features: on a sheet `row`, `column` between cell centres, which have whole numbers; `area` [m^2] of the cells that
-    are pressed; `load` [N], the sum of the cells' forces along their own normals, on a curved body more than the force;
-    `peak` [Pa] of one cell; `pressure` [Pa], the mean; `axis_long`, `axis_short` [m], deviations of the pressure along
-    its principal axes; `angle` [rad] of the long one, from the direction of rising rows towards that of rising columns,
-    or anticlockwise from `TaxelBody.tangents`; `cells`, how many.
+    Features: on a sheet `row` and `column` between cell centres, which have integers; `area` [m^2] of the pressed
+    cells; `load` [N], the sum of the cells' forces along their own normals, on a curved body more than the force;
+    `peak` [Pa], the pressure on one cell; `pressure` [Pa], the mean; `axis_long`, `axis_short` [m], standard deviations
+    of the pressure along its principal axes; `angle` [rad] of the long axis, from the direction of rising rows towards
+    that of rising columns, or anticlockwise from `TaxelBody.tangents`; `cells`, the number of cells.
 
-    Rest, noise and bad cells are `health`, or found in the first 2,048 frames that `run`, `pairs` or `stream` are
-    given; `tare` states the rest, and `update` needs it or `health`.
+    Baseline, noise and bad cells are those of `health`, or found in the first 2,048 frames that `run`, `pairs` or
+    `stream` are given; `tare` sets the baseline, and `update` needs it or `health`.
 
     Args:
-        body: where the cells are.
-        intensity: what their readings mean; None: a count is taken for a newton.
+        body: the places of the cells.
+        intensity: converts readings to forces; None: one count is taken for 1 N.
         health: from `palpate.sensors.taxels.health.examine`.
-        settings: how contacts are found.
-        filter: of each cell's reading; None: none. One of zero phase works in `pairs` and `stream` only.
+        settings: of the contact search.
+        filter: of each cell's reading; None: none. A filter of zero phase works in `pairs` and `stream` only.
         rate: [Hz] of the frames; a filter needs it.
         mount: T_sensor_surface.
 
     Raises:
-        InputError: body, curves and health are not of one size, no cell is good, or a filter has no rate.
+        InputError: body, curves and health differ in size, no cell is good, or a filter has no rate.
     """
 
     def __init__(
@@ -110,33 +111,33 @@ class TaxelEstimator(ContactEstimator):
         self.reset()
 
     def reset(self) -> None:
-        """Forget what frames left: the drift of the rest, readings that wrapped around, the filter, identities."""
+        """Forget the state of past frames: drift of the baseline, wrapped readings, filter and identities."""
         super().reset()
         self._frames.reset()
 
     @property
     def force(self) -> Float[np.ndarray, "*cells"]:
-        """[N] of each cell in the last frame, below the thresholds too; a view that the next frame overwrites."""
+        """Return the force [N] on each cell in the last frame, without thresholds; the next frame overwrites it."""
         return self._frames.force.reshape(self.body.shape)
 
     @property
     def rest(self) -> tuple[Float[np.ndarray, "*cells"], Float[np.ndarray, "*cells"]]:
-        """[counts] of each cell after the last frame, and its deviation: 0 where no `walk` is stated."""
+        """Return each cell's baseline [counts] after the last frame and its standard deviation, 0 if `walk` is 0."""
         rest, deviation = self._frames.rest
         return rest.reshape(self.body.shape), deviation.reshape(self.body.shape)
 
     @property
     def label(self) -> Int[np.ndarray, "*cells"]:
-        """Which area each cell belongs to in the last frame, from 1; 0: none, negative: the rim of that area."""
+        """Return the area to which each cell belongs in the last frame, from 1; 0: none, negative: that area's rim."""
         return self._frames.label.reshape(self.body.shape)
 
     @property
     def wrapped(self) -> Int[np.ndarray, "*cells"]:
-        """How often each cell's reading went over an end of its range and came out at the other."""
+        """Return the number of times that each cell's reading passed one end of its range and came out at the other."""
         return self._frames.wrapped.reshape(self.body.shape)
 
     def tare(self, recording: Recording) -> Tare:
-        """Take the mean reading of each cell in a window as its rest from now on; see `ContactEstimator.tare`."""
+        """Take each cell's mean reading in a recording as its baseline from now on; see `ContactEstimator.tare`."""
         rest, self._tared = tared(
             recording, self.body, self.health, pressed=3.0 * self.settings.on, falling=self._frames.falling
         )
@@ -146,7 +147,7 @@ class TaxelEstimator(ContactEstimator):
     def answer(
         self, block: Recording, watched: bool = False, filtered: tuple[np.ndarray, ...] | None = None
     ) -> Answered:
-        """Answer the frames of a block, with the force of each taxel if `watched`; see `TaxelFrames.run`."""
+        """Return the contacts of a block's frames, with each taxel's force if `watched`; see `TaxelFrames.run`."""
         raw, count = self.body.readings(block), len(block)
         counts, out = np.zeros(count, dtype=np.int64), self.empty(_ROWS)
         forces = np.zeros((count, len(self.body))) if watched else self._frames.no_forces
@@ -159,7 +160,7 @@ class TaxelEstimator(ContactEstimator):
         return Answered(block, np.concatenate(parts), counts, forces if watched else None)
 
     def answers(self, blocks: Iterable[Recording], watched: bool = False) -> Iterator[Answered]:
-        """Answer the blocks of a log, from its start: its first frames say what is not known of rest and bad cells."""
+        """Yield the contacts of a log's blocks; unknown baselines and bad cells are found in its first frames."""
         blocks = self._examined(iter(blocks))
         if not self._ahead or self._recursion is None:
             yield from super().answers(blocks, watched)
@@ -169,13 +170,13 @@ class TaxelEstimator(ContactEstimator):
             yield self.answer(block, watched, (values, status, share))
 
     def run(self, recording: Recording) -> Contacts:
-        """Return the contacts of a block; its first frames say what is not known of rest and bad cells."""
+        """Return the contacts of a block; baseline and bad cells that are not known come from its first frames."""
         require_forward(self.filter)
         self.look(recording)
         return super().run(recording)
 
     def notes(self) -> tuple[str, ...]:
-        """Return what was met so far, one sentence each."""
+        """Return notes on the frames so far, one sentence each."""
         said = list(self.body.notes)
         if self.intensity is None:
             said.append("no intensity model: a count is taken for a newton (palpate calibrate intensity makes one)")
@@ -199,7 +200,7 @@ class TaxelEstimator(ContactEstimator):
         return tuple(said)
 
     def warnings(self) -> tuple[str, ...]:
-        """Return what may be wrong, one sentence each: cells that are dead or stuck, a tare that looks like a touch."""
+        """Return warnings, one sentence each: dead or stuck cells, or a tare that looks like a touch."""
         found = () if self.health is None else self.health.warnings
         return (*found, self._tared.warning) if self._tared.warning else found
 
@@ -221,7 +222,7 @@ class TaxelEstimator(ContactEstimator):
         return self._frames.run(time, raw, out, counts, self._frames.no_forces)[0]
 
     def _know(self, health: Health) -> None:
-        """Take rest, noise and bad cells from now on."""
+        """Use the baseline, noise and bad cells of a `Health` from now on."""
         if health.baseline.shape != (len(self.body),):
             raise InputError(
                 f"the frames examined are of {health.baseline.size} cells, the body has {self.body.named()}.",
@@ -234,7 +235,7 @@ class TaxelEstimator(ContactEstimator):
         self.reset()
 
     def look(self, recording: Recording) -> None:
-        """Find what is not known of rest, noise and bad cells in the first frames of a log."""
+        """Find unknown baselines, noise and bad cells in the first frames of a log."""
         if self._looked or not len(recording) or (self.health is not None and len(recording) < FEWEST):
             return
         found, known = examine(recording.picked(slice(HEAD)), self.body, falling=self._frames.falling), self.health
@@ -247,7 +248,7 @@ class TaxelEstimator(ContactEstimator):
         self._know(found)
 
     def _examined(self, blocks: Iterator[Recording]) -> Iterator[Recording]:
-        """Return the same blocks, once the first frames are looked at."""
+        """Return the same blocks, after their first frames were examined."""
         head, count = list[Recording](), 0
         while not self._looked and count < HEAD and (block := next(blocks, None)) is not None:
             head.append(block)
@@ -259,12 +260,12 @@ class TaxelEstimator(ContactEstimator):
         return chain(head, blocks)
 
     def _prepared(self, block: Recording) -> tuple[tuple[Recording, np.ndarray], np.ndarray, np.ndarray, np.ndarray]:
-        """Return a block on its way through a filter of zero phase; see `BothWays.through`."""
+        """Return a block, with status, times and values, for a filter of zero phase; see `BothWays.through`."""
         values, status = self._frames.prepare(self.body.readings(block))
         return (block, status), block.time, status, values
 
     def require_rest(self) -> None:
-        """Raise an InputError where the rest of the cells is not known."""
+        """Raise an InputError if the cells' baseline is not known."""
         if self.health is None:
             raise InputError(
                 "what the cells read at rest is not known.",

@@ -1,4 +1,4 @@
-"""The compiled loop over frames of taxels, with what one frame leaves to the next."""
+"""Run the compiled loop over frames of taxels, and keep the state that it carries from frame to frame."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _PLAIN = Intensity((Curve("polynomial", np.ones(1), np.zeros((1, 1)), largest=1.
 
 
 class TaxelFrames:
-    """Answer frames of raw readings with rows of contacts.
+    """A loop that turns frames of raw readings into rows of contacts, with its state.
 
     Args:
-        body: where the cells are.
-        intensity: what their readings mean; None: a count is taken for a newton.
-        settings: how contacts are found.
-        forward: the filter of the readings; None: none, or they come filtered.
-        filtered: whether any filter is used.
+        body: the places of the cells.
+        intensity: converts readings to forces; None: one count is taken for 1 N.
+        settings: of the contact search.
+        forward: the filter of the readings; None: none, or readings arrive filtered.
+        filtered: true if any filter is used.
     """
 
     def __init__(
@@ -77,13 +77,13 @@ class TaxelFrames:
         return _taxels
 
     def know(self, health: Health) -> None:
-        """Take rest, noise and bad cells, of which one is good at least; `reset` puts them in force."""
+        """Use the baseline, noise and bad cells of a `Health` with at least one good cell, from the next `reset` on."""
         self._health = health
         self._whole[self._kernels.GOOD], self._numbers[self._kernels.NOISE] = self._usable & health.good, health.noise
         self._same = self._fixed()
 
     def reset(self) -> None:
-        """Forget what frames left: the drift of the rest, readings that wrapped around, the filter, identities."""
+        """Forget the state of past frames: drift of the baseline, wrapped readings, filter and identities."""
         kernels, health = self._kernels, self._health
         if health is not None:
             self._numbers[[kernels.BASELINE, kernels.HELD]] = health.baseline
@@ -100,27 +100,27 @@ class TaxelFrames:
 
     @property
     def force(self) -> Float[np.ndarray, " k"]:
-        """[N] of each cell in the last frame; a view that the next frame overwrites."""
+        """Return the force (k,) [N] on each cell in the last frame, as a view that the next frame overwrites."""
         return self._numbers[self._kernels.FORCE]
 
     @property
     def rest(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-        """[counts] of each cell after the last frame, and its deviation: 0 where no walk is stated."""
+        """Return each cell's baseline (k,) [counts] after the last frame and its standard deviation, 0 if walk is 0."""
         return self._numbers[self._kernels.BASELINE].copy(), np.sqrt(self._numbers[self._kernels.VARIANCE])
 
     @property
     def label(self) -> Int[np.ndarray, " k"]:
-        """Which area each cell belongs to in the last frame, from 1; 0: none, negative: the rim of that area."""
+        """Return the area to which each cell belongs in the last frame, from 1; 0: none, negative: that area's rim."""
         return self._whole[self._kernels.LABEL]
 
     @property
     def wrapped(self) -> Int[np.ndarray, " k"]:
-        """How often each cell's reading went over an end of its range and came out at the other."""
+        """Return the number of times that each cell's reading passed one end of its range and came out at the other."""
         return self._whole[self._kernels.WRAPPED]
 
     @property
     def unusable(self) -> int:
-        """Frames of another size, or without numbers."""
+        """Return the number of frames that had another size or no numbers."""
         return int(self._clock[1])
 
     def run(
@@ -132,25 +132,25 @@ class TaxelFrames:
         forces: Float[np.ndarray, "_ k"],
         filtered: tuple[np.ndarray, ...] | None = None,
     ) -> tuple[int, int]:
-        """Answer as many frames as have room.
+        """Find the contacts of as many frames as there is room for.
 
         Args:
-            time: [s].
-            raw: readings.
+            time: (n,) [s].
+            raw: (n, k) readings.
             out: rows to write into.
-            counts: how many rows each frame has; written.
-            forces: (n, k) [N] of each cell; written. `no_forces`: not asked for.
+            counts: (n,) number of rows of each frame; written.
+            forces: (n, k) [N] of each cell; written. `no_forces`: not requested.
             filtered: readings, statuses and shares of the noise, where a filter of zero phase was used.
 
         Returns:
-            how many frames were answered, and how many rows they have.
+            The number of frames that were processed, and the number of their rows.
         """
         loop: Callable[..., tuple[int, int]] = self._kernels.frames
         values = self._unfiltered if filtered is None else filtered
         return loop(_constant(time), _constant(raw), *values, *self._same, out, counts, forces)
 
     def prepare(self, raw: Float[np.ndarray, "n k"]) -> tuple[Float[np.ndarray, "n k"], np.ndarray]:
-        """Return readings for a filter of zero phase, put right where they wrapped around, and a status each."""
+        """Return readings (n, k) for a filter of zero phase, unwrapped, and the status (n,) of each frame."""
         values, status = np.empty(raw.shape), np.empty(len(raw), dtype=np.int8)
         rest = np.zeros(raw.shape[1]) if self._health is None else self._health.baseline
         known = (self._table[0], self._turn, self._numbers, self._whole)
@@ -158,7 +158,7 @@ class TaxelFrames:
         return values, status
 
     def _fixed(self) -> tuple[object, ...]:
-        """Return what the loop takes that is the same from frame to frame, or goes on from it."""
+        """Return the arguments of the loop that stay the same from frame to frame, or that it updates."""
         set_, forward = self._settings, self._forward
         resting = 1.0 / self._health.frames if self._filtered and self._health is not None else 0.0
         sign = -1.0 if self.falling else 1.0
@@ -170,7 +170,7 @@ class TaxelFrames:
 
 
 def _constant(values: np.ndarray) -> np.ndarray:
-    """Return a view that cannot be written to: the loops are compiled once, for those."""
+    """Return a read-only view, because the loops are compiled once, for read-only arrays."""
     view = values.view()
     view.flags.writeable = False
     return view

@@ -1,4 +1,4 @@
-"""What taxels are worth: at rest, dead, stuck, wrapped around."""
+"""Examine taxels: their baseline and noise, and which of them are dead, stuck or wrapped around."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ from palpate.spatial.arguments import takes_arrays
 __all__ = ["Health", "at_rest", "examine", "resting", "tared"]
 
 SCATTER = 4.0  # times the noise, in a tare
-FEWEST = 8  # frames from which anything can be said of a cell
-CLOSE = 4.0  # deviations about the resting value that still are rest
-SILENT = 5  # frames in which a cell said nothing between neighbours that were pressed
+FEWEST = 8  # frames from which a cell can be judged
+CLOSE = 4.0  # standard deviations about the baseline that still are at rest
+SILENT = 5  # frames in which a cell was silent between neighbours that were pressed
 PRESSED = 0.25  # of the largest excursion in the log: then a cell is pressed
-AFTER, LEFT = 0.5, 0.03  # s behind a touch, and the share of a reading that may be left then
+AFTER, LEFT = 0.5, 0.03  # s after a touch, and the share of a reading that may remain then
 OPPOSITE = -0.8  # cosine between the ways to two neighbours
 WRAP = 0.85  # of the range: a step of a cell alone that is no touch
-_QUANTUM = 12**-0.5  # deviation of what is rounded to whole numbers
+_QUANTUM = 12**-0.5  # standard deviation of rounding to integers
 
 
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Health:
-    """What the cells are at rest, and which are no good.
+    """Baseline and noise of the cells, and which of them are bad.
 
     Attributes:
         baseline: (k,) reading without a touch.
-        noise: (k,) standard deviation of it.
-        dead: (k,) silent between neighbours that were pressed.
-        stuck: (k,) at one value that is not that of the others' rest.
-        frames: from which the rest was taken.
-        notes, warnings: what was met, and what may be wrong, one sentence each.
-        hysteresis: what is left of a reading `AFTER` seconds behind a touch, as a share of its height (median over
-            releases); NaN where the start of the log holds none.
+        noise: (k,) standard deviation of the reading without a touch.
+        dead: (k,) true for cells that are silent between neighbours that are pressed.
+        stuck: (k,) true for cells at one value that differs from the baseline of the others.
+        frames: number of frames from which the baseline was taken.
+        notes, warnings: one sentence each.
+        hysteresis: share of a reading's height that remains `AFTER` seconds after a touch (median over releases); NaN
+            where the start of the log has none.
     """
 
     baseline: Float[np.ndarray, " k"]
@@ -55,24 +55,24 @@ class Health:
 
     @property
     def good(self) -> Bool[np.ndarray, " k"]:
-        """Cells to be used."""
+        """Return which cells can be used, (k,): those neither dead nor stuck."""
         return ~(self.dead | self.stuck)
 
 
 def examine(recording: Recording, body: TaxelBody, *, seconds: float | None = None, falling: bool = False) -> Health:
-    """Rest, noise and faults of every cell, from the start of a log; it may hold touches.
+    """Return baseline, noise and faults of every cell, from the start of a log; it may contain touches.
 
-    A cell rests where its readings crowd at their end away from load: within `CLOSE` deviations of it, whatever
-    touches do beyond.
+    The baseline of a cell is where its readings crowd at their unloaded end: touches beyond `CLOSE` standard deviations
+    of it do not matter.
 
     Args:
         recording: at least `FEWEST` frames.
-        body: whose.
-        seconds: at the start, in which nothing was touched; None: not known.
+        body: the body that was recorded.
+        seconds: time at the start in which nothing was touched; None: not known.
         falling: readings fall under load.
 
     Raises:
-        InputError: too few frames, or no cell ever moves from a value that is not rest.
+        InputError: too few frames, or every cell keeps one value and is stuck.
     """
     raw = body.readings(recording)
     known = np.isfinite(raw).all(axis=1)
@@ -116,7 +116,7 @@ def examine(recording: Recording, body: TaxelBody, *, seconds: float | None = No
 
 
 def at_rest(recording: Recording, body: TaxelBody, *, falling: bool = False) -> Health:
-    """Rest and noise of every cell, from a window in which nothing touches: its mean.
+    """Return baseline and noise of every cell, from the mean of a recording in which nothing touches.
 
     Raises:
         InputError: too few frames, or cells that do not keep still.
@@ -142,13 +142,13 @@ def at_rest(recording: Recording, body: TaxelBody, *, falling: bool = False) -> 
 def tared(
     recording: Recording, body: TaxelBody, before: Health | None, *, pressed: float, falling: bool = False
 ) -> tuple[Health, Tare]:
-    """Return the rest of every cell by a tare, and what it took, with a warning where it could be a touch.
+    """Return the health after a tare, and the `Tare`, which has a warning where it could have been a touch.
 
     Args:
         recording: steady and untouched.
-        body: where the cells are.
-        before: what was known of the cells; which are bad stays.
-        pressed: deviations of its noise above its rest at which a cell looks pressed.
+        body: the body that was recorded.
+        before: earlier health of the cells, whose bad cells stay bad; None: not known.
+        pressed: height above the baseline at which a cell looks pressed, in standard deviations of its noise.
         falling: readings fall under load.
 
     Raises:
@@ -173,7 +173,7 @@ def tared(
 def _hysteresis(
     time: Float[np.ndarray, " n"], above: Float[np.ndarray, "n k"], noise: Float[np.ndarray, " k"]
 ) -> float:
-    """Median over releases of cells whose surroundings were let go too; NaN where there is none."""
+    """Return the median share that remains after releases of all cells; NaN where there is none."""
     limit = 0.25 * float(above.max(initial=0.0))
     if not limit > 20 * float(np.median(noise)):
         return float("nan")
@@ -191,7 +191,7 @@ def _hysteresis(
 def resting(
     cells: Float[np.ndarray, "n k"], *, counts: bool
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """Mean and deviation of the crowd at each cell's lower end."""
+    """Return mean and standard deviation, (k,) each, of the readings that crowd at each cell's lower end."""
     steps = np.abs(np.diff(cells, axis=0))
     low = np.quantile(cells, 0.1, axis=0)
     rough = np.maximum(np.median(steps, axis=0) / 0.954, 1.0 if counts else 1e-12 + 1e-6 * np.ptp(cells))
@@ -206,7 +206,7 @@ def resting(
 
 
 def _stuck(baseline: Float[np.ndarray, " k"], still: Bool[np.ndarray, " k"], body: TaxelBody) -> Bool[np.ndarray, " k"]:
-    """Never moves, away from where the others rest."""
+    """Return which cells never move and are far from the baseline of the others."""
     usual = np.median(baseline)
     spread = 1.4826 * np.median(np.abs(baseline - usual))
     far = max(10 * float(spread), 0.05 * body.top if body.bits else 0.05 * float(np.ptp(baseline)), 1e-12)
@@ -220,7 +220,7 @@ def _dead(
     stuck: Bool[np.ndarray, " k"],
     body: TaxelBody,
 ) -> Bool[np.ndarray, " k"]:
-    """Cells that say nothing in frames in which both of two opposite neighbours are pressed hard."""
+    """Return which cells are silent in frames in which both of two opposite neighbours are pressed hard."""
     above = np.where(stuck, 0.0, np.abs(above))
     hard = above > max(PRESSED * float(above.max(initial=0.0)), 10 * float(np.median(noise)))
     between = np.zeros_like(hard)
@@ -235,7 +235,7 @@ def _dead(
 
 
 def _opposite(body: TaxelBody) -> Iterator[tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]]:
-    """Neighbours that touch a cell at opposite sides; -1 where there are none."""
+    """Yield pairs of neighbours (k,) that touch each cell at opposite sides; -1 where there are none."""
     beside = np.where(body.between[..., 0] < 0, body.neighbours, -1)
     for a in range(beside.shape[1]):
         for b in range(a):
@@ -249,7 +249,7 @@ def _opposite(body: TaxelBody) -> Iterator[tuple[Int[np.ndarray, " k"], Int[np.n
 def _unwrapped(
     cells: Float[np.ndarray, "n k"], body: TaxelBody
 ) -> tuple[Float[np.ndarray, "n k"], Bool[np.ndarray, " k"]]:
-    """At rest a whole-number reading that falls below 0 comes out at the top: such readings, put where they belong."""
+    """Undo the wrap of readings that fell below 0 at rest and came out at the top; return which cells wrapped."""
     if body.bits is None or cells.min() < 0:  # floats, or turned: rest is at the top, and falls
         return cells, np.zeros(len(body), dtype=bool)
     turn = body.top + 1.0
@@ -264,7 +264,7 @@ def _unwrapped(
 
 
 def _named(what: str, which: Bool[np.ndarray, " k"], body: TaxelBody) -> list[str]:
-    """A sentence that names some cells."""
+    """Return a sentence that names some cells, or nothing."""
     found = [body.name(cell) for cell in np.flatnonzero(which).tolist()]
     if not found:
         return []

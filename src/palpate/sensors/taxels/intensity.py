@@ -1,4 +1,4 @@
-"""What a taxel's intensity says of the force on it: curves that are known up to their covariance, and saturate."""
+"""Convert a taxel's intensity to the force on it, by calibrated curves with a covariance and a saturation limit."""
 
 from __future__ import annotations
 
@@ -22,32 +22,34 @@ _KNOTS = 2048  # of a curve as a table: linear between them, finer than 16 bits 
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """Intensity above the unloaded one as a function of force, I = f(F), and back [skin map, 3.1].
+    """Intensity above the unloaded intensity as a function of force, I = f(F), and its inverse [skin map, 3.1].
 
     With the parameters p of each kind, F in newtons and I in counts above (or below) the unloaded intensity:
 
     | kind | f(F) |
     |---|---|
     | `polynomial` | p1 F + p2 F^2 + ...: the paper's |
-    | `two_range` | p1 F + p2 F^2 below the force `joint`, a line of slope p3 above it that joins there |
-    | `monotone` | straight between the `knots` of force, where it is p1, p2, ... |
+    | `two_range` | p1 F + p2 F^2 below the force `joint`, and above it a line of slope p3 that continues the curve |
+    | `monotone` | linear between the `knots` of force, where it is p1, p2, ... |
     | `resistive` | full scale s of an ADC on a divider: s R / (2 p1 / F + p2), falling where the reading falls; \
-R = `reference`, s = `scale`; 2 p1/F is the sensor's two contacts, p2 what stands in series with them |
+    R = `reference`, s = `scale`; 2 p1/F is the resistance of the sensor's two contacts, p2 the one in series with them
+    |
 
     Args:
         kind: one of `KINDS`.
         parameters: (p,).
         covariance: (p, p) of the parameters.
-        largest: [N] up to which the curve was measured; it rises all the way.
-        saturation: raw intensity at which the sensor is at its range; NaN where none was met.
+        largest: [N] up to which the curve was measured; it must rise up to there.
+        saturation: raw intensity at the end of the sensor's range; NaN where the log did not reach it.
         falling: the raw reading falls as the force grows.
         joint: [N] of `two_range`; knots: [N] of `monotone`; reference, scale: of `resistive`.
-        residual: rms of the fit, in counts.
-        hysteresis: largest difference between loading and unloading at one force, as a share of the span; NaN where
-            the log does not tell.
+        residual: rms residual of the fit, in counts.
+        hysteresis: largest difference between loading and unloading at one force, as a share of the span; NaN where the
+            log does not determine it.
 
     Raises:
-        InputError: the curve does not rise with force, so that an intensity would say nothing.
+        InputError: an unknown kind, a largest force that is not positive, or a curve that does not rise with force, so
+            that an intensity does not determine the force.
     """
 
     kind: str
@@ -82,19 +84,19 @@ R = `reference`, s = `scale`; 2 p1/F is the sensor's two contacts, p2 what stand
 
     @property
     def name(self) -> str:
-        """Its kind, and the degree of a polynomial."""
+        """Return the kind of the curve, with the degree of a polynomial."""
         return f"polynomial of degree {len(self.parameters)}" if self.kind == "polynomial" else self.kind
 
     def intensity(self, force: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
-        """Return the counts away from the unloaded reading, positive under load.
+        """Return the counts above the unloaded reading, positive under load, for forces [N].
 
-        Below 0 the first slope goes on, and beyond the largest force that was measured the last one.
+        The curve continues with its first slope below 0 N, and with its last slope beyond the largest measured force.
         """
         pushed = np.maximum(force, 0.0)
         return self._rising(pushed) + np.minimum(force, 0.0) * self._first_slope()
 
     def force(self, intensity: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
-        """[N] of counts away from the unloaded reading; beyond what was measured the last slope goes on."""
+        """Return the forces [N] for counts above the unloaded reading; beyond the last one the last slope continues."""
         counts, forces = self.table()
         found = np.interp(intensity, counts, forces)
         last = (forces[-1] - forces[-2]) / (counts[-1] - counts[-2])
@@ -102,14 +104,14 @@ R = `reference`, s = `scale`; 2 p1/F is the sensor's two contacts, p2 what stand
         return found + np.minimum(intensity, 0.0) * (forces[1] - forces[0]) / (counts[1] - counts[0])
 
     def table(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-        """Counts, evenly spaced from 0 to those of the largest force, and the force [N] at each."""
+        """Return counts (2048,), evenly spaced from 0 to those of the largest force, and the force [N] at each."""
         grid = self.largest * np.linspace(0.0, 1.0, _KNOTS) ** 2  # denser where the curve may be steep
         counts = self.intensity(grid)
         even: Float[np.ndarray, " k"] = np.linspace(0.0, float(counts[-1]), _KNOTS)
         return even, np.interp(even, counts, grid)
 
     def deviation(self, force: Float[np.ndarray, "*batch"], noise: float = 0.0) -> Float[np.ndarray, "*batch"]:
-        """Standard deviation [N] of a force found from an intensity with this noise, by the parameters and the noise.
+        """Return the standard deviation [N] of forces found from intensities, by the covariance and the noise [counts].
 
         Var F = (J C J^T + noise^2) / f'(F)^2, J the derivative of f by its parameters.
         """
@@ -118,7 +120,7 @@ R = `reference`, s = `scale`; 2 p1/F is the sensor's two contacts, p2 what stand
         return np.sqrt(np.maximum(variance, 0.0)) / self.slope(force)
 
     def jacobian(self, force: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch p"]:
-        """Return the derivatives of the intensity by the parameters."""
+        """Return the derivatives of the intensity by the parameters, (..., p), at forces [N]."""
         steps = np.maximum(np.abs(self.parameters), 1e-9) * 1e-6
         columns = [
             (self._moved(k, step).intensity(force) - self._moved(k, -step).intensity(force)) / (2 * step)
@@ -127,7 +129,7 @@ R = `reference`, s = `scale`; 2 p1/F is the sensor's two contacts, p2 what stand
         return np.stack(columns, axis=-1)
 
     def slope(self, force: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
-        """Counts per newton."""
+        """Return the slope of the curve [counts/N] at forces [N]."""
         step = 1e-6 * self.largest
         return (self.intensity(force + step) - self.intensity(force - step)) / (2 * step)
 
@@ -154,7 +156,7 @@ class _Loose:
 
 
 def rising(curve: Curve, parameters: Float[np.ndarray, " p"], force: np.ndarray) -> np.ndarray:
-    """Return f(F) for F >= 0 with other parameters than the curve's own, straight on beyond the largest force."""
+    """Return f(F) [counts] for F >= 0 with other parameters than the curve's own, linear beyond the largest force."""
     largest, step = curve.largest, 1e-6 * curve.largest
     last, before = _measured(curve, parameters, np.array([largest, largest - step])).tolist()
     beyond = np.maximum(force - largest, 0.0) * (last - before) / step
@@ -175,14 +177,17 @@ def _measured(curve: Curve, parameters: Float[np.ndarray, " p"], force: np.ndarr
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Intensity:
-    """The curves of all cells.
+    """The curves of all cells of a skin.
 
     Args:
         curves: one for all cells, or several.
-        which: (rows, columns), or (k,), the number of each cell's curve; None: the first for all.
-        unit: what an intensity is, for messages: "counts".
-        provenance: where it came from.
-        notes: what a user should know, one sentence each.
+        which: (rows, columns), or (k,), the index of each cell's curve; None: the first for all.
+        unit: unit of an intensity, for messages: "counts".
+        provenance: origin of the calibration.
+        notes: notes for the user, one sentence each.
+
+    Raises:
+        InputError: no curve, an index of no curve, or some curves that fall with force and some that rise.
     """
 
     curves: tuple[Curve, ...]
@@ -208,14 +213,14 @@ class Intensity:
             raise InputError("some curves fall with force and some rise.", where="intensity")
 
     def __reduce__(self) -> tuple[type[Intensity], tuple[object, ...]]:
-        """A view of the provenance cannot be pickled, nor copied in depth; its values can."""
+        """Return constructor and arguments for pickle and deep copy, with `provenance` as a dict."""
         return Intensity, (self.curves, self.which, self.unit, dict(self.provenance), self.notes)
 
     def numbers(self, shape: tuple[int, ...]) -> Int[np.ndarray, " k"]:
-        """The curve of each cell of a sheet of rows x columns, or of so many taxels.
+        """Return the index of each cell's curve, (k,), for a sheet of shape (rows, columns), or for (k,) taxels.
 
         Raises:
-            InputError: it was calibrated for others.
+            InputError: the curves were calibrated for another shape.
         """
         count = int(np.prod(shape))
         if self.which is None:
@@ -226,6 +231,6 @@ class Intensity:
         return self.which.ravel().copy()
 
     def tables(self) -> tuple[Float[np.ndarray, "c k"], Float[np.ndarray, " c"]]:
-        """Forces [N] at evenly spaced counts, one row a curve, and how many counts lie between two."""
+        """Return forces [N] at evenly spaced counts (c, 2048), a row for each curve, and the step in counts (c,)."""
         tables = [curve.table() for curve in self.curves]
         return np.stack([forces for _, forces in tables]), np.array([counts[1] for counts, _ in tables])

@@ -1,4 +1,4 @@
-"""How an intensity model stands in a file."""
+"""Define the file format of an intensity model."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["INTENSITY", "of_intensity"]
 
 
 def _curve(curve: Curve) -> dict[str, Any]:
-    """Without what does not concern its kind: a sheet has a curve for each cell."""
+    """Return the keys of a curve without those that its kind does not use: a sheet has a curve for each cell."""
     optional = {each.name for each in fields(curve) if each.default is not MISSING} | {"knots"}
     stated = {each.name: getattr(curve, each.name) for each in fields(curve)}
     return {name: value for name, value in stated.items() if name not in optional or np.any(value)}
@@ -36,7 +36,7 @@ def _intensity_keys(intensity: Intensity) -> dict[str, Any]:
 
 
 def of_intensity(intensity: Intensity) -> Lines:
-    """Curves, range and how well they hold."""
+    """Return the lines that summarise an intensity model: curves, range, residual, saturation and hysteresis."""
     curves, which = intensity.curves, intensity.which
     kinds = ", ".join(dict.fromkeys(curve.name for curve in curves))
     sheet = "the same for all cells" if which is None else f"for {' x '.join(map(str, which.shape))} cells"

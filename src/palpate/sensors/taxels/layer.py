@@ -1,4 +1,4 @@
-"""What taxels add to the page: every cell as a patch of the colour of its force, and a sheet unrolled as a picture."""
+"""Draw taxels on the page: each cell as a patch coloured by its force, and a sheet unrolled as an image."""
 
 from __future__ import annotations
 
@@ -33,12 +33,15 @@ _FACES = np.array([(0, 1, 2), (0, 2, 3)])
 
 @takes_arrays
 class TaxelLayer:
-    """Cells anywhere on a body, each a patch in its tangent plane.
+    """A layer of the page that draws cells anywhere on a body, each as a patch in its tangent plane.
 
     Args:
-        body: of the k cells.
-        forces: (n, k) [N] of each cell, a row a sample of the log; None: not known, as of a file of contacts.
-        live: they are fed as they come.
+        body: the k cells.
+        forces: (n, k) [N] of each cell, a row for each sample of the log; None: not known, as for a file of contacts.
+        live: the forces come from a stream, through `feed`.
+
+    Raises:
+        InputError: forces of another shape.
     """
 
     def __init__(
@@ -53,21 +56,21 @@ class TaxelLayer:
         self._fed = np.zeros(len(body)) if live else None
         strong = 0.0 if forces is None or not len(forces) else float(np.quantile(forces.max(axis=1), 0.99))
         self.most = max(strong, 1e-6)
-        """[N] that is drawn darkest."""
+        """Force [N] that is drawn darkest."""
         self._sheet: GuiImageHandle | None = None
 
     @property
     def covers(self) -> bool:
-        """Cells lie on the body."""
+        """Return True: the cells lie on the body and cover it."""
         return True
 
     @property
     def places(self) -> Float[np.ndarray, "k 3"]:
-        """(k, 3) [m] of the cells."""
+        """Return the positions of the cells, (k, 3) [m]."""
         return self._body.positions
 
     def draw(self, server: ViserServer | ClientHandle, scene: Scene) -> None:
-        """All cells as instances of one square, seen from both sides."""
+        """Draw all cells as instances of one square, visible from both sides."""
         rotations, sides = patches(self._body)
         if not self._body.rows and len(self._body) > 1:  # places and areas are measured: squares could overlap
             from scipy.spatial import KDTree
@@ -88,7 +91,7 @@ class TaxelLayer:
         )
 
     def panel(self, gui: GuiApi) -> None:
-        """A box that hides the cells, and the sheet unrolled."""
+        """Add a checkbox that hides the cells, and the image of the unrolled sheet."""
         seen = gui.add_checkbox("cells", True, hint="hide them to see the body below")
         seen.on_update(lambda event: setattr(self._cells, "visible", seen.value))
         if self._body.rows and self._known:
@@ -96,11 +99,11 @@ class TaxelLayer:
             self._sheet = gui.add_image(flat, label="sheet, unrolled, row 0 below; ring: contact")
 
     def feed(self, force: Float[np.ndarray, " k"]) -> None:
-        """What the cells carry now [N]; darkest is the largest force so far."""
+        """Take the present forces (k,) [N] of the cells; the largest force so far is drawn darkest."""
         self._fed, self.most = force, max(self.most, float(np.nan_to_num(force).max(initial=0.0)))
 
     def show(self, scene: Scene, index: int) -> None:
-        """Colour them for a sample."""
+        """Colour the cells, and the image of the unrolled sheet, by their forces at a sample."""
         if not self._known:
             return
         force = self._force(scene, index)
@@ -109,7 +112,7 @@ class TaxelLayer:
             self._sheet.image = unrolled(force.reshape(self._body.rows, -1), self.most, _dots(scene, index))
 
     def rows(self, scene: Scene, index: int) -> list[tuple[str, str]]:
-        """Sums of the cells."""
+        """Return names and values of the sum of the cells' forces and the largest one [N]; none if not known."""
         if not self._known:
             return []
         force = self._force(scene, index)
@@ -119,7 +122,7 @@ class TaxelLayer:
         ]
 
     def legend(self) -> list[str]:
-        """The force of the darkest cell."""
+        """Return the colour bar with the force [N] of the darkest cell; nothing if forces are not known."""
         return [bar("cell", self.most, "N")] if self._known else []
 
     @property
@@ -127,7 +130,7 @@ class TaxelLayer:
         return self._forces is not None or self._fed is not None
 
     def _force(self, scene: Scene, index: int) -> Float[np.ndarray, " k"]:
-        """[N] of each cell; 0 where the log has no such sample."""
+        """Return the force (k,) [N] of each cell at a sample; 0 where the log has no forces for it."""
         if self._fed is not None:
             return self._fed
         sample = int(scene.contacts.sample[scene.starts[index]])
@@ -140,15 +143,16 @@ class TaxelLayer:
 
 
 def _dots(scene: Scene, index: int) -> Float[np.ndarray, "c 2"]:
-    """Row and column of each contact of a sample."""
+    """Return row and column, (c, 2), of each contact of a sample on the sheet."""
     places = sheet_places(scene.contacts[scene.rows(index)])
     return np.zeros((0, 2)) if places is None else places[np.isfinite(places).all(axis=1)]
 
 
 def patches(body: TaxelBody) -> tuple[Float[np.ndarray, "k 3 3"], Float[np.ndarray, "k 3"]]:
-    """Frames (third column outward) and sides (length, width, 1) [m] of rectangles that have the cells' areas.
+    """Return frames (k, 3, 3), third column outward, and sides (k, 3), (length, width, 1) [m], of the cells' patches.
 
-    On a sheet the first side lies along its rows and is as long as from row to row; else cells are squares.
+    Each is a rectangle with the area of its cell. On a sheet the first side points from row to row, and is as long as
+    that distance; else cells are squares.
     """
     normals, side = body.normals, np.sqrt(body.areas)
     along = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
@@ -164,7 +168,7 @@ def patches(body: TaxelBody) -> tuple[Float[np.ndarray, "k 3 3"], Float[np.ndarr
 
 
 def cell_mesh(body: TaxelBody) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
-    """All cells as vertices [m] and faces, two a cell: a body to draw on where there is no other."""
+    """Return all cells as vertices (v, 3) [m] and faces (f, 3), two a cell, to draw on where there is no mesh."""
     frames, sides = patches(body)
     corners = body.positions[:, None] + np.einsum("kij,kcj->kci", frames, _CORNERS * sides[:, None])
     faces = 4 * np.arange(len(body))[:, None, None] + _FACES
@@ -175,12 +179,12 @@ def cell_mesh(body: TaxelBody) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray
 def unrolled(
     force: Float[np.ndarray, "rows columns"], most: float, contacts: Float[np.ndarray, "c 2"]
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """The sheet as a picture, the last row on top, with a dark dot where each contact is.
+    """Return the sheet as an image, (h, w, 3), the last row on top, with a dark dot at each contact.
 
     Args:
-        force: [N] of each cell.
-        most: [N] that is drawn darkest.
-        contacts: row and column of each.
+        force: (rows, columns) [N] of each cell.
+        most: force [N] that is drawn darkest.
+        contacts: (c, 2) row and column of each contact.
     """
     shade = colours(np.clip(np.nan_to_num(force.ravel()) / most, 0.0, 1.0)).reshape(*force.shape, 3)
     picture = np.repeat(np.repeat(shade, PIXELS, axis=0), PIXELS, axis=1)

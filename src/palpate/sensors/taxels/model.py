@@ -1,4 +1,4 @@
-"""A body of taxels: where its cells sit and which lie beside which, on a sheet or anywhere."""
+"""Describe a body of taxels: the positions, normals and neighbours of its cells, on a sheet or anywhere on a link."""
 
 from __future__ import annotations
 
@@ -39,24 +39,25 @@ _COVERED = 0.93  # squared spacings that a cell covers: 0.87 on a lattice of tri
 class TaxelBody:
     """Cells of a sheet, row by row, or taxels anywhere on a body, in the body's own frame.
 
-    Made by `sheet` and `anywhere`.
+    Made by `sheet`, `anywhere` and `placed`.
 
     Attributes:
-        positions: (k, 3) [m]; normals: (k, 3) outward, unit; areas: (k,) [m^2].
-        spacing: (k,) [m] to the cells around; tangents: (k, 3) where angles on the body count from.
-        neighbours: (k, m) their numbers, -1 for none.
-        steps: (k, m, 2) to each neighbour, in cells: rows and columns of a sheet, whole numbers; else in the tangent
-            plane, the first along `tangents`.
-        between: (k, m, 2) the cells that lie between a cell and a neighbour across a corner; -1 where they touch.
-        usable: (k,) neither masked nor, on a sheet, over or under others.
-        bits: 1 to 16 of a whole-number reading; None: readings are floats and cannot wrap.
-        rows, columns: of a sheet; 0 for taxels anywhere.
-        grid: (rows + 4, columns + 4, 6) of a sheet: positions and normals, with two more cells at each end.
-        turn: columns after which a sheet closes to a ring; 0: never.
-        notes: what to know, a sentence each.
-        numbers: (k,) which number of a frame each taxel is; None: they are all of them, in their order.
-        frame: how many numbers a frame has then.
-        covariance: (k, 3, 3) [m^2] of the positions, 0 of one that is not known; None: of none is.
+        positions: (k, 3) [m]; normals: (k, 3) outward, unit; areas: (k,) [m^2] of the cells.
+        spacing: (k,) [m] to the cells around; 1 on a sheet, whose steps are in cells.
+        tangents: (k, 3) unit vectors in the tangent planes, from which angles on the body count; 0 on a sheet.
+        neighbours: (k, m) the numbers of each cell's neighbours, -1 for none.
+        steps: (k, m, 2) from each cell to each neighbour, in cells: integer rows and columns on a sheet, else in the
+            tangent plane, the first along `tangents`.
+        between: (k, m, 2) the cells that lie between a cell and a neighbour across a corner; -1 where the two touch.
+        usable: (k,) false where a cell is masked or, on a sheet, overlaps other cells.
+        bits: 1 to 16 for integer readings; None: readings are floats and cannot wrap around.
+        rows, columns: size of a sheet; 0 for taxels anywhere.
+        grid: (rows + 4, columns + 4, 6) positions and normals of a sheet, with two more cells at each end; None else.
+        turn: number of columns after which a sheet closes to a ring; 0: never.
+        notes: notes for the user, a sentence each.
+        numbers: (k,) index of each taxel among the readings of a frame; None: the taxels are all of them, in order.
+        frame: number of readings in a frame if `numbers` is given.
+        covariance: (k, 3, 3) [m^2] of the positions, 0 where it is not known; None: not known for any taxel.
     """
 
     positions: Float[np.ndarray, "k 3"]
@@ -86,7 +87,7 @@ class TaxelBody:
                 value.flags.writeable = False
 
     def __reduce__(self) -> tuple[type[TaxelBody], tuple[object, ...]]:
-        """Copies are read-only too."""
+        """Return constructor and arguments for copy and pickle, so that the arrays of a copy are read-only too."""
         return TaxelBody, tuple(vars(self).values())
 
     def __len__(self) -> int:
@@ -95,17 +96,17 @@ class TaxelBody:
     @classmethod
     @takes_arrays
     def sheet(cls, place: SkinMap, *, bits: int | None = 8, masked: Sequence[tuple[int, int]] = ()) -> TaxelBody:
-        """A sheet on a link: a cell has eight neighbours; where the sheet closes round the link, over the seam too.
+        """Make the body of a sheet on a link: a cell has eight neighbours, over the seam too if it closes to a ring.
 
-        Columns that lie over others are left out: a press there is felt twice.
+        Columns that overlap others are not used, because two layers feel one press there.
 
         Args:
-            place: where its cells sit.
-            bits: of a reading.
-            masked: (row, column) of cells that are not to be used.
+            place: map of the sheet, with the place of each cell.
+            bits: number of bits of a reading; None: readings are floats.
+            masked: (row, column) of each cell that must not be used.
 
         Raises:
-            InputError: a masked cell that is not on it, or bits that cannot be.
+            InputError: fewer than two cells, a masked cell that is not on the sheet, or bits outside 1 to 16.
         """
         rows, columns = place.rows, place.columns
         if rows * columns < 2:
@@ -152,20 +153,21 @@ class TaxelBody:
         bits: int | None = None,
         masked: Sequence[int] = (),
     ) -> TaxelBody:
-        """Taxels anywhere on a body: neighbours are near along it and face the same way within 90 degrees.
+        """Make a body of taxels anywhere: neighbours are close along it, and their normals within 90 degrees.
 
         Angles count from the direction from the first taxel to the last.
 
         Args:
             positions: (k, 3) [m].
-            normals: (k, 3) outward.
-            areas: (k,) [m^2] that each senses; None: as on a lattice.
-            reach: [m] between neighbours; None: 1.6 times how far apart they are there.
-            bits: of a reading.
-            masked: numbers of taxels that are not to be used.
+            normals: (k, 3) outward, of any length.
+            areas: (k,) [m^2] that each taxel senses; None: as on a lattice.
+            reach: [m] largest distance between neighbours; None: 1.6 times the local spacing of the taxels.
+            bits: number of bits of a reading; None: readings are floats.
+            masked: indices of taxels that must not be used.
 
         Raises:
-            InputError: arrays that do not belong together, or two taxels at one place.
+            InputError: shapes or numbers that cannot be, a masked taxel that does not exist, or two taxels at one
+                place.
         """
         points, outward, count = _placed(positions, normals)
         spacing, pairs = _paired(points, outward, reach)
@@ -201,17 +203,17 @@ class TaxelBody:
         bits: int | None = None,
         masked: Sequence[int] = (),
     ) -> TaxelBody:
-        """Taxels `anywhere` of a skin at some of whose numbers there is none: NaN, and left out.
+        """Make a body as `anywhere` does, where the position of a reading without a taxel is NaN and is skipped.
 
         Args:
-            positions: (n, 3) [m], a row a number of a frame.
+            positions: (n, 3) [m], a row for each reading of a frame.
             normals: (n, 3) outward.
             covariance: (n, 3, 3) [m^2] of the positions, NaN where it is not known.
-            bits: of a reading.
-            masked: numbers of a frame that are not to be used.
+            bits: number of bits of a reading; None: readings are floats.
+            masked: indices of readings that must not be used.
 
         Raises:
-            InputError: as `anywhere`; or a normal is not known of a taxel that is there.
+            InputError: as for `anywhere`; or the normal of a taxel is not known.
         """
         points = shaped(positions, (None, 3), "positions")
         outward = shaped(normals, points.shape, "normals")
@@ -227,34 +229,36 @@ class TaxelBody:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of a frame, without numbers that are no taxel: rows and columns, or how many taxels."""
+        """Return the shape of a frame: (rows, columns) of a sheet, or (k,), without readings that have no taxel."""
         return (self.rows, self.columns) if self.rows else (len(self),)
 
     @property
     def top(self) -> float:
-        """The largest reading; inf for floats."""
+        """Return the largest possible reading, 2^bits - 1 [counts]; inf for floats."""
         return np.inf if self.bits is None else 2.0**self.bits - 1.0
 
     def name(self, cell: int) -> str:
-        """As messages name it."""
+        """Return the name of a cell in messages: "(row, column)" on a sheet, else the index of its reading."""
         cell = cell if self.numbers is None else int(self.numbers[cell])
         return f"({cell // self.columns}, {cell % self.columns})" if self.rows else str(cell)
 
     def named(self) -> str:
-        """The whole, as messages name it."""
+        """Return the size of the body for messages, such as "6 x 22 cells" or "120 taxels"."""
         return f"{self.rows} x {self.columns} cells" if self.rows else f"{len(self)} taxels"
 
     def picked(self, frames: np.ndarray) -> np.ndarray:
-        """Frames (..., n) without the numbers at which there is no taxel; others as they are."""
+        """Return frames (..., n) without the readings that have no taxel; frames of another size are unchanged."""
         if self.numbers is None or frames.shape[-1:] != (self.frame,):
             return frames
         return frames[..., self.numbers]
 
     def readings(self, recording: Recording) -> Float[np.ndarray, "n k"]:
-        """A recording's frames, a row each, in the order of memory that compiled loops want; read-only.
+        """Return a recording's readings (n, k), a row for each frame: C-contiguous for compiled loops, and read-only.
+
+        Readings above the largest plausible number become NaN.
 
         Raises:
-            InputError: there are none, or they are of another size.
+            InputError: the recording has no readings of taxels, or its frames have another size.
         """
         if CELLS not in recording.channels:
             raise InputError("has no readings of taxels.", where=recording.source)
@@ -275,13 +279,13 @@ class TaxelBody:
 
 
 def _known(covariance: Float[np.ndarray, "k 3 3"]) -> Float[np.ndarray, "k 3 3"] | None:
-    """0 of those that are not known; None: of none is."""
+    """Replace unknown covariances (k, 3, 3) by 0; return None if none is known."""
     known = np.asarray(np.isfinite(covariance).all(axis=(1, 2)), dtype=bool)
     return np.where(known[:, None, None], covariance, 0.0) if known.any() else None
 
 
 def _columns_used(place: SkinMap) -> int:
-    """Columns before those that lie over others: where a sheet overlaps itself a press is felt in both layers."""
+    """Return the number of columns before those that overlap others: in an overlap, both layers feel a press."""
     over = place.overlap.mean(axis=0) > 0.5
     over[: place.columns // 2] = False
     last = np.flatnonzero(over)
@@ -289,7 +293,7 @@ def _columns_used(place: SkinMap) -> int:
 
 
 def _is_ring(place: SkinMap, used: int) -> bool:
-    """Whether the last column in use lies beside the first."""
+    """Return whether the last column in use lies next to the first."""
     if used < _SHORTEST_RING:
         return False
     gap = np.linalg.norm(place.centres[:, 0] - place.centres[:, used - 1], axis=-1)
@@ -297,7 +301,7 @@ def _is_ring(place: SkinMap, used: int) -> bool:
 
 
 def _padded(place: SkinMap, used: int, ring: bool) -> Float[np.ndarray, "r c 6"]:
-    """Centres and normals with two more cells at each end: over the seam of a ring, else as a parabola goes on."""
+    """Extend centres and normals by two cells at each end: over the seam of a ring, else by a parabola."""
     values = np.concatenate([place.centres, place.normals], axis=2)
     columns = (
         np.concatenate([values[:, used - 2 : used], values[:, :used], values[:, :2]], axis=1)
@@ -310,7 +314,7 @@ def _padded(place: SkinMap, used: int, ring: bool) -> Float[np.ndarray, "r c 6"]
 
 
 def _continued(values: Float[np.ndarray, "n k 6"]) -> Float[np.ndarray, "m k 6"]:
-    """One more at each end."""
+    """Extend the first axis by one cell at each end, by a parabola through the last three (or a line through two)."""
     if len(values) == 1:
         return np.concatenate([values, values, values])
     if len(values) == 2:
@@ -321,7 +325,7 @@ def _continued(values: Float[np.ndarray, "n k 6"]) -> Float[np.ndarray, "m k 6"]
 
 
 def _placed(positions: ArrayLike, normals: ArrayLike) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"], int]:
-    """Positions, unit normals, and how many."""
+    """Return positions [m], unit normals and the number of taxels; raise an InputError if they do not agree."""
     points, outward = np.array(positions, dtype=np.float64), np.array(normals, dtype=np.float64)
     if points.ndim != 2 or points.shape[1:] != (3,) or points.shape != outward.shape or len(points) < 2:
         raise InputError(f"positions {points.shape} and normals {outward.shape} must both be (k, 3).", where="taxels")
@@ -334,7 +338,7 @@ def _placed(positions: ArrayLike, normals: ArrayLike) -> tuple[Float[np.ndarray,
 def _paired(
     points: Float[np.ndarray, "k 3"], normals: Float[np.ndarray, "k 3"], reach: float | None
 ) -> tuple[Float[np.ndarray, " k"], Int[np.ndarray, "p 2"]]:
-    """How far apart taxels are around each, and the pairs that are neighbours."""
+    """Return the local spacing of the taxels (k,) [m], and the pairs that are neighbours (p, 2)."""
     from scipy.spatial import cKDTree  # here: scipy is slow to import
 
     tree = cKDTree(points)
@@ -358,7 +362,7 @@ def _paired(
 
 
 def _tangents(normals: Float[np.ndarray, "k 3"], axis: Float[np.ndarray, "3"]) -> Float[np.ndarray, "k 3"]:
-    """Unit vectors along the body, as near as can be to an axis; where the normal lies along it, to its next one."""
+    """Return unit tangents (k, 3), as parallel to an axis as the body allows; where the normal is, any tangent."""
     along = axis / max(float(np.linalg.norm(axis)), 1e-300)
     first = along - (normals @ along)[:, None] * normals
     lying = np.linalg.norm(first, axis=1) < 1e-3
@@ -369,7 +373,7 @@ def _tangents(normals: Float[np.ndarray, "k 3"], axis: Float[np.ndarray, "3"]) -
 def _between(
     neighbours: Int[np.ndarray, "k m"], away: Float[np.ndarray, "k m 3"], points: Float[np.ndarray, "k 3"]
 ) -> Int[np.ndarray, "k m 2"]:
-    """The neighbours of a cell that lie between it and another: inside the ball that both span, or about on it."""
+    """Return the neighbours that lie between a cell and another: inside, or nearly on, the ball that the two span."""
     square = np.where(neighbours < 0, np.inf, (away**2).sum(axis=2))
     across = ((away[:, :, None] - away[:, None]) ** 2).sum(axis=3)  # from neighbour to neighbour
     round_about = square[:, None, :] + across + np.where(np.eye(neighbours.shape[1], dtype=bool), np.inf, 0.0)

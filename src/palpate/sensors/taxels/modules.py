@@ -1,4 +1,4 @@
-"""Rigid modules of taxels: where each taxel lies on the flat module that carries it."""
+"""Describe rigid modules of taxels by the place of each taxel on its flat module."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ _MOST = 10_000  # modules of a skin
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class ModuleLayout(Value):
-    """k taxels on modules.
+    """Flat places of k taxels on their modules.
 
     Attributes:
-        places: (k, 2) [m] in the plane of each one's module, about its middle; NaN of a number without a taxel.
-        module: (k,) which module each is on; -1: none.
+        places: (k, 2) [m] in the plane of each taxel's module, about its middle; NaN for an index without a taxel.
+        module: (k,) the index of each taxel's module; -1: none.
     """
 
     places: Float[np.ndarray, "k 2"]
@@ -46,22 +46,26 @@ class ModuleLayout(Value):
 
     @property
     def modules(self) -> int:
-        """How many."""
+        """Return the number of modules."""
         return int(self.module.max(initial=-1)) + 1
 
     @classmethod
     def repeated(cls, places: Float[np.ndarray, "t 2"], modules: int) -> ModuleLayout:
-        """So many modules alike, numbered one after the other."""
+        """Return a layout of n equal modules with the taxel places (t, 2) [m], numbered one after the other.
+
+        Raises:
+            InputError: a number of modules that is negative or above 10,000.
+        """
         if not 0 <= modules <= _MOST:
             raise InputError(f"modules must be at most {_MOST:,}, not {modules}.")
         return cls(np.tile(places, (modules, 1)), np.repeat(np.arange(modules), len(places)))
 
     @classmethod
     def of(cls, places: TaxelPlaces, *, bent: bool = False) -> ModuleLayout:
-        """As taxels lie in the plane that is nearest to each module, as of CAD.
+        """Return a layout from taxel places, as of CAD, projected onto the plane that fits each module best.
 
         Args:
-            places: with modules.
+            places: places of taxels with modules.
             bent: modules follow their link, as far as these places do: laid flat they are longer than seen from above.
         """
         flat = np.full((len(places), 2), np.nan)
@@ -80,7 +84,7 @@ class ModuleLayout(Value):
 
 
 def _unbent(away: Float[np.ndarray, "t 3"], axes: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "t 2"]:
-    """Flat places of points about the origin of a bent sheet, which is fitted: p + (p' K p) K p / 6, K its curvature.
+    """Fit a bent sheet to points about its origin; return their flat places p + (p' K p) K p / 6, K its curvature.
 
     To fourth order: along x the arc of K x^2 / 2 is x + K^2 x^3 / 6, and across it nothing is longer.
     """
@@ -96,7 +100,7 @@ def _unbent(away: Float[np.ndarray, "t 3"], axes: Float[np.ndarray, "3 3"]) -> F
 
 
 def _bend(points: Float[np.ndarray, "t 3"]) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2 2"]]:
-    """Slope and curvature [1/m] in the origin of the height that is nearest to points, of second degree."""
+    """Fit a height of second degree to points; return its slope and curvature [1/m] in the origin."""
     x, y, height = points.T
     forms = np.column_stack([np.ones_like(x), x, y, x * x / 2, x * y, y * y / 2])
     scale = np.abs(forms).max(axis=0)
@@ -105,7 +109,7 @@ def _bend(points: Float[np.ndarray, "t 3"]) -> tuple[Float[np.ndarray, "2"], Flo
 
 
 def _ring() -> Float[np.ndarray, "12 2"]:
-    """Twelve along the edge of a triangle, each beside the next: iCub's earlier modules."""
+    """Return twelve taxels along the edge of a triangle, each next to the last: iCub's earlier modules."""
     angle = np.pi / 2 + 2 * np.pi / 3 * np.arange(4)
     corners = 4 * _STEP / np.sqrt(3) * np.column_stack([np.cos(angle), np.sin(angle)])
     share = np.arange(4)[:, None] / 4
@@ -113,14 +117,14 @@ def _ring() -> Float[np.ndarray, "12 2"]:
 
 
 def _lattice() -> Float[np.ndarray, "10 2"]:
-    """Ten on a triangular lattice, four to a side: iCub's later modules."""
+    """Return ten taxels on a triangular lattice, four to a side: iCub's later modules."""
     rows = [(column - row / 2, -row * np.sqrt(3) / 2) for row in range(4) for column in range(row + 1)]
     places = _SPACING * np.array(rows)
     return places - places.mean(axis=0)
 
 
 def _alive(places: Float[np.ndarray, "t 2"], dead: tuple[int, ...]) -> Float[np.ndarray, "s 2"]:
-    """With numbers among them at which there is no taxel: those of thermal pads."""
+    """Insert NaN at indices that have no taxel: those of thermal pads."""
     full = np.full((len(places) + len(dead), 2), np.nan)
     full[[k for k in range(len(full)) if k not in dead]] = places
     return full
@@ -131,4 +135,4 @@ LAYOUTS: dict[str, Float[np.ndarray, "t 2"]] = {
     "triangle10": _lattice(),
     "triangle10+2": _alive(_lattice(), (6, 10)),
 }
-"""Name -> places [m] of the taxels of one module, NaN of a number that is none."""
+"""Name -> places (t, 2) [m] of the taxels of one module, NaN for an index that has no taxel."""

@@ -1,6 +1,7 @@
-"""Files of where taxels sit: the model, iCub's positions, tables, fixed frames of a URDF; told by what is in them.
+"""Read and write files of taxel places: the model, iCub's positions, tables, or fixed frames of a URDF.
 
-What is written is told by the suffix: .toml (the model, all that is known), .txt (iCub), .csv or .urdf.
+The content of a file decides how it is read, and the suffix how it is written: .toml (the model, with everything that
+is known), .txt (iCub), .csv or .urdf.
 """
 
 from __future__ import annotations
@@ -38,14 +39,14 @@ _NAMED = re.compile(rb"\s*(?:name\s|spatial_sampling\s|taxel2Repr\b|\[calibratio
 
 
 def read_taxel_places(path: str | Path) -> TaxelPlaces:
-    """Read where taxels sit, in metres, whatever the file: the model, iCub's positions, a table, a URDF's frames.
+    """Read taxel places [m] from any supported file: the model, iCub's positions, a table, or a URDF's frames.
 
-    A table has columns x, y, z and, where they are known, nx, ny, nz and module; one that states a unit (`x [mm]`,
-    `x_mm`) is converted. In iCub's files rows of zeros are numbers without a taxel, and normals that are zero, or the
-    same all over a body that is not flat, are not known.
+    A table has columns x, y, z and, where they are known, nx, ny, nz and module; if it states a unit (`x [mm]`,
+    `x_mm`), it is converted. In iCub's files rows of zeros are indices without a taxel; normals that are zero, or equal
+    all over a body that is not flat, are not known.
 
     Raises:
-        InputError: none of these, or something in it cannot be meant.
+        InputError: another kind of file, or content that cannot be right.
     """
     path = Path(path)
     with open_input(path) as file:
@@ -65,7 +66,7 @@ def read_taxel_places(path: str | Path) -> TaxelPlaces:
 
 
 def holds_taxels(path: Path) -> bool:
-    """Whether a file that is no TOML looks like places of taxels, and not like a log."""
+    """Return whether a file other than TOML looks like taxel places, and not like a log."""
     with open_input(path) as file:
         head = read_some(file, path, 1 << 20).removeprefix(b"\xef\xbb\xbf")
     lines = [line for line in head.splitlines() if line.strip()]
@@ -87,15 +88,15 @@ def holds_taxels(path: Path) -> bool:
 
 
 def write_taxel_places(path: str | Path, places: TaxelPlaces, *, name: str = "skin") -> None:
-    """Write where taxels sit in the format of the suffix; all but the model keep places, normals and modules alone.
+    """Write taxel places in the format of the suffix; all but the model store only places, normals and modules.
 
     Args:
         path: .toml, .txt, .csv or .urdf.
-        places: of the taxels.
-        name: of the skin's part, in iCub's file and of the URDF's links; "" for iCub's bare rows.
+        places: places of the taxels.
+        name: of the skin's part, in iCub's file and in the URDF's links; "" for iCub's bare rows.
 
     Raises:
-        InputError: another suffix, or it cannot be written.
+        InputError: another suffix, or the file cannot be written.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -109,7 +110,7 @@ def write_taxel_places(path: str | Path, places: TaxelPlaces, *, name: str = "sk
 
 
 def _checked(places: TaxelPlaces, path: Path) -> TaxelPlaces:
-    """A skin, and no larger than a robot."""
+    """Return the places; raise an InputError if there are none, or the skin is larger than 10 m."""
     there = places.positions[places.there]
     if not len(there):
         raise InputError("holds no taxel.", where=str(path))
@@ -124,7 +125,7 @@ def _checked(places: TaxelPlaces, path: Path) -> TaxelPlaces:
 
 
 def _read_icub(content: bytes, path: Path) -> TaxelPlaces:
-    """Both forms: bare rows, and rows below [calibration] with what each taxel is represented by above them."""
+    """Read both of iCub's forms: bare rows, or rows below [calibration] with taxel2Repr, their modules, above them."""
     text = content.decode("utf-8", errors="replace")
     head, named, body = text.partition("[calibration]")
     offset = len(head.splitlines()) if named else 0
@@ -149,7 +150,7 @@ def _read_icub(content: bytes, path: Path) -> TaxelPlaces:
 
 
 def _rows(text: str, offset: int, path: Path) -> Float[np.ndarray, "k 6"]:
-    """Six numbers a line, until the next section."""
+    """Read six numbers (k, 6) from each line, until the next section."""
     found = list[list[float]]()
     for number, line in enumerate(text.splitlines(), start=offset + (0 if offset else 1)):
         parts = line.split("#", 1)[0].split()
@@ -168,7 +169,7 @@ def _rows(text: str, offset: int, path: Path) -> Float[np.ndarray, "k 6"]:
 
 
 def _numbered(groups: Int[np.ndarray, " k"], *, own: bool) -> Int[np.ndarray, " k"]:
-    """Modules from 0 in the order of the file; `own`: a taxel that stands for itself alone is on none."""
+    """Return module indices from 0, in rising order; `own`: a taxel that represents only itself is on no module."""
     known = np.unique(groups[groups >= 0])
     if own:
         alone = [group for group in known.tolist() if group < len(groups) and (groups == group).sum() == 1]
@@ -180,7 +181,7 @@ def _numbered(groups: Int[np.ndarray, " k"], *, own: bool) -> Int[np.ndarray, " 
 def _unit_normals(
     positions: Float[np.ndarray, "k 3"], normals: Float[np.ndarray, "k 3"]
 ) -> tuple[Float[np.ndarray, "k 3"], tuple[str, ...]]:
-    """Of length 1; NaN where there is none, or where one stands for all."""
+    """Return unit normals and notes; NaN where a normal is 0, or where all are equal on a skin that is not flat."""
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     unit = np.divide(normals, length, out=np.full_like(normals, np.nan), where=length > 0)
     known = np.isfinite(unit).all(axis=1)
@@ -195,7 +196,7 @@ def _unit_normals(
 
 
 def _read_table(path: Path) -> TaxelPlaces:
-    """x, y, z[, nx, ny, nz][, module], a row a taxel."""
+    """Read the columns x, y, z[, nx, ny, nz][, module], a row for each taxel."""
     from palpate.files.tables.table import read_table  # here: it loads polars
 
     table = read_table(path)
@@ -226,7 +227,7 @@ def _read_table(path: Path) -> TaxelPlaces:
 
 
 def _read_urdf(content: bytes, path: Path) -> TaxelPlaces:
-    """Fixed frames below one link, in the order of the file, z outward; of a fragment, or of a robot's."""
+    """Read fixed frames of taxels, z outward, numbered by their names, from a URDF fragment or a robot's URDF."""
     try:
         root = ElementTree.fromstring(b"<fragment>" + re.sub(rb"<\?xml.*?\?>", b"", content) + b"</fragment>")
     except ElementTree.ParseError as problem:
@@ -260,7 +261,7 @@ def _read_urdf(content: bytes, path: Path) -> TaxelPlaces:
 
 
 def _icub(places: TaxelPlaces, name: str) -> str:
-    """[calibration] of iCub's skinManager; rows of zeros are numbers without a taxel."""
+    """Return [calibration] of iCub's skinManager as text; rows of zeros are indices without a taxel."""
     table = np.nan_to_num(np.concatenate([places.positions, places.normals], axis=1))
     table[~places.there] = 0.0
     rows = [" ".join(f"{number:.9f}" for number in row) for row in table]
@@ -272,7 +273,7 @@ def _icub(places: TaxelPlaces, name: str) -> str:
 
 
 def _represented(places: TaxelPlaces) -> Int[np.ndarray, " k"]:
-    """Which taxel stands for each one's module; a taxel on none stands for itself."""
+    """Return the taxel that represents each taxel's module; a taxel on no module represents itself."""
     module = np.where(places.there, places.module, -1)
     found = np.where(places.there, np.arange(len(places)), _NONE)
     for number in range(places.modules):
@@ -294,7 +295,7 @@ def _csv(places: TaxelPlaces, name: str) -> str:
 
 
 def _urdf(places: TaxelPlaces, name: str) -> str:
-    """A fixed frame for every taxel, z along its normal, below a link to be named."""
+    """Return a fixed frame for each taxel, z along its normal, below a link that the user must name."""
     lines = [f"<!-- Taxels of {name}: put these into the robot and name the link that carries them. -->"]
     for number in np.flatnonzero(places.there).tolist():
         normal = places.normals[number]

@@ -1,4 +1,4 @@
-"""Where each taxel of a skin sits, how well that is known, and on which module it is."""
+"""Store the place of each taxel of a skin, its covariance and its module."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ __all__ = ["TaxelPlaces"]
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class TaxelPlaces(Value):
-    """k taxels in the frame of the link that carries them.
+    """Places of k taxels in the frame of the link that carries them.
 
     Attributes:
-        positions: (k, 3) [m]; NaN of a number at which there is no taxel.
+        positions: (k, 3) [m]; NaN for an index that has no taxel.
         normals: (k, 3) outward, unit; NaN where not known.
         covariance: (k, 3, 3) [m^2] of the positions; NaN where not known.
-        module: (k,) which module each is on, -1: none.
-        pokes: (k,) how many pokes it answered to; 0: it was never touched, and is placed by its module.
-        relative: (k,) [m] standard deviation (root of the trace) once one rigid motion of the whole skin is taken off;
-            NaN where not known.
-        reach: [m] deviation of the response to a poke over its distance from the taxel; NaN where not known.
-        configurations: (d, 8) of the arm in which pokes were made: the link in the sensor's frame, x y z [m] and
-            quaternion x y z w, and how many pokes.
-        noise: (6,) deviations of the wrench of a poke [N, N m]; none where not known.
-        provenance: what it was made from.
-        notes: what to know of it, a sentence each.
+        module: (k,) the index of each taxel's module, -1: none.
+        pokes: (k,) number of pokes to which each taxel responded; 0: never touched, placed by its module.
+        relative: (k,) [m] standard deviation (root of the trace) after one rigid motion of the skin is removed; NaN
+            where not known.
+        reach: [m] standard deviation of the response to a poke over its distance from the taxel; NaN where not known.
+        configurations: (d, 8) of the arm during pokes: pose of the link in the sensor's frame, x y z [m] and quaternion
+            x y z w, and the number of pokes.
+        noise: (6,) standard deviations of the wrench of a poke [N, N m]; empty where not known.
+        provenance: origin of the places.
+        notes: notes for the user, a sentence each.
     """
 
     positions: Float[np.ndarray, "k 3"]
@@ -70,14 +70,14 @@ class TaxelPlaces(Value):
 
     @property
     def there(self) -> Bool[np.ndarray, " k"]:
-        """(k,) at which numbers there is a taxel."""
+        """Return which indices have a taxel, (k,)."""
         return np.asarray(np.isfinite(self.positions).all(axis=1), dtype=bool)
 
     @property
     def modules(self) -> int:
-        """How many modules there are."""
+        """Return the number of modules, one more than the largest index."""
         return int(self.module.max(initial=-1)) + 1
 
     def deviations(self) -> Float[np.ndarray, " k"]:
-        """[m] root of the trace of each covariance."""
+        """Return the standard deviation (k,) [m] of each place: the root of the trace of its covariance."""
         return np.sqrt(np.trace(self.covariance, axis1=1, axis2=2))

@@ -1,4 +1,4 @@
-"""How places of taxels stand in a file."""
+"""Define the file format of taxel places."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def _taxel_places_keys(places: TaxelPlaces) -> dict[str, Any]:
 
 
 def of_taxels(places: TaxelPlaces) -> Lines:
-    """Taxels, modules, and how well their places are known."""
+    """Return the lines that summarise taxel places: taxels, modules, normals and standard deviations."""
     there, deviation = places.there, places.deviations()
     count, known = np.count_nonzero(there), np.isfinite(deviation) & there
     absent = f", {len(places) - count} numbers without one" if count < len(places) else ""

@@ -1,4 +1,4 @@
-"""Places of taxels as a page: each as a patch on the link, coloured by module or by deviation, with its ellipsoid."""
+"""Show taxel places on a page: each as a patch, coloured by module or standard deviation, with its ellipsoid."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ _FACES = np.array([(0, 1, 2), (0, 2, 3)])
 
 
 class PlacesLayer:
-    """Taxels, those that were never touched on a black rim, and 95 % ellipsoids.
+    """A layer of patches at the taxels, with a black rim on those never touched, and their 95 % ellipsoids.
 
     Args:
-        places: of the taxels.
-        surface: of the link, which says the normals that are not known.
+        places: places of the taxels.
+        surface: surface of the link, which gives the normals that are not known; None: they point away from the middle.
     """
 
     def __init__(self, places: TaxelPlaces, surface: Surface | None = None) -> None:
@@ -63,16 +63,16 @@ class PlacesLayer:
 
     @property
     def covers(self) -> bool:
-        """Taxels lie on the body."""
+        """Return True: the taxels lie on the body and cover it."""
         return True
 
     @property
     def places(self) -> Float[np.ndarray, "k 3"]:
-        """(k, 3) [m]."""
+        """Return the positions of the taxels, (k, 3) [m]."""
         return self._points
 
     def draw(self, server: ViserServer | ClientHandle, scene: Scene) -> None:
-        """Patches, rims, ellipsoids and the numbers of the modules."""
+        """Draw the patches, rims, ellipsoids and the numbers of the modules."""
         self._scene = scene
         side = self._side()
         turns = np.roll(quaternion_from_rotation(_frames(self.normals)), 1, axis=1)
@@ -101,14 +101,14 @@ class PlacesLayer:
         self.ellipsoids(self.magnification(scene.size))
 
     def magnification(self, size: float) -> int:
-        """By which a usual ellipsoid can be seen on a body of a size [m]."""
+        """Return the magnification at which the median ellipsoid is visible on a body of a size [m]."""
         if not self._known.any():
             return 1
         axis = float(np.sqrt(CHI2_95 * np.median(np.linalg.eigvalsh(self._covariance[self._known])[:, -1])))
         return next((times for times in MAGNIFICATIONS if times * axis >= size / 60), MAGNIFICATIONS[-1])
 
     def ellipsoids(self, times: int) -> None:
-        """Draw them so many times as large; 0: not at all."""
+        """Draw the ellipsoids magnified `times`; 0: remove them."""
         rows = np.flatnonzero(self._known)
         if not times or not len(rows):
             self._server.scene.remove_by_name("/ellipsoids")
@@ -126,9 +126,9 @@ class PlacesLayer:
         )  # fmt: skip
 
     def panel(self, gui: GuiApi) -> None:
-        """What colours mean, and how large ellipsoids are drawn."""
-        options = [by for by in BY if by == "module" or (by == "deviation" and self._known.any()) or by == "pokes"]
-        options = [by for by in options if by != "pokes" or self._pokes.any()]
+        """Add the choice of colours, their legend, the size of the ellipsoids, and a checkbox that hides the taxels."""
+        known = {"module": True, "deviation": self._known.any(), "pokes": self._pokes.any()}
+        options = [by for by in BY if known[by]]
         chosen = gui.add_dropdown("colour", tuple(options), initial_value=options[0])
         self._legend = gui.add_html(self._explained(options[0]))
 
@@ -146,18 +146,18 @@ class PlacesLayer:
         seen.on_update(lambda _: setattr(self._patches, "visible", seen.value))
 
     def show(self, scene: Scene, index: int) -> None:
-        """Nothing moves."""
+        """Do nothing: places do not change over samples."""
 
     def rows(self, scene: Scene, index: int) -> list[tuple[str, str]]:
-        """Nothing."""
+        """Return no rows for the panel."""
         return []
 
     def legend(self) -> list[str]:
-        """Nothing: the panel explains the colours."""
+        """Return no legend: the panel explains the colours."""
         return []
 
     def _side(self) -> float:
-        """[m] of a patch."""
+        """Return the side of a patch [m]."""
         from scipy.spatial import cKDTree  # here: scipy is slow to import
 
         if len(self._points) < 2:
@@ -187,14 +187,14 @@ class PlacesLayer:
 
 
 class TaxelPage(Served):
-    """Places of taxels, served as `Served` is.
+    """A page of taxel places, served as `Served` is.
 
     Args:
-        places: of the taxels.
-        surface: of the link; None: the taxels alone are drawn.
-        title: what to call it.
+        places: places of the taxels.
+        surface: surface of the link; None: only the taxels are drawn.
+        title: title of the page.
         facts: names and values for the panel.
-        host, port: to listen at; port 0 for any.
+        host, port: to listen at; port 0 for any free port.
     """
 
     def __init__(
@@ -239,10 +239,10 @@ def serve_taxels(
     port: int = 8080,
     up: Callable[[str], None] = lambda address: None,
 ) -> None:
-    """Serve the page until Ctrl-C; `up` is called with its address.
+    """Serve the page of taxel places until Ctrl-C, and call `up` with its address.
 
     Raises:
-        InputError: viser is not installed, or nothing can listen there.
+        InputError: viser is not installed, or the server cannot listen at the port.
     """
     try:
         with TaxelPage(places, surface, title, facts, host=host, port=port) as page:
@@ -255,7 +255,10 @@ def serve_taxels(
 def ellipsoid_axes(
     covariance: Float[np.ndarray, "k 3 3"],
 ) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3 3"]]:
-    """Half-axes [m] of the 95 % ellipsoids, sqrt(7.815 eigenvalues), and rotations whose columns are their axes."""
+    """Return half-axes (k, 3) [m] of the 95 % ellipsoids, sqrt(7.815 eigenvalues), and rotations with axes as columns.
+
+    Half-axes are at least 2 % of the longest.
+    """
     values, vectors = np.linalg.eigh(covariance)
     axes = np.sqrt(CHI2_95 * np.maximum(values, 0.0))
     vectors[:, :, 0] *= np.sign(np.linalg.det(vectors))[:, None]
@@ -263,7 +266,7 @@ def ellipsoid_axes(
 
 
 def _frames(normals: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 3 3"]:
-    """Third column outward."""
+    """Return rotations (k, 3, 3) with the normals as third column."""
     across = np.cross(normals, np.eye(3)[np.argmin(np.abs(normals), axis=1)])
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     return np.stack([np.cross(across, normals), across, normals], axis=2)

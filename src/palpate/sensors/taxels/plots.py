@@ -1,4 +1,4 @@
-"""Maps of a skin's taxels: unrolled about the axis along which they reach furthest."""
+"""Draw maps of a skin's taxels, unrolled about the axis of the cylinder that fits them best."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ __all__ = ["error_map", "moved_map", "unroll"]
 
 @takes_arrays
 def unroll(points: Float[np.ndarray, "k 3"], *others: Float[np.ndarray, "k 3"]) -> list[Float[np.ndarray, "k 2"]]:
-    """(k, 2) [m] along and around a cylinder that lies as the points do; other points by the same cylinder.
+    """Return (k, 2) [m] along and around a cylinder that is fitted to the points; other points by the same cylinder.
 
-    Its axis is the one about which the points lie at most the same distance away, among their main axes.
+    Its axis is parallel to the principal axis about which the distances of the points vary least.
     """
     middle = points.mean(axis=0)
     axes = np.linalg.svd(points - middle, full_matrices=True)[2]
@@ -42,7 +42,7 @@ def unroll(points: Float[np.ndarray, "k 3"], *others: Float[np.ndarray, "k 3"]) 
 def _circle(
     away: Float[np.ndarray, "k 3"], frame: Float[np.ndarray, "3 3"]
 ) -> tuple[float, Float[np.ndarray, "3 3"], Float[np.ndarray, "2"], float]:
-    """Scatter of the distances from the axis that fits best, in squares of x^2 + y^2 = 2 a x + 2 b y + c."""
+    """Fit a circle x^2 + y^2 = 2 a x + 2 b y + c across `frame`'s first axis; return scatter, frame, centre, radius."""
     flat = away @ frame[1:].T
     table = np.column_stack([2 * flat, np.ones(len(flat))])
     a, b, c = (float(value) for value in np.linalg.pinv(table) @ (flat**2).sum(axis=1))
@@ -54,7 +54,7 @@ def _circle(
 @takes_arrays
 @styled()
 def error_map(points: Float[np.ndarray, "k 3"], error: Float[np.ndarray, " k"]) -> Figure:
-    """How far off [mm] each taxel is, on the unrolled skin."""
+    """Draw the error [mm] of each taxel on the unrolled skin; return the figure."""
     flat = 1e3 * unroll(points)[0]
     drawn = figure(3.0)
     axes: Any = drawn.subplots()
@@ -67,7 +67,7 @@ def error_map(points: Float[np.ndarray, "k 3"], error: Float[np.ndarray, " k"]) 
 @takes_arrays
 @styled()
 def moved_map(estimate: Float[np.ndarray, "k 3"], truth: Float[np.ndarray, "k 3"]) -> Figure:
-    """Where taxels are and where they were found, on the unrolled skin."""
+    """Draw the true and the estimated places of taxels on the unrolled skin; return the figure."""
     there, found = (1e3 * each for each in unroll(truth, estimate))
     drawn = figure(3.0)
     axes: Any = drawn.subplots()

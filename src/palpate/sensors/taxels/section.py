@@ -1,4 +1,4 @@
-"""A skin in a rig, a sheet or taxels anywhere: its table, how a log of frames is read, and what is built of it."""
+"""Read the [skin] table of a rig and build the layout of its log, the taxel body and the estimator from it."""
 
 from __future__ import annotations
 
@@ -58,13 +58,20 @@ HEAD = 2048  # frames of the start of a log from which rest, noise and bad cells
 
 @dataclass(frozen=True)
 class RigSkin:
-    """The sheet, its map and its curves, or taxels anywhere, and where a log keeps its frames.
+    """The [skin] table of a rig: the sheet with its map and curves, or taxels anywhere, and how a log stores them.
 
-    `map` is a file of `palpate map skin`, `taxels` one of `palpate calibrate taxels` or another one of where taxels
-    sit; `count`: of the numbers of a frame, where nothing is known of them yet. `intensity` is a file of `palpate
-    calibrate intensity`; without it intensities are taken for forces. `bits` 0: readings are floats. `cells` names the
-    columns of a table, of a sheet row by row; `masked` cells [row, column], or taxels by their numbers, are not used;
-    `tare` [s]: the log starts untouched for so long.
+    Attributes:
+        map: file of `palpate map skin`, for a sheet.
+        taxels: file of `palpate calibrate taxels` or another file of taxel places, for taxels anywhere.
+        count: number of readings in a frame, where no places are known yet.
+        rows, columns: size of the sheet; None: as in the map.
+        bits: of a reading; 0: readings are floats.
+        intensity: file of `palpate calibrate intensity`; None: intensities are taken for forces.
+        cells: columns of a table with the readings, row by row for a sheet.
+        topic: topic of a bag with the readings.
+        rate: [Hz] of frames without times.
+        masked: cells [row, column], or indices of taxels, that are not used.
+        tare: [s] at the start of the log in which nothing touches.
     """
 
     map: str | None = None
@@ -107,10 +114,11 @@ class SkinSection(SensorSection):
 
     @cached_property
     def map(self) -> SkinMap:
-        """Where the cells of a sheet sit.
+        """Return the map of the sheet, which places its cells on the link.
 
         Raises:
-            InputError: the map cannot be read, or is of another sheet than `rows` and `columns` say.
+            InputError: the rig states no map, the map cannot be read, or it has other rows and columns than the rig
+                states.
         """
         if self.table.map is None:
             raise InputError("the rig's [skin] is no sheet: it has no map.", where="skin.map")
@@ -127,16 +135,16 @@ class SkinSection(SensorSection):
 
     @cached_property
     def _read(self) -> TaxelPlaces:
-        """Where taxels sit, as the file says."""
+        """Return the taxel places as the file states them."""
         return read_taxel_places(self.link.folder / str(self.table.taxels))
 
     @cached_property
     def taxels(self) -> TaxelPlaces:
-        """Where taxels that are on no sheet sit, each with its normal: its own, or that of the rig's [surface].
+        """Return the places of taxels that are on no sheet, each with a normal: its own or the rig's [surface]'s.
 
         Raises:
-            InputError: the file cannot be read, is of another number of taxels than `count`, or nothing says the
-                normals.
+            InputError: the rig names no file, the file cannot be read or has another number of taxels than `count`, or
+                normals are missing and there is no [surface].
         """
         table, link = self.table, self.link
         if table.taxels is None:
@@ -163,13 +171,13 @@ class SkinSection(SensorSection):
 
     @cached_property
     def intensity(self) -> Intensity | None:
-        """What readings mean; None: a count is taken for a newton."""
+        """Return the model from intensities to forces; None: one count is taken for 1 N."""
         name = self.table.intensity
         return None if name is None else read_model(self.link.folder / name, Intensity)
 
     @cached_property
     def body(self) -> TaxelBody:
-        """The cells of the sheet, or the taxels, on the link."""
+        """Return the taxel body: the cells of the sheet, or the taxels, on the link."""
         masked, bits = cast("Any", self.table.masked), self.table.bits or None
         if self.table.map is not None:
             return TaxelBody.sheet(self.map, bits=bits, masked=masked)
@@ -179,7 +187,7 @@ class SkinSection(SensorSection):
         )
 
     def shape(self) -> tuple[int, ...]:
-        """Return rows and columns of a frame, or how many taxels it has."""
+        """Return the shape of a frame: (rows, columns) of a sheet, or (n,), the number of readings."""
         table = self.table
         if table.map is not None:
             if table.rows and table.columns:  # as the map says too, or `map` refuses it
@@ -222,12 +230,12 @@ def _build(setup: Setup) -> BuiltEstimator:
 
 
 def skin_tare(setup: Setup) -> float | None:
-    """Return the seconds [s] at the start of a log in which nothing touches; None where the rig does not say."""
+    """Return the time [s] at the start of a log in which nothing touches; None where the rig does not state it."""
     return setup.estimate.tare or setup.of(SkinSection).table.tare
 
 
 def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | None:
-    """Images, arrays of frames, or many columns of numbers beside a time."""
+    """Guess a skin from images, arrays of frames, or many columns of numbers next to a time; None if there are none."""
     if contents.topics:
         return _of_topic(log, contents)
     frames = [(name, shape) for name, shape in contents.names.items() if math.prod(shape) >= FEWEST]
@@ -254,7 +262,7 @@ def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | 
 
 
 def guess_with_wrench(log: Path, contents: LogContents) -> Guess | None:
-    """Frames in a log that has wrenches too: an array topic, or columns that are numbered alike."""
+    """Guess a skin from a log that has wrenches too, by an array topic or columns that are numbered alike."""
     if contents.topics:
         arrays = tuple(topic for topic in contents.topics if topic.kind.endswith("MultiArray"))
         return _of_topic(log, replace(contents, topics=arrays)) if arrays else None
@@ -298,7 +306,7 @@ def _guessed(shape: tuple[int, int], why: str, layout: LogLayout, where: str, ar
 
 
 def _sheet(shape: tuple[int, ...]) -> tuple[int, int]:
-    """Rows and columns; of so many numbers in a row, as near to a square as can be."""
+    """Return rows and columns; numbers in one row are arranged as nearly square as possible."""
     if len(shape) == 2:
         return shape[0], shape[1]
     count = math.prod(shape)

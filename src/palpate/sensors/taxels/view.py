@@ -32,7 +32,7 @@ REST = 50  # frames from which the page takes the rest of cells
 
 
 class TaxelView(SensorView):
-    """Show the forces of taxels, and how they are at rest."""
+    """A view of a skin: the forces of its taxels on the page, and their baseline and faults in the report."""
 
     words: ClassVar[Mapping[str, Words]] = {
         **TRACKED,
@@ -44,15 +44,15 @@ class TaxelView(SensorView):
     }
 
     def skin(self, setup: Setup) -> Setup:
-        """Return the setup of the skin alone."""
+        """Return the setup of the skin alone; here it is the setup itself."""
         return setup
 
     def layers(self, setup: Setup, kept: LayerData, live: tuple[int, ...] | None) -> tuple[Layer, ...]:
-        """Return the taxels with their forces."""
+        """Return the layer of the taxels with their forces."""
         return (TaxelLayer(setup.of(SkinSection).body, kept.joined(), live is not None),)
 
     def feed(self, setup: Setup, tares: Callable[[], int], layers: tuple[Layer, ...]) -> Feed:
-        """Return what takes the readings of a stream to the taxels."""
+        """Return a function that computes forces from a stream's readings and feeds them to the layer of taxels."""
         if layers and isinstance(layers[0], TaxelLayer):
             made = self.skin(setup).prepared().estimator
             if isinstance(made, TaxelEstimator):
@@ -60,7 +60,7 @@ class TaxelView(SensorView):
         return super().feed(setup, tares, layers)
 
     def report(self, run: Run, setup: Setup, estimator: ContactEstimator) -> Run:
-        """Return the run with the body of cells and how they are."""
+        """Return the run with the body of cells, its uncertainties and a section on the cells' health."""
         made = cast("TaxelEstimator", estimator)
         body, health = made.body, made.health
         shape = (body.rows, body.columns) if body.rows else None
@@ -83,9 +83,9 @@ class TaxelView(SensorView):
 
 
 class _Cells:
-    """Forces of cells, by an estimator of the page's own: a stream has contacts, and no forces of cells.
+    """A feed of cell forces to the page by a separate estimator, because a stream has contacts but no forces of cells.
 
-    It takes the rest from frames in which nothing touches, again after each tare.
+    It takes the baseline from frames in which nothing touches, again after each tare.
     """
 
     def __init__(self, tares: Callable[[], int], setup: Setup, made: TaxelEstimator, layer: TaxelLayer) -> None:
@@ -124,13 +124,13 @@ class _Cells:
 def taxels(
     contacts: Contacts, facts: Facts, shape: tuple[int, int] | None = None, notes: Sequence[str] = ()
 ) -> Section:
-    """Cells at rest and dead, and where on the unrolled sheet contacts were.
+    """Return the report's section on taxels: facts and notes, and a map of the contacts on an unrolled sheet.
 
     Args:
         contacts: downsampled; with features row and column where the taxels are a sheet.
-        facts: of the body of cells, such as how many are dead.
-        shape: rows and columns of the sheet.
-        notes: of its health, a sentence each.
+        facts: facts on the body of cells, such as the number of dead ones.
+        shape: rows and columns of the sheet; None: no sheet.
+        notes: notes on its health, a sentence each.
     """
     places, pictures = sheet_places(contacts), ()
     if shape is not None and places is not None:

@@ -1,4 +1,4 @@
-"""Robots with a soft skin on a field with walls and boxes, in a physics engine."""
+"""Simulate robots with a soft skin on a field with walls and boxes, in a physics engine."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Compiled: markers seen by a fisheye camera, drawn into the windows of a frame about them.
+"""Compiled: draw markers seen by a fisheye camera into the windows of an image around them.
 
-Drawn is a closed form: with q a pixel in the axes of an ellipse, rho = |q| and h = rho / |grad (rho^2 / 2)|, the edge
-is (rho - 1) h away to first order. Its curvature is h^3 / det^2, and a blur of deviation sigma moves a bent edge
-inwards by half of sigma^2 of it; what is left is a normal distribution function of the distance.
+The drawing is a closed form: with q a pixel in the axes of an ellipse, rho = |q| and h = rho / |grad (rho^2 / 2)|, the
+edge is (rho - 1) h away to first order. Its curvature is h^3 / det^2, and a blur of standard deviation sigma moves a
+curved edge inwards by half of sigma^2 times it; what remains is a normal distribution function of the distance.
 """
 
 # pyright: basic
@@ -15,15 +15,15 @@ from palpate.surfaces._jit import inner, released
 __all__ = ["LARGEST", "PER", "WIDE", "draw", "ellipses"]
 
 TURNS = 6  # points of an outline: they tell its first and second harmonics
-WIDE = 2.6  # deviations, beyond which a pixel is all marker or all skin
-PER = 128  # values of the normal distribution function per deviation, from 4 below to 4 above
-GROWN = 0.05  # px: OpenCV's filled polygons are so much larger all round, drawn eight times as fine
+WIDE = 2.6  # standard deviations, beyond which a pixel is all marker or all skin
+PER = 128  # values of the normal distribution function per standard deviation, from -4 to 4
+GROWN = 0.05  # px: OpenCV's filled polygons are larger by this all round, drawn eight times as fine
 LARGEST = 64  # px: a marker's window is no wider
 
 
 @inner
 def _project(x, y, z, lens, pixel):
-    """A point in the ring's frame [m] as `RingCamera.project` has it."""
+    """Project a point in the ring's frame [m] to a pixel, as `RingCamera.project` does."""
     x, y, z = x - lens[8], y - lens[9], z - lens[10]
     a = lens[11] * x + lens[12] * y + lens[13] * z
     b = lens[14] * x + lens[15] * y + lens[16] * z
@@ -38,7 +38,7 @@ def _project(x, y, z, lens, pixel):
 
 @inner
 def _harmonics(points, lens, pixel, waves):
-    """Mean, cosine, sine, and cosine and sine of twice the angle of a disc's outline in the image, into (5, 2)."""
+    """Compute mean, cosine, sine, and cosine and sine of twice the angle of a disc's image outline, into (5, 2)."""
     for k in range(5):
         waves[k, 0] = waves[k, 1] = 0.0
     for k in range(TURNS):
@@ -59,15 +59,15 @@ def _harmonics(points, lens, pixel, waves):
 
 @released("points m 3 3, lens 20, shape float, out out m 6")
 def ellipses(points, lens, shape, out):
-    """What a camera sees of discs: the centroid of each one's picture, and two conjugate half axes of an ellipse.
+    """Compute the images of discs: each one's centroid, and two conjugate half axes of an ellipse.
 
     The lens bends the outline, p0 + U cos t + V sin t + A cos 2t + B sin 2t: its area's centroid is at
     p0 + ((A_u + B_v) U + (B_u - A_v) V) / 2.
 
     Args:
         points: (m, 3, 3) [m] middle, edge around the ring, edge along its axis.
-        lens: (20,) focal lengths, middle, k1 to k4, place, rows of the rotation.
-        shape: half axes are multiplied by it: an outline of few corners holds less than an ellipse.
+        lens: (20,) focal lengths, middle, k1 to k4, position, rows of the rotation.
+        shape: factor of the half axes: an outline of few corners has a smaller area than an ellipse.
         out: (m, 6) is filled [px].
     """
     pixel, waves = np.empty(2), np.empty((5, 2))
@@ -84,7 +84,7 @@ def ellipses(points, lens, shape, out):
 
 @inner
 def _window(ellipse, blur, width, height, window):
-    """The pixels that a blurred ellipse reaches: left, top, right, bottom."""
+    """Compute the pixels that a blurred ellipse reaches: left, top, right, bottom."""
     wide = np.sqrt(ellipse[2] ** 2 + ellipse[4] ** 2) + WIDE * blur
     tall = np.sqrt(ellipse[3] ** 2 + ellipse[5] ** 2) + WIDE * blur
     wide, tall = min(wide, 0.5 * LARGEST - 1.0), min(tall, 0.5 * LARGEST - 1.0)
@@ -96,7 +96,7 @@ def _window(ellipse, blur, width, height, window):
 
 @inner
 def _distances(ellipse, blur, left, y, count, far):
-    """How far outside the blurred edge the pixels of a row are, in deviations of the blur."""
+    """Compute the distances of a row's pixels outside the blurred edge, in standard deviations of the blur."""
     det = ellipse[2] * ellipse[5] - ellipse[3] * ellipse[4]
     a, b = np.float32(ellipse[5] / det), np.float32(-ellipse[4] / det)
     c, d = np.float32(-ellipse[3] / det), np.float32(ellipse[2] / det)
@@ -114,7 +114,7 @@ def _distances(ellipse, blur, left, y, count, far):
 
 @inner
 def _coloured(far, phi, colours, noise, light, grain, pixels):
-    """A row's pixels (n, 3): colours by the share of marker, times light (n,), and noise by the grain (n, 3)."""
+    """Fill a row's pixels (n, 3): colours by the share of marker, times light (n,), and noise by the grain (n, 3)."""
     skin0, skin1, skin2 = colours[0, 0], colours[0, 1], colours[0, 2]
     more0, more1, more2 = colours[1, 0], colours[1, 1], colours[1, 2]
     shot, read = noise[0], noise[1]
@@ -139,10 +139,10 @@ def _coloured(far, phi, colours, noise, light, grain, pixels):
 
 @inner
 def _fetched(every, clean, light, grain, width, windows, offsets):
-    """Reads a pixel of each cache line that the windows of a frame cover; what it adds up means nothing.
+    """Read a pixel of each cache line that an image's windows cover, to load them; the returned sum has no meaning.
 
-    Reads that nothing waits for go on side by side, and drawing that waits for memory line by line takes half as long
-    again: what is drawn in was last used four frames ago.
+    Independent reads run in parallel, and drawing that waits for memory line by line takes 50 % longer: the buffer
+    to draw in was last used four images ago.
     """
     total, some = 0, np.float32(0.0)
     lit, noise, row = light.reshape(-1), grain.reshape(-1), 3 * grain.shape[1]
@@ -167,18 +167,18 @@ def _fetched(every, clean, light, grain, width, windows, offsets):
     """
 )
 def draw(frame, behind, windows, shown, blur, scene, grain, offsets):
-    """Markers over a frame's background; what was drawn in it before is taken away.
+    """Draw markers over an image's background; markers drawn in it earlier are erased.
 
     Args:
-        frame: (h, w, 3) uint8, changed.
+        frame: (h, w, 3) uint8 image, changed.
         behind: (h, w, 3) uint8, its background.
-        windows: (m, 4) int64, where markers were drawn: left, top, right, bottom; changed.
+        windows: (m, 4) int64, windows in which markers were drawn: left, top, right, bottom; changed.
         shown: (m, 6) of `ellipses`; NaN: not drawn.
-        blur: [px] standard deviation.
+        blur: standard deviation [px].
         scene: float32: light (h, w); colours (2, 3) of skin, and of markers less skin; noise (2,), variance per unit
             of light and in the dark; the normal distribution function (8 PER + 1,).
         grain: (s, s, 3) float32, noise of standard deviation 1.
-        offsets: (m, 2) int64, where in it each window begins.
+        offsets: (m, 2) int64, row and column of `grain` at which each window begins.
     """
     light, colours, noise, phi = scene
     height, width = light.shape
@@ -189,7 +189,7 @@ def draw(frame, behind, windows, shown, blur, scene, grain, offsets):
         left, top, right, bottom = windows[m]
         for y in range(top, bottom):
             first = 3 * (y * width + left)
-            last = min(first + (3 * (right - left) + 31) // 32 * 32, len(every))  # what is beside is clean: vectors
+            last = min(first + (3 * (right - left) + 31) // 32 * 32, len(every))  # rounded up to vectors; all clean
             now, before = every[first:last], clean[first:last]
             for k in range(len(now)):
                 now[k] = before[k]

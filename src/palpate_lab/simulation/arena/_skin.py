@@ -1,4 +1,4 @@
-"""Compiled: touches on a ring of markers, each a table of movements over angle and force, added up."""
+"""Compiled: add up the movements of a ring's markers under touches, from tables over angle and force."""
 
 # pyright: basic
 from __future__ import annotations
@@ -12,13 +12,13 @@ __all__ = ["superposed"]
 
 @released("rest r, presses float32 k a l r, shears float32 k a r, largest k, touches t 5, out out r")
 def superposed(rest, presses, shears, largest, touches, out):
-    """Places of points under several touches at once.
+    """Compute the positions of points under several touches at once.
 
     Args:
         rest: (r,) [m] coordinates, unloaded.
         presses: (kinds, angles, levels + 1, r) float32 [m] movements at `largest` (i / levels)^2 [N].
-        shears: (kinds, angles, r) float32 [m/N] movements by a newton of shear.
-        largest: (kinds,) [N].
+        shears: (kinds, angles, r) float32 [m/N] movements per newton of shear.
+        largest: (kinds,) [N] largest force of the tables.
         touches: (k, 5) angle [rad], inward force [N], shear [N], depth, kind; only with a force above 0.
         out: (r,) is filled.
     """

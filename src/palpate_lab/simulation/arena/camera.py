@@ -1,7 +1,8 @@
-"""Frames of the camera in a barrel, quickly: only the windows about the markers are drawn anew.
+"""Draw images of the camera in a barrel quickly: only the windows around the markers are drawn anew.
 
-What `Photographer` draws in milliseconds with OpenCV, in a tenth of one: the same colours, light, blur and noise. A
-few backgrounds are developed once and shown in turns; light and shadow stand still, and nothing is compressed as JPEG.
+An image that `RenderedCamera` draws in milliseconds with OpenCV takes a tenth of one here, with the same colours,
+light, blur and noise. A few backgrounds are rendered once and shown in turns; light and shadow stand still, and nothing
+is compressed as JPEG.
 """
 
 from __future__ import annotations
@@ -26,12 +27,12 @@ PIXEL = 1.0 / 12.0  # px^2: variance of a pixel's own width
 
 
 class TableCamera:
-    """Draws frames of one camera and one look.
+    """A quick renderer of images of one camera and one look.
 
     Args:
-        camera: that sees.
-        look: of the scene; its `quality` makes no difference.
-        rng: of noise; drawn from for many frames at a time.
+        camera: camera that sees the scene.
+        look: look of the scene; its `quality` makes no difference.
+        rng: random numbers of the noise, drawn for many images at a time.
     """
 
     def __init__(self, camera: RingCamera, look: Look, rng: np.random.Generator) -> None:
@@ -53,11 +54,11 @@ class TableCamera:
         self._lens = np.concatenate([camera.focal, camera.middle, camera.distortion, place, turn.ravel()])
 
     def frame(self, points: Float[np.ndarray, "m 3 3"], hidden: Sequence[int] = ()) -> UInt8[np.ndarray, "h w 3"]:
-        """One frame, blue first, in a buffer that is drawn over by the fourth call from this one.
+        """Draw an image (h, w, 3), blue first, in a buffer that the fourth call from this one draws over.
 
         Args:
-            points: the middle of each marker's disc and two points of its edge, around the ring and along its axis, as
-                `RingSkin.markers` has them.
+            points: (m, 3, 3) middle of each marker's disc and two points of its edge, around the ring and along its
+                axis, as `RingSkin.markers` returns them [m].
             hidden: numbers of markers behind something dark.
         """
         from palpate_lab.simulation.arena._camera import LARGEST, draw  # compiled: loaded when first needed
@@ -77,11 +78,11 @@ class TableCamera:
         return self._frames[at]
 
     def black(self) -> UInt8[np.ndarray, "h w 3"]:
-        """A frame without light."""
+        """Return an image without light."""
         return np.zeros((self.camera.height, self.camera.width, 3), dtype=np.uint8)
 
     def places(self, points: Float[np.ndarray, "m 3 3"]) -> Float[np.ndarray, "m 2"]:
-        """Centroids [px] of the markers' pictures, without drawing them."""
+        """Return the centroids (m, 2) [px] of the markers' images, without drawing them."""
         return self._ellipses(points)[:, :2].copy()
 
     def _ellipses(self, points: Float[np.ndarray, "m 3 3"]) -> Float[np.ndarray, "m 6"]:

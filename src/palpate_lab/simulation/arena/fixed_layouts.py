@@ -1,4 +1,4 @@
-"""Arenas that are the same each time: one like the paper's, and two traps."""
+"""Make the fixed arenas: one like the paper's, and two traps."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ _WALL = 0.01  # m: half of an inner wall's thickness
 
 
 def paper_layout() -> ArenaLayout:
-    """Four robots and two walls with narrow passages, after figure 11 of papers/002, which gives no lengths.
+    """Make an arena of four robots and two walls with narrow passages, after figure 11 of papers/002.
 
-    The first wall has passages 1.5 and 2 robots wide, the second one 2 and 2.5. The one in the middle, on the shorter
-    way, is plugged by a box that robots can push through, like box 2 of figure 12a; the other is free.
+    The figure gives no lengths. The first wall has passages 1.5 and 2 robots wide, the second one 2 and 2.5. The middle
+    passage, on the shorter way, is plugged by a box that robots can push through, like box 2 of figure 12a; the other
+    is free.
     """
     blocks = (
         *_wall_with_gaps(1.0, (0.45, 0.615), (1.33, 1.55)),
@@ -40,14 +41,14 @@ def paper_layout() -> ArenaLayout:
 
 
 def trap_layout(kind: str) -> ArenaLayout:
-    """An arena in which those who only look ahead are caught.
+    """Make an arena that traps robots which drive straight to the goal.
 
     Args:
         kind: u: one robot, and between it and its goal walls that are open towards it only, 0.5 m deep and 0.8 m wide;
-            corridor: two robots, and one way 1.0 m long and 1.5 robots wide.
+            corridor: two robots, and one passage 1.0 m long and 1.5 robots wide.
 
     Raises:
-        InputError: neither.
+        InputError: any other kind.
     """
     if kind == "u":
         arms = tuple(Block(1.35, y, 0.0, (0.25 + _WALL, _WALL)) for y in (0.6, 1.4))
@@ -62,12 +63,12 @@ def trap_layout(kind: str) -> ArenaLayout:
 
 
 def _wall_with_gaps(x: float, *gaps: tuple[float, float]) -> tuple[Block, ...]:
-    """Across the whole field at x, but for passages from one y to another."""
+    """Make a wall across the complete field at x, except for passages from one y to another."""
     edges = [0.0, *(edge for gap in gaps for edge in gap), _FIELD[1]]
     pairs = zip(edges[::2], edges[1::2], strict=True)
     return tuple(Block(x, 0.5 * (low + high), 0.0, (_WALL, 0.5 * (high - low))) for low, high in pairs)
 
 
 def _box(x: float, y: float, turn: float, half: tuple[float, float], push: float, friction: float = 0.4) -> Block:
-    """That slides under a push of this many newtons."""
+    """Make a box that slides under a push of `push` newtons."""
     return Block(x, y, turn, half, push / (friction * GRAVITY), friction)

@@ -1,4 +1,4 @@
-"""Arenas: a field with walls around it, fixed and movable boxes, where robots start and where they are to go."""
+"""Arenas: a field with walls around it, fixed and movable boxes, and the starts and goals of robots."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ class Block:
     """A box that stands on the floor, higher than a robot's skin.
 
     Attributes:
-        x, y: of its middle [m].
-        turn: of its first side from the arena's x, counter-clockwise [rad].
+        x, y: position of its middle [m].
+        turn: angle of its first side from the arena's x, counter-clockwise [rad].
         half: half of its two sides [m].
-        mass: [kg], None: fixed.
-        friction: Coulomb's, of a movable one on the floor.
+        mass: mass [kg]; None: fixed.
+        friction: Coulomb's coefficient of a movable one on the floor.
     """
 
     x: float
@@ -36,7 +36,11 @@ class Block:
     friction: float = 0.4
 
     def __post_init__(self) -> None:
-        """Refuses what is no box."""
+        """Check that the numbers describe a box.
+
+        Raises:
+            InputError: a number is not finite, or a side, the mass or the friction is not positive.
+        """
         if not all(-inf < value < inf for value in (self.x, self.y, self.turn)):
             raise InputError(f"x, y and turn must be finite, not {self.x}, {self.y}, {self.turn}", where="block")
         if not all(0.0 < side < inf for side in self.half):
@@ -48,28 +52,28 @@ class Block:
 
     @property
     def reach(self) -> float:
-        """[m] from its middle to a corner."""
+        """Distance [m] from its middle to a corner."""
         return hypot(*self.half)
 
     @property
     def resistance(self) -> float:
-        """[N] of a horizontal push above which it slides, infinite for a fixed one."""
+        """Horizontal push [N] above which it slides, infinite for a fixed one."""
         return inf if self.mass is None else self.friction * self.mass * GRAVITY
 
     def corners(self) -> Float[np.ndarray, "4 2"]:
-        """Its corners [m], counter-clockwise."""
+        """Return its corners (4, 2) [m], counter-clockwise."""
         a, b = self.half
         own = np.array([[a, b], [-a, b], [-a, -b], [a, -b]])
         return own @ _turned(self.turn).T + (self.x, self.y)
 
     def distance(self, points: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n"]:
-        """From points to the box [m], negative inside by the depth below the nearest side."""
+        """Return the distances from points to the box [m]; inside, minus the depth below the nearest side."""
         beyond = np.abs((points - (self.x, self.y)) @ _turned(self.turn)) - self.half
         outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=-1)
         return outside + np.minimum(beyond.max(axis=-1), 0.0)
 
     def gap(self, other: Block) -> float:
-        """Least distance between two boxes along a side's normal [m], negative where they overlap."""
+        """Return the largest gap between two boxes along a side's normal [m], negative where they overlap."""
         a, b = self.corners(), other.corners()
         axes = np.concatenate([_turned(self.turn).T, _turned(other.turn).T])
         first, second = a @ axes.T, b @ axes.T
@@ -82,10 +86,10 @@ class ArenaLayout(Value):
 
     Attributes:
         size: width and height [m].
-        blocks: fixed and movable.
-        starts: (n, 3) of robots: x, y [m], heading [rad].
-        goals: (n, 2) of robots [m].
-        name: of the arena.
+        blocks: fixed and movable blocks.
+        starts: (n, 3) start of each robot: x, y [m], heading [rad].
+        goals: (n, 2) goal of each robot [m].
+        name: name of the arena.
     """
 
     size: tuple[float, float]
@@ -95,7 +99,11 @@ class ArenaLayout(Value):
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Refuses numbers that are no arena; whether robots can cross it, `require_solvable` says."""
+        """Check shapes and numbers; `require_solvable` checks that robots can cross the arena.
+
+        Raises:
+            InputError: starts, goals or size have a wrong shape, or a number that is not possible.
+        """
         starts, goals = (np.array(values, dtype=float) for values in (self.starts, self.goals))
         if starts.ndim != 2 or starts.shape[1] != 3 or not len(starts) or goals.shape != (len(starts), 2):
             raise InputError(
@@ -110,7 +118,7 @@ class ArenaLayout(Value):
 
     @property
     def robots(self) -> int:
-        """How many robots cross it."""
+        """Number of robots that cross the arena."""
         return len(self.starts)
 
     @property

@@ -1,4 +1,4 @@
-"""The arena as MuJoCo takes it: what collides with what, and how stiff a contact is."""
+"""Build the arena as a MuJoCo model: which geoms collide, and how stiff a contact is."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ _HEIGHT = 4.0  # of boxes, in radii of a robot
 _GIVE = 0.15  # MuJoCo's d of the skin: a contact has inertia d / (1 - d) of the bodies', which a skin has not
 _SKIN = 'contype="1" conaffinity="1"'  # robots; what they touch says conaffinity 1
 _STICK = 'solreffriction="0.005 1" solimpfriction="0.999 0.999 0.001 0.5 2"'  # friction that creeps by next to nothing
-_EIGHT = 1.0 + sqrt(2.0)  # times what each of four directions holds is held along one of them
+_EIGHT = 1.0 + sqrt(2.0)  # grip along a direction over the grip of each of the four
 _FOOT = '''type="sphere" size="0.01" mass="0" contype="4" conaffinity="0" condim="4" priority="1"
     solref="0.02 1" solimp="0.7 0.7 0.001 0.5 2"'''
 
 
 def mjcf(layout: ArenaLayout, robot: RobotSettings) -> str:
-    """The model. Robots are planar and carry their skin as a sphere: one contact with a flat side, a corner, another.
+    """Return the model as MJCF; robots are planar, their skin is a sphere with one point of contact per obstacle.
 
-    Each body has its joints at the origin and without turn, so that qpos are poses in the arena's frame: a body's own
-    turn would turn its slides too.
+    Each body has its joints at the origin and without turn, so that qpos are poses in the arena's frame: a turn of the
+    body itself would turn its slides too.
     """
     fixed, high = (block for block in layout.blocks if block.mass is None), _HEIGHT * robot.radius
     return f"""
@@ -52,11 +52,11 @@ def mjcf(layout: ArenaLayout, robot: RobotSettings) -> str:
 
 
 def soften(model: Any, layout: ArenaLayout, robot: RobotSettings) -> None:
-    """Gives the skin its stiffness in N/m.
+    """Set the stiffness of the skin in a model, in N/m.
 
     With solref = (-s, -b) and a constant d MuJoCo's contact bears s r / ((1 - d) w) where it is r deep, with w the sum
-    of both bodies' inverse weights. A robot's own s suits a wall, and another robot, which doubles w and so halves the
-    stiffness as two springs in series do; a movable block has a larger s, and of two the larger one holds.
+    of both bodies' inverse weights. A robot's s suits a wall, and another robot, which doubles w and so halves the
+    stiffness as two springs in series do; a movable block has a larger s, and of two the larger one counts.
     """
     own = float(model.body_invweight0[model.body("robot0").id, 0])
 
@@ -77,7 +77,7 @@ def _wall(block: Block, high: float) -> str:
 
 
 def _border(size: tuple[float, float]) -> str:
-    """The four walls around the field, as half spaces: every box lies near those, and boxes take longer to try."""
+    """Return the four walls around the field as half spaces: every box lies near those, and boxes are slower."""
     width, height = size
     sides = ((0.0, 0.0, "1 0 0"), (width, 0.0, "-1 0 0"), (0.0, 0.0, "0 1 0"), (0.0, height, "0 -1 0"))
     return "".join(
@@ -87,9 +87,9 @@ def _border(size: tuple[float, float]) -> str:
 
 
 def _robot(k: int, robot: RobotSettings) -> str:
-    """The skin on a carrier that goes exactly as the tracks are told, so heavy that nothing stops it.
+    """Return a robot: its skin on a carrier that follows the tracks' commands exactly, so heavy that nothing stops it.
 
-    Between them is Coulomb's friction: it is the tracks' grip.
+    Coulomb's friction between the two is the tracks' grip.
     """
     grip = robot.grip * robot.mass * GRAVITY
     turning = _words([0.5 * robot.mass * robot.radius**2] * 3)
@@ -106,10 +106,10 @@ def _robot(k: int, robot: RobotSettings) -> str:
 
 
 def _movable(k: int, block: Block, high: float) -> str:
-    """A shell that robots touch, and other blocks harder; what weighs stands on a foot that alone moves up and down.
+    """Return a movable block: a shell that robots and, harder, other blocks touch, and a foot with all of the mass.
 
-    The foot gives: what slides on MuJoCo's cone of friction is lifted a little, and would hop on a hard one. The shell
-    stays at its height, so that friction of a skin bears none of the weight.
+    Only the foot moves up and down, and it gives: a body that slides on MuJoCo's cone of friction is lifted a little,
+    and would hop on a hard one. The shell stays at its height, so that friction of a skin bears none of the weight.
     """
     assert block.mass is not None
     a, b = block.half
@@ -130,9 +130,10 @@ def _movable(k: int, block: Block, high: float) -> str:
 
 
 def _diagonal(k: int, robot: RobotSettings) -> str:
-    """Friction at 45 degrees, beside that along and across: an octagon about Coulomb's circle, at most 8 % too far out.
+    """Return friction at 45 degrees, in addition to that along and across.
 
-    Two alone would be a square, and hold 41 % too much between.
+    The four make an octagon about Coulomb's circle, at most 8 % too far out. Two alone would be a square, up to 41 %
+    too strong between them.
     """
     force = robot.grip * robot.mass * GRAVITY / _EIGHT
     return "".join(
@@ -145,14 +146,14 @@ def _diagonal(k: int, robot: RobotSettings) -> str:
 
 
 def _joints(slides: str, force: float = 0.0, moment: float = 0.0, name: str = "") -> str:
-    """Slides, then a hinge about z, with friction."""
+    """Return slides, then a hinge about z, with friction."""
     axes, named = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}, name and 'name="' + name + '{}"'
     rows = [f'<joint {named.format(a)} type="slide" axis="{axes[a]}" frictionloss="{force!r}"/>' for a in slides]
     return "".join(rows) + f'<joint type="hinge" axis="0 0 1" frictionloss="{moment!r}"/>'
 
 
 def _mean_distance(a: float, b: float) -> float:
-    """Of the points of a rectangle with half sides a and b from its middle [m].
+    """Return the mean distance [m] of the points of a rectangle with half sides a and b from its middle.
 
     A box that rests evenly on the floor turns where the moment is friction weight times this.
     """

@@ -1,4 +1,4 @@
-"""Whether robots can cross an arena at all: a planner that sees the whole map, which no robot does."""
+"""Check whether robots can cross an arena, by a planner that sees the complete map, which no robot does."""
 
 from __future__ import annotations
 
@@ -15,18 +15,19 @@ _CELL = 0.020  # m
 
 
 def require_solvable(layout: ArenaLayout, radius: float, *, pushing: bool = False) -> None:
-    """Requires a way for each robot, for a disc that keeps clear of walls and blocks.
+    """Require a path for each robot, for a disc that keeps clear of walls and blocks.
 
-    Robots are no obstacles to each other but where they start and where they arrive. A way is sought among cells of
-    20 mm whose middle is clear, so a passage needs up to 30 mm more than the disc's diameter.
+    Robots are obstacles to each other only at their starts and goals. A path is sought among cells of 20 mm whose
+    middle is clear, so a passage needs up to 30 mm more than the disc's diameter.
 
     Args:
         layout: the arena.
-        radius: of the disc [m]: the robot's and a margin.
-        pushing: movable blocks are no obstacle to the way; to starts and goals they are.
+        radius: radius of the disc [m]: the robot's and a margin.
+        pushing: movable blocks are no obstacle to the path; to starts and goals they are.
 
     Raises:
-        InputError: which robot starts in a wall, a block or another robot, has its goal there, or has no way.
+        InputError: a robot starts in a wall, a block or another robot, has its goal there, or has no path; it names the
+            robot.
     """
     places = layout.starts[:, :2], layout.goals
     for word, points in zip(("start", "goal"), places, strict=True):
@@ -69,7 +70,7 @@ def _require_apart(layout: ArenaLayout, points: Float[np.ndarray, "n 2"], radius
 
 
 def _free(size: tuple[float, float], blocks: tuple[Block, ...], radius: float) -> Bool[np.ndarray, "w h"]:
-    """Cells whose middle is clear; each block is held against the cells about it only."""
+    """Return the cells whose middle is clear; each block is compared with the cells around it only."""
     x, y = ((np.arange(int(np.ceil(side / _CELL))) + 0.5) * _CELL for side in size)
     free = np.outer((x >= radius) & (x <= size[0] - radius), (y >= radius) & (y <= size[1] - radius))
     for block in blocks:
@@ -81,7 +82,7 @@ def _free(size: tuple[float, float], blocks: tuple[Block, ...], radius: float) -
 
 
 def _near(area: np.ndarray, point: Float[np.ndarray, "2"]) -> set[int]:
-    """Areas of the clear cells around a clear point."""
+    """Return the areas of the clear cells around a clear point."""
     i, j = (int(value / _CELL) for value in point)
     return set(area[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2].ravel().tolist()) - {0}
 

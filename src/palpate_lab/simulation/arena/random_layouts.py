@@ -1,4 +1,4 @@
-"""Arenas drawn from a seed, and fixed ones."""
+"""Draw arenas at random from a seed."""
 
 from __future__ import annotations
 
@@ -22,17 +22,18 @@ _DRAWS, _TRIES = 300, 200  # of an arena, of one thing in it
 
 
 def random_layout(seed: int, robots: int = 4, density: str = "paper") -> ArenaLayout:
-    """An arena drawn at random: starts at its left end, goals at its right end, boxes and inner walls between.
+    """Draw an arena at random: starts at its left end, goals at its right end, boxes and inner walls between.
 
-    Drawn again until a disc 10 mm larger than a robot has a way for each robot round all blocks, movable ones too.
+    It is drawn again until a disc 10 mm larger than a robot has a path for each robot around all blocks, movable ones
+    too.
 
     Args:
-        seed: of the draws, 0 or more.
-        robots: how many; the field grows beyond four so that there is as much room for each.
-        density: of blocks: sparse, paper (10 fixed, 2 inner walls and 6 movable ones for four robots) or dense.
+        seed: seed of the draws, 0 or more.
+        robots: number of robots; the field grows beyond four so that each has as much room.
+        density: density of blocks: sparse, paper (10 fixed, 2 inner walls and 6 movable ones for four robots) or dense.
 
     Raises:
-        InputError: a density that there is none of, no robot, or no arena that can be solved was drawn.
+        InputError: an unknown density, no robot, a negative seed, or no arena that can be solved was drawn.
     """
     if density not in DENSITIES:
         raise InputError(
@@ -56,7 +57,7 @@ def random_layout(seed: int, robots: int = 4, density: str = "paper") -> ArenaLa
 
 
 def _drawn(rng: np.random.Generator, robots: int, density: float, name: str) -> ArenaLayout | None:
-    """One arena; None where something found no room."""
+    """Draw one arena; return None if something found no room."""
     grown = sqrt(max(robots, 4) / 4)
     width, height = (grown * side for side in _FIELD)
     band = _BAND * grown
@@ -86,7 +87,7 @@ def _drawn(rng: np.random.Generator, robots: int, density: float, name: str) -> 
 def _spread(
     rng: np.random.Generator, count: int, across: tuple[float, float], height: float, apart: float
 ) -> Float[np.ndarray, "n 2"] | None:
-    """Places in a band over the field's whole height, with at least this far between them."""
+    """Draw points in a band over the field's complete height, at least `apart` from each other."""
     places = np.empty((0, 2))
     for _ in range(_TRIES * count):
         place = rng.uniform((across[0], _EDGE), (across[1], height - _EDGE))
@@ -98,7 +99,7 @@ def _spread(
 
 
 def _fits(block: Block, blocks: list[Block], places: Float[np.ndarray, "n 2"], height: float) -> bool:
-    """Clear of where robots start and arrive and of other blocks; movable ones of the walls too."""
+    """Tell whether a block is clear of starts, goals and other blocks, and a movable one of the walls."""
     y = block.corners()[:, 1]
     if block.mass is not None and (y.min() < 0.01 or y.max() > height - 0.01):
         return False
@@ -111,7 +112,7 @@ def _fits(block: Block, blocks: list[Block], places: Float[np.ndarray, "n 2"], h
 
 
 def _inner_wall(rng: np.random.Generator, band: float, width: float, height: float) -> Block:
-    """20 mm thick, more or less across the way."""
+    """Draw a wall 20 mm thick, more or less across the way."""
     x, y = rng.uniform((band + 0.3, 0.0), (width - band - 0.3, height))
     return Block(float(x), float(y), rng.uniform(-pi / 4, pi / 4), (0.01, 0.5 * rng.uniform(0.4, 0.8)))
 
@@ -123,7 +124,7 @@ def _fixed_box(rng: np.random.Generator, band: float, width: float, height: floa
 
 
 def _movable_box(rng: np.random.Generator, band: float, width: float, height: float) -> Block:
-    """Four of five slide under a push of 0.6 to 2 N, one of five under 4 to 8 N, which is more than a robot dares."""
+    """Draw a box; four of five slide under a push of 0.6 to 2 N, the others under 4 to 8 N, more than a robot dares."""
     x, y = rng.uniform((band, 0.0), (width - band, height))
     a, b = 0.5 * rng.uniform(0.08, 0.2, 2)
     push = rng.uniform(4.0, 8.0) if rng.random() < 0.2 else rng.uniform(0.6, 2.0)

@@ -1,4 +1,4 @@
-"""A run in the arena as files: what robots would have recorded, and beside it what really happened."""
+"""Write a run in the arena as files: what robots would have recorded, and separately what really happened."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ __all__ = ["RecordedFrame", "RunRecorder", "files_of", "write_arena", "write_rig
 
 QUALITY = 85  # of JPEG
 BLOCKS = "/truth/blocks"
-STILL = 5e-4, 3e-3  # m, rad: a block that has moved less is not said again
+STILL = 5e-4, 3e-3  # m, rad: a block that has moved less is not written again
 KINDS = ("flat", "edge", "robot")  # of what touches
 TRUTH = ("time", "robot", "angle_deg", "depth_mm", "force_n", "shear_n", "kind")
 FELT = ("time", "robot", "angle_deg", "force_n")
@@ -45,61 +45,61 @@ topic = "/robot_1/camera/compressed"
 
 @runtime_checkable
 class RecordedFrame(Protocol):
-    """One moment of a run, as a recorder takes it."""
+    """A moment of a run, as a recorder takes it."""
 
     @property
     def time(self) -> float:
-        """[s]."""
+        """Time [s]."""
         ...
 
     @property
     def poses(self) -> Float[np.ndarray, "n 3"]:
-        """True x, y, heading [m], [rad]."""
+        """True x, y, heading of the robots, (n, 3) [m], [rad]."""
         ...
 
     @property
     def tracked(self) -> Float[np.ndarray, "n 3"]:
-        """What the robots were told of them."""
+        """Poses that the robots were given, (n, 3) [m], [rad]."""
         ...
 
     @property
     def blocks(self) -> Float[np.ndarray, "m 3"]:
-        """True x, y, turn of those that can move [m], [rad]."""
+        """True x, y, turn of the movable blocks, (m, 3) [m], [rad]."""
         ...
 
     @property
     def touches(self) -> Sequence[Float[np.ndarray, "_ 2"] | None]:
-        """Of each robot the angle [rad] and force [N] of what it feels; None: its skin says nothing."""
+        """Angle [rad] and force [N] that each robot feels, (k, 2); None while its skin gives no reading."""
         ...
 
     @property
     def truths(self) -> Sequence[Float[np.ndarray, "_ 5"]]:
-        """Of each robot angle, force, shear, depth and kind of what really presses on it."""
+        """Angle, force, shear, depth and kind of each robot's true contacts, (k, 5)."""
         ...
 
     @property
     def wheels(self) -> Float[np.ndarray, "n 2"]:
-        """Speeds of the tracks that were asked for [m/s]."""
+        """Commanded speeds of the tracks, (n, 2) [m/s]."""
         ...
 
     @property
     def states(self) -> tuple[str, ...]:
-        """In a word or two."""
+        """State of each robot, in a word or two."""
         ...
 
     @property
     def whys(self) -> tuple[str, ...]:
-        """In a sentence."""
+        """Reason for each state, in a sentence."""
         ...
 
     @property
     def frames(self) -> Sequence[UInt8[np.ndarray, "h w 3"]] | None:
-        """What the cameras see, blue, green, red; None: there are no images."""
+        """Image of each camera, blue, green, red; None without images."""
         ...
 
 
 def files_of(recording: Path, robots: int, images: bool) -> dict[str, Path]:
-    """Names of all files of a run, by what they are, beside its recording."""
+    """Return the paths of all files of a run, next to its recording, by their kind."""
     ends = {"arena": "arena.toml", "truth": "truth.csv", "felt": "felt.csv"}
     if images:
         ends |= {"rig": "rig.toml", "ring": "ring.toml"}
@@ -110,18 +110,18 @@ def files_of(recording: Path, robots: int, images: bool) -> dict[str, Path]:
 
 
 def write_rig(recording: Path) -> None:
-    """The rig of the first robot's camera; the ring's model is the caller's to write, to `files_of`'s "ring"."""
+    """Write the rig of the first robot's camera; the caller writes the ring's model to `files_of`'s "ring"."""
     file = files_of(recording, 1, True)["rig"]
     file.write_text(RIG.format(name=recording.stem), encoding="utf-8")
 
 
 def write_arena(file: Path, layout: ArenaLayout, settings: Mapping[str, object]) -> None:
-    """The arena and how it was run, as TOML.
+    """Write the arena and the settings of its run as TOML.
 
     Args:
-        file: to write.
+        file: file to write.
         layout: the arena.
-        settings: numbers and words that are said first.
+        settings: numbers and texts that are written first.
     """
     lines = ["# Lengths in metres, angles in radians; a block without a mass is fixed."]
     lines += [f"{name} = {_toml(value)}" for name, value in settings.items()]
@@ -143,13 +143,13 @@ def _toml(value: object) -> str:
 
 
 class RunRecorder:
-    """Writes a run moment by moment; a context manager, whose files are whole when it ends well.
+    """A writer of a run, moment by moment; a context manager, whose files are complete when it ends well.
 
     Args:
         recording: the MCAP file; the others are named as `files_of` says.
-        robots: how many.
-        images: whether cameras are recorded.
-        radius: of the skin [m].
+        robots: number of robots.
+        images: True if cameras are recorded.
+        radius: radius of the skin [m].
 
     Raises:
         InputError: rosbags is not installed, or OpenCV where cameras are recorded.
@@ -169,7 +169,7 @@ class RunRecorder:
         self._states, self._blocks = [""] * robots, np.zeros((0, 3))
 
     def add(self, frame: RecordedFrame) -> None:
-        """The next moment."""
+        """Write the next moment."""
         stamp = round(1e9 * frame.time)
         for robot in range(self._robots):
             name = f"/robot_{robot + 1}"
@@ -193,7 +193,7 @@ class RunRecorder:
         return self._bag.types[name if "/" in name else f"{_GEOMETRY}/{name}"]
 
     def _posed(self, pose: Float[np.ndarray, "3"]) -> Any:
-        """geometry_msgs/Pose of x, y and a turn about the vertical."""
+        """Return a geometry_msgs/Pose of x, y and a turn about the vertical."""
         x, y, turn = pose.tolist()
         way = self._type("Quaternion")(0.0, 0.0, float(np.sin(turn / 2)), float(np.cos(turn / 2)))
         return self._type("Pose")(self._type("Point")(x, y, 0.0), way)
@@ -203,13 +203,13 @@ class RunRecorder:
         self._bag.write(stamp, topic, self._type("PoseStamped")(head, self._posed(pose)))
 
     def _wheels(self, stamp: int, topic: str, wheels: Float[np.ndarray, "2"]) -> None:
-        """Speeds of the tracks over the floor [m/s], as those of joints that slide."""
+        """Write the speeds of the tracks over the floor [m/s], as those of joints that slide."""
         head, none = header(self._bag.types, stamp, ""), np.zeros(0)
         kind = self._type("sensor_msgs/msg/JointState")
         self._bag.write(stamp, topic, kind(head, ["left", "right"], none, np.array(wheels), none))
 
     def _net(self, stamp: int, robot: int, felt: Float[np.ndarray, "k 2"] | None) -> None:
-        """Everything that is felt as one wrench on the robot, in its frame; NaN where the skin says nothing."""
+        """Write the sum of all felt forces as a wrench on the robot, in its frame; NaN if its skin gives no reading."""
         x = y = float("nan")
         if felt is not None:
             x = 0.0 - float(felt[:, 1] @ np.cos(felt[:, 0]))
@@ -220,7 +220,7 @@ class RunRecorder:
         self._bag.write(stamp, f"/{name}/contacts", stamped)
 
     def _state(self, stamp: int, robot: int, words: str) -> None:
-        """One message where it changes."""
+        """Write a message if the state has changed."""
         if words != self._states[robot]:
             self._states[robot] = words
             self._bag.write(stamp, f"/robot_{robot + 1}/state", self._type("std_msgs/msg/String")(words))
@@ -233,7 +233,7 @@ class RunRecorder:
         self._bag.write(stamp, f"/robot_{robot + 1}/{_CAMERA}", self._type(_IMAGE)(head, "jpeg", data.ravel()))
 
     def _moved(self, stamp: int, blocks: Float[np.ndarray, "m 3"]) -> None:
-        """All blocks that can move, when one has."""
+        """Write all movable blocks if one has moved."""
         if len(self._blocks) == len(blocks):
             change = np.abs(blocks - self._blocks)
             if not len(blocks) or (change[:, :2].max() < STILL[0] and change[:, 2].max() < STILL[1]):
@@ -265,7 +265,7 @@ class RunRecorder:
 
 
 def _at(radius: float, angle: float, force: float, shear: float) -> list[str]:
-    """Place, normal and force on the skin of a contact, in the ring's frame."""
+    """Return point, normal and force on the skin of a contact, in the ring's frame, as text."""
     c, s = float(np.cos(angle)), float(np.sin(angle))
     values = (radius * c, radius * s, 0.0, c, s, 0.0, -shear * s - force * c, shear * c - force * s, 0.0)
     return [f"{value:.6f}" for value in values]

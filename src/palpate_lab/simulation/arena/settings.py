@@ -1,4 +1,4 @@
-"""What a robot of the arena is: a disc with a soft skin on two tracks."""
+"""The physical settings of a robot of the arena: a disc with a soft skin on two tracks."""
 
 from __future__ import annotations
 
@@ -17,15 +17,16 @@ class RobotSettings:
     """A robot: a disc with a soft skin on two tracks, of the size and speed of papers/002, section V.
 
     Attributes:
-        radius: of the skin [m].
-        mass: [kg].
-        track: between the middles of the tracks [m].
-        grip: Coulomb's friction of the tracks on the floor: they hold against up to grip mass 9.81 N along, as much
-            across, and that force at half the track about. Within it a robot goes exactly as its tracks do.
-        stiffness: of the skin [N/m]: a force of 5 N presses it in by 10 mm; two skins together have half of it.
-        loss: [s] of the skin: it bears stiffness (depth + loss d/dt depth).
-        friction: Coulomb's, of the skin on everything.
-        uneven: standard deviation of the share by which each track is faster than asked, drawn once a track.
+        radius: radius of the skin [m].
+        mass: mass [kg].
+        track: distance between the middles of the tracks [m].
+        grip: Coulomb's coefficient of the tracks on the floor: they resist up to grip mass 9.81 N along, as much
+            across, and that force at half the track about. Within it a robot moves exactly as its tracks do.
+        stiffness: stiffness of the skin [N/m]: a force of 5 N presses it in by 10 mm; two skins together have half of
+            it.
+        loss: damping time [s] of the skin: it bears stiffness (depth + loss d/dt depth).
+        friction: Coulomb's coefficient of the skin on everything.
+        uneven: standard deviation of the share by which each track is faster than commanded, drawn once a track.
     """
 
     radius: float = 0.055
@@ -38,7 +39,11 @@ class RobotSettings:
     uneven: float = 0.01
 
     def __post_init__(self) -> None:
-        """Refuses what no robot can be built of."""
+        """Check that the numbers are possible.
+
+        Raises:
+            InputError: a number is not positive, or `uneven` is not from 0 to 0.5.
+        """
         for name in ("radius", "mass", "track", "grip", "stiffness", "loss", "friction"):
             if not 0.0 < getattr(self, name) < inf:
                 raise InputError(f"{name} must be positive, not {getattr(self, name)}", where="robot")

@@ -1,9 +1,9 @@
-"""A soft skin touched by forces that are known: where its markers go, by tables, thousands of times a second.
+"""Move the markers of a soft skin under known forces, by tables, thousands of times a second.
 
-An engine of rigid bodies says where and how hard a robot is touched; the barrel of the marker ring [marker ring, III]
-says what its skin does then. Its contact is solved once for each kind of body, and what it presses with is turned
-around the ring; in linear elasticity movements by several touches add up. What is left out, beside the exact
-`Barrel.press`: what a neighbour's dent changes of how a body lies on the skin.
+An engine of rigid bodies computes where and how hard a robot is touched; the barrel of the marker ring [marker ring,
+III] computes what its skin does then. Its contact is solved once for each kind of body, and the pressing forces are
+turned around the ring; in linear elasticity movements by several touches add up. Compared with the exact
+`Barrel.press` one effect is missing: a neighbour's dent changes how a body lies on the skin.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _EDGE, _SKIN = 0.004, 0.055  # m: radius of an upright edge, and of another robo
 
 
 def _body(kind: str, angle: float, radius: float) -> Indenter:
-    """What touches, pressed in by some 10 N."""
+    """Return the body of a kind, pressed in by some 10 N."""
     deep = {"flat": 0.29, "corner": 0.5, "round": 0.34}[kind] * radius
     if kind == "flat":
         return Indenter("plate", angle, deep)
@@ -46,10 +46,10 @@ class RingSkin:
 
     Attributes:
         rest: (m, 3, 3) [m] each marker unloaded: the middle of its disc, and the disc's edge around the ring and along
-            its axis; the middle is the one whose picture is the centroid of the disc's.
+            its axis; the middle is the point whose image is the centroid of the disc's.
         presses: (kinds, angles, levels + 1, 9 m) [m] movements of `rest` at `largest` (i / levels)^2 newtons.
-        shears: (kinds, angles, 9 m) [m/N] by a newton of shear.
-        largest: (kinds,) [N] of the tables.
+        shears: (kinds, angles, 9 m) [m/N] movements per newton of shear.
+        largest: (kinds,) [N] largest force of the tables.
     """
 
     rest: Float[np.ndarray, "m 3 3"]
@@ -59,7 +59,7 @@ class RingSkin:
 
     @staticmethod
     def built(unit: RingUnit) -> RingSkin:
-        """Tables of a unit (a second or two; coarse units are quicker)."""
+        """Compute the tables of a unit (a second or two; coarse units are quicker)."""
         barrel = Barrel.built(unit.barrel)
         weights = _disc(barrel.settings)
         rest = disc_points(barrel.settings, barrel.rest)
@@ -72,11 +72,11 @@ class RingSkin:
         return RingSkin(rest, presses, shears, np.array([each[2] for each in made]))
 
     def markers(self, touches: Float[np.ndarray, "k 5"]) -> Float[np.ndarray, "m 3 3"]:
-        """Where the discs are [m], as `rest` has them.
+        """Return the positions of the discs (m, 3, 3) [m] under touches, in the order of `rest`.
 
         Args:
-            touches: angle [rad], inward force [N], shear along rising angle [N], depth (not used: the skin's own
-                stiffness says how deep a force is), and kind, a number into `KINDS`.
+            touches: (k, 5) angle [rad], inward force [N], shear along rising angle [N], depth (not used: it follows
+                from the force by the skin's own stiffness), and kind, a number into `KINDS`.
         """
         from palpate_lab.simulation.arena._skin import superposed  # compiled: loaded when first needed
 
@@ -87,12 +87,12 @@ class RingSkin:
 
 
 def disc_points(settings: BarrelSettings, points: Float[np.ndarray, "*n m q 3"]) -> Float[np.ndarray, "*n m 3 3"]:
-    """Markers as `RingSkin.rest` has them from their centres and outlines, as `Barrel.rest` has those."""
+    """Return markers in the form of `RingSkin.rest`, from their centres and outlines in that of `Barrel.rest`."""
     return np.einsum("mabij,...mbj->...mai", _disc(settings), points, optimize=True)
 
 
 def _disc(settings: BarrelSettings) -> Float[np.ndarray, "m 3 q 3 3"]:
-    """Weights that take a marker's centre and outline to the three points of `RingSkin.rest`.
+    """Return the weights that take a marker's centre and outline to the three points of `RingSkin.rest`.
 
     An outline p0 + U cos t + V sin t + A cos 2t + B sin 2t in the plane of U and V, as of a disc on bent skin, has its
     area's centroid at p0 + ((A_u + B_v) U + (B_u - A_v) V) / 2; radial parts are seen along V.
@@ -125,10 +125,11 @@ def _disc(settings: BarrelSettings) -> Float[np.ndarray, "m 3 q 3 3"]:
 
 
 def _tables(barrel: Barrel, kind: str, moves: Float[np.ndarray, "r f"]) -> tuple[np.ndarray, np.ndarray, float]:
-    """Movements of one kind: (angles, levels + 1, r) by forces, (angles, r) by a newton of shear; the largest force.
+    """Compute movements of one kind: (angles, levels + 1, r) by force, (angles, r) per newton of shear; largest force.
 
     A barrel is unevenly thick: where it is softer, a body sinks in deeper at the same force and lies on more of the
-    skin. So what presses at a place is taken from the force that sinks in as deep where the contact was solved.
+    skin. So the pressing forces at an angle are taken from the force that sinks in as deep where the contact was
+    solved.
     """
     band = barrel.band
     ladders = [_ladder(band, kind, column) for column in (0, 1)]  # the middle and the edge of a brick differ
@@ -147,7 +148,7 @@ def _tables(barrel: Barrel, kind: str, moves: Float[np.ndarray, "r f"]) -> tuple
 
 
 def _softness(band: Band, ladders: Sequence[CubicSpline], force: float) -> Float[np.ndarray, " c"]:
-    """How far the skin gives under a force at each column, over what it gives where the contact was solved."""
+    """Return the skin's movement under a force at each column, relative to the columns where the contact was solved."""
     work = np.zeros(band.columns)
     for odd, ladder in enumerate(ladders):
         turned = np.stack([_turned(band, ladder(force), k) for k in range(0, band.columns, 2)])
@@ -157,7 +158,7 @@ def _softness(band: Band, ladders: Sequence[CubicSpline], force: float) -> Float
 
 
 def _ladder(band: Band, kind: str, column: int) -> CubicSpline:
-    """Nodal forces (f,) of a body at a column of nodes over its force [N]."""
+    """Return the nodal forces (f,) of a body at a column of nodes as a spline over its force [N]."""
     body = _body(kind, column * 2.0 * np.pi / band.columns, float(band.outer(np.zeros(1))[0]))
     shares = ((np.arange(STEPS) + 1.0) / STEPS) ** 1.4
     found = settle(band, [body], FRICTION, [(float(each), 0.0) for each in shares])
@@ -166,7 +167,7 @@ def _ladder(band: Band, kind: str, column: int) -> CubicSpline:
 
 
 def _sheared(band: Band, kind: str, column: int) -> Float[np.ndarray, " f"]:
-    """Nodal forces of a newton of shear: half of what a drag to one side differs from one to the other."""
+    """Return the nodal forces per newton of shear: half the difference of drags to either side."""
     body = _body(kind, column * 2.0 * np.pi / band.columns, float(band.outer(np.zeros(1))[0]))
 
     def dragged(slide: float) -> Settled:
@@ -178,7 +179,7 @@ def _sheared(band: Band, kind: str, column: int) -> Float[np.ndarray, " f"]:
 
 
 def _turned(band: Band, nodal: Float[np.ndarray, "*n f"], columns: int) -> Float[np.ndarray, "*n f"]:
-    """Nodal forces turned around the ring by so many columns."""
+    """Return nodal forces turned around the ring by a number of columns."""
     angle = columns * 2.0 * np.pi / band.columns
     c, s = np.cos(angle), np.sin(angle)
     split = np.roll(nodal.reshape(*nodal.shape[:-1], band.columns, -1, 2), columns, axis=-3)

@@ -1,4 +1,4 @@
-"""Robots in an arena on a physics engine: what their tracks are told goes in, poses and true touches come out."""
+"""Run robots in an arena on a physics engine: track commands go in, poses and true contacts come out."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ _NONE = frozen(np.empty((0, 5)))
 
 
 class ArenaWorld:
-    """Robots and blocks that move, on MuJoCo. The same layout, settings, seed and commands give the same bits.
+    """Robots and movable blocks on MuJoCo; the same layout, settings, seed and commands give the same bits.
 
     Args:
         layout: the arena.
-        robot: what each robot is.
-        seed: of the tracks' unevenness.
+        robot: settings of each robot; None for the usual ones.
+        seed: seed of the tracks' unevenness.
 
     Raises:
         InputError: MuJoCo is not installed.
@@ -56,35 +56,35 @@ class ArenaWorld:
 
     @property
     def time(self) -> float:
-        """[s] since the start."""
+        """Time since the start [s]."""
         return self._frames * FRAME
 
     @property
     def poses(self) -> Float[np.ndarray, "n 3"]:
-        """x, y [m] and heading [rad], from -pi to pi, of each robot."""
+        """Pose of each robot, (n, 3): x, y [m] and heading [rad], from -pi to pi."""
         return np.array([_pose(*own) for own in self._own.tolist()])
 
     @property
     def velocities(self) -> Float[np.ndarray, "n 3"]:
-        """Of each robot in the arena's frame [m/s], [rad/s]."""
+        """Velocity of each robot in the arena's frame, (n, 3) [m/s], [rad/s]."""
         return np.array([_velocity(*each) for each in zip(self._own.tolist(), self._speed.tolist(), strict=True)])
 
     @property
     def blocks(self) -> Float[np.ndarray, "m 3"]:
-        """x, y [m] and turn [rad], from -pi to pi, of the movable blocks, in the order of `layout.movable`."""
+        """Poses (m, 3) of the blocks in `layout.movable`, in that order: x, y [m] and turn [rad], from -pi to pi."""
         blocks = self._blocks[:, :3].copy()
         blocks[:, 2] -= tau * np.round(blocks[:, 2] / tau)
         return blocks
 
     def step(self, wheels: Float[np.ndarray, "n 2"]) -> None:
-        """Lets one frame of 1/30 s pass.
+        """Advance the simulation by one period of the camera, 1/30 s.
 
         Args:
-            wheels: speed of each robot's left and right track [m/s], held for the frame.
+            wheels: (n, 2) speed of each robot's left and right track [m/s], constant for the period.
 
         Raises:
             InputError: not two finite speeds a robot.
-            RuntimeError: the engine warned, and what it computes cannot be trusted.
+            RuntimeError: the engine warned, and its results cannot be trusted.
         """
         if wheels.shape != self._gain.shape or not all(map(isfinite, wheels.ravel().tolist())):
             raise InputError(f"wheels must be two finite speeds for each of {len(self._gain)} robots, not {wheels}")
@@ -95,7 +95,7 @@ class ArenaWorld:
             raise RuntimeError("the physics engine gave up: a state that is not finite, or too fast")
 
     def _drive(self, wheels: Float[np.ndarray, "n 2"]) -> None:
-        """Puts each carrier under its robot and sets it going; the robot keeps its place and its velocity."""
+        """Put each carrier under its robot and set it in motion; the robot keeps its position and its velocity."""
         places, speeds = list[tuple[tuple[float, ...], ...]](), list[tuple[tuple[float, ...], ...]]()
         gone = zip(self._own.tolist(), self._speed.tolist(), wheels.tolist(), strict=True)
         for own, speed, (left, right) in gone:  # plain numbers: arrays of three cost more than what is computed
@@ -110,22 +110,22 @@ class ArenaWorld:
         self._own[:], self._speed[:] = places, speeds
 
     def touches(self, robot: int) -> Float[np.ndarray, "k 5"]:
-        """What truly touches a robot's skin now, by rising angle.
+        """Return the true contacts on a robot's skin, by rising angle.
 
         Args:
             robot: its number, from 0.
 
         Returns:
-            (k, 5) angle of the place on the skin in the robot's frame [rad], from -pi to pi; force that presses inward
-            there [N]; force along the skin towards a rising angle, on the robot [N]; how deep the skin is pressed in
-            [m], of two skins each by half; what touches: 0 a flat side, 1 the corner of a box, 2 another robot's skin.
+            (k, 5) angle of the point on the skin in the robot's frame [rad], from -pi to pi; force that presses inward
+            there [N]; force along the skin towards a rising angle, on the robot [N]; depth of the skin's dent [m], of
+            two skins half for each; the touching thing: 0 a flat side, 1 the corner of a box, 2 another robot's skin.
         """
         if self._found is None:
             self._found = self._all_touches()
         return self._found[robot]
 
     def _all_touches(self) -> list[Float[np.ndarray, "k 5"]]:
-        """Of each robot. Contacts are of the last substep, and so are the places they are held against."""
+        """Return the contacts of each robot, from the last substep, relative to the poses of the same substep."""
         data, contact, robots = self.data, self.data.contact, self._robot_of
         force, frames, depths = data.efc_force, contact.frame, contact.dist
         rows: list[list[tuple[float, ...]]] = [[] for _ in range(self.layout.robots)]
@@ -151,7 +151,7 @@ class ArenaWorld:
         return [_frozen(sorted(row)) if row else _NONE for row in rows]
 
     def _kind(self, geom: int, robot: int) -> float:
-        """1 where a box is nearest to the robot's middle with a corner, else 0."""
+        """Return 1 where a box is nearest to the robot's middle with a corner, else 0."""
         if self._plane[geom]:
             return 0.0
         data, size = self.data, self.model.geom_size[geom].tolist()
@@ -169,14 +169,14 @@ def _frozen(rows: list[tuple[float, ...]]) -> Float[np.ndarray, "k 5"]:
 
 
 def _pose(carrier: list[float], on: list[float]) -> tuple[float, float, float]:
-    """Of a robot in the arena, its heading from -pi to pi; `on`: on its carrier."""
+    """Return the pose of a robot in the arena from its carrier's and its own `on` that, heading from -pi to pi."""
     x, y = _turned(on[0], on[1], carrier[2])
     heading = carrier[2] + on[2]
     return carrier[0] + x, carrier[1] + y, heading - tau * round(heading / tau)
 
 
 def _velocity(own: list[list[float]], speed: list[list[float]]) -> tuple[float, float, float]:
-    """Of a robot in the arena, from the places and speeds of its carrier and of itself on that."""
+    """Return the velocity of a robot in the arena, from poses and speeds of its carrier and of the robot on it."""
     (_, _, turn), (px, py, _) = own
     (cx, cy, spin), (vx, vy, more) = speed
     x, y = _turned(vx, vy, turn)

@@ -1,4 +1,4 @@
-"""A robot's probe on a soft phantom that moves: the arm, the probes, the tissue, the motions and the physics."""
+"""Simulate a robot's probe on a soft phantom that moves: arm, probes, tissue, motions and physics."""
 
 from __future__ import annotations
 

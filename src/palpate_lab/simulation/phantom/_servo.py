@@ -1,4 +1,4 @@
-"""Compiled: how a joint servo turns its commands into accelerations."""
+"""Compiled: turn the commands of a joint servo into accelerations."""
 
 # pyright: basic
 from __future__ import annotations
@@ -10,7 +10,7 @@ __all__ = ["follow"]
 
 @entry("servo out 2 n, goal n, joints n, speeds n, law 6, out out n")
 def follow(servo, goal, joints, speeds, law, out):
-    """Accelerations wanted of the joints, one time step after another.
+    """Compute the accelerations that the servo requests of the joints, for one time step.
 
     r'' = w^2 (c - r) - 2 w r' with |r'| and |r''| bounded, then out = r'' + kp (r - q) + kd (r' - q').
 

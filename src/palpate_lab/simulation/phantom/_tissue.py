@@ -1,4 +1,4 @@
-"""Compiled: what a soft flat phantom does to a rigid probe that is pressed into it, cell by cell."""
+"""Compiled: compute the force of a soft flat phantom on a rigid probe that is pressed into it, cell by cell."""
 
 # pyright: basic
 from __future__ import annotations
@@ -12,14 +12,15 @@ __all__ = ["press"]
 
 @entry("cells n 7, law 5, probe 6 3, phantom 6 3, bristles out n 3, out out 11")
 def press(cells, law, probe, phantom, bristles, out):
-    """Force, moment and pressure of an elastic foundation with friction.
+    """Compute force, moment and pressure of an elastic foundation with friction.
 
     Args:
         cells: (n, 7) points, outward normals and areas, in the sensor's frame.
         law: (5,) stiffness [N/m^3], loss [s], friction, tangential stiffness [N/m^3], tangential loss [s].
         probe: (6, 3) rotation to the base, origin, its velocity, angular velocity, in base axes.
-        phantom: (6, 3) likewise.
-        bristles: (n, 3) where each cell is held, in the surface's x and y, and 1 while it touches; changed in place.
+        phantom: (6, 3) the same of the phantom.
+        bristles: (n, 3) place to which friction pulls each cell, in the surface's x and y, and 1 while it touches;
+            changed in place.
         out: (11,) force and moment about the sensor's origin in base axes, normal force, centre of pressure in the
             sensor's frame, greatest depth.
     """

@@ -1,6 +1,6 @@
 """The six-axis arm of the probe paper, Han's Robot Elfin3: one table, from which its URDF and its MJCF are written.
 
-Figures are those of `elfin3.urdf.xacro` and `joint_limits.yaml` of Han's Robot's elfin_description and
+The figures are those of `elfin3.urdf.xacro` and `joint_limits.yaml` of Han's Robot's elfin_description and
 elfin3_moveit_config (BSD-3-Clause, Copyright Han's Robot Co., Ltd.), angles rounded as they are there. The table of
 limits overrides the description's, as its first line says: 1.57 rad/s and 12.56 rad/s^2 for every joint.
 """
@@ -28,12 +28,13 @@ class ArmLink:
     """A link, and the revolute joint about its own z that carries it.
 
     Attributes:
-        name, mass: [kg].
-        centre: of mass [m], in the link's frame.
+        name: name of the link.
+        mass: mass [kg].
+        centre: centre of mass [m], in the link's frame.
         inertia: xx, xy, xz, yy, yz, zz about the centre [kg m^2].
-        origin, turn: of the joint in the link before [m], roll, pitch, yaw [rad].
+        origin, turn: the joint's origin [m] and roll, pitch, yaw [rad] in the previous link.
         limit: the joint turns from -limit to limit [rad].
-        effort: most torque [N m].
+        effort: largest torque [N m].
     """
 
     name: str
@@ -84,7 +85,7 @@ def _words(values: tuple[float, ...]) -> str:
 
 
 def _matrix(turn: Triple) -> Float[np.ndarray, "3 3"]:
-    """Roll about x, then pitch about y, then yaw about z, all fixed axes, as URDF has them."""
+    """Return the rotation of roll about x, then pitch about y, then yaw about z, all fixed axes, as in URDF."""
     (a, b, c), (i, j, k) = [cos(angle) for angle in turn], [sin(angle) for angle in turn]
     about_x = np.array([[1.0, 0.0, 0.0], [0.0, a, -i], [0.0, i, a]])
     about_y = np.array([[b, 0.0, j], [0.0, 1.0, 0.0], [-j, 0.0, b]])
@@ -93,7 +94,7 @@ def _matrix(turn: Triple) -> Float[np.ndarray, "3 3"]:
 
 
 def _axes(turn: Triple) -> str:
-    """The first two columns of the turn, as MJCF's xyaxes takes them."""
+    """Return the first two columns of the turn, as MJCF's xyaxes takes them."""
     return _words(tuple(_matrix(turn)[:, :2].T.ravel().tolist()))
 
 
@@ -135,13 +136,13 @@ def _urdf_lines(probe: Probe, mesh: str) -> Iterator[str]:
 
 
 def urdf(probe: Probe, mesh: str = "probe.stl") -> str:
-    """The description of arm, sensor and probe.
+    """Return the URDF of arm, sensor and probe.
 
-    Links base (the root, z up), elfin_base, elfin_link1 ... 6, ft_sensor (z out of the flange) and probe (the same
-    axes and origin).
+    Its links are base (the root, z up), elfin_base, elfin_link1 ... 6, ft_sensor (z out of the flange) and probe (the
+    same axes and origin).
 
     Args:
-        probe: what stands on the sensor.
+        probe: probe on the sensor.
         mesh: file name of its shape, in metres.
     """
     return "\n".join(_urdf_lines(probe, mesh)) + "\n"
@@ -167,12 +168,12 @@ def _mjcf_inertial(mass: float, centre: Triple, inertia: tuple[float, ...]) -> s
 
 
 def mjcf(probe: Probe, *, timestep: float, accelerometer: Triple, phantom: Triple) -> str:
-    """The same arm, sensor and probe for MuJoCo: torques as applied forces, sensors at the flange, nothing collides.
+    """Return the same arm, sensor and probe for MuJoCo: torques as applied forces, sensors at the flange, no collision.
 
     Args:
-        probe: what stands on the sensor.
-        timestep: [s].
-        accelerometer: place in the sensor's frame [m].
+        probe: probe on the sensor.
+        timestep: time step [s].
+        accelerometer: its position in the sensor's frame [m].
         phantom: half sizes of the drawn phantom [m], its surface at the body's origin.
     """
     points, faces = _words(tuple(probe.vertices.ravel().tolist())), " ".join(str(i) for i in probe.faces.ravel())

@@ -1,4 +1,4 @@
-"""A film of the lab, drawn without a screen by the physics engine's renderer."""
+"""Film the lab without a screen, by the physics engine's renderer."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ _TRY = "import mujoco; mujoco.GLContext(64, 64).make_current()"
 
 
 def choose_renderer() -> None:
-    """Choose how MuJoCo draws, before it is first imported: it reads MUJOCO_GL then, and never again.
+    """Choose MuJoCo's renderer before MuJoCo is first imported: it reads MUJOCO_GL then, and never again.
 
-    Off-screen drawing by the graphics card's driver (egl), else by the processor (osmesa); a MUJOCO_GL that is set is
-    kept. Each is tried in a process of its own, because one that is not installed fails in many ways.
+    The choice is off-screen drawing by the graphics card's driver (egl), else by the processor (osmesa); a MUJOCO_GL
+    that is set is kept. Each is tried in a separate process, because one that is not installed fails in many ways.
 
     Raises:
         InputError: none works.
@@ -54,11 +54,11 @@ def _no_picture() -> InputError:
 
 
 class Film:
-    """Pictures of a lab, one after the other, into a video; a context manager.
+    """A video of a lab, picture by picture; a context manager.
 
     Args:
-        lab: to draw.
-        path: of the video (.mp4).
+        lab: lab to draw.
+        path: path of the video (.mp4).
 
     Raises:
         InputError: OpenCV or MuJoCo is not installed, nothing can draw, or no video can be written.
@@ -81,7 +81,7 @@ class Film:
             raise
 
     def add(self, words: str) -> None:
-        """The lab as it is now, with a line of text."""
+        """Add a picture of the lab as it is now, with a line of text."""
         self._renderer.update_scene(self._lab.data, self._camera)
         picture = np.ascontiguousarray(self._renderer.render()[:, :, ::-1])
         cv2 = self._cv2

@@ -1,7 +1,7 @@
 """The moving phantom's lab on a physics engine: an arm with a probe on a force/torque sensor, and soft tissue.
 
 MuJoCo integrates the arm at 1 kHz and measures at its flange; the tissue is an elastic foundation (`_tissue.py`) whose
-force is applied to the probe. What a robot would be given comes out of `step`; what nobody could know, out of `truth`.
+force is applied to the probe. The readings that a robot would get come out of `step`, the truth out of `truth`.
 """
 
 from __future__ import annotations
@@ -33,32 +33,32 @@ _EFFORTS = np.array([link.effort for link in LINKS])
 
 @dataclass(frozen=True)
 class LabSettings:
-    """Everything the lab is made of.
+    """The settings of the lab.
 
     Attributes:
         probe: convex, linear or t-shaped.
-        motion: of the phantom.
-        place: the middle of its surface at rest, in the base [m].
-        heading: of the probe's long side and of the phantom's x, about the base's z from its x [rad].
+        motion: motion of the phantom.
+        place: middle of its surface at rest, in the base [m].
+        heading: angle of the probe's long side and of the phantom's x, about the base's z from its x [rad].
         stiffness: k of the tissue [N/m^3]; a cell bears p = k (d + tau d') where it is d below the surface.
         loss: tau [s].
-        friction: Coulomb's, of each cell.
+        friction: Coulomb's coefficient of each cell.
         shear: tangential stiffness of a cell as a share of k: 2 (1 - nu)/(2 - nu) of a half space with nu = 0.5.
         force_noise, torque_noise, acceleration_noise: standard deviations [N], [N m], [m/s^2].
-        bias: of the force/torque sensor at the start [N, N m].
-        drift: of that bias [N/s, N m/s].
-        ranges: of the sensor, where it saturates [N, N m].
-        sensor_rate, robot_rate: [Hz].
-        delay_cycles: between the robot's taking a command and setting out for it.
-        lag: of its servo, critically damped with a natural frequency of 2 / lag [s].
-        acceleration: most that the servo's reference reaches, about what the torques allow [rad/s^2]; the maker's
-            planner keeps to 12.56, which is for whoever commands to do.
-        bandwidth: of the computed torque that holds the joints to the servo's reference [rad/s].
-        extra_delay: of every command, which nobody told the controller of [s].
+        bias: bias of the force/torque sensor at the start [N, N m].
+        drift: rate of that bias [N/s, N m/s].
+        ranges: readings at which the sensor saturates [N, N m].
+        sensor_rate, robot_rate: rates [Hz].
+        delay_cycles: cycles between the robot's taking a command and setting out for it.
+        lag: lag of its servo [s], critically damped with a natural frequency of 2 / lag.
+        acceleration: largest acceleration of the servo's reference, about what the torques allow [rad/s^2]; the maker's
+            planner keeps to 12.56, a limit that commands have to observe.
+        bandwidth: bandwidth of the computed torque by which the joints follow the servo's reference [rad/s].
+        extra_delay: additional delay of every command, unknown to the controller [s].
         lost: share of the robot's cycles in which no command arrives.
         silence: start and length of a time without force/torque samples [s].
-        accelerometer: its place in the sensor's frame [m].
-        seed: of noise and losses.
+        accelerometer: its position in the sensor's frame [m].
+        seed: seed of noise and losses.
     """
 
     probe: str = "convex"
@@ -88,7 +88,11 @@ class LabSettings:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Refuses what no lab can be built of."""
+        """Check that the numbers are possible.
+
+        Raises:
+            InputError: a rate does not divide 1000 Hz, or a number is out of its range.
+        """
         for rate in (self.sensor_rate, self.robot_rate):
             if rate < 1 or 1000 % rate:
                 raise InputError(f"a rate must divide the 1000 Hz of the physics, not {rate} Hz")
@@ -104,15 +108,15 @@ class LabSettings:
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """What the robot is given every period of the force/torque sensor.
+    """The robot's readings in a period of the force/torque sensor.
 
     Attributes:
-        time: now [s].
-        wrench: (6,) force [N] and torque [N m] that act on what the sensor carries, about its origin, in its frame:
-            contact, weight and inertia of the probe, bias and noise.
+        time: present time [s].
+        wrench: (6,) force [N] and torque [N m] on the sensor's payload, about its origin, in its frame: contact, weight
+            and inertia of the probe, bias and noise.
         joints: (6,) the newest feedback [rad].
-        joints_time: when that was measured [s].
-        acceleration: (3,) what an accelerometer shows in the sensor's frame, 9.81 upwards at rest [m/s^2].
+        joints_time: time at which that was measured [s].
+        acceleration: (3,) reading of an accelerometer in the sensor's frame, 9.81 upwards at rest [m/s^2].
         fresh: False in a silence, when the wrench is the last one before it.
     """
 
@@ -126,22 +130,22 @@ class Reading:
 
 @dataclass(frozen=True, eq=False)
 class PhantomTruth:
-    """What really happens at the time of the last reading.
+    """The truth at the time of the last reading.
 
     Attributes:
-        time: [s].
+        time: time [s].
         phantom: T_base_phantom.
         sensor: T_base_sensor.
-        normal: (3,) of the surface, out of the tissue, in the base.
-        in_plane, out_of_plane: how far the probe's axis is turned from the normal [rad]: atan2(n_x, -n_z) and
-            atan2(n_y, -n_z) of the normal n in the sensor's frame.
-        press: what the tissue pushes along its normal [N].
-        force: (3,) all of the tissue's force, friction too, in the base [N].
-        moment: (3,) of it about the sensor's origin, in base axes [N m].
-        centre: (3,) of pressure on the probe, in the sensor's frame [m]; NaN without contact.
-        depth: of the deepest point of the probe [m].
-        tip: (3,) in the base [m].
-        joints: (6,) [rad].
+        normal: (3,) surface normal, out of the tissue, in the base.
+        in_plane, out_of_plane: angles of the probe's axis to the normal [rad]: atan2(n_x, -n_z) and atan2(n_y, -n_z) of
+            the normal n in the sensor's frame.
+        press: force of the tissue along its normal [N].
+        force: (3,) complete force of the tissue, friction too, in the base [N].
+        moment: (3,) its moment about the sensor's origin, in base axes [N m].
+        centre: (3,) centre of pressure on the probe, in the sensor's frame [m]; NaN without contact.
+        depth: depth of the deepest point of the probe [m].
+        tip: (3,) position of the tip in the base [m].
+        joints: (6,) joint angles [rad].
     """
 
     time: float
@@ -160,15 +164,15 @@ class PhantomTruth:
 
     @property
     def angle(self) -> float:
-        """Between the probe's axis and the normal [rad]."""
+        """Angle between the probe's axis and the normal [rad]."""
         return float(np.arccos(np.clip(-self.sensor.rotation[:, 2] @ self.normal, -1.0, 1.0)))
 
 
 class PhantomLab:
-    """The arm, the probe and the phantom.
+    """The arm, the probe and the phantom in one simulation.
 
     Args:
-        settings: of everything.
+        settings: settings of the lab; None for the usual ones.
 
     Raises:
         InputError: MuJoCo is not installed, or the phantom is out of the arm's reach.
@@ -199,16 +203,16 @@ class PhantomLab:
         self.start()
 
     def start(self, gap: float = 0.010) -> Float[np.ndarray, "6"]:
-        """Puts the clock to zero and the probe at rest over the middle of the phantom, perpendicular to it.
+        """Reset the clock, and put the probe at rest over the middle of the phantom, perpendicular to it.
 
         Args:
-            gap: of the tip above the surface [m]; below zero it stands in the tissue.
+            gap: distance of the tip above the surface [m]; below zero it is in the tissue.
 
         Returns:
             The joints [rad].
 
         Raises:
-            InputError: out of the arm's reach.
+            InputError: the position is out of the arm's reach.
         """
         data = self.data = self._mujoco.MjData(self.model)
         down = self._rest @ np.diag([1.0, -1.0, -1.0])
@@ -236,7 +240,7 @@ class PhantomLab:
         return self._reading
 
     def command(self, joints: Float[np.ndarray, "6"]) -> None:
-        """Gives the robot a new goal for its joints [rad], which it takes in its next cycle.
+        """Set a new goal for the joints [rad], within their limits, which the robot takes in its next cycle.
 
         Raises:
             InputError: not six finite numbers.
@@ -246,10 +250,10 @@ class PhantomLab:
         np.clip(joints, -_LIMITS, _LIMITS, out=self._newest)
 
     def step(self) -> Reading:
-        """Lets one period of the force/torque sensor pass and reads it.
+        """Advance the simulation by one period of the force/torque sensor, and return its reading.
 
         Raises:
-            RuntimeError: the engine warned, and what it computes cannot be trusted.
+            RuntimeError: the engine warned, and its results cannot be trusted.
         """
         for _ in range(self._between[0]):
             self._advance()
@@ -260,7 +264,7 @@ class PhantomLab:
         return self._reading
 
     def truth(self) -> PhantomTruth:
-        """What really happens at the time of the last reading."""
+        """Return the truth at the time of the last reading."""
         phantom, sensor, found = self._phantom, self._probe, self._contact
         normal = frozen(phantom[:3, 2])
         x, y, z = sensor[:3].T @ normal
@@ -281,7 +285,7 @@ class PhantomLab:
         )
 
     def links(self) -> tuple[Float[np.ndarray, "k 2 3"], list[float]]:
-        """The ends of the arm's links, as they are drawn, in the base [m], and their radii [m]."""
+        """Return the ends (k, 2, 3) of the arm's links, as they are drawn, in the base [m], and their radii [m]."""
         capsule, cylinder = (
             int(kind) for kind in (self._mujoco.mjtGeom.mjGEOM_CAPSULE, self._mujoco.mjtGeom.mjGEOM_CYLINDER)
         )
@@ -296,11 +300,11 @@ class PhantomLab:
     def free_wrenches(
         self, count: int = 12, samples: int = 200
     ) -> tuple[Float[np.ndarray, "k 6"], Float[np.ndarray, "k 3 3"]]:
-        """What the sensor shows while the arm holds the probe still and free, for identifying its payload.
+        """Return readings of the sensor while the probe is at rest and free, to identify its payload.
 
         Args:
-            count: of poses, the wrist turned by up to 1.2 rad each way.
-            samples: of the sensor that are averaged in each.
+            count: number of poses, the wrist turned by up to 1.2 rad each way.
+            samples: number of samples of the sensor that are averaged in each.
 
         Returns:
             Wrenches (k, 6) in the sensor's frame, and T_base_sensor's rotations (k, 3, 3).
@@ -320,7 +324,7 @@ class PhantomLab:
         return wrenches, rotations
 
     def singular_values(self) -> Float[np.ndarray, "6"]:
-        """Of the sensor's Jacobian at the present joints, linear rows [m/rad] over angular, largest first."""
+        """Return the singular values (6,) of the sensor's Jacobian, linear rows [m/rad] over angular, largest first."""
         return np.linalg.svd(self._jacobian(self.data), compute_uv=False)
 
     def _jacobian(self, data: Any) -> np.ndarray:
@@ -329,7 +333,7 @@ class PhantomLab:
         return jacobian
 
     def _reached(self, data: Any, rotation: np.ndarray, place: np.ndarray) -> np.ndarray:
-        """Joints at which the sensor stands so, by Newton's method from `READY` turned to the place."""
+        """Return the joints for a pose of the sensor, by Newton's method from `READY` turned to the place."""
         data.qpos[:] = READY
         data.qpos[0] += np.arctan2(place[1], place[0])
         turn = np.pi - self.settings.heading + data.qpos[0]
@@ -350,7 +354,7 @@ class PhantomLab:
         raise InputError(f"the arm cannot stand over {self.settings.place}", where="moving phantom")
 
     def _advance(self) -> None:
-        """One step of the physics: what is measured in it belongs to its beginning."""
+        """Advance the physics by one step; measurements in it belong to its beginning."""
         mujoco, model, data, tick = self._mujoco, self.model, self.data, self._tick
         self._place_phantom(tick * _STEP)
         mujoco.mj_step1(model, data)
@@ -375,7 +379,7 @@ class PhantomLab:
         self._mujoco.mju_mat2Quat(self.data.mocap_quat[0], phantom[:3].ravel())
 
     def _touch(self, data: Any) -> None:
-        """The tissue's force on the probe, applied at the body's centre of mass, as the engine wants it."""
+        """Apply the tissue's force on the probe at the body's centre of mass, as the engine wants it."""
         self._mujoco.mj_objectVelocity(self.model, data, self._mujoco.mjtObj.mjOBJ_SITE, self._site, self._twist, 0)
         probe, found = self._probe, self._contact
         probe[:3] = data.site_xmat[self._site].reshape(3, 3)
@@ -388,7 +392,7 @@ class PhantomLab:
             applied[3:] -= self._shift
 
     def _goal(self, tick: int) -> np.ndarray:
-        """The point that the robot's interpolator has reached; its cycle begins just after a multiple of its period."""
+        """Return the joints that the robot's interpolator has reached; its cycle begins just after each period."""
         period = self._between[1]
         passed = (tick - 1) % period + 1
         if passed == 1:

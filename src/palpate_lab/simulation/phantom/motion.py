@@ -1,4 +1,4 @@
-"""How the phantom moves: a height and two angles over time, with their velocities, in closed form.
+"""Motions of the phantom: a height and angles over time, with their velocities, in closed form.
 
 The phantom's frame has its origin in the middle of the flat surface and its z along the outward normal. At rest x and y
 lie along the probe's long side and across it, so that turning about y is the paper's in-plane motion and turning about
@@ -23,19 +23,19 @@ Profile = Callable[[float], tuple[float, float]]  # seconds since the motion beg
 
 @dataclass(frozen=True)
 class Still:
-    """Nothing moves."""
+    """A profile that does not move."""
 
     def __call__(self, time: float) -> tuple[float, float]:
-        """Zero, and zero."""
+        """Return value and rate, both zero."""
         return 0.0, 0.0
 
 
 @dataclass(frozen=True)
 class Sine:
-    """A sin(2 pi t / T), equation (11): it starts with its full velocity.
+    """A sine, A sin(2 pi t / T), equation (11): it starts with its full velocity.
 
     Attributes:
-        amplitude: [m] or [rad].
+        amplitude: A [m] or [rad].
         period: T [s].
     """
 
@@ -43,25 +43,25 @@ class Sine:
     period: float
 
     def __call__(self, time: float) -> tuple[float, float]:
-        """Value and rate at a time [s]."""
+        """Return value and rate at a time [s]."""
         rate = 2 * pi / self.period
         return self.amplitude * sin(rate * time), self.amplitude * rate * cos(rate * time)
 
 
 @dataclass(frozen=True)
 class Breathing:
-    """Up in a half cosine over two fifths of the period, down in one over three fifths; velocity without steps.
+    """A rise along a half cosine over two fifths of the period, a fall over three fifths; velocity without steps.
 
     Attributes:
-        amplitude: from lowest to highest [m].
-        period: [s].
+        amplitude: difference of highest and lowest [m].
+        period: period [s].
     """
 
     amplitude: float
     period: float = 4.0
 
     def __call__(self, time: float) -> tuple[float, float]:
-        """Value and rate at a time [s]."""
+        """Return value and rate at a time [s]."""
         within, rising = time % self.period, 0.4 * self.period
         up = within < rising
         length = rising if up else self.period - rising
@@ -72,12 +72,12 @@ class Breathing:
 
 @dataclass(frozen=True)
 class Step:
-    """From zero to a value along 10 s^3 - 15 s^4 + 6 s^5, the path of least jerk.
+    """A step from zero to a value along 10 s^3 - 15 s^4 + 6 s^5, the path of least jerk.
 
     Attributes:
-        size: [m] or [rad].
-        at: when it begins, seconds after the motion began.
-        duration: [s].
+        size: value after the step [m] or [rad].
+        at: start of the step, seconds after the motion began.
+        duration: duration [s].
     """
 
     size: float
@@ -85,32 +85,32 @@ class Step:
     duration: float = 0.1
 
     def __call__(self, time: float) -> tuple[float, float]:
-        """Value and rate at a time [s]."""
+        """Return value and rate at a time [s]."""
         s = min(max((time - self.at) / self.duration, 0.0), 1.0)
         return self.size * s**3 * (10 - 15 * s + 6 * s * s), self.size * 30 * s * s * (1 - s) ** 2 / self.duration
 
 
 @dataclass(frozen=True)
 class Sum:
-    """Several at once."""
+    """A sum of several profiles."""
 
     parts: tuple[Profile, ...]
 
     def __call__(self, time: float) -> tuple[float, float]:
-        """Value and rate at a time [s]."""
+        """Return value and rate at a time [s]."""
         pairs = [part(time) for part in self.parts]
         return sum(pair[0] for pair in pairs), sum(pair[1] for pair in pairs)
 
 
 @dataclass(frozen=True)
 class SurfaceMotion:
-    """Height [m] and the angles [rad] of the surface; still before it begins.
+    """Height [m] and angles [rad] of the surface over time; still before the motion begins.
 
     Attributes:
         height: along the base's z.
         in_plane, out_of_plane: about the surface's y and x.
         spin: about its normal.
-        begin: when, on the lab's clock [s].
+        begin: start of the motion on the lab's clock [s].
     """
 
     height: Profile = Still()
@@ -120,7 +120,7 @@ class SurfaceMotion:
     begin: float = 2.0
 
     def offset(self, time: float) -> Float[np.ndarray, "6 3"]:
-        """Where the phantom is and how it moves, from and in its frame at rest, at a time [s].
+        """Return pose and velocity of the phantom in its frame at rest, at a time [s].
 
         Returns:
             (6, 3): rows 0 to 2 the rotation, then the origin's place [m], its velocity [m/s], angular velocity [rad/s].
@@ -141,14 +141,14 @@ def unplanned(
     seed: int, *, direction: str = "in-plane", amplitude: float | None = None, step_at: float | None = None,
     begin: float = 2.0,
 ) -> SurfaceMotion:  # fmt: skip
-    """Three sines whose periods (2.5 to 9 s), shares and signs nobody was told, and a step if wanted.
+    """Make three sines with random periods (2.5 to 9 s), shares and signs, and a step if wanted.
 
     Args:
-        seed: of the periods and shares.
+        seed: seed of the periods and shares.
         direction: vertical, in-plane or out-of-plane.
-        amplitude: most that the sines reach together [m] or [rad]: 8 mm or 8 deg.
-        step_at: when a step of 10 mm or 10 deg within 0.1 s comes, seconds after the beginning; none if None.
-        begin: when, on the lab's clock [s].
+        amplitude: most that the sines reach together [m] or [rad]; None: 8 mm or 8 deg.
+        step_at: start of a step of 10 mm or 10 deg within 0.1 s, in seconds after the beginning; None: no step.
+        begin: start of the motion on the lab's clock [s].
 
     Raises:
         InputError: no such direction.
@@ -177,13 +177,13 @@ MOTIONS = ("still", "vertical", "in-plane", "out-of-plane", "breathing", "unplan
 
 
 def motion(name: str, *, period: float | None = None, seed: int = 0, begin: float = 2.0) -> SurfaceMotion:
-    """A motion by its name, with the paper's amplitudes: 10 mm or 10 deg.
+    """Make a motion by its name, with the paper's amplitudes: 10 mm or 10 deg.
 
     Args:
-        name: of `MOTIONS`.
-        period: of the sines and of breathing [s]: 10 and 4 if None.
-        seed: of the unplanned motion, which turns in-plane and steps after 10 s.
-        begin: when, on the lab's clock [s].
+        name: one of `MOTIONS`.
+        period: period of the sines and of breathing [s]; None: 10 and 4.
+        seed: seed of the unplanned motion, which turns in-plane and steps after 10 s.
+        begin: start of the motion on the lab's clock [s].
 
     Raises:
         InputError: no such motion, or a period that is not positive.

@@ -1,7 +1,7 @@
 """Three shapes of ultrasound probe: a curved face with rounded edges on a straight body, as cells and as a mesh.
 
 A probe is the sum of a ball of the edge's radius r and an inner body with straight walls whose face is a patch of a
-torus with the outer radii less r: so the face is the torus wanted, edges and corners are round, and every point has one
+torus with the outer radii less r: so the face is the wanted torus, edges and corners are round, and every point has one
 normal. The sensor's frame is used throughout: x along the face's long side, y along its short side, z out of the flange
 through the tip.
 
@@ -31,11 +31,11 @@ Surface = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]  # p
 
 @dataclass(frozen=True)
 class Shape:
-    """What tells a probe from another [m].
+    """The dimensions of a probe's shape [m].
 
     Attributes:
         in_plane, out_of_plane: radii of the face along its long and its short side; inf is flat.
-        length, width: of the whole outline, along x and along y.
+        length, width: size of the complete outline, along x and along y.
         edge: radius of its edges and corners.
     """
 
@@ -58,12 +58,12 @@ class Probe(Value):
     """A probe on its sensor.
 
     Attributes:
-        name: of `PROBES`.
-        points, normals: (n, 3) middles of the cells that can touch [m], outward.
-        areas: (n,) of the cells [m^2].
+        name: one of `PROBES`.
+        points, normals: (n, 3) middles [m] and outward normals of the cells that can touch.
+        areas: (n,) areas of the cells [m^2].
         vertices, faces: the closed mesh [m].
         tip: lowest point of the face when the probe points down [m].
-        mass, centre, inertia: [kg], [m], about the centre along the axes [kg m^2]: those of a block of
+        mass, centre, inertia: [kg], [m], and about the centre along the axes [kg m^2]: those of a block of
             140 x 50 x 35 mm, 70 mm above the tip.
     """
 
@@ -80,11 +80,11 @@ class Probe(Value):
 
 
 def probe(name: str, spacing: float = 0.001) -> Probe:
-    """The probe of this name.
+    """Build the probe of a name.
 
     Args:
         name: convex, linear or t-shaped.
-        spacing: of its cells and of the mesh on the face [m].
+        spacing: spacing of its cells and of the mesh on the face [m].
 
     Raises:
         InputError: no probe of that name.
@@ -107,13 +107,13 @@ def probe(name: str, spacing: float = 0.001) -> Probe:
 
 
 def _edges(shape: Shape, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """Edges of the face's cells along x and y: of the inner body, whose face is smaller by the edges' radius."""
+    """Return the edges of the face's cells along x and y, for the inner body, smaller by the edges' radius."""
     x, y = shape.length / 2 - shape.edge, shape.width / 2 - shape.edge
     return np.linspace(-x, x, 1 + 2 * round(x / spacing)), np.linspace(-y, y, 1 + 2 * round(y / spacing))
 
 
 def _inner(shape: Shape, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points and normals of the inner body's face: a torus about an axis along y, with radii less the edge's."""
+    """Return points and normals of the inner body's face: a torus about an axis along y, with radii less the edge's."""
     normal = np.zeros((*np.broadcast_shapes(x.shape, y.shape), 3))
     point = np.zeros_like(normal)
     point[..., 0], point[..., 1] = x, y
@@ -140,7 +140,7 @@ def _face(shape: Shape) -> Surface:
 
 
 def _loop(shape: Shape, spacing: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Once round the inner body's outline: x, y and the direction outwards [rad], closed, corners as fans."""
+    """Return the closed outline of the inner body, corners as fans: x, y and the outward direction [rad]."""
     along, across = _edges(shape, spacing)
     fan = np.linspace(0.0, np.pi / 2, 5)[1:-1]
     sides = [(along[-1] * np.ones_like(across), across), (along[::-1], across[-1] * np.ones_like(along)),
@@ -163,7 +163,7 @@ def _at(loop: tuple[np.ndarray, ...], place: np.ndarray) -> list[np.ndarray]:
 
 
 def _fillet(shape: Shape, loop: tuple[np.ndarray, ...]) -> Surface:
-    """The round edge: (place in the loop, 0 at the face to 1 at the wall)."""
+    """Return the round edge as a surface of (place in the loop, 0 at the face to 1 at the wall)."""
 
     def surface(place: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         x, y, turn = _at(loop, place)
@@ -182,7 +182,7 @@ def _wall_length(shape: Shape) -> float:
 
 
 def _side(shape: Shape, loop: tuple[np.ndarray, ...]) -> Surface:
-    """The straight walls: (place in the loop, 0 at the edge to 1 at the top)."""
+    """Return the straight walls as a surface of (place in the loop, 0 at the edge to 1 at the top)."""
 
     def surface(place: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         x, y, turn = _at(loop, place)
@@ -196,12 +196,12 @@ def _side(shape: Shape, loop: tuple[np.ndarray, ...]) -> Surface:
 
 
 def _patch(surface: Surface, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Points of a grid of parameters, (m, n, 3)."""
+    """Return the points of a grid of parameters, (m, n, 3)."""
     return surface(*np.meshgrid(first, second, indexing="ij"))[0]
 
 
 def _cells(surface: Surface, first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Middles, normals and areas of the cells of a grid of parameters; those of no area are left out."""
+    """Return middles, normals and areas of the cells of a grid of parameters, without those of no area."""
     grid = _patch(surface, first, second)
     diagonals = np.cross(grid[1:, 1:] - grid[:-1, :-1], grid[:-1, 1:] - grid[1:, :-1])
     area = 0.5 * np.linalg.norm(diagonals, axis=-1).ravel()
@@ -212,7 +212,7 @@ def _cells(surface: Surface, first: np.ndarray, second: np.ndarray) -> tuple[np.
 
 
 def _closed(patches: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and faces of all patches and a flat cap on the last row of the last, welded, outward."""
+    """Return vertices and faces of all patches and a flat cap on the last row of the last, welded, facing outward."""
     places: list[np.ndarray] = []
     triangles: list[np.ndarray] = []
     number, count = np.empty((0, 0), dtype=np.int64), 0

@@ -1,4 +1,4 @@
-"""A run on the phantom as files: what a robot would have recorded, its description, and the truth beside it."""
+"""Write a run on the phantom as files: what a robot would have recorded, its description, and separately the truth."""
 
 from __future__ import annotations
 
@@ -61,13 +61,13 @@ contact = {{ on = 0.5, off = 0.3 }}    # N
 
 @dataclass(frozen=True)
 class PhantomRun:
-    """One run, a row a period of the force/torque sensor.
+    """A run, with a row per period of the force/torque sensor.
 
     Attributes:
-        readings: what the robot was given.
+        readings: readings of the robot.
         commands: (n, 6) the newest joint command at that time [rad].
-        states: of the controller, in its words.
-        truths: what really happened.
+        states: states of the controller, in its words.
+        truths: the truth.
     """
 
     readings: list[Reading]
@@ -77,12 +77,12 @@ class PhantomRun:
 
     @property
     def time(self) -> Float[np.ndarray, " n"]:
-        """[s]."""
+        """Times of the readings, (n,) [s]."""
         return np.array([reading.time for reading in self.readings])
 
 
 def files_of(recording: Path) -> dict[str, Path]:
-    """Names of all files of a run, by what they are, beside its recording."""
+    """Return the paths of all files of a run, next to its recording, by their kind."""
     ends = {"rig": "rig.toml", "robot": "robot.urdf", "probe": "probe.stl", "payload": "payload.toml"}
     ends["truth"] = "truth.csv"
     beside = {what: recording.with_name(f"{recording.stem}_{end}") for what, end in ends.items()}
@@ -90,11 +90,11 @@ def files_of(recording: Path) -> dict[str, Path]:
 
 
 def write_run(run: PhantomRun, lab: PhantomLab, recording: Path, name: str) -> None:
-    """Write the recording (MCAP), and beside it rig, robot, probe and truth; the payload is the caller's to identify.
+    """Write the recording (MCAP), and next to it rig, robot, probe and truth; the caller writes the payload.
 
     Args:
-        run: what happened.
-        lab: where.
+        run: run to write.
+        lab: lab of the run.
         recording: the MCAP file; the others are named as `files_of` says.
         name: stem of the names in the rig.
 
@@ -119,16 +119,16 @@ def write_run(run: PhantomRun, lab: PhantomLab, recording: Path, name: str) -> N
 
 
 def _truth_row(truth: PhantomTruth, probe: Probe) -> list[str]:
-    """Where the tissue presses on the probe, which way and how hard, in the sensor's frame; angles [rad], depth [m]."""
+    """Return point, direction and force of the tissue on the probe, in the sensor's frame; angles [rad], depth [m]."""
     turn = truth.sensor.rotation.T
     values = [truth.time, *_on_face(truth, probe), *-(turn @ truth.normal), *(turn @ truth.force)]
     return [f"{value:.6f}" for value in (*values, truth.in_plane, truth.out_of_plane, truth.press, truth.depth)]
 
 
 def _on_face(truth: PhantomTruth, probe: Probe) -> Float[np.ndarray, "3"]:
-    """Where the pressure's line of action leaves the probe [m]; the centre itself is the mean of what is pressed.
+    """Return the point where the pressure's line of action leaves the probe [m]; the centre of pressure is only a mean.
 
-    On the tangent plane of the cell that is nearest to the line, of those that face the tissue.
+    The point is on the tangent plane of the cell nearest to the line, of those that face the tissue.
     """
     way = -(truth.sensor.rotation.T @ truth.normal)
     away = probe.points - truth.centre
@@ -157,7 +157,7 @@ def _topics(run: PhantomRun, types: Any) -> Iterable[Iterable[Stamped]]:
 
 
 def _contact_wrench(truth: PhantomTruth) -> Float[np.ndarray, "6"]:
-    """Of the tissue on the probe, about the sensor's origin and in its frame."""
+    """Return the wrench of the tissue on the probe, about the sensor's origin and in its frame."""
     turn = truth.sensor.rotation.T
     return np.concatenate([turn @ truth.force, turn @ truth.moment])
 
@@ -186,7 +186,7 @@ def _poses(types: Any, topic: str, truths: list[PhantomTruth]) -> Iterator[Stamp
 
 
 def _states(types: Any, run: PhantomRun) -> Iterator[Stamped]:
-    """One message where the state changes."""
+    """Yield a message where the state changes."""
     before = ""
     for stamp, state in zip(nanoseconds(run.time), run.states, strict=True):
         if state != before:

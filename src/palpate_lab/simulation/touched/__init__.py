@@ -1,4 +1,4 @@
-"""A forearm with a taxel skin and a force/torque sensor at its base, touched at several places, in a physics engine."""
+"""Simulate a forearm with a taxel skin and a force/torque sensor, touched at several places, in a physics engine."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """The forearm in MuJoCo: a link on a force/torque sensor, and indenters that hands push against it.
 
-Everything is simulated in the sensor's frame, in which gravity turns: hands go with the arm. What the arm's own motion
-does to the link (its inertia) is added by `palpate_lab.simulation.touched.sensors`.
+Everything is simulated in the sensor's frame, in which gravity turns: hands go with the arm. The inertia of the link
+from the arm's own motion is added by `palpate_lab.simulation.touched.sensors`.
 """
 
 from __future__ import annotations
@@ -27,14 +27,15 @@ _CONTACT = 'solref="-20000 -400" solimp="0.95 0.95 0.001 0.5 2"'  # 1/s^2, 1/s p
 
 @dataclass(frozen=True, eq=False)
 class Physics(Value):
-    """What the engine found; m contacts in all, in the order of their frames.
+    """The engine's results; m contacts in all, in the order of their samples of the skin.
 
     Attributes:
-        time: (n,) [s], 1 ms apart.
+        time: (n,) [s], every 1 ms.
         wrench: (n, 6) [N, N m] of contacts and weight on the link about the sensor's origin, in its frame.
-        frame: (m,) number of the frame of the skin that a contact belongs to, from 0 at time 0.
+        frame: (m,) number of the skin's sample that a contact belongs to, from 0 at time 0.
         touch: (m,) number of its touch.
-        point, normal: (m, 3) [m], out of the link; force: (m, 3) [N] on the link. All in the link's frame.
+        point, normal: (m, 3) point [m] and normal out of the link, in the link's frame.
+        force: (m, 3) [N] on the link, in the link's frame.
         speed: (m,) [m/s] of the indenter along the surface.
     """
 
@@ -49,7 +50,7 @@ class Physics(Value):
 
 
 def mjcf(settings: ForearmSettings) -> str:
-    """The model: nothing but the link and indenters collide, and indenters have no weight."""
+    """Return the model as MJCF: only the link and indenters collide, and indenters have no weight."""
     x, y, z, w = settings.mount.quaternion().tolist()
     at, link = _words(settings.mount.translation.tolist()), _words((w, x, y, z))
     slots = range(settings.touches)
@@ -95,14 +96,14 @@ def simulate_physics(
     """Run the engine.
 
     Args:
-        settings: of link and indenters.
-        touches: as they are meant.
+        settings: settings of link and indenters.
+        touches: planned touches.
         rotations: (n, 3, 3) of the sensor in the base, one each step.
-        watch: is told how many frames are done, and which share that is.
+        watch: function called with the number of samples done, and the share that is done.
 
     Raises:
         InputError: MuJoCo is not installed.
-        RuntimeError: the engine warned, and what it computes cannot be trusted.
+        RuntimeError: the engine warned, and its results cannot be trusted.
     """
     mujoco = engine("touched forearm")
     model = mujoco.MjModel.from_xml_string(mjcf(settings))
@@ -133,7 +134,7 @@ def simulate_physics(
 def _hands(
     settings: ForearmSettings, touches: Sequence[PlannedTouch], time: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, "n k"], dict[int, list[PlannedTouch]]]:
-    """Where each hand wants its indenter, three coordinates each, and the steps at which an indenter is brought."""
+    """Return the positions where hands want indenters, three coordinates each; the steps at which one is brought."""
     wanted: Float[np.ndarray, "n k"] = np.full((len(time), 3 * settings.touches), _AWAY)
     events: dict[int, list[PlannedTouch]] = {}
     for slot in range(settings.touches):
@@ -148,7 +149,7 @@ def _hands(
 
 
 class _Contacts:
-    """Reads the engine's contacts, frame by frame."""
+    """A reader of the engine's contacts, sample by sample."""
 
     def __init__(self, mujoco: Any, model: Any, data: Any, settings: ForearmSettings) -> None:
         self._mujoco, self._model, self._data = mujoco, model, data
@@ -161,7 +162,7 @@ class _Contacts:
         self._rows: list[tuple[int, int, np.ndarray, np.ndarray, np.ndarray, float]] = []
 
     def begin(self, touch: PlannedTouch, wanted: np.ndarray) -> None:
-        """Puts an indenter of its size over a touch's place."""
+        """Put an indenter of a touch's size over its place."""
         here = slice(3 * touch.slot, 3 * touch.slot + 3)
         self._data.qpos[here], self._data.qvel[here] = wanted[here], 0.0
         geom = self._geom[touch.slot]
@@ -169,7 +170,7 @@ class _Contacts:
         self._touch[touch.slot] = touch.number
 
     def read(self, frame: int) -> None:
-        """What touches now."""
+        """Read the present contacts as those of a sample of the skin."""
         for j in range(self._data.ncon):
             contact = self._data.contact[j]
             self._mujoco.mj_contactForce(self._model, self._data, j, self._wrench)
@@ -185,7 +186,7 @@ class _Contacts:
             self._rows.append(row)
 
     def arrays(self) -> tuple[np.ndarray, ...]:
-        """Of all contacts, in the link's frame, as `Physics` has them."""
+        """Return all contacts in the link's frame, in the order of `Physics`."""
         rows = sorted(self._rows, key=lambda row: row[:2])
         frame, touch = (np.array([row[k] for row in rows], dtype=np.int64) for k in (0, 1))
         point, normal, force = (np.array([row[k] for row in rows]).reshape(-1, 3) for k in (2, 3, 4))

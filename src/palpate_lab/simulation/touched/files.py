@@ -1,4 +1,4 @@
-"""A run of the touched forearm as files: logs of both sensors in one recording, models, a rig, and the truth apart."""
+"""Write a run of the touched forearm: logs of both sensors in one recording, models, a rig, and the truth."""
 
 from __future__ import annotations
 
@@ -127,12 +127,13 @@ truth.csv       a row a contact and frame of the skin, on the clock of the wrenc
 def write_forearm(run: ForearmRun, folder: Path, free: Recording | None = None) -> None:
     """Write both.mcap, both.toml, skin_map.toml, intensity.toml, payload.toml, link.stl, truth.csv and README.txt.
 
-    And load_cell_log.csv, of each of its cells pressed on a bench: what intensity.toml is found from again.
+    It also writes load_cell_log.csv, presses of each of its cells on a bench, from which intensity.toml can be
+    identified.
 
     Args:
-        run: of the forearm.
-        folder: made where it is missing.
-        free: a log without touches, as free.mcap; None: none is written.
+        run: run of the forearm.
+        folder: created if it does not exist.
+        free: a log without touches, written as free.mcap; None: none is written.
 
     Raises:
         InputError: rosbags is not installed.
@@ -158,7 +159,7 @@ def write_forearm(run: ForearmRun, folder: Path, free: Recording | None = None) 
 
 
 def write_free(log: Recording, path: Path, settings: ForearmSettings) -> None:
-    """A log without touches, as MCAP: wrenches and poses.
+    """Write a log without touches as MCAP: wrenches and poses.
 
     Raises:
         InputError: rosbags is not installed.
@@ -167,7 +168,7 @@ def write_free(log: Recording, path: Path, settings: ForearmSettings) -> None:
 
 
 def link_mesh(settings: ForearmSettings, around: int = 120) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
-    """The closed cylinder in the link's frame [m], its facets about square; they lie up to 12 um inside it."""
+    """Return the closed cylinder in the link's frame [m], its facets about square; they lie up to 12 um inside it."""
     radius, half = settings.sheet.radius, settings.half_length
     rings = max(2, round(around * half / (np.pi * radius))) + 1
     angle, height = np.meshgrid(2 * np.pi * np.arange(around) / around, np.linspace(-half, half, rings))
@@ -184,7 +185,7 @@ def link_mesh(settings: ForearmSettings, around: int = 120) -> tuple[Float[np.nd
 
 
 def intensity_model() -> str:
-    """The curve of a cell of gain 1, as `palpate calibrate intensity` writes it."""
+    """Return the curve of a cell of gain 1, as `palpate calibrate intensity` writes it."""
     return _INTENSITY.format(low=LOW, high=HIGH, largest=_LARGEST, joint=JOINT)
 
 
@@ -221,7 +222,7 @@ def _rig(settings: ForearmSettings) -> str:
 
 
 def _payload(settings: ForearmSettings) -> str:
-    """As it was before the zero drifted; its weight is as well known as the drift says."""
+    """Return the payload before the bias drifted; its weight is as uncertain as the drift states."""
     covariance = np.zeros((12, 12))
     covariance[2, 2] = 0.0 if settings.drift is None else settings.drift.weight**2
     return _PAYLOAD.format(
@@ -270,7 +271,7 @@ def _write_truth(truth: ForearmTruth, path: Path) -> None:
 
 
 def _write_presses(run: ForearmRun, path: Path) -> None:
-    """The noise is of another day than the run: drawn apart, the same for all."""
+    """Write presses of each cell, with noise of another day than the run: drawn separately, the same for all."""
     force, counts, cell = load_cell_presses(run.settings.sheet, run.sheet, np.random.default_rng(0), presses=_PRESSES)
     numbers = np.column_stack([force, counts, cell])
     header, layout = "force,intensity,row,column", ["%.4f", "%d", "%d", "%d"]

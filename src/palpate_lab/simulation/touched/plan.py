@@ -1,6 +1,6 @@
-"""Touches of the forearm as they are meant: where, when, how hard, leaning how far, dragged where to.
+"""Plan touches of the forearm: their places, times, forces, directions and drags.
 
-What is meant is not what happens: the engine lets an indenter slide, and the forces are those of its contacts.
+The plan is not what happens: the engine lets an indenter slide, and the forces are those of its contacts.
 """
 
 from __future__ import annotations
@@ -22,23 +22,24 @@ HOVER = 0.004  # m
 LONGEST, SHORTEST = 4.0, 1.5  # s
 _TRIES = 300
 _SETTLED = 0.2  # s of hold before a drag begins
-_PAST_EDGE, _END = 0.014, 0.010  # m from the sheet's edge and from the cylinder's end: touches beside the sheet
+_PAST_EDGE, _END = 0.014, 0.010  # m from the sheet's edge and from the cylinder's end: touches next to the sheet
 
 
 @dataclass(frozen=True)
 class PlannedTouch:
-    """One touch.
+    """A planned touch.
 
     Attributes:
-        number: from 0, in the order of their starts; the identity of a contact in the truth.
-        slot: which indenter.
-        start, end: [s] between which it pushes.
+        number: number from 0, in the order of their starts; the identity of a contact in the truth.
+        slot: number of its indenter.
+        start, end: times [s] between which it pushes.
         angle, along: place aimed at: about z from x [rad], and z [m], in the link's frame.
-        drag: (around, along) [m] by which that place moves while it is held.
-        force: [N] of the push along the inward normal, at most.
-        lean, heading: [rad] of the push off the normal, and which way in the tangent plane: 0 around, pi/2 along z.
-        radius: [m] of the indenter.
-        off_sheet: it is aimed beside the sheet.
+        drag: (around, along) [m] by which that place moves during the touch.
+        force: largest push along the inward normal [N].
+        lean, heading: angle [rad] of the push off the normal, and its direction in the tangent plane: 0 around, pi/2
+            along z.
+        radius: radius of the indenter [m].
+        off_sheet: True if it is aimed next to the sheet.
     """
 
     number: int
@@ -55,12 +56,12 @@ class PlannedTouch:
     off_sheet: bool
 
     def path(self, radius: float) -> Float[np.ndarray, "5 2"]:
-        """Places that it passes on the unrolled surface [m]: around, along."""
+        """Return five points (5, 2) of its path on the unrolled surface [m]: around, along."""
         return np.array([radius * self.angle, self.along]) + np.linspace(0.0, 1.0, 5)[:, None] * np.array(self.drag)
 
 
 def plan_touches(settings: ForearmSettings, rng: np.random.Generator) -> tuple[PlannedTouch, ...]:
-    """Touches that begin, overlap and end at different times until the log ends."""
+    """Plan touches that begin, overlap and end at different times until the log ends."""
     spans: list[tuple[float, float, int]] = []
     for slot in range(settings.touches):
         start = settings.quiet + COMING + float(rng.uniform(0.0, 1.0))
@@ -79,13 +80,13 @@ def plan_touches(settings: ForearmSettings, rng: np.random.Generator) -> tuple[P
 def plan_presses(
     settings: ForearmSettings, rng: np.random.Generator, count: int, settle: float = 0.3
 ) -> tuple[PlannedTouch, ...]:
-    """`count` configurations one after the other, all of the indenters pressing at once and none dragged.
+    """Plan `count` configurations one after the other, all of the indenters pressing at once and none dragged.
 
     Args:
-        settings: how many at once, and how; `seconds` and `drags` mean nothing.
-        rng: of all that is drawn.
-        count: of configurations.
-        settle: [s] that the whole force is held.
+        settings: number of touches at once, and their bounds; `seconds` and `drags` mean nothing.
+        rng: random numbers of everything drawn.
+        count: number of configurations.
+        settle: duration [s] of the full force.
     """
     made: list[PlannedTouch] = []
     for k in range(count):
@@ -99,12 +100,12 @@ def plan_presses(
 
 
 def period(settle: float) -> float:
-    """[s] from one configuration of presses to the next: on a frame of any rate that divides 100 Hz."""
+    """Return the time [s] between configurations of presses, a multiple of the period of rates that divide 100 Hz."""
     return round(COMING + 2 * RAMP + settle + 0.2, 2)
 
 
 def course(touch: PlannedTouch, settings: ForearmSettings, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-    """Where the hand wants the indenter's centre [m], in the link's frame: pushing is wanting it inside."""
+    """Return the hand's wanted positions (n, 3) [m] of the indenter's centre, in the link's frame: inside to push."""
     whole = max(touch.end - touch.start - 2 * RAMP - _SETTLED, 1e-6)
     moved = _ease((time - touch.start - RAMP - _SETTLED) / whole)
     angle = touch.angle + moved * touch.drag[0] / settings.sheet.radius
@@ -131,7 +132,7 @@ def _placed(
     others: Sequence[PlannedTouch],
     drags: float | None = None,
 ) -> PlannedTouch | None:
-    """A touch drawn where it is apart from others; None: there was no room in so many tries."""
+    """Draw a touch that keeps its distance from others; return None if there was no room in `_TRIES` tries."""
     once = 2 * pi * settings.sheet.radius
     taken = [other.path(settings.sheet.radius) for other in others]
     for _ in range(_TRIES):
@@ -182,7 +183,7 @@ def _drawn(
 
 
 def _on_cylinder(touch: PlannedTouch, path: Float[np.ndarray, "5 2"], settings: ForearmSettings) -> bool:
-    """Whether a drag stays where it began: on the sheet, or beside it."""
+    """Tell whether a drag stays where it began: on the sheet, or next to it."""
     if touch.off_sheet:
         return True
     half = settings.covered - (settings.margin + 0.5) * settings.sheet.pitch

@@ -1,4 +1,4 @@
-"""The touched forearm, run: logs of both sensors, and what is true of them, in memory."""
+"""Run the touched forearm: logs of both sensors and their truth, in memory."""
 
 from __future__ import annotations
 
@@ -24,15 +24,16 @@ Watch = Callable[[int, float], None]
 
 @dataclass(frozen=True, eq=False)
 class ForearmTruth(Value):
-    """A row a contact and frame of the skin, in the link's frame, from the engine.
+    """True contacts, a row per contact and sample of the skin, in the link's frame, from the engine.
 
     Attributes:
-        frame: (m,) number of the frame of the skin.
+        frame: (m,) number of the skin's sample.
         time: (m,) [s] on the clock of wrench and poses.
         touch: (m,) number of the touch: the same as long as it lasts.
-        point: (m, 3) [m] where the engine has the contact: below the surface by half of what it gives way, < 0.2 mm.
-        normal: (m, 3) out of the link. force: (m, 3) [N] on the link.
-        share: (m,) of the normal force that lies on cells.
+        point: (m, 3) [m] the engine's contact point: below the surface by half of its indentation, < 0.2 mm.
+        normal: (m, 3) out of the link.
+        force: (m, 3) [N] on the link.
+        share: (m,) share of the normal force that lies on cells.
         speed: (m,) [m/s] of the indenter along the surface.
     """
 
@@ -47,30 +48,30 @@ class ForearmTruth(Value):
 
     @property
     def seen(self) -> Bool[np.ndarray, " m"]:
-        """Whether most of a contact lies on cells."""
+        """True for contacts that lie mostly on cells, (m,)."""
         return self.share > 0.5
 
     def at(self, frame: int) -> slice:
-        """Rows of a frame."""
+        """Return the rows of a sample of the skin."""
         first, last = np.searchsorted(self.frame, [frame, frame + 1]).tolist()
         return slice(first, last)
 
 
 @dataclass(frozen=True, eq=False)
 class ForearmRun(Value):
-    """What is recorded, and what is true.
+    """The recordings of a run, and their truth.
 
     Attributes:
-        settings: as the user knows them: `mass` is that of the payload model.
-        mass: [kg] as it is.
-        sheet: how the skin's cells read.
-        touches: as they were meant.
+        settings: settings as the user knows them: `mass` is that of the payload model.
+        mass: true mass [kg].
+        sheet: model of the readings of the skin's cells.
+        touches: planned touches.
         wrench: FORCE, TORQUE and ORIENTATION, in the sensor's frame, at `wrench_rate`.
-        skin: CELLS at `skin_rate`, its times ahead by `clock_offset`.
+        skin: CELLS at `skin_rate`, with `clock_offset` added to its times.
         contacts: (n, 6) [N, N m] of all contacts about the sensor's origin, in its frame, at the times of `wrench`.
-        zero: (n, 6) of the sensor, at the times of `wrench`: bias and drift.
-        truth: of the contacts.
-        stationary: (c,) frames in which configurations of `simulate_presses` are settled; else empty.
+        zero: (n, 6) [N, N m] true bias of the sensor, drift included, at the times of `wrench`.
+        truth: true contacts.
+        stationary: (c,) samples in which configurations of `simulate_presses` are settled; else empty.
     """
 
     settings: ForearmSettings
@@ -88,12 +89,12 @@ class ForearmRun(Value):
 def simulate_forearm(
     rng: np.random.Generator, settings: ForearmSettings | None = None, watch: Watch | None = None
 ) -> ForearmRun:
-    """A log of `settings.seconds` with touches that begin, overlap, slide, are dragged and end.
+    """Simulate a log of `settings.seconds` with touches that begin, overlap, slide, are dragged and end.
 
     Args:
-        rng: of all that is drawn: the same one gives the same run to the last bit.
+        rng: random numbers of everything drawn: the same ones give the same run to the last bit.
         settings: None: the usual ones.
-        watch: is told how many frames are done, and which share that is.
+        watch: function called with the number of samples done, and the share that is done.
 
     Raises:
         InputError: MuJoCo is not installed.
@@ -110,10 +111,10 @@ def simulate_presses(
     settle: float = 0.3,
     watch: Watch | None = None,
 ) -> ForearmRun:
-    """Many configurations of `settings.touches` touches at once, one after the other, each held for `settle` [s].
+    """Simulate configurations of `settings.touches` touches at once, one after the other, for `settle` [s] each.
 
-    They stand in one log, which begins with `quiet` seconds without touch; `held` says in which frame each is settled,
-    and `truth.at(frame)` what is true there. For Monte Carlo.
+    They are in one log, which begins with `quiet` seconds without touch; `stationary` has the sample in which each is
+    settled, and `truth.at(frame)` the truth there. For Monte Carlo.
 
     Raises:
         InputError: MuJoCo is not installed, or there is nothing to simulate.
@@ -132,13 +133,13 @@ def simulate_presses(
 def simulate_free(
     rng: np.random.Generator, settings: ForearmSettings, seconds: float, mass: float | None = None
 ) -> Recording:
-    """The force/torque sensor's log of a forearm that nothing touches: weight, inertia, bias, drift and noise.
+    """Simulate the force/torque sensor's log of a forearm without contact: weight, inertia, bias, drift and noise.
 
     Args:
-        rng: of all that is drawn.
-        settings: of the forearm.
-        seconds: of the log.
-        mass: [kg] that the link really has, as in `ForearmRun.mass`; None: drawn.
+        rng: random numbers of everything drawn.
+        settings: settings of the forearm.
+        seconds: duration of the log [s].
+        mass: true mass of the link [kg], as in `ForearmRun.mass`; None: drawn.
     """
     real = true_mass(settings, rng) if mass is None else replace(settings, mass=mass)
     rotations, quaternions = motion(settings, _steps(seconds), rng)
@@ -183,7 +184,7 @@ def _truth(physics: Physics, settings: ForearmSettings, share: Float[np.ndarray,
 
 
 def _weight(settings: ForearmSettings, rotations: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 6"]:
-    """Of the link, about the sensor's origin and in its frame."""
+    """Return the wrench of the link's weight, about the sensor's origin and in its frame."""
     weight = -GRAVITY * settings.mass * rotations[:, 2]
     return np.concatenate([weight, np.cross(settings.mount.apply(np.array(settings.centre)), weight)], axis=1)
 

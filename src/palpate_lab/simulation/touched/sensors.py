@@ -1,4 +1,4 @@
-"""What the forearm's two sensors make of the engine's contacts: readings with bias, drift and noise, and counts."""
+"""Simulate the forearm's two sensors from the engine's contacts: readings with bias, drift and noise, and counts."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _AMPLITUDE, _PERIODS = 0.35, (9.0, 25.0)  # rad of each of three sines an axis a
 def motion(
     settings: ForearmSettings, steps: int, rng: np.random.Generator
 ) -> tuple[Float[np.ndarray, "n 3 3"], Float[np.ndarray, "n 4"]]:
-    """Orientation of the sensor in the base at every step: at rest until `quiet`, then slow sines about all axes."""
+    """Return the sensor's orientation in the base at every step: at rest until `quiet`, then slow sines on all axes."""
     from scipy.spatial.transform import Rotation
 
     time = np.arange(steps) / STEP_RATE
@@ -38,7 +38,7 @@ def motion(
 
 
 def inertia(settings: ForearmSettings, rotations: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 6"]:
-    """What the link's own motion takes off the reading [N, N m], about the sensor's origin, which stays in its place.
+    """Return the part of the reading from the link's inertia [N, N m], about the sensor's origin, which does not move.
 
     With the rate w and its derivative a in the sensor's frame: -m (a x c + w x (w x c)), and the moment of the same
     about the origin with -(I a + w x I w).
@@ -58,7 +58,7 @@ def inertia(settings: ForearmSettings, rotations: Float[np.ndarray, "n 3 3"]) ->
 
 
 def true_mass(settings: ForearmSettings, rng: np.random.Generator) -> ForearmSettings:
-    """The link as it really is: off from the payload model by what the drift says of its weight."""
+    """Return the settings with the link's true mass, off from the payload model by the drift's `weight`."""
     deviation = 0.0 if settings.drift is None else settings.drift.weight
     return replace(settings, mass=settings.mass + deviation * float(rng.standard_normal()) / GRAVITY)
 
@@ -69,13 +69,13 @@ def wrench_log(
     quaternions: Float[np.ndarray, "n 4"],
     rng: np.random.Generator,
 ) -> tuple[Recording, Float[np.ndarray, "k 6"]]:
-    """The force/torque sensor's log with orientations, and its true zero at each of its readings.
+    """Return the force/torque sensor's log with orientations, and its true bias at each of its readings (k, 6).
 
     Args:
         settings: rate, noise, bias and drift.
         exact: (n, 6) [N, N m] on the sensor at each step.
         quaternions: (n, 4) of the sensor in the base.
-        rng: of noise and drift.
+        rng: random numbers of noise and drift.
     """
     every = slice(None, None, STEP_RATE // settings.wrench_rate)
     exact, quaternions = exact[every], quaternions[every]
@@ -91,16 +91,16 @@ def wrench_log(
 def loads(
     sheet: Rolled, physics: Physics, frames: int, *, modulus: float, radius: Float[np.ndarray, " m"]
 ) -> tuple[Float[np.ndarray, "frames rows columns"], Float[np.ndarray, " m"]]:
-    """Force [N] on each cell in each frame, and the share of each contact's normal force that is on cells.
+    """Compute the force [N] on each cell in each sample, and the share of each contact's normal force that is on cells.
 
     The normal force is Hertz's pressure on a disc, a^3 = 3 F R / (4 E) (Johnson, Contact Mechanics, 4.2), with the
-    equal radius 1/R = 1/r + 1/(2 R_link) of a sphere on a cylinder; the disc is laid on the unrolled sheet, and what
-    lies beside the sheet presses no cell.
+    equal radius 1/R = 1/r + 1/(2 R_link) of a sphere on a cylinder; the disc is laid on the unrolled sheet, and its
+    part next to the sheet presses no cell.
 
     Args:
-        sheet: of cells.
-        physics: with contacts.
-        frames: how many.
+        sheet: sheet of cells.
+        physics: results of the engine, with contacts.
+        frames: number of samples.
         modulus: E [Pa].
         radius: (m,) r [m] of each contact's indenter.
     """
@@ -134,6 +134,6 @@ def skin_frames(
     pressed: Float[np.ndarray, "n rows columns"],
     rng: np.random.Generator,
 ) -> Recording:
-    """The skin's log of counts, on its own clock."""
+    """Return the skin's log of counts, on its own clock."""
     made = read_out(model, pressed, rng, rate=float(settings.skin_rate), start=settings.clock_offset)
     return Recording(made.time, {CELLS: made.channels[CELLS]}, source="touched forearm")

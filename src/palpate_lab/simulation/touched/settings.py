@@ -1,4 +1,4 @@
-"""Everything that the touched forearm, its sensors and its touches are made of."""
+"""The settings of the touched forearm, its sensors and its touches."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MILD_DRIFT = Drift(
 
 
 def _mount() -> Pose:
-    """The sheet's middle 120 mm out of the sensor, the seam turned by 30 degrees."""
+    """Return the sheet's pose: its middle 120 mm out of the sensor, the seam turned by 30 degrees."""
     return Pose.from_quaternion((0.0, 0.0, sin(pi / 12), cos(pi / 12)), (0.0, 0.0, 0.12))
 
 
@@ -32,30 +32,32 @@ class ForearmSettings:
     """The forearm: a cylinder along z of its link, whose middle is that of the sheet.
 
     Attributes:
-        sheet: of cells round the cylinder; its radius is the cylinder's.
-        bare: [m] of the cylinder beyond the sheet at each end, which feels nothing.
+        sheet: sheet of cells round the cylinder; its radius is the cylinder's.
+        bare: length [m] of the cylinder beyond the sheet at each end, which feels nothing.
         mount: T_sensor_link.
-        mass, centre: of the link [kg], [m] in its frame: what the force/torque sensor carries.
-        moving: the arm turns the sensor slowly about its origin, by about 35 degrees each way, once nothing rests
-            any more; False: it keeps still.
-        touches: indenters, so touches at once at most.
-        seconds: of the log. quiet: [s] at its start without touch or motion.
-        force: [N] least and most of a touch's normal force.
-        radius: [m] least and most of an indenter's sphere.
-        friction: Coulomb's, of every contact.
-        lean: most angle between push and normal, as a multiple of the friction angle: above 1 some slide.
+        mass, centre: mass [kg] and centre of mass [m] of the link, in its frame: the force/torque sensor's payload.
+        moving: True: the arm turns the sensor slowly about its origin, by about 35 degrees each way, once the time
+            `quiet` is over; False: it keeps still.
+        touches: number of indenters, so the largest number of touches at once.
+        seconds: duration of the log [s].
+        quiet: time [s] at its start without touch or motion.
+        force: least and largest normal force of a touch [N].
+        radius: least and largest radius of an indenter's sphere [m].
+        friction: Coulomb's coefficient of every contact.
+        lean: largest angle between push and normal, as a multiple of the friction angle: above 1 some slide.
         drags: share of touches that are dragged along the surface, by 10 to 40 mm.
-        unseen: share of touches beside the sheet.
-        margin: [cells] from the sheet's edges within which no touch is aimed.
-        spacing: [m] between two touches at once, along the surface.
-        stiffness: [N/m] of the hand that holds an indenter where it is wanted.
-        modulus: [Pa] of the skin, E/(1 - nu^2): radius of the pressed disc by Hertz, a^3 = 3 F R / (4 E).
-        wrench_rate, skin_rate: [Hz], divisors of 1000.
+        unseen: share of touches next to the sheet.
+        margin: distance [cells] from the sheet's edges within which no touch is aimed.
+        spacing: least distance [m] between two touches at once, along the surface.
+        stiffness: stiffness [N/m] of the hand that guides an indenter.
+        modulus: modulus of the skin [Pa], E/(1 - nu^2): radius of the pressed disc by Hertz, a^3 = 3 F R / (4 E).
+        wrench_rate, skin_rate: rates [Hz], divisors of 1000.
         force_noise, torque_noise: standard deviation of one reading [N], [N m].
-        bias: of the force/torque sensor at the start [N, N m].
-        drift: of it, and of the payload's weight; None: none.
-        cell_noise: [counts]. unequal: share by which gains of cells differ.
-        clock_offset: [s] by which stamps of the skin are ahead of those of wrench and poses.
+        bias: bias of the force/torque sensor at the start [N, N m].
+        drift: drift of the bias, and uncertainty of the payload's weight; None: none.
+        cell_noise: standard deviation of a cell's noise [counts].
+        unequal: standard deviation of the cells' gains, as a share.
+        clock_offset: time [s] added to the stamps of the skin, relative to those of wrench and poses.
     """
 
     sheet: Rolled = field(default_factory=lambda: Rolled(rows=10))
@@ -88,7 +90,11 @@ class ForearmSettings:
     clock_offset: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuses what no forearm can be built of."""
+        """Check that the numbers are possible.
+
+        Raises:
+            InputError: a rate does not divide 1000 Hz, or a number is out of its range.
+        """
         for rate in (self.wrench_rate, self.skin_rate):
             if rate < 1 or STEP_RATE % rate:
                 raise InputError(f"a rate must divide the {STEP_RATE} Hz of the physics, not {rate} Hz")
@@ -111,10 +117,10 @@ class ForearmSettings:
 
     @property
     def covered(self) -> float:
-        """[m] from the middle to the sheet's edge, along z."""
+        """Distance [m] from the middle to the sheet's edge, along z."""
         return 0.5 * self.sheet.rows * self.sheet.pitch
 
     @property
     def half_length(self) -> float:
-        """[m] of the cylinder."""
+        """Half of the cylinder's length [m]."""
         return self.covered + self.bare

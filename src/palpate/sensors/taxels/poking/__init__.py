@@ -1,4 +1,4 @@
-"""Where each taxel of a skin sits, from the wrenches of pokes."""
+"""Find the place of each taxel of a skin from the wrenches of pokes."""
 
 from palpate.sensors.taxels.poking.calibrate import METHODS, TaxelCalibration, calibrate_taxels
 from palpate.sensors.taxels.poking.priors import Priors

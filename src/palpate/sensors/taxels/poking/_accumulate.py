@@ -1,4 +1,4 @@
-"""Compiled: the normal equations of every taxel, from the lines of force of the pokes that it answered to."""
+"""Compiled: sum the normal equations of every taxel over the lines of force of the pokes to which it responded."""
 
 # pyright: basic
 from __future__ import annotations
@@ -12,11 +12,11 @@ __all__ = ["accumulate"]
 
 @released("force n 3, torque n 3, starts int64 n+1, taxel int64 a, weights a, sums out k 12")
 def accumulate(force, torque, starts, taxel, weights, sums):
-    """Adds to sums (k, 12): w (I - u u') as xx xy xz yy yz zz, w u x m / |f|, and w u.
+    """Add to sums (k, 12): w (I - u u') as xx xy xz yy yz zz, w u x m / |f|, and w u.
 
     u = f / |f|.
 
-    Pokes (n, 3) [N], [N m] about the origin in which places are wanted; answers by `starts`, `taxel`, `weights`.
+    Pokes (n, 3) [N], [N m] about the origin of the places; answers by `starts`, `taxel`, `weights`.
     """
     line = np.empty(sums.shape[1])
     for i in range(len(force)):

@@ -1,4 +1,4 @@
-"""Compiled: the closest point of triangles in the metric of a matrix: the closest one once they are stretched."""
+"""Compiled: find the closest point of triangles in the metric of a matrix, i.e. after they are stretched by it."""
 
 # pyright: basic
 from __future__ import annotations
@@ -13,10 +13,11 @@ __all__ = ["nearest"]
 
 @released("centre k 3, root k 3 3, least k, pressing k 3, corners f 3 3, balls f 7, found out k 3")
 def nearest(centre, root, least, pressing, corners, balls, found):
-    """For each centre (k, 3) the point that minimises |root (p - centre)|, of triangles (f, 3, 3) that a force presses.
+    """Find for each centre (k, 3) the point of pressed triangles (f, 3, 3) that minimises |root (p - centre)|.
 
-    `least` is the smallest factor by which a root stretches: a triangle whose ball (f, 7: middle, radius, normal) lies
-    further off than the best so far even then is passed over.
+    A triangle is pressed if the force points against its normal. `least` is the smallest factor by which a root
+    stretches: a triangle is skipped if its ball (f, 7: middle, radius, normal) is further away than the best so far
+    even then.
     """
     row, origin, weights = np.zeros(18), np.zeros(3), np.zeros(3)  # a row as the tree's patches are
     for k in range(len(centre)):

@@ -1,4 +1,4 @@
-"""Compiled: normal equations of rows that each touch a few of many unknowns."""
+"""Compiled: sum normal equations of rows that each depend on a few of many unknowns."""
 
 # pyright: basic
 from __future__ import annotations
@@ -10,7 +10,7 @@ __all__ = ["add_squares"]
 
 @released("rows n 3 m, right n 3, columns int64 n m, square out k k, vector out k")
 def add_squares(rows, right, columns, square, vector):
-    """Adds J' J to square (p, p), its upper triangle, and J' r to vector (p,).
+    """Add J' J to square (p, p), its upper triangle, and J' r to vector (p,).
 
     rows (n, 3, l): values of three lines of J each, in columns (n, l), which may repeat; negative: none. right (n, 3).
     """

@@ -1,4 +1,4 @@
-"""Compiled: where pokes were, by the answers of the taxels about them."""
+"""Compiled: estimate the places of pokes by the responses of the taxels about them."""
 
 # pyright: basic
 from __future__ import annotations
@@ -18,16 +18,16 @@ _SURE = 8.5  # deviations beyond which the logarithm of the normal distribution 
 
 @inner
 def _log_below(x):
-    """Logarithm of the normal distribution."""
+    """Return the logarithm of the normal distribution."""
     return 0.0 if x > _SURE else log(0.5 * erfc(-max(x, -_FAR) / sqrt(2.0)))
 
 
 @inner
 def _fit(x, y, told, count, at, answers, shares, weight, quiet, model, least):
-    """Logarithm of how likely the answers are, were the poke at x, y; its level fits best, as far as it may.
+    """Return the log-likelihood of the answers for a poke at x, y, with the level that fits best under its prior.
 
-    The first `told` of `count` taxels answered. What lies below `least` by them alone is not looked at further: silent
-    ones only make it less likely.
+    The first `told` of `count` taxels answered. Below `least` the sum stops: silent taxels only make a place less
+    likely.
     """
     level, reach, power, spread = model
     total, squares = 0.0, 0.0
@@ -54,14 +54,16 @@ def _fit(x, y, told, count, at, answers, shares, weight, quiet, model, least):
     """
 )
 def posterior(taxels, flat, logs, quiet, model, search, mean, covariance):
-    """Mean (n, 2) and covariance (n, 2, 2) of each poke's place, all places alike before.
+    """Write mean (n, 2) and covariance (n, 2, 2) of each poke's place, under a uniform prior.
 
-    On a grid about the strongest answer, and again on one about what is left of it. Grids are fine enough for narrow
-    peaks: two taxels that answer alone leave one on either side of them, which a coarse grid weighs by chance.
+    Integrate on a grid about the strongest answer, and again on a grid about the probable part of it. Grids are fine
+    enough for narrow peaks: two taxels that answer alone cause one on either side of them, which a coarse grid weighs
+    by chance.
 
-    taxels, flat, logs, quiet: of `response.Chart`.
+    taxels, flat, logs, quiet: of `response.LocalTaxels`.
     model: level, reach, power, scatter, rough and uneven of `response`.
-    search: points along each side, half of the first one's length [m], deviations about the mean searched again.
+    search: points along each side, half of the first side's length [m], standard deviations about the mean searched
+    again.
     """
     side, first, left = search
     scatter, rough, uneven = model[3:]

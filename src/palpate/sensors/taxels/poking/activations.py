@@ -1,4 +1,4 @@
-"""Frames of taxels become answers: which taxel stands how far above its rest, in which frame."""
+"""Find the answers in frames of taxels: readings that exceed a taxel's baseline by a threshold."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ __all__ = ["Activations", "AnswerReader", "Block", "read_answers"]
 
 HEAD = 2048  # frames from which rest and noise are taken
 FEWEST = 16  # frames of a log
-TOLD = 1 << 21  # readings of those frames that tell the rest: of many taxels every few frames are enough
+TOLD = 1 << 21  # readings from which the baseline is found: for many taxels every few frames are enough
 ABOVE = 6.0  # deviations of noise that an answer stands above rest
-PIECE = 64  # frames in which a rest is taken as one
-KEPT, OF_KEPT = 0.9, 0.789  # of steps, and what the deviation of a Gaussian is without the others
+PIECE = 64  # frames in which the baseline is constant
+KEPT, OF_KEPT = 0.9, 0.789  # share of steps that is used, and a unit Gaussian's standard deviation within it
 SPARSE = 8  # frames of a piece from which its rest is followed
 DRIFT = 3.0  # s in which the rest of a taxel that does not answer is followed
-STUCK = 0.9  # of all frames in which a taxel answers: it is no poke
+STUCK = 0.9  # share of all frames in which a taxel answers that cannot be pokes
 NEVER_BACK = 0.2  # of the log, at its end, through which a taxel answers without a pause
-FELL, FALLEN = 0.5, 0.25  # of a threshold below the first rest, and of the log so long: it was pressed when it began
+FELL = 0.5  # of a threshold below the first baseline: pressed at the start
 
 Block = tuple[Float[np.ndarray, "..."], np.ndarray]
 
@@ -32,15 +32,15 @@ Block = tuple[Float[np.ndarray, "..."], np.ndarray]
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Activations:
-    """m answers in n frames of k taxels.
+    """The m answers in n frames of k taxels.
 
     Attributes:
         time: (n,) [s] rising.
-        frame, taxel: (m,) which, frame by frame; above: (m,) how far above its rest.
-        highest: (m,) the reading is at the end of its range.
-        stuck: (k,) answers nearly always or never returns: its answers are left out.
-        threshold: that of a usual taxel.
-        notes: what was met, a sentence each.
+        frame, taxel: (m,) indices of each answer's frame and taxel, frame by frame; above: (m,) reading minus baseline.
+        highest: (m,) true where the reading is at the end of its range.
+        stuck: (k,) true for a taxel that answers nearly always or never returns: its answers are excluded.
+        threshold: median of the taxels' thresholds.
+        notes: notes for the user, a sentence each.
     """
 
     time: Float[np.ndarray, " n"]
@@ -56,16 +56,17 @@ class Activations:
 def read_answers(
     frames: Iterable[Block], *, threshold: float | None = None, top: float = np.inf, falling: bool = False
 ) -> Activations:
-    """What stands above its rest; the rest of each taxel follows its readings while it does not answer.
+    """Return the readings above their baseline, which follows a taxel's readings while it does not answer.
 
     Args:
         frames: times (n,) [s] and readings (n, k) of any number type, in blocks of one log.
-        threshold: above rest; None: six deviations of each taxel's noise, or of a usual one's if that is more.
+        threshold: above the baseline; None: six standard deviations of each taxel's noise, or of the median noise if
+            that is more.
         top: the largest reading.
         falling: readings fall under load.
 
     Raises:
-        InputError: too few frames, or one that does not fit the others.
+        InputError: too few frames, frames of different sizes, or more than half of the taxels answer nearly always.
     """
     reader = AnswerReader(threshold, top=top, falling=falling)
     for time, values in frames:
@@ -75,7 +76,7 @@ def read_answers(
 
 @takes_arrays
 class AnswerReader:
-    """Keeps rest and answers while blocks go by; arguments as those of `read_answers`."""
+    """A reader that finds answers block by block and follows the baseline; arguments as for `read_answers`."""
 
     def __init__(self, threshold: float | None = None, *, top: float = np.inf, falling: bool = False) -> None:
         self._given, self._top, self._sign = threshold, top, -1.0 if falling else 1.0
@@ -88,7 +89,7 @@ class AnswerReader:
         self._latest, self._started = -np.inf, False
 
     def take(self, time: Float[np.ndarray, " n"], values: np.ndarray) -> None:
-        """More frames."""
+        """Read more frames: times (n,) [s] and readings (n, k)."""
         values = values.reshape(len(time), -1)
         later = np.maximum.accumulate(np.concatenate([[self._latest], np.nan_to_num(time, nan=-np.inf)]))
         good = time > later[:-1]
@@ -106,7 +107,11 @@ class AnswerReader:
             self._read(time, values)
 
     def finish(self) -> Activations:
-        """All of them."""
+        """Return all answers of the frames taken.
+
+        Raises:
+            InputError: too few frames, or more than half of the taxels answer nearly always.
+        """
         if not self._started:
             self._start()
         time = np.concatenate(self._times)
@@ -132,7 +137,7 @@ class AnswerReader:
         )
 
     def _start(self) -> None:
-        """Rest and noise from the first frames, then these frames themselves."""
+        """Find baseline and noise in the first frames, then read these frames."""
         count = sum(len(each) for each, _ in self._head)
         if count < FEWEST:
             raise InputError(f"has {count} frames of taxels; at least {FEWEST} are needed.", where="frames")
@@ -163,7 +168,7 @@ class AnswerReader:
             self._piece(time[piece], values[piece])
 
     def _piece(self, time: Float[np.ndarray, " n"], values: np.ndarray) -> None:
-        """Answers of some frames, against one rest; then the rest follows those that do not answer."""
+        """Find the answers of some frames above a constant baseline; then update that of taxels that do not answer."""
         limit = self._rest + self._delta
         rising, kind = self._sign > 0, values.dtype
         hit = values > _as(np.floor(limit), kind) if rising else values < _as(np.ceil(-limit), kind)
@@ -196,7 +201,7 @@ class AnswerReader:
 
 
 def _as(limit: Float[np.ndarray, " k"], kind: np.dtype) -> np.ndarray:
-    """A bound in the type of the readings, so that they need not be converted."""
+    """Return a bound in the type of the readings, so that they need not be converted."""
     if kind.kind in "iu":
         ends = np.iinfo(kind)
         return np.clip(limit, ends.min, ends.max).astype(kind)
@@ -204,7 +209,7 @@ def _as(limit: Float[np.ndarray, " k"], kind: np.dtype) -> np.ndarray:
 
 
 def _noise(cells: Float[np.ndarray, "n k"], *, whole: bool) -> Float[np.ndarray, " k"]:
-    """Of each taxel by the steps from frame to frame, without the tenth that is largest: touches are in it."""
+    """Return each taxel's standard deviation by its steps between frames, without the largest tenth: touches."""
     steps = np.sort(np.abs(np.diff(cells, axis=0)), axis=0)[: max(1, int(KEPT * (len(cells) - 1)))]
     spread = np.sqrt((steps**2).mean(axis=0) / 2.0) / OF_KEPT
     least = 12**-0.5 if whole else 1e-9 + 1e-3 * float(spread.max())  # of what is rounded steps tell too little
@@ -214,7 +219,7 @@ def _noise(cells: Float[np.ndarray, "n k"], *, whole: bool) -> Float[np.ndarray,
 def _stuck(
     frame: Int[np.ndarray, " m"], taxel: Int[np.ndarray, " m"], frames: int, taxels: int
 ) -> Bool[np.ndarray, " k"]:
-    """Answers in nearly all frames, or without a pause to the end of the log."""
+    """Return which taxels answer in nearly all frames, or without a pause to the end of the log."""
     counts = np.bincount(taxel, minlength=taxels)
     stuck = counts > STUCK * frames
     tail = frame >= frames - max(int(NEVER_BACK * frames), 1)

@@ -1,4 +1,4 @@
-"""From pokes to the places of taxels, by the method that is named."""
+"""Calibrate the places of taxels from pokes by one of several methods."""
 
 from __future__ import annotations
 
@@ -26,24 +26,24 @@ METHODS = ("free", "weighted", "surface", "taxels", "modules")
 FEWEST = 3  # pokes of a module that nothing else is known of
 ENOUGH = 10  # pokes in all
 NAMED = 12  # taxels in a sentence
-NOISIER, ASTRAY = 1.3, 20.0  # times what noise explains: of which a person is told, and which no places explain
+NOISIER, ASTRAY = 1.3, 20.0  # ratios of residuals to noise: above them a warning, and an error
 MIRRORED = 0.5  # of the squared distance from the layout as stated: 0.04 to 0.42 the other way round, if it is right
 
 
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class TaxelCalibration:
-    """What pokes tell.
+    """The result of a calibration from pokes.
 
     Attributes:
         places: of the taxels, with covariance.
-        residual: (n, 3) [N m] of each poke's torque, NaN of those that were not used.
-        used: how many pokes were.
-        noise: how many times larger the residuals are than their covariance explains.
-        nuisances: name -> what was estimated with the taxels: frames and bias (configurations, 6), common (6,),
-            cross_talk (6, 6); none by the paper's methods.
-        validation: how pokes lie that a fit had not seen; nothing by the paper's methods.
-        notes: what was found; doubts: what may be wrong, a sentence each.
+        residual: (n, 3) [N m] of each poke's torque, NaN for pokes that were not used.
+        used: number of pokes that were used.
+        noise: ratio of the residuals to what their covariance explains.
+        nuisances: name -> errors estimated with the taxels: frames and bias (configurations, 6), common (6,),
+            cross_talk (6, 6); empty for the paper's methods.
+        validation: errors of pokes that a fit had not seen; empty for the paper's methods.
+        notes, warnings: for the user, a sentence each.
     """
 
     places: TaxelPlaces
@@ -65,22 +65,23 @@ def calibrate_taxels(
     layout: ModuleLayout | None = None,
     priors: Priors | None = None,
 ) -> TaxelCalibration:
-    """Places of taxels, in the link's frame.
+    """Return the places of taxels, in the link's frame, from pokes.
 
     Args:
         pokes: of all configurations.
-        method: "free", "weighted", "surface": the paper's, each taxel for itself, all answers alike (5), weighted (K),
-            or weighted and on the surface (II-B). "taxels": taxel by taxel, but all at once, with the sensor's bias
-            and the errors of frames. "modules": the modules that carry them, with cross-talk and a model of the taxels'
-            responses, too.
+        method: "free", "weighted", "surface": the paper's, each taxel separately, with equal weights (5), weighted (K),
+            or weighted and on the surface (II-B). "taxels": single taxels, but all in one fit, with the sensor's bias
+            and the errors of frames. "modules": the modules that carry them, also with cross-talk and a model of the
+            taxels' responses.
         surface: of the link, in its frame: "surface" needs one, "taxels" and "modules" are better with one.
-        start: where taxels are thought to be (CAD), believed as far as the priors say; None: nothing is known.
+        start: expected places of the taxels (CAD), weighted by the priors; None: nothing is known.
         layout: of modules; None: that of the start.
         priors: of the start and of the errors.
 
     Raises:
-        InputError: an unknown method, or it needs what is not given.
-        NotIdentifiable: too few pokes; what cannot be known is named.
+        InputError: an unknown method, a missing or mirrored input, another number of taxels, or residuals that no
+            places explain.
+        NotIdentifiable: too few pokes; the message names what cannot be known.
     """
     if method not in METHODS:
         raise InputError(f"there is no method {method!r}.", where="method", hint=f"Use one of {', '.join(METHODS)}.")
@@ -103,7 +104,7 @@ def calibrate_taxels(
 
 
 def _each(pokes: Pokes, method: str, surface: Surface | None) -> TaxelCalibration:
-    """The paper's methods, of all configurations together."""
+    """Calibrate by the paper's methods, over all configurations."""
     equations = paper.normal_equations(pokes, weighted=method != "free")
     points = paper.free(equations) if method != "surface" or surface is None else paper.on_surface(equations, surface)
     rows = np.isfinite(points).all(axis=1)
@@ -137,7 +138,7 @@ def _together(
     layout: ModuleLayout | None,
     priors: Priors,
 ) -> TaxelCalibration:
-    """All at once: units from a start or from the paper's way, then with everything that is estimated."""
+    """Fit all taxels in one: units from a start or from the paper's method, then with all errors that are estimated."""
     if modules:
         layout = layout if layout is not None or start is None else ModuleLayout.of(start, bent=True)
         if layout is None or not layout.modules:
@@ -175,14 +176,14 @@ def _together(
 def _guessed(
     pokes: Pokes, surface: Surface | None
 ) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]]:
-    """Places by the paper's way, outward directions against the forces, and how many answers each is made of."""
+    """Return places by the paper's method, outward directions against the forces, and the weight of each place."""
     equations = paper.normal_equations(pokes, weighted=True)
     points = paper.free(equations) if surface is None else paper.on_surface(equations, surface)
     return points, -equations.pressing, equations.weight
 
 
 def _facing(normals: Float[np.ndarray, "k 3"], outward: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 3"]:
-    """Normals where they are known, else outward; where neither is, that of the others."""
+    """Return normals where they are known, else outward; where neither is, the sum of the others."""
     found = np.where(np.isfinite(normals).all(axis=1, keepdims=True), normals, outward)
     return np.where(
         np.abs(found).max(axis=1, keepdims=True) > 0, found, found.sum(axis=0) + np.array([0.0, 0.0, 1e-12])
@@ -190,7 +191,7 @@ def _facing(normals: Float[np.ndarray, "k 3"], outward: Float[np.ndarray, "k 3"]
 
 
 def _found(pokes: Pokes, layout: ModuleLayout, surface: Surface | None) -> Units:
-    """Modules from nothing: laid where the paper's way puts their taxels."""
+    """Return modules without a start, fitted to their taxels' places by the paper's method."""
     points, _, weight = _guessed(pokes, surface)
     known = np.isfinite(points).all(axis=1) & np.isfinite(layout.places).all(axis=1) & (layout.module >= 0)
     count = np.bincount(layout.module[known], minlength=layout.modules)
@@ -206,7 +207,7 @@ def _found(pokes: Pokes, layout: ModuleLayout, surface: Surface | None) -> Units
 
 
 def _require_unmirrored(pokes: Pokes, layout: ModuleLayout, surface: Surface | None) -> None:
-    """Raise an InputError where taxels lie, by the paper's way, as on the layout seen from the other side."""
+    """Raise an InputError if taxels, by the paper's method, fit the mirrored layout much better than the stated one."""
     points, _, weight = _guessed(pokes, surface)
     known = np.isfinite(points).all(axis=1) & np.isfinite(layout.places).all(axis=1) & (layout.module >= 0)
     if np.bincount(layout.module[known], minlength=layout.modules).min() < FEWEST:
@@ -236,7 +237,7 @@ def _placed(pokes: Pokes, solution: PlacesSolution) -> TaxelPlaces:
 
 
 def _poses(pokes: Pokes) -> Float[np.ndarray, "d 8"]:
-    """The pose of each configuration, and how many pokes were believed in it."""
+    """Return the pose of each configuration, and the number of pokes used in it."""
     found = np.zeros((pokes.configurations, 8))
     for number in range(pokes.configurations):
         rows = np.flatnonzero((pokes.configuration == number) & (pokes.weight > 0))
@@ -251,7 +252,10 @@ def _poses(pokes: Pokes) -> Float[np.ndarray, "d 8"]:
 def spreads(
     units: Units, covariance: Float[np.ndarray, "p p"]
 ) -> tuple[Float[np.ndarray, "k 3 3"], Float[np.ndarray, " k"]]:
-    """Covariance [m^2] of each taxel, and its deviation [m] once one rigid motion of all is taken off; NaN of none."""
+    """Return the covariance [m^2] of each taxel, and its standard deviation [m] without one rigid motion of all.
+
+    Both are NaN for taxels without a place.
+    """
     rows, size = units.taxels, units.freedom
     points, by = units.places()[0][rows], units.jacobian()[rows]
     unit = units.layout.module[rows]
@@ -277,7 +281,7 @@ def spreads(
 
 
 def _untouched(places: TaxelPlaces) -> tuple[str, ...]:
-    """Taxels that no poke reached, by name."""
+    """Return a note that lists the taxels that no poke reached."""
     rows = np.flatnonzero((places.pokes == 0) & (places.there | (places.module < 0))).tolist()
     if not rows:
         return ()

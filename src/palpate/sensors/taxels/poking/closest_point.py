@@ -1,4 +1,4 @@
-"""The point of a surface that is closest in the metric of a taxel's normal equations."""
+"""Find the point of a surface that is closest in the metric of a taxel's normal equations."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ def nearest_in_metric(
     pressing: Float[np.ndarray, "k 3"],
     surface: Surface,
 ) -> Float[np.ndarray, "k 3"]:
-    """The points of the surface with the least p' A p / 2 - b' p.
+    """Return the points of the surface with the least p' A p / 2 - b' p, (k, 3) [m].
 
     Args:
         matrix: (k, 3, 3) A, positive semidefinite.
         vector: (k, 3) b.
-        pressing: (k, 3) mean direction of the forces; facets that they would pull at are none of the surface.
+        pressing: (k, 3) mean direction of the forces; facets at which they would pull are ignored.
         surface: on a mesh the answer is exact; on another it starts from the mesh that a viewer would draw.
     """
     from palpate.sensors.taxels.poking._closest_point import nearest
@@ -55,7 +55,7 @@ def _refined(
     surface: Surface,
     points: Float[np.ndarray, "k 3"],
 ) -> Float[np.ndarray, "k 3"]:
-    """Steps to the least in the tangent plane, each brought back onto the surface."""
+    """Minimise by steps in the tangent plane, each projected back onto the surface."""
     for _ in range(ROUNDS):
         points, normals, _ = surface.project(points)
         first = np.cross(normals, np.eye(3)[np.argmin(np.abs(normals), axis=1)])

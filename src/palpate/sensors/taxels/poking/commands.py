@@ -1,4 +1,4 @@
-"""`palpate calibrate taxels`: from pokes to where each taxel of a skin sits."""
+"""Define `palpate calibrate taxels`, which finds the place of each taxel of a skin from pokes."""
 
 from __future__ import annotations
 
@@ -50,15 +50,15 @@ class CalibrateTaxels(Calibration):
 
     Args:
         log: of wrenches, taxels and joint states, /tf or poses; or a table with one row a poke: configuration, fx,fy,
-            fz,tx,ty,tz, qx,qy,qz,qw,x,y,z of the link in the sensor's frame, t0,t1,...; or places of taxels that were
-            found elsewhere, which modules are laid on.
+            fz,tx,ty,tz, qx,qy,qz,qw,x,y,z of the link in the sensor's frame, t0,t1,...; or places of taxels from
+            another source, to which modules are fitted.
         rig: TOML with [skin], [force_torque], [pokes] and, as a rule, [surface].
-        output: where they sit: .toml (all that is known), .txt (iCub), .csv or .urdf.
-        method: modules: rigid modules of known layout, with the errors of sensor and robot; taxels: each for itself,
-            with bias and frames; surface, weighted, free: as published, each for itself.
-        start: file of where they are thought to be (CAD), in place of the rig's.
+        output: places of the taxels: .toml (all that is known), .txt (iCub), .csv or .urdf.
+        method: modules: rigid modules of known layout, with the errors of sensor and robot; taxels: single taxels, with
+            bias and frames; surface, weighted, free: as published, each taxel separately.
+        start: file of expected places (CAD), in place of the rig's.
         layout: of modules, in place of the rig's: ring12, triangle10, triangle10+2, or a file of taxels.
-        threshold: above its rest, at which a taxel answers; found where it is not given.
+        threshold: reading above the baseline at which a taxel answers (default: found from its noise).
     """
 
     log: Log
@@ -71,7 +71,7 @@ class CalibrateTaxels(Calibration):
 
     @cached_property
     def reads(self) -> dict[str, Path]:
-        """The log, the rig, and where taxels are thought to be, by option or rig."""
+        """Return the input files: the log, the rig, and expected places and layout, by option or rig."""
         stated = self.stated.pokes
         start = self.start or (None if stated is None or stated.start is None else self.stated.folder / stated.start)
         layout = None if self.layout is None or self.layout in LAYOUTS else Path(self.layout)
@@ -79,7 +79,7 @@ class CalibrateTaxels(Calibration):
         return {name: path for name, path in named.items() if path is not None}
 
     def identify(self) -> CalibrationResult:
-        """Find the taxels by pokes, or lay modules on places that were found elsewhere."""
+        """Find the places of taxels from pokes, or fit modules to places from another source."""
         if self.output.suffix.lower() not in SUFFIXES:
             hint, kind = f"Use {', '.join(SUFFIXES)}.", self.output.suffix
             raise InputError(f"cannot write places of taxels as {kind!r}.", where=str(self.output), hint=hint)
@@ -88,7 +88,7 @@ class CalibrateTaxels(Calibration):
         return self._placed(setup, surface) if is_taxel_file(self.log) else self._poked(setup, surface)
 
     def write(self, found: CalibrationResult) -> None:
-        """Write where the taxels sit, with where that comes from and what was noted."""
+        """Write the places of the taxels with their provenance and notes."""
         record = {**self.record(method=self.method), **({} if self.layout is None else {"layout": self.layout})}
         notes = (*found.model.notes, *found.notes)
         write_taxel_places(self.output, replace(found.model, provenance=record, notes=notes))
@@ -116,7 +116,7 @@ class CalibrateTaxels(Calibration):
         )
 
     def _placed(self, setup: Setup, surface: Surface | None) -> CalibrationResult:
-        """Lay modules where their taxels come nearest to places."""
+        """Fit modules to the places of their taxels."""
         if self.method != "modules":
             raise InputError("places of taxels can only be made better as those of modules.", where="--method")
         places = read_taxel_places(self.log)
@@ -173,7 +173,9 @@ def _pokes(log: Path, setup: Setup, start: TaxelPlaces | None) -> Pokes:
 def _layout(
     name: str | None, setup: Setup, start: TaxelPlaces | None, pokes: Pokes | None
 ) -> tuple[ModuleLayout | None, list[str]]:
-    """Of the modules: by name or file; None: that of the start. Without a start those that never answered are left out.
+    """Return the layout of the modules by name or file, None for that of the start, and notes.
+
+    Without a start, modules that never answered are excluded.
 
     Raises:
         InputError: no such layout, or it does not fit the taxels.
@@ -206,7 +208,7 @@ def _layout(
 
 
 def _answered(layout: ModuleLayout, pokes: Pokes) -> np.ndarray:
-    """Taxels of modules of which one at least answered."""
+    """Return the taxels of modules of which at least one taxel answered."""
     count = np.bincount(layout.module, pokes.counts(), minlength=layout.modules)
     return count[layout.module] > 0
 
@@ -229,7 +231,7 @@ def _figures(pokes: Pokes, found: TaxelCalibration) -> list[tuple[str, object]]:
 
 
 def _nuisances(found: TaxelCalibration) -> list[tuple[str, object]]:
-    """The largest of each kind of error of sensor and robot."""
+    """Return the largest error of each kind of sensor and robot error, for printing."""
     said = list[tuple[str, object]]()
     for name, words in (("frames", "of each configuration"), ("common", "of all")):
         if (value := found.nuisances.get(name)) is not None and value.size:
@@ -250,7 +252,7 @@ def _most(rows: np.ndarray, scale: float) -> str:
 
 
 def _one_configuration(pokes: Pokes, found: TaxelCalibration) -> list[str]:
-    """What the paper's methods cannot tell then; the others say it themselves."""
+    """Return a warning for the paper's methods with one arm configuration; other methods have it already."""
     if pokes.configurations > 1 or any("one arm configuration" in doubt for doubt in found.warnings):
         return []
     return [

@@ -1,4 +1,4 @@
-"""Places of taxels against others: absolute, and once one rigid motion of the whole skin is taken off."""
+"""Compare places of taxels with reference places: absolute, and after one rigid motion of the skin is removed."""
 
 from __future__ import annotations
 
@@ -24,15 +24,16 @@ FEWEST = 3  # taxels that a rigid motion is found from
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class TaxelErrors:
-    """k taxels of which both places are known.
+    """Errors of the k taxels that have both places.
 
     Attributes:
-        number: (k,) of each; module: (k,) -1: none; touched: (k,) by a poke, all where that is not known.
+        number: (k,) index of each taxel; module: (k,) -1: none; touched: (k,) by a poke, all true where that is not
+            known.
         estimate, truth: (k, 3) [m].
-        absolute: (k,) [m]; relative: (k,) [m] once `motion` is taken off, NaN of too few.
-        motion: of the estimate to the truth; None of too few.
-        inside: (k,) whether the 95 % ellipsoid holds the truth; known: (k,) whether there is one.
-        lacking: numbers at which only one of both has a taxel.
+        absolute: (k,) [m]; relative: (k,) [m] after `motion`, NaN for fewer than three taxels.
+        motion: from the estimate to the truth; None for fewer than three taxels.
+        inside: (k,) true where the 95 % ellipsoid contains the truth; known: (k,) true where there is an ellipsoid.
+        lacking: number of indices at which only one of both has a taxel.
     """
 
     number: Int[np.ndarray, " k"]
@@ -49,11 +50,11 @@ class TaxelErrors:
 
     @property
     def coverage(self) -> float:
-        """Share of the ellipsoids that hold the truth; NaN: there are none."""
+        """Return the share of the ellipsoids that contain the truth; NaN: there are none."""
         return float(self.inside[self.known].mean()) if self.known.any() else float("nan")
 
     def summaries(self) -> list[tuple[str, ErrorSummary]]:
-        """Of all, by module, and of those never touched."""
+        """Return names and error summaries of all taxels, of each module, and of those never touched."""
         rows: list[tuple[str, np.ndarray, np.ndarray]] = [
             ("absolute", self.absolute, np.ones(len(self.absolute), dtype=bool)),
             ("one rigid motion taken off", self.relative, np.ones(len(self.absolute), dtype=bool)),
@@ -71,10 +72,10 @@ class TaxelErrors:
 
 
 def compare_places(estimate: TaxelPlaces, truth: TaxelPlaces) -> TaxelErrors:
-    """Taxel by taxel, by their numbers.
+    """Return the errors of places, taxel by taxel by their indices.
 
     Raises:
-        InputError: of another number of taxels, or none has both places.
+        InputError: the numbers of taxels differ, or no taxel has both places.
     """
     if len(estimate) != len(truth):
         raise InputError(
@@ -108,7 +109,7 @@ def compare_places(estimate: TaxelPlaces, truth: TaxelPlaces) -> TaxelErrors:
 
 
 def _motion(one: Float[np.ndarray, "k 3"], other: Float[np.ndarray, "k 3"]) -> Pose | None:
-    """The rigid motion that brings one set nearest to the other, in squares; None of too few."""
+    """Return the rigid motion that fits one set to the other by least squares; None for fewer than three taxels."""
     from scipy.spatial.transform import Rotation  # here: scipy is slow to import
 
     if len(one) < FEWEST:
@@ -122,9 +123,9 @@ def _motion(one: Float[np.ndarray, "k 3"], other: Float[np.ndarray, "k 3"]) -> P
 def _held(
     away: Float[np.ndarray, "k 3"], covariance: Float[np.ndarray, "k 3 3"]
 ) -> tuple[Bool[np.ndarray, " k"], Bool[np.ndarray, " k"]]:
-    """Whether d' C^+ d is below the 95 % quantile of as many degrees of freedom as C has directions with variance.
+    """Return whether d' C^+ d is below the 95 % quantile of chi-square with C's rank as degrees of freedom.
 
-    On a surface C has two: what d has along the normal is the surface's own error.
+    On a surface C has two: the part of d along the normal is the surface's own error.
     """
     known = np.asarray(np.isfinite(covariance).all(axis=(1, 2)))
     values, axes = np.linalg.eigh(np.where(known[:, None, None], covariance, np.eye(3)))

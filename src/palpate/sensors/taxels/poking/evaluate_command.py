@@ -1,4 +1,4 @@
-"""`palpate evaluate` of places of taxels against other places of the same taxels."""
+"""Define `palpate evaluate` for places of taxels against reference places of the same taxels."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ WORST = 12  # taxels that are named
 
 
 def is_taxel_file(path: Path) -> bool:
-    """Whether a file is of places of taxels."""
+    """Return whether a file contains places of taxels."""
     if not path.is_file():
         return False
     if path.suffix.lower() == ".toml":

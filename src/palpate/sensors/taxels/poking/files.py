@@ -1,4 +1,4 @@
-"""Pokes that are cut already: a table with one row a poke."""
+"""Read pokes from a table that has one row for each poke."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _TAXEL = re.compile(r"(?:t|taxel_?)(\d+)", re.IGNORECASE)
 
 
 def holds_pokes(names: Sequence[str]) -> bool:
-    """Whether a table of these columns is one of pokes: it has their configuration, a wrench and answers."""
+    """Return whether a table with these columns contains pokes: it has their configuration, a wrench and answers."""
     bare = {split_unit(name)[0].strip().lower() for name in names}
     return bool(bare & {*_WHICH}) and bare >= {*WRENCH_COLUMNS} and any(map(_TAXEL.fullmatch, names))
 
@@ -36,13 +36,14 @@ def holds_pokes(names: Sequence[str]) -> bool:
 def read_pokes(path: str | Path, *, threshold: float = 0.0, noise: Float[np.ndarray, "6 6"] | None = None) -> Pokes:
     """Read `configuration,fx,fy,fz,tx,ty,tz,qx,qy,qz,qw,x,y,z,t0,t1,...[,weight][,time]`.
 
-    Wrenches are on the body in the sensor's frame, less what the sensor reads untouched [N, N m]; pose of the link in
-    the sensor's frame [m]; answers above rest, in any unit. Columns may state other units, as `fx [mN]`, `x [mm]`.
+    Wrenches are on the body in the sensor's frame, minus the sensor's untouched reading [N, N m]; pose of the link in
+    the sensor's frame [m]; answers above the baseline, in any unit. Columns may state other units, as `fx [mN]`, `x
+    [mm]`.
 
     Args:
         path: of the table.
-        threshold: what is not above it is no answer.
-        noise: covariance of a wrench.
+        threshold: responses up to it are no answers.
+        noise: (6, 6) covariance of a wrench.
 
     Raises:
         InputError: a column is missing, a number is none, or a quaternion is not of length 1.
@@ -88,7 +89,7 @@ def read_pokes(path: str | Path, *, threshold: float = 0.0, noise: Float[np.ndar
 
 
 def _scales(table: TextTable, names: dict[str, str]) -> Float[np.ndarray, "13"]:
-    """What the units of wrench, quaternion and position are in SI."""
+    """Return the factors (13,) from the units of wrench, quaternion and position to SI."""
     stated, where = Stated.of_dialect(table.dialect).units, str(table.path)
 
     def scale(name: str, units: dict[str, float], usual: str) -> float:

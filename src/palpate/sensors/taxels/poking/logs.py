@@ -1,4 +1,4 @@
-"""How a log of pokes is read: wrenches with the pose of the link in the sensor's frame, and frames of taxels."""
+"""Read a log of pokes: wrenches with the pose of the link in the sensor's frame, and frames of taxels."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _JOINTS = "joints"
 
 
 def wrench_layout(setup: Setup) -> LogLayout:
-    """Return how wrenches are read, with poses of the link in the sensor's frame where a Layout has the sensor's.
+    """Return the layout of wrenches, with poses of the link in the sensor's frame.
 
     Raises:
         InputError: the wrench is not in the sensor's frame.
@@ -53,9 +53,9 @@ def wrench_layout(setup: Setup) -> LogLayout:
 
 
 def open_pokes(path: Path, setup: Setup) -> tuple[Log, Log, Iterator[Recording | Stored]]:
-    """Open a log for its wrenches and for its frames of taxels, and both: wrenches with the link where the log says it.
+    """Open a log for its wrenches, for its frames of taxels, and for both, with the link's pose where the log has it.
 
-    Of a table with a `urdf`, the joints between sensor and link are columns of their names [rad].
+    For a table with a `urdf`, the joints between sensor and link are columns with their names [rad].
 
     Raises:
         InputError: the log cannot be read, or a joint is missing or in degrees.
@@ -72,7 +72,7 @@ def open_pokes(path: Path, setup: Setup) -> tuple[Log, Log, Iterator[Recording |
 
 
 def _posed(block: Recording, kinematics: Kinematics) -> Recording:
-    """With poses in place of joints."""
+    """Return the block with poses in place of joints."""
     values = block.channels[_JOINTS]
     known = np.isfinite(values).all(axis=1)
     kinematics.require_radians(values[known], block.source)
@@ -84,7 +84,7 @@ def _posed(block: Recording, kinematics: Kinematics) -> Recording:
 
 
 def cells_layout(setup: Setup) -> LogLayout:
-    """Return how frames of taxels are read, without poses."""
+    """Return the layout of frames of taxels, without poses."""
     return replace(
         SKIN.layout(setup),
         orientation=None,

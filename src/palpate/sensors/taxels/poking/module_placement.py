@@ -1,4 +1,4 @@
-"""Places that are known already, made better: rigid modules laid on the link where their taxels come nearest."""
+"""Improve known places of taxels by fitting rigid modules to them on the link."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ FEWEST = 3  # taxels of a module
 
 
 def common_layout(places: TaxelPlaces, surface: Surface | None = None, *, spacing: float | None = None) -> ModuleLayout:
-    """One layout for all modules: the mean of how their taxels lie in their planes, each turned onto the others.
+    """Return one layout for all modules: the mean of their taxels' flat places, each module turned onto the others.
 
     Args:
-        places: of modules that are alike, with as many numbers each.
-        surface: which says where outward is, where the places do not.
-        spacing: [m] to which the mean distance of taxels that follow each other is scaled; None: it stays.
+        places: places on equal modules, with as many indices each.
+        surface: gives the outward side where the places do not.
+        spacing: [m] to which the mean distance of consecutive taxels is scaled; None: not scaled.
 
     Raises:
         InputError: modules of different sizes, or none.
@@ -51,7 +51,7 @@ def common_layout(places: TaxelPlaces, surface: Surface | None = None, *, spacin
 
 
 def _mean(flat: Float[np.ndarray, "m t 2"]) -> Float[np.ndarray, "t 2"]:
-    """Of modules turned onto it."""
+    """Return the mean of modules that are turned onto it."""
     mean = flat[0]
     for _ in range(_ROUNDS):
         both = np.einsum("mta,tb->mab", flat, mean)
@@ -64,10 +64,10 @@ def _mean(flat: Float[np.ndarray, "m t 2"]) -> Float[np.ndarray, "t 2"]:
 def place_modules(
     places: TaxelPlaces, layout: ModuleLayout | None = None, surface: Surface | None = None
 ) -> TaxelCalibration:
-    """Modules laid where their taxels come nearest to places, in the sense of least squares.
+    """Fit modules to the places of their taxels by least squares.
 
     Args:
-        places: where taxels are thought to be, with the module of each.
+        places: expected places of the taxels, with the module of each.
         layout: of the modules; None: `common_layout` of the places themselves.
         surface: of the link, on which they lie; None: modules are flat.
 
@@ -101,7 +101,7 @@ def place_modules(
 
 
 def _outward(places: TaxelPlaces, surface: Surface | None) -> TaxelPlaces:
-    """With the normals of the surface where they have none."""
+    """Return places with the normals of the surface where they have none."""
     rows = places.there & ~np.isfinite(places.normals).all(axis=1)
     if surface is None or not rows.any():
         return places

@@ -1,4 +1,4 @@
-"""What single taxels without a surface are believed to be to each other: on something smooth, and so far apart."""
+"""Add priors on single taxels without a surface: they lie on a smooth surface, at known distances."""
 
 from __future__ import annotations
 
@@ -19,10 +19,11 @@ Vectors = Float[np.ndarray, "u 3"]
 
 
 def tied(units: Units, priors: Priors) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
-    """What these beliefs add to J' W J and J' W r of the units' unknowns, about where they are; 0 with a surface.
+    """Return the priors' terms of J' W J and J' W r for the units' unknowns, at their places; 0 with a surface.
 
-    A taxel lies off the mean of its neighbours, along the normal of the plane that is nearest to them, by
-    `Priors.smooth` at most or so; its next neighbours are `Priors.neighbours` away, within `Priors.spacing`.
+    A taxel's offset from the mean of its neighbours, along the normal of the plane that fits them best, has the
+    standard deviation `Priors.smooth`; the distances to its next neighbours are `Priors.neighbours`, within
+    `Priors.spacing`.
     """
     size = len(units) * units.freedom
     square, right = np.zeros((size, size)), np.zeros(size)
@@ -74,7 +75,7 @@ def _add_distances(
 
 
 def _put(rows: Float[np.ndarray, "n p"], unit: Int[np.ndarray, "n a"], value: Float[np.ndarray, "n a 3"]) -> None:
-    """Adds values to the columns of units."""
+    """Add values to the columns of units."""
     each = np.arange(len(rows))[:, None]
     for axis in range(3):
         np.add.at(rows, (each, 3 * unit + axis), value[..., axis])

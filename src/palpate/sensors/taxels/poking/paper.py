@@ -1,4 +1,4 @@
-"""The paper's methods: the point nearest to all lines of force, free or on the surface, of one dataset or several."""
+"""Find taxels by the paper's methods: the point nearest to all lines of force, free or on the surface."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Places = Float[np.ndarray, "k 3"]
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class NormalEquations(Value):
-    """A p = b of each taxel.
+    """Normal equations A p = b of each taxel.
 
     Attributes:
         matrix: (k, 3, 3), the sum of the weights times I - u u', u the direction of a force.
@@ -39,7 +39,7 @@ class NormalEquations(Value):
 
 
 def in_link(pokes: Pokes) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
-    """Forces [N] and torques [N m] about the link's origin, in its frame [taxel poking, (6)]."""
+    """Return forces [N] and torques [N m] about the link's origin, (n, 3) in its frame [taxel poking, (6)]."""
     force, torque = pokes.wrench[:, :3], pokes.wrench[:, 3:]
     moved = torque - np.cross(pokes.origin, force)
     turn = pokes.rotation
@@ -47,12 +47,12 @@ def in_link(pokes: Pokes) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "
 
 
 def normal_equations(pokes: Pokes, *, weighted: bool = False) -> NormalEquations:
-    """Those of (5), of all datasets in the link's frame.
+    """Return the normal equations (5) of all datasets in the link's frame.
 
     Args:
         pokes: of one configuration or of several.
-        weighted: by the square of each response's share of the strongest one of its poke (K); else all answers count
-            alike. Doubtful pokes count less in both.
+        weighted: by the square of each response over the strongest one of its poke (K); else all answers have the same
+            weight. Doubtful pokes count less in both.
     """
     from palpate.sensors.taxels.poking._accumulate import accumulate  # compiled: loaded when first needed
 
@@ -70,7 +70,7 @@ def normal_equations(pokes: Pokes, *, weighted: bool = False) -> NormalEquations
 
 
 def _strongest(pokes: Pokes) -> Float[np.ndarray, " n"]:
-    """The strongest response of each poke; 1 where there is none."""
+    """Return the strongest response of each poke; 1 where there is none."""
     found = np.ones(len(pokes))
     some = np.diff(pokes.starts) > 0
     if some.any():
@@ -79,7 +79,7 @@ def _strongest(pokes: Pokes) -> Float[np.ndarray, " n"]:
 
 
 def free(equations: NormalEquations) -> Places:
-    """The point nearest to each taxel's lines of force; NaN where they are parallel or it never answered."""
+    """Return the point nearest to each taxel's lines of force; NaN where they are parallel or it never answered."""
     values = np.linalg.eigvalsh(equations.matrix)
     sound = values[:, 0] > FLAT * np.maximum(values[:, 2], 1e-300)
     found = np.full(equations.vector.shape, np.nan)
@@ -88,11 +88,11 @@ def free(equations: NormalEquations) -> Places:
 
 
 def on_surface(equations: NormalEquations, surface: Surface) -> Places:
-    """The point of the surface with the least residual [taxel poking, II-B]; NaN of a taxel that never answered.
+    """Return the point of the surface with the least residual [taxel poking, II-B]; NaN if a taxel never answered.
 
     The residual is (p - p*)' A (p - p*), so that it is the closest point to p* in the metric of A: one query for the
-    whole surface, not a constrained problem a triangle. Where forces would pull at the surface, there is no poke: the
-    lines of force meet the far side of a link, too, of which the paper says nothing.
+    complete surface, not a constrained problem for each triangle. Facets at which forces would pull are excluded: the
+    lines of force meet the far side of a link, too, which the paper does not mention.
     """
     found = np.full(equations.vector.shape, np.nan)
     answered = np.flatnonzero(equations.weight > 0)
@@ -104,7 +104,7 @@ def on_surface(equations: NormalEquations, surface: Surface) -> Places:
 
 
 def averaged(pokes: Pokes, surface: Surface | None = None, *, weighted: bool = True) -> tuple[Places, list[Places]]:
-    """The mean over the configurations of what each of them alone gives, and these [taxel poking, IV-B].
+    """Return the mean over the configurations of the places from each alone, and these [taxel poking, IV-B].
 
     Args:
         pokes: of several configurations.

@@ -1,4 +1,4 @@
-"""Where to poke next: the pokes that shrink the largest covariances of taxels most, and how many more it takes."""
+"""Plan the next pokes: those that reduce the largest covariances of taxels most, and their number."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from palpate.surfaces.surface import Surface
 __all__ = ["Plan", "PossiblePokes", "after_calibration", "candidates", "known_after", "plan_pokes"]
 
 FORCE = 10.0  # N of a planned poke
-TILT = radians(20.0)  # of the directions that are looked at beside the normal
+TILT = radians(20.0)  # of the candidate directions from the normal
 PLACED = 0.7e-3  # m: how well taxels tell where a poke was
-LOOKED = 3000  # candidates that are looked at for a poke
+LOOKED = 3000  # candidates that are examined for a poke
 MOST = 2000  # pokes of a plan
-KEEN = 8.0  # power of a taxel's variance in how much it counts beside the worst one; 3 to 200 serve as well
+KEEN = 8.0  # power of a taxel's variance, over the worst one, in its weight; 3 to 200 serve as well
 
 Vectors = Float[np.ndarray, "n 3"]
 
@@ -35,12 +35,12 @@ Vectors = Float[np.ndarray, "n 3"]
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class PossiblePokes:
-    """Pokes that could be made, c of them.
+    """The c pokes that could be made.
 
     Attributes:
         point: (c, 3) [m] and direction: (c, 3) of the force on the body, unit, in the link's frame.
-        configuration: (c,) of the arm; taxel: (c,) that it is on.
-        rows: (c, 3, p) change of the whitened torque with the unknowns: units, then `Nuisances.vector`.
+        configuration: (c,) of the arm; taxel: (c,) the poked taxel.
+        rows: (c, 3, p) derivative of the whitened torque by the unknowns: units, then `Nuisances.vector`.
     """
 
     point: Vectors
@@ -53,12 +53,12 @@ class PossiblePokes:
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What to do next.
+    """The next pokes, and the accuracy that they give.
 
     Attributes:
-        chosen: (m,) of the candidates, in order; worst: (m + 1,) [m] the largest deviation of a taxel before, and after
-            each of them.
-        reached: whether the wanted accuracy is; needed: pokes until then, as far as was looked.
+        chosen: (m,) indices of candidates, in order; worst: (m + 1,) [m] largest standard deviation of a taxel before
+            and after each.
+        reached: true if the wanted accuracy is reached; needed: number of planned pokes.
     """
 
     chosen: Int[np.ndarray, " m"]
@@ -67,7 +67,7 @@ class Plan:
 
     @property
     def needed(self) -> int:
-        """How many pokes the plan has."""
+        """Return the number of pokes in the plan."""
         return len(self.chosen)
 
 
@@ -81,16 +81,19 @@ def candidates(
     nuisances: Nuisances | None = None,
     force: float = FORCE,
 ) -> PossiblePokes:
-    """A poke on each taxel, along its normal and leaning to four sides, in each configuration.
+    """Return pokes on each taxel, along its normal and leaning to four sides, in each configuration.
 
     Args:
-        units: where taxels are.
+        units: places of the taxels.
         poses: (d,) T_sensor_link of the configurations.
         noise: covariance of a wrench.
-        reachable: (k,) [rad] how far a poke on a taxel may lean; negative: it cannot be reached. None: by 20
-            degrees, all of them.
-        nuisances: as they are known.
+        reachable: (k,) [rad] largest lean of a poke on a taxel; negative: it cannot be reached. None: 20 degrees for
+            all of them.
+        nuisances: known errors; None: none.
         force: [N].
+
+    Raises:
+        InputError: no taxel can be reached.
     """
     points, normals = units.places()
     lean = np.full(len(points), TILT) if reachable is None else np.minimum(reachable, TILT)
@@ -151,19 +154,19 @@ def _with_rows(
 def after_calibration(
     places: TaxelPlaces, surface: Surface | None, priors: Priors, *, start: bool = False
 ) -> tuple[Units, Float[np.ndarray, "p p"], PossiblePokes]:
-    """What a calibration left to be known, from its result: units, covariance of all unknowns, and what can be done.
+    """Return units, covariance of all unknowns, and possible pokes, from the result of a calibration.
 
-    The pokes themselves are not kept: each counts as one along the normal or leaning, on the taxel that it touched
-    most, in a configuration of the arm by how many pokes were made there.
+    The pokes themselves are not stored: each counts as one along the normal or leaning, on the taxel that it touched
+    most, spread over the configurations of the arm by the number of pokes in each.
 
     Args:
-        places: a result of `calibrate_taxels` by modules or taxel by taxel.
+        places: a result of `calibrate_taxels` by modules or single taxels.
         surface: as in the calibration.
         priors: the same.
-        start: whether it began from CAD.
+        start: true if it began from CAD.
 
     Raises:
-        InputError: of a result that does not say with which configurations and noise it was made.
+        InputError: the result does not state its configurations and noise.
     """
     if not len(places.configurations) or len(places.noise) != 6:
         raise InputError(
@@ -193,7 +196,7 @@ def known_after(
     configurations: int,
     deviations: Float[np.ndarray, " f"] | None = None,
 ) -> Float[np.ndarray, "p p"]:
-    """Covariance of all unknowns once each candidate was made so many times, (c,), under what is believed before."""
+    """Return the covariance of all unknowns after each candidate was made `made` times, (c,), under the priors."""
     rows = options.rows[made > 0] * np.sqrt(made[made > 0])[:, None, None]
     flat = rows.reshape(-1, options.rows.shape[2])
     before = Before(units, None, deviations, Nuisances.deviations(priors, configurations))
@@ -210,18 +213,18 @@ def plan_pokes(
     pokes: int = 50,
     seed: int = 0,
 ) -> Plan:
-    """Pokes one after the other, each the one that takes most from the covariances of the taxels that are worst.
+    """Choose pokes one after the other, each the one that reduces the covariances of the worst taxels most.
 
-    By the worst one alone a poke would be chosen as if others, nearly as bad, were not there, which many pokes improve,
-    too. So each taxel above `wanted` counts, by the power `KEEN` of its variance over the largest.
+    By the worst one alone a poke would ignore others, nearly as bad, which many pokes improve, too. So each taxel above
+    `wanted` counts, by the power `KEEN` of its variance over the largest.
 
     Args:
-        units: where taxels are.
-        covariance: of all unknowns, as `Solution.covariance` or `known_after` has it.
-        options: what can be done.
-        wanted: [m] largest deviation (root of the trace) of a taxel at which it is enough.
-        pokes: at most.
-        seed: where there are many candidates, of those that are looked at for each poke.
+        units: places of the taxels.
+        covariance: of all unknowns, as `PlacesSolution.covariance` or `known_after` has it.
+        options: possible pokes.
+        wanted: [m] largest standard deviation (root of the trace) of a taxel that is good enough.
+        pokes: largest number of pokes.
+        seed: of the random subset that is examined for each poke if there are many candidates.
     """
     taxels, size = units.taxels, units.freedom
     unit = units.layout.module[taxels]

@@ -1,4 +1,4 @@
-"""`palpate plan pokes`: where to poke a skin next, and how many pokes more it takes."""
+"""Define `palpate plan pokes`, which plans the next pokes of a skin and their number."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ def plan_pokes_command(
 
     Args:
         rig: as of the calibration, with [pokes].
-        skin: places that were found so far, as `palpate calibrate taxels` wrote them (.toml).
+        skin: places found so far, as `palpate calibrate taxels` wrote them (.toml).
         output: next.csv to write: configuration, taxel, place [m] and direction of the force in the link's frame, and
             the largest deviation [m] after it.
         wanted: largest deviation of a taxel (root of the trace) that is good enough [m].
-        pokes: to plan at most.
+        pokes: largest number of pokes to plan.
     """
     setup = load_rig(rig)
     table = setup.pokes or RigPokes()

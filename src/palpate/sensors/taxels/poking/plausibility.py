@@ -1,4 +1,4 @@
-"""How far pokes are to be believed: two pokers at once, a wrench that no single push makes, too light a push."""
+"""Weight pokes by plausibility: reject two pokers at once and too light pushes, weigh down wrenches with torsion."""
 
 from __future__ import annotations
 
@@ -31,15 +31,16 @@ FEWEST = 8  # pokes from which a usual pitch is known
 def believed(
     pokes: Pokes, *, start: TaxelPlaces | None = None, saturated: Bool[np.ndarray, " n"] | None = None
 ) -> Pokes:
-    """The same pokes with weights: what was rejected (0) or weighed down is said in the notes.
+    """Return the same pokes with weights: 0 for rejected ones, less than 1 for doubtful ones; the notes list both.
 
     Args:
         pokes: as they were measured.
-        start: where taxels are thought to be: two areas are told by distance, else by which taxels answer together.
-        saturated: (n,) in which a taxel reads all that it can.
+        start: expected places of the taxels, by whose distances two areas are separated; None: by the taxels that
+            answer together.
+        saturated: (n,) pokes in which a taxel reads its largest value.
 
     Raises:
-        InputError: the start is of another number of taxels, or no poke is left.
+        InputError: the start is of another number of taxels, or no poke remains.
     """
     if start is not None and len(start) != pokes.taxels:
         raise InputError(
@@ -71,7 +72,7 @@ def believed(
 def _pitch_weights(
     pokes: Pokes, used: Bool[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    """Of F . M / |F|^2 about the sensor's origin, which one push without torsion makes 0; beside its noise.
+    """Weight pokes by F . M / |F|^2 about the sensor's origin, 0 for one push without torsion, and its noise.
 
     weight = min(1, (limit / pitch)^2), the limit PITCH times the usual pitch of these pokes.
     """
@@ -89,12 +90,12 @@ def _pitch_weights(
 
 
 def _of_touch(pokes: Pokes, used: Bool[np.ndarray, " n"]) -> Float[np.ndarray, "6 6"]:
-    """What touches scatter beside the sensor's noise, as of friction: from their torque along the force.
+    """Return the scatter of touches in addition to noise, as by friction, (6, 6), from their torque along the force.
 
-    Of t = F . M / |F|, which is 0 for a push without torsion, var t = told by the noise + s^2 (1 + |M|^2 / (|F| L)^2),
-    for errors of torque s and of force s / L; the median of t^2 over pokes gives s. Cross-talk makes t a form of second
-    degree in the wrench, over |F|: where pokes are many, what such a form explains is taken off first, but for
-    F_i M_i, of which F . M itself is made.
+    For t = F . M / |F|, which is 0 for a push without torsion, var t = (variance by noise) + s^2 (1 + |M|^2 / (|F|
+    L)^2), for errors of torque s and of force s / L; the median of t^2 over pokes gives s. Cross-talk makes t a form of
+    second degree in the wrench, over |F|: where pokes are many, the part that such a form explains is subtracted first,
+    but for F_i M_i, the terms of F . M itself.
     """
     force, torque = pokes.wrench[used, :3], pokes.wrench[used, 3:]
     if len(force) < FEWEST:
@@ -115,7 +116,7 @@ def _of_touch(pokes: Pokes, used: Bool[np.ndarray, " n"]) -> Float[np.ndarray, "
 
 
 def _far_apart(pokes: Pokes, start: TaxelPlaces) -> Bool[np.ndarray, " n"]:
-    """Answers that distances fall into two areas."""
+    """Return the pokes whose answers are in two areas by their distances."""
     from scipy.spatial import cKDTree  # here: scipy is slow to import
 
     points = start.positions
@@ -135,7 +136,7 @@ def _far_apart(pokes: Pokes, start: TaxelPlaces) -> Bool[np.ndarray, " n"]:
 
 
 def _never_together(pokes: Pokes) -> Bool[np.ndarray, " n"]:
-    """Answers that fall into two areas whose taxels answer together in no other poke, nor with one beside both."""
+    """Return the pokes with answers in two areas whose taxels share no other poke, directly or through a third."""
     if pokes.taxels > MOST:
         return np.zeros(len(pokes), dtype=bool)
     from scipy.sparse import csr_matrix  # here: scipy is slow to import
@@ -163,7 +164,7 @@ def _never_together(pokes: Pokes) -> Bool[np.ndarray, " n"]:
 def _split(
     pokes: Pokes, beside: Callable[[np.ndarray], np.ndarray], among: Int[np.ndarray, " j"]
 ) -> Bool[np.ndarray, " n"]:
-    """Pokes among these whose answers fall into parts that are not beside each other, the second of a fair share."""
+    """Return the pokes among these whose answers form unconnected parts, the second one with a fair share."""
     found = np.zeros(len(pokes), dtype=bool)
     for k in among.tolist():
         rows = slice(*pokes.starts[k : k + 2])

@@ -1,4 +1,4 @@
-"""Pokes of a skin: one wrench a poke, which taxels answered and how much, and where the link was."""
+"""Store pokes of a skin: the wrench of each, the taxels that answered and their responses, and the link's pose."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ __all__ = ["Pokes"]
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Pokes(Value):
-    """n pokes, m answers of taxels to them; a *configuration* is one arm configuration in which pokes were made.
+    """The n pokes of a skin and m answers of taxels to them; a *configuration* is one arm configuration of pokes.
 
     Attributes:
-        wrench: (n, 6) of the tool on the body [N, N m] in the sensor's frame about its origin; what the sensor read
-            before the poke is taken off.
+        wrench: (n, 6) of the tool on the body [N, N m] in the sensor's frame about its origin, minus the sensor's
+            reading before the poke.
         rotation: (n, 3, 3) and origin: (n, 3) [m] of the link in the sensor's frame (T_sensor_link).
         configuration: (n,) from 0.
-        starts: (n + 1,) where the answers of each poke begin.
-        taxel: (m,) which answered, within a poke each once.
-        response: (m,) how much above its rest, in any unit, positive.
-        taxels: how many the skin has, those included that never answered.
+        starts: (n + 1,) index at which the answers of each poke begin.
+        taxel: (m,) index of the taxel of each answer, at most once in a poke.
+        response: (m,) reading above the baseline, in any unit, positive.
+        taxels: number of taxels of the skin, including those that never answered.
         noise: (6, 6) covariance of a wrench.
-        weight: (n,) how far each is to be believed: 1, less where it is doubtful, 0: rejected.
+        weight: (n,) 1, less where a poke is doubtful, 0: rejected.
         time: (n,) [s], NaN where it is not known.
-        threshold: of a response: what is below it is not among the answers.
-        notes: what was found and what to doubt, a sentence each.
+        threshold: of a response, below which there are no answers.
+        notes: findings and doubts, a sentence each.
     """
 
     wrench: Float[np.ndarray, "n 6"]
@@ -85,10 +85,10 @@ class Pokes(Value):
         time: Float[np.ndarray, " n"] | None = None,
         notes: tuple[str, ...] = (),
     ) -> Pokes:
-        """From one row of responses a poke; those above the threshold are its answers.
+        """Make pokes from one row of responses each; those above the threshold are its answers.
 
         Raises:
-            InputError: arrays that do not belong together.
+            InputError: arrays whose shapes do not agree.
         """
         above = responses > threshold
         poke, taxel = np.nonzero(above)
@@ -116,20 +116,20 @@ class Pokes(Value):
 
     @property
     def configurations(self) -> int:
-        """How many arm configurations there are."""
+        """Return the number of arm configurations."""
         return int(self.configuration.max(initial=-1)) + 1
 
     @property
     def poke(self) -> Int[np.ndarray, " m"]:
-        """(m,) the poke of each answer."""
+        """Return the poke of each answer, (m,)."""
         return np.repeat(np.arange(len(self)), np.diff(self.starts))
 
     def counts(self) -> Int[np.ndarray, " k"]:
-        """(k,) how many pokes that are believed each taxel answered to."""
+        """Return the number of pokes with a positive weight to which each taxel answered, (k,)."""
         return np.bincount(self.taxel[self.weight[self.poke] > 0], minlength=self.taxels)
 
     def picked(self, rows: Bool[np.ndarray, " n"]) -> Pokes:
-        """Those that a mask picks; configurations keep their numbers."""
+        """Return the pokes that a mask selects; configurations keep their numbers."""
         kept = rows[self.poke]
         sizes = np.diff(self.starts)[rows]
         same = ("wrench", "rotation", "origin", "configuration", "weight", "time")

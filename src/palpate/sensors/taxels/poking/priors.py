@@ -1,4 +1,4 @@
-"""What is believed of errors of sensor and robot before a poke is made."""
+"""Define the priors on errors of sensor and robot."""
 
 from __future__ import annotations
 
@@ -12,17 +12,21 @@ __all__ = ["Priors"]
 
 @dataclass(frozen=True)
 class Priors:
-    """Standard deviations, along each axis, of what is estimated with the taxels; 0: it is not.
+    """Prior standard deviations, along each axis, of the errors that are estimated with the taxels; 0: not estimated.
 
     Args:
         bias_force, bias_torque: [N], [N m] of the wrench in each configuration.
         frame, frame_angle: [m], [rad] of the link in the sensor's frame, in each configuration.
-        common, common_angle: the same, of all configurations together.
+        common, common_angle: the same, common to all configurations.
         cross_talk: share of each force and torque that reads as another one, or as more of itself.
         lever: [m] by which cross-talk between forces and torques is scaled.
         start, start_angle: [m], [rad] of each module where a start is given (as in CAD); inf: nothing is known.
-        smooth: [m] of single taxels without a surface: how far each may lie off the mean of its neighbours; inf: any.
-        neighbours, spacing: [m] the distance of such taxels to the next ones, and its deviation; inf: it is not known.
+        smooth: [m] of single taxels without a surface: offset of each from the mean of its neighbours; inf: any.
+        neighbours, spacing: [m] the distance of such taxels to the next ones, and its standard deviation; inf: not
+            known.
+
+    Raises:
+        InputError: a negative value.
     """
 
     bias_force: float = 0.3
@@ -45,7 +49,7 @@ class Priors:
                 raise InputError(f"{name} must not be negative.")
 
     def of_single_taxels(self) -> Priors:
-        """Without cross-talk: centroids of answers shrink towards their middle, which would read as the sensor's gain.
+        """Return the priors without cross-talk: centroids of answers shrink, which would look like a sensor gain.
 
         Modules have a model of the responses instead.
         """

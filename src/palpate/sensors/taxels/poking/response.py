@@ -1,13 +1,13 @@
-"""Where a poke was, among the taxels that answered to it: a model of their response, learned from the pokes themselves.
+"""Locate pokes among the taxels that answered, by a model of their response, learned from the pokes themselves.
 
-The strongest answers lie nearest. A centroid of the answers shrinks towards the middle of what was touched, most of all
-at the edge of a skin, and beside free cross-talk that reads as a gain of the sensor. The model does not shrink: the log
+The strongest answers lie nearest. A centroid of the answers shrinks towards the middle of the touched area, most of all
+at the edge of a skin, and with free cross-talk that looks like a gain of the sensor. The model does not shrink: the log
 of a response over the force falls with the distance from the taxel as
 
     log(t / F) = level - power log(1 + r^2 / (2 power reach^2))
 
-(bell-shaped for a large power, as the stress under a compliant layer for 2.5), and a taxel near by that did not answer
-tells as much: it is farther than those that did.
+(bell-shaped for a large power, as the stress under a compliant layer for 2.5), and a nearby taxel that did not answer
+adds information too: it is farther than those that did.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ __all__ = ["LocalTaxels", "PokePlaces", "Response", "centred", "charted", "learn
 
 NEAR = 14  # taxels about the strongest one that are looked at
 WIDE = 1.6  # half the width of what is searched for the poke, in spacings
-GRID = 17  # points along each side of it, and then of what is left of it: two peaks lie 2 mm apart
+GRID = 17  # points along each side of the grid, and of the finer second one: two peaks are 2 mm apart
 LEFT = 2.5  # deviations about the mean that are searched again
 UNEVEN = 0.25  # deviation of the log of a poke's level: force and tool are not always alike
 ROUGH = 0.3  # deviation of the log of a response that is as large as the threshold, from rounding and noise
 CENTRED = 2e-3  # m: how far a poke is from the centroid of its answers
-QUIET = 0.05  # share of an answering taxel's say in where the poke was, for one that was silent
+QUIET = 0.05  # weight of a silent taxel in a poke's place, relative to one that answered
 _ENOUGH, _MANY = 30, 1000  # pokes of which the model is learned, at least and about
 _ROUNDS = 4
 _LEAST = 0.05  # of the scatter
@@ -39,12 +39,13 @@ _LEAST = 0.05  # of the scatter
 @takes_arrays
 @dataclass(frozen=True)
 class Response:
-    """How taxels answer.
+    """A model of the response of taxels over their distance from a poke.
 
     Attributes:
         level: log of the response to 1 N at no distance.
         reach: [m]; power: see above.
-        scatter: deviation of the log of a response from this: gains of taxels, noise, what the model leaves out.
+        scatter: standard deviation of the log of a response from this model: gains of taxels, noise, unmodelled
+            effects.
     """
 
     level: float
@@ -53,22 +54,22 @@ class Response:
     scatter: float = 0.2
 
     def log(self, square: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-        """Of the response to 1 N at squared distances [m^2]."""
+        """Return the log of the response to 1 N at squared distances [m^2]."""
         return self.level - self.power * np.log1p(square / (2.0 * self.power * self.reach**2))
 
 
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class PokePlaces:
-    """Where pokes were among the taxels about them, for w taxels each.
+    """Places of n pokes among the w taxels about each.
 
     Attributes:
         taxels: (n, w) about the poke, -1: none; shares: (n, w) which add up to 1: the poke's place is the sum of shares
-            times places of taxels, and `beside`.
-        origin: (n,) the taxel that answered most, in whose tangent plane (`tangents`) is
-        second: (n, 2) [m] what the shares do not reach, and
+            times places of taxels, plus `second`.
+        origin: (n,) the taxel that answered most, in whose tangent plane (`tangents`) are
+        second: (n, 2) [m] the offset that the shares do not reach, and
         covariance: (n, 2, 2) [m^2] of the poke's place.
-        found: (n,) whether there was an answer.
+        found: (n,) true if there was an answer.
     """
 
     taxels: Int[np.ndarray, "n w"]
@@ -79,7 +80,7 @@ class PokePlaces:
     found: Bool[np.ndarray, " n"]
 
     def points(self, units: Units) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 2"]]:
-        """(n, 3) [m] for units where they are, and the axes of the tangent plane of each."""
+        """Return the pokes' places (n, 3) [m] for these units, and the axes (n, 3, 2) of the tangent plane of each."""
         places, normals = units.places()
         axes = tangents(units, normals, self.origin)
         there = np.nan_to_num(places)[np.maximum(self.taxels, 0)]
@@ -92,7 +93,7 @@ class PokePlaces:
 def tangents(
     units: Units, normals: Float[np.ndarray, "k 3"], taxel: Int[np.ndarray, " n"]
 ) -> Float[np.ndarray, "n 3 2"]:
-    """Axes of the tangent plane at taxels; on a module they turn with it, so that what lies in them stays."""
+    """Return axes (n, 3, 2) of the tangent plane at taxels; on a module they turn with it, so that offsets stay."""
     unit = np.maximum(units.layout.module[taxel], 0)
     along = np.broadcast_to([1.0, 0.0, 0.0], (len(taxel), 3)) if units.alone else units.frame[unit, :, 0]
     known = np.asarray(np.isfinite(normals[taxel]).all(axis=1), dtype=bool)
@@ -105,10 +106,10 @@ class LocalTaxels:
     """Taxels about each poke, in the plane that touches the skin at the strongest answer.
 
     Attributes:
-        taxels: (n, w), -1: none; flat: (n, w, 2) [m] where they are there.
+        taxels: (n, w), -1: none; flat: (n, w, 2) [m] their places there.
         origin: (n,) the one that answered most.
         log: (n, w) of the answers over the force, NaN: silent; quiet: (n,) the same of the threshold.
-        found: (n,) whether there was an answer.
+        found: (n,) true if there was an answer.
         spacing: [m] between taxels.
     """
 
@@ -121,20 +122,20 @@ class LocalTaxels:
     spacing: float
 
     def variance(self, response: Response, rows: slice = slice(None)) -> Float[np.ndarray, "n w"]:
-        """Of the logs of the answers: those that hardly pass the threshold are mostly rounding and noise."""
+        """Return the variances (n, w) of the answers' logs, larger near the threshold by rounding and noise."""
         over = np.nan_to_num(self.log[rows] - self.quiet[rows][:, None])
         return response.scatter**2 + (ROUGH * np.exp(-over)) ** 2
 
 
 def seen_among(chart: LocalTaxels, response: Response) -> PokePlaces:
-    """Mean and covariance of where each poke was, by the answers."""
+    """Return the mean and covariance of each poke's place, from the answers."""
     mean, covariance = _posterior(chart, response)
     shares, beside = _shares(chart, mean)
     return PokePlaces(chart.taxels, shares, chart.origin, beside, covariance, chart.found)
 
 
 def centred(pokes: Pokes, units: Units) -> PokePlaces:
-    """Pokes at the centroids of their answers: all that can be said where taxels may lie anywhere to each other."""
+    """Place pokes at the centroids of their answers, for taxels that may lie anywhere relative to each other."""
     order = np.lexsort((-pokes.response, pokes.poke))
     rank = np.arange(len(order)) - pokes.starts[pokes.poke[order]]
     kept, at = order[rank < NEAR], rank[rank < NEAR]
@@ -151,7 +152,7 @@ def centred(pokes: Pokes, units: Units) -> PokePlaces:
 
 
 def learned(chart: LocalTaxels, response: Response | None = None) -> Response:
-    """The model of these taxels' responses, by turns with where the pokes were."""
+    """Fit the model of these taxels' responses, in turns with the places of the pokes."""
     from scipy.optimize import least_squares  # here: scipy is slow to import
 
     told = np.isfinite(chart.log).sum(axis=1) >= 3
@@ -190,7 +191,7 @@ def learned(chart: LocalTaxels, response: Response | None = None) -> Response:
 
 
 def _guess(chart: LocalTaxels) -> Response:
-    """From how strong the strongest answers are, and how far taxels lie apart."""
+    """Guess the model from the strongest answers and the spacing of the taxels."""
     strongest = np.nanmax(np.where(chart.found[:, None], chart.log, -np.inf), axis=1, initial=-np.inf)[chart.found]
     if not len(strongest):
         return Response(0.0, chart.spacing)
@@ -207,10 +208,10 @@ def _picked(chart: LocalTaxels, rows: Bool[np.ndarray, " n"]) -> LocalTaxels:
 
 
 def charted(pokes: Pokes, units: Units) -> LocalTaxels:
-    """The taxels about the strongest answer of each poke, those that are nearest to it and face the same way.
+    """Return the taxels about the strongest answer of each poke: the nearest ones that face the same way.
 
-    Of modules only those on the same one: where they lie to each other is known, wherever the module is. (Others would
-    tell more of a single poke, but the contacts would hold modules to each other where they are thought to be.)
+    On modules, only those on the same one: their relative places are known, wherever the module is. (Others would add
+    information on a single poke, but the contacts would fix modules to each other at their expected places.)
     """
     from scipy.spatial import cKDTree
 
@@ -253,7 +254,7 @@ def charted(pokes: Pokes, units: Units) -> LocalTaxels:
 
 
 def _answers(pokes: Pokes, about: Int[np.ndarray, "n w"]) -> Float[np.ndarray, "n w"]:
-    """What each of these taxels answered; NaN: nothing."""
+    """Return the response of each of these taxels; NaN: none."""
     key = pokes.poke * pokes.taxels + pokes.taxel
     order = np.argsort(key)
     wanted = np.arange(len(about))[:, None] * pokes.taxels + about
@@ -265,7 +266,7 @@ def _answers(pokes: Pokes, about: Int[np.ndarray, "n w"]) -> Float[np.ndarray, "
 
 
 def _posterior(chart: LocalTaxels, response: Response) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2 2"]]:
-    """Mean and covariance of a poke's place about the strongest answer, all places alike before: on a grid, twice."""
+    """Return mean and covariance of a poke's place about the strongest answer, uniform prior: on a grid, twice."""
     from palpate.sensors.taxels.poking._response import posterior  # compiled: loaded when first needed
 
     mean, covariance = np.zeros((len(chart.log), 2)), np.zeros((len(chart.log), 2, 2))
@@ -278,7 +279,7 @@ def _posterior(chart: LocalTaxels, response: Response) -> tuple[Float[np.ndarray
 def _shares(
     chart: LocalTaxels, mean: Float[np.ndarray, "n 2"]
 ) -> tuple[Float[np.ndarray, "n w"], Float[np.ndarray, "n 2"]]:
-    """Shares of taxels, least in the sum of squares over their say, whose places give the mean; and what is left."""
+    """Return the shares of taxels, least in weighted squares, whose places give the mean; and the remaining offset."""
     answered = np.isfinite(chart.log)
     say = np.where(answered, 1.0, QUIET) * (chart.taxels >= 0)
     solid = np.concatenate([np.ones((*say.shape, 1)), chart.flat / chart.spacing], axis=2)

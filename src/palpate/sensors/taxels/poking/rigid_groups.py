@@ -1,4 +1,4 @@
-"""What moves as one: rigid modules with their taxels, or single taxels, on a surface or free in space."""
+"""Move groups of taxels rigidly: modules with their taxels, or single taxels, on a surface or free in space."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ Vectors = Float[np.ndarray, "k 3"]
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Units:
-    """u units and the k taxels on them; a taxel without a unit has no place.
+    """The u units that move rigidly and the k taxels on them; a taxel without a unit has no place.
 
     On a surface a unit has three unknowns, along its heading, across it and about its normal [m, m, rad], and a flat
-    module is laid on the surface by geodesics from its middle, so that it does not stretch. Without one it has six:
-    its middle's x, y, z [m] and a rotation vector [rad] about it. Single taxels do not turn: two or three.
+    module is laid on the surface by geodesics from its middle, so that it does not stretch. Without one it has six: its
+    middle's x, y, z [m] and a rotation vector [rad] about it. Single taxels do not turn: two or three.
 
     Attributes:
-        layout: where taxels lie on their units.
+        layout: flat places of taxels on their units.
         centre: (u, 3) [m]; frame: (u, 3, 3), columns heading, across, outward.
-        surface: that they lie on; None: none.
+        surface: on which they lie; None: none.
     """
 
     layout: ModuleLayout
@@ -50,26 +50,26 @@ class Units:
 
     @property
     def alone(self) -> bool:
-        """Whether every unit is a single taxel."""
+        """Return whether every unit is a single taxel."""
         return len(self.taxels) == len(self)
 
     @property
     def freedom(self) -> int:
-        """Unknowns of a unit."""
+        """Return the number of unknowns of a unit."""
         return (2 if self.alone else 3) if self.surface is not None else (3 if self.alone else 6)
 
     def each(self, length: float, angle: float) -> Float[np.ndarray, " f"]:
-        """One number for each unknown of a unit: of lengths, or of angles."""
+        """Return one number for each unknown of a unit, (f,): of lengths, or of angles."""
         lengths = 2 if self.surface is not None else 3
         return np.array([length] * lengths + [angle] * (self.freedom - lengths))
 
     @property
     def taxels(self) -> Int[np.ndarray, " t"]:
-        """Numbers of the taxels that have a place."""
+        """Return the indices of the taxels that have a place, (t,)."""
         return np.flatnonzero((self.layout.module >= 0) & np.isfinite(self.layout.places).all(axis=1))
 
     def places(self) -> tuple[Vectors, Vectors]:
-        """(k, 3) [m] and outward normals; NaN of a taxel without a unit."""
+        """Return positions (k, 3) [m] and outward normals (k, 3); NaN for a taxel without a unit."""
         return self._places
 
     @cached_property
@@ -86,7 +86,7 @@ class Units:
         return points, normals
 
     def moved(self, by: Float[np.ndarray, "u f"]) -> Units:
-        """Each unit moved by its unknowns."""
+        """Return units that are moved by their unknowns, (u, f)."""
         if self.surface is None:
             centre = self.centre + by[:, :3]
             if self.alone:
@@ -107,7 +107,7 @@ class Units:
         return replace(self, centre=centre, frame=frame_about(normals, first))
 
     def jacobian(self) -> Float[np.ndarray, "k 3 f"]:
-        """(k, 3, freedom) of each taxel's place by the unknowns of its unit; 0 of a taxel without one."""
+        """Return derivatives of each taxel's place by its unit's unknowns, (k, 3, f); 0 for a taxel without a unit."""
         return self._jacobian
 
     @cached_property
@@ -128,7 +128,7 @@ class Units:
         return found
 
     def _repeated(self, times: int) -> Units:
-        """So many of the same, one after the other."""
+        """Return n copies of the units, one after the other."""
         shift = np.repeat(np.arange(times), len(self.layout)) * len(self)
         module = np.tile(self.layout.module, times)
         layout = ModuleLayout(np.tile(self.layout.places, (times, 1)), np.where(module >= 0, module + shift, -1))
@@ -137,7 +137,7 @@ class Units:
         )
 
     def away(self, start: Units) -> Float[np.ndarray, "u f"]:
-        """By which unknowns each unit has moved from a start, to first order."""
+        """Return the unknowns (u, f) by which each unit has moved from a start, to first order."""
         gap = self.centre - start.centre
         if self.surface is None:
             if self.alone:
@@ -154,7 +154,7 @@ class Units:
 
 @takes_arrays
 def frame_about(normals: Vectors, along: Vectors) -> Float[np.ndarray, "k 3 3"]:
-    """Frames whose third column is the normal and whose first lies nearest to a direction, or anywhere across."""
+    """Return frames with the normal as third column and the first nearest to a direction, or anywhere across."""
     outward = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     first = along - np.einsum("kc,kc->k", along, outward)[:, None] * outward
     length = np.linalg.norm(first, axis=1, keepdims=True)
@@ -166,7 +166,7 @@ def frame_about(normals: Vectors, along: Vectors) -> Float[np.ndarray, "k 3 3"]:
 
 @takes_arrays
 def single(places: Vectors, surface: Surface | None, outward: Vectors | None = None) -> Units:
-    """Every taxel that has a place as a unit of its own; `outward` (k, 3) says where there is no surface."""
+    """Return every taxel that has a place as a separate unit; `outward` (k, 3) are its normals without a surface."""
     rows = np.flatnonzero(np.isfinite(places).all(axis=1))
     module = np.full(len(places), -1)
     module[rows] = np.arange(len(rows))
@@ -182,13 +182,13 @@ def single(places: Vectors, surface: Surface | None, outward: Vectors | None = N
 def fitted(
     layout: ModuleLayout, places: Vectors, surface: Surface | None, weights: Float[np.ndarray, " k"] | None = None
 ) -> Units:
-    """Modules where their taxels come nearest to places, in the sense of least squares.
+    """Fit modules to the places of their taxels by least squares.
 
     Args:
-        layout: of the modules; each must have three places at least that are not NaN.
-        places: (k, 3) [m], NaN of a taxel that is not known.
-        surface: that modules lie on; None: none.
-        weights: (k,) how far each place is to be believed; None: alike.
+        layout: of the modules; each must have at least three places that are not NaN.
+        places: (k, 3) [m], NaN for a taxel that is not known.
+        surface: on which modules lie; None: none.
+        weights: (k,) of the places; None: equal.
     """
     known = np.isfinite(places).all(axis=1) & np.isfinite(layout.places).all(axis=1) & (layout.module >= 0)
     share = np.where(known, 1.0 if weights is None else np.maximum(weights, 0.0), 0.0)
@@ -209,7 +209,7 @@ def fitted(
 def _solved(
     units: Units, matrix: Float[np.ndarray, "k 3 f"], gap: Vectors, share: Float[np.ndarray, " k"]
 ) -> Float[np.ndarray, "u f"]:
-    """The step of each unit that brings its taxels nearest to their places."""
+    """Return the step of each unit that brings its taxels nearest to their places."""
     size, rows = units.freedom, units.taxels
     square, right = np.zeros((len(units), size, size)), np.zeros((len(units), size))
     unit = units.layout.module[rows]
@@ -221,7 +221,7 @@ def _solved(
 
 
 def _start(layout: ModuleLayout, places: Vectors, surface: Surface | None, share: Float[np.ndarray, " k"]) -> Units:
-    """Modules by the rotation that fits best, seen from outside."""
+    """Return modules by the rotation that fits best, seen from outside."""
     centre, frame = np.zeros((layout.modules, 3)), np.tile(np.eye(3), (layout.modules, 1, 1))
     for number in range(layout.modules):
         rows = np.flatnonzero((layout.module == number) & (share > 0))

@@ -1,4 +1,4 @@
-"""Pokes in a log: stretches in which taxels answer, each with its wrench, its pose and how far it is to be believed."""
+"""Find pokes in a log: periods in which taxels answer, each with its wrench, its pose and a weight."""
 
 from __future__ import annotations
 
@@ -39,15 +39,15 @@ ROWS = 1 << 12  # that are summed up at once: they stay in the processor's cache
 @takes_arrays
 @dataclass(frozen=True)
 class PokeSearch:
-    """How pokes are looked for.
+    """Settings of the search for pokes.
 
     Args:
-        threshold: above rest; None: found from the noise of the taxels.
-        pose: T_sensor_link where the log has none, because it stays.
+        threshold: above the baseline; None: found from the noise of the taxels.
+        pose: T_sensor_link where the log has none, because it is constant.
         top: largest reading of a taxel.
         falling: readings fall under load.
-        limits: (6,) of the sensor [N, N m]: beyond them it tells nothing.
-        start: where taxels are thought to be: whether answers hang together is then told by distance.
+        limits: (6,) range of the sensor [N, N m]: readings beyond them are ignored.
+        start: expected places of the taxels, by whose distances answers are connected; None: not known.
     """
 
     threshold: float | None = None
@@ -63,7 +63,8 @@ class _Samples:
     """Wrenches (n, 6), quaternions (n, 4) and positions (n, 3) of one log, as running sums of the rows that are known.
 
     Attributes:
-        time: (n,) rising; sums: (n + 1, w) of wrench, quaternion, position and its squares; known: (n + 1,) rows.
+        time: (n,) rising; sums: (n + 1, 16) of wrench, quaternion, position and its squares; known: (n + 1,) rows.
+        wrench: (n, 6) of all rows; shift: (3,) [m] subtracted from positions.
     """
 
     time: Float[np.ndarray, " n"]
@@ -73,7 +74,7 @@ class _Samples:
     shift: Float[np.ndarray, "3"]
 
     def windows(self, spans: Float[np.ndarray, "w 2"]) -> tuple[Float[np.ndarray, "w 16"], Int[np.ndarray, " w"]]:
-        """Means over each [start, end], and of how many rows."""
+        """Return means over each [start, end], (w, 16), and the number of rows in each."""
         first = np.searchsorted(self.time, spans[:, 0])
         last = np.maximum(np.searchsorted(self.time, np.nextafter(spans[:, 1], np.inf)), first)
         count = self.known[last] - self.known[first]
@@ -81,19 +82,20 @@ class _Samples:
 
 
 def find_pokes(parts: Iterable[Recording | Block], search: PokeSearch | None = None) -> Pokes:
-    """Pokes of one log, whose wrenches and taxels come at their own times on one clock.
+    """Return the pokes of one log, whose wrenches and taxels have separate times on one clock.
 
-    A poke is a stretch in which some taxel stands above its rest. Its wrench is the mean over its steady part less that
-    of the free motion beside it in the same arm configuration, straight between before and after. The noise is that of
-    such a difference in free motion.
+    A poke is a period in which some taxel exceeds its baseline. Its wrench is the mean over its steady part minus that
+    of the free motion next to it in the same arm configuration, interpolated linearly between before and after. The
+    noise is that of such a difference in free motion.
 
     Args:
         parts: blocks with force and torque in the sensor's frame, orientation and position the link's in it, and blocks
             of times and readings of the taxels; each kind in its order, whichever comes first.
-        search: how they are looked for.
+        search: settings; None: the defaults.
 
     Raises:
-        InputError: nothing answers, no free motion before the first poke, no pose, or no time in common.
+        InputError: nothing answers, no free motion before the first poke, no pose, no usable poke, or no time in
+            common.
     """
     search = search or PokeSearch()
     samples, answers, said = _read(parts, search)
@@ -113,7 +115,7 @@ def find_pokes(parts: Iterable[Recording | Block], search: PokeSearch | None = N
 
 
 def _read(parts: Iterable[Recording | Block], search: PokeSearch) -> tuple[_Samples, Activations, list[str]]:
-    """Frames of many taxels do not fit in memory: what answers in them is kept, beside the whole log of wrenches."""
+    """Read all wrenches, but of the frames of taxels only the answers, because all frames do not fit in memory."""
     reader = AnswerReader(search.threshold, top=search.top, falling=search.falling)
     wrenches = list[tuple[np.ndarray, ...]]()
     for part in parts:
@@ -128,7 +130,7 @@ def _read(parts: Iterable[Recording | Block], search: PokeSearch) -> tuple[_Samp
 def _samples(
     parts: Sequence[tuple[np.ndarray, ...]], limits: Float[np.ndarray, "6"] | None
 ) -> tuple[_Samples, list[str]]:
-    """Of blocks of times, wrenches, quaternions and positions, without rows that run back in time."""
+    """Join blocks of times, wrenches, quaternions and positions, without rows that run back in time."""
     columns = [np.concatenate(each) for each in zip(*parts, strict=True)]
     later = np.maximum.accumulate(np.concatenate([[-np.inf], np.nan_to_num(columns[0], nan=-np.inf)]))
     good, said = columns[0] > later[:-1], list[str]()
@@ -157,7 +159,7 @@ def _samples(
 
 
 def _poses(block: Recording, pose: Pose | None) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 3"]]:
-    """Of the link in the sensor's frame."""
+    """Return quaternions and positions of the link in the sensor's frame."""
     if pose is not None:
         count = len(block)
         return np.tile(pose.quaternion(), (count, 1)), np.tile(pose.translation, (count, 1))
@@ -172,7 +174,7 @@ def _poses(block: Recording, pose: Pose | None) -> tuple[Float[np.ndarray, "n 4"
 
 
 def _aligned(quaternion: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4"]:
-    """With signs by which each is near to the one before, so that means mean something."""
+    """Return quaternions with signs by which each is near to the one before, so that their means are valid."""
     known = np.flatnonzero(np.isfinite(quaternion).all(axis=1))
     turned = (quaternion[known[1:]] * quaternion[known[:-1]]).sum(axis=1) < 0
     sign = np.ones(len(quaternion))
@@ -181,10 +183,10 @@ def _aligned(quaternion: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4"]:
 
 
 def _stretches(answers: Activations) -> tuple[Float[np.ndarray, "p 2"], Float[np.ndarray, "q 2"]]:
-    """[s] from when to when the steady part of each poke lasts, and each stretch in which a taxel answers at all.
+    """Return start and end [s] of the steady part of each poke, and of each period in which a taxel answers.
 
     Raises:
-        InputError: none ever does.
+        InputError: no taxel ever answers.
     """
     time = answers.time
     strength = np.bincount(answers.frame, answers.above, minlength=len(time))
@@ -210,7 +212,7 @@ def _stretches(answers: Activations) -> tuple[Float[np.ndarray, "p 2"], Float[np
 def _runs(
     first: Int[np.ndarray, " p"], last: Int[np.ndarray, " p"]
 ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"], Int[np.ndarray, " p1"]]:
-    """All numbers from first to last of each run, the run that each is of, and where runs begin and end among them."""
+    """Return all integers from first to last of each run, the run of each, and the bounds of the runs among them."""
     ends: Int[np.ndarray, " p1"] = np.concatenate([[0], np.cumsum(last - first + 1)])
     owner: Int[np.ndarray, " n"] = np.repeat(np.arange(len(first)), np.diff(ends))
     rows: Int[np.ndarray, " n"] = np.arange(int(ends[-1])) + (first - ends[:-1])[owner]
@@ -220,7 +222,7 @@ def _runs(
 def _most(
     values: Float[np.ndarray, " n"], owner: Int[np.ndarray, " n"], ends: Int[np.ndarray, " p1"]
 ) -> Float[np.ndarray, " p"]:
-    """The 90th percentile of each run, as NumPy's own has it, which is slow for so many."""
+    """Return the 90th percentile of each run, as NumPy defines it, whose own function is slow for many runs."""
     ordered = values[np.lexsort((values, owner))]
     most = np.diff(ends) - 1
     low = (0.9 * most).astype(np.int64)
@@ -229,7 +231,7 @@ def _most(
 
 
 def _require_sense(samples: _Samples, answers: Activations, active: Float[np.ndarray, "q 2"]) -> None:
-    """Wrenches and taxels of one time, and nothing touched at first."""
+    """Raise an InputError unless wrenches and taxels share a time, poses are known, and nothing is touched at first."""
     begin, end = samples.time[0], samples.time[-1]
     if answers.time[-1] < begin or end < answers.time[0]:
         raise InputError(
@@ -265,7 +267,7 @@ class _Free:
 
 
 def _free(samples: _Samples, active: Float[np.ndarray, "q 2"]) -> _Free:
-    """At both ends of every gap between stretches in which taxels answer."""
+    """Return means at both ends of every gap between periods in which taxels answer."""
     starts = np.concatenate([[samples.time[0] - SETTLE], active[:, 1]]) + SETTLE
     ends = np.concatenate([active[:, 0], [samples.time[-1] + SETTLE]]) - SETTLE
     long = ends - starts > 2 * FREE
@@ -282,7 +284,7 @@ def _free(samples: _Samples, active: Float[np.ndarray, "q 2"]) -> _Free:
 
 
 def _untouched(free: _Free) -> _Free:
-    """Without those in which something touched although no taxel answered: they are far from those around them."""
+    """Remove outlying means, in which something touched although no taxel answered."""
     about, there = _around(np.arange(len(free.time)), range(-AROUND, AROUND + 1), len(free.time))
     same = there & (_apart(free.mean[about], free.mean[:, None]) <= 1.0)
     ordered = np.sort(np.where(same[..., None], free.mean[about, :3], np.inf), axis=1)
@@ -297,20 +299,20 @@ def _untouched(free: _Free) -> _Free:
 def _around(
     at: Int[np.ndarray, " n"], steps: range, count: int
 ) -> tuple[Int[np.ndarray, "n s"], Bool[np.ndarray, "n s"]]:
-    """Entries so many steps from others, of `count` in all, and whether there are such."""
+    """Return entries at some steps from others, of `count` in all, and whether these exist."""
     about = at[:, None] + np.array(steps)
     return np.clip(about, 0, count - 1), (about >= 0) & (about < count)
 
 
 def _spread(mean: Float[np.ndarray, "n 16"]) -> Float[np.ndarray, " n"]:
-    """How far the link moved meanwhile, rms, in parts of what counts as staying."""
+    """Return the link's motion within each mean, rms, relative to the limit of a constant pose."""
     turned = np.sqrt(8.0 * np.maximum(1.0 - np.linalg.norm(mean[:, 6:10], axis=1), 0.0))
     shifted = np.sqrt(np.maximum((mean[:, 13:16] - mean[:, 10:13] ** 2).sum(axis=1), 0.0))
     return np.maximum(turned / TURNED, shifted / SHIFTED)
 
 
 def _apart(one: Float[np.ndarray, "*n 16"], other: Float[np.ndarray, "*m 16"]) -> Float[np.ndarray, "*k"]:
-    """How far poses are from another one, or each from its own, in parts of what counts as staying."""
+    """Return the distance between poses, relative to the limit of a constant pose."""
     both = np.abs((one[..., 6:10] * other[..., 6:10]).sum(axis=-1))
     cosine = both / np.linalg.norm(one[..., 6:10], axis=-1) / np.linalg.norm(other[..., 6:10], axis=-1)
     turned = 2.0 * np.arccos(np.clip(cosine, 0.0, 1.0))
@@ -319,7 +321,7 @@ def _apart(one: Float[np.ndarray, "*n 16"], other: Float[np.ndarray, "*m 16"]) -
 
 
 def _groups(means: Float[np.ndarray, "n 16"]) -> list[Int[np.ndarray, " m"]]:
-    """Rows of one arm configuration each, in the order in which configurations first occur."""
+    """Return the rows of each arm configuration, in the order in which configurations first occur."""
     left, found = np.arange(len(means)), list[np.ndarray]()
     while len(left):
         same = _apart(means[left], means[left[0]]) <= 1.0
@@ -331,7 +333,7 @@ def _groups(means: Float[np.ndarray, "n 16"]) -> list[Int[np.ndarray, " m"]]:
 def _measured(
     samples: _Samples, spans: Float[np.ndarray, "p 2"], free: _Free
 ) -> tuple[Float[np.ndarray, "n 16"], Float[np.ndarray, "n 2"], dict[str, int]]:
-    """Means of those pokes that can be used, less what the sensor reads without them; their times; why others not."""
+    """Return the usable pokes' means minus the free reading, their start and end [s], and why others are not usable."""
     dropped = {"the arm moves": 0, "no wrench or pose": 0, "no free motion in this configuration": 0}
     step = float(np.median(np.diff(samples.time))) if len(samples.time) > 1 else 0.0
     means, counts = samples.windows(spans)
@@ -348,7 +350,7 @@ def _measured(
 
 
 def _rests(free: _Free, means: Float[np.ndarray, "n 16"], time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 6"]:
-    """What the sensor reads untouched, straight between the free motion before and behind in the same pose, or NaN."""
+    """Return the free reading (n, 6), linear between the free motion before and after in the same pose, or NaN."""
     reach = 2 * NEAREST
     about, there = _around(np.searchsorted(free.time, time), range(-reach, reach), len(free.time))
     same = there & (_apart(free.mean[about], means[:, None]) <= 1.0)
@@ -365,10 +367,10 @@ def _rests(free: _Free, means: Float[np.ndarray, "n 16"], time: Float[np.ndarray
 
 
 def _noise(samples: _Samples, free: _Free, spans: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "6 6"]:
-    """Covariance of a poke's wrench: of means over so many samples of free motion, as these are correlated.
+    """Return the covariance of a poke's wrench from means over as many samples of free motion, with their correlation.
 
     var = S tau (1/n + 1/(2 n_f)), S of one sample and tau its correlation time, n samples of a poke and n_f of each
-    free mean; more where free means of one gap differ by more than S tau says.
+    free mean; more where free means of one gap differ by more than S tau explains.
     """
     ends = np.searchsorted(samples.time, free.ends)
     longest = np.argsort(np.diff(ends, axis=1)[:, 0])[-64:]
@@ -397,7 +399,7 @@ def _cut(
     rows: Float[np.ndarray, "n 16"],
     noise: Float[np.ndarray, "6 6"],
 ) -> Pokes:
-    """Mean responses of the taxels that answer in half of the frames of a poke's steady part at least."""
+    """Return pokes with the mean responses of taxels that answer in at least half of the steady part's frames."""
     taxels = len(answers.stuck)
     poke, frames = _of_poke(answers, spans)
     inside = poke >= 0
@@ -425,7 +427,7 @@ def _cut(
 def _configurations(
     samples: _Samples, rows: Float[np.ndarray, "n 16"], spans: Float[np.ndarray, "n 2"]
 ) -> Int[np.ndarray, " n"]:
-    """Another one whenever the arm moved, even if it came back; by poses where it moves for each poke."""
+    """Return the configuration of each poke: a new one whenever the arm moved; by poses if it moves for each poke."""
     moved = np.zeros(len(rows), dtype=bool)
     between, count = samples.windows(np.column_stack([spans[:-1, 1], spans[1:, 0]]))
     moved[1:] = (_apart(rows[1:], rows[:-1]) > 1.0) | ((count > 0) & (_spread(between) > 1.0))
@@ -440,7 +442,7 @@ def _configurations(
 def _of_poke(
     answers: Activations, spans: Float[np.ndarray, "n 2"]
 ) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " n"]]:
-    """In the steady part of which poke each answer is (-1: of none), and how many frames each has."""
+    """Return the poke in whose steady part each answer is (-1: none), and the number of frames of each poke."""
     ends = np.searchsorted(answers.time, spans)
     ends[:, 1] = np.searchsorted(answers.time, spans[:, 1], side="right")
     number = np.full(len(answers.time), -1)
@@ -450,7 +452,7 @@ def _of_poke(
 
 
 def _highest(answers: Activations, spans: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
-    """Pokes in which a taxel reads all that it can."""
+    """Return the pokes in which a taxel reads its largest value."""
     poke, _ = _of_poke(answers, spans)
     return np.bincount(poke[(poke >= 0) & answers.highest], minlength=len(spans)) > 0
 

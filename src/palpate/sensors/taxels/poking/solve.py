@@ -1,6 +1,6 @@
-"""Taxels, or the modules that carry them, together with the errors of sensor and robot, from all pokes at once.
+"""Solve for taxels, or the modules that carry them, and the errors of sensor and robot, from all pokes in one fit.
 
-The most likely values under the priors, by Gauss-Newton steps whose weights fall for pokes that fit badly; the
+The most likely values under the priors are found by Gauss-Newton steps whose weights fall for pokes that fit badly; the
 covariance is the inverse of the information at the end.
 """
 
@@ -28,22 +28,22 @@ _STEPS = 40
 _FRESH = 5  # steps after which the derivatives of the taxels' places are taken anew
 _STILL = 1e-5  # m: the steps that end it
 _LONGEST = 1e-2, 0.4  # m, rad: of one step of a unit
-DENSER = 2.0  # deviation of the log of how dense pokes are, from one taxel to the next: nobody pokes evenly
-LEAST = 1.0  # 1/m^2, 1/rad^2: nothing is known of a unit, but that it is within a metre
-HALVES = 20  # blocks of pokes that follow each other, dealt out to both halves, so that each has all configurations
+DENSER = 2.0  # standard deviation of the log of the density of pokes, from one taxel to the next: it is never even
+LEAST = 1.0  # 1/m^2, 1/rad^2: the weak prior of every unit, within a metre
+HALVES = 20  # blocks of consecutive pokes, assigned in turn to both halves, so that each has all configurations
 _WELL, _MOST_WELL = 2.366, 4.642  # median and 80 % quantile of chi-square with three degrees of freedom
 
 
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class PlacesSolution:
-    """What fits best.
+    """The best fit of units and errors to all pokes.
 
     Attributes:
-        units: where they are; nuisances: the errors; response: how taxels answer, None of single ones.
-        covariance: of all unknowns, units one after the other, then `Nuisances.vector`; 0 of what is not estimated.
-        residual: (n, 3) [N m] measured minus predicted; weight: (n,) with which each poke counted, 0: not used.
-        noise: how many times larger the residuals are than their covariance.
+        units: their places; nuisances: the errors; response: model of the taxels' response, None for single ones.
+        covariance: of all unknowns, units one after the other, then `Nuisances.vector`; 0 for those not estimated.
+        residual: (n, 3) [N m] measured minus predicted; weight: (n,) of each poke, 0: not used.
+        noise: ratio of the residuals to their covariance.
     """
 
     units: Units
@@ -57,7 +57,7 @@ class PlacesSolution:
 
 @dataclass(frozen=True, eq=False)
 class _Linear:
-    """Residuals and how they change, about a state: of the pokes that are used."""
+    """Residuals of pokes and their derivatives at a state."""
 
     residual: Float[np.ndarray, "n 3"]
     spread: Float[np.ndarray, "n 3 3"]
@@ -76,14 +76,14 @@ def solve(
     start: Units | None = None,
     deviations: Float[np.ndarray, " f"] | None = None,
 ) -> PlacesSolution:
-    """Fit units and nuisances.
+    """Fit units and nuisances to pokes.
 
     Args:
         pokes: of all configurations.
-        units: from where it begins.
+        units: initial values.
         priors: of the nuisances.
-        start: where units are believed to be; None: nothing is known.
-        deviations: (freedom,) [m, rad] by how much they may be off from the start along each unknown.
+        start: prior places of the units; None: nothing is known.
+        deviations: (freedom,) [m, rad] prior standard deviations from the start along each unknown.
     """
     nuisances = Nuisances.none(max(pokes.configurations, 1))
     before = Before(units, start, deviations, Nuisances.deviations(priors, max(pokes.configurations, 1)))
@@ -120,16 +120,16 @@ def validated(
     start: Units | None = None,
     deviations: Float[np.ndarray, " f"] | None = None,
 ) -> Validation:
-    """Compare the torques of pokes that were left out with what the other half of them predicts.
+    """Compare the torques of each half of the pokes with the prediction from the other half.
 
-    By the squared distance that four of five are within, as some pokes fit badly and hardly count.
+    Compare by the squared distance within which 80 % are, as some pokes fit badly and hardly count.
 
     Args:
         pokes: of all configurations.
         solution: of all pokes; the halves begin there.
         priors: of the nuisances.
-        start: where units are believed to be; None: nothing is known.
-        deviations: as of `solve`.
+        start: prior places of the units; None: nothing is known.
+        deviations: as for `solve`.
     """
     half = np.arange(len(pokes)) * HALVES // max(len(pokes), 1) % 2 == 0
     squares, count = list[float](), 0
@@ -156,7 +156,7 @@ def validated(
 
 
 def _weights(pokes: Pokes, seen: PokePlaces, linear: _Linear) -> tuple[Float[np.ndarray, " n"], float]:
-    """How far each poke counts, 0: not at all; and how many times larger the residuals are than their covariance."""
+    """Return the weight of each poke, 0: not used, and the ratio of the residuals to their covariance."""
     distance = _square(linear.residual, linear.spread)
     used = seen.found & (pokes.weight > 0) & np.isfinite(distance)
     noise = max(1.0, float(np.sqrt(np.median(distance[used]) / _WELL))) if used.any() else 1.0
@@ -164,15 +164,15 @@ def _weights(pokes: Pokes, seen: PokePlaces, linear: _Linear) -> tuple[Float[np.
 
 
 def _worth(weight: Float[np.ndarray, " n"], believed: Float[np.ndarray, " n"]) -> float:
-    """What J' W J must be multiplied by to be the information of pokes that count less where they fit badly.
+    """Return the factor from J' W J to the information of pokes that count less where they fit badly.
 
-    With d the squared residual of p = 3 numbers and w = (T + p) / (T + d), the equations have the variance b =
-    E[w^2 d] / p and the slope a = E[w] - 2 b / (T + p), in units of J' S^-1 J: an information of a^2 / b (Huber and
-    Ronchetti, Robust Statistics, 2009, 6.3), where J' W J has E[w]. With normal residuals this is 1 / 1.16.
+    With d the squared residual of p = 3 numbers and w = (T + p) / (T + d), the equations have the variance b = E[w^2 d]
+    / p and the slope a = E[w] - 2 b / (T + p), in units of J' S^-1 J: an information of a^2 / b (Huber and Ronchetti,
+    Robust Statistics, 2009, 6.3), where J' W J has E[w]. With normal residuals this is 1 / 1.16.
 
     Args:
         weight: of each poke, w times
-        believed: how far it was believed before.
+        believed: its weight before the fit.
     """
     used = weight > 0
     if not used.any():
@@ -185,7 +185,7 @@ def _worth(weight: Float[np.ndarray, " n"], believed: Float[np.ndarray, " n"]) -
 
 @takes_arrays
 class Before:
-    """What is believed before a poke is made: precisions of all unknowns, and where units are believed to be."""
+    """The priors of a fit: precisions of all unknowns, and prior places of the units."""
 
     def __init__(
         self,
@@ -204,7 +204,7 @@ class Before:
     def step(
         self, square: np.ndarray, right: np.ndarray, units: Units, nuisances: Nuisances
     ) -> Float[np.ndarray, " p"]:
-        """The step to the most likely values."""
+        """Return the step to the most likely values, (p,)."""
         away = np.zeros(len(self.units)) if self.start is None else units.away(self.start).ravel()
         gap = np.concatenate([self.units * away, self.nuisances * nuisances.vector()])
         matrix, wanted = self._raised(square), (right - gap)[self.free]
@@ -217,7 +217,7 @@ class Before:
         return found
 
     def covariance(self, square: np.ndarray) -> Float[np.ndarray, "p p"]:
-        """Of all unknowns."""
+        """Return the covariance of all unknowns (p, p), 0 for those not estimated."""
         found = np.zeros_like(square)
         found[np.ix_(self.free, self.free)] = np.linalg.inv(self._raised(square))
         return found
@@ -233,13 +233,13 @@ class Before:
 def eliminated(
     matrix: Float[np.ndarray, "p p"], right: Float[np.ndarray, " p"], units: int, size: int
 ) -> Float[np.ndarray, " p"]:
-    """What solves it, of units that do not touch each other: each is eliminated for itself, then what they share.
+    """Solve equations of units that do not touch each other: eliminate each unit, then solve for the shared unknowns.
 
     Args:
         matrix: positive; units of `size` unknowns each come first.
         right: of the equations.
-        units: how many.
-        size: of each.
+        units: number of units.
+        size: number of unknowns of each.
     """
     rows, each = slice(None, units * size), np.arange(units)
     own = matrix[rows, rows].reshape(units, size, units, size)[each, :, each]
@@ -262,13 +262,13 @@ def _linear(
     seen: PokePlaces,
     nuisances: Nuisances,
 ) -> _Linear:
-    """Residuals, and their derivatives where the force most likely was, and the contact is expected.
+    """Return residuals, and their derivatives at the most likely force and the expected contact.
 
-    A measured force is the true one and noise. Derivatives at it would hold the same noise as the residuals: their
-    product does not vanish on average, and pulls gains towards 0, which slides everything (errors in variables). Where
-    a contact was, is the mean of all that its answers allow: the true one lies about it, not it about the true one, so
-    that derivatives there do not hold what it is off by (errors as Berkson has them, Two regressions, 1950), and those
-    at the likeliest contact would: they shrank the whole skin.
+    A measured force is the true one and noise. Derivatives at it would contain the same noise as the residuals: their
+    product does not vanish on average, and pulls gains towards 0, which moves everything (errors in variables). The
+    contact is the mean of all places that its answers allow: the true one lies about it, not it about the true one, so
+    that derivatives there do not contain its error (errors as Berkson has them, Two regressions, 1950), and those at
+    the likeliest contact would: they shrank the complete skin.
     """
     points, axes = seen.points(units)
     said = predicted(pokes, points, nuisances)
@@ -295,9 +295,9 @@ def _by_unit(
     axes: Float[np.ndarray, "n 3 2"],
     by_point: Float[np.ndarray, "n 3 3"],
 ) -> tuple[Int[np.ndarray, "n w"], Float[np.ndarray, "n w 3 f"]]:
-    """Which units a contact hangs on, and the torque's derivative by their unknowns.
+    """Return the units on which a contact depends, and the torque's derivative by their unknowns.
 
-    What lies in the tangent plane of `axes` beside the taxels' places turns with a module.
+    The offset in the tangent plane of `axes` from the taxels' places turns with a module.
     """
     about = np.maximum(seen.taxels, 0)
     unit = np.where(seen.shares != 0, units.layout.module[about], -1)
@@ -312,7 +312,7 @@ def _by_unit(
 
 
 def _square(residual: Float[np.ndarray, "n 3"], spread: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, " n"]:
-    """Squared residuals in units of their covariance; NaN where there is none."""
+    """Return squared residuals in units of their covariance; NaN where there is none."""
     found = np.full(len(residual), np.nan)
     sound = np.isfinite(residual).all(axis=1) & np.isfinite(spread).all(axis=(1, 2))
     half = np.linalg.solve(spread[sound], residual[sound][..., None])[..., 0]
@@ -323,7 +323,7 @@ def _square(residual: Float[np.ndarray, "n 3"], spread: Float[np.ndarray, "n 3 3
 def _normal(
     linear: _Linear, weight: Float[np.ndarray, " n"], units: int, freedom: int, pokes: Pokes
 ) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
-    """J' W J and J' W r of the pokes that count."""
+    """Return J' W J and J' W r of the pokes that count."""
     from palpate.sensors.taxels.poking._normal_equations import add_squares  # compiled: loaded when first needed
 
     rows, root = _roots(linear, weight)
@@ -337,7 +337,7 @@ def _normal(
 def _all(
     linear: _Linear, weight: Float[np.ndarray, " n"], units: Units, pokes: Pokes, priors: Priors
 ) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
-    """J' W J and J' W r of the pokes, and of what single taxels are believed to be to each other."""
+    """Return J' W J and J' W r of the pokes, and of the priors between single taxels."""
     square, right = _normal(linear, weight, len(units), units.freedom, pokes)
     more, along = tied(units, priors)
     square[: len(more), : len(more)] += more
@@ -348,7 +348,7 @@ def _all(
 def _roots(
     linear: _Linear, weight: Float[np.ndarray, " n"]
 ) -> tuple[Int[np.ndarray, " r"], Float[np.ndarray, "r 3 3"]]:
-    """Rows that count, and what makes their residuals unit ones."""
+    """Return the rows that count, and the matrices that whiten their residuals."""
     rows = np.flatnonzero(weight > 0)
     root = np.linalg.cholesky(np.linalg.inv(linear.spread[rows])) * np.sqrt(weight[rows])[:, None, None]
     return rows, np.swapaxes(root, 1, 2)
@@ -362,7 +362,7 @@ def _lines(
     freedom: int,
     pokes: Pokes,
 ) -> tuple[Float[np.ndarray, "r 3 l"], Int[np.ndarray, "r l"], int]:
-    """The whitened lines of J, the columns of their entries, -1: none, and how many columns there are."""
+    """Return the whitened lines of J, the columns of their entries, -1: none, and the number of columns."""
     size, count = units * freedom, max(pokes.configurations, 1)
     by_unit = np.einsum("nij,nwjf->niwf", root, linear.by_unit[rows]).reshape(len(rows), 3, -1)
     values = np.concatenate([by_unit, root @ linear.by_nuisance[rows]], axis=2)
@@ -385,11 +385,12 @@ def _shared(
     covariance: Float[np.ndarray, "p p"],
     denser: float,
 ) -> Float[np.ndarray, "p p"]:
-    """What the covariance lacks, since contacts about one taxel err alike and do not average out.
+    """Return the part that the covariance lacks: contacts about one taxel have equal errors and do not average out.
 
-    Where a poke was is told with all places alike before. If pokes get denser to one side as exp(g . x), those about a
-    taxel all lie off by S g to first order, S the covariance of each: far at the edge of a module, where little is
-    known of a place, hardly between taxels. g has the deviation `denser` [1/m] along each axis, its own at each taxel.
+    The place of a poke is estimated with a uniform prior. If pokes get denser to one side as exp(g . x), those about a
+    taxel all have the error S g to first order, S the covariance of each: large at the edge of a module, where little
+    is known of a place, small between taxels. g has the standard deviation `denser` [1/m] along each axis, independent
+    at each taxel.
     """
     rows, root = _roots(linear, weight)
     values, columns, size = _lines(linear, rows, root, len(units), units.freedom, pokes)
@@ -419,10 +420,10 @@ def _twist(
     spread: Float[np.ndarray, "n 3 3"],
     used: Bool[np.ndarray, " n"],
 ) -> float:
-    """[m] Residual torque along the force over the force, beyond what noise makes: friction under a tip that turns.
+    """Return the torque along the force over the force [m] that noise does not explain: friction under a turning tip.
 
-    F . M is the same whatever the frame, and 0 for a pure force [taxel poking, (3)]: once bias and cross-talk are
-    known. As they are measured they vary with the direction of the force, by millimetres that are no friction.
+    F . M is the same in any frame, and 0 for a pure force [taxel poking, (3)], once bias and cross-talk are known. As
+    measured it varies with the direction of the force, by millimetres that are no friction.
     """
     rows = used & np.isfinite(residual).all(axis=1) & (force != 0).any(axis=1)
     if not rows.any():

@@ -1,12 +1,12 @@
-"""Errors of sensor and robot that pokes carry: bias, frames, cross-talk; and the torque that a poke predicts with them.
+"""Model errors of sensor and robot in pokes: bias, frames, cross-talk; and predict the torque of a poke with them.
 
-Forwards: what is measured stays as it is, and the torque that it should show is computed from the contact. (To correct
-the measurement by a free cross-talk shrinks the residual with the measurement, and diverges.)
+The model predicts forwards: measurements stay as they are, and the torque that they should show is computed from the
+contact. (To correct the measurement by a free cross-talk shrinks the residual with the measurement, and diverges.)
 
     w_measured = (I + C) [f, c x f] + b,    c = R (Exp(phi) p + rho) + o
 
-with p the contact in the link's frame, (R, o) the link's reported pose, rho and phi the error of this pose: that of all
-configurations and that of this one together.
+with p the contact in the link's frame, (R, o) the link's reported pose, rho and phi the error of this pose: the sum of
+that of all configurations and that of this one.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ __all__ = ["Nuisances", "Predicted", "predicted"]
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Nuisances(Value):
-    """What is estimated beside the taxels, for d configurations.
+    """Errors that are estimated in addition to the taxels, for d configurations.
 
     Attributes:
         frames: (d, 6) of each configuration and common: (6,) of all, rho [m] then phi [rad].
@@ -43,16 +43,16 @@ class Nuisances(Value):
 
     @classmethod
     def none(cls, configurations: int) -> Nuisances:
-        """No errors."""
+        """Return errors that are all 0."""
         return cls(np.zeros((configurations, 6)), np.zeros(6), np.zeros((configurations, 6)), np.zeros((6, 6)))
 
     def vector(self) -> Float[np.ndarray, " q"]:
-        """All of them in a row: frames, common, bias, cross-talk."""
+        """Return all errors in one vector (q,): frames, common, bias, cross-talk."""
         parts = (self.frames, self.common, self.bias, self.cross_talk)
         return np.concatenate([np.ravel(part) for part in parts])
 
     def moved(self, by: Float[np.ndarray, " q"]) -> Nuisances:
-        """With these added."""
+        """Return the errors with a vector (q,) added."""
         count = 6 * len(self.frames)
         ends = np.cumsum([count, 6, count])
         frames, common, bias, cross = np.split(by, ends)
@@ -66,7 +66,7 @@ class Nuisances(Value):
 
     @staticmethod
     def deviations(priors: Priors, configurations: int) -> Float[np.ndarray, " q"]:
-        """Standard deviation of each, as believed before; 0: it is not estimated."""
+        """Return the prior standard deviation (q,) of each error; 0: it is not estimated."""
         frame = [priors.frame] * 3 + [priors.frame_angle] * 3
         common = [priors.common] * 3 + [priors.common_angle] * 3
         bias = [priors.bias_force] * 3 + [priors.bias_torque] * 3
@@ -79,13 +79,13 @@ class Nuisances(Value):
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Predicted:
-    """The torque that pokes should show, and how it changes.
+    """The torque that pokes should show, and its derivatives.
 
     Attributes:
         torque: (n, 3) [N m].
-        by_point: (n, 3, 3) with the contact in the link's frame.
-        by_nuisance: (n, 3, 54) with frame, common, bias of the poke's configuration and cross-talk, in this order.
-        by_wrench: (n, 3, 6) with the measured wrench, through the force.
+        by_point: (n, 3, 3) by the contact in the link's frame.
+        by_nuisance: (n, 3, 54) by frame, common, bias of the poke's configuration and cross-talk, in this order.
+        by_wrench: (n, 3, 6) by the measured wrench, through the force.
     """
 
     torque: Float[np.ndarray, "n 3"]
@@ -96,7 +96,7 @@ class Predicted:
 
 @takes_arrays
 def predicted(pokes: Pokes, points: Float[np.ndarray, "n 3"], nuisances: Nuisances) -> Predicted:
-    """The torque of pokes at points of the link, (n, 3) [m] in its frame."""
+    """Return the torque of pokes at points of the link, (n, 3) [m] in its frame, and its derivatives."""
     d, cross = pokes.configuration, nuisances.cross_talk
     error, bias = nuisances.frames[d] + nuisances.common, nuisances.bias[d]
     turn = Pose.from_rotation_vector(error[:, 3:], error[:, :3])
@@ -123,6 +123,6 @@ def predicted(pokes: Pokes, points: Float[np.ndarray, "n 3"], nuisances: Nuisanc
 
 
 def _left_jacobian(phi: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
-    """How Exp(phi) turns, on the left, as phi changes: to third order, as angles are small."""
+    """Return the left Jacobian of Exp(phi), to third order, as angles are small."""
     cross = skew(phi)
     return np.eye(3) + cross / 2.0 + cross @ cross / 6.0

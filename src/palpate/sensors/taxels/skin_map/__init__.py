@@ -1,4 +1,4 @@
-"""Spatial calibration of a taxel sheet: from a link's mesh to where every cell sits."""
+"""Calibrate a taxel sheet in space: compute the place of every cell from a link's mesh."""
 
 from palpate.sensors.taxels.skin_map.layout import LaidSheet, Sheet
 from palpate.sensors.taxels.skin_map.sheet import fit_stretch, map_skin

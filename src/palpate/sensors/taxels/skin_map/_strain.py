@@ -1,4 +1,4 @@
-"""Compiled: the normal equations of the least Green strain of a sheet on a surface."""
+"""Compiled: build the normal equations of the least Green strain of a sheet on a surface."""
 
 # pyright: basic
 from __future__ import annotations
@@ -17,10 +17,10 @@ __all__ = ["normal_equations"]
     """
 )
 def normal_equations(strain, found, sides, weights, first_y, by, dy, first_x, bx, dx, stride_y, stride_x, band, vector):
-    """Adds J'WJ to a band matrix and -J'WE to vector, J the derivative of (E_xx, E_yy, sqrt(2) E_xy).
+    """Add J'WJ to a band matrix and -J'WE to vector, J the derivative of (E_xx, E_yy, sqrt(2) E_xy).
 
-    At each Gauss point (n, m): strain (3), the surface and its derivatives (6, 3), and the derivatives of u and v along
-    x and y (2, 2), and a weight; along either side the four cubics there. Unknown 2 (a stride_y + b stride_x) + c is
+    At each Gauss point (n, m): strain (3), the surface and its derivatives (6, 3), the derivatives of u and v along x
+    and y (2, 2), and a weight; along either side the four cubics there. Unknown 2 (a stride_y + b stride_x) + c is
     component c of control point (a, b).
     """
     root = np.sqrt(2.0)

@@ -1,7 +1,7 @@
-"""The lines that control points are held to: where the planes of two families meet.
+"""Define the lines on which control points lie: the intersections of two families of planes.
 
-Round a link the planes of one family stand on its axis, those of the other pass through it, and the lines are spokes.
-Over a patch that is seen from one side both families are parallel, and the lines are its mean normal.
+Around a link the planes of one family are perpendicular to its axis, those of the other contain it, and the lines are
+spokes. Over a patch that is seen from one side both families are parallel, and the lines follow its mean normal.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Chart:
     def lines(
         self, u: Float[np.ndarray, "*#batch"], v: Float[np.ndarray, "*#batch"]
     ) -> tuple[Float[np.ndarray, "... 3"], Float[np.ndarray, "... 3"]]:
-        """A point of each line, and its unit direction."""
+        """Return a point of each line (..., 3) [m], and its unit direction (..., 3)."""
         p, q, w = self.axes
         u, v = np.asarray(u)[..., None], np.asarray(v)[..., None]
         if self.round:
@@ -45,19 +45,19 @@ class Chart:
         return self.centre + u * p + v * q, np.broadcast_to(w, (*np.broadcast_shapes(u.shape, v.shape)[:-1], 3))
 
     def local(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """Coordinates (height u, and two in its plane): about an axis x and y, else v and s."""
+        """Return coordinates (..., 3): height u, and two in its plane: x and y about an axis, else v and s."""
         x, y, z = np.moveaxis((points - self.centre) @ self.axes.T, -1, 0)
         return np.stack([z, x, y] if self.round else [x, y, z], axis=-1)
 
     def coordinates(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """u, v and s of points; an angle in [-pi, pi]."""
+        """Return u, v and s of points, (..., 3); an angle v is in [-pi, pi]."""
         u, b, c = np.moveaxis(self.local(points), -1, 0)
         return np.stack([u, np.arctan2(c, b), np.hypot(b, c)] if self.round else [u, b, c], axis=-1)
 
     def between(
         self, start: Float[np.ndarray, "*#batch _"], end: Float[np.ndarray, "*#batch _"]
     ) -> Float[np.ndarray, "..."]:
-        """Way in u and v from coordinates to others; round the axis it is the shorter one."""
+        """Return the steps in u and v, (..., 2), from start to end; the shorter way around an axis."""
         way = end[..., :2] - start[..., :2]
         if self.round:
             way[..., 1] = wrapped(way[..., 1])
@@ -66,7 +66,7 @@ class Chart:
 
 @takes_arrays
 def wrapped(angle: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
-    """The same angle in [-pi, pi)."""
+    """Return the same angle [rad] in [-pi, pi)."""
     return np.mod(angle + np.pi, 2 * np.pi) - np.pi
 
 
@@ -74,7 +74,7 @@ def wrapped(angle: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
 def flat_chart(
     origin: Float[np.ndarray, "3"], normal: Float[np.ndarray, "3"], heading: Float[np.ndarray, "3"]
 ) -> Chart:
-    """Parallel planes across and along the heading; u falls where columns rise, so that p, q, w is right-handed."""
+    """Return parallel planes across and along the heading; u falls where columns rise: p, q, w is right-handed."""
     v = heading - normal * (heading @ normal)
     v /= np.linalg.norm(v)
     return Chart(False, origin, np.stack([np.cross(v, normal), v, normal]))
@@ -88,10 +88,13 @@ def round_chart(
     origin: Float[np.ndarray, "3"],
     axis: tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]] | None,
 ) -> Chart:
-    """About the axis that is given (a point and a direction), or that facets show.
+    """Return a chart about the given axis (a point and a direction), or about the axis that the facets show.
 
-    The normals of a link about an axis have least along it, and pass near it: the direction is the smallest
-    eigenvector of sum A n n', and the point is nearest to all lines along the normals, in the plane across.
+    Normals of a link about an axis have little along it, and pass near it: the direction is the smallest eigenvector of
+    sum A n n', and the point is nearest to all lines along the normals, in the plane across.
+
+    Raises:
+        InputError: the axis has no direction, or the origin lies on it.
     """
     if axis is None:
         spread = np.einsum("f,fi,fj->ij", areas, normals, normals)

@@ -1,4 +1,4 @@
-"""`palpate map skin`: where every cell of a flexible sheet sits on the link that carries it."""
+"""Define `palpate map skin`, which computes the place of every cell of a flexible sheet on its link."""
 
 from __future__ import annotations
 
@@ -36,15 +36,16 @@ class Options:
         origin: outer corner of cell (0, 0), on the mesh.
         heading: direction of increasing column there; its part along the surface counts.
         flip: rows increase to the right of the heading, seen from outside; else to the left.
-        thickness: of what lies between the link and the sensing layer [mm].
-        stretch: by which the sheet is pulled, or across its rows and along them.
+        thickness: of the material between the link and the sensing layer [mm].
+        stretch: factor by which the sheet is stretched, or one across its rows and one along them.
         known: centres of some cells, to which the stretch is fitted.
-        mode: facets follows the mesh as it is; vertices the smooth shape that its vertices sample; auto looks and says.
-        axis: a point and the direction of the link's axis, instead of what the mesh shows.
-        heights: where the spline's pieces meet along the axis, from that point.
-        angles: where they meet about the axis [deg], from the origin's side.
-        control: points of the spline at most.
-        method: isometric, or the paper's: even planes, and cells at equal parameters over the whole of the link.
+        mode: facets follows the mesh as it is; vertices the smooth shape that its vertices sample; auto lets the mesh
+            decide and prints why.
+        axis: a point and the direction of the link's axis, instead of the axis found from the mesh.
+        heights: breaks of the spline's pieces along the axis, from that point.
+        angles: their breaks about the axis [deg], from the origin's side.
+        control: largest number of the spline's control points.
+        method: isometric, or the paper's: even planes, and cells at equal parameters over the complete link.
     """
 
     unit: Annotated[str, arg(metavar="UNIT")]
@@ -64,7 +65,7 @@ class Options:
     method: Literal["isometric", "paper"] = "isometric"
 
     def laid(self, link: Mesh) -> tuple[Sheet, Planes, np.ndarray, np.ndarray]:
-        """The sheet, the user's planes, and the sheet's corner [m] and heading; stretched to the cells that are known.
+        """Return the sheet, stretched to the known cells, the user's planes, and the sheet's corner [m] and heading.
 
         Raises:
             InputError: an option that is no numbers.
@@ -89,7 +90,7 @@ class Options:
 
     @property
     def chosen(self) -> Literal["facets", "vertices"] | None:
-        """The mode; None: the mesh chooses."""
+        """Return the mode; None: the mesh decides."""
         return None if self.mode == "auto" else self.mode
 
 
@@ -99,7 +100,7 @@ def map_skin(mesh: MeshFile, /, output: Output, options: Annotated[Options, arg(
     Args:
         mesh: of the link: STL, OBJ, PLY or DAE, as its maker ships it.
         output: map to write: .toml, .csv, .txt (iCub) or .urdf.
-        options: what is laid where.
+        options: the sheet, its place and the fit.
     """
     keep_inputs(output, (mesh,))
     if output.suffix.lower() not in SUFFIXES:
@@ -125,7 +126,7 @@ def map_skin(mesh: MeshFile, /, output: Output, options: Annotated[Options, arg(
 
 
 def _stem(stem: str) -> str:
-    """A name for frames and parts: letters, digits and underscores."""
+    """Return a name for frames and parts with only letters, digits and underscores."""
     return "".join(letter if letter.isalnum() and letter.isascii() else "_" for letter in stem)
 
 
@@ -137,7 +138,7 @@ def _pair(text: str, name: str) -> tuple[float, float]:
 
 
 def _numbers(text: str, name: str, count: int | None, by: str = ",", *, whole: bool = False) -> list[float]:
-    """Numbers out of an argument, or the sentence that says what was expected."""
+    """Return the numbers in an argument; raise an InputError that states the expected form."""
     try:
         values = [float(int(part)) if whole else float(part) for part in text.lower().split(by)]
     except ValueError:

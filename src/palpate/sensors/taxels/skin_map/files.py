@@ -1,6 +1,6 @@
-"""Maps of a taxel sheet: the model with its spline, and what others read.
+"""Read and write maps of a taxel sheet: the model with its spline, and formats of other programs.
 
-What is written is told by the suffix: .toml, .csv (a row a cell), .txt (iCub's skin) or .urdf (a link with its cells).
+The suffix decides the format: .toml, .csv (a row for each cell), .txt (iCub's skin) or .urdf (a link with its cells).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def write_skin_map(path: str | Path, skin: SkinMap, *, name: str = "skin") -> No
         name: of the skin's part, in iCub's file and in the URDF.
 
     Raises:
-        InputError: another suffix, or it cannot be written.
+        InputError: another suffix, or the file cannot be written.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -82,7 +82,7 @@ def _read_csv(path: Path) -> SkinMap:
 
 
 def _pitch(centres: np.ndarray) -> tuple[float, float]:
-    """Between rows and between columns [m], as the middle of their distances."""
+    """Return the pitch between rows and between columns [m], as the medians of the distances."""
     steps = [np.linalg.norm(np.diff(centres, axis=axis), axis=-1) for axis in (0, 1)]
     known = [float(np.median(step)) for step in steps if step.size]
     along, across = (float(np.median(step)) if step.size else known[0] for step in steps)
@@ -98,7 +98,7 @@ def _csv(skin: SkinMap, name: str) -> str:
 
 
 def _icub(skin: SkinMap, name: str) -> str:
-    """The positions file of iCub's skinManager: one taxel a row, position [m] and normal."""
+    """Return the positions file of iCub's skinManager: one taxel a row, position [m] and normal."""
     count = skin.rows * skin.columns
     head = [f"name {name}", "spatial_sampling taxel", f"taxel2Repr ({' '.join(map(str, range(count)))})"]
     rows = [" ".join(f"{number:.6f}" for number in (*point, *normal)) for _, point, normal in _cells(skin)]
@@ -106,7 +106,7 @@ def _icub(skin: SkinMap, name: str) -> str:
 
 
 def _urdf(skin: SkinMap, name: str) -> str:
-    """A fixed frame for every cell, z along its normal and x along increasing columns, below a link to be named."""
+    """Return a fixed frame for every cell, z along its normal and x along columns, below a link to name."""
     lines = [f"<!-- Cells of {name}: put these into the robot and name the link that carries them. -->"]
     along = (
         np.gradient(skin.centres, axis=1)
@@ -122,7 +122,7 @@ def _urdf(skin: SkinMap, name: str) -> str:
 def fixed_frame(
     name: str, point: Float[np.ndarray, "3"], normal: Float[np.ndarray, "3"], along: Float[np.ndarray, "3"]
 ) -> list[str]:
-    """Lines of a URDF: a link without a body, fixed to LINK at a point, z along a normal and x near to a direction."""
+    """Return lines of a URDF: a bodiless link, fixed to LINK at a point [m], z along a normal, x near a direction."""
     place = " ".join(f"{number:.9g}" for number in point)
     angles = " ".join(f"{number:.9g}" for number in _roll_pitch_yaw(normal, along))
     return [
@@ -135,7 +135,7 @@ def fixed_frame(
 
 
 def _roll_pitch_yaw(normal: Float[np.ndarray, "3"], along: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
-    """URDF's angles of the frame with z along a normal and x as near as can be to a direction."""
+    """Return URDF's angles [rad] of the frame with z along a normal and x as close as possible to a direction."""
     x = along - normal * (along @ normal)
     if not np.linalg.norm(x) > 0:
         x = np.eye(3)[np.argmin(np.abs(normal))] - normal * normal[np.argmin(np.abs(normal))]

@@ -1,4 +1,4 @@
-"""Control points held to the lines of a chart: a linear least squares in their offsets, no iteration."""
+"""Fit control points on the lines of a chart by linear least squares in their offsets, without iteration."""
 
 from __future__ import annotations
 
@@ -27,19 +27,22 @@ def fit(
     periodic: bool,
     degree: tuple[int, int] = (3, 3),
 ) -> BSplineSurface:
-    """The surface with control points A_ij + s_ij D_ij and least sum (d . (Q - r(u, v)))^2 over points Q.
+    """Return the surface with control points A_ij + s_ij D_ij and least sum (d . (Q - r(u, v)))^2 over points Q.
 
     [skin] (4) solves it by iteration; it is linear in s. Only the distance along d counts, the normal at Q: along the
-    surface a point's parameters need not be right.
+    surface a point's parameters need not be exact.
 
     Args:
         chart: the lines A + s D.
-        breaks: where its pieces meet, in u and v.
+        breaks: of the spline's pieces, in u and v.
         points: (k, 3) of the mesh [m].
         directions: (k, 3) unit normals there.
         uv: (k, 2) their parameters.
         periodic: in v.
         degree: in u and v.
+
+    Raises:
+        GeometryError: the points do not determine the surface.
     """
     from palpate.surfaces import _band, _bspline  # compiled: loaded when first needed
 
@@ -61,7 +64,7 @@ def fit(
 
 
 def _stiffness(places: tuple[np.ndarray, np.ndarray], periodic: bool, degree: int) -> Float[np.ndarray, "n w"]:
-    """The sum of the squared second differences of the offsets along u and along v, as a band."""
+    """Return the sum of the squared second differences of the offsets along u and along v, as a band matrix."""
     bends = _second_differences(places[0], False), _second_differences(places[1], periodic)
     along, across = (bend.T @ bend for bend in bends)
     n, m = len(along), len(across)
@@ -74,7 +77,7 @@ def _stiffness(places: tuple[np.ndarray, np.ndarray], periodic: bool, degree: in
 
 
 def _second_differences(places: Float[np.ndarray, " n"], periodic: bool) -> Float[np.ndarray, "k n"]:
-    """What is zero where offsets are linear in the places of their lines, in units of the offsets."""
+    """Return the matrix (k, n) of second differences of offsets, 0 where these are linear in their lines' places."""
     n = len(places)
     middle = np.arange(n) if periodic else np.arange(1, n - 1)
     gaps = np.diff(places, append=places[0] + 2 * np.pi)  # the last one counts only round an axis

@@ -1,4 +1,4 @@
-"""Where the pieces of a spline meet: more of them where the surface bends, or one for every vertex."""
+"""Choose the breaks between a spline's pieces: more of them where the surface bends, or one for every vertex."""
 
 from __future__ import annotations
 
@@ -23,15 +23,18 @@ _ROUNDS = 2
 def refined(
     fitted: Callable[[Breaks], Fitted], breaks: Breaks, uv: UV, narrowest: Span, control: int, enough: float
 ) -> Fitted:
-    """Halve the spans, of u or of v, that leave most squared distance for the control points they cost.
+    """Halve the spans, of u or of v, that have most squared distance for each control point they cost, and fit again.
 
     Args:
-        fitted: breaks to a surface and its distances from the points.
-        breaks: to begin with.
+        fitted: maps breaks to a surface and its distances from the points.
+        breaks: at the start.
         uv: (k, 2) parameters of the points.
-        narrowest: span in u and in v that is worth halving.
-        control: points at most.
-        enough: rms distance that needs no mending [m].
+        narrowest: smallest span, in u and in v, after halving.
+        control: largest number of control points.
+        enough: rms distance that needs no refinement [m].
+
+    Returns:
+        The surface, and the distance (k,) [m] of each point from it.
     """
     surface, distance = fitted(breaks)
     for rounds in range(_ROUNDS, 0, -1):
@@ -51,7 +54,7 @@ def refined(
 def _halved(
     breaks: Breaks, uv: UV, distance: Distance, narrowest: Span, cost: tuple[int, int], spare: int
 ) -> tuple[list[float], list[float]]:
-    """The middles of the spans of u and of v that are worth it."""
+    """Return the middles of the spans of u and of v that are worth halving."""
     wanted: list[tuple[float, int, float]] = []
     spans = [
         np.clip(np.searchsorted(at, uv[:, axis], side="right") - 1, 0, len(at) - 2) for axis, at in enumerate(breaks)
@@ -71,7 +74,7 @@ def _halved(
 def _along(
     spans: list[Int[np.ndarray, " k"]], uv: UV, distance: Distance, axis: int, count: int
 ) -> Float[np.ndarray, " a"]:
-    """What is left in each span of one axis after the mean across it: what more breaks of the other cannot mend."""
+    """Return the squared distance in each span of one axis that more breaks of the other axis cannot remove."""
     places, line = np.unique(uv[:, axis], return_inverse=True)
     group = spans[1 - axis] * len(places) + line
     total = np.bincount(group, distance)
@@ -83,7 +86,7 @@ def _along(
 
 @takes_arrays
 def clusters(values: Float[np.ndarray, " n"], spacing: float) -> Float[np.ndarray, " c"]:
-    """Means of the groups of values that lie closer together than `apart`."""
+    """Return the means (c,) of groups of values; neighbours in a group differ by at most `spacing`."""
     ordered = np.sort(values)
     group = np.concatenate([[0], np.cumsum(np.diff(ordered) > spacing)])
     return np.bincount(group, ordered) / np.bincount(group)
@@ -91,7 +94,7 @@ def clusters(values: Float[np.ndarray, " n"], spacing: float) -> Float[np.ndarra
 
 @takes_arrays
 def breaks_at(places: Float[np.ndarray, " n"], degree: int) -> Float[np.ndarray, " k"]:
-    """Breaks of an open spline with as many control points as places: all of these, but for some beside the ends."""
+    """Return breaks of an open spline with a control point for each place: all places but some next to the ends."""
     if len(places) <= degree + 1:
         return places[[0, -1]]
     if degree == 1:

@@ -1,14 +1,14 @@
-"""A sheet that does not stretch, laid on a surface: geodesics first, then the least squared Green strain.
+"""Lay a sheet that does not stretch on a surface: geodesics first, then the least squared Green strain.
 
 The edge from the origin along the heading becomes a geodesic, and so does every line of the sheet across it. In these
 coordinates the surface's metric is J^2 dx^2 + dy^2 with J_yy = -K J, J = 1 and J_y = 0 on the edge: where the Gaussian
 curvature K is zero, on every developable surface, J stays 1 and the sheet has unrolled exactly. Elsewhere its lines
-give way: parameters over the sheet, cubic splines in x and y (beside the geodesics where these are nearly right), are
+give way: parameters over the sheet, cubic splines in x and y (added to the geodesics where these are nearly right), are
 found by Gauss-Newton so that
 
     W = integral |E|^2 dx dy,   E = (F'F - I)/2,   F = [r_x r_y]
 
-is least. The sheet's corner stays where it was put, and its first edge leaves along the heading: two cells on it meets
+is least. The sheet's corner stays at its place, and its first edge starts along the heading: after two cells it meets
 the geodesic again.
 """
 
@@ -47,14 +47,14 @@ _Anchor = tuple[Float[np.ndarray, " b"], Float[np.ndarray, "2"]]
 
 @runtime_checkable
 class Parametric(Protocol):
-    """What a sheet can be laid on."""
+    """A surface on which a sheet can be laid."""
 
     def derivatives(self, uv: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 6 3"]:
-        """Position, r_u, r_v, r_uu, r_uv and r_vv; r_u x r_v points out."""
+        """Return position, r_u, r_v, r_uu, r_uv and r_vv, (..., 6, 3); r_u x r_v points out."""
         ...
 
     def geodesics(self, begin: Float[np.ndarray, "m 6"], step: float, steps: int) -> tuple[np.ndarray, np.ndarray]:
-        """States and slopes (steps + 1, m, 6) along geodesics, as of `BSplineSurface.geodesics`."""
+        """Return states and slopes, (steps + 1, m, 6) each, along geodesics, as `BSplineSurface.geodesics` does."""
         ...
 
 
@@ -64,12 +64,15 @@ class Sheet:
     """A flat sheet of cells before it is laid.
 
     Attributes:
-        rows: of cells.
-        columns: of cells.
+        rows: number of rows of cells.
+        columns: number of columns of cells.
         pitch: between rows, and between columns [m].
-        thickness: of what lies between the link and the sensing layer [m].
+        thickness: of the material between the link and the sensing layer [m].
         flip: rows increase to the right of the heading, seen from outside; else to the left.
-        stretch: by which it is pulled along its columns of cells (across rows), and along its rows; 1 is none.
+        stretch: factors along its columns of cells (across rows), and along its rows; 1 is none.
+
+    Raises:
+        InputError: no cells, a pitch or stretch that is not positive, or a thickness that is not finite.
     """
 
     rows: int
@@ -90,19 +93,19 @@ class Sheet:
 
     @property
     def size(self) -> tuple[float, float]:
-        """Across rows and along them, as laid [m]."""
+        """Return the size across rows and along them, as laid [m]."""
         return self.rows * self.pitch[0] * self.stretch[0], self.columns * self.pitch[1] * self.stretch[1]
 
 
 @dataclass(frozen=True, eq=False)
 class LaidSheet:
-    """Where the lattice of a sheet lies, and how much it had to give.
+    """Places of a sheet's lattice on a surface, and the strain of the sheet.
 
     Attributes:
-        uv: (2 r + 1, 2 c + 1, 2) parameters of cells' corners (even numbers), centres (odd) and the middles of sides.
+        uv: (2 r + 1, 2 c + 1, 2) parameters of cells' corners (even indices), centres (odd) and the middles of sides.
         rms: root mean square of the principal strains over the sheet.
         worst: the principal strain that is farthest from 0.
-        rounds: of Gauss-Newton.
+        rounds: number of Gauss-Newton steps.
     """
 
     uv: Grid
@@ -122,16 +125,19 @@ def lay(
     elements: int = _MOST_ELEMENTS,
     look: Callable[[Grid], None] | None = None,
 ) -> LaidSheet:
-    """Lay a sheet with its corner at `start`.
+    """Lay a sheet on a surface with its corner at `start`, and return the places of its lattice.
 
     Args:
-        surface: what it is laid on.
-        start: parameters of the outer corner of cell (0, 0).
+        surface: the surface.
+        start: (2,) parameters of the outer corner of cell (0, 0).
         heading: (3,) the direction of increasing column there; its part along the surface counts.
-        sheet: that is laid; its thickness has no say.
+        sheet: the sheet; its thickness does not matter.
         bounds: of u and of v, beyond which there is no surface to follow: there strain hardly counts.
-        look: is shown the lattice along geodesics before anything is worked out, and may raise.
-        elements: of the displacement's spline, along either side at most.
+        elements: largest number of elements of the displacement's spline along either side.
+        look: called with the lattice along geodesics before the strain is minimised; may raise.
+
+    Raises:
+        LinAlgError: the strain does not determine the layout.
     """
     size, cells = sheet.size, (sheet.rows, sheet.columns)
     sign = -1.0 if sheet.flip else 1.0
@@ -161,7 +167,7 @@ def lay(
 
 
 class _Grid:
-    """Cubic splines over the sheet: their knots, the Gauss points of their elements, and where they can be read off."""
+    """Cubic splines over the sheet: their knots, the Gauss points of their elements, and their interpolation nodes."""
 
     def __init__(self, size: tuple[float, float], spans: list[int]) -> None:
         sides = list(zip(size, spans, strict=True))
@@ -172,33 +178,33 @@ class _Grid:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Of the control points."""
+        """Return the shape of the control points."""
         return len(self.nodes[0]), len(self.nodes[1])
 
     def through(self, values: Grid) -> Grid:
-        """Control points of the spline with these values at the nodes."""
+        """Return control points of the spline with these values at the nodes."""
         left, right = (np.linalg.inv(basis_matrices(k, 3, n)[0]) for k, n in zip(self.knots, self.nodes, strict=True))
         return _spread(left, values, right)
 
     def at(self, control: Grid, places: list[Float[np.ndarray, " _"]]) -> Float[np.ndarray, "n m 2"]:
-        """Values of the spline on a lattice."""
+        """Return values of the spline on a lattice."""
         left, right = (basis_matrices(k, 3, p)[0] for k, p in zip(self.knots, places, strict=True))
         return _spread(left, control, right)
 
     def along(self, place: float) -> Float[np.ndarray, " b"]:
-        """What the first edge's control points have to say at a place on it."""
+        """Return the weights of the first edge's control points at a place on it."""
         return basis_matrices(self.knots[1], 3, np.array([place]))[0][0]
 
 
 def _across(surface: Parametric, state: Float[np.ndarray, "6"]) -> Float[np.ndarray, "2"]:
-    """How far steps in u and in v go across the edge."""
+    """Return the distances by which unit steps in u and in v go across the edge."""
     at = surface.derivatives(state[:2])
     side = np.cross(np.cross(at[1], at[2]), state[2:4] @ at[1:3])
     return at[1:3] @ (side / np.linalg.norm(side))
 
 
 def _gauss(length: float, spans: int) -> Float[np.ndarray, " n"]:
-    """Two places in each span, at which polynomials up to the third degree are integrated exactly."""
+    """Return two places in each span, at which polynomials up to the third degree are integrated exactly."""
     step = length / spans
     return ((np.arange(spans)[:, None] + 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3.0)) * step).reshape(-1)
 
@@ -211,7 +217,7 @@ def _fan(
     y: Float[np.ndarray, " n"],
     sign: float,
 ) -> Float[np.ndarray, "n m 6"]:
-    """Parameters, and their derivatives along x and along y, where geodesics from a geodesic edge reach y."""
+    """Return parameters, and their derivatives along x and along y, where geodesics from a geodesic edge reach y."""
     at = surface.derivatives(start)
     along = solve_tangent(at[1:3], heading)
     along /= np.linalg.norm(along @ at[1:3])
@@ -234,16 +240,16 @@ def _normals(found: Float[np.ndarray, "*batch 6 3"]) -> Float[np.ndarray, "*batc
 def _pushed(
     steps: Float[np.ndarray, "*batch 2"], found: Float[np.ndarray, "*batch 6 3"]
 ) -> Float[np.ndarray, "*batch 3"]:
-    """Steps in u and v as vectors in space."""
+    """Map steps in u and v to vectors in space."""
     return np.einsum("...k,...kd->...d", steps, found[..., 1:3, :])
 
 
 def _geodesic(
     surface: Parametric, begin: Float[np.ndarray, "m 6"], places: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, "n m 6"]:
-    """States (u, v, u', v', J, J') along geodesics of unit speed, at lengths that rise from 0: Runge-Kutta's fourth.
+    """Return states (u, v, u', v', J, J') along unit-speed geodesics at lengths that rise from 0, by Runge-Kutta (4).
 
-    Steps are of one length; between them the cubic through their ends and slopes.
+    Steps have one length; between them a cubic goes through their ends and slopes.
     """
     steps = max(1, int(np.ceil(places[-1] / _STEP)))
     h = places[-1] / steps
@@ -256,7 +262,7 @@ def _geodesic(
 
 
 class _Problem:
-    """The strain at Gauss points as a function of the displacement's control points, and its least square."""
+    """The strain at Gauss points as a function of the displacement's control points, and its least-squares solution."""
 
     def __init__(
         self,
@@ -270,7 +276,7 @@ class _Problem:
         self.fan = np.zeros((len(self.by), len(self.bx), 6)) if fan is None else fan
 
     def strain(self, control: Grid) -> tuple[np.ndarray, ...]:
-        """E_xx, E_yy and E_xy (n, m, 3); the surface there; how its parameters grow along x and y; weights."""
+        """Return E_xx, E_yy and E_xy (n, m, 3), the surface there, the parameters' derivatives by x and y, weights."""
         uv = self.fan[..., :2] + _spread(self.by, control, self.bx)
         ux = self.fan[..., 2:4] + _spread(self.by, control, self.dx)
         uy = self.fan[..., 4:6] + _spread(self.dy, control, self.bx)
@@ -287,7 +293,7 @@ class _Problem:
         anchor: _Anchor,
         enough: float = 1e-3,
     ) -> tuple[Grid, int]:
-        """Gauss-Newton, until a step gains less than `enough` of what is left; a step that does not help is halved."""
+        """Minimise by Gauss-Newton until a step gains less than a share `enough`; steps that do not help are halved."""
         state = self.strain(control)
         energy = _energy(state[0], state[3])
         for rounds in range(_ROUNDS):
@@ -308,7 +314,7 @@ class _Problem:
         return control, _ROUNDS
 
     def _step(self, state: tuple[np.ndarray, ...], anchor: _Anchor) -> Grid:
-        """What makes the linearised strain least: normal equations in a band as wide as the sheet's shorter side."""
+        """Return the step to the least linearised strain, by a band matrix as wide as the sheet's shorter side."""
         from palpate.sensors.taxels.skin_map import _strain  # compiled: loaded when first needed
         from palpate.surfaces import _band
 
@@ -325,7 +331,7 @@ class _Problem:
 
 
 def _hold(band: Float[np.ndarray, "k n"], anchor: _Anchor, stride: int) -> None:
-    """Stiff springs: on the sheet's corner, and across the heading on a point of the first edge."""
+    """Add stiff springs at the sheet's corner, and across the heading at a point of the first edge."""
     share, side = anchor
     stiff = 1e6 * float(band[:, 0].max())
     band[:2, 0] += stiff
@@ -346,7 +352,7 @@ def _spread(
 
 
 def _narrow(values: Float[np.ndarray, "n a"], slopes: Float[np.ndarray, "n a"]) -> tuple[np.ndarray, ...]:
-    """The four cubics that are not zero at each place: the number of the first, their values and slopes."""
+    """Return the four cubics that are not zero at each place: the index of the first, their values and slopes."""
     first = np.argmax(values != 0.0, axis=1)
     first = np.minimum(first, values.shape[1] - 4)
     near = first[:, None] + np.arange(4)
@@ -354,12 +360,12 @@ def _narrow(values: Float[np.ndarray, "n a"], slopes: Float[np.ndarray, "n a"]) 
 
 
 def _energy(strain: Float[np.ndarray, "n m 3"], weights: Float[np.ndarray, "n m"]) -> float:
-    """Mean |E|^2, which is the mean of the squared principal strains, both added."""
+    """Return the mean |E|^2, which is the mean of the sum of both squared principal strains."""
     return float(np.sum(weights * (np.square(strain) @ np.array([1.0, 1.0, 2.0]))) / np.sum(weights))
 
 
 def _principal(strain: Float[np.ndarray, "n m 3"], weights: Float[np.ndarray, "n m"]) -> tuple[float, float]:
-    """Root mean square of the principal strains, and the one that is farthest from 0."""
+    """Return the root mean square of the principal strains, and the one that is farthest from 0."""
     xx, yy, xy = np.moveaxis(strain, -1, 0)
     middle, radius = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
     both = np.stack([middle - radius, middle + radius]) * (weights == 1.0)

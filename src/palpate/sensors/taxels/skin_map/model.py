@@ -1,4 +1,4 @@
-"""Where every cell of a taxel sheet sits on the link that carries it."""
+"""Describe the place of every cell of a taxel sheet on the link that carries it."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ class SkinMap:
         normals: (r, c, 3) outward, unit.
         areas: (r, c) that the cells cover on the link [m^2].
         pitch: between rows, and between columns, of the flat sheet [m].
-        overlap: (r, c), cells that lie over or under another one, where a sheet goes more than once round; none unless
-            given.
-        surface: the smooth outside of the link under the sheet; none where a map was read from a table.
-        uv: (r, c, 2) the surface's parameters under the centres; none without it.
-        strain: root mean square, and the one farthest from 0, of the sheet's principal strains; NaN where not known.
+        overlap: (r, c) cells that lie over or under another one, where a sheet goes more than once around; none by
+            default.
+        surface: the smooth outside of the link under the sheet; None where a map was read from a table.
+        uv: (r, c, 2) the surface's parameters under the centres; empty without a surface.
+        strain: root mean square, and largest magnitude, of the sheet's principal strains; NaN where not known.
         distance: of the surface from the mesh, mean and worst [m]; NaN where not known.
-        provenance: what it was made from.
-        notes: what to know of it, a sentence each.
+        provenance: origin of the map.
+        notes: notes for the user, a sentence each.
     """
 
     centres: Float[np.ndarray, "r c 3"]
@@ -72,18 +72,18 @@ class SkinMap:
 
     @property
     def rows(self) -> int:
-        """How many rows of cells."""
+        """Return the number of rows of cells."""
         return self.centres.shape[0]
 
     @property
     def columns(self) -> int:
-        """How many columns of cells."""
+        """Return the number of columns of cells."""
         return self.centres.shape[1]
 
     def at(
         self, row: ArrayLike, column: ArrayLike
     ) -> tuple[Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3"]]:
-        """Positions [m] and outward unit normals between the cells' centres, which have whole numbers.
+        """Return positions [m] and outward unit normals, (..., 3), at row and column, integers at cell centres.
 
         The sheet runs from -1/2 to rows - 1/2 and to columns - 1/2. Cubic between centres: a chord of a 10 mm cell
         would lie 0.4 mm inside a wrist.
@@ -93,7 +93,7 @@ class SkinMap:
         return both[..., :3], normals / np.linalg.norm(normals, axis=-1, keepdims=True)
 
     def mesh(self) -> Mesh:
-        """Return the sensing layer as a mesh, where no mesh of the link is at hand."""
+        """Return the sensing layer as a mesh, for use where no mesh of the link is available."""
         rows, columns = self.rows * _FINE, self.columns * _FINE
         row, column = np.meshgrid(
             np.linspace(-0.5, self.rows - 0.5, rows + 1),

@@ -1,4 +1,4 @@
-"""How the map of a sheet stands in a file."""
+"""Define the file format of a sheet's map."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def _skin_map_keys(skin: SkinMap) -> dict[str, Any]:
 
 
 def of_skin_map(skin: SkinMap) -> Lines:
-    """Cells, and how well the sheet lies."""
+    """Return the lines that summarise a map: cells, pitch, spline, distance, strain and overlap."""
     surface = skin.surface
     area = f"{1e4 * float(skin.areas.sum()):.1f} cm^2"
     said = [

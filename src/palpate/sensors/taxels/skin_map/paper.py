@@ -1,9 +1,9 @@
-"""The paper's own way, as a baseline: even planes, uniform knots, uniform parameters [skin].
+"""Map a skin by the paper's method, as a baseline: even planes, uniform knots, uniform parameters [skin].
 
-What the text leaves open is read so: the m planes through the axis, pi/m apart, cut the link on both sides, so there
+Open points of the text are read so: the m planes through the axis, spaced by pi/m, cut the link on both sides, so there
 are 2 m spokes; curves are clamped cubics that begin and end at the same point; knots are uniform. `literal` gives every
 section's curve the parameters k/M and takes the curves' control points as the surface's; `greville` gives points the
-parameters at which their control points have most of their say, in both directions. Control points stay on the spokes.
+parameters at which their control points have most weight, in both directions. Control points stay on the spokes.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def paper_surface(
     m: int = _PLANES,
     reading: Reading = "literal",
 ) -> BSplineSurface:
-    """The surface of Algorithm 1 from n planes across the axis, within `span` [m], and m through it.
+    """Return the surface of Algorithm 1 from n planes across the axis, within `span` [m], and m through it.
 
     Raises:
         GeometryError: a section is not complete.
@@ -69,7 +69,7 @@ def paper_surface(
 def _held(
     table: Float[np.ndarray, "k m"], spokes: Float[np.ndarray, " m"], offsets: Float[np.ndarray, " m"]
 ) -> Float[np.ndarray, " m"]:
-    """Offsets of control points on spokes, the first and the last where the curve begins, least squares (4)."""
+    """Return offsets of control points on spokes by least squares (4), with both ends where the curve begins."""
     ways = np.stack([np.cos(spokes), np.sin(spokes)])
     points = ways * offsets
     matrix = np.concatenate([table * way for way in ways])
@@ -91,13 +91,14 @@ def paper_map(
     reading: Reading = "literal",
     provenance: Mapping[str, str] | None = None,
 ) -> SkinMap:
-    """Cells at equal parameters, (k, l) at ((k + 1/2)/rows, (l + 1/2)/columns), over the whole of the paper's surface.
+    """Return a map with cells at equal parameters over the complete surface of the paper.
 
-    [skin] prints (k/6, l/22), which is half a cell off. The sheet's size and pitch have no say in it, nor the origin's
-    height; its angle says where columns begin. Arguments as in `map_skin`.
+    Cell (k, l) is at ((k + 1/2)/rows, (l + 1/2)/columns); [skin] prints (k/6, l/22), which is half a cell off. The
+    sheet's size and pitch have no effect, nor has the origin's height; its angle decides where columns begin. Arguments
+    as in `map_skin`.
 
     Raises:
-        InputError: the origin is off the surface.
+        InputError: the origin is off the surface, or the heading is along the normal.
         GeometryError: there are no complete sections about an axis.
     """
     site = placed(mesh, sheet, origin, heading)

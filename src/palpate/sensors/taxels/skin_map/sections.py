@@ -1,4 +1,4 @@
-"""Where the two families of planes cut a triangle mesh: the outermost point on every line of a chart."""
+"""Cut a triangle mesh by two families of planes, and find the outermost point on every line of a chart."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ Ends = Float[np.ndarray, "s d"]
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Sections:
-    """The outermost cut of each line.
+    """The outermost cut of the mesh on each line of a chart.
 
     Attributes:
         u: (n,) planes of the first family; v: (m,) of the second.
-        offset: (n, m) along the line [m], -inf where the mesh is not met.
-        facet: (n, m) that was met, -1 where none.
+        offset: (n, m) along the line [m], -inf where the line misses the mesh.
+        facet: (n, m) index of the facet that was cut, -1 where none.
     """
 
     u: Float[np.ndarray, " n"]
@@ -37,9 +37,9 @@ class Sections:
 def cut(
     chart: Chart, triangles: Float[np.ndarray, "f 3 3"], u: Float[np.ndarray, " n"], v: Float[np.ndarray, " m"]
 ) -> Sections:
-    """Cut triangles by planes u, their cuts by planes v, and keep the outermost.
+    """Cut triangles by planes u, cut the resulting segments by planes v, and return the outermost points.
 
-    Neither winding nor neighbours matter: soup, doubled facets and inner bodies are all the same to it.
+    Neither winding nor neighbours matter: the result is the same for soup, doubled facets and inner bodies.
     """
     ends, plane, facet = _segments(chart.local(triangles), u)
     line, segment, offset = _crossings(chart, ends, v)
@@ -54,7 +54,7 @@ def cut(
 def _segments(
     local: Float[np.ndarray, "f 3 3"], u: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, "s 2 2"], Int[np.ndarray, " s"], Int[np.ndarray, " s"]]:
-    """The cuts by planes u: their ends in the plane, the plane and the facet."""
+    """Return the cuts by planes u: their ends in the plane (s, 2, 2), and the indices of plane and facet."""
     local = np.take_along_axis(local, np.argsort(local[..., 0], axis=1)[..., None], axis=1)
     height = local[..., 0]
     first, last = _place(u, height[:, 0], "left"), _place(u, height[:, 2], "right")
@@ -67,7 +67,7 @@ def _segments(
 
 
 def _between(start: Ends, end: Ends, at: Float[np.ndarray, " s"]) -> Ends:
-    """Where the first coordinate is `at`, on the way from start to end; start where it does not rise."""
+    """Return the points between start and end at which the first coordinate is `at`; start where it does not rise."""
     low = start[:, 0]
     rise = end[:, 0] - low
     share = np.where(rise > 0, at - low, 0.0) / np.where(rise > 0, rise, 1.0)
@@ -77,7 +77,7 @@ def _between(start: Ends, end: Ends, at: Float[np.ndarray, " s"]) -> Ends:
 def _crossings(
     chart: Chart, ends: Float[np.ndarray, "s 2 2"], v: Float[np.ndarray, " m"]
 ) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """Which line meets which segment, and how far out on it."""
+    """Return the lines that cross segments, those segments, and the offsets [m] of the crossings along the lines."""
     if not chart.round:
         begin, end = ends[..., 0].min(axis=1), ends[..., 0].max(axis=1)
         segment, line = _runs(_place(v, begin, "left"), _place(v, end, "right"))
@@ -110,7 +110,7 @@ def _place(
 
 
 def _runs(first: Int[np.ndarray, " n"], last: Int[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
-    """For every n the numbers from first to before last: n repeated, and the numbers."""
+    """Return, for the integers from first to before last of each entry, the entry's index and the integers."""
     count = np.maximum(last - first, 0)
     owner = np.repeat(np.arange(len(count)), count)
     start = np.repeat(first - np.concatenate([[0], np.cumsum(count)[:-1]]), count)

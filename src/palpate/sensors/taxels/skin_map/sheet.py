@@ -1,4 +1,4 @@
-"""From a mesh and a sheet's corner to where every cell sits."""
+"""Compute the place of every cell of a sheet from a mesh and the sheet's corner."""
 
 from __future__ import annotations
 
@@ -38,24 +38,24 @@ def map_skin(
     control: int = 200,
     provenance: Mapping[str, str] | None = None,
 ) -> SkinMap:
-    """Where every cell of a sheet sits on a link, and which way it faces.
+    """Return the place and the outward normal of every cell of a sheet on a link.
 
     A B-spline is fitted to the outside of the mesh (`shell`) and the sheet is laid on it without stretching (`lay`).
 
     Args:
         mesh: of the link [m], as it comes: soup, open, with doubled facets and inner bodies.
-        sheet: what is laid.
+        sheet: the sheet to lay.
         origin: (3,) outer corner of cell (0, 0) [m], on the mesh.
         heading: (3,) direction of increasing column there; its part along the surface counts.
-        mode: "facets" follows the mesh as it is, "vertices" the smooth shape whose samples its vertices are; chosen by
-            the mesh, and said in the notes, if None.
-        planes: that cut the mesh; found from the shape's axis if None.
-        control: points of the spline at most, along facets.
-        provenance: to keep with the map.
+        mode: "facets" follows the mesh as it is, "vertices" the smooth shape that its vertices sample; None: chosen by
+            the mesh, and stated in the notes.
+        planes: that cut the mesh; None: found from its shape.
+        control: largest number of the spline's control points, along facets.
+        provenance: stored with the map.
 
     Raises:
-        InputError: the origin is off the surface, the heading is along the normal, or a whole cell or more has no
-            surface under it.
+        InputError: the origin is off the surface, the heading is along the normal, or at least one cell has no surface
+            under it.
         GeometryError: the mesh cannot be cut by two families of planes about the origin.
     """
     site = placed(mesh, sheet, origin, heading)
@@ -79,7 +79,7 @@ def map_skin(
 
 @takes_arrays
 def placed(mesh: Mesh, sheet: Sheet, origin: ArrayLike, heading: ArrayLike) -> Site:
-    """The sheet's corner on the mesh, its heading there, the outward normal, and the facets of the body it lies on.
+    """Return the sheet's corner on the mesh, its heading there, the outward normal, and the facets of its body.
 
     Raises:
         InputError: the origin is off the surface, or the heading along the normal.
@@ -102,7 +102,7 @@ def placed(mesh: Mesh, sheet: Sheet, origin: ArrayLike, heading: ArrayLike) -> S
 
 
 def _else(on: Callable[[Site], SkinMap], site: Site) -> SkinMap | None:
-    """Patches that share no vertex may be one link all the same, if the sheet then lies well."""
+    """Lay the sheet on all patches, which may be one link without common vertices; None if it lies badly."""
     try:
         result = on(site)
     except PalpateError:
@@ -112,10 +112,10 @@ def _else(on: Callable[[Site], SkinMap], site: Site) -> SkinMap | None:
 
 @takes_arrays
 def mapped(found: Shell, sheet: Sheet, origin: Float[np.ndarray, "3"], heading: Float[np.ndarray, "3"]) -> SkinMap:
-    """Lay a sheet on a shell.
+    """Lay a sheet on a shell and return its map.
 
     Raises:
-        InputError: a whole cell or more is without surface.
+        InputError: at least one cell has no surface under it.
     """
     begin = found.surface.nearest(origin[None], found.chart.coordinates(origin[None])[:, :2])[0]
     domain = found.surface.domain
@@ -158,10 +158,10 @@ def fit_stretch(
     mode: Mode | None = None,
     planes: Planes | None = None,
 ) -> Sheet:
-    """The sheet with the stretch that brings some cells nearest to where they are known to be.
+    """Return the sheet with the stretch that brings some cells nearest to their known places.
 
     Args:
-        mesh: as for `map_skin`, and so on.
+        mesh: as for `map_skin`.
         sheet: as it was before it was stretched.
         known: (row, column) to the cell's centre (3,) [m].
         origin: as for `map_skin`.
@@ -170,7 +170,8 @@ def fit_stretch(
         planes: as for `map_skin`.
 
     Raises:
-        InputError: no cell is known, or one that the sheet does not have.
+        InputError: no cell is known, or one that is not on the sheet; or as for `map_skin`.
+        GeometryError: as for `map_skin`.
     """
     from scipy.optimize import least_squares
 
@@ -200,7 +201,7 @@ def _vector(values: ArrayLike, name: str) -> Float[np.ndarray, "3"]:
 
 
 def _side(mesh: Mesh, origin: Float[np.ndarray, "3"], normal: Float[np.ndarray, "3"]) -> float:
-    """1 where the normal leaves the body, -1 where it enters it: what winding says, unless the line there does not."""
+    """Return 1 where the normal leaves the body, -1 where it enters it: by winding, unless a ray along it disagrees."""
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
     ab, ac, ao = b - a, c - a, origin - a
     across = np.cross(normal, ac)
@@ -218,7 +219,7 @@ def _side(mesh: Mesh, origin: Float[np.ndarray, "3"], normal: Float[np.ndarray, 
 
 
 def _body(mesh: Mesh, facet: int) -> Int[np.ndarray, " f"]:
-    """The facets that hang together with one of them by their vertices."""
+    """Return the facets that are connected with a facet by their vertices."""
     import trimesh
 
     edges = mesh.faces[:, [0, 1, 1, 2]].reshape(-1, 2)
@@ -228,14 +229,14 @@ def _body(mesh: Mesh, facet: int) -> Int[np.ndarray, " f"]:
 
 
 def _cell_blocks(lattice: Float[np.ndarray, "a b ..."]) -> Float[np.ndarray, "r c 3 3 ..."]:
-    """The nine lattice points of every cell."""
+    """Return the nine lattice points of every cell, (r, c, 3, 3, ...)."""
     rows, columns = (lattice.shape[0] - 1) // 2, (lattice.shape[1] - 1) // 2
     i, j = (cast("Any", np.arange(3) + 2 * np.arange(count)[:, None]) for count in (rows, columns))
     return lattice[i[:, None, :, None], j[None, :, None, :]]
 
 
 def _refuse_bare(found: Shell, uv: Float[np.ndarray, "a b 2"], sheet: Sheet, allowed: float = 0.0) -> None:
-    """No cell may lie where there is no surface at all; before the layout is worked out some may seem to."""
+    """Raise an InputError if more than `allowed` cells have no surface at all under them."""
     if not np.isfinite(uv).all():
         raise _too_large(sheet, "it would have to fold")
     bare = ~found.there(_cell_blocks(uv)).any(axis=(2, 3))
@@ -254,7 +255,7 @@ def _too_large(sheet: Sheet, what: str) -> InputError:
 
 
 def _areas(found: Shell, layout: LaidSheet, sheet: Sheet) -> Float[np.ndarray, "r c"]:
-    """By Simpson's rule over each cell."""
+    """Return the cells' areas [m^2] by Simpson's rule."""
     height, length = sheet.size
     steps = height / (2 * sheet.rows), length / (2 * sheet.columns)
     by_y, by_x = (np.gradient(layout.uv, step, axis=axis, edge_order=2) for axis, step in enumerate(steps))
@@ -267,7 +268,7 @@ def _areas(found: Shell, layout: LaidSheet, sheet: Sheet) -> Float[np.ndarray, "
 
 
 def _overlap(uv: Float[np.ndarray, "a b 2"], period: float) -> Bool[np.ndarray, "r c"]:
-    """Which cells lie under the sheet when it comes round again."""
+    """Return which cells overlap the sheet where it comes round again."""
     blocks = _cell_blocks(uv)
     middle = blocks[:, :, 1:2, 1:2]
     points = (middle + 0.9 * (blocks - middle)).reshape(-1, 2)  # neighbours that touch do not overlap
@@ -281,7 +282,7 @@ def _overlap(uv: Float[np.ndarray, "a b 2"], period: float) -> Bool[np.ndarray, 
 
 
 def _inside(points: Float[np.ndarray, "n 2"], edge: Float[np.ndarray, "k 2"]) -> Bool[np.ndarray, " n"]:
-    """Points from which a ray meets a polygon an odd number of times."""
+    """Return which points are inside a polygon: a ray from them meets it an odd number of times."""
     (au, av), (bu, bv) = edge.T[:, None, :], np.roll(edge, -1, axis=0).T[:, None, :]
     u, v = points[:, 0, None], points[:, 1, None]
     straddles = (av > v) != (bv > v)

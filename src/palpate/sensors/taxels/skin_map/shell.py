@@ -1,4 +1,4 @@
-"""From a triangle mesh as robot makers ship it to one smooth surface: the outer shell, where the sheet is to lie."""
+"""Fit one smooth surface to the outer shell of a robot maker's triangle mesh, where the sheet will lie."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ _LEAST = 0.7  # of the rows that most spokes have, for a spoke to count
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Planes:
-    """The user's own two families of planes: an axis, and where the planes stand on it and about it.
+    """The user's own two families of planes: an axis, and the places of the planes along it and about it.
 
     Attributes:
-        axis: a point [m] and the direction of the link's axis; found from the mesh if None.
-        heights: along the axis from that point, or from the sheet's origin without one [m]; chosen if None.
-        angles: about the axis [rad], from the spoke of the sheet's origin; chosen if None.
+        axis: a point [m] and the direction of the link's axis; None: found from the mesh.
+        heights: along the axis from that point, or from the sheet's origin without one [m]; None: chosen.
+        angles: about the axis [rad], from the spoke of the sheet's origin; None: chosen.
     """
 
     axis: tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]] | None = None
@@ -54,7 +54,7 @@ class Planes:
 
     @property
     def spaced(self) -> bool:
-        """Whether the user says where planes of a family stand."""
+        """Return whether the user states the planes of a family."""
         return self.heights is not None or self.angles is not None
 
 
@@ -64,11 +64,11 @@ _ANY = Planes()
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Site:
-    """Where a sheet begins on a mesh.
+    """The start of a sheet on a mesh.
 
     Attributes:
         mesh: [m].
-        facets: those of the body that is looked at.
+        facets: indices of the facets of the body under the sheet.
         corner: (3,) of the sheet, on the mesh [m].
         heading: (3,) in the tangent plane there, unit.
         normal: (3,) outward there, unit.
@@ -82,27 +82,27 @@ class Site:
 
     @cached_property
     def triangles(self) -> Float[np.ndarray, "f 3 3"]:
-        """Corners of the facets [m]."""
+        """Return the corners of the facets, (f, 3, 3) [m]."""
         return self.mesh.vertices[self.mesh.faces[self.facets]]
 
     @cached_property
     def normals(self) -> Float[np.ndarray, "f 3"]:
-        """Of the facets, as wound."""
+        """Return the unit normals of the facets (f, 3), as wound."""
         return self.mesh.normals[self.facets]
 
 
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Shell:
-    """A smooth surface, and what of it is really there.
+    """A smooth surface, and the part of it that the mesh covers.
 
     Attributes:
         surface: the spline.
         chart: its lines.
-        sections: cuts of the mesh that show where it is.
-        mode: whether it follows facets or vertices.
+        sections: cuts of the mesh that show which part is covered.
+        mode: "facets" or "vertices", which the surface follows.
         distance: to the mesh's facets (or vertices), mean and worst [m], along the normal.
-        notes: what was found and chosen.
+        notes: findings and choices.
     """
 
     surface: BSplineSurface
@@ -113,7 +113,7 @@ class Shell:
     notes: tuple[str, ...] = field(default=())
 
     def there(self, uv: Float[np.ndarray, "*batch 2"]) -> Bool[np.ndarray, "*batch"]:
-        """Whether the mesh is met on the lines nearest to some parameters."""
+        """Return whether the lines nearest to parameters (..., 2) meet the mesh."""
         u, v = self.sections.u, self.sections.v
         at_u, at_v = (uv[..., 0] - u[0]) / (u[1] - u[0]), (uv[..., 1] - v[0]) / (v[1] - v[0])
         if self.surface.periodic:
@@ -128,14 +128,14 @@ class Shell:
 def shell(
     site: Site, size: Span, *, mode: Mode | None = None, planes: Planes | None = None, control: int = 200
 ) -> Shell:
-    """Fit the outside of some facets near a sheet.
+    """Fit a surface to the outside of some facets near a sheet.
 
     Args:
-        site: where the sheet begins.
+        site: start of the sheet.
         size: of the sheet: signed height (negative where flipped) and length [m].
-        mode: chosen by the mesh if None.
-        planes: of the user's; found by themselves if None.
-        control: how many control points at most (vertices take as many as there are vertices).
+        mode: None: chosen by the mesh.
+        planes: of the user; None: found from the mesh.
+        control: largest number of control points (vertices take as many as there are vertices).
 
     Raises:
         GeometryError: no part of the mesh about the origin can be seen along the lines of two families of planes.
@@ -154,7 +154,7 @@ def shell(
 
 
 def full_sections(site: Site, planes: Planes | None = None) -> tuple[Chart, Span]:
-    """The chart about a link's axis, and the heights between which sections across it are complete [m].
+    """Return the chart about a link's axis, and the heights between which sections across it are complete [m].
 
     Raises:
         GeometryError: there are none, or no axis about which the link closes.
@@ -167,7 +167,7 @@ def full_sections(site: Site, planes: Planes | None = None) -> tuple[Chart, Span
 
 
 def _one_sided(site: Site, size: Span) -> tuple[tuple[Chart, Sections] | None, bool]:
-    """Parallel planes, where the sheet's place can be seen from one side: along its mean normal; whether all of it."""
+    """Cut by planes along the mean normal if the sheet's place is seen from one side; return also if all of it is."""
     height, length = size
     margin = 0.15 * min(abs(height), length)
     low, high = min(0.0, -height) - margin, max(0.0, -height) + margin  # u falls where rows rise
@@ -205,12 +205,12 @@ def _round(site: Site, planes: Planes) -> tuple[Chart, Sections]:
 
 
 def _shift(planes: Planes, chart: Chart) -> float:
-    """From the user's heights to those of the chart [m]."""
+    """Return the offset from the user's heights to those of the chart [m]."""
     return 0.0 if planes.axis is None else float(chart.axes[2] @ (np.asarray(planes.axis[0]) - chart.centre))
 
 
 def _own(planes: Planes, chart: Chart) -> tuple[Places | None, Places | None]:
-    """The user's planes as parameters of the chart, in order."""
+    """Return the user's planes as parameters of the chart, in order."""
     u = None if planes.heights is None else np.unique(_given(planes.heights)) + _shift(planes, chart)
     return u, None if planes.angles is None else np.unique(wrapped(_given(planes.angles)))
 
@@ -223,9 +223,9 @@ def _given(values: Places) -> Places:
 
 
 def _block(site: Site, sections: Sections, round_about: bool) -> tuple[slice, slice, bool]:
-    """Rows in which no spoke has yet to begin or has ended, and the spokes that count; whether these go all round.
+    """Return the rows in which all counted spokes meet the mesh, those spokes, and whether they go all around.
 
-    Round a link without the rows that already run over a rim.
+    Around a link, rows that already run over a rim are excluded.
     """
     met = sections.facet >= 0
     any_met = met.any(axis=0)
@@ -253,7 +253,7 @@ def _block(site: Site, sections: Sections, round_about: bool) -> tuple[slice, sl
 
 
 def _without_rims(rows: slice, normals: Float[np.ndarray, "f 3"], met: Int[np.ndarray, "n m"]) -> slice:
-    """Less the end rows that already run over a rim: they turn from the next by far more than rows elsewhere do."""
+    """Remove end rows that already run over a rim: they turn from the next by far more than rows elsewhere do."""
     grid = normals[met[rows]]
     cosine = np.abs(np.einsum("nmi,nmi->nm", grid[1:], grid[:-1]))
     turn = np.quantile(np.arccos(np.clip(cosine, 0.0, 1.0)), 0.9, axis=1)
@@ -263,7 +263,7 @@ def _without_rims(rows: slice, normals: Float[np.ndarray, "f 3"], met: Int[np.nd
 
 
 def _run(good: Bool[np.ndarray, " m"], through: int) -> tuple[int, int]:
-    """The unbroken run of spokes about one of them."""
+    """Return begin and end of the unbroken run of spokes about one of them."""
     bad = np.flatnonzero(~good)
     begin = int(bad[bad < through].max()) + 1 if (bad < through).any() else 0
     end = int(bad[bad > through].min()) if (bad > through).any() else len(good)
@@ -272,11 +272,11 @@ def _run(good: Bool[np.ndarray, " m"], through: int) -> tuple[int, int]:
 
 @dataclass(frozen=True, eq=False)
 class _Window:
-    """The rows and columns of sections that a surface is fitted to.
+    """The rows and columns of sections to which a surface is fitted.
 
     Attributes:
-        chart: of the sections; periodic: the columns go all round.
-        u: (n,) and v: (m,) planes; facet: (n, m) that was met, -1 where none.
+        chart: of the sections; periodic: the columns go all around.
+        u: (n,) and v: (m,) planes; facet: (n, m) index of the facet that was cut, -1 where none.
     """
 
     chart: Chart
@@ -287,13 +287,13 @@ class _Window:
 
     @property
     def span(self) -> tuple[Span, Span]:
-        """Lowest and highest u, and v."""
+        """Return the lowest and highest u, and v."""
         end = float(self.v[0]) + 2 * np.pi if self.periodic else float(self.v[-1])
         return (float(self.u[0]), float(self.u[-1])), (float(self.v[0]), end)
 
     @property
     def steps(self) -> Span:
-        """From plane to plane, of u and of v."""
+        """Return the steps from plane to plane, of u and of v."""
         return float(self.u[1] - self.u[0]), float(self.v[1] - self.v[0])
 
 
@@ -323,20 +323,20 @@ def _fitted(site: Site, chart: Chart, sections: Sections, mode: Mode | None, con
 
 
 def _outward(normals: Points, spokes: Points) -> Points:
-    """Turned to the lines' side, whatever the winding."""
+    """Turn normals to the lines' side, for any winding."""
     return normals * np.where(np.einsum("ki,ki->k", normals, spokes) < 0, -1.0, 1.0)[:, None]
 
 
 def _extents(chart: Chart, triangles: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, "f 2"]:
-    """How far facets reach in u and in v."""
+    """Return the extents (f, 2) of facets in u and in v."""
     where = chart.coordinates(triangles)[..., :2]
     return np.ptp(chart.between(where[:, :1], where), axis=1)
 
 
 def _lifted(mesh: Mesh, met: Int[np.ndarray, " k"], points: Points, spokes: Points) -> tuple[Points, Points]:
-    """Points of facets moved half way to the planes across their corners' normals: on a circle, onto its arc.
+    """Move points of facets half way to the planes across their corners' normals: on a circle, onto its arc.
 
-    The mean is weighed by how near each corner is [phong].
+    The mean is weighted by how near each corner is [phong]. Return the points and their normals.
     """
     corners, slopes = mesh.vertices[mesh.faces[met]], mesh.corner_normals[met]
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
@@ -349,7 +349,7 @@ def _lifted(mesh: Mesh, met: Int[np.ndarray, " k"], points: Points, spokes: Poin
 
 
 def _corners(mesh: Mesh, met: Int[np.ndarray, " f"], window: _Window) -> tuple[Points, Points]:
-    """The corners of facets that were met, within the span, and their normals by area."""
+    """Return the corners of facets that were cut, within the span, and their normals, weighted by area."""
     number, corner = np.unique(mesh.faces[met], return_inverse=True)
     points, chart, span = mesh.vertices[number], window.chart, np.array(window.span)
     where = chart.coordinates(points)
@@ -365,9 +365,9 @@ def _corners(mesh: Mesh, met: Int[np.ndarray, " f"], window: _Window) -> tuple[P
 
 
 def _judged(normals: Points, points: Points, met: Int[np.ndarray, "n m"]) -> tuple[Mode, str, float]:
-    """Facets where they are meant as they are, or finer than matters; vertices where they sample a smooth shape.
+    """Choose facets at edges and for fine meshes, vertices as samples of a smooth shape; return mode, reason, sag [m].
 
-    Looks from facet to facet along the sections: how far they turn, and how long they are.
+    Compare facets along the sections: the angles between them, and their lengths.
     """
     grid_n, grid_p = np.full((*met.shape, 3), np.nan), np.full((*met.shape, 3), np.nan)
     grid_n[met >= 0], grid_p[met >= 0] = normals, points
@@ -394,7 +394,7 @@ def _along_facets(
     enough: float,
     own: tuple[Places | None, Places | None],
 ) -> Fitted:
-    """Along all of the mesh's outside, with knots where it bends, or in the user's own planes."""
+    """Fit along all of the mesh's outside, with knots where it bends, or in the user's own planes."""
     points, normals, uv = data
     periodic, span, steps = window.periodic, window.span, window.steps
 
@@ -411,14 +411,14 @@ def _along_facets(
 
 
 def _clipped(places: Places, span: Span) -> Float[np.ndarray, " k"]:
-    """Breaks at some places and at both ends."""
+    """Return breaks at some places and at both ends."""
     least = 1e-6 * (span[1] - span[0])
     inner = places[(places > span[0] + least) & (places < span[1] - least)]
     return np.concatenate([span[:1], inner, span[1:]])
 
 
 def _through_vertices(window: _Window, vertices: Points, normals: Points, apart: Span) -> Fitted:
-    """Through the corners of facets as samples of something smooth, with a control point for each."""
+    """Fit through the corners of facets as samples of a smooth shape, with a control point for each."""
     chart, periodic = window.chart, window.periodic
     target = chart.coordinates(vertices)
     breaks, degree = _sampled(target, apart, window)
@@ -432,9 +432,9 @@ def _through_vertices(window: _Window, vertices: Points, normals: Points, apart:
 
 
 def _sampled(target: Points, apart: Span, window: _Window) -> tuple[Breaks, tuple[int, int]]:
-    """Breaks at the rings and columns in which vertices stand, or as far apart as they are where they stand in none.
+    """Return breaks at the rings and columns of the vertices, or at equal spacing where there are none, and the degree.
 
-    And the degree: not more than rings can carry.
+    The degree is not more than the rings can carry.
     """
     low, high = float(target[:, 0].min()), float(target[:, 0].max())
     begin, end = window.span[1]

@@ -1,0 +1,106 @@
+"""Files of messages, such as MCAP files and ROS bags: their topics, and their messages block by block."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Generator, Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Int
+
+from palpate.spatial.arguments import takes_arrays
+
+__all__ = ["MessageBlock", "MessageFile", "Topic", "merged"]
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic: its name, the type of its messages, `encoding`, cdr (ROS 2) or ros1, and `count`, 0 if unknown."""
+
+    name: str
+    kind: str
+    encoding: str
+    count: int = 0
+
+    def same(self, other: Topic) -> bool:
+        """Return True if the topics differ at most in their count."""
+        return (self.name, self.kind, self.encoding) == (other.name, other.kind, other.encoding)
+
+
+def merged(topics: Iterable[Topic]) -> list[Topic]:
+    """Merge topics that differ only in their count, and add up the counts."""
+    counts: dict[Topic, int] = {}
+    for topic in topics:
+        key = replace(topic, count=0)
+        counts[key] = counts.get(key, 0) + topic.count
+    return [replace(topic, count=count) for topic, count in counts.items()]
+
+
+@takes_arrays
+@dataclass(frozen=True)
+class MessageBlock:
+    """A block of messages, in the order of the file.
+
+    Attributes:
+        data: bytes that contain the messages.
+        topics: number of a topic -> topic.
+        topic: (n,) numbers of topics; a message whose number is not in `topics` belongs to no declared topic.
+        time: (n,) [ns] when they were recorded.
+        start, length: (n,) first byte and length of the payload in `data`.
+    """
+
+    data: bytes
+    topics: Mapping[int, Topic]
+    topic: Int[np.ndarray, " n"]
+    time: Int[np.ndarray, " n"]
+    start: Int[np.ndarray, " n"]
+    length: Int[np.ndarray, " n"]
+
+    def of(self, topic: Topic) -> MessageBlock:
+        """Return the messages of one topic that have its type."""
+        mask = np.zeros(len(self.topic), dtype=bool)
+        for key, other in self.topics.items():
+            if other.same(topic):
+                mask |= self.topic == key
+        return MessageBlock(
+            self.data, self.topics, self.topic[mask], self.time[mask], self.start[mask], self.length[mask]
+        )
+
+
+class Watched:
+    """A source that is read piece by piece and shows its progress.
+
+    Attributes:
+        path: of the file or folder.
+        size: bytes to read in all.
+        position: bytes read so far in the running iteration.
+        torn: after an iteration, a sentence on where the file was cut; "" if it is complete.
+    """
+
+    def __init__(self, path: Path, size: int) -> None:
+        self.path, self.size = path, size
+        self.position, self.torn = 0, ""
+
+    def notes(self) -> tuple[str, ...]:
+        """Return notes on what was read so far, one sentence each, for readers of the results."""
+        return ()
+
+
+class MessageFile(Watched, ABC):
+    """A file of messages, or several files read as one.
+
+    Attributes:
+        duration: [s] from the first message to the last; 0 if the file does not state it.
+    """
+
+    duration: float = 0.0
+
+    @abstractmethod
+    def topics(self) -> list[Topic]:
+        """Return all declared topics, one entry per name and type, with their message counts."""
+
+    @abstractmethod
+    def messages(self, names: Collection[str] = ()) -> Generator[MessageBlock]:
+        """Yield messages from the start, in the order of the file: all, or at least those of topics in `names`."""
