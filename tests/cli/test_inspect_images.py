@@ -91,7 +91,7 @@ def test_images_of_topics_are_described(tmp_path: Path, capsys: pytest.CaptureFi
 def test_a_video_has_no_topics_and_no_wrenches(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, rig = write_video(tmp_path / "log.avi", 5), tmp_path / "rig.toml"
     rig.write_text('[surface]\nkind = "sphere"\nradius = 0.01\n[force_torque]\n')
-    for options, sentence in ((("--topic", "/x"), "has no topics"), (("--rig", str(rig)), "asked for is a wrench")):
+    for options, sentence in ((("--topic", "/x"), "has no topics"), (("--rig", str(rig)), "requested is a wrench")):
         assert main(["inspect", str(path), *options]) == 1
         assert sentence in capsys.readouterr().err
 

@@ -114,7 +114,7 @@ def test_what_is_killed_is_started_again_and_nothing_is_lost(
     running.until(lambda: "tare over" in running.said)
     os.kill(running.process.pid, signal.SIGUSR1)
     running.until(lambda: running.said.count("tare over") == 2)
-    assert "tare asked for by a signal (SIGUSR1)" in running.said
+    assert "tare requested by a signal (SIGUSR1)" in running.said
     first = running.children()
     assert len(first) == 3
     os.kill(first["recorder"], signal.SIGKILL)

@@ -131,7 +131,7 @@ def test_rate_contact_latency_and_drops_are_on_the_page(view: object, stream: St
 def test_the_button_asks_for_a_tare_and_shows_what_came_of_it(view: object, stream: Stream) -> None:
     view.get_by_role("button", name="Tare").click()
     until(lambda: stream.ring["asked"] == 1, "nobody asked")
-    assert stream.said().endswith("tare asked for by the page (127.0.0.1)")
+    assert stream.said().endswith("tare requested by the page (127.0.0.1)")
     view.get_by_role("button", name="Taring", disabled=True).wait_for()
     stream.ring.say("tare over 200 samples: <b>nothing</b> moved")
     stream.ring["done"] = 1

@@ -377,7 +377,7 @@ def test_a_topic_of_something_else_is_refused(tmp_path: Path) -> None:
     assert missing(there, LogLayout(wrench=None, images=ImageChannel("/left"))) == []
     assert "there is no topic '/right'" in missing(there, LogLayout(wrench=None, images=ImageChannel("/right")))[0]
     assert "no topic holds wrenches" in missing(there, LogLayout())[0]
-    with pytest.raises(InputError, match="images alone; asked for is a wrench"):
+    with pytest.raises(InputError, match="images alone; requested is a wrench"):
         read_recording(path, LogLayout(images=ImageChannel()))
 
 
@@ -390,7 +390,7 @@ def test_other_logs_hold_no_images_and_images_nothing_else(tmp_path: Path) -> No
         read_recording(table, LAYOUT)
     for path in (write_video(tmp_path / "log.avi", 3), write_frames(tmp_path / "frames", ["0.png"])):
         assert missing(contents(path), LAYOUT) == []
-        assert "asked for is a wrench" in missing(contents(path), LogLayout())[0]
+        assert "requested is a wrench" in missing(contents(path), LogLayout())[0]
         with pytest.raises(InputError, match="which holds images alone"):
             read_recording(path)
 

@@ -179,7 +179,7 @@ def test_what_is_wrong_with_poses_is_said(monkeypatch: pytest.MonkeyPatch) -> No
     poses.at(asked + 3 * SECOND)
     assert poses.events() == ["the newest pose is 3 s older than the samples: the sensor's orientation is not known"]
     poses.add(_tree("/tf", [(START - 60 * SECOND, "base", "hand", np.zeros(3), up)]))
-    assert poses.events() == ["the clock of the poses of 'hand' in 'base' went back; they begin anew"]
+    assert poses.events() == ["the clock of the poses of 'hand' in 'base' went back; they start again"]
 
 
 def test_poses_without_stamps_are_of_when_they_were_sent() -> None:

@@ -75,4 +75,4 @@ def test_tares_are_counted_and_said_by_any_thread_while_somebody_records(ring: S
         list(askers.map(ring.ask_tare, [f"asker {k}" for k in range(40)], timeout=30.0))
     said, count = ring.events(0)
     assert ring["asked"] == count == 40
-    assert sorted(sentence for _, sentence in said) == sorted(f"tare asked for by asker {k}" for k in range(40))
+    assert sorted(sentence for _, sentence in said) == sorted(f"tare requested by asker {k}" for k in range(40))

@@ -153,7 +153,7 @@ def test_the_counter_says_what_is_missing() -> None:
     assert _taken(frames, 1)[1].tolist() == [0, 0, 1, 0, 0, 3, 0, 0, 0, 0]
     assert frames.faults() == [
         "4 samples missing by the device's counter",
-        "the device's counter went back: it began anew",
+        "the device's counter went back: the device started again",
     ]
 
 
@@ -453,7 +453,7 @@ def test_silence_and_its_end_are_said_once() -> None:
 @pytest.mark.parametrize(
     ("framing", "noise", "words"),
     [
-        ("cobs", np.random.default_rng(1).bytes(800), "none of them a whole frame: is it `baud` or `framing`?"),
+        ("cobs", np.random.default_rng(1).bytes(800), "none of them a complete frame: is it `baud` or `framing`?"),
         ("lines", np.random.default_rng(1).bytes(800), "no line of 6 or 7 numbers among them: is it `baud`"),
         ("lines", b"1,2,3\r\n" * 100, "the last line was '1,2,3' (3 numbers, not 6 or 7 numbers)?"),
     ],

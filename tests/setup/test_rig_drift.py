@@ -71,7 +71,7 @@ def test_of_load_cells_it_is_a_number_or_a_list(tmp_path: Path, walk: str, expec
         (CELLS + WALK, r"walk of \[load_cells\] is a number"),
         (
             SKIN + WALK,
-            r"\[drift\] is of a force/torque sensor or of load cells, not of \[skin\].*drift in \[contacts\]",
+            r"\[drift\] is for a force/torque sensor or for load cells, not for \[skin\].*drift in \[contacts\]",
         ),
         (
             WRENCH + "drift = { force = 0.002, torque = 0.0001 }\n" + WALK,

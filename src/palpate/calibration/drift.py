@@ -167,12 +167,12 @@ def _usable(
     if len(when) < 2 or not (span := float(when[-1] - when[0])) >= SHORTEST:
         lasts = f"{max(0.0, float(when[-1] - when[0])):.3g} s" if len(when) > 1 else "no time"
         raise InputError(
-            f"the log lasts {lasts} where it can be used; how a zero wanders needs {SHORTEST:g} s at least.",
+            f"the log lasts {lasts} where it can be used; how the bias drifts needs {SHORTEST:g} s at least.",
             hint="Record the sensor at rest and untouched for five minutes.",
         )
     steps = np.diff(when)
     if np.any(steps < 0):
-        raise InputError("times run backwards: the log begins anew, or its rows are out of order.")
+        raise InputError("times run backwards: the log starts again, or its rows are out of order.")
     if (missing := len(time) - len(when)) > 0:
         notes.append(f"{missing:,} of {len(time):,} samples have no value or no time and were left out")
     gaps = steps[steps > GAP]
@@ -192,7 +192,7 @@ def _require_changing(values: Float[np.ndarray, "n m"], names: Sequence[str]) ->
         stuck = ", ".join(name for name, one in zip(names, same, strict=True) if one)
         raise InputError(
             f"{stuck} never changes: not connected, or a driver that holds small readings at zero.",
-            hint="How a zero wanders is hidden behind it; switch its dead band or its tare off.",
+            hint="It hides how the bias drifts; switch the dead band or the tare off.",
         )
     step, spread = resolution_of(values), np.median(np.abs(np.diff(values, axis=0)), axis=0)
     coarse = [name for name, one, size in zip(names, step, spread, strict=True) if one > 0.0 and size == 0.0]

@@ -84,8 +84,7 @@ class Search:
             self.correlation = self._correlation()
         if self.correlation > MOVING:
             raise InputError(
-                "the readings do not change as a zero that wanders does, but swing: the arm moves, or something "
-                "touches the sensor.",
+                "the readings swing instead of drifting: the arm moves, or something touches the sensor.",
                 hint="Record the sensor at rest and untouched; if the arm moves, name the payload in the rig.",
             )
         return self
@@ -203,7 +202,7 @@ class Search:
                 f"means over {self.windows.length:.2g} s were taken"
             )
         if self.correlation > COLOURED:
-            said.append("even so it is not white: the walk may be off by more than is said")
+            said.append("even so it is not white: the walk may be off by more than stated")
         if noise is not None:
             said += _noise_said(np.asarray(noise), self.found.noise, self.windows.length / step, names)
         unseen = [name for name, seen in zip(names, self.found.seen, strict=True) if not seen]

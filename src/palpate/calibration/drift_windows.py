@@ -165,7 +165,7 @@ def require_free(windows: Windows, free: Bool[np.ndarray, " w"], longest: float,
             )
     if touched > share:
         raise InputError(
-            f"in {touched:.0%} of the log the readings change as under touches or motion, not as a zero wanders.",
+            f"in {touched:.0%} of the log the readings change as under touches or motion, not as a bias drifts.",
             hint="Record the sensor at rest and untouched; if the arm moves, name the payload in the rig.",
         )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -44,122 +44,122 @@ class _Group:
 
 
 _GROUPS = {
-    "calibrate": "Make a model from a log",
-    "design": "What a sensor can resolve before it is built",
-    "map": "Find where the cells of a sensor sit on a robot",
-    "plan": "What to measure next",
-    "rig": "Write a rig to start from",
+    "calibrate": "Calibrate a sensor from a log",
+    "design": "Design a sensor",
+    "map": "Map a skin onto a robot",
+    "plan": "Plan measurements",
+    "rig": "Write a rig",
 }
 _EACH = {
     "estimate": _Command(
         ".estimate",
         "estimate",
-        "Find contacts in the log of any sensor, with a rig, or in a log of wrenches with a mesh alone.",
+        "Estimate contacts in a log, with a rig or with a mesh alone.",
     ),
     "batch": _Command(
         ".batch",
         "batch",
-        "Find contacts in many logs, each exactly as `palpate estimate` would, and write one page about all of them.",
+        "Estimate contacts in many logs, and write one page about them.",
     ),
     "calibrate camera": _Command(
         "palpate.sensors.marker_ring.camera_command",
         "CalibrateCamera",
-        "Calibrate a fisheye lens from pictures of a chessboard, held at all angles and to the edges of the picture.",
+        "Calibrate a fisheye lens from pictures of a chessboard.",
     ),
     "calibrate clock": _Command(
         "palpate.sensors.force_torque.clock_command",
         "CalibrateClock",
-        "Find how late or early the poses are stamped, from how the payload's weight turns, and write it into the rig.",
+        "Find the clock offset of the poses, and write it into the rig.",
     ),
     "calibrate drift": _Command(
         ".calibrate_drift",
         "CalibrateDrift",
-        "Find how the zero of a force/torque sensor or of load cells wanders, and write it into the rig.",
+        "Find how the bias drifts, and write it into the rig.",
     ),
     "calibrate intensity": _Command(
         "palpate.sensors.taxels.commands",
         "CalibrateIntensity",
-        "Fit the curve from intensity to force, and each cell's gain where the log says which cell was pressed.",
+        "Fit the curve from a taxel's reading to its force.",
     ),
     "calibrate load-cells": _Command(
         "palpate.sensors.load_cells.commands",
         "CalibrateLoadCells",
-        "Calibrate three-axis force cells under a rigid frame, from a bench log with a reference.",
+        "Calibrate 3-axis load cells under a fingertip on a test bench.",
     ),
     "calibrate marker-ring": _Command(
         "palpate.sensors.marker_ring.commands",
         "CalibrateMarkerRing",
-        "Calibrate a soft ring of markers from presses of known angle, depth and force.",
+        "Calibrate a soft ring of markers from known presses.",
     ),
     "calibrate payload": _Command(
         "palpate.sensors.force_torque.commands",
         "CalibratePayload",
-        "Identify weight, centre of mass and biases from a log in which nothing is touched.",
+        "Identify mass, center of mass and bias: gravity compensation.",
     ),
     "calibrate mounting": _Command(
         "palpate.sensors.force_torque.mounting_command",
         "CalibrateMounting",
-        "Find the pose of the surface in the sensor's frame, starting from the rig's, and write it into the rig.",
+        "Find the surface's pose in the sensor's frame from touches.",
     ),
     "calibrate taxels": _Command(
         "palpate.sensors.taxels.poking.commands",
         "CalibrateTaxels",
-        "Find where each taxel of a skin sits, from the wrenches of pokes in several arm configurations.",
+        "Find where each taxel sits, from the wrenches of pokes.",
     ),
     "design load-cells": _Command(
         "palpate.sensors.load_cells.design_command",
         "design_load_cells",
-        "Draw how well place, force and torque can be known over the surface, and the smallest force that will do.",
+        "Draw what a layout of load cells can resolve.",
     ),
     "evaluate": _Command(
         ".evaluate",
         "evaluate",
-        "Errors of location, direction and force, coverage of the ellipses, share of each status.",
+        "Compare contacts with the ground truth.",
     ),
     "events": _Command(
         ".events",
         "events",
-        "Touches: start, end, peak force, place; of several contacts at a time each by itself.",
+        "List touches: start, end, peak force, contact point.",
     ),
     "inspect": _Command(
         ".inspect",
         "inspect",
-        "Say what is in a log, a mesh, a rig, a model, a result or a truth; draw the spectrum of a log or a result.",
+        "Show what is in a log, mesh, rig, model or result.",
     ),
     "live": _Command(
         ".live",
         "live",
-        "Find contacts in the samples of a device as they come; Ctrl-C ends it, and the end of a log that is replayed.",
+        "Estimate contacts in the samples of a device, live.",
     ),
     "map skin": _Command(
         "palpate.sensors.taxels.skin_map.commands",
         "map_skin",
-        "Fit a smooth surface to a link's mesh, lay the sheet on it without stretching, and write where its cells are.",
+        "Lay a flexible taxel sheet on a link's mesh.",
     ),
     "plan pokes": _Command(
         "palpate.sensors.taxels.poking.plan_command",
         "plan_pokes_command",
-        "Say which pokes shrink the largest deviation of a taxel most, one after the other, until it is small enough.",
+        "Propose where to poke a skin next.",
     ),
     "recover": _Command(
         ".recover",
         "recover",
-        "Put together what `palpate live --record OUTPUT` left when it was killed: OUTPUT.part and OUTPUT.ring.",
+        "Recover a live record after its recorder was killed.",
     ),
     "replay": _Command(
         ".replay",
         "replay",
-        "Play a log as a device, on this machine alone, until Ctrl-C; it says the [source] of a rig that reaches it.",
+        "Play a log as a device, to try a set-up without one.",
     ),
     "view": _Command(
         ".view",
         "view",
-        "Show contacts on the body, with a timeline to scrub and play, in a browser; Ctrl-C ends it.",
+        "Show contacts on the body in a browser.",
     ),
     "rig new": _Command(
         ".rig_new",
         "rig_new",
-        "Guess a rig from the log of any sensor, and a mesh: which sensor, columns, units, noise.",
+        "Guess a rig from a log and a mesh.",
     ),
 }
 
@@ -285,7 +285,7 @@ def _listed(called: tuple[str, ...]) -> str:
     else:
         about = _DESCRIPTION
         commands = {
-            name: f"{each.about}: {', '.join(each.commands)}." if isinstance(each, _Group) else each.about
+            name: f"{each.about} ({_few(each.commands)})." if isinstance(each, _Group) else each.about
             for name, each in COMMANDS.items()
         }
     width, indent = min(get_terminal_size().columns, 100), max(map(len, commands)) + 5
@@ -294,6 +294,11 @@ def _listed(called: tuple[str, ...]) -> str:
         lines += wrap(f"  {name:<{indent - 3}} {each}", width, subsequent_indent=" " * indent, break_on_hyphens=False)
     lines += ["", f"`{' '.join(['palpate', *called])} COMMAND --help` has the options of each."]
     return "\n".join(lines)
+
+
+def _few(names: Collection[str]) -> str:
+    """Return the names of a group's commands, or how many there are where a line is too short for them."""
+    return f"{len(names)} commands" if len(names) > 3 else ", ".join(names)
 
 
 def _options(called: Sequence[str]) -> set[str]:
@@ -310,4 +315,4 @@ def _options(called: Sequence[str]) -> set[str]:
 _EVERYWHERE = (("--version",), ("--json", "--quiet"))  # without a command, and with one
 _DESCRIPTION = """Where, how hard and in which direction a robot is being touched.
 
-Every command takes --quiet (nothing but warnings and errors, on stderr) and --json (what it says, as JSON)."""
+Every command takes --quiet (only warnings and errors, on stderr) and --json (the output as JSON)."""

@@ -98,7 +98,9 @@ def batch(
     workers: Annotated[int | None, arg(metavar="N", help_behavior_hint="")] = None,
     backend: Annotated[str, arg(metavar="NAME")] = "processes",
 ) -> None:
-    """Find contacts in many logs, each exactly as `palpate estimate` would, and write one page about all of them.
+    """Estimate contacts in many logs, and write one page about them.
+
+    Find contacts in many logs, each exactly as `palpate estimate` would, and write one page about all of them.
 
     The folder receives a file of contacts per log, each with its .toml, batch.html (a row per log) and batch.jsonl
     (completed logs). The same command continues where it was ended: logs with a complete output from the same log, rig,

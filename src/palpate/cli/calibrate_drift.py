@@ -30,7 +30,7 @@ LONGEST_CONTACT = 60.0  # s, of which it is said how unsure the force becomes
 
 @dataclass(frozen=True)
 class CalibrateDrift(Calibration):
-    """Find how the zero of a force/torque sensor or of load cells wanders, and write it into the rig.
+    """Find how the bias drifts, and write it into the rig.
 
     Leave the sensor untouched for five minutes, best from when it is switched on. With a payload in the rig the arm
     may move. With [drift] in the rig, `estimate` and `live` track the bias while nothing is touched. Comments in the
@@ -75,7 +75,7 @@ def _read(log: Path, opened: OpenedLog) -> tuple[Setup, Recording, tuple[str, ..
     kind = opened.kind
     if not kind.drift:
         raise InputError(
-            f"[{kind.name}] has no zero that is followed: [drift] is of a force/torque sensor or of load cells.",
+            f"[{kind.name}] has no [drift]: only force/torque sensors and load cells have one.",
             where=str(log),
             hint=kind.drift_hint,
         )

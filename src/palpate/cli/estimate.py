@@ -50,7 +50,7 @@ def estimate(
     compare: FileOption = None,
     workers: Annotated[int | None, arg(metavar="N", help_behavior_hint="")] = None,
 ) -> None:
-    """Find contacts in the log of any sensor, with a rig, or in a log of wrenches with a mesh alone.
+    """Estimate contacts in a log, with a rig or with a mesh alone.
 
     Options given here override the rig. OUTPUT.toml is written next to OUTPUT: versions, input hashes, options. Ctrl-C
     keeps the contacts found so far. Exit code 3: done, but the log was cut off; 4: done, but nothing in it can be
@@ -121,7 +121,7 @@ def _ground_truth(truth: Path | None, report: Path | None) -> TrueSamples | True
         require_report()
     elif truth is not None:
         raise InputError(
-            "the truth is for the report, and none is asked for.",
+            "the truth is for the report, but --report is missing.",
             where="--truth",
             hint="Add --report FILE, or compare with palpate evaluate.",
         )
@@ -133,7 +133,7 @@ def _compared(path: Path | None, report: Path | None, link: Link) -> tuple[str, 
     if path is None:
         return None
     if report is None:
-        raise InputError("is for the report, and none is asked for.", where="--compare", hint="Add --report FILE.")
+        raise InputError("is for the report, but --report is missing.", where="--compare", hint="Add --report FILE.")
     other = RunSummary()
     for block in compared_blocks(path, link):
         other.add(block)

@@ -36,7 +36,9 @@ def evaluate(
     wand_unit: Annotated[str, arg(metavar="UNIT")] = "mm",
     output: Annotated[Path | None, arg(aliases=["-o"], metavar="FILE", help_behavior_hint="")] = None,
 ) -> None:
-    """Errors of location, direction and force, coverage of the ellipses, share of each status.
+    """Compare contacts with the ground truth.
+
+    Errors of location, direction and force, coverage of the ellipses, share of each status.
 
     Contacts may also be compared with a force/torque sensor that carries the body, time,fx,fy,fz,tx,ty,tz, or with a
     wand that cameras track, time,x,y,z,qx,qy,qz,qw in the body's frame; both need the rig. Positions of taxels are

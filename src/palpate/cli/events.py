@@ -30,7 +30,7 @@ def events(
     gap: Annotated[float, arg(metavar="X")] = 0.05,
     shortest: Annotated[float, arg(metavar="X")] = 0.02,
 ) -> None:
-    """Touches: start, end, peak force, place; of several contacts at a time each by itself.
+    """List touches: start, end, peak force, contact point.
 
     Args:
         contacts: written by `palpate estimate`: CSV, Parquet or MCAP.

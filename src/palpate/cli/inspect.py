@@ -35,7 +35,7 @@ from palpate.surfaces.mesh import UNITS, Mesh
 
 __all__ = ["inspect"]
 
-TORN = 3  # what was asked for is done, but the log was torn
+TORN = 3  # what was requested is done, but the log was torn
 _TAXELS = (".txt", ".csv", ".urdf")
 _MESHES = (".stl", ".obj", ".ply", ".dae")
 
@@ -48,7 +48,9 @@ def inspect(
     topic: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None,
     spectrum: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="")] = None,
 ) -> None:
-    """Say what is in a log, a mesh, a rig, a model, a result or a truth; draw the spectrum of a log or a result.
+    """Show what is in a log, mesh, rig, model or result.
+
+    Say what is in a log, a mesh, a rig, a model, a result or a truth; draw the spectrum of a log or a result.
 
     Args:
         file: a log or contacts (CSV, Parquet, MCAP, bag), a video, a folder of frames, STL, OBJ, PLY or DAE, a URDF,

@@ -273,5 +273,5 @@ def inspect_contacts(file: Path) -> Recording:
             [f"they are not all: {'the log was torn' if ended == 'torn' else 'estimating was interrupted'}"],
             kind="warning",
         )
-    note([*(["writing it was cut short: these are the blocks that were whole"] if cut else []), *notes])
+    note([*(["writing it was cut short: these are the complete blocks"] if cut else []), *notes])
     return excerpt.recording() if excerpt.count else Recording(np.empty(0), {FORCE: np.empty((0, 3))})

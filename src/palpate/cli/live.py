@@ -54,7 +54,9 @@ def live(
     seconds: Scalar = None,
     realtime: Annotated[bool, FlagConversionOff] = True,
 ) -> None:
-    """Find contacts in the samples of a device as they come; Ctrl-C ends it, and the end of a log that is replayed.
+    """Estimate contacts in the samples of a device, live.
+
+    Find contacts in the samples of a device as they come; Ctrl-C ends it, and the end of a log that is replayed.
 
     A line shows rate, contacts, latency and lost samples. A tare is taken when the key t is pressed, on SIGUSR1
     (`kill -USR1` of this process), or on the page. All events are printed with their times, and recorded.

@@ -11,7 +11,9 @@ __all__ = ["recover"]
 
 
 def recover(output: SomeFile, /) -> None:
-    """Put together what `palpate live --record OUTPUT` left when it was killed: OUTPUT.part and OUTPUT.ring.
+    """Recover a live record after its recorder was killed.
+
+    Put together what `palpate live --record OUTPUT` left when it was killed: OUTPUT.part and OUTPUT.ring.
 
     Everything that was received is in OUTPUT then; samples that were not answered are readings without contacts.
 

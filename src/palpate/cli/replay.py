@@ -40,7 +40,9 @@ def replay(
     seconds: Scalar = None,
     loop: Annotated[bool, FlagCreatePairsOff] = False,
 ) -> None:
-    """Play a log as a device, on this machine alone, until Ctrl-C; it says the [source] of a rig that reaches it.
+    """Play a log as a device, to try a set-up without one.
+
+    Play a log as a device, on this machine alone, until Ctrl-C; it says the [source] of a rig that reaches it.
 
     Args:
         log: log of any sensor; with --rig, where its layout cannot be guessed.

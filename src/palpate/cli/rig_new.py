@@ -51,7 +51,9 @@ def rig_new(
     robot: Annotated[_Robot, arg(name="")],
     force: Annotated[bool, FlagCreatePairsOff] = False,
 ) -> None:
-    """Guess a rig from the log of any sensor, and a mesh: which sensor, columns, units, noise.
+    """Guess a rig from a log and a mesh.
+
+    Guess a rig from the log of any sensor, and a mesh: which sensor, columns, units, noise.
 
     Args:
         log: CSV, Parquet, NumPy, MCAP or a ROS bag: of wrenches, of voltages of load cells, of frames of a taxel sheet.

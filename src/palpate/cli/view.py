@@ -43,7 +43,9 @@ def view(
     port: Annotated[int, arg(metavar="N")] = 8080,
     host: Annotated[str, arg(metavar="ADDRESS")] = "127.0.0.1",
 ) -> None:
-    """Show contacts on the body, with a timeline to scrub and play, in a browser; Ctrl-C ends it.
+    """Show contacts on the body in a browser.
+
+    Show contacts on the body, with a timeline to scrub and play, in a browser; Ctrl-C ends it.
 
     Args:
         log: a log of any sensor, which is estimated first, or what `palpate estimate` wrote, which is shown as it is;

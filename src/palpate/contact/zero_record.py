@@ -84,7 +84,7 @@ class ZeroRecord:
         if left:
             said.append(
                 f"{_times(len(left))} something changed that no single contact of the body explains, too fast to be "
-                f"told from two touches at once, so the zero did not follow: {_named(left)}; tare anew if nothing "
+                f"told from two touches at once, so the bias was not tracked: {_named(left)}; tare anew if nothing "
                 "touched"
             )
         if self._seen >= LEAST and self._held() > MOSTLY:

@@ -234,7 +234,7 @@ class Urdf:
                 return creation.cylinder(radius, length, sections=_ROUND)
             if kind.tag == "sphere":
                 return creation.icosphere(subdivisions=_HALVED, radius=self._numbers(kind, "radius", of)[0])
-        raise InputError(f"{of} has a geometry that is none of URDF's.", where=str(self.path))
+        raise InputError(f"{of} has a geometry that is not one of URDF's.", where=str(self.path))
 
     def resolve(self, name: str) -> Path:
         """Return the file that `package://NAME/...`, `file://...` or a path relative to the URDF names.

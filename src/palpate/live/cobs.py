@@ -128,7 +128,7 @@ class CobsFrames:
             frames = f"{self._foreign} {_plural('frame', self._foreign)} of {self._other} numbers"
             found.append(f"{frames} passed over, as the sensor has {self._count}")
         if self._restarts:
-            found.append("the device's counter went back: it began anew")
+            found.append("the device's counter went back: the device started again")
         self._damaged = self._foreign = self._restarts = self._lost = 0
         return found
 
@@ -136,7 +136,7 @@ class CobsFrames:
         """Return the words that explain why the bytes received gave no sample, for a message."""
         if self._foreign:
             return f"frames of {self._other} numbers, where the sensor has {self._count}: is it another device?"
-        return "none of them a whole frame: is it `baud` or `framing`?"
+        return "none of them a complete frame: is it `baud` or `framing`?"
 
 
 @takes_arrays

@@ -51,7 +51,7 @@ def _unix(path: str, to: str) -> tuple[socket.AddressFamily, Address]:
     if not path or len(os.fsencode(path)) > LONGEST or "\0" in path:
         raise InputError(f"needs a path of 1 to {LONGEST} bytes.", where=to, hint="Write unix:PATH.")
     if not os.path.isdir(os.path.dirname(path) or "."):
-        raise InputError("lies in a folder that is not there.", where=to, hint="Make the folder first.")
+        raise InputError("is in a folder that does not exist.", where=to, hint="Make the folder first.")
     return socket.AF_UNIX, path
 
 

@@ -305,13 +305,13 @@ class NetFt:
         """Report that samples come again or that counters restarted, and read the page again: the tool may differ."""
         if missing is None:
             guess = f", about {(now - self._heard) * self._page.rate:.0f}" if self._page.rate and self._away else ""
-            count = f"its counters began anew, so that nothing tells how many are missing{guess}"
+            count = f"its counters started again, so the number of missing samples is unknown{guess}"
         else:
-            count = f"{missing} missing" + (", its counter began anew" if restarted else "")
+            count = f"{missing} missing" + (", its counter started again" if restarted else "")
         if self._away:
             self._say(f"samples again after {now - self._heard:.2f} s: {count}")
         elif restarted:
-            self._say(f"it began to send anew, restarted or asked by another program: {count}")
+            self._say(f"it started to send again, after a restart or for another program: {count}")
         if self._away or restarted:
             self._retries = 0
         self._away = self._silent = self._unreachable = False

@@ -130,7 +130,7 @@ class PairedSource:
         now = time.monotonic()
         if found:
             if self._quiet:
-                self._said.append(f"frames have wrenches beside them again, after {now - self._heard:.1f} s")
+                self._said.append(f"frames have wrenches again, after {now - self._heard:.1f} s")
             self._heard, self._quiet = now, False
         elif now - self._heard > SILENT and not self._quiet:
             self._quiet = True

@@ -129,7 +129,7 @@ class LivePoses:
             key = f"{name} {track.restarts}"
             if track.restarts and key not in self._told:
                 self._told.add(key)
-                self._pending.append(f"the clock of the poses{name} went back; they begin anew")
+                self._pending.append(f"the clock of the poses{name} went back; they start again")
         said, self._pending = self._pending, []
         return said
 

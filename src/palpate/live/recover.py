@@ -42,7 +42,7 @@ def recover(output: Path) -> str:
         with writing(output):
             return "; ".join(_alone(named(output, which)) for which in unfinished)
     if output.exists():
-        return f"{output.name} is whole: there is nothing to recover"
+        return f"{output.name} is complete: there is nothing to recover"
     raise InputError("there is nothing to recover.", where=str(output), hint="Name the file that was recorded to.")
 
 

@@ -250,7 +250,7 @@ class StreamBuffer:
     def ask_tare(self, by: str) -> None:
         """Request a tare from the writer, and store a sentence that names `by`; any process may call this."""
         with self._alone():
-            self._keep(f"tare asked for by {by}")
+            self._keep(f"tare requested by {by}")
             self["asked"] += 1
 
     @contextmanager

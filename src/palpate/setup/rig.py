@@ -258,7 +258,7 @@ def _check_drift(stated: RigDrift, kinds: Sequence[SensorKind], sensors: Mapping
     first, followed = kinds[0].name, {FORCE in kind.channels: kind.name for kind in kinds if kind.drift}
     if not followed:
         raise InputError(
-            f"a [drift] is of a force/torque sensor or of load cells, not of [{first}].",
+            f"a [drift] is for a force/torque sensor or for load cells, not for [{first}].",
             where=str(path),
             hint="".join(kind.drift_hint for kind in kinds),
         )
@@ -269,7 +269,7 @@ def _check_drift(stated: RigDrift, kinds: Sequence[SensorKind], sensors: Mapping
         raise InputError(f"drift.walk of [{first}] is {needs}.", where=str(path))
     if getattr(sensors.get(wanted), "drift", None) is not None:
         raise InputError(
-            f"[{wanted}] drift and [drift] exclude each other: both say how the zero drifts.",
+            f"[{wanted}] drift and [drift] exclude each other: both state how the bias drifts.",
             where=str(path),
-            hint=f"Remove drift from [{wanted}]; with [drift] the zero is followed while nothing is touched.",
+            hint=f"Remove drift from [{wanted}]; with [drift] the bias is tracked while nothing is touched.",
         )

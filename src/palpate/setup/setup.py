@@ -105,7 +105,7 @@ class Setup:
             InputError: the rig has no table of that name.
         """
         if section.name not in self.sensors:
-            hint = f"Add a [{section.name}]: what is to be said of {section.called}."
+            hint = f"Add a [{section.name}], the table of {section.called}."
             raise InputError(f"the rig has no [{section.name}].", where="rig", hint=hint)
         return self.sensors[section.name].section
 
@@ -254,4 +254,4 @@ class SensorKind:
     @property
     def drift_hint(self) -> str:
         """Hint for a rig with a [drift] if this is a sensor of taxels, which follows its bias without one; else ""."""
-        return "A skin follows its zero by itself: walk or drift in [contacts]." if CELLS in self.channels else ""
+        return "A skin tracks its own drift: set walk or drift in [contacts]." if CELLS in self.channels else ""

@@ -22,7 +22,7 @@ def benchmark_make(
     small: Annotated[bool, FlagCreatePairsOff] = False,
     only: Annotated[str, arg(metavar="NAME,NAME", help_behavior_hint="")] = "",
 ) -> None:
-    """Make tasks that any estimator of contacts can be scored by: wrenches, logs, frames of a skin, images.
+    """Make benchmark tasks: wrenches, logs, skin frames, images.
 
     Everything is simulated forwards, by closed forms, finite elements and a physics engine (MuJoCo): no estimator has a
     hand in the truth. README.txt in the folder says how to answer.

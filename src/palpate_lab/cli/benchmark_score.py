@@ -32,7 +32,9 @@ def benchmark_score(
     alone: Annotated[bool, FlagCreatePairsOff] = False,
     output: Annotated[Path | None, arg(aliases=["-o"], metavar="FILE", help_behavior_hint="")] = None,
 ) -> None:
-    """Score estimators on a folder of `palpate benchmark make`: yours, Palpate, and the usual ways as peers.
+    """Score estimators and their peers on benchmark tasks.
+
+    Score estimators on a folder of `palpate benchmark make`: yours, Palpate, and the usual ways as peers.
 
     A contact without an answer is a miss: it counts as infinitely far off in the median, the 95 % and the share within
     2 mm.

@@ -36,7 +36,7 @@ __all__ = ["demo"]
 CHAIN = (
     ("What is in the log and in the mesh?", "inspect touches.mcap", "inspect probe.stl"),
     ("Is the arm's clock the sensor's?", "calibrate clock free_motion.mcap --rig rig.toml -o rig.toml"),
-    ("What hangs on the sensor?", "calibrate payload free_motion.mcap --rig rig.toml -o payload.toml"),
+    ("Which payload does the sensor carry?", "calibrate payload free_motion.mcap --rig rig.toml -o payload.toml"),
     (
         "Contacts with the probe where the drawing has it.",
         "estimate touches.mcap --rig rig.toml -o contacts_by_drawing.csv",
@@ -66,7 +66,9 @@ def demo(
     no_view: Flag = False,
     force: Flag = False,
 ) -> None:
-    """Make up a robot's session, run the whole chain of commands on it, and compare what is found with the truth.
+    """Simulate a session, and run every step on it.
+
+    Make up a robot's session, run the whole chain of commands on it, and compare what is found with the truth.
 
     A probe of 60 x 25 x 40 mm sits on a force/torque sensor, 1.2 mm and 1.5 degrees off its drawing; the arm's clock is
     30 ms behind the sensor's. The arm moves freely, then the probe is touched at 20 marks. Ten of the touches place the

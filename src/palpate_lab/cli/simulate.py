@@ -31,7 +31,9 @@ def simulate_marker_ring(
     rings: Annotated[int, arg(metavar="N")] = 1,
     images: Flag = False,
 ) -> None:
-    """Record a simulated barrel: its calibration run, or touches to judge by; with the truth from its mechanics.
+    """Simulate a marker ring.
+
+    Record a simulated barrel: its calibration run, or touches to judge by; with the truth from its mechanics.
 
     Args:
         output: folder to make: frames.avi, truth.csv, rig.toml, camera.toml.

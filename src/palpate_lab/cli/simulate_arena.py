@@ -57,7 +57,9 @@ def simulate_arena(
     jobs: Some = None,
     backend: Name = "processes",
 ) -> None:
-    """Send robots with a soft skin through an arena that they cannot see; record one run, or judge many seeds.
+    """Simulate robots that find their way by touch.
+
+    Send robots with a soft skin through an arena that they cannot see; record one run, or judge many seeds.
 
     Args:
         output: recording (MCAP) of one run; next to it, with the same stem, _arena.toml, _truth.csv and _felt.csv, with

@@ -36,7 +36,9 @@ def simulate_forearm_command(
     clock_offset: Seconds = 0.0,
     free: Annotated[float | None, arg(metavar="S", help_behavior_hint="")] = None,
 ) -> None:
-    """Record a simulated forearm with a skin and a force/torque sensor at its base, touched at several places.
+    """Simulate a forearm with a skin and a force/torque sensor.
+
+    Record a simulated forearm with a skin and a force/torque sensor at its base, touched at several places.
 
     Args:
         output: folder to make: both.mcap, both.toml, skin_map.toml, intensity.toml, payload.toml, link.stl, truth.csv,

@@ -22,7 +22,9 @@ def simulate_load_cells(
     seed: Annotated[int, arg(metavar="N")] = 0,
     soft: Annotated[bool, FlagCreatePairsOff] = False,
 ) -> None:
-    """Record a simulated fingertip on four force cells: a run of the bench to calibrate by, and one to estimate.
+    """Simulate a fingertip on load cells.
+
+    Record a simulated fingertip on four force cells: a run of the bench to calibrate by, and one to estimate.
 
     Args:
         output: folder to make: bench_log.csv, log.csv, truth.csv, rig.toml.

@@ -53,7 +53,9 @@ def simulate_phantom(
     view: Flag = False,
     port: Count = 8080,
 ) -> None:
-    """Hold a probe on a soft phantom that moves, in a physics engine; record it with its truth.
+    """Simulate a probe held on a moving soft phantom.
+
+    Hold a probe on a soft phantom that moves, in a physics engine; record it with its truth.
 
     Args:
         output: recording (MCAP) to write; next to it, with the same stem, _rig.toml, _robot.urdf, _probe.stl,

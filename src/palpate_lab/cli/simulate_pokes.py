@@ -53,7 +53,9 @@ def simulate_pokes(
     seed: Annotated[int, arg(metavar="N")] = 0,
     pokes: Annotated[int, arg(metavar="N")] = 300,
 ) -> None:
-    """Record a simulated forearm whose taxels are poked in seven poses of the elbow, and touches of it afterwards.
+    """Simulate a forearm whose taxels are poked.
+
+    Record a simulated forearm whose taxels are poked in seven poses of the elbow, and touches of it afterwards.
 
     Args:
         output: folder to make: pokes.mcap, rig.toml, arm.urdf, forearm.stl, cad.txt, truth.csv; touches.mcap,

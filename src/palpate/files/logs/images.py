@@ -30,7 +30,7 @@ def refuse_others(layout: LogLayout, path: Path, called: str) -> None:
     if layout.images is None or layout.wrench is not None or layout.arrays:
         wanted = [*(["a wrench"] if layout.wrench is not None else []), *(array.name for array in layout.arrays)]
         raise InputError(
-            f"is {called}, which holds images alone; asked for is {' and '.join(wanted) or 'something else'}.",
+            f"is {called}, which holds images alone; requested is {' and '.join(wanted) or 'something else'}.",
             where=str(path),
         )
 

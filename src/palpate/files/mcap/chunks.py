@@ -22,7 +22,7 @@ def inflate(content: memoryview) -> tuple[bytes, str]:
         compression = bytes(content[32 : 32 + named]).decode(errors="replace")
         (length,) = unpack_from("<Q", content, 32 + named)
     except StructError:
-        return b"", "a chunk without a whole head"
+        return b"", "a chunk without a complete header"
     if size > LARGEST or length > LARGEST:
         return b"", "a chunk that says it holds more than 1 GiB"
     if compression not in ("", "lz4", "zstd"):

@@ -147,7 +147,7 @@ class McapFile(MessageFile):
             yield from self._use(stretch, data)
             end = stretch.end
         if end < len(data):
-            problem = problem or "a chunk with a record that is not whole"
+            problem = problem or "a chunk with an incomplete record"
         if problem:
             self._damaged(at, problem)
 

@@ -24,7 +24,9 @@ SURE = 3.0  # standard deviations from which on two clocks differ
 
 @dataclass(frozen=True)
 class CalibrateClock(Calibration):
-    """Find how late or early the poses are stamped, from how the payload's weight turns, and write it into the rig.
+    """Find the clock offset of the poses, and write it into the rig.
+
+    The offset is how late or early the poses are stamped; it shows in how the payload's weight turns.
 
     Turn the loaded sensor to and fro by 30 degrees or more, with nothing touching it. Where the rig names a payload,
     its weight and bias are used, and the log may hold touches. Comments in the rig stay.

@@ -33,7 +33,7 @@ _HINTS = {
 
 @dataclass(frozen=True)
 class CalibratePayload(Calibration):
-    """Identify weight, centre of mass and biases from a log in which nothing is touched.
+    """Identify mass, center of mass and bias: gravity compensation.
 
     Hold some seven poses that differ about more than one axis. Stretches at rest are averaged; where there are none,
     all samples are used.

@@ -79,7 +79,7 @@ def _moving(setup: Setup, recording: Recording) -> tuple[Setup, tuple[str, ...]]
     if POSITION not in recording.channels or setup.acceleration.kind == "none":
         return setup, (
             "the arm moves, and how much it is accelerated is not known: what inertia does to the payload counts as "
-            "walk, which may be smaller than is said. Record at rest, or slowly, or with positions or accelerations",
+            "walk, which may be smaller than stated. Record at rest, or slowly, or with positions or accelerations",
         )
     taken = replace(setup.acceleration, from_poses=True, columns=None, topic=None)
     said = "the arm moves: accelerations were taken from the poses ([acceleration] from_poses = true does so elsewhere)"

@@ -31,7 +31,7 @@ def of_payload(payload: Payload) -> Lines:
 PAYLOAD = Model(
     Payload,
     "a payload model",
-    "What hangs on the sensor, and the sensor's zero.",
+    "Payload and bias of a force/torque sensor.",
     "palpate calibrate payload",
     of_payload,
     {

@@ -41,7 +41,7 @@ POOR = 3.0  # times the expected residual: beyond it the model, not the noise, i
 
 @dataclass(frozen=True)
 class CalibrateMounting(Calibration):
-    """Find the pose of the surface in the sensor's frame, starting from the rig's, and write it into the rig.
+    """Find the surface's pose in the sensor's frame from touches.
 
     With marks, each touch was at a known point. Without, each press in the log is a touch somewhere on the surface,
     which tells less and believes that presses are mostly along the normal. Comments in the rig stay.

@@ -18,7 +18,7 @@ __all__ = ["CalibrateLoadCells"]
 
 @dataclass(frozen=True)
 class CalibrateLoadCells(Calibration):
-    """Calibrate three-axis force cells under a rigid frame, from a bench log with a reference.
+    """Calibrate 3-axis load cells under a fingertip on a test bench.
 
     Let a ball slide over the whole surface, in directions that cross, starting unloaded. The model holds the
     sensitivity of all cells together, the noise, and the covariance of both.

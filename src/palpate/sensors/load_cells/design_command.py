@@ -35,7 +35,9 @@ def design_load_cells(
     friction: Annotated[float, arg(metavar="X")] = 0.5,
     tared: Annotated[float, arg(metavar="N")] = 100.0,
 ) -> None:
-    """Draw how well place, force and torque can be known over the surface, and the smallest force that will do.
+    """Draw what a layout of load cells can resolve.
+
+    Draw how well place, force and torque can be known over the surface, and the smallest force that will do.
 
     Args:
         rig: TOML with a [surface] and [load_cells]: positions, noise and sensitivity, or a calibrated model.

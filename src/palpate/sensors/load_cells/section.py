@@ -271,7 +271,7 @@ LOAD_CELLS = SensorKind(
     guess=_guess,
     paths=("model",),
     refused={
-        "payload": "the zero of the cells is taken at the start of the log, and nothing else hangs on them",
+        "payload": "the zero of the cells is taken at the start of the log, and they carry no payload",
         "noise": f"{_CALIBRATED}; noise in V may stand in the rig's [load_cells]",
     },
     view="palpate.sensors.load_cells.view.LoadCellView",

@@ -25,7 +25,9 @@ _MOST = 40  # pictures, evenly spread: more add no information
 
 @dataclass(frozen=True)
 class CalibrateCamera(Calibration):
-    """Calibrate a fisheye lens from pictures of a chessboard, held at all angles and to the edges of the picture.
+    """Calibrate a fisheye lens from pictures of a chessboard.
+
+    Calibrate a fisheye lens from pictures of a chessboard, held at all angles and to the edges of the picture.
 
     Args:
         log: folder of pictures, or a video.

@@ -30,7 +30,7 @@ _LOGS = (*_VIDEOS, ".mcap", ".bag")
 
 @dataclass(frozen=True)
 class CalibrateMarkerRing(Calibration):
-    """Calibrate a soft ring of markers from presses of known angle, depth and force.
+    """Calibrate a soft ring of markers from known presses.
 
     Begin with a second in which nothing touches. Press all round the ring, at several depths, with two indenters of
     different width, such as a plate and a narrow tip; move some of them sideways, and state the shear, for shear to be

@@ -25,7 +25,9 @@ _KIND = Literal["auto", "polynomial", "two_range", "monotone", "resistive"]
 
 @dataclass(frozen=True)
 class CalibrateIntensity(Calibration):
-    """Fit the curve from intensity to force, and each cell's gain where the log says which cell was pressed.
+    """Fit the curve from a taxel's reading to its force.
+
+    Fit the curve from intensity to force, and each cell's gain where the log says which cell was pressed.
 
     Args:
         log: CSV with the columns intensity and force (of the load cell, zero without load), and, where several cells

@@ -66,7 +66,7 @@ topic = "{pose_topic}"               # of the sensor in the base
 method = "soft_finger"
 contact = {{ on = 0.5, off = 0.3 }}    # N
 """
-_PAYLOAD = """# What hangs on the sensor, and the sensor's zero. Written by `palpate simulate forearm`, which knows it.
+_PAYLOAD = """# Payload and bias of a force/torque sensor. Written by `palpate simulate forearm`, which knows it.
 kind = "payload"
 
 weight = {weight}  # N, in the base frame

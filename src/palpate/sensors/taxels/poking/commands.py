@@ -43,7 +43,7 @@ METHOD = Literal["modules", "taxels", "surface", "weighted", "free"]
 
 @dataclass(frozen=True)
 class CalibrateTaxels(Calibration):
-    """Find where each taxel of a skin sits, from the wrenches of pokes in several arm configurations.
+    """Find where each taxel sits, from the wrenches of pokes.
 
     Begin with a second in which nothing touches; poke with a small tip, a second each, over the whole skin, with pauses
     between; move the arm and poke again, in three configurations or more.

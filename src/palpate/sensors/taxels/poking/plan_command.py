@@ -33,7 +33,9 @@ def plan_pokes_command(
     wanted: Annotated[float, arg(metavar="X")] = 2e-3,
     pokes: Annotated[int, arg(metavar="N")] = 100,
 ) -> None:
-    """Say which pokes shrink the largest deviation of a taxel most, one after the other, until it is small enough.
+    """Propose where to poke a skin next.
+
+    Say which pokes shrink the largest deviation of a taxel most, one after the other, until it is small enough.
 
     Args:
         rig: as of the calibration, with [pokes].

@@ -95,7 +95,9 @@ class Options:
 
 
 def map_skin(mesh: MeshFile, /, output: Output, options: Annotated[Options, arg(name="")]) -> None:
-    """Fit a smooth surface to a link's mesh, lay the sheet on it without stretching, and write where its cells are.
+    """Lay a flexible taxel sheet on a link's mesh.
+
+    Fit a smooth surface to a link's mesh, lay the sheet on it without stretching, and write where its cells are.
 
     Args:
         mesh: of the link: STL, OBJ, PLY or DAE, as its maker ships it.

@@ -73,7 +73,7 @@ def map_skin(
         result = _else(on, replace(site, facets=np.arange(len(mesh.faces)))) if others else None
         if result is None:
             raise
-        notes = ("the outermost of all bodies is taken: the origin's alone does not carry the sheet",)
+        notes = ("the outermost of all bodies is taken: the body at the origin alone does not carry the sheet",)
     return replace(result, notes=(*notes, *result.notes), provenance=dict(provenance or {}))
 
 
