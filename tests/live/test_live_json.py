@@ -181,7 +181,7 @@ def test_a_listener_that_does_not_read_is_not_waited_for(opened: Callable[..., J
         ("udp:no host:5005", "host that is not known"),
         ("unix:", "needs a path"),
         (f"unix:{'x' * 200}", "needs a path"),
-        ("unix:nowhere/at/all", "folder that is not there"),
+        ("unix:nowhere/at/all", "folder that does not exist"),
         ("ros2:300", "from 0 to 232"),
         ("ros2:", "from 0 to 232"),
     ],

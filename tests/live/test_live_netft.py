@@ -289,7 +289,7 @@ def test_a_stream_that_begins_anew_loses_what_the_other_counter_says(wire: Wire)
     with connected(wire) as source:
         wire.put(sample(2, 4), sample(3, 7), sample(1, 7 + 3 * 11), sample(2, 7 + 3 * 12))  # 3 measured for one sent
         assert collect(source, 4).lost.tolist() == [0, 0, 10, 0]
-        told(source, "began to send anew")
+        told(source, "started to send again")
 
 
 def test_a_device_that_restarts_has_not_lost_four_billion(wire: Wire) -> None:

@@ -58,7 +58,7 @@ def evaluate(
     if is_taxel_file(contacts):
         for option, given in (("rig", rig), ("wand", wand)):
             if given is not None:
-                raise InputError("means nothing to places of taxels.", where=f"--{option}")
+                raise InputError("has no effect on places of taxels: leave it out.", where=f"--{option}")
         evaluate_taxels(contacts, truth, output)
         return
     found = read_contacts(contacts)
@@ -71,9 +71,9 @@ def evaluate(
     for option, given in (("rig", rig), ("wand", wand), ("output", output)):
         if given is not None:
             raise InputError(
-                "is for contacts against a wrench or a wand.",
+                "works only where the truth is a wrench or a wand.",
                 where=f"--{option}",
-                hint="A page of other contacts is written by palpate estimate --report FILE --truth FILE.",
+                hint="For other contacts, palpate estimate --report FILE --truth FILE writes the page.",
             )
     known = read_ground_truth(truth)
     report = compare(found, known, tolerance=tolerance)

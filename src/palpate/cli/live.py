@@ -133,9 +133,9 @@ def _ring(record: Path | None) -> Generator[Path]:
         ring = ring_of(record)
         if ring.exists():
             raise InputError(
-                "an earlier run was cut short.",
+                "an earlier recording was interrupted.",
                 where=str(record),
-                hint=f"`palpate recover {record}` puts it together; then begin a new one.",
+                hint=f"Run `palpate recover {record}` to save it, then start the new one again.",
             )
         try:
             yield ring

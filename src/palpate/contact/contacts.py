@@ -277,7 +277,7 @@ class Contacts:
         return frame(self.to_polars().to_dict(as_series=False))
 
     def plot(self, surface: SurfaceLike | None = None) -> Any:
-        """Draw the touches, numbered, on the body; a notebook shows the drawing, and the pointer turns it.
+        """Return a `Drawing` of the touches, numbered, on the body; a notebook shows it, and the pointer turns it.
 
         Args:
             surface: the body, in the frame of these contacts; None: the touches are drawn alone.

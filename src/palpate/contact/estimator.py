@@ -102,7 +102,8 @@ class ContactEstimator(ABC):
             recording: a steady, untouched window.
 
         Returns:
-            the tare: a sentence on what is subtracted, and a warning if it could be a touch.
+            a `Tare`: its `note` is a sentence on what is subtracted; its `warning` is a sentence if the window could be
+            a touch, else "".
 
         Raises:
             InputError: too few samples, or they are not steady; the message has the figures.
@@ -150,11 +151,12 @@ class ContactEstimator(ABC):
     def pairs(
         self, blocks: Iterable[Recording], watch: Callable[[Recording, np.ndarray], None] | None = None
     ) -> Iterator[tuple[Recording, Contacts]]:
-        """Yield each block of a log with its contacts, in order, as soon as they are known.
+        """Yield (block, contacts) for each block of a log, in order, as soon as its contacts are known.
 
         Args:
             blocks: from the start of the log.
-            watch: called with each block and its `Answered.seen`.
+            watch: called before each pair with the block and its readings to show, if the sensor has any: the force [N]
+                of each taxel, (n, k), or the positions [px] of the markers, (n, m, 2).
 
         Raises:
             InputError: a channel is missing or has another shape.

@@ -179,7 +179,16 @@ class Locator:
         return np.full((*batch, ROW.length), np.nan)
 
     def with_noise(self, noise: Float[np.ndarray, "6 6"]) -> Locator:
-        """Return a locator on the same surface with another noise, and thresholds from it if they were not given."""
+        """Return a locator on the same surface, with the same settings but for the noise.
+
+        The thresholds `on` and `off` follow from the new noise, unless they were given when this locator was made.
+
+        Args:
+            noise: (6, 6) covariance of a wrench, force first [N, N m].
+
+        Raises:
+            InputError: the noise is not finite, not symmetric or negative.
+        """
         return Locator(
             self.surface,
             self.method,
@@ -269,7 +278,7 @@ class Locator:
     ) -> ContactEstimate:
         """Locate one wrench (6,) without changing the Locator's memory, so that threads may share it.
 
-        The result is that of `run` with `sequential=False`, but faster.
+        The result is the `ContactEstimate`, without batch axes, of `run` with `sequential=False`, but faster.
 
         Args:
             wrench: (6,) in the surface's frame, force first.

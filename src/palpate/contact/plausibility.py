@@ -223,11 +223,14 @@ def unexplained(counts: Int[np.ndarray, " s"], required: RequiredBounds | None =
 
 @takes_arrays
 def unbelievable(counts: Int[np.ndarray, " s"], small: int) -> str:
-    """Return the final sentence of a report if not one sample can be believed, else "".
+    """Return the sentence that ends a report if no sample of a log can be trusted, with the reason; else "".
+
+    The reason is that no sample is loaded, that no loaded sample is explained by a contact, or that every ellipse is
+    larger than the body.
 
     Args:
         counts: (len(Status),) number of estimates with each `Status`.
-        small: number of answered estimates with an ellipse smaller than the body, or without an ellipse.
+        small: number of contacts whose 95 % ellipse is smaller than the body, plus those that have no ellipse.
     """
     answered = int(counts[Status.CONTACT] + counts[Status.AMBIGUOUS])
     loaded = int(counts.sum() - counts[list(UNLOADED)].sum())

@@ -54,10 +54,10 @@ class Admittance:
 
 
 def force_error(force: float, wanted: float) -> float:
-    """Return f_z - f_d of (7) [N], which pushes the probe along z, out of the flange and into the tissue.
+    """Return the force error f_z - f_d [N] of equation (7) of `probe`, positive if the probe presses too lightly.
 
-    The tissue pushes back, so f_z < 0 while pressed, and f_d is -`wanted`: if pressed too lightly, the error is
-    positive and the probe goes deeper.
+    A positive error moves the probe along z, out of the flange and deeper into the tissue. The tissue pushes back, so
+    f_z < 0 while pressed, and f_d is -`wanted`.
 
     Args:
         force: z of the force on the probe, in the sensor's frame [N].

@@ -62,7 +62,7 @@ class ProbeFace(Value):
         object.__setattr__(self, "axes", frozen(self.axes, tail=(3, 3), name="axes"))
         object.__setattr__(self, "cells", frozen(self.cells, tail=(7,), name="cells"))
         if not len(self.cells):
-            raise GeometryError("a probe's face needs cells.")
+            raise GeometryError("a probe's face must have at least one cell.")
 
     @classmethod
     def of(cls, mesh: Mesh, axis: ArrayLike = (0.0, 0.0, 1.0), along: ArrayLike = (1.0, 0.0, 0.0)) -> ProbeFace:

@@ -231,12 +231,13 @@ def _edge(first: float, last: float, holds: Callable[[float], bool]) -> float:
 
 
 def require_stable(robot: DelayedRobot, admittance: Admittance, stiffness: float, what: str = "force") -> None:
-    """Require that an admittance be stable against the stiffest environment.
+    """Check that an admittance is stable against the stiffest environment, and raise an error if it is not.
 
     Args:
         robot: its delay and lag.
         admittance: mass and damping.
-        stiffness: greatest of the environment: [N/m] for a force, [m/rad] for an orientation.
+        stiffness: greatest of the environment [N/m] for a force; for an orientation, the distance by which the contact
+            point moves per angle [m/rad], which is the radius of a round probe.
         what: "force" or "orientation", for the units of the message.
 
     Raises:

@@ -39,7 +39,9 @@ def listen(source: RigSource, folder: Path, seconds: float = SECONDS) -> Path:
     """
     device = source_of(source, Rig(folder=Path.cwd()).resolve())
     if device.shape != (6,):
-        raise InputError("gives no wrenches.", where="--source", hint="Give a log of it instead, from which to guess.")
+        raise InputError(
+            "gives no wrenches.", where="--source", hint="Record a log from it, and give that file instead of --source."
+        )
     batch, times, values = Batch(device.shape), list[np.ndarray](), list[np.ndarray]()
     try:
         device.open()

@@ -135,7 +135,11 @@ class DdsNode:
         return made
 
     def writer(self, topic: str, kind: str, *, latched: bool = False, depth: int = 100) -> Writer:
-        """Return a reliable writer to one topic; `latched` keeps the last `depth` messages for later readers."""
+        """Return a reliable writer to one topic; `latched` keeps the last `depth` messages for later readers.
+
+        Raises:
+            InputError: the topic's name is not valid in ROS, or the type is unknown.
+        """
         policy, kept = self._dds.Policy, self._dds.Policy.Durability
         quality = [policy.Reliability.Reliable(_BLOCKED), policy.History.KeepLast(depth)]
         if latched:

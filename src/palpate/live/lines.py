@@ -62,7 +62,10 @@ class LineFrames:
         self._changed = ""
 
     def feed(self, data: bytes) -> None:
-        """Append bytes as they were read from the port."""
+        """Append bytes of the port, in pieces of any size, and split them into lines for `take` to decode.
+
+        The first line is discarded, as its beginning may be missing; so are 64 KiB without an end of line, as a fault.
+        """
         *lines, self._rest = (self._rest + data).replace(b"\r", b"\n").split(b"\n")
         if lines and not self._joined:
             self._joined = True

@@ -56,8 +56,8 @@ def require_record(output: Path) -> None:
     if output.suffix.lower() != ".mcap":
         raise InputError(f"no record ends in {output.suffix!r}.", where=str(output), hint="Use .mcap.")
     if ring_of(output).exists() or grown(output):
-        hint = f"`palpate recover {output}` puts it together; then begin a new one."
-        raise InputError("an earlier run was cut short.", where=str(output), hint=hint)
+        hint = f"Run `palpate recover {output}` to save it, then start the new one again."
+        raise InputError("an earlier recording was interrupted.", where=str(output), hint=hint)
     if named(output, 1).exists():
         hint = "Remove its files, or name another output."
         raise InputError(

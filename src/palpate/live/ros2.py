@@ -102,7 +102,10 @@ class RosTopics:
         self._heard = time.monotonic()
 
     def receive(self, batch: Batch, timeout: float) -> int:
-        """Fill a batch with waiting samples and poses; return how many; wait up to `timeout` [s] for the first."""
+        """Write waiting samples, and the sensor's poses at their times, into a batch; return the number of samples.
+
+        It waits up to `timeout` [s] for the first sample; 0: none came.
+        """
         if self._reader is None or not self._reader.wait(timeout):
             self._listen()
             return 0

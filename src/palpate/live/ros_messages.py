@@ -92,7 +92,12 @@ def array_message(values: np.ndarray, names: Sequence[str] = ("rows", "columns")
 
 @takes_arrays
 def image_message(stamp: int, frame_id: str, image: np.ndarray) -> bytes:
-    """Return an Image: (height, width, 3) uint8 blue, green, red as bgr8; (height, width) uint8 as mono8.
+    """Return the bytes (CDR) of an Image message, encoded as bgr8 or mono8.
+
+    Args:
+        stamp: time [ns].
+        frame_id: name of the frame.
+        image: (height, width, 3) uint8 in the order blue, green, red, or (height, width) uint8 in grey.
 
     Raises:
         InputError: the image has neither two nor three axes.

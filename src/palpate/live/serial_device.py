@@ -50,7 +50,9 @@ class SerialDevice:
 
             self._line, other = os.openpty()
         except (OSError, ImportError, AttributeError) as problem:
-            raise InputError(f"no pseudo-terminal can be had ({problem}).", hint="Send as another device.") from problem
+            raise InputError(
+                f"a pseudo-terminal cannot be opened ({problem}).", hint="Send as another device."
+            ) from problem
         tty.setraw(other)
         name = os.ttyname(other)
         os.close(other)  # so that the kernel reports whether somebody else has it open

@@ -187,7 +187,9 @@ class RingView(Value):
         if pose.translation.shape != (3,) or not abs(pose.translation[2]) > 1e-6:
             raise InputError("the camera must be one, and outside the plane of the ring.")
         if self.rings.ndim != 1 or not len(self.rings) or self.rings[0] != 0.0 or len(self.angles) % len(self.rings):
-            raise InputError("rings must be heights of which the first is 0, of as many markers each.")
+            raise InputError(
+                "rings must be a list of heights that begins with 0; all rings have the same number of markers."
+            )
         if not (self.rings < abs(pose.translation[2])).all():
             raise InputError("every ring must be in front of the camera.")
 

@@ -297,7 +297,7 @@ class MarkerTracker:
         self._rest, self._areas = frozen(pixels, tail=(2,)), frozen(areas)
         self._spreads = self._areas * _DISC if spreads is None else frozen(spreads)
         if not len(self._rest) == len(self._areas) == len(self._spreads) == m:
-            raise InputError(f"{m} markers need as many pixels, areas and spreads.")
+            raise InputError(f"pixels, areas and spreads must each have one row for each of the {m} markers.")
         self._weights, self._plane = colour.weights, view.to_plane(self._rest, view.heights)
         gaps = np.linalg.norm(self._rest[:, None] - self._rest[None], axis=-1) + np.diag(np.full(m, np.inf))
         self._gap = gaps.min(axis=1)

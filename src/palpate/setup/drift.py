@@ -80,10 +80,14 @@ class RigDrift:
         return isinstance(self.walk, RigPair)
 
     def drift(self, channels: int) -> Drift:
-        """Return the drift of a sensor with the given number of channels, per second where the rig states minutes.
+        """Return a `Drift` with the rig's values for each channel of the sensor; rates per minute become per second.
+
+        Args:
+            channels: number of channels; 6 is a force/torque sensor.
 
         Raises:
-            InputError: the rig states another number of channels.
+            InputError: the rig states another number of channels, or plain numbers for six, which need force and
+                torque.
         """
         if channels == 6 and not self.of_wrench:
             raise InputError(

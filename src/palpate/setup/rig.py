@@ -106,10 +106,11 @@ class Rig:
         return self.with_sensor(kind.name, replace(self.sensors.get(kind.name, kind.table()), topic=name))
 
     def kind(self, sensor: str | None = None) -> SensorKind:
-        """Return the kind of the named sensor; without a name the combined one, or else the only one.
+        """Return the `SensorKind` of the named sensor; without a name, of the combined sensor, or else of the only one.
 
         Raises:
-            InputError: the rig has no sensor of this name, or has several and none is named.
+            InputError: the rig has no sensor of this name, or no name is given and it has several that are not
+                combined.
         """
         named = {kind.name: kind for kind in self.kinds}
         together = [kind for kind in named.values() if kind.parts]

@@ -137,7 +137,11 @@ class Butterworth:
             raise InputError(f"the order must lie between 1 and {2 * MOST_SECTIONS}, not {self.order}.")
 
     def gain(self, frequency: ArrayLike, rate: float) -> Float[np.ndarray, "..."]:
-        """Return the magnitude at frequencies [Hz] up to half the `rate` [Hz]."""
+        """Return the gain, at most 1, at frequencies [Hz] up to half the `rate` [Hz], in the shape of `frequency`.
+
+        Raises:
+            InputError: the cut-off is not below half the rate, or is below 1e-5 of it.
+        """
         u = np.tan(_angle(frequency, rate) / 2) / np.tan(np.pi * self._checked(rate))
         return np.asarray((1.0 + u ** (2 * self.order)) ** (-1.0 if self.zero_phase else -0.5))
 

@@ -45,12 +45,13 @@ class NoiseSpectrum(Value):
 
     @classmethod
     def of_corner(cls, corner: float, rate: float) -> NoiseSpectrum:
-        """Return the spectrum of white plus 1/f noise, S(f) = S (1 + corner/f), equal in six channels.
+        """Return the spectrum of white plus 1/f noise of density 1 + corner/f, the same in six channels.
 
-        It begins at 10^-6 of the rate.
+        Like every `NoiseSpectrum` it has frequencies in cycles per sample, here from 10^-6 to 1/2, and shares of the
+        variance that sum to 1, so that it has no absolute level.
 
         Args:
-            corner: [Hz] where both are equal.
+            corner: [Hz] where white and 1/f noise are equal.
             rate: [Hz] of the samples.
 
         Raises:

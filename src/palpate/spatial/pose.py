@@ -89,7 +89,7 @@ class Pose(Value):
             np.broadcast_shapes(self.rotation.shape[:-2], self.translation.shape[:-1])
         except ValueError as problem:
             what = f"rotation {self.rotation.shape} and translation {self.translation.shape}"
-            raise InputError(f"{what} are not one for each other.") from problem
+            raise InputError(f"{what} must have the same leading axes.") from problem
 
     @classmethod
     def identity(cls) -> Pose:

@@ -79,7 +79,10 @@ class Analytic(Value, ABC):
         return self.evaluate(self._own(points))[0]
 
     def gradient(self, points: ArrayLike) -> Float[np.ndarray, "*batch 3"]:
-        """Return the gradient of the equation at points (*batch, 3) [m], which points outward."""
+        """Return the gradient of the surface's equation f at points (*batch, 3) [m], (*batch, 3), unit of f per metre.
+
+        It points outward and is not normalised.
+        """
         return self.pose.rotate(self.evaluate(self._own(points))[1])
 
     def hessian(self, points: ArrayLike) -> Float[np.ndarray, "*batch 3 3"]:

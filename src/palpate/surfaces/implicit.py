@@ -123,7 +123,9 @@ class ImplicitSurface(Analytic):
         points = self._entered(np.concatenate(origins), np.concatenate(directions))
         inside = np.all((points >= low) & (points <= high), axis=1)  # NaN is not
         if not inside.any():
-            raise GeometryError("no point of the surface lies in its box (is the value negative inside, in metres?)")
+            raise GeometryError(
+                "the function is zero nowhere in its box: is it negative inside the body, and in metres?"
+            )
         return points[inside]
 
     def _entered(self, origins: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]) -> np.ndarray:

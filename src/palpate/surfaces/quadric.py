@@ -212,7 +212,7 @@ class Paraboloid(Quadric):
 
     @property
     def ends(self) -> Float[np.ndarray, "2 3"]:
-        """Ends of the surface: the rim at z = -height, (2, 3) [m]."""
+        """Limits of the surface along its own axes, least then largest, (2, 3) [m]: z >= -height, else infinite."""
         return frozen([[-np.inf, -np.inf, -self.height], [np.inf, np.inf, np.inf]])
 
     def chart(self, count: int) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"]]:

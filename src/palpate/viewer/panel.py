@@ -56,7 +56,10 @@ class Panel:
         self._add_controls()
 
     def settings(self) -> DrawSettings:
-        """Return the current settings of the drawing."""
+        """Return the settings in the panel's controls as a `DrawSettings`.
+
+        They are heat on or off, the trail [s], the magnification of ellipses, and numbers of touches on or off.
+        """
         magnification = MAGNIFICATIONS[self._ellipse.options.index(self._ellipse.value)]
         return DrawSettings(self._heat.value, float(self._trail.value), magnification, self._numbers.value)
 

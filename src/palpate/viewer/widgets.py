@@ -53,7 +53,16 @@ def dock(gui: GuiApi, title: str) -> None:
 
 
 def card(number: str, status: str, ink: str, meaning: str, rows: Sequence[tuple[str, str]], more: str = "") -> str:
-    """Return the current state as HTML: number with unit, status in a coloured ring, names and values, `more`."""
+    """Return a card with the current state as HTML.
+
+    Args:
+        number: the main value with its unit.
+        status: a word, shown in a ring.
+        ink: CSS colour of the ring.
+        meaning: tooltip of the status.
+        rows: (name, value) of each row of a table below.
+        more: HTML after the table.
+    """
     ring = f"padding:.05em .7em;border-radius:1em;border:2px solid {ink}"
     return (
         '<div class="palpate-card" style="padding:.3em .7em 0;font-size:.8em;line-height:1.45;'

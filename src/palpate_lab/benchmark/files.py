@@ -128,7 +128,7 @@ def _task(file: Path) -> Task:
             what = "text" if kind is str else "a whole number"
             raise InputError(f"{key} is missing, or not {what}.", where=str(file))
     if facts["name"] != file.parent.name:
-        raise InputError(f"is of {facts['name']!r}, but in the folder {file.parent.name!r}.", where=str(file))
+        raise InputError(f"has the name {facts['name']!r}, but is in the folder {file.parent.name!r}.", where=str(file))
     return Task(facts["name"], facts["kind"], file.parent, facts["samples"], facts["most"], facts)
 
 

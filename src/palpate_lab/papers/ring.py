@@ -19,11 +19,11 @@ def paper_contacts(
 ) -> Float[np.ndarray, "k 2"]:
     """Return angle [rad, as in the image, y up] and largest displacement [px] of each contact, (k, 2), largest first.
 
-    (1): the centre is the mean of the markers of each image. A window of three markers is a contact where its middle
-    moved most. One line goes through the rest and present positions of the middle, another through those of the
-    neighbour that moved more; they meet in G, and the contact's angle is that of G from the centre. Where the lines are
-    parallel, or that angle is more than a marker's spacing from the middle's own (as where G lies beyond the centre),
-    the middle's own angle is taken: the paper is silent on it.
+    This is (1) of the `marker ring` paper, with angles about the mean of the markers of each image. A marker is the
+    middle of a contact where it moved more than its two neighbours. Draw a line through its positions at rest and now,
+    and another through those of the neighbour that moved more: the angle of their intersection G is the contact's
+    angle. The angle of the middle marker at rest replaces it where the lines are parallel, or where the two differ by
+    more than the spacing of the markers (as where G lies beyond the centre): cases that the paper does not treat.
 
     Args:
         rest: (m, 2) [px] positions of the markers at rest, in their order round the ring.

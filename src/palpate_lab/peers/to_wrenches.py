@@ -56,7 +56,14 @@ def contact_wrenches(
 def linear_map(
     channels: Float[np.ndarray, "n m"], points: Float[np.ndarray, "n 3"], forces: Float[np.ndarray, "n 3"]
 ) -> Float[np.ndarray, "m 6"]:
-    """Fit W = u @ map, (m, 6), to channels u without bias while forces press at known points: W = (F, p x F).
+    """Fit the matrix (m, 6) that turns channels into wrenches (F, p x F) by least squares, wrench = channels @ matrix.
+
+    There is no constant term.
+
+    Args:
+        channels: (n, m) of any unit, with their biases subtracted.
+        points: (n, 3) [m] the points p at which the forces press.
+        forces: (n, 3) [N] the forces F.
 
     Raises:
         InputError: a channel, point or force is not finite.

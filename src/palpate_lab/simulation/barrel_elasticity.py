@@ -103,7 +103,15 @@ def _skfem() -> Any:
 
 
 def solid(settings: BarrelSettings) -> Solid:
-    """Build the mesh of the half barrel and its stiffness."""
+    """Build the finite-element mesh of the half barrel, and its stiffness.
+
+    Returns:
+        a `Solid`: numbers of the nodes, their positions (nodes, 3) [m], and the sparse stiffness matrix (3 nodes, 3
+        nodes) [N/m].
+
+    Raises:
+        InputError: scikit-fem is not installed.
+    """
     fem = _skfem()
     around, edges = settings.around, np.asarray(settings.rows)
     angle = np.linspace(0.0, 2.0 * np.pi, around + 1)

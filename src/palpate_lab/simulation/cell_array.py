@@ -34,7 +34,10 @@ LAYOUTS = {  # m: cells on a base of 22 x 32 mm, by how many they are; four is t
 
 
 def in_line(count: int = 3) -> Float[np.ndarray, "k 3"]:
-    """Return cells along y, an arrangement to avoid: nothing measures the moment about their line."""
+    """Return the positions (k, 3) [m] of `count` cells on a line along y, an example of a bad arrangement.
+
+    Cells on a line do not measure the moment about it.
+    """
     return _plane(*((0.0, y) for y in np.linspace(-10.5, 10.5, count)))
 
 

@@ -18,7 +18,7 @@ __all__ = ["POSE_TOPIC", "WRENCH_TOPIC", "write_session"]
 WRENCH_TOPIC, POSE_TOPIC = "/ft_sensor/wrench", "/arm/sensor_pose"
 LOG = ("time", "fx", "fy", "fz", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 TOUCH = ("start", "end", "px", "py", "pz", "label")
-RIG = """# Where the probe sits, how the sensor is logged, how contacts are located. Lengths in metres where no unit is stated.
+RIG = """# Where the probe sits, how the sensor is logged, how contacts are located. Lengths in metres unless stated.
 [surface]
 mesh = "probe.stl"
 unit = "mm"                          # of the mesh file

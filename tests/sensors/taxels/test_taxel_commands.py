@@ -190,7 +190,7 @@ def _jointless(folder: Path) -> str:
 @pytest.mark.parametrize(
     ("made", "said"),
     [
-        (_degrees, "joint 'elbow_pitch' reads up to 60, more than a turn: is it in degrees?"),
+        (_degrees, "joint 'elbow_pitch' reads up to 94, more than a turn: is it in degrees?"),
         (_jointless, "there is no column 'elbow_roll'"),
     ],
 )

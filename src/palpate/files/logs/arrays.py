@@ -110,7 +110,10 @@ class DataFrame(Protocol):
 
 
 def arrays_of(log: DataFrame | Mapping[str, Any] | np.ndarray) -> dict[str, np.ndarray]:
-    """Return the columns of a table, or given arrays, by name, as in an .npz; dates become seconds since 1970."""
+    """Return a dict of name -> array: the columns of a table, or the given arrays; dates become seconds since 1970.
+
+    A single array is named "array", like that of an .npy.
+    """
     if isinstance(log, np.ndarray):
         return {SINGLE: log}
     names = log if isinstance(log, Mapping) else log.columns

@@ -154,7 +154,13 @@ def _fixed(cursor: Cursor, kind: MessageLayout) -> tuple[np.ndarray, np.ndarray]
 def decode_array(
     messages: MessageBlock, topic: Topic, shape: tuple[int, ...]
 ) -> tuple[np.ndarray, Bool[np.ndarray, " n"]]:
-    """Return numbers of arrays (n, k) in their stored type, and True (n,) for each message that could be read."""
+    """Return the numbers of arrays, (n, k) in their stored type, and a mask (n,), True where the message is readable.
+
+    Args:
+        messages: n messages of the topic.
+        topic: of a type that holds an array.
+        shape: of one array of k numbers; a message with another count is unreadable, and its row means nothing.
+    """
     cursor = Cursor(messages, topic.encoding)
     return _stored(cursor, ARRAYS[topic.kind], shape), cursor.sound
 

@@ -144,10 +144,10 @@ class JointPoses:
 
 
 def joint_topic(topics: Sequence[Topic], name: str | None, where: str) -> Topic:
-    """Return the topic of joint states called `name`, or the only one if `name` is None.
+    """Return the `Topic` of joint states called `name`, or the only topic of joint states if `name` is None.
 
     Raises:
-        InputError: no topic, or more than one, fits.
+        InputError: there is no such topic, or there are several and `name` is None.
     """
     fitting = [topic for topic in topics if topic.kind == JOINTS and topic.encoding in ("cdr", "ros1")]
     found = [topic for topic in fitting if topic.name == name] if name is not None else fitting

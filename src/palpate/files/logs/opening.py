@@ -70,10 +70,16 @@ _WORKBOOKS = (b"[Content_Types]", b"_rels/", b"xl/", b"docProps/", b"mimetype") 
 
 
 def contents(path: str | Path | Mapping[str, np.ndarray]) -> LogContents:
-    """Return the contents of a log, as far as they are known before its samples are read.
+    """Return the `LogContents` of a log: all that is known before its samples are read.
+
+    They are the names and shapes of columns or arrays, or the topics and the duration, or the size and number of
+    images.
+
+    Args:
+        path: file, or folder of a bag or of images, or arrays by name.
 
     Raises:
-        InputError: the file does not exist, or is not what its suffix indicates.
+        InputError: the file does not exist, is not what its suffix indicates, or needs a library that is not installed.
     """
     return open_log(path).contents()
 

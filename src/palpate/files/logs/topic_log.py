@@ -85,7 +85,14 @@ class TopicLog(Log):
             yield main.stored(messages)
 
     def merged_with(self, frames: Log) -> Iterator[Recording | Stored]:
-        """Yield the `blocks` of this log and the `stored` of `frames`, in one pass where possible."""
+        """Yield the samples of this log and the frames of another reader of the same file, in one pass where possible.
+
+        Each item is either a `Recording` from `blocks` of this log or (times [s], frames) from `stored` of `frames`;
+        they are not paired. In one pass the two kinds take turns, otherwise the recordings come first.
+
+        Raises:
+            InputError: something that one of the layouts requests is missing.
+        """
         main = frames._as_stored() if isinstance(frames, TopicLog) else None
         if main is None:
             yield from super().merged_with(frames)

@@ -76,7 +76,9 @@ _ACCELERATION = _Wanted("acceleration", "acceleration", f"Accelerations are read
 
 
 def main_channel(layout: LogLayout) -> ArrayChannel | None:
-    """Return the channel of which a log of topics has a row each: an array, also if a wrench is read; None: the wrench.
+    """Return the array channel of which each message makes a row of a log of topics; None if wrenches make the rows.
+
+    If the layout requests an array and a wrench, the array makes the rows.
 
     Raises:
         InputError: the layout requests several arrays, whose messages have different times, or nothing, or images.

@@ -32,7 +32,12 @@ class Fields:
             self._numeric.add(name)
 
     def count(self, values: Float[np.ndarray, "n k"], place: Callable[[int], str]) -> None:
-        """Count the rows of a piece, and those with NaN, a field that is missing or not a number."""
+        """Add the rows of a piece to the count `rows`, and those with a field that is no number (NaN) to `bad`.
+
+        Args:
+            values: (n, k) fields of the piece.
+            place: returns the place of a row, in words, from its index; `first_bad` keeps that of the first bad row.
+        """
         bad = np.any(np.isnan(values), axis=1)
         self.rows += len(bad)
         self.bad += int(np.count_nonzero(bad))

@@ -59,7 +59,7 @@ class TextTable:
 
     @property
     def delimiter(self) -> str:
-        """Delimiter of the stored text, in which tabs replace runs of spaces."""
+        """Character between the fields of the stored text: a tab if the file separates them by runs of spaces."""
         return "\t" if self.dialect.delimiter == SPACES else self.dialect.delimiter
 
     @property

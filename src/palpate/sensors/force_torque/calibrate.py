@@ -126,7 +126,15 @@ def settings_of(
 
 
 def usable(wrenches: Wrench | ArrayLike, rotations: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the complete rows' wrenches (m, 6), their checked rotations (m, 3, 3), and a mask (n,) of these rows."""
+    """Return the complete rows' wrenches (m, 6), their rotation matrices (m, 3, 3), and a mask (n,) of these rows.
+
+    Args:
+        wrenches: (n, 6), force first.
+        rotations: (n, 3, 3), or (n, 4) quaternions x, y, z, w.
+
+    Raises:
+        InputError: no row is complete, or the rotation of a complete row is not orthonormal or is a reflection.
+    """
     wrenches = shaped(wrenches.vector() if isinstance(wrenches, Wrench) else wrenches, (None, 6), "wrenches")
     if np.shape(rotations) == (len(wrenches), 4):
         with np.errstate(invalid="ignore"):  # a quaternion of zeros is NaN, which is ignored

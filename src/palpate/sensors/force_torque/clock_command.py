@@ -54,7 +54,7 @@ class CalibrateClock(Calibration):
         sensor = setup.of(ForceTorqueSection)
         if sensor.table.frame == "base":
             raise InputError(
-                "wrenches written in the base frame were turned with poses whose clock is in question.",
+                "wrenches in the base frame were rotated with the poses whose clock is to be checked.",
                 where=str(self.rig),
                 hint="Record them in the sensor's frame.",
             )

@@ -51,20 +51,25 @@ def find_faults(
     sound: Bool[np.ndarray, " some"] | None = None,
     names: tuple[str, ...] = (),
 ) -> list[CellFault]:
-    """Return the faults of the cells of a log; an empty list where they agree.
+    """Return the fault of the cells of a log as a list of one `CellFault`; an empty list where the cells agree.
 
-    A wrench explains six of 3 k voltages. If the chi-square of the others exceeds its bound, each channel and each
-    cell in turn is omitted, as an estimator does sample by sample (`Explanations`), then each pair of cells is
-    exchanged; the change that makes the samples agree is the cause, and the difference of its readings from those that
-    the others predict gives its kind. A channel that repeats one voltage is saturated if the load lies beyond it, else
-    stuck. If several changes make them agree, all are named. Of three cells none can be omitted, but perhaps a channel:
-    else only a cell that does not move or is at its range is named then, or an exchanged pair.
+    A wrench has six components, and k cells give 3 k voltages: the others must agree with it. If their chi-square
+    exceeds its bound in more than 0.2 % of the samples, each channel and each cell in turn is omitted, as an estimator
+    does sample by sample (`Explanations`), then each pair of cells is exchanged. The change that makes the samples
+    agree is the cause, and the difference of its readings from those that the others predict gives the fault's kind. A
+    channel that repeats one voltage is saturated if the load lies beyond it, else stuck. If several changes make the
+    samples agree, the fault names all of them. If none does, its kind is "several". Of three cells none can be omitted,
+    because nothing would check the other two: only a wrong channel, an exchanged pair, or a cell that does not move or
+    repeats its reading is found then.
 
     Args:
         cells: the model.
-        readings: (n, m) [V] less the zero; rows of NaN are omitted.
+        readings: (n, 3 k) [V] less the zero; rows with a NaN are omitted.
         sound: (k,) cells or (3 k,) channels to judge; None: all.
         names: names of the channels, for messages.
+
+    Raises:
+        NotIdentifiable: the channels to judge do not determine a wrench.
     """
     kept = cells.channels(sound)
     usable = readings[np.isfinite(readings).all(axis=1)]

@@ -96,7 +96,7 @@ class LoadCellLayer:
         return [(f"cell {number + 1}", f"{1e3 * volts:.1f} mV") for number, volts in enumerate(carried)]
 
     def legend(self) -> list[str]:
-        """Return a colour bar with the reading of the darkest cell; nothing if no boxes are drawn."""
+        """Return a list of one colour bar as HTML, up to the darkest cell's reading [mV]; [] if no boxes are drawn."""
         return [bar("load cell", 1e3 * self._darkest, "mV")] if self._drawn else []
 
     @property

@@ -171,7 +171,11 @@ class LoadCellSection(SensorSection):
 
     @cached_property
     def cells(self) -> LoadCells:
-        """Calibrated model, with the values that the rig states instead; see `RigLoadCells.cells`."""
+        """Calibrated model of the cells; range, drift and noise that the rig states replace the model's own.
+
+        Raises:
+            InputError: the rig names no model, or the model cannot be read or does not fit the rig.
+        """
         return self.table.cells(self.link.folder)
 
     def nominal(self) -> LoadCells:

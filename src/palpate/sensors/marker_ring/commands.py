@@ -70,7 +70,9 @@ class CalibrateMarkerRing(Calibration):
         truth = self.truth or folder / "truth.csv"
         if not truth.is_file():
             hint = "Give --truth CSV with angle_deg, depth_mm and force_n, a row a frame."
-            raise InputError("nothing says where and how hard the ring was pressed.", where=str(truth), hint=hint)
+            raise InputError(
+                "lacks columns that state where and how hard the ring was pressed.", where=str(truth), hint=hint
+            )
         named = {"log": frames, "truth": truth, "rig": self.rig}
         return named if self.like is None else {**named, "like": self.like}
 

@@ -210,7 +210,7 @@ class Intensity:
             which.flags.writeable = False
             object.__setattr__(self, "which", which)
         if len({curve.falling for curve in self.curves}) > 1:
-            raise InputError("some curves fall with force and some rise.", where="intensity")
+            raise InputError("all curves must rise with force, or all fall.", where="intensity")
 
     def __reduce__(self) -> tuple[type[Intensity], tuple[object, ...]]:
         """Return constructor and arguments for pickle and deep copy, with `provenance` as a dict."""

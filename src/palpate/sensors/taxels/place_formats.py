@@ -243,7 +243,10 @@ def _read_urdf(content: bytes, path: Path) -> TaxelPlaces:
             numbered[int(match[2])] = np.array(six).reshape(2, 3)
             modules[int(match[2])] = int(match[1] or -1)
         except ValueError as problem:
-            raise InputError(f"joint {joint.get('name')!r} has no such origin.", where=str(path)) from problem
+            raise InputError(
+                f"joint {joint.get('name')!r} has an <origin> that cannot be read: xyz and rpy must be three numbers each.",
+                where=str(path),
+            ) from problem
     if not numbered:
         raise InputError("holds no frames of taxels.", where=str(path), hint="They are links named ..._taxel_0, ...")
     positions, normals = np.full((2, max(numbered) + 1, 3), np.nan)

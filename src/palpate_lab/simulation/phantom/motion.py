@@ -197,6 +197,6 @@ def motion(name: str, *, period: float | None = None, seed: int = 0, begin: floa
     if name == "unplanned":
         return unplanned(seed, step_at=10.0, begin=begin)
     if name not in MOTIONS:
-        raise InputError(f"there is no motion {name!r}", hint=f"Known: {', '.join(MOTIONS)}.")
+        raise InputError(f"there is no motion {name!r}.", hint=f"Known: {', '.join(MOTIONS)}.")
     amplitude = 0.010 if name == "vertical" else radians(10.0)
     return _along(name, Sine(amplitude, period or 10.0), begin)

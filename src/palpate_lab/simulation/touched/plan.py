@@ -100,7 +100,10 @@ def plan_presses(
 
 
 def period(settle: float) -> float:
-    """Return the time [s] between configurations of presses, a multiple of the period of rates that divide 100 Hz."""
+    """Return the time [s] between configurations of presses, rounded to 0.01 s.
+
+    At 100 Hz and its multiples it is an integer number of samples.
+    """
     return round(COMING + 2 * RAMP + settle + 0.2, 2)
 
 

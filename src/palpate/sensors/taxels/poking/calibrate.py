@@ -94,7 +94,9 @@ def calibrate_taxels(
     believed = int(np.count_nonzero(pokes.weight > 0))
     if believed < ENOUGH:
         raise NotIdentifiable(
-            f"{believed} pokes can be used; {ENOUGH} are the least.", rank=believed, missing=("places of taxels",)
+            f"only {believed} pokes can be used, and at least {ENOUGH} are needed; record more.",
+            rank=believed,
+            missing=("places of taxels",),
         )
     if method in ("taxels", "modules"):
         return _together(pokes, method == "modules", surface, start, layout, priors or Priors())
@@ -143,7 +145,9 @@ def _together(
         layout = layout if layout is not None or start is None else ModuleLayout.of(start, bent=True)
         if layout is None or not layout.modules:
             raise InputError(
-                "modules need a layout.", where="method", hint="Give one, or a start with modules, or use 'taxels'."
+                "modules needs their layout.",
+                where="method",
+                hint="Give a layout, or a start with modules, or use 'taxels'.",
             )
         _require_unmirrored(pokes, layout, surface)
         begun = None if start is None else fitted(layout, start.positions, surface)

@@ -72,7 +72,9 @@ class TaxelErrors:
 
 
 def compare_places(estimate: TaxelPlaces, truth: TaxelPlaces) -> TaxelErrors:
-    """Return the errors of places, taxel by taxel by their indices.
+    """Return the `TaxelErrors` of estimated places, for each taxel that has a place in both, matched by index.
+
+    Distances are in metres: `absolute` (k,), and `relative` (k,) after the rigid motion that fits best.
 
     Raises:
         InputError: the numbers of taxels differ, or no taxel has both places.

@@ -39,7 +39,10 @@ class NormalEquations(Value):
 
 
 def in_link(pokes: Pokes) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
-    """Return forces [N] and torques [N m] about the link's origin, (n, 3) in its frame [taxel poking, (6)]."""
+    """Return the pokes' forces [N] and their torques [N m] about the link's origin, each (n, 3), in the link's frame.
+
+    This is equation (6) of the `taxel poking` paper.
+    """
     force, torque = pokes.wrench[:, :3], pokes.wrench[:, 3:]
     moved = torque - np.cross(pokes.origin, force)
     turn = pokes.rotation

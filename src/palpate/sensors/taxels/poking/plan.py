@@ -196,7 +196,10 @@ def known_after(
     configurations: int,
     deviations: Float[np.ndarray, " f"] | None = None,
 ) -> Float[np.ndarray, "p p"]:
-    """Return the covariance of all unknowns after each candidate was made `made` times, (c,), under the priors."""
+    """Return the covariance (p, p) of all unknowns under the priors, after candidate i was poked `made[i]` times.
+
+    The p unknowns are those of the units, then `Nuisances.vector`; `made` is (c,), for the c candidates of `options`.
+    """
     rows = options.rows[made > 0] * np.sqrt(made[made > 0])[:, None, None]
     flat = rows.reshape(-1, options.rows.shape[2])
     before = Before(units, None, deviations, Nuisances.deviations(priors, configurations))

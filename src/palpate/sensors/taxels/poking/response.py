@@ -80,7 +80,11 @@ class PokePlaces:
     found: Bool[np.ndarray, " n"]
 
     def points(self, units: Units) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 2"]]:
-        """Return the pokes' places (n, 3) [m] for these units, and the axes (n, 3, 2) of the tangent plane of each."""
+        """Return the pokes' places (n, 3) [m], and two unit axes (n, 3, 2) of the skin's tangent plane at each of them.
+
+        Args:
+            units: modules or single taxels as they lie now; the places follow from those of the taxels that answered.
+        """
         places, normals = units.places()
         axes = tangents(units, normals, self.origin)
         there = np.nan_to_num(places)[np.maximum(self.taxels, 0)]

@@ -182,13 +182,17 @@ def single(places: Vectors, surface: Surface | None, outward: Vectors | None = N
 def fitted(
     layout: ModuleLayout, places: Vectors, surface: Surface | None, weights: Float[np.ndarray, " k"] | None = None
 ) -> Units:
-    """Fit modules to the places of their taxels by least squares.
+    """Fit the positions and orientations of modules to the places of their taxels by least squares.
 
     Args:
-        layout: of the modules; each must have at least three places that are not NaN.
-        places: (k, 3) [m], NaN for a taxel that is not known.
-        surface: on which modules lie; None: none.
+        layout: flat places of the taxels on their modules; each module must have three taxels or more with a known
+            place, which is not checked.
+        places: (k, 3) [m] of the taxels, NaN if not known.
+        surface: surface on which the modules are laid; None: they are free in space.
         weights: (k,) of the places; None: equal.
+
+    Returns:
+        `Units` with the `centre` (u, 3) [m] and the `frame` (u, 3, 3) of each module.
     """
     known = np.isfinite(places).all(axis=1) & np.isfinite(layout.places).all(axis=1) & (layout.module >= 0)
     share = np.where(known, 1.0 if weights is None else np.maximum(weights, 0.0), 0.0)

@@ -84,7 +84,9 @@ class Sheet:
 
     def __post_init__(self) -> None:
         if min(self.rows, self.columns) < 1:
-            raise InputError(f"a sheet of {self.rows} x {self.columns} cells has none.", where="sheet")
+            raise InputError(
+                f"rows and columns must each be at least 1, not {self.rows} x {self.columns}.", where="sheet"
+            )
         for name, values in {"cell": self.pitch, "stretch": self.stretch}.items():
             if not all(isfinite(value) and value > 0 for value in values):
                 raise InputError(f"must be two positive numbers, not {values}.", where=name)

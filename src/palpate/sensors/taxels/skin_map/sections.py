@@ -37,9 +37,20 @@ class Sections:
 def cut(
     chart: Chart, triangles: Float[np.ndarray, "f 3 3"], u: Float[np.ndarray, " n"], v: Float[np.ndarray, " m"]
 ) -> Sections:
-    """Cut triangles by planes u, cut the resulting segments by planes v, and return the outermost points.
+    """Find the outermost point of a triangle mesh on each line in which a plane u and a plane v meet.
 
-    Neither winding nor neighbours matter: the result is the same for soup, doubled facets and inner bodies.
+    The triangles are cut by the planes u, and the resulting segments by the planes v. Neither winding nor neighbours
+    matter: the result is the same for soup, doubled facets and inner bodies.
+
+    Args:
+        chart: the lines.
+        triangles: (f, 3, 3) corners [m].
+        u: (n,) planes of the first family, ascending: lengths [m].
+        v: (m,) planes of the second family, ascending: lengths [m], or angles [rad] if the chart is round.
+
+    Returns:
+        `Sections`: the offset (n, m) of each point along its line [m], -inf where the line misses the mesh, and the
+        index (n, m) of the facet, -1 there.
     """
     ends, plane, facet = _segments(chart.local(triangles), u)
     line, segment, offset = _crossings(chart, ends, v)

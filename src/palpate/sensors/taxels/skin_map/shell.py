@@ -218,7 +218,7 @@ def _own(planes: Planes, chart: Chart) -> tuple[Places | None, Places | None]:
 def _given(values: Places) -> Places:
     array = np.asarray(values, dtype=np.float64)
     if array.ndim != 1 or len(array) < 2 or not np.isfinite(array).all():
-        raise GeometryError("planes of a family must be at least two numbers")
+        raise GeometryError("each family of planes must be a list of at least two finite numbers")
     return array
 
 
@@ -245,7 +245,7 @@ def _block(site: Site, sections: Sections, round_about: bool) -> tuple[slice, sl
     low, high = int(first[columns].max()), int(last[columns].min())
     if high - low < 3 or columns.stop - columns.start < 4:
         raise GeometryError(
-            "no part of the link about the sheet's origin can be cut by two families of planes: "
+            "the link cannot be cut into a grid around the sheet's origin: "
             f"{high - low + 1} full sections of {columns.stop - columns.start} spokes"
         )
     rows = _without_rims(slice(low, high + 1), site.normals, sections.facet[:, columns])
