@@ -296,7 +296,7 @@ def test_a_device_that_restarts_has_not_lost_four_billion(wire: Wire) -> None:
     with connected(wire) as source:
         wire.put(sample(4000, 4000), sample(8000, 8000), sample(1, 1), sample(2, 2), sample(4, 4))
         assert collect(source, 5).lost.tolist() == [3998, 3999, 0, 0, 1]
-        told(source, "nothing tells how many")
+        told(source, "the number of missing samples is unknown")
 
 
 numbers = st.one_of(st.integers(0, ROUND - 1), st.integers(ROUND - 300, ROUND - 1))
@@ -634,7 +634,7 @@ def test_the_stand_in_unplugged_and_plugged_in_again_is_found_again(device: NetF
         again = NetFtDevice(device.port, device.web)
         again.open()
         with sending(again):
-            told(source, "samples again after", "nothing tells how many")
+            told(source, "samples again after", "the number of missing samples is unknown")
         again.close()
 
 

@@ -459,7 +459,7 @@ def test_a_record_that_cannot_begin_is_refused(output: Path) -> None:
         require_record(output)
     part(output).write_bytes(bytes(1 << 15))
     ring = _ring(output)
-    with pytest.raises(InputError, match=r"no file of `palpate live`"):
+    with pytest.raises(InputError, match=r"not a file of `palpate live`"):
         Recorder(ring, output, FOREVER)
     with pytest.raises(SystemExit):
         record(ring.path, output, FOREVER, -1)

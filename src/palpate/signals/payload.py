@@ -91,9 +91,7 @@ class Payload(Value):
             raise InputError(f"magnitude of gravity must lie between {bounds}, not {magnitude}", where="payload")
         if mass is not None:
             if weight is not None or not mass >= 0:
-                raise InputError(
-                    f"a mass ({mass}) must be >= 0 kg, and is given instead of a weight, not with one", where="payload"
-                )
+                raise InputError(f"a mass ({mass}) must be >= 0 kg, and excludes a weight", where="payload")
             weight = np.array([0.0, 0.0, -mass * magnitude])
         vars(self).update(
             weight=_finite("weight", weight, (3,)),

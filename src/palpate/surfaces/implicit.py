@@ -123,9 +123,7 @@ class ImplicitSurface(Analytic):
         points = self._entered(np.concatenate(origins), np.concatenate(directions))
         inside = np.all((points >= low) & (points <= high), axis=1)  # NaN is not
         if not inside.any():
-            raise GeometryError(
-                "the function is zero nowhere in its box: is it negative inside the body, and in metres?"
-            )
+            raise GeometryError("the function is zero nowhere in its box: is it negative inside, and in metres?")
         return points[inside]
 
     def _entered(self, origins: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]) -> np.ndarray:

@@ -83,7 +83,7 @@ def test_what_cannot_be_meant_is_refused_with_a_sentence(
         (["estimate", "short.csv", "--rig", "rig.toml", "-o", "x.csv"], "132 cells"),
         (["evaluate", "contacts.csv", "wrench.csv"], "Add --rig"),
         (["evaluate", "contacts.csv", "wand.csv", "--rig", "rig.toml"], "Add --wand"),
-        (["evaluate", "contacts.csv", "truth.csv", "-o", "r.html"], "against a wrench or a wand"),
+        (["evaluate", "contacts.csv", "truth.csv", "-o", "r.html"], "works only where the truth is a wrench or a wand"),
         (["calibrate", "intensity", "flat.csv", "-o", "x.toml"], "same force"),
         (["calibrate", "intensity", "wrench.csv", "-o", "x.toml"], "no column 'force'"),
         (["calibrate", "intensity", "load_cell_log.csv", "-o", "x.toml", "--sheet", "6by22"], "no size"),

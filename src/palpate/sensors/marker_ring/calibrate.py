@@ -194,9 +194,7 @@ def _model(
     seen = np.count_nonzero(np.isfinite(pixels[..., 0]), axis=1)
     rows = np.asarray(truth.pressed & (seen >= 0.6 * len(rest)), dtype=bool)
     if not rows.any():
-        raise InputError(
-            "no frame has both visible markers and a known angle, depth and force: check the times of the truth."
-        )
+        raise InputError("no frame shows the markers and has an angle, depth and force: check the times of the truth.")
     body = looking.body
     each = 2 * len(view.rings)
     nothing = RingResponse(np.zeros((3, each, 1, 1)), np.ones(2), np.zeros((each, 1)), np.zeros(2), np.zeros(2))

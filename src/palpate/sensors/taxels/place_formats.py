@@ -244,7 +244,7 @@ def _read_urdf(content: bytes, path: Path) -> TaxelPlaces:
             modules[int(match[2])] = int(match[1] or -1)
         except ValueError as problem:
             raise InputError(
-                f"joint {joint.get('name')!r} has an <origin> that cannot be read: xyz and rpy must be three numbers each.",
+                f"joint {joint.get('name')!r} has an <origin> that cannot be read: xyz and rpy are three numbers each.",
                 where=str(path),
             ) from problem
     if not numbered:

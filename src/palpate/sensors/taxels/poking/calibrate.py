@@ -94,7 +94,7 @@ def calibrate_taxels(
     believed = int(np.count_nonzero(pokes.weight > 0))
     if believed < ENOUGH:
         raise NotIdentifiable(
-            f"only {believed} pokes can be used, and at least {ENOUGH} are needed; record more.",
+            f"{believed} pokes can be used, and at least {ENOUGH} are needed.",
             rank=believed,
             missing=("places of taxels",),
         )
@@ -145,7 +145,7 @@ def _together(
         layout = layout if layout is not None or start is None else ModuleLayout.of(start, bent=True)
         if layout is None or not layout.modules:
             raise InputError(
-                "modules needs their layout.",
+                "modules need a layout.",
                 where="method",
                 hint="Give a layout, or a start with modules, or use 'taxels'.",
             )
