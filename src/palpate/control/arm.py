@@ -62,7 +62,7 @@ class Arm(Value):
             object.__setattr__(self, name, frozen(shaped(values, (n,), name)))
         axes = shaped(self.axes, (n, 3), "axes")
         if not n or self.placements.translation.shape != (n + 1, 3) or np.shape(self.revolute) != (n,):
-            raise InputError(f"an arm needs at least one joint, and one placement more than joints: {n + 1}.")
+            raise InputError(f"an arm needs at least one joint, and with {n} joints {n + 1} placements.")
         length = np.linalg.norm(axes, axis=1, keepdims=True)
         self._require(~((length[:, 0] > 0) & np.isfinite(length[:, 0])), "has no axis")
         self._require(~(self.lower < self.upper), "has an empty range: its lower limit is not below the upper one")
