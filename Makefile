@@ -42,7 +42,7 @@ check: $(READY) ## style, types, import directions
 	$(BIN)/lint-imports
 
 docs: $(READY) ## the pages, into docs/_build
-	$(BIN)/sphinx-build -W --keep-going -q docs docs/_build/html
+	$(BIN)/sphinx-build -E -W --keep-going -q docs docs/_build/html
 
 bench: native ## timings side by side and against their targets, into benchmarks/RESULTS.md and TARGETS.md
 	$(BIN)/python -m benchmarks
