@@ -27,14 +27,14 @@ EXTRAS = {  # what each brings, by the names under which it is imported
     "batch": "joblib",
     "camera": "cv2",
     "fusion": "clarabel",
-    "live": "cyclonedds, serial",
+    "live": "cobs, cyclonedds, serial",
     "report": "jinja2, matplotlib",
     "ros": "rosbags",
     "simulation": "mujoco, skfem, cv2, joblib",
     "urdf": "pinocchio",
     "view": "viser",
 }
-WHEEL_HAS = ("palpate/py.typed", "palpate/viewer/report.html", "palpate/__main__.py", "palpate/cli/demo.py")
+WHEEL_HAS = ("palpate/py.typed", "palpate/viewer/report.html", "palpate/__main__.py", "palpate_lab/cli/demo.py")
 SDIST_HAS = (
     "README.md",
     "LICENSE",
