@@ -38,6 +38,10 @@ def by_name(dotted: str) -> Any:
 
     Args:
         dotted: module and name, "palpate.files.contacts.read_contacts".
+
+    Raises:
+        ImportError: there is no such module.
+        AttributeError: the module has no such name.
     """
     module, _, name = dotted.rpartition(".")
     return getattr(import_module(module), name)

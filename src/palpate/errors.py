@@ -32,7 +32,7 @@ class InputError(PalpateError):
 
 
 def not_loaded(problem: ImportError, what: str, extra: str, where: str = "") -> InputError:
-    """Return the error to raise where the library of an extra is missing, or is installed and cannot be loaded.
+    """Return the `InputError` to raise where the library of an extra is missing, or is installed but does not load.
 
     Args:
         problem: the error of the import.

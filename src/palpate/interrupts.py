@@ -14,7 +14,7 @@ __all__ = ["import_mesh_reader", "importing", "uninterrupted"]
 
 @contextmanager
 def uninterrupted() -> Generator[None]:
-    """Hold Ctrl-C back until the block has ended, then raise `KeyboardInterrupt`.
+    """Return a context that holds Ctrl-C back until its block has ended; if it was pressed, raise `KeyboardInterrupt`.
 
     Libraries guard optional imports by `except BaseException`, which swallows a `KeyboardInterrupt` raised within.
     """
@@ -34,7 +34,10 @@ def uninterrupted() -> Generator[None]:
 
 @contextmanager
 def importing() -> Generator[None]:
-    """Hold back Ctrl-C and the garbage collector, which finds nothing in new modules and takes a tenth of the time."""
+    """Return a context that holds back Ctrl-C and the garbage collector during imports.
+
+    The collector finds nothing in new modules and takes a tenth of the time.
+    """
     collecting = gc.isenabled()
     gc.disable()
     try:

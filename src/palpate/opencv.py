@@ -12,7 +12,7 @@ __all__ = ["opencv"]
 
 
 def opencv() -> ModuleType:
-    """Load OpenCV and return its module; its FFmpeg prints nothing on the terminal.
+    """Load OpenCV and return its module, `cv2`; its FFmpeg prints nothing on the terminal.
 
     Raises:
         InputError: it is not installed.

@@ -32,7 +32,11 @@ class Registry(Mapping[str, Row]):
         self._kind, self._group, self._first, self._complete = kind, group, first, False
 
     def among(self, names: Collection[str]) -> Iterator[Row]:
-        """Yield the rows of these names, in order; other names are left out."""
+        """Yield the objects of these names, in the order of the registry; names that it does not have are left out.
+
+        Raises:
+            InputError: an object of another package cannot be imported, or is of another class.
+        """
         rows = self._rows if set(names) <= set(self._rows) else self._all()
         return (self[name] for name in list(rows) if name in names)
 

@@ -17,7 +17,10 @@ _ANNOUNCED: set[str] = set()
 
 @contextmanager
 def waiting(what: str) -> Generator[None]:
-    """Announce the work `what` if the block takes longer than two seconds; once a process for the same words."""
+    """Return a context that logs the warning `what` if its block takes longer than two seconds.
+
+    The logger is "palpate"; the same words are logged once a process.
+    """
     if what in _ANNOUNCED:
         yield
         return

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
-from palpate.contact import Locator
+from palpate.contact import ContactEstimate, Contacts, Locator
+from palpate.contact.frames import placed
+from palpate.errors import InputError
+from palpate.signals import Recording
 from palpate.spatial.pose import Pose
 from palpate_lab.simulation.contacts import touch_wrenches
 from tests.support.bodies import BODIES, R, on_mesh
@@ -38,3 +42,13 @@ def test_a_pose_for_every_sample_and_what_it_leaves_alone() -> None:
         assert np.allclose(moved.force[i], poses.rotation[i] @ answer.force[i], atol=1e-14)
     assert np.array_equal(moved.torque, answer.torque)
     assert np.array_equal(moved.status, answer.status)
+
+
+def test_a_frame_that_is_none_is_refused_and_nothing_cannot_be_joined() -> None:
+    estimate = Locator(BODIES["ellipsoid"].mesh).run(np.zeros((1, 6)))
+    contacts, block = Contacts.single(np.zeros(1), estimate), Recording(np.zeros(1), {})
+    with pytest.raises(InputError, match="there is no frame 'world'"):
+        placed(contacts, block, "world", Pose.identity())
+    for joined in (Contacts.joined, ContactEstimate.joined):
+        with pytest.raises(InputError, match="nothing to join"):
+            joined([])

@@ -187,9 +187,10 @@ def test_a_model_of_another_kind_is_refused_with_what_writes_the_right_one(tmp_p
     write_model(tmp_path / "model.toml", MADE[other](1))
     with pytest.raises(InputError, match=f"is not {MODELS[kind].called}.*`{MODELS[kind].command}` writes one"):
         read_model(tmp_path / "model.toml", MODELS[kind].holds)
-    (tmp_path / "model.toml").write_text('kind = "teapot"')
-    with pytest.raises(InputError, match=r"is no model.*'payload'"):
-        read_model(tmp_path / "model.toml")
+    for unknown in ('"teapot"', '["payload"]'):
+        (tmp_path / "model.toml").write_text(f"kind = {unknown}")
+        with pytest.raises(InputError, match=r"is no model.*'payload'"):
+            read_model(tmp_path / "model.toml")
 
 
 @pytest.mark.parametrize("seed", range(2))

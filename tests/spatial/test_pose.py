@@ -110,3 +110,11 @@ def test_poses_are_frozen_and_do_not_share_what_they_were_given() -> None:
             array[...] = 1.0
     with pytest.raises(AttributeError):
         pose.translation = np.ones(3)
+
+
+def test_one_rotation_serves_many_translations_and_the_other_way_round() -> None:
+    turn = Pose.from_rotation_vector([0.1, -0.2, 0.3], np.zeros((5, 3)))
+    many = Pose.from_rotation_vector(np.full((5, 3), 0.1), np.zeros(3))
+    for pose in (turn, many):
+        assert (pose.quaternion().shape, pose.rotation_vector().shape) == ((5, 4), (5, 3))
+    assert np.allclose(turn.rotation_vector(), [0.1, -0.2, 0.3])

@@ -60,8 +60,9 @@ def identify_offset(
     max_gap: float = 0.25,
     noise: Float[np.ndarray, "6"] | None = None,
 ) -> ClockOffset:
-    """Find the offset d at which the force is a weight that turns with the poses, F(t) = R(t - d)^T w + f0.
+    """Find the offset d at which the force is a weight that turns with the poses, and return a `ClockOffset`.
 
+    The force is F(t) = R(t - d)^T w + f0.
     For each d of a grid, weight w and bias f0 are fitted; the sum of log(1 + r^2 / s^2) over the residuals r (Cauchy's
     likelihood, which touches hardly move) is least at the true d. From there Gauss and Newton's steps on d, w and f0
     together, weighted 1 / (1 + r^2 / s^2). The standard deviation is the sandwich of these equations over stretches of
@@ -80,7 +81,8 @@ def identify_offset(
 
     Raises:
         NotIdentifiable: the arm hardly turns, or the sensor has no payload.
-        InputError: wrenches and poses do not overlap, or the best offset lies at the edge of the search.
+        InputError: wrenches and poses do not overlap, times do not rise, `search` is not a range, or the best offset
+            lies at its edge.
     """
     track = PoseTrack(max_gap=max_gap)
     track.add(pose_time, quaternions)

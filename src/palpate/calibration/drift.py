@@ -71,7 +71,7 @@ class DriftFit(Value):
         return np.sqrt(start + walk**2 * seconds + (self.warm_up_deviation * seconds) ** 2)
 
     def spread(self, sound: Bool[np.ndarray, " k"]) -> DriftFit:
-        """Return the fit for all k channels, of which the `sound` ones were fitted; others get the rms of these."""
+        """Return the `DriftFit` for all k channels, of which the `sound` ones were fitted; the others get their rms."""
 
         def filled(values: np.ndarray) -> np.ndarray:
             made = np.full(len(sound), np.sqrt(np.mean(np.square(values)))).astype(values.dtype)
@@ -103,7 +103,7 @@ def identify_drift(
     names: Sequence[str] = (),
     window: float = 0.1,
 ) -> DriftFit:
-    """Identify the most likely random walk, warm-up and thermal coefficient of a bias.
+    """Identify the most likely random walk, warm-up and thermal coefficient of a bias; return a `DriftFit`.
 
     The likelihood is that of a Kalman filter without knowledge of the bias at the start, in closed form (`fit_walk`);
     the noise of a window's mean is fitted, not taken from that of a reading, as noise may be coloured; where the

@@ -69,7 +69,7 @@ class Search:
         """Run the search and return it; the results are in the attributes.
 
         Raises:
-            InputError: the log is not that of a bias at rest.
+            InputError: the log is not that of a bias at rest: touched for long or often, or the readings swing.
         """
         self._leave_touches_out()
         self.correlation = self._correlation()
@@ -90,7 +90,7 @@ class Search:
         return self
 
     def compare_halves(self) -> tuple[Validation, Float[np.ndarray, " m"]]:
-        """Compare the walks of both halves of the log; return their agreement, and the larger walk of each channel."""
+        """Compare the walks of both halves; return a `Validation`, and the larger walk of each channel, (m,)."""
         steps, count = self._with(self.settling), len(self._steps.interval)
         if self.span < 2.0 * SHORTEST:
             return Validation(), self.found.walk
@@ -192,7 +192,7 @@ class Search:
         return max(abs(float(one[group].mean())) for one in each for group in self._groups)
 
     def notes(self, noise: Float[np.ndarray, "..."] | None, step: float, names: Sequence[str]) -> list[str]:
-        """Return notes for the reader; the stated noise is of readings `step` [s] from each other."""
+        """Return notes, a list of sentences; the stated noise is of readings `step` [s] from each other."""
         said: list[str] = []
         if self.touched:
             said.append(f"{self.share:.1%} of the log was left out as touched or disturbed: {described(self.touched)}")

@@ -51,12 +51,12 @@ class Windows(Value):
     length: float
 
     def picked(self, rows: Bool[np.ndarray, " w"]) -> Windows:
-        """Return the windows of a mask (w,)."""
+        """Return the `Windows` that a mask (w,) selects."""
         rows = shaped(rows, self.middle.shape, "rows", np.dtype(np.bool_))
         return Windows(self.middle[rows], self.mean[rows], self.courses[rows], self.length)
 
     def doubled(self) -> Windows:
-        """Return means over pairs of windows, twice as long; a window without a partner is dropped."""
+        """Return `Windows` of means over pairs of windows, twice as long; a window without a partner is dropped."""
         index = np.floor(self.middle / (2.0 * self.length)).astype(np.int64)
         _, first, count = np.unique(index, return_index=True, return_counts=True)
 
@@ -75,7 +75,7 @@ def windows_of(
     courses: Float[np.ndarray, "n q"],
     length: float,
 ) -> Windows:
-    """Return means over windows of `length` [s], or longer ones: of four samples or more, and at most 6000 windows.
+    """Return `Windows`, means over `length` [s] or longer, of four samples or more, and at most 6000 of them.
 
     Args:
         time: (n,) [s], rising.
@@ -120,7 +120,7 @@ def untouched(
     noise: Float[np.ndarray, " m"],
     course: Float[np.ndarray, "w m"] | None = None,
 ) -> Bool[np.ndarray, " w"]:
-    """Return which windows, (w,), agree with a random walk of the bias, within six standard deviations.
+    """Return (w,) bool, True where a window agrees with a random walk of the bias, within six standard deviations.
 
     A Kalman filter of each channel tracks the bias; a window that one channel does not expect is omitted and does not
     move it, nor do its neighbours. So a touch is omitted until it ends. A touch that begins slowly is seen when it
@@ -219,7 +219,7 @@ def described(runs: Sequence[tuple[float, float]], most: int = 3) -> str:
 
 @takes_arrays
 def stretches(windows: Windows, mask: Bool[np.ndarray, " w"]) -> list[tuple[float, float]]:
-    """Return beginning and end [s] of each stretch of a mask."""
+    """Return a list of (beginning, end) [s] of each stretch of True in a mask (w,) of the windows."""
     edges = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
     starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     middle, half = windows.middle, windows.length / 2.0

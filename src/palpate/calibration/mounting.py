@@ -89,7 +89,7 @@ def identify_mounting(
     labels: Sequence[str] | None = None,
     spreads: Spreads = _USUAL,
 ) -> Mounting:
-    """Identify the pose of the surface from one compensated wrench per touch.
+    """Identify the pose of the surface from one compensated wrench per touch, and return a `Mounting`.
 
     The most probable pose under the touches and a Gaussian prior about `initial`, found by Levenberg and Marquardt's
     steps with weights by Huber; outliers are omitted, one at a time, and named.

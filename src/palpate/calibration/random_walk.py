@@ -46,12 +46,12 @@ class Steps(Value):
     window: float
 
     def with_shape(self, *courses: Float[np.ndarray, " k"]) -> Steps:
-        """Return the steps with other known courses, each (k,)."""
+        """Return `Steps` with other known courses, each (k,)."""
         shape = np.column_stack(courses) if courses else np.zeros((len(self.change), 0))
         return Steps(self.change, self.interval, self.joined, shape, self.window)
 
     def part(self, rows: slice) -> Steps:
-        """Return a range of consecutive steps."""
+        """Return a range of consecutive steps as `Steps`."""
         first, last, _ = rows.indices(len(self.interval))
         return Steps(
             self.change[rows], self.interval[rows], self.joined[first : last - 1], self.shape[rows], self.window
@@ -84,7 +84,7 @@ class WalkFit(Value):
 def steps_of(
     middle: Float[np.ndarray, " w"], mean: Float[np.ndarray, "w m"], window: float, longest: float = np.inf
 ) -> Steps:
-    """Return the steps from window to window; a step over a gap longer than `longest` [s] is omitted."""
+    """Return the `Steps` from window to window; a step over a gap longer than `longest` [s] is omitted."""
     apart = np.diff(middle)
     kept = np.flatnonzero(apart <= longest)
     return Steps(np.diff(mean, axis=0)[kept], apart[kept], np.diff(kept) == 1, np.zeros((len(kept), 0)), window)
@@ -93,7 +93,9 @@ def steps_of(
 def fit_walk(
     steps: Steps, groups: Sequence[Sequence[int]], together: float = 14.0, start: WalkFit | None = None
 ) -> WalkFit:
-    """Fit walk and noise by (restricted) likelihood, with one walk for a group of channels unless they clearly differ.
+    """Fit walk and noise by (restricted) likelihood, and return a `WalkFit`.
+
+    A group of channels has one walk unless they clearly differ.
 
     The mean over a window of length w of a Wiener process with noise of variance R: steps between windows with a
     distance D of their middles have the variance q^2 (D - w/3) + 2 R, and two that share a window the covariance

@@ -45,7 +45,7 @@ def touch_error(
     noise: Float[np.ndarray, "6 6"] | None,
     pose_from: Callable[[Int[np.ndarray, " k"]], Pose],
 ) -> TouchError:
-    """Estimate the variance components from the moments of the samples; that of the noise is known.
+    """Estimate the variance components from the moments of the samples (that of the noise is known) as a `TouchError`.
 
     A wrench that acts at a distance d from the mark p, across its normal n, has r = M - p x F = d x F + tau n, so
 

@@ -47,7 +47,7 @@ class Validation:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentence where the data disagree more than by chance; else ()."""
+        """Tuple of one sentence where the data disagree more than by chance; else ()."""
         if self.widening <= OFF**2:
             return ()
         return (
@@ -63,7 +63,7 @@ def cross_validate(
     parts: int = PARTS,
     blocks: int | None = None,
 ) -> Validation:
-    """Omit parts of the data, one after the other, and compare each with its prediction from the rest.
+    """Omit parts of the data, one after the other, and compare each with its prediction from the rest (`Validation`).
 
     A part is made of consecutive rows, which share the drift, so that it tells more than rows picked here and there. It
     is skipped where the rest does not determine the model.

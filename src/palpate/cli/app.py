@@ -182,7 +182,7 @@ BROKEN: list[str] = []  # what is wrong with other packages
 
 
 def join_others() -> None:
-    """Add commands of other packages: entry points `palpate.commands` and `palpate.calibrations`.
+    """Add commands of other packages to `COMMANDS`: entry points `palpate.commands` and `palpate.calibrations`.
 
     Those that cannot be imported, or are no such table, are skipped; `BROKEN` keeps the reasons, which are printed
     where a call names an unknown command.

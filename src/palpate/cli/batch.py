@@ -202,7 +202,11 @@ def _watch(parent: int, done: int, share: float) -> None:
 
 
 def log_digest(log: Path) -> str:
-    """Return the SHA-256 of a log's bytes; of a folder, of the names, sizes and times of its files."""
+    """Return the SHA-256 (hexadecimal text) of a log's bytes; of a folder, of its files' names, sizes and times.
+
+    Raises:
+        InputError: the log cannot be read.
+    """
     if not log.is_dir():
         with open_input(log) as file:
             return hashlib.file_digest(file, "sha256").hexdigest()

@@ -50,7 +50,12 @@ class CalibrateDrift(Calibration):
     window: Annotated[float, arg(metavar="X")] = 0.1
 
     def identify(self) -> CalibrationResult:
-        """Fit random walk, warm-up and temperature dependence of the bias to the readings of the untouched sensor."""
+        """Fit random walk, warm-up and temperature dependence of the bias; return a `CalibrationResult`.
+
+        Raises:
+            InputError: the log or the rig cannot be used, the sensor has no [drift] or states one already, or the
+                readings are not those of an untouched sensor.
+        """
         require_positive(self.window, "--window")
         with open_log(self.log, self.stated) as opened:
             setup, recording, notes = _read(self.log, opened)
@@ -64,7 +69,11 @@ class CalibrateDrift(Calibration):
         return CalibrationResult(_figures(drift, weight), (table, drift.comments), notes=notes)
 
     def write(self, found: CalibrationResult) -> None:
-        """Write the drift into the rig."""
+        """Write the drift into the rig.
+
+        Raises:
+            InputError: the rig cannot be edited, or the output cannot be written.
+        """
         table, comments = found.model
         walk = f"{comments['walk']}, from {origin(self.record(), 'log')}"
         update_drift(self.rig, self.output, table, {**comments, "walk": walk})

@@ -15,12 +15,16 @@ __all__ = ["compared_blocks", "on_body", "written"]
 
 
 def written(path: Path) -> Contacts | None:
-    """Return the contacts in a file; None where the file is a log."""
+    """Return the `Contacts` in a file; None where the file is a log.
+
+    Raises:
+        InputError: a row is invalid.
+    """
     return read_contacts(path) if _holds_contacts(path) else None
 
 
 def compared_blocks(path: Path, link: Link) -> Iterator[Contacts]:
-    """Return an iterator over the contacts to compare, block by block, in the frame that the body is drawn in.
+    """Return an iterator over the `Contacts` to compare, block by block, in the frame that the body is drawn in.
 
     Raises:
         InputError: there is no such file, it holds none, or they are in a frame in which the body moves.
@@ -35,7 +39,7 @@ def compared_blocks(path: Path, link: Link) -> Iterator[Contacts]:
 
 
 def on_body(contacts: Contacts, path: Path, link: Link) -> Contacts:
-    """Return the contacts of a file in the frame that the body is drawn in.
+    """Return the `Contacts` of a file in the frame that the body is drawn in.
 
     Raises:
         InputError: they are in the base frame.

@@ -55,7 +55,7 @@ class _Stopped(Exception):
 
 
 def record_of(output: Path) -> Path:
-    """Return the path of OUTPUT.toml."""
+    """Return the path of OUTPUT.toml, which records how OUTPUT was made."""
     return output.with_name(f"{output.name}.toml") if output.name else output
 
 
@@ -69,7 +69,7 @@ def estimate_log(
     keep_short: bool = True,
     workers: int = 1,
 ) -> Estimated:
-    """Estimate every sample of a log and write the contacts.
+    """Estimate every sample of a log, write the contacts, and return an `Estimated`.
 
     Args:
         opened: the log.

@@ -131,12 +131,12 @@ def _is_instrument(truth: Path) -> bool:
 
 
 def truth_times(truth: TrueSamples | TrueTouches) -> np.ndarray:
-    """Return the times [s] of instants, or of both ends of the touches."""
+    """Return the times [s] of instants, (k,), or of all starts and then all ends of touches, (2 k,)."""
     return np.concatenate([truth.start, truth.end]) if isinstance(truth, TrueTouches) else truth.time
 
 
 def summaries(report: EvaluationReport) -> list[tuple[str, ...]]:
-    """Return rows of name with unit, mean, median, 95 %, worst and count; none where nothing was compared."""
+    """Return a list of rows of texts: name with unit, mean, median, 95 %, worst, count; [] if nothing was compared."""
     what = "location of touches [mm]" if report.touches else "location [mm]"
     degrees = 180 / np.pi
     rows = (

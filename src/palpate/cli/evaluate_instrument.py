@@ -48,7 +48,7 @@ def evaluate_instrument(
     tolerance: float,
     output: Path | None,
 ) -> None:
-    """Compare touches, as medians, with the instrument in the columns of `truth`: a wrench, or poses of a wand.
+    """Compare touches, as medians, with the wrench or the wand's poses in the columns of `truth`; print the result.
 
     Args:
         contacts: the file, and its contacts.
@@ -59,7 +59,7 @@ def evaluate_instrument(
         output: page to write.
 
     Raises:
-        InputError: no touch lasts three samples, or none can be compared.
+        InputError: the rig cannot be used, `wand` is missing, no touch lasts three samples, or none can be compared.
     """
     path, found = contacts
     setup = load_rig(rig_path).resolve()

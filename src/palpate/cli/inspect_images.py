@@ -20,12 +20,12 @@ _DARK = 5.0  # of 255: a mean below it is a black frame, whatever the noise
 
 
 def image_topics(there: LogContents) -> list[str]:
-    """Return the names of topics with images."""
+    """Return a list of the names of topics with images."""
     return [topic.name for topic in there.topics if topic.count and topic.kind in IMAGES]
 
 
 def image_layouts(there: LogContents, topic: str | None) -> list[LogLayout]:
-    """Return the layout of each series of images in a log; of the topic alone where one is named."""
+    """Return the `LogLayout` of each series of images in a log; of the topic alone where one is named."""
     alone = LogLayout(wrench=None, images=ImageChannel())
     if there.images is not None:
         return [alone]

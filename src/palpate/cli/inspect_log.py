@@ -46,7 +46,11 @@ def inspect_log(
         topic: topic of the sensor's readings.
 
     Returns:
-        Kept samples of the first wrench (None where no sensor was recognised), and whether the log is torn.
+        Kept samples of the first wrench, a `Recording` (None where no sensor was recognised), and True if the log is
+        torn.
+
+    Raises:
+        InputError: the log cannot be read, or `topic` or `sensor` does not fit it.
     """
     title(f"{file}: a log")
     there = contents(file)
@@ -242,7 +246,11 @@ def inspect_contacts(file: Path) -> Recording:
     """Print figures of a file of contacts, finished or not.
 
     Returns:
-        Kept samples: FORCE [N], and PLACE [m], of the strongest contact of each sample, NaN where not answered.
+        Kept samples, a `Recording`: FORCE [N], and PLACE [m], of the strongest contact of each sample, NaN where not
+        answered.
+
+    Raises:
+        InputError: the file holds no contacts, or a row is invalid.
     """
     excerpt, counts = Excerpt(), np.zeros(len(Status), dtype=np.int64)
     ends, notes, features = np.empty(0), dict[str, None](), dict[str, None]()

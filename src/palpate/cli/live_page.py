@@ -44,6 +44,9 @@ def show(ring: Path, rig: Path, host: str, port: int, token: str, parent: int) -
         port: the first to try; if it is taken, the next free one is used and reported.
         token: secret that opens the page; the ring, which is recorded, does not have it.
         parent: id of the parent process.
+
+    Raises:
+        InputError: the ring cannot be opened; for other errors the ring gets a sentence, and the process waits.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which says stop
     read = StreamBuffer(ring)
@@ -126,7 +129,7 @@ class Stream:
         self.ring.ask_tare(f"the page ({browser})")
 
     def look(self, watched: bool) -> None:
-        """Read new slots from the ring."""
+        """Read new slots from the ring and pass them to the feed; `watched`: a browser is connected."""
         now = time.monotonic()
         received, answered = self.ring["received"], self.ring["answered"]
         if received != self._received:
@@ -148,7 +151,7 @@ class Stream:
 
     @property
     def newest(self) -> Contacts | None:
-        """Contacts of the last sample that was read; None where it has no answer."""
+        """`Contacts` of the last sample that was read; None where it has no answer."""
         if self._last is None:
             return None
         found = self.ring.form.contacts(self._last)
@@ -169,7 +172,7 @@ class Stream:
             self.window = recent(self.window, found)
 
     def figures(self) -> StreamFigures:
-        """Return the current figures."""
+        """Return the current `StreamFigures`: rate, latency, losses, events."""
         ring, now = self.ring, time.monotonic()
         said, self._sentence = ring.events(self._sentence)
         for stamp, sentence in said:

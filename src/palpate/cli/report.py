@@ -24,7 +24,7 @@ FINE = "Nothing stands out: models are calibrated, and the samples are answered.
 
 
 def judged(run: Run, truth: TrueSamples | TrueTouches | None = None, *, mounted: bool = False) -> Run:
-    """Return the run with the ground truth's section and tiles, and with advice from statuses and coverage.
+    """Return the `Run` with the ground truth's section and tiles, and with advice from statuses and coverage.
 
     Args:
         run: with the advice of its sensor.

@@ -24,7 +24,7 @@ ENOUGH = 50  # samples before their coverage means something
 
 
 def status_advice(counts: Int[np.ndarray, " s"]) -> tuple[str, ...]:
-    """Return advice on frequent statuses; `counts` (len(Status),) are those of all samples."""
+    """Return sentences of advice on frequent statuses; `counts` (len(Status),) are those of all samples."""
     total = int(counts.sum())
     loaded = total - int(counts[list(UNLOADED)].sum())
     said: list[str] = []
@@ -36,7 +36,7 @@ def status_advice(counts: Int[np.ndarray, " s"]) -> tuple[str, ...]:
 
 
 def coverage_advice(found: EvaluationReport | None, *, mounted: bool) -> tuple[str, ...]:
-    """Return advice where ellipses are too large or too small; `mounted`: they contain the mounting's uncertainty."""
+    """Return (sentence,) if ellipses are too large or small, else (); `mounted`: they hold the uncertain mounting."""
     if found is None or found.coverage.count < ENOUGH:
         return ()
     inside = found.coverage.inside

@@ -64,10 +64,10 @@ class RigOptions:
     topic: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None
 
     def load(self) -> Rig:
-        """Return the rig with all options applied.
+        """Return the `Rig` with all options applied.
 
         Raises:
-            InputError: neither rig nor mesh is given, or an option is out of bounds.
+            InputError: neither rig nor mesh is given, a file cannot be read, or an option is out of bounds.
         """
         rig = self._base()
         if self.crease is not None and rig.surface is not None:
@@ -83,7 +83,11 @@ class RigOptions:
         return replace(rig, filter=self._filter(rig.filter), estimate=_over(rig.estimate, **said))
 
     def open(self, log: Path, rig: Rig) -> OpenedLog:
-        """Open the log; refuse options that mean nothing to its sensor."""
+        """Open the log and return an `OpenedLog`.
+
+        Raises:
+            InputError: the log cannot be read or fits no sensor of the rig, or an option means nothing to its sensor.
+        """
         if self.sensor is not None or len(rig.kinds) == 1:
             self._require_meant(rig.kind(self.sensor))  # before the log is looked at
         opened = open_log(log, rig, self.sensor, self.topic)

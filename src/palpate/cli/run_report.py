@@ -15,7 +15,7 @@ __all__ = ["run_of"]
 def run_of(
     pipeline: Pipeline, summary: RunSummary, record: Mapping[str, str], output: str, warnings: tuple[str, ...]
 ) -> Run:
-    """Return the values of a run when its log is done.
+    """Return the values of a run when its log is done, as a `Run`.
 
     Args:
         pipeline: pipeline that has run.

@@ -26,13 +26,17 @@ KINDS = (".html", ".svg", ".png")
 
 
 def located(recording: Recording, setup: Setup) -> Recording:
-    """Return force and place of the strongest contact of each sample, estimated without the rig's filter."""
+    """Return a `Recording` of FORCE [N] and PLACE [m] of each sample's strongest contact, without the rig's filter.
+
+    Raises:
+        InputError: the rig or a file that it names cannot be used.
+    """
     found = replace(setup, filter=RigFilter(), head=recording).prepared().estimator.run(recording)
     return replace(force_and_place(found[found.strongest()]), source=recording.source)
 
 
 def force_and_place(contacts: Contacts) -> Recording:
-    """Return a recording of FORCE [N], and PLACE [m], NaN where not answered, of one contact per sample."""
+    """Return a `Recording` of FORCE [N], and PLACE [m], NaN where not answered, of one contact per sample."""
     point = np.where(contacts.answered[:, None], contacts.point, np.nan)
     return Recording(contacts.time, {FORCE: contacts.force, PLACE: point})
 

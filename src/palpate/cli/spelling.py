@@ -24,7 +24,7 @@ _OPTIONS = {  # what is said in another way
 
 
 def command_of(words: Sequence[str], groups: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
-    """Return the known words of a call that name its command; `groups` has the commands below each first word."""
+    """Return the known words of a call that name its command, a tuple; `groups`: first word -> commands below it."""
     if not words or words[0] not in groups:
         return ()
     below = len(words) > 1 and words[1] in groups[words[0]]

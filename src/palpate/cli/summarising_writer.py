@@ -58,7 +58,16 @@ class _Here:
 
 @contextmanager
 def writing_here(output: Path | None, frame: str, features: tuple[str, ...]) -> Generator[SummedWriter]:
-    """Write in this process, see `palpate.files.contacts.open_contacts`; without an output only summarise."""
+    """Give a `SummedWriter` that writes in this process; without an output it only summarises.
+
+    Args:
+        output: file, as for `palpate.files.contacts.open_contacts`, or None.
+        frame: coordinate frame of the contacts in it.
+        features: names of the columns that the sensor adds.
+
+    Raises:
+        InputError: the suffix is unknown, or the file cannot be written.
+    """
     if output is None:
         yield _Here(None)
         return
@@ -76,7 +85,7 @@ class WriterProcess(NamedTuple):
 
 @contextmanager
 def writer_process() -> Generator[WriterProcess]:
-    """Start a process that writes once `writing_in_process` sends it blocks: it takes a second to start."""
+    """Start a `WriterProcess`, which writes once `writing_in_process` sends it blocks: it takes a second to start."""
     sender, receiver = way()
     answer, answers = get_context("spawn").Pipe(duplex=False)
     with background_process("writer", _write, receiver, answers) as process:
@@ -119,7 +128,11 @@ class _Beside:
 def writing_in_process(
     process: WriterProcess, output: Path, frame: str, features: tuple[str, ...]
 ) -> Generator[SummedWriter]:
-    """Write and summarise as `writing_here` does, in another process."""
+    """Give a `SummedWriter` that writes as that of `writing_here`, in another process.
+
+    Raises:
+        InputError: the suffix is unknown, the file cannot be written, or the process was ended.
+    """
     writer = _Beside(process, output)
     writer.put((output, frame, features))
     try:

@@ -54,33 +54,45 @@ class Calibration(ABC):
 
     @abstractmethod
     def identify(self) -> CalibrationResult:
-        """Read the inputs and find the model.
+        """Read the inputs, find the model, and return it in a `CalibrationResult`.
 
         Raises:
             InputError: the inputs cannot be used, or contradict what the calibration assumes.
         """
 
     def write(self, found: CalibrationResult) -> None:
-        """Write the model to the output."""
+        """Write the model to the output.
+
+        Raises:
+            InputError: the output cannot be written.
+        """
         write_model(self.output, found.model)
 
     @cached_property
     def stated(self) -> Rig:
-        """The rig given as argument, or an empty one without it."""
+        """The `Rig` given as argument, or an empty one without it.
+
+        Raises:
+            InputError: the rig cannot be read.
+        """
         rig: Path | None = getattr(self, "rig", None)
         return Rig() if rig is None else load_rig(rig)
 
     @cached_property
     def reads(self) -> dict[str, Path]:
-        """Input files by the names of their arguments."""
+        """Input files: name of the argument -> path."""
         return {name: path for name, path in vars(self).items() if isinstance(path, Path) and name != "output"}
 
     def record(self, **settings: object) -> dict[str, str]:
-        """Return the provenance of a model: digests of the input files, and settings."""
+        """Return the provenance of a model, name -> text: version, input files with their digests, and `settings`."""
         return provenance(self.reads, settings)
 
     def run(self) -> None:
-        """Identify the model, write the output, and print the figures and notes."""
+        """Identify the model, write the output, and print the figures and notes.
+
+        Raises:
+            InputError: the inputs cannot be used, or the output is an input or cannot be written.
+        """
         files = [*self.reads.items(), *self.stated.files().items()]
         keep_inputs(self.output, [path for name, path in files if name != self.replaces])
         with counting():

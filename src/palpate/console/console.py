@@ -192,7 +192,7 @@ def step(text: str) -> None:
 
 
 def muted() -> tuple[str, ...]:
-    """Return the option that silences a command run by this one, where no person reads the output; else ()."""
+    """Return ("--quiet",), for a command run by this one, where no person reads the output; else ()."""
     return ("--quiet",) if _VOICES[-1].quiet or _VOICES[-1].json else ()
 
 
@@ -248,7 +248,10 @@ def _number(text: str) -> str | int | float | None:
 
 
 def span(times: np.ndarray) -> Quantity:
-    """Return the first and the last time as text, with both as its value; seconds since 1970 begin with a date."""
+    """Return a `Quantity`: first and last finite time as text, and as its value [s]; "none" and None without any.
+
+    Seconds since 1970 begin with a date.
+    """
     known = times[np.isfinite(times)]
     if not len(known):
         return Quantity("none", None)
@@ -258,7 +261,7 @@ def span(times: np.ndarray) -> Quantity:
 
 
 def shares(counts: np.ndarray) -> list[tuple[str, Quantity]]:
-    """Return each status that occurs with its share and its count; `counts` (len(Status),)."""
+    """Return a list of (label, `Quantity` of share and count) of each status that occurs; `counts` (len(Status),)."""
     total = counts.sum()
     return [
         (

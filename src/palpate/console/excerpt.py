@@ -34,7 +34,7 @@ class Excerpt:
             start = end
 
     def recording(self) -> Recording:
-        """Return the kept samples, with gaps between the pieces."""
+        """Return the kept samples as a `Recording`, with gaps between the pieces; at least one must have been added."""
         return join([part for _, part in self._kept])
 
     def _keep(self, number: int, part: Recording) -> None:

@@ -23,7 +23,7 @@ class Came:
 
 @contextmanager
 def signals() -> Generator[Came]:
-    """Count signals instead of being ended by them, also in the background, where shells let SIGINT be ignored."""
+    """Yield a `Came` that counts signals, which then end nothing; in the background too, where shells ignore SIGINT."""
     came = Came()
 
     def hear(number: int, _: FrameType | None) -> None:

@@ -195,6 +195,9 @@ def run_kept(
         how: workers, backend and option of `each_done`.
         row: converts a result to the contents of its line.
         lost: see `each_done`.
+
+    Raises:
+        InputError: the file cannot be written, a package is missing, no cluster answers, or a worker was ended.
     """
     with counting(), closing(each_done(one, jobs, *how, lost)) as results:
         for result in results:
@@ -204,7 +207,7 @@ def run_kept(
 
 
 def read_rows(path: Path, what: str) -> tuple[dict[str, object], list[dict[str, Any]]]:
-    """Return the settings in the first line of a file of results, and each result's line; see `from_row`.
+    """Return (settings, rows) of a file of results: the dict in its first line, and a dict per result (`from_row`).
 
     A last line that is incomplete, as a killed process leaves it, is ignored.
 
@@ -213,7 +216,7 @@ def read_rows(path: Path, what: str) -> tuple[dict[str, object], list[dict[str, 
         what: name of the expected content, for the message.
 
     Raises:
-        InputError: it is no such file.
+        InputError: the file cannot be read, or holds something else.
     """
     with open_input(path) as file:
         lines = file.read().decode(errors="replace").splitlines()
@@ -244,7 +247,11 @@ def from_row(kind: type[Made], row: Mapping[str, Any]) -> Made:
 
 
 def begin_results(path: Path, settings: Mapping[str, object], rows: Iterable[Mapping[str, object]]) -> None:
-    """Write a new file of results, to which lines can be added, with complete lines only."""
+    """Write a new file of results, to which lines can be added, with complete lines only.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
     write_text(path, "".join([_line({"settings": settings}), *map(_line, rows)]))
 
 

@@ -78,7 +78,10 @@ class Contacts:
 
     @classmethod
     def single(cls, time: Float[np.ndarray, " n"], estimate: ContactEstimate, first: int = 0) -> Contacts:
-        """Make contacts with one row per sample from a batch of n estimates; samples are counted from `first`."""
+        """Make `Contacts` with one row per sample from times (n,) [s] and a batch of n estimates.
+
+        Samples are counted from `first`; all identities are 0.
+        """
         time = shaped(time, (None,), "time")
         count = len(time)
         first = integer(first, "first")
@@ -92,7 +95,11 @@ class Contacts:
         rows: Float[np.ndarray, "n width"],
         features: Sequence[str],
     ) -> Contacts:
-        """Make contacts from rows of a `ContactEstimator`: `ROW`, features, and the identity if there are several."""
+        """Make `Contacts` from rows (n, width) of a `ContactEstimator`: `ROW`, features, and the identity, if any.
+
+        Raises:
+            InputError: rows that are too narrow.
+        """
         end = ROW.length + len(features)
         if type(rows) is not np.ndarray or rows.ndim != 2 or rows.shape[1] < end:
             raise InputError(
@@ -103,7 +110,7 @@ class Contacts:
         return cls(sample, time, identity, ContactEstimate.from_rows(rows[:, : ROW.length]), columns)
 
     def rows(self) -> Float[np.ndarray, "n width"]:
-        """Return rows (n, width), the inverse of `of_rows`, always with the identity."""
+        """Return rows (n, width), the inverse of `of_rows`: `ROW`, features, and always the identity; SI units."""
         estimate = self.estimate
         numbers = (estimate.torque[:, None], estimate.covariance.reshape(-1, 9), estimate.residual[:, None])
         whole = np.column_stack([estimate.candidates, estimate.status])
@@ -113,7 +120,9 @@ class Contacts:
 
     @classmethod
     def joined(cls, parts: Sequence[Contacts]) -> Contacts:
-        """Join contacts in order; a feature that some do not have is NaN there."""
+        """Join `Contacts` in order, at least one; a feature that some do not have is NaN there."""
+        if not parts:
+            raise InputError("there is nothing to join.")
         if len(parts) == 1:
             return parts[0]
         names = dict.fromkeys(name for part in parts for name in part.features)
@@ -133,7 +142,7 @@ class Contacts:
         return len(self.sample)
 
     def __bool__(self) -> bool:
-        """Return whether a contact was found: any row is answered."""
+        """Return whether a contact was found: any row is answered (CONTACT or AMBIGUOUS)."""
         return bool(self.estimate)
 
     def __iter__(self) -> Iterator[ContactEstimate]:
@@ -144,7 +153,7 @@ class Contacts:
     @overload
     def __getitem__(self, which: slice | np.ndarray) -> Contacts: ...
     def __getitem__(self, which: int | np.integer[Any] | slice | np.ndarray) -> ContactEstimate | Contacts:
-        """Return the estimate of one row, or the contacts that a slice, a mask or an array of indices picks."""
+        """Return the `ContactEstimate` of one row, or the `Contacts` that a slice, mask or array of indices picks."""
         if isinstance(which, int | np.integer):
             return self.estimate[which]
         return replace(
@@ -167,12 +176,12 @@ class Contacts:
 
     @property
     def normal(self) -> Float[np.ndarray, "n 3"]:
-        """Outward unit normals at the points, (n, 3)."""
+        """Outward unit normals at the points, (n, 3); NaN if there is none."""
         return self.estimate.normal
 
     @property
     def force(self) -> Float[np.ndarray, "n 3"]:
-        """Forces on the body, (n, 3) [N]."""
+        """Contact forces on the body, (n, 3) [N]."""
         return self.estimate.force
 
     @property
@@ -182,51 +191,55 @@ class Contacts:
 
     @property
     def covariance(self) -> Float[np.ndarray, "n 3 3"]:
-        """Covariances of the points, (n, 3, 3) [m^2]."""
+        """Covariances of the points, (n, 3, 3) [m^2]; NaN without a noise model."""
         return self.estimate.covariance
 
     @property
     def residual(self) -> Float[np.ndarray, " n"]:
-        """Distances to the nearest plausible wrench in standard deviations, (n,)."""
+        """Distances of the wrenches to the nearest one that a contact can make, in standard deviations, (n,)."""
         return self.estimate.residual
 
     @property
     def candidates(self) -> Int[np.ndarray, " n"]:
-        """Numbers of points that explain each reading, (n,)."""
+        """Numbers of points that explain each reading, (n,) int64."""
         return self.estimate.candidates
 
     @property
     def status(self) -> Int8[np.ndarray, " n"]:
-        """`Status` codes, (n,) int8."""
+        """`Status` codes, (n,) int8; == also takes a status's name in files."""
         return self.estimate.status
 
     @property
     def answered(self) -> Bool[np.ndarray, " n"]:
-        """Mask of the rows whose status is CONTACT or AMBIGUOUS, (n,)."""
+        """Boolean mask of the rows whose status is CONTACT or AMBIGUOUS, (n,)."""
         return np.asarray(self.estimate.answered)
 
     @property
     def located(self) -> Bool[np.ndarray, " n"]:
-        """Mask of the rows that have a point and a normal, whether or not they are answered, (n,)."""
+        """Boolean mask of the rows that have a point and a normal, whether or not they are answered, (n,)."""
         return np.asarray(np.isfinite(np.hstack([self.estimate.point, self.estimate.normal])).all(axis=1))
 
     def strongest(self) -> Int[np.ndarray, " s"]:
-        """Return for each sample the row with the largest force, or its first row if none has a force, (s,)."""
+        """Return for each sample the index of the row with the largest force, or of its first if none has one, (s,)."""
         force = np.linalg.norm(self.estimate.force, axis=1)
         order = np.lexsort((-np.where(np.isfinite(force), force, -1.0), self.sample))
         _, first = np.unique(self.sample[order], return_index=True)
         return order[first]
 
     def with_estimate(self, estimate: ContactEstimate) -> Contacts:
-        """Return the same rows with other estimates, such as in another frame."""
+        """Return `Contacts` with the same rows and another batch of n estimates, such as in another frame.
+
+        Raises:
+            InputError: another number of estimates.
+        """
         return replace(self, estimate=estimate)
 
     def noted(self, notes: Sequence[str]) -> Contacts:
-        """Return the same rows with other notes."""
+        """Return `Contacts` with the same rows and other notes."""
         return replace(self, notes=tuple(notes))
 
     def in_frame(self, pose: Pose) -> Contacts:
-        """Return the same rows in another frame, as `ContactEstimate.in_frame`.
+        """Return `Contacts` with the same rows in another frame, as `ContactEstimate.in_frame`.
 
         The base frame needs the sensor's poses, which are in the log: `palpate.estimate(log, rig, frame="base")`.
 
@@ -239,12 +252,17 @@ class Contacts:
         return self.with_estimate(self.estimate.in_frame(pose))
 
     def touches(self, *, gap: float = 0.05, shortest: float = 0.02) -> Events:
-        """Return the start, end, point and peak force of each touch; see `find_touches`."""
+        """Return the touches as `Events`: start, end, point, peak force and more of each.
+
+        Args:
+            gap: [s]; answered samples of one identity that are closer than this plus 1.5 sample steps are one touch.
+            shortest: [s]; a touch that lasts less is left out.
+        """
         return by_name("palpate.contact.touch_finder.find_touches")(self, gap=gap, shortest=shortest)
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Contacts:
-        """Read a file that `save` or `palpate estimate` wrote.
+        """Return the `Contacts` in a file that `save` or `palpate estimate` wrote.
 
         Raises:
             InputError: the file does not exist, or a row of it is no contact.
@@ -260,11 +278,15 @@ class Contacts:
         by_name("palpate.files.contacts.write_contacts")(path, self)
 
     def to_polars(self) -> pl.DataFrame:
-        """Return a polars table with the columns that files of contacts have."""
+        """Return a polars `DataFrame` with the columns that files of contacts have; null for NaN.
+
+        Raises:
+            InputError: the process was forked from one in which polars had started its threads.
+        """
         return by_name("palpate.contact.table.to_frame")(self)
 
     def to_pandas(self) -> Any:
-        """Return a pandas table with the columns of `to_polars`.
+        """Return a pandas `DataFrame` with the columns of `to_polars`.
 
         Raises:
             InputError: pandas is not installed.
@@ -281,6 +303,9 @@ class Contacts:
 
         Args:
             surface: the body, in the frame of these contacts; None: the touches are drawn alone.
+
+        Raises:
+            InputError: the surface is no surface, or a mesh file that cannot be read or has no unit.
         """
         return by_name("palpate.viewer.notebook.drawing_of_touches")(self, surface)
 

@@ -55,7 +55,7 @@ class ContactShape:
         self.lever = locator.surface.size / 2.0  # m: converts limits of forces to those of torques
 
     def __call__(self, wrench: Float[np.ndarray, "6"], covariance: Float[np.ndarray, "6 6"]) -> ChangeKind:
-        """Return the kind of a change from its wrench (6,) and covariance (6, 6) in the sensor's frame."""
+        """Return the `ChangeKind` from a change's wrench (6,) and covariance (6, 6) in the sensor's frame [N, N m]."""
         matrix, factor = self._placement.matrix, self._placement.factor
         located = matrix @ wrench
         force, torque = located[:3], located[3:]
@@ -138,7 +138,7 @@ class DriftGate:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all windows, waiting or withheld."""
+        """Forget all windows, waiting or withheld, but not `jumps`."""
         self._pending, self._odd, self._recent = deque[_Kept](), deque[_Kept](), deque[_Kept]()
         self._before: Float[np.ndarray, "m m"] | None = None  # covariance of the bias when it was last followed
         self._ended, self._fast, self._told = -np.inf, False, False
@@ -151,7 +151,7 @@ class DriftGate:
     def judge(
         self, number: int, window: ZeroWindow, strength: float, full: bool, touched: bool | None = None
     ) -> Decided:
-        """Decide on the next window.
+        """Return what follows from the next window as a `Decided`: windows to use or reject, and a jump of the bias.
 
         Args:
             number: of the window.
@@ -169,7 +169,7 @@ class DriftGate:
         return self._hold(one) if held else self._release(one)
 
     def finish(self) -> list[int]:
-        """Return the numbers of all windows that still wait, and drop them."""
+        """Return the numbers of all windows that still wait, a list of int, and drop these windows."""
         left = [one.number for one in (*self._odd, *self._pending)]
         self._pending.clear()
         self._odd.clear()

@@ -97,7 +97,7 @@ class DriftTracker:
 
     @staticmethod
     def pieces(time: Float[np.ndarray, " n"]) -> Iterator[slice]:
-        """Yield slices of a block, one for each window; a time that is not known belongs to the window before."""
+        """Yield slices of a block, one for each window of 0.1 s; an unknown time belongs to the window before."""
         time = shaped(time, (None,), "time")
         if not len(time):
             return
@@ -111,7 +111,7 @@ class DriftTracker:
 
     @staticmethod
     def kelvin(channels: Mapping[str, np.ndarray]) -> float:
-        """Return the temperature of the first sample of some channels; NaN if there is none."""
+        """Return the first sample's temperature [K or degrees C] from channels by name; NaN without that channel."""
         return float(channels[TEMPERATURE].flat[0]) if TEMPERATURE in channels else np.nan
 
     def enter(self, time: float, kelvin: float = np.nan) -> bool:
@@ -145,11 +145,11 @@ class DriftTracker:
     def add(
         self, time: float | Float[np.ndarray, " n"], kept: Float[np.ndarray, "n k"], touched: bool | None = None
     ) -> None:
-        """Add samples of the window that was entered.
+        """Add n samples to the window that was entered.
 
         Args:
             time: [s] of each sample, or of one.
-            kept: the result of `FollowedSensor.kept` for them.
+            kept: (n, k) result of `FollowedSensor.kept` for them.
             touched: whether a skin over the complete body feels a touch; None: there is no skin.
         """
         self._times.append(np.array([time]) if isinstance(time, float) else np.array(time, dtype=np.float64))
@@ -188,7 +188,7 @@ class DriftTracker:
         self._settle(decided, middle, status)
 
     def restart(self) -> None:
-        """Begin anew after another tare of the sensor; the windows so far are settled."""
+        """Begin anew after another tare of the sensor; the windows so far are decided on first."""
         self.close()
         self._finish()
         ready = self._ready
@@ -196,21 +196,23 @@ class DriftTracker:
         self._ready = ready
 
     def finish(self) -> None:
-        """End the log: settle all windows."""
+        """End the log: decide on all windows, so that `settled` yields their biases."""
         self.close()
         self._finish()
 
     def at(self, time: float) -> ZeroState:
-        """Return the present knowledge of the bias at a time [s], at the temperature of the window that was entered."""
+        """Return the bias at a time [s] as a `ZeroState`, at the temperature of the window that was entered."""
         return self._warmed(self.filter.at(time), self._kelvin)
 
     def settled(self) -> Iterator[ZeroState]:
-        """Yield smoothed biases, one for each window with samples, as far as they are known."""
+        """Yield each smoothed bias, a `ZeroState`, one for each window with samples, as far as they are known."""
         while self._ready:
             yield self._ready.popleft()
 
     def both_sides(self, pieces: Iterable[tuple[Recording, bool | None, T]]) -> Iterator[tuple[T, ZeroState | None]]:
-        """Yield the item of each piece of a log with its bias, in order, once enough later samples are known.
+        """Yield (item, `ZeroState` or None) for each piece of a log, in order, once enough later samples are known.
+
+        The state is the smoothed bias of the piece's window; None if no window has samples.
 
         Args:
             pieces: (samples of one window or a part of it, `touched` as in `add`, the item to yield).
@@ -238,18 +240,18 @@ class DriftTracker:
             yield known, zeros[0] if zeros else last
 
     def history(self) -> ZeroHistory:
-        """Return the history of the windows so far, thinned if there are many."""
+        """Return the bias over the windows so far as a `ZeroHistory`, thinned if there are many."""
         return self._record.value()
 
     def notes(self) -> tuple[str, ...]:
-        """Return how far the bias was followed, and the share of the time in which it was not."""
+        """Return a tuple of sentences: how far the bias was followed, and the share of the time in which it was not."""
         said = self._record.notes(self.gate.jumps)
         if self._warms and said and np.isnan(self._first_kelvin):
             return (*said, "no temperature came: what it does to the zero (thermal in [drift]) was not taken off")
         return said
 
     def warnings(self) -> tuple[str, ...]:
-        """Return warnings of changes that were not followed, and of a bias that could rarely be followed."""
+        """Return warnings of changes not followed and of a bias rarely followed, a tuple of sentences or ()."""
         return self._record.warnings(self.gate.jumps)
 
     def _finish(self) -> None:

@@ -48,7 +48,7 @@ class Status(IntEnum):
 
     @property
     def label(self) -> str:
-        """Name of the status in files: lower case."""
+        """Name of the status in files, in lower case, such as "off_surface"."""
         return self.name.lower()
 
     @property
@@ -163,7 +163,7 @@ class ContactEstimate(Value):
 
     @classmethod
     def from_rows(cls, rows: Float[np.ndarray, "*batch 22"]) -> ContactEstimate:
-        """Make estimates from rows (*batch, 22) of the compiled loops; raise InputError for another shape."""
+        """Make a `ContactEstimate` from rows (*batch, 22) laid out as `ROW`; raise InputError for another shape."""
         if type(rows) is not np.ndarray or rows.shape[-1:] != _ROW or rows.dtype != FLOAT:
             rows = shaped(rows, (..., ROW.length), "rows")
         if rows.ndim == 1 and rows.item(ROW.candidates) >= 0 and rows.item(ROW.status) >= 0:  # none of them NaN
@@ -200,21 +200,25 @@ class ContactEstimate(Value):
 
     @classmethod
     def joined(cls, parts: Sequence[ContactEstimate]) -> ContactEstimate:
-        """Join batches of estimates along the first axis, in order; raise an InputError if there are none."""
+        """Join batches into one `ContactEstimate` along the first axis, in order; raise InputError without any."""
         if not parts:
             raise InputError("there is nothing to join.")
         columns = [part._columns() for part in parts]
         return cls(**{name: np.concatenate([each[name] for each in columns]) for name in columns[0]})
 
     def reshaped(self, batch: tuple[int, ...]) -> ContactEstimate:
-        """Return the same estimates with other leading axes."""
+        """Return a `ContactEstimate` of the same estimates with other leading axes, of the same total size."""
         axes = len(self.batch)
         return ContactEstimate(
             **{name: value.reshape((*batch, *value.shape[axes:])) for name, value in self._columns().items()}
         )
 
     def __getitem__(self, which: int | np.integer[Any] | slice | np.ndarray) -> ContactEstimate:
-        """Return the estimates that an index, slice, mask or array of indices picks along the first axis."""
+        """Return the `ContactEstimate` that an index, slice, mask or array of indices picks along the first axis.
+
+        Raises:
+            TypeError: this is a single estimate.
+        """
         if not self.batch:
             raise TypeError("a single estimate cannot be indexed")
         return ContactEstimate(**{name: np.array(value[which]) for name, value in vars(self).items()})
@@ -223,16 +227,19 @@ class ContactEstimate(Value):
         return (self[i] for i in range(len(self.status)))
 
     def __bool__(self) -> bool:
-        """Return whether a contact was found: any estimate is answered."""
+        """Return whether a contact was found: any estimate is answered (CONTACT or AMBIGUOUS)."""
         return bool(np.any(self.answered))
 
     def in_frame(self, pose: Pose) -> ContactEstimate:
-        """Return the estimates with points, normals, forces and covariances in another frame.
+        """Return a `ContactEstimate` with points, normals, forces and covariances in another frame.
 
         The uncertainty of `pose` itself is not added.
 
         Args:
             pose: T_target_source, one or a batch.
+
+        Raises:
+            InputError: the argument is no pose.
         """
         turn = pose.rotation
         return ContactEstimate(
@@ -247,10 +254,13 @@ class ContactEstimate(Value):
         )
 
     def plot(self, surface: SurfaceLike | None = None) -> Any:
-        """Draw points, forces and 95 % ellipses on the body; a notebook shows the drawing, and the pointer turns it.
+        """Return a `Drawing` of points, forces and 95 % ellipses on the body; notebooks show it, the pointer turns it.
 
         Args:
             surface: the body, in the frame of these estimates; None: the estimates are drawn alone.
+
+        Raises:
+            InputError: the surface is no surface, or a mesh file that cannot be read or has no unit.
         """
         return by_name("palpate.viewer.notebook.drawing_of_estimates")(self, surface)
 
@@ -264,7 +274,7 @@ class ContactEstimate(Value):
 
     @property
     def answered(self) -> Any:
-        """True if the status is CONTACT or AMBIGUOUS; (*batch) for a batch."""
+        """True if the status is CONTACT or AMBIGUOUS; a boolean array (*batch) for a batch."""
         return (np.asarray(self.status) if self.batch else self.status) <= Status.AMBIGUOUS
 
     def _columns(self) -> dict[str, np.ndarray]:

@@ -87,16 +87,19 @@ class ContactEstimator(ABC):
 
     @abstractmethod
     def answer(self, block: Recording, watched: bool = False) -> Answered:
-        """Return the contacts of a block from its samples and earlier ones; the filter must not use later samples.
+        """Return a block with its contacts as `Answered`, from samples so far; the filter must not use later ones.
 
         Args:
             block: the samples.
             watched: also return `Answered.seen`.
+
+        Raises:
+            InputError: a channel is missing or has another shape.
         """
 
     @abstractmethod
     def tare(self, recording: Recording) -> Tare:
-        """Subtract the mean of an untouched window from now on, instead of an earlier tare; then `reset`.
+        """Subtract the mean of an untouched window from now on, in place of an earlier tare; then `reset`.
 
         Args:
             recording: a steady, untouched window.
@@ -111,36 +114,39 @@ class ContactEstimator(ABC):
 
     @abstractmethod
     def reset(self) -> None:
-        """Forget the state that samples left behind; keep the tare."""
+        """Forget the state that samples left behind (filter, last contact); keep the tare."""
         self._samples = 0
 
     @abstractmethod
     def notes(self) -> tuple[str, ...]:
-        """Return remarks on the samples so far, one sentence each."""
+        """Return remarks on the samples so far, a tuple of sentences."""
 
     @abstractmethod
     def warnings(self) -> tuple[str, ...]:
-        """Return possible faults, one sentence each."""
+        """Return possible faults of the sensor or log so far, a tuple of sentences; () without any."""
 
     @abstractmethod
     def _single(self, time: float, reading: ArrayLike, out: Rows, rotation: Known, acceleration: Known) -> int:
         """Write the contacts of one sample, as many as fit, and return their number."""
 
     def answers(self, blocks: Iterable[Recording], watched: bool = False) -> Iterator[Answered]:
-        """Yield the answered blocks of a log, from its start, each as soon as its contacts are known.
+        """Yield each block of a log with its contacts as `Answered`, from its start, as soon as these are known.
 
         Args:
             blocks: of the log, in order.
             watched: also return `Answered.seen`.
+
+        Raises:
+            InputError: a channel is missing or has another shape.
         """
         return (self.answer(block, watched) for block in blocks)
 
     def empty(self, *batch: int) -> Float[np.ndarray, "*batch width"]:
-        """Return rows (*batch, width) to write into: `ROW`, `features`, and the identity if `most` is above 1."""
+        """Return zeros (*batch, width) to write into: `ROW`, `features`, and the identity if `most` is above 1."""
         return np.zeros((*batch, self._width))
 
     def run(self, recording: Recording) -> Contacts:
-        """Return the contacts of a block in the surface's frame, at least one row per sample.
+        """Return the `Contacts` of a block in the surface's frame, at least one row per sample.
 
         Raises:
             InputError: a channel is missing or has another shape, or the filter has zero phase.
@@ -151,7 +157,7 @@ class ContactEstimator(ABC):
     def pairs(
         self, blocks: Iterable[Recording], watch: Callable[[Recording, np.ndarray], None] | None = None
     ) -> Iterator[tuple[Recording, Contacts]]:
-        """Yield (block, contacts) for each block of a log, in order, as soon as its contacts are known.
+        """Yield (block, `Contacts`) for each block of a log, in order, as soon as its contacts are known.
 
         Args:
             blocks: from the start of the log.
@@ -169,7 +175,11 @@ class ContactEstimator(ABC):
             first += len(answered.block)
 
     def stream(self, blocks: Iterable[Recording]) -> Iterator[Contacts]:
-        """Yield the contacts of each block of a log; `pairs` yields the block as well."""
+        """Yield the `Contacts` of each block of a log, in the surface's frame; `pairs` yields the block as well.
+
+        Raises:
+            InputError: a channel is missing or has another shape.
+        """
         return (contacts for _, contacts in self.pairs(blocks))
 
     def update(
@@ -179,7 +189,7 @@ class ContactEstimator(ABC):
         rotation: ArrayLike | None = None,
         acceleration: ArrayLike | None = None,
     ) -> Contacts:
-        """Return the contacts of one live sample in the surface's frame; without a contact, one row with its status.
+        """Return the `Contacts` of one live sample in the surface's frame; without a contact, one row with its status.
 
         Args:
             time: [s] on the clock of the samples.
@@ -208,6 +218,9 @@ class ContactEstimator(ABC):
 
         Returns:
             number of rows written: at least 1, and as many as fit.
+
+        Raises:
+            InputError: as `update`; or `out` is not as `empty` makes it.
         """
         require_forward(self.filter)
         count = self._single(instant(time), reading, rows_of(out, self._width), rotation, acceleration)
@@ -233,6 +246,9 @@ class ContactEstimator(ABC):
 
         Returns:
             number of samples answered: all, or as many as `out` has room for. Pass the others again.
+
+        Raises:
+            InputError: the filter has zero phase, an array has another shape, or a channel is missing.
         """
         require_forward(self.filter)
         require_out(out, (None, self._width))

@@ -70,7 +70,11 @@ class Events:
         return len(self.start)
 
     def __getitem__(self, which: int) -> Touch:
-        """Return one touch: numbers and vectors by the same names, and its duration [s]; also used by `for`."""
+        """Return one `Touch`: numbers and vectors by the same names, and its duration [s]; also used by `for`.
+
+        Raises:
+            IndexError: there is no touch with this index.
+        """
         columns = {name: value[which] for name, value in vars(self).items() if name != "features"}
         duration = self.end[which] - self.start[which]
         return Touch(
@@ -85,7 +89,10 @@ class Events:
 
 @takes_arrays
 def largest_deviation(covariance: Float[np.ndarray, "k 3 3"]) -> Float[np.ndarray, " k"]:
-    """Return the standard deviation in the direction in which it is largest, (k,) [m]; NaN if not known."""
+    """Return the standard deviation in the direction in which it is largest, (k,) [m], from covariances (k, 3, 3).
+
+    It is NaN where the covariance is not known.
+    """
     known = np.isfinite(covariance).all(axis=(1, 2))
     largest = np.full(len(covariance), np.nan)
     largest[known] = np.sqrt(np.linalg.eigvalsh(covariance[known])[:, -1].clip(min=0))

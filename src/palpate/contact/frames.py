@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate, Status
+from palpate.errors import InputError
 from palpate.signals.recording import ORIENTATION, POSITION, Recording
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
@@ -15,7 +16,7 @@ __all__ = ["in_base", "placed"]
 
 
 def placed(contacts: Contacts, block: Recording, frame: str, mount: Pose) -> Contacts:
-    """Return the contacts of a block in the frame "surface", "sensor" or "base".
+    """Return the `Contacts` of a block in the frame "surface", "sensor" or "base".
 
     Args:
         contacts: of all samples of `block`, in the surface's frame.
@@ -27,6 +28,8 @@ def placed(contacts: Contacts, block: Recording, frame: str, mount: Pose) -> Con
         return contacts
     if frame == "sensor":
         return contacts.in_frame(mount)
+    if frame != "base":
+        raise InputError(f"there is no frame {frame!r}: use surface, sensor or base.")
     rows = contacts.sample - contacts.sample[0]  # every sample of the block has one or more
     poses = block.channels[ORIENTATION][rows], block.channels[POSITION][rows]
     return contacts.with_estimate(in_base(contacts.estimate, *poses, mount))
@@ -39,7 +42,7 @@ def in_base(
     positions: Float[np.ndarray, "n 3"],
     mount: Pose,
 ) -> ContactEstimate:
-    """Return contacts in the base; those with a point but without a pose of the sensor become NO_POSE.
+    """Return a `ContactEstimate` (n,) in the base; estimates with a point but no pose of the sensor become NO_POSE.
 
     Args:
         estimate: (n,) in the surface's frame.

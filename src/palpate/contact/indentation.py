@@ -43,5 +43,5 @@ class Indentation:
         object.__setattr__(self, "covariance", frozen(self.covariance, tail=(2, 2), name="covariance"))
 
     def __call__(self, pressing: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
-        """Return the depth [m] under the normal force |F . n| [N]."""
+        """Return the depth (*batch) [m] under normal forces |F . n| (*batch) [N]."""
         return self.depth * np.abs(pressing) ** self.exponent

@@ -49,15 +49,15 @@ class Equation(Protocol):
         ...
 
     def value(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-        """Return S at points (n, 3) [m], (n,), negative inside."""
+        """Return S at points (n, 3) [m] as (n,), negative inside."""
         ...
 
     def gradient(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """Return the gradient of S at points (n, 3) [m], (n, 3)."""
+        """Return the gradient of S at points (n, 3) [m] as (n, 3) [unit of S per m]."""
         ...
 
     def hessian(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
-        """Return the second derivatives of S at points (n, 3) [m], (n, 3, 3)."""
+        """Return the second derivatives of S at points (n, 3) [m] as (n, 3, 3) [unit of S per m^2]."""
         ...
 
 
@@ -87,11 +87,11 @@ class IterativeResult:
 
     @property
     def converged(self) -> bool:
-        """True if the equations are satisfied to within 1e-6."""
+        """True if `residual`, the largest error of the equations, is at most 1e-6."""
         return self.residual <= CONVERGED
 
     def estimate(self) -> ContactEstimate:
-        """Return the result as a `ContactEstimate`; its covariance is NaN, as this method gives none."""
+        """Return the result as a `ContactEstimate`; covariance and residual are NaN, as this method gives none."""
         return ContactEstimate(
             point=self.point.copy(),
             normal=self.normal.copy(),
@@ -138,7 +138,7 @@ class PatchParaboloid:
         return local[:, 2] - _monomials(local) @ self.coefficients
 
     def gradient(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """Return the gradient of `value` at points (n, 3) [m], (n, 3)."""
+        """Return the gradient of `value` at points (n, 3) [m] as (n, 3), without unit."""
         x, y, _ = ((points - self.origin) @ self.axes.T).T
         _, b, c, d, e, f = self.coefficients
         return np.stack([-b - 2 * d * x - e * y, -c - e * x - 2 * f * y, np.ones(len(points))], axis=1) @ self.axes
@@ -161,7 +161,7 @@ def locate_iteratively(
     friction: float = 1.0,
     torsion: float = 5e-3,
 ) -> IterativeResult:
-    """Locate the contact of one wrench by solving the four equations with scipy's Levenberg-Marquardt.
+    """Return the contact of one wrench as an `IterativeResult`, from Levenberg-Marquardt of scipy on four equations.
 
     Args:
         wrench: (6,) [N, N m] in the surface's frame, force first.
@@ -175,7 +175,7 @@ def locate_iteratively(
 
     Raises:
         InputError: another `jacobian`.
-        GeometryError: the mesh about the start does not fit a paraboloid.
+        GeometryError: the mesh about the start does not fit a paraboloid, or `radius` is not positive.
     """
     if jacobian not in ("analytic", "numeric"):
         raise InputError(f"unknown Jacobian {jacobian!r}.", hint="Use analytic or numeric.")
@@ -202,7 +202,7 @@ def locate_iteratively(
 
 @takes_arrays
 def fit_paraboloid(mesh: Mesh, about: ArrayLike, radius: float | None = None) -> PatchParaboloid:
-    """Fit a paraboloid to a mesh about a point, by least squares along the normal there.
+    """Fit a `PatchParaboloid` to a mesh about a point, by least squares along the normal there.
 
     The surface is sampled at 60 places on rings about the point in the tangent plane, so the mesh may be coarse.
 

@@ -34,7 +34,7 @@ class CompiledSensor(WrenchSensor, Protocol):
     revision: int
 
     def hold(self, time: float, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None) -> None:
-        """Write one sample's inputs into `live_inputs`."""
+        """Write the inputs of one sample, at a time [s], into `live_inputs`."""
         ...
 
     def inputs(
@@ -43,11 +43,11 @@ class CompiledSensor(WrenchSensor, Protocol):
         readings: Float[np.ndarray, "n m"],
         extra_channels: Mapping[str, np.ndarray],
     ) -> Float[np.ndarray, " _"]:
-        """Return the inputs of n samples, grouped by kind, one kind after the other."""
+        """Return the inputs of n samples as a flat array, grouped by kind, one kind after the other."""
         ...
 
     def constants(self, placement: Placement) -> tuple[np.ndarray, ...]:
-        """Return the arrays that the loop takes, in its order."""
+        """Return the tuple of constant arrays that the loop takes, in its order."""
         ...
 
 
@@ -79,20 +79,20 @@ class LiveLoop:
         acceleration: ArrayLike | None,
         rows: Float[np.ndarray, "1 width"],
     ) -> None:
-        """Write the contact of one sample into rows (1, width)."""
+        """Write the contact of one sample at a time [s] into rows (1, width), laid out as `ROW`."""
         self._hold(time, reading, rotation, acceleration)
         self.run(rows)
 
     def block(
         self, time: np.ndarray, readings: np.ndarray, extra_channels: Mapping[str, np.ndarray], rows: np.ndarray
     ) -> np.ndarray:
-        """Write the contacts of a block into rows, and return the inputs that the sensor made from it."""
+        """Write the contacts of a block of n samples into rows (n, width); return the sensor's inputs, a flat array."""
         inputs = self._given[0].inputs(time, readings, extra_channels)
         self.run(rows, inputs)
         return inputs
 
     def run(self, rows: np.ndarray, inputs: np.ndarray | None = None) -> None:
-        """Write the contacts of inputs into rows; None: of the sensor's `live_inputs`."""
+        """Write the contacts of inputs (a flat array; None: the sensor's `live_inputs`) into rows (n, width)."""
         sensor, _, placement = self._given
         if self._revision != sensor.revision:
             packed = self._pack(sensor.constants(placement))

@@ -103,7 +103,9 @@ class Locator:
         unit: of a mesh file's numbers: m, cm, mm, um or in.
 
     Raises:
-        InputError: an unknown method, or bounds that are not positive, or on < off.
+        InputError: an unknown method; friction or accuracy that is not positive, or negative torsion; on < off; an
+            invalid noise; no surface, or a mesh file that cannot be read or has no unit.
+        GeometryError: a mesh without usable facets.
     """
 
     @takes_arrays
@@ -179,7 +181,7 @@ class Locator:
         return np.full((*batch, ROW.length), np.nan)
 
     def with_noise(self, noise: Float[np.ndarray, "6 6"]) -> Locator:
-        """Return a locator on the same surface, with the same settings but for the noise.
+        """Return a new `Locator` on the same surface, with the same settings but for the noise.
 
         The thresholds `on` and `off` follow from the new noise, unless they were given when this locator was made.
 
@@ -201,7 +203,11 @@ class Locator:
         )
 
     def compiled(self, known: bool) -> tuple[Any, ...]:
-        """Return noises, tree, settings and state for loops that go on from a wrench; noises (0, 6, 6) if `known`."""
+        """Return a tuple of arrays (noises, surface's tree, settings, state) for loops that go on from a wrench.
+
+        Args:
+            known: the loop brings a covariance for each wrench: the noises are then empty, (0, 6, 6).
+        """
         noises = np.empty((0, 6, 6)) if known else self._noises
         return noises, *self._arguments, self._noisy if known else self._settings, self._state
 
@@ -240,7 +246,7 @@ class Locator:
         sequential: bool = True,
         previous: ArrayLike | None = None,
     ) -> ContactEstimate:
-        """Locate one wrench or a time series; keep hysteresis and last contact, also from call to call.
+        """Return the `ContactEstimate` (*batch) of wrenches; keep hysteresis and last contact, also from call to call.
 
         Args:
             wrenches: (*batch, 6) in the surface's frame, force first: (6,) for one, (n, 6) for n in the order of time.
@@ -250,7 +256,7 @@ class Locator:
             previous: (3,) [m] the last contact, for every sample; only if not sequential.
 
         Raises:
-            InputError: other shapes, or numbers that are not real.
+            InputError: other shapes, numbers that are not real, or `previous` with `sequential`.
         """
         if sequential and previous is not None:
             raise InputError("previous is for sequential=False: otherwise the Locator remembers the last contact.")
@@ -276,9 +282,9 @@ class Locator:
     def locate_one(
         self, wrench: ArrayLike, covariance: ArrayLike | None = None, previous: ArrayLike | None = None
     ) -> ContactEstimate:
-        """Locate one wrench (6,) without changing the Locator's memory, so that threads may share it.
+        """Return the `ContactEstimate` of one wrench; the Locator's memory stays, so that threads may share it.
 
-        The result is the `ContactEstimate`, without batch axes, of `run` with `sequential=False`, but faster.
+        The result is that of `run` with `sequential=False`, but faster.
 
         Args:
             wrench: (6,) in the surface's frame, force first.
@@ -331,7 +337,7 @@ class Locator:
 
     @staticmethod
     def no_contact() -> Float[np.ndarray, " s"]:
-        """Return a new memory as it is after any sample without contact."""
+        """Return a new memory array (s,), as it is after any sample without contact, for `run_into`."""
         return _state(None)
 
     def first_free(
@@ -340,7 +346,7 @@ class Locator:
         covariances: ArrayLike | None,
         statuses: ArrayLike,
     ) -> int:
-        """Return the first sample of `run_into` that has no contact whatever came before it; -1 if there is none."""
+        """Return the index of `run_into`'s first sample that has no contact whatever came before it; -1 without any."""
         wrenches, noises, statuses, settings = self._sequence(wrenches, covariances, statuses)
         return self._first_free(wrenches, noises, statuses, settings)
 
@@ -433,7 +439,10 @@ class Locator:
             rows[several, ROW.status] = Status.AMBIGUOUS
 
     def candidates(self, wrench: ArrayLike) -> Candidates:
-        """Return all contacts that one wrench (6,) can have: within the bounds first, then in order along the force."""
+        """Return all contacts that one wrench (6,) [N, N m] can have, as `Candidates`.
+
+        Those within the bounds come first, then in order along the force; none if it has no force, or NaN.
+        """
         from palpate.surfaces import _kernels
 
         wrench = shaped(wrench, _WRENCH, "wrench")
@@ -497,7 +506,8 @@ def _iterated(
     if not isinstance(surface, Equation | Mesh):
         raise InputError("the method iterative needs an equation of the surface, or a mesh to fit one to.")
     found = [locate_iteratively(w, surface, start, friction=friction, torsion=torsion).estimate() for w in wrenches]
-    return ContactEstimate.joined([one.reshaped((1,)) for one in found])
+    rows = np.empty((0, ROW.length))
+    return ContactEstimate.joined([ContactEstimate.from_rows(rows), *(one.reshaped((1,)) for one in found)])
 
 
 _KEPT = 8  # Locators of a surface that `locate` keeps, one for each method and bounds that it was called with
@@ -566,7 +576,9 @@ def locate(
         a `ContactEstimate` with the batch's leading axes. Without any noise its covariance is NaN.
 
     Raises:
-        InputError: an unknown method, or wrenches, noise or previous of another shape.
+        InputError: an unknown method, or one that does not suit the surface; wrenches, noise or previous of another
+            shape; no surface, or a mesh file that cannot be read or has no unit.
+        GeometryError: the mesh is not usable, or see `method`.
     """
     surface = as_surface(surface, unit)
     if type(friction) is not float or type(torsion) is not float:

@@ -76,7 +76,7 @@ class Pending(NamedTuple):
     runs: tuple[_Run, ...]
 
     def result(self) -> Located:
-        """Return the samples with their rows; wait until they are located."""
+        """Return the samples with their rows as `Located`; wait until they are located."""
         for run in self.runs:
             run.memory()
         return self.located
@@ -107,7 +107,7 @@ class LocatingThreads:
         covariances: Float[np.ndarray, "n 6 6"] | None,
         statuses: Int8[np.ndarray, " n"],
     ) -> Pending:
-        """Begin to locate the next samples, as `Locator.run_into` takes them."""
+        """Begin to locate the next n samples, given as to `Locator.run_into`; return a `Pending` to wait for."""
         located = Located(piece, wrenches, covariances, statuses, self._locator.empty(len(wrenches)))
         cut = self._locator.first_free(wrenches, covariances, statuses) + 1
         if self._run.begun:
@@ -124,7 +124,7 @@ class LocatingThreads:
         return Pending(located, tuple(runs))
 
     def finish(self) -> None:
-        """Write the memory of the last sample back into the locator's."""
+        """Write the memory of the last sample into the locator's `memory`; wait until it is located."""
         self._locator.memory[:] = self._run.memory()
 
     def __enter__(self) -> LocatingThreads:
@@ -139,7 +139,7 @@ class LocatingThreads:
 def located_in_threads(
     pieces: Iterable[tuple[Piece, Wrenches]], locator: Locator, threads: int
 ) -> Iterator[tuple[Piece, Located]]:
-    """Yield each piece of a log located by threads, while the next pieces are read, compensated and placed."""
+    """Yield (`Piece`, `Located`) in order, by threads, while the next pieces are read, compensated and placed."""
     waiting, blocks = deque[tuple[Piece, Pending]](), 0  # that wait from their first piece to their last
     with LocatingThreads(locator, threads) as pool:
         for piece, wrenches in pieces:

@@ -12,7 +12,7 @@ __all__ = ["in_space"]
 
 @takes_arrays
 def in_space(wrenches: Float[np.ndarray, "n 6"], centre: Float[np.ndarray, "3"], scale: float) -> Int[np.ndarray, " n"]:
-    """Return the order (n,) that puts wrenches next to each other if their axes enter a ball around the body close by.
+    """Return indices (n,) int that put wrenches next to each other if their axes enter a ball around the body close by.
 
     The points of entry are sorted by the cells of a grid in Morton's order, with keys of 15 bits (a radix sort).
 

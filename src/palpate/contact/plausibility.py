@@ -46,7 +46,7 @@ class LinesOfAction:
 
     @property
     def doubt(self) -> str:
-        """Warning to show if most of the axes do not fit; "" if they do."""
+        """Warning sentence if most of the axes do not fit the body; "" if they do."""
         if self.near > 0.5:
             return (
                 f"{self.near:.0%} of the loaded samples put the force's line through the sensor's origin, within 1 % "
@@ -62,7 +62,7 @@ class LinesOfAction:
 
 @takes_arrays
 def lines_of_action(wrenches: Float[np.ndarray, "n 6"], centre: Float[np.ndarray, "3"], size: float) -> LinesOfAction:
-    """Compare the wrench axes with the body, all in one frame.
+    """Compare the wrench axes with the body, all in one frame; return `LinesOfAction`.
 
     The axis of (F, M) passes a point c at |F x (M - c x F)| / |F|^2.
 
@@ -119,7 +119,13 @@ class RequiredBounds:
 
     @classmethod
     def of(cls, contacts: Contacts, bounds: tuple[float, float], size: float = np.inf) -> RequiredBounds:
-        """Compute friction and torsion from the loaded contacts; light ones, which noise turns, are left out."""
+        """Compute `RequiredBounds` from the loaded contacts; light ones, which noise turns, are left out.
+
+        Args:
+            contacts: with points and normals where located.
+            bounds: friction and torsion [m] that were allowed.
+            size: of the body [m].
+        """
         force, normal = contacts.force, contacts.normal
         strength = np.linalg.norm(force, axis=1)
         loaded = contacts.located & (strength > 0)
@@ -133,7 +139,7 @@ class RequiredBounds:
 
     @property
     def proposal(self) -> str:
-        """Sentence with the bounds that would include 95 % of the samples; "" without samples."""
+        """Sentence with the bounds that would include 95 % of the samples, or that none would; "" without samples."""
         if not len(self.friction):
             return ""
         friction, torsion = (float(np.percentile(values, 95)) for values in (self.friction, self.torsion))
@@ -144,7 +150,7 @@ class RequiredBounds:
 
     @property
     def exceeded(self) -> str:
-        """Description of the bounds that are exceeded, with share and amount, or ""."""
+        """Text on the bounds that are exceeded, with share of the samples and median; "" if none is."""
         parts: list[str] = []
         for name, values, bound, scale, unit in (
             ("friction", self.friction, self.bounds[0], 1.0, ""),
@@ -186,17 +192,17 @@ class Plausibility(Protocol):
         ...
 
     def required_bounds(self, contacts: Contacts) -> RequiredBounds:
-        """Return the bounds of friction and torsion that the contacts would need."""
+        """Return the friction and torsion that the contacts would need, as `RequiredBounds`."""
         ...
 
     def warnings(self, recording: Recording) -> list[str]:
-        """Return possible faults of units, bias or mounting, one sentence each."""
+        """Return possible faults of units, bias or mounting, a list of sentences or []."""
         ...
 
 
 @takes_arrays
 def unexplained(counts: Int[np.ndarray, " s"], required: RequiredBounds | None = None) -> list[str]:
-    """Return a warning if over 10 % of the loaded samples have no contact within the bounds, else an empty list.
+    """Return a list of one warning if over 10 % of the loaded samples have no contact within the bounds, else [].
 
     Args:
         counts: (len(Status),) number of estimates with each `Status`.

@@ -106,7 +106,7 @@ class SurfaceWrenches:
         return self._follower is not None
 
     def reset(self) -> None:
-        """Forget the state that samples left behind; keep the tare."""
+        """Forget the state that samples left behind in sensor, filter and bias tracker; keep the tare."""
         self.sensor.reset()
         if self._forward is not None:
             self._forward.reset()
@@ -121,14 +121,14 @@ class SurfaceWrenches:
         return [slice(start, min(start + PIECE, len(time))) for start in range(0, max(1, len(time)), PIECE)]
 
     def pieces(self, blocks: Iterable[Recording]) -> Iterator[Piece]:
-        """Yield the pieces of blocks, in order."""
+        """Yield each `Piece` of blocks, in order, cut where `cuts` says."""
         for block in blocks:
             cuts = self.cuts(block.time)
             for cut in cuts:
                 yield Piece(block.picked(cut), block if cut is cuts[-1] else None)
 
     def forward(self, pieces: Iterable[Piece]) -> Iterator[tuple[Piece, Wrenches]]:
-        """Yield each piece with its wrenches, computed from this and earlier samples."""
+        """Yield (`Piece`, `Wrenches`) for each piece, computed from this and earlier samples."""
         for piece in pieces:
             samples, follower = piece.samples, None
             if len(samples):
@@ -139,7 +139,7 @@ class SurfaceWrenches:
             yield piece, self._placed(measured, *self._filtered(measured), piece.averaged)
 
     def of_log(self, pieces: Iterable[Piece]) -> Iterator[tuple[Piece, Wrenches]]:
-        """Yield each piece of a log with its wrenches, smoothed by later samples if requested."""
+        """Yield (`Piece`, `Wrenches`) for each piece of a log, smoothed by later samples if requested."""
         smoother = self._follows(smooth=True) if self._logs or self._ahead else None
         if smoother is None and not self._ahead:
             yield from self.forward(pieces)
@@ -166,7 +166,11 @@ class SurfaceWrenches:
         averaged: np.ndarray | None = None,
         touched: bool | None = None,
     ) -> Wrenches:
-        """Return the wrench of one live sample, which is the mean of `averaged` readings."""
+        """Return the `Wrenches` (n = 1) of one live sample, which is the mean of `averaged` readings (None: 1).
+
+        Raises:
+            InputError: the reading has another shape, or the rotation is needed and missing.
+        """
         follower = self.entered(time, kelvin)
         measured = self.sensor.single(time, reading, rotation, acceleration)
         made = self._placed(measured, *self._filtered(measured), averaged)
@@ -175,27 +179,35 @@ class SurfaceWrenches:
         return made
 
     def entered(self, time: float, kelvin: float) -> DriftTracker | None:
-        """Tell the bias tracker the time [s] and temperature of the next samples; return it, or None without one."""
+        """Tell the bias tracker the time [s] and temperature [K or degrees C] of the next samples.
+
+        Returns:
+            the `DriftTracker`; None if the bias is not followed.
+        """
         if self._follower is not None:
             self._follower.enter(time, kelvin)
             self._told = self._follower
         return self._follower
 
     def unfiltered(self, recording: Recording) -> Wrenches:
-        """Return the unfiltered wrenches of a recording in the surface's frame."""
+        """Return the unfiltered `Wrenches` of a recording in the surface's frame.
+
+        Raises:
+            InputError: a channel is missing or has another shape.
+        """
         measured = self.sensor.measure(recording)
         return self._placed(measured, measured.wrench, ALL)
 
     def history(self) -> ZeroHistory | None:
-        """Return the course of the bias since the last reset, in a stream or a log; None if it is not followed."""
+        """Return the bias over time since the last reset as a `ZeroHistory`; None if it is not followed."""
         return None if self._told is None else self._told.history()
 
     def notes(self) -> tuple[str, ...]:
-        """Return remarks on the sensor and its bias so far, one sentence each."""
+        """Return remarks on the sensor and its bias so far, a tuple of sentences."""
         return (*self.sensor.notes(), *(() if self._told is None else self._told.notes()))
 
     def warnings(self) -> tuple[str, ...]:
-        """Return possible faults of the sensor and its bias, one sentence each."""
+        """Return possible faults of the sensor and its bias, a tuple of sentences or ()."""
         return (*self.sensor.warnings(), *(() if self._told is None else self._told.warnings()))
 
     def _least(self) -> float:

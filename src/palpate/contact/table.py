@@ -36,18 +36,22 @@ LABELS = [status.label for status in Status]  # at the place of their code
 
 
 def schema(features: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Return the polars type of each column."""
+    """Return a dict of column name -> polars type: `COLUMNS`, then features (Float64)."""
     types: dict[str, Any] = {name: pl.Int64 if name in WHOLE else pl.Float64 for name in COLUMNS}
     return types | {"status": pl.String} | dict.fromkeys(features, pl.Float64)
 
 
 def features_of(names: tuple[str, ...] | list[str]) -> tuple[str, ...]:
-    """Return the column names that are features of a sensor."""
+    """Return a tuple of the column names that are features of a sensor: those not in `COLUMNS`."""
     return tuple(name for name in names if name not in COLUMNS)
 
 
 def to_frame(contacts: Contacts) -> pl.DataFrame:
-    """Return a table with the columns of `COLUMNS`, then features; null for NaN, statuses as labels."""
+    """Return a polars `DataFrame` with the columns `COLUMNS`, then features; null for NaN, statuses as labels.
+
+    Raises:
+        InputError: the process was forked from one in which polars had started its threads.
+    """
     require_polars_threads()
     estimate = contacts.estimate
     numbers = np.column_stack([estimate.point, estimate.normal, estimate.force, estimate.torque])
@@ -68,7 +72,7 @@ def to_frame(contacts: Contacts) -> pl.DataFrame:
 
 
 def from_frame(frame: pl.DataFrame) -> Contacts:
-    """Return the contacts of a table, the inverse of `to_frame`; columns may have any order.
+    """Return the `Contacts` of a polars table, the inverse of `to_frame`; columns may have any order.
 
     Raises:
         ValueError: an integer or a status is missing, a status is unknown, or an answered row has no point.
@@ -91,7 +95,7 @@ def from_frame(frame: pl.DataFrame) -> Contacts:
 
 
 def pointless(estimate: ContactEstimate) -> int | None:
-    """Return the first row that is answered but has no point; None if there is none."""
+    """Return the index of the first row that is answered but has no point; None if there is none."""
     rows = np.flatnonzero(estimate.answered & ~np.isfinite(estimate.point).all(axis=1))
     return int(rows[0]) if len(rows) else None
 
@@ -106,7 +110,7 @@ def assembled(
     features: dict[str, Float[np.ndarray, " n"]],
     notes: tuple[str, ...] = (),
 ) -> Contacts:
-    """Make contacts from columns, with those of `NUMBERS` in `numbers`. The residual, not in files, is NaN."""
+    """Make `Contacts` from columns, with those of `NUMBERS` in `numbers`. The residual, not in files, is NaN."""
     vectors, variances = numbers[:, 1:11], numbers[:, 11:]
     covariance = np.empty((len(sample), 3, 3))
     covariance[:, *_UPPER] = variances

@@ -21,11 +21,12 @@ FAINT = 0.1  # of the heaviest window's weight: what weighs less has no say in t
 
 
 def find_touches(contacts: Contacts, *, gap: float = 0.05, shortest: float = 0.02) -> Events:
-    """Return the touches among contacts, found by a `TouchFinder`.
+    """Return the touches among contacts as `Events`, found by a `TouchFinder`.
 
     Args:
         contacts: of any sensor.
-        gap: [s]; answered samples of one identity that are closer in time belong to one touch, whatever is between.
+        gap: [s]; answered samples of one identity that are closer than this plus one and a half sample steps belong to
+            one touch, whatever is between.
         shortest: [s]; a touch that lasts less is left out.
     """
     finder = TouchFinder(gap=gap, shortest=shortest)
@@ -95,7 +96,7 @@ class TouchFinder:
         self._rows += len(time)
 
     def touches(self) -> Events:
-        """Return the touches of all samples so far."""
+        """Return the touches of all samples so far as `Events`."""
         width = _Sum.length + 2 * len(self._features)
         spans = np.concatenate([np.empty((0, _Span.length)), *(spans for spans, _ in self._windows)])
         sums = np.concatenate([np.empty((0, width)), *(_widened(sums, width) for _, sums in self._windows)])

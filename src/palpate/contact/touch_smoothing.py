@@ -36,7 +36,7 @@ class Located(NamedTuple):
 
 
 def joined(block: Recording, pieces: list[Located]) -> Located:
-    """Return the pieces of a block joined as one."""
+    """Return the pieces of a block joined as one `Located`."""
     if len(pieces) == 1:
         return pieces[0]._replace(block=block)
     wrench, status, rows = (
@@ -47,7 +47,7 @@ def joined(block: Recording, pieces: list[Located]) -> Located:
 
 
 def rejoined(parts: Iterable[tuple[Piece, Located]]) -> Iterator[Located]:
-    """Yield complete blocks, joined from their pieces."""
+    """Yield a `Located` for each complete block, joined from its pieces."""
     pieces = list[Located]()
     for piece, part in parts:
         pieces.append(part)
@@ -57,7 +57,7 @@ def rejoined(parts: Iterable[tuple[Piece, Located]]) -> Iterator[Located]:
 
 
 def smooth_touches(parts: Iterable[Located], locator: Locator) -> Iterator[Located]:
-    """Yield blocks once the touches in them have ended, with rows corrected if a touch turned out to be elsewhere.
+    """Yield each `Located` block once its touches have ended, with rows corrected if a touch proved to be elsewhere.
 
     A touch whose samples had several candidates is followed back from the candidate believed at its end.
     """

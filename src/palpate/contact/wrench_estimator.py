@@ -77,7 +77,7 @@ class WrenchEstimator(ContactEstimator):
 
     Raises:
         InputError: a filter without a rate, or with one that is too low for it; a negative placement; a drift of other
-            channels than the sensor's, or for a sensor whose noise is not known.
+            channels than the sensor's, or for a sensor whose noise is not known; as `Locator` if given a surface.
     """
 
     @takes_arrays
@@ -129,21 +129,35 @@ class WrenchEstimator(ContactEstimator):
         self.locator.reset()
 
     def tare(self, recording: Recording) -> Tare:
-        """Subtract the mean of an untouched recording from now on; see `ContactEstimator.tare`."""
+        """Subtract the mean of an untouched recording from now on, in place of an earlier tare; then `reset`.
+
+        Returns:
+            a `Tare`: a note, and a warning if a steady touch would read the same, else "".
+
+        Raises:
+            InputError: too few samples, or the sensor was not at rest.
+        """
         taken = self.sensor.tare(recording)
         self.reset()
         return Tare(taken.note, taken.warning or self._touched(taken))
 
     def answer(self, block: Recording, watched: bool = False) -> Answered:
-        """Return the contacts of a block, one row per sample."""
+        """Return a block with its contacts, one row per sample, as `Answered`; `watched` has no effect.
+
+        Raises:
+            InputError: a channel is missing or has another shape.
+        """
         located = rejoined(self._located(self._wrenches.forward(self._wrenches.pieces([block]))))
         return self._answered(next(located))
 
     def answers(self, blocks: Iterable[Recording], watched: bool = False) -> Iterator[Answered]:
-        """Yield the answered blocks of a log, from its start, each as soon as its contacts are known.
+        """Yield each block of a log with its contacts as `Answered`, from its start, as soon as these are known.
 
         For logs (`live=False`) blocks wait until the touches in them end. A sensor may cut blocks where its log begins
         anew.
+
+        Raises:
+            InputError: a channel is missing or has another shape.
         """
         pieces = self._wrenches.of_log(self._wrenches.pieces(self.sensor.ready(blocks)))
         if self.threads and self.drift is None:
@@ -153,19 +167,23 @@ class WrenchEstimator(ContactEstimator):
         return map(self._answered, smooth_touches(located, self.locator) if self._whole else located)
 
     def contact_wrenches(self, recording: Recording) -> Wrenches:
-        """Return the unfiltered wrenches of a recording in the surface's frame."""
+        """Return the unfiltered wrenches of a recording in the surface's frame, (n, 6) with covariances, as `Wrenches`.
+
+        Raises:
+            InputError: a channel is missing or has another shape.
+        """
         return self._wrenches.unfiltered(recording)
 
     def zero_history(self) -> ZeroHistory | None:
-        """Return the course of the bias since the last reset, in a stream or a log; None if it is not followed."""
+        """Return the bias over time since the last reset as a `ZeroHistory`; None if it is not followed."""
         return self._wrenches.history()
 
     def notes(self) -> tuple[str, ...]:
-        """Return remarks on the sensor and the surface so far, one sentence each."""
+        """Return remarks on the sensor and the surface so far, a tuple of sentences."""
         return (*self.locator.surface.notes, *self._wrenches.notes())
 
     def warnings(self) -> tuple[str, ...]:
-        """Return possible faults of the sensor, and of its bias if it is followed, one sentence each."""
+        """Return possible faults of the sensor, and of its bias if it is followed, a tuple of sentences or ()."""
         return self._wrenches.warnings()
 
     def _single(self, time: float, reading: ArrayLike, out: Rows, rotation: Known, acceleration: Known) -> int:

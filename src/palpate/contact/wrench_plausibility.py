@@ -30,11 +30,15 @@ class WrenchPlausibility:
         return self._locator.surface.size
 
     def required_bounds(self, contacts: Contacts) -> RequiredBounds:
-        """Return the bounds of friction and torsion that the contacts would need."""
+        """Return the friction and torsion that the contacts would need, as `RequiredBounds`."""
         return RequiredBounds.of(contacts, (self._locator.friction, self._locator.torsion), self.size)
 
     def warnings(self, recording: Recording) -> list[str]:
-        """Return warnings of wrong units, bias or mounting, one sentence each."""
+        """Return warnings of wrong units, bias or mounting, a list of sentences or [].
+
+        Raises:
+            InputError: a channel is missing or has another shape.
+        """
         surface = self._locator.surface
         wrenches = self._wrenches.unfiltered(recording).wrench
         sensed = wrenches @ self._mount.wrench_matrix().T  # saturated ones too: a wrong unit saturates a sensor

@@ -31,7 +31,7 @@ class ZeroRecord:
         self._first: ZeroState | None = None
 
     def add(self, time: float, state: ZeroState, status: ZeroStatus) -> None:
-        """Add the next window."""
+        """Add the next window: its time [s], its bias, and whether it was used."""
         self._counts[status] += 1
         self._span = [*self._span[:1], time]
         self._first, self._last = self._first or state, state
@@ -42,7 +42,7 @@ class ZeroRecord:
             self._rows, self._stride = self._rows[::2], 2 * self._stride
 
     def value(self) -> ZeroHistory:
-        """Return the history of the windows that were kept."""
+        """Return the bias of the windows that were kept, over time, as a `ZeroHistory`."""
         zeros = [state.zero for _, state, _ in self._rows]
         channels = len(zeros[0]) if zeros else len(self._sensor.start()[1].zero)
         deviations = [np.sqrt(np.diag(state.covariance)[:channels]) for _, state, _ in self._rows]
@@ -57,7 +57,7 @@ class ZeroRecord:
         )
 
     def notes(self, jumps: list[Jump]) -> tuple[str, ...]:
-        """Return notes on the change of the bias, and how long it was not followed."""
+        """Return a tuple of sentences: the change of the bias, how long it was not followed, and followed jumps."""
         if self._first is None or self._last is None:
             return ()
         channels = len(self._last.zero)
@@ -78,7 +78,7 @@ class ZeroRecord:
         return tuple(said)
 
     def warnings(self, jumps: list[Jump]) -> tuple[str, ...]:
-        """Return warnings of jumps that may be touches, and of a bias rarely followed."""
+        """Return warnings, a tuple of sentences or (), of jumps that may be touches, and of a bias rarely followed."""
         left = [jump for jump in jumps if not jump.followed]
         said = list[str]()
         if left:

@@ -39,11 +39,11 @@ class Admittance:
             raise InputError(f"mass ({self.mass}) and damping ({self.damping}) must be positive.")
 
     def step(self, velocity: float, error: float, dt: float) -> float:
-        """Return the velocity of this cycle [m/s, rad/s].
+        """Return the velocity of this cycle, a float [m/s for a force, rad/s for a contact point].
 
         Args:
             velocity: of the last cycle.
-            error: [N, m].
+            error: [N] of the force, or [m] of the contact point.
             dt: [s] between them.
 
         Returns:
@@ -75,7 +75,7 @@ def turning_error(x: float, y: float) -> tuple[float, float]:
     onto n, and so the contact back to the middle: about x with -y, about y with +x.
 
     Returns:
-        (-y, x).
+        (-y, x) [m].
     """
     return -y, x
 

@@ -129,7 +129,7 @@ class AlignController:
 
     @property
     def state(self) -> State:
-        """Present state of the control loop."""
+        """Present `State` of the control loop, such as APPROACH, CONTACT or HOLD."""
         return self.supervisor.state
 
     @property
@@ -139,7 +139,7 @@ class AlignController:
 
     @property
     def contact(self) -> Float[np.ndarray, " 22"]:
-        """Last estimate, (22,), a row of `ROW`; the next call overwrites it."""
+        """Last contact estimate, (22,), laid out as `ROW` (`palpate.contact`); the next call overwrites it."""
         return self._row
 
     @property
@@ -152,13 +152,24 @@ class AlignController:
         return 0.0 if self._tared is None else (self._time - self._tared) * self._drifts / float(self.law.radii.min())
 
     def tare(self, recording: Recording, time: float) -> Tare:
-        """Subtract the untouched sensor's reading (`WrenchEstimator.tare`); its drift counts from this time [s]."""
+        """Subtract the untouched sensor's mean reading from now on; its drift counts from this time [s].
+
+        Returns:
+            a `Tare` with a note and a warning, see `WrenchEstimator.tare`.
+
+        Raises:
+            InputError: too few samples, or the sensor was not at rest.
+        """
         taken = self.estimator.tare(recording)
         self._tared = time
         return taken
 
     def start(self, time: float, joints: ArrayLike) -> None:
-        """Begin anew from these joints, at rest, with the approach; the first `update` does it."""
+        """Begin anew at a time [s] from joints (n,) [rad, m], at rest, with the approach; the first `update` does it.
+
+        Raises:
+            InputError: joints of another number than the arm's, or not finite.
+        """
         self._command[:] = shaped(joints, self._command.shape, "joints")
         if not np.isfinite(self._command).all():
             raise InputError("the joints to start from must be finite.", where="joints")
@@ -175,12 +186,12 @@ class AlignController:
     def update(
         self, time: float, wrench: ArrayLike | None, joints: ArrayLike, acceleration: ArrayLike | None = None
     ) -> Float[np.ndarray, " n"]:
-        """Return the joint command to send now.
+        """Return the joint command to send now, (n,) [rad, m].
 
         Args:
             time: [s] of the reading, on one monotonic clock; one that does not grow is ignored.
             wrench: (6,) [N, N m] as the sensor reads it; None, NaN or the same numbers again: no new reading.
-            joints: (n,) [rad] the robot's newest feedback, unchanged until the next one.
+            joints: (n,) [rad, m] the robot's newest feedback, unchanged until the next one.
             acceleration: (3,) [m/s^2] reading of an accelerometer at the sensor's origin, in the sensor's frame; None:
                 from the robot's model.
 
@@ -189,7 +200,7 @@ class AlignController:
             overwrites the array.
 
         Raises:
-            InputError: joints of another number than the arm's.
+            InputError: joints of another number than the arm's, or not finite at the first call.
         """
         if type(time) is not float:
             time = number(time, "time")

@@ -146,13 +146,16 @@ class Arm(Value):
         _arm.motion(self.chain, self._joints(q), self._joints(rate), self._joints(change), place, out)
 
     def pose(self, q: ArrayLike) -> Pose:
-        """Return T_base_sensor at joint positions q (n,) [rad, m]."""
+        """Return T_base_sensor at joint positions q (n,) [rad, m] as a `Pose`."""
         rotation, translation = np.empty((3, 3)), np.empty(3)
         self.pose_into(self._joints(q), rotation, translation)
         return Pose(rotation, translation)
 
     def jacobian(self, q: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0)) -> Float[np.ndarray, "6 n"]:
-        """Return the Jacobian (6, n) at joint positions q of a point (3,) [m], as `jacobian_into` writes it."""
+        """Return the Jacobian (6, n) at joint positions q (n,) [rad, m] of a point (3,) [m] of the sensor's frame.
+
+        It is in base axes: velocity, then angular velocity of the point by the joint rates.
+        """
         out = np.empty((6, len(self.names)))
         self.jacobian_into(self._joints(q), shaped(point, (3,), "point"), out)
         return out

@@ -45,11 +45,11 @@ class MotionLaw(Protocol):
     """True once everything that `hold` needs is known."""
 
     def start(self, seen: Sensed) -> None:
-        """Begin with the first reading of a touch."""
+        """Begin with the first reading of a touch: set the law's state from it."""
         ...
 
     def observe(self, seen: Sensed) -> None:
-        """Take in a reading that was located; called for each, from the first on."""
+        """Update the law's state by a reading that was located; called for each, from the first on."""
         ...
 
     def keep(self) -> None:

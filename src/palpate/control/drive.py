@@ -37,7 +37,7 @@ class DifferentialDrive:
                 raise InputError(f"{name} must be positive, not {value}.", where="drive")
 
     def wheels(self, forward: float, turn: float) -> tuple[float, float]:
-        """Return the speeds of the left and the right track [m/s] for a forward speed [m/s] and a turn rate [rad/s].
+        """Return (left, right), the speeds of the tracks [m/s], for a forward speed [m/s] and a turn rate [rad/s].
 
         If one would exceed `top` both are scaled down together: the robot is slower on the same curve. Inputs that are
         not finite give zero speeds.
@@ -52,5 +52,5 @@ class DifferentialDrive:
         return left, right
 
     def twist(self, left_speed: float, right_speed: float) -> tuple[float, float]:
-        """Return the forward speed [m/s] and turn rate [rad/s] of the robot for the speeds of its tracks [m/s]."""
+        """Return the robot's (forward speed [m/s], turn rate [rad/s]) for the speeds of its tracks [m/s]."""
         return 0.5 * (left_speed + right_speed), (right_speed - left_speed) / self.track

@@ -101,16 +101,16 @@ class MotionBank:
         self._advance(readings, variances, step, self._densities, self._rates, self._filters, self._mixed)
 
     def predict(self, delay: float) -> tuple[Float[np.ndarray, " c"], Float[np.ndarray, " c"]]:
-        """Return values and rates `delay` [s] from now, (c,) each; the next call overwrites the arrays."""
+        """Return values (c,) and rates (c,) [unit, unit/s] `delay` [s] from now; the next call overwrites them."""
         self._foresee(self._mixed, delay, self._value, self._rate)
         return self._value, self._rate
 
     @property
     def deviations(self) -> Float[np.ndarray, " c"]:
-        """Standard deviations of the present values, (c,)."""
+        """Standard deviations of the present values, (c,), in the units of the series."""
         return np.sqrt(self._mixed[:, 3])
 
     @property
     def weights(self) -> Sequence[Sequence[float]]:
-        """Probabilities of the filters now, a row per series; each row sums to one."""
+        """Probabilities of the filters now: a list of c lists, one per series, each with a sum of one."""
         return self._filters[..., 9].tolist()

@@ -38,7 +38,7 @@ class Navigator(Protocol):
     def update(
         self, time: float, touches: Float[np.ndarray, "k 2"] | None, pose: Float[np.ndarray, "3"]
     ) -> tuple[float, float]:
-        """Return the track speeds from now on.
+        """Return the track speeds to drive with from now on.
 
         Args:
             time: [s] on one monotonic clock, the caller's.
@@ -57,7 +57,7 @@ class Navigator(Protocol):
 
 
 def planar_touches(contacts: Contacts) -> Float[np.ndarray, "k 2"] | None:
-    """Return the touches of one frame, in the form that navigators take, from any sensor's contacts.
+    """Return the touches of one frame as angles and forces for a `Navigator`, from any sensor's contacts.
 
     Only the normal force counts, in the plane x-y of the contacts' frame: friction does not show the place of an
     obstacle. If a row has no normal the complete force counts. Rows without a force, or whose force does not press,
@@ -67,8 +67,8 @@ def planar_touches(contacts: Contacts) -> Float[np.ndarray, "k 2"] | None:
         contacts: the rows of one frame, in the robot's frame.
 
     Returns:
-        (k, 2) angle [rad] of each touch (opposite to the direction in which it presses) and force [N]; None if the
-        sensor has no valid reading: it is invalid, saturated or lacks a pose.
+        (k, 2) angle [rad] of each touch (opposite to the direction in which it presses) and force [N], (0, 2) without
+        touches; None if a row's status is INVALID, SATURATED or NO_POSE, so that the reading is not valid.
     """
     status = contacts.status
     if len(status) == 0 or np.isin(status, _SILENT).any():
@@ -83,12 +83,12 @@ def planar_touches(contacts: Contacts) -> Float[np.ndarray, "k 2"] | None:
 
 
 def heading_error(wanted: float, heading: float) -> float:
-    """Return the angle [rad] to turn counter-clockwise, in [-pi, pi], from `heading` to `wanted`, modulo full turns."""
+    """Return the angle [rad] to turn counter-clockwise, in [-pi, pi], from `heading` to `wanted` [rad]."""
     return math.remainder(wanted - heading, math.tau)
 
 
 def require_goal(goal: ArrayLike) -> tuple[float, float]:
-    """Return the goal (x, y) [m] as two floats.
+    """Return the goal as a tuple of two floats, x and y [m].
 
     Raises:
         InputError: the goal is not two finite numbers.
@@ -119,11 +119,11 @@ class Steering:
         self._sum, self._time = 0.0, math.nan
 
     def reset(self) -> None:
-        """Forget the integral, for a new direction."""
+        """Set the integral of the error to 0, for a new direction."""
         self._sum, self._time = 0.0, math.nan
 
     def wheels(self, time: float, error: float, speed: float) -> tuple[float, float]:
-        """Return the speeds of the left and the right track [m/s].
+        """Return (left, right), the speeds of the tracks [m/s], and add the error to the integral.
 
         Args:
             time: [s].
@@ -159,7 +159,9 @@ class Speedometer:
         self._seen.clear()
 
     def velocity(self, time: float, x: float, y: float) -> tuple[float, float]:
-        """Add a pose; return the velocity (x, y) [m/s] over the window that ends now, NaN before half of it is known.
+        """Add a position (x, y) [m] at a time [s]; return the mean velocity (x, y) [m/s] over the window that ends now.
+
+        Both are NaN before half of the window is known.
 
         A time that does not grow, or a pose that is not finite, adds nothing.
         """

@@ -40,7 +40,8 @@ class Plain:
         smoothing: [s] time constant of the estimator's filter, for the stability check; 0: none.
 
     Raises:
-        InputError: a loop is unstable (the message has the bound), or a bandwidth is not positive.
+        InputError: a loop is unstable (the message has the bound), a bandwidth is not positive, or the rate is too low
+            for the 10 Hz low-pass.
     """
 
     delay = 0.0
@@ -78,12 +79,12 @@ class Plain:
         self._off, self._turn, self._speed = 0.0, np.zeros(2), 0.0
 
     def start(self, seen: Sensed) -> None:
-        """Start at rest."""
+        """Set the speeds of motion to 0, and restart the low-pass of the contact point."""
         self._low_pass.reset()
         self._turn[:], self._speed = 0.0, 0.0
 
     def observe(self, seen: Sensed) -> None:
-        """Read the force error, and the contact point through the low-pass."""
+        """Store a reading's force error [N] and low-passed contact point [m], for `hold`."""
         self._time[0], self._place[0] = seen.time, seen.place[:2]
         self._low_pass(self._time, USED, self._place)
         self._off = force_error(float(seen.force[2]), self.force)
@@ -95,7 +96,7 @@ class Plain:
         """Do nothing: the paper's law uses no feedback."""
 
     def press(self, seen: Sensed, period: float, out: Float[np.ndarray, " 6"]) -> None:
-        """Write the step that `hold` writes, from the present pose."""
+        """Write the step (6,) of one period [s] into out, as `hold` does, from the present pose."""
         self.hold(seen.time, seen.rotation, seen.tip, period, out)
 
     def hold(
@@ -106,7 +107,10 @@ class Plain:
         period: float,
         out: Float[np.ndarray, " 6"],
     ) -> None:
-        """Write the step (6,) of one period [s], by (7), (8) and (9)."""
+        """Write the step (6,) of one period [s] into out: translation [m], then rotation vector [rad], in base axes.
+
+        It follows (7), (8) and (9) of `probe`.
+        """
         self._speed = self.pushing.step(self._speed, self._off, period)
         x, y = self._place[0].tolist()
         for k, error in enumerate(turning_error(x, y)):

@@ -66,7 +66,7 @@ class ProbeFace(Value):
 
     @classmethod
     def of(cls, mesh: Mesh, axis: ArrayLike = (0.0, 0.0, 1.0), along: ArrayLike = (1.0, 0.0, 0.0)) -> ProbeFace:
-        """Return the face of a mesh that looks along an axis.
+        """Return the face of a mesh that looks along an axis, as a `ProbeFace`.
 
         Args:
             mesh: of the probe.
@@ -103,7 +103,7 @@ class ProbeFace(Value):
         return cls(axes @ origin, axes, np.column_stack([centres - origin, normals, areas]))
 
     def radii(self, force: float, stiffness: float | None = None) -> Float[np.ndarray, " 2"]:
-        """Compute R along x and along y (2,) [m/rad], when the face presses an elastic foundation.
+        """Compute R along x and y, (2,) [m/rad], the contact's shift per angle of lean, on an elastic foundation.
 
         The depth is that at which the force, k times the displaced volume, and K, k times the area, have the given
         ratio.

@@ -45,7 +45,7 @@ class ProgressWatch:
         self._new = deque[float](maxlen=self.ground)  # [s] of the last places
 
     def update(self, time: float, x: float, y: float, far: float) -> float:
-        """Add the present place; return the time [s] since the robot last came nearer to its goal.
+        """Add the present place and set `doubtful`; return the time [s] since the robot last came nearer to its goal.
 
         Args:
             time: [s].

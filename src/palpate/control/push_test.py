@@ -44,11 +44,11 @@ class PushTest:
     _from: tuple[float, float, float] | None = None  # x, y [m], time [s]
 
     def end(self) -> None:
-        """End the test: nothing is pressed."""
+        """End the test: set `push` to None, as nothing is pressed."""
         self.push = None
 
     def touch(self, time: float, place: tuple[float, float], way: tuple[float, float]) -> Push:
-        """Update the test by the robot's place [m] and pressing direction (a unit vector); return the result.
+        """Update the test at a time [s] by the robot's place [m] and pressing direction (unit vector); return a `Push`.
 
         The object moves if the robot advances in that direction; sliding past it does not count.
         """
@@ -69,6 +69,6 @@ class PushTest:
         return self.push
 
     def none(self, time: float) -> None:
-        """Note that nothing is felt; after 0.2 s the test ends."""
+        """Note that nothing is felt at a time [s]; after 0.2 s the test ends: `push` is None."""
         if self.push is not None and time - self._seen > GONE:
             self.end()

@@ -143,7 +143,7 @@ class ServoModel:
         self.start(0.0, np.zeros(count))
 
     def start(self, time: float, joints: Float[np.ndarray, " n"]) -> None:
-        """Begin at rest at these joints at a time [s], with nothing commanded."""
+        """Begin at rest at joints (n,) [rad, m] at a time [s]; forget all commands, the offset and `missed`."""
         self._course, self._fed = _Course(self.servo, time, joints), time
         self.offset[:], self._joints[:] = 0.0, joints
         self._waiting.clear()
@@ -153,7 +153,7 @@ class ServoModel:
         self._kept = 0
 
     def send(self, time: float, joints: Float[np.ndarray, " n"]) -> None:
-        """Add a command (n,) sent at a time [s]."""
+        """Add a command (n,) [rad, m] sent at a time [s]."""
         self._waiting.append((time + self.servo.delay, joints.copy()))
 
     def advance(self, time: float) -> None:
@@ -166,7 +166,7 @@ class ServoModel:
         self._kept = (self._kept + 1) % REMEMBERED
 
     def correct(self, time: float, joints: Float[np.ndarray, " n"]) -> Feedback:
-        """Correct the model by feedback of the joints (n,) at a time [s], at most some cycles ago; return its verdict.
+        """Correct the model by feedback of the joints (n,) at a time [s], at most some cycles ago; return a `Feedback`.
 
         If a command never came, it is removed from the model from the time at which it should have begun.
 

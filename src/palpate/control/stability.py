@@ -90,17 +90,20 @@ class DelayedRobot(Value):
 
     @property
     def size(self) -> int:
-        """Number of states: the commands under way, the servo, the smoothed reading."""
+        """Number n of states: the commands under way, the servo, the smoothed reading."""
         return self.delay + 1 + len(self._servo) + 1
 
     def read(self, state: Rows) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Return the position at a reading, and its smoothed value."""
+        """Return the position at a reading and its smoothed value, (n,) each, from states (`size`, n) by column."""
         position = state[self.delay + 1] if len(self._servo) else state[self.delay]
         share = 1.0 if self.smoothing == 0 else -math.expm1(-self.dt / self.smoothing)
         return position, state[-1] + share * (position - state[-1])
 
     def move(self, state: Rows, command: Float[np.ndarray, " n"], smoothed: Float[np.ndarray, " n"]) -> Rows:
-        """Return the state at the next reading. state[0] is the previous command, state[1] the one before that."""
+        """Return the states (`size`, n) at the next reading, from states, commands (n,) and smoothed values (n,).
+
+        state[0] is the previous command, state[1] the one before that.
+        """
         commands = np.vstack([command, state[: self.delay]])
         parts = [commands]
         if len(self._servo):
@@ -138,7 +141,7 @@ class Tracker:
         return np.array(every[self.order])
 
     def transition(self, time: float) -> Float[np.ndarray, "m m"]:
-        """Return the matrix (order + 1, order + 1) that advances value and derivatives by `time` [s]."""
+        """Return the matrix (order + 1, order + 1) that advances the value and its derivatives by `time` [s]."""
         whole = np.array([[1.0, time, 0.5 * time * time], [0.0, 1.0, time], [0.0, 0.0, 1.0]])
         return whole[: self.order + 1, : self.order + 1]
 
@@ -149,7 +152,9 @@ def _radius(size: int, cycle: Callable[[Rows], Rows]) -> float:
 
 
 def admittance_radius(robot: DelayedRobot, admittance: Admittance, stiffness: float) -> float:
-    """Compute the spectral radius of (7) against a spring, or of (8) on a round probe.
+    """Compute the spectral radius of admittance (7) of `probe` against a spring, or of (8) on a round probe.
+
+    The loop is stable if it is below 1.
 
     One cycle reads y (smoothed: m), and with error = -K m
 
@@ -174,7 +179,7 @@ def admittance_radius(robot: DelayedRobot, admittance: Admittance, stiffness: fl
 
 
 def observer_radius(robot: DelayedRobot, tracker: Tracker, ratio: float) -> float:
-    """Compute the spectral radius of a loop that observes the surface and moves there.
+    """Compute the spectral radius, stable below 1, of a loop that observes the surface and moves there.
 
     The surface's angle is taken as z = y - offset / R, with y the probe's angle and offset = R_true (y - surface): so
     z = (1 - g) y + g surface with g = R_true/R, and the robot's motion feeds back by 1 - g. The smoothing of the
@@ -205,7 +210,10 @@ def stiffest(robot: DelayedRobot, admittance: Admittance) -> float:
 
 
 def least_damping(robot: DelayedRobot, mass: float, stiffness: float) -> float:
-    """Return the damping above which the loop is stable at this mass; infinite if there is none."""
+    """Return the damping [N s/m, m s/rad] above which the loop is stable at this mass and stiffness.
+
+    It is infinite if no damping is enough.
+    """
     most = 2.0 * mass / robot.dt  # beyond it the admittance alone is unstable
 
     def unstable(damping: float) -> bool:
@@ -231,7 +239,7 @@ def _edge(first: float, last: float, holds: Callable[[float], bool]) -> float:
 
 
 def require_stable(robot: DelayedRobot, admittance: Admittance, stiffness: float, what: str = "force") -> None:
-    """Check that an admittance is stable against the stiffest environment, and raise an error if it is not.
+    """Check that an admittance is stable against the stiffest environment; return None if it is.
 
     Args:
         robot: its delay and lag.

@@ -100,13 +100,13 @@ class Supervisor:
         self.start(0.0)
 
     def start(self, time: float) -> None:
-        """Begin anew with the approach."""
+        """Begin anew at a time [s]: set the state to APPROACH, without retreat."""
         self._to(State.APPROACH, "nothing touched yet", time)
         self._seen = self._touched = time
         self.retreating = False
 
     def stop(self, time: float, why: str, *, retreat: bool = False) -> None:
-        """Stop for good, with a reason, and retreat if requested; `start` begins anew."""
+        """Set the state to STOPPED at a time [s], with a reason, and retreat if requested; only `start` ends it."""
         if self.state != State.STOPPED:
             self._to(State.STOPPED, why, time)
             self.retreating = retreat
@@ -117,7 +117,7 @@ class Supervisor:
         return self._since
 
     def fresh(self, time: float, status: int, force: float) -> None:
-        """Update the state by a new reading: its `Status`, and the length of the contact force [N].
+        """Update the state by a new reading at a time [s]: its `Status`, and the length of the contact force [N].
 
         A saturated or invalid reading, or one without a pose, counts as none; a saturated one after the approach stops
         the loop.
@@ -147,7 +147,7 @@ class Supervisor:
         return None
 
     def silent(self, time: float) -> None:
-        """Update the state at a time [s] without a new reading."""
+        """Update the state at a time [s] without a new reading: LOST after `stale`, STOPPED after `patience`."""
         self._silent(time, "no new reading of the sensor")
 
     def pressed(self, time: float) -> None:

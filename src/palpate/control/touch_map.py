@@ -105,7 +105,7 @@ class TouchMap:
         return float(np.hypot(self._places[: self._count, 0] - x, self._places[: self._count, 1] - y).min())
 
     def in_line(self, x: float, y: float, normal: float) -> bool:
-        """Return whether a wall may pass a point with a normal [rad]: `LINE` places near it lie on its tangent."""
+        """Return whether a wall may pass a point [m] with a normal [rad]: 3 places near it lie on its tangent."""
         places = self._places[: self._count, :2] - (x, y)
         off = np.abs(places @ np.array([cos(normal), sin(normal)]))
         aside = np.abs(places @ np.array([-sin(normal), cos(normal)]))
@@ -114,7 +114,7 @@ class TouchMap:
     def way(
         self, time: float, start: tuple[float, float], goal: tuple[float, float]
     ) -> tuple[Float[np.ndarray, "n 2"], float]:
-        """Return the cheapest way: its corners (n, 2) [m] after the start, and its cost [m], its length if free."""
+        """Return the cheapest way: corners (n, 2) [m] after the start, and its cost [m], its length if it is free."""
         from palpate.control._touch_map import fill, find_way  # compiled: loaded when first needed
 
         set_, places = self.settings, self._places[: self._count]

@@ -139,7 +139,7 @@ class TouchNavigator:
         self.reset()
 
     def reset(self) -> None:
-        """Begin anew: nothing touched yet, the goal not reached."""
+        """Begin anew: forget all touches, and set `arrived` to False."""
         self.state, self._why, self.arrived = "move to goal", "nothing is in the way", False
         self.why = self._why
         self.map.reset()
@@ -156,7 +156,13 @@ class TouchNavigator:
     def update(
         self, time: float, touches: Float[np.ndarray, "k 2"] | None, pose: Float[np.ndarray, "3"]
     ) -> tuple[float, float]:
-        """Return the speeds of the left and the right track [m/s]; see `Navigator.update`."""
+        """Return (left, right), the speeds of the tracks [m/s] from now on; set `state`, `why` and `arrived`.
+
+        Args:
+            time: [s] on one monotonic clock.
+            touches: (k, 2) angle [rad] in the robot's frame and force [N] of each; None: no valid reading.
+            pose: x [m], y [m] and heading [rad] of the robot in the goal's frame.
+        """
         x, y, heading = (float(value) for value in pose)
         far = hypot(self.goal[0] - x, self.goal[1] - y)
         if self.arrived or far < self.settings.reach:

@@ -76,7 +76,7 @@ class Follow:
         self._smooth, self._rate = np.zeros(3), np.zeros(3)
 
     def start(self, seen: Sensed) -> None:
-        """Take axes and origin from the first reading of a touch; the fitted stiffness is kept."""
+        """Take axes and origin from the first reading of a touch, not yet `ready`; the fitted stiffness is kept."""
         self._axes[:], self._origin[:] = seen.rotation, seen.tip
         self._sums[:], self._right[:] = 0.0, 0.0
         self._begun = self._time = seen.time
@@ -87,7 +87,7 @@ class Follow:
         self._touch = float(np.sqrt(seen.force @ seen.force))
 
     def observe(self, seen: Sensed) -> None:
-        """Correct the surface by one reading."""
+        """Correct the estimate of the surface by one reading, and fit the stiffness until `ready`."""
         pressing = self._read(seen)
         self.bank.update(seen.time - self._time, self._readings, self._variances)
         self._pressing += min(1.0, (seen.time - self._time) / 0.05) * (pressing - self._pressing)
@@ -110,7 +110,7 @@ class Follow:
             self._time = self._kept
 
     def press(self, seen: Sensed, period: float, out: Float[np.ndarray, " 6"]) -> None:
-        """Write a step along the probe's axis at a speed of (wanted - force)/D, D = 2 K `delay`: without overshoot.
+        """Write into out (6,) a step along the probe's axis at speed (wanted - force)/D, D = 2 K `delay`: no overshoot.
 
         K is `stiffest` at first, then three times the force over the travel so far, if less: at its present depth a
         round body is up to three times stiffer than that ratio.
@@ -130,7 +130,10 @@ class Follow:
         period: float,
         out: Float[np.ndarray, " 6"],
     ) -> None:
-        """Write the step to the predicted pose of the surface at the command: tip on it, axis against it, no spin."""
+        """Write the step (6,) [m, rad] of one period [s] into out, to the predicted pose of the surface at the command.
+
+        There the tip lies on the surface and the axis points against it; the probe does not spin.
+        """
         require_out(out, (6,))
         behind = float(SMOOTHING[0]) - 0.5 * period  # a command is already led there over the period that it begins
         values, rates = self.bank.predict(time - self._time + self.delay + behind)

@@ -29,7 +29,7 @@ class ErrorSummary:
 
     @classmethod
     def of(cls, errors: Float[np.ndarray, " n"]) -> ErrorSummary | None:
-        """Return the summary of the finite errors; None where there is none."""
+        """Return the `ErrorSummary` of the finite errors; None where there is none."""
         known = errors[np.isfinite(errors)]
         if not len(known):
             return None
@@ -37,7 +37,7 @@ class ErrorSummary:
         return cls(len(known), float(known.mean()), float(np.median(known)), p95, float(known.max()))
 
     def row(self, scale: float) -> tuple[str, ...]:
-        """Return the figures as text under `HEADER`, times `scale`."""
+        """Return five texts, as in `HEADER`: mean, median, 95 % percentile and largest, each times `scale`; count."""
         figures = (self.mean, self.median, self.p95, self.worst)
         return (*(f"{scale * value:.3f}" for value in figures), f"{self.count:,}")
 
@@ -75,7 +75,9 @@ def angles(one: Float[np.ndarray, "n 3"], other: Float[np.ndarray, "n 3"]) -> Fl
 def coverage(
     estimate: ContactEstimate, truth: Float[np.ndarray, "n 3"], which: Bool[np.ndarray, " n"]
 ) -> EllipseCoverage:
-    """Return the coverage of the estimates that `which` selects; covariances that are NaN or not of rank 2 are omitted.
+    """Return the `EllipseCoverage` of the estimates that `which` (n,) selects.
+
+    Covariances that are NaN or not of rank 2 are omitted; without any, its count is 0 and the rest NaN.
 
     The squared distance is d' C^+ d, C^+ the inverse within the two directions in which C has variance: the truth lies
     on the surface, so the component of d along the normal is due to curvature.

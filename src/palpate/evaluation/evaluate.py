@@ -70,7 +70,9 @@ class EvaluationReport:
 
 
 def evaluate(contacts: Contacts, truth: TrueSamples | TrueTouches, *, tolerance: float = 0.02) -> EvaluationReport:
-    """Compare contacts with the truth: at every instant a truth has at most one contact, and a contact one truth.
+    """Compare contacts with the truth, and return an `EvaluationReport`.
+
+    At every instant a truth has at most one contact, and a contact one truth.
 
     Args:
         contacts: of any sensor, several at a time or not, in the truth's frame.
@@ -93,7 +95,7 @@ def report(
     due: Bool[np.ndarray, " n"] | None = None,
     touches: tuple[JudgedTouch, ...] = (),
 ) -> EvaluationReport:
-    """Return the report on contacts that are matched to truths.
+    """Return the `EvaluationReport` on contacts that are matched to truths.
 
     Args:
         contacts: n of them.

@@ -77,7 +77,7 @@ class InstrumentReport:
 
 @takes_arrays
 def wrench_points(surface: Mesh, wrenches: Float[np.ndarray, "n 6"], *, alone: Bool[np.ndarray, " n"]) -> Reference:
-    """Return where the line of each force meets the link, and the direction it comes from [skin map, (6) to (9)].
+    """Return a `Reference`: where the line of each force meets the link, and its direction [skin map, (6) to (9)].
 
     E = F x N / |F|^2 is the foot of the line. A wrench with torque along its force is no single force, and is refused:
     its line is off by up to |F . N| / |F|^2 times the tangent of the angle to the normal.
@@ -125,7 +125,9 @@ def wand_points(
     rotation: Float[np.ndarray, "n 3 3"],
     position: Float[np.ndarray, "n 3"],
 ) -> Reference:
-    """Return where a tracked wand meets the link: middle of the part inside, or the nearest point within `TOUCHING`.
+    """Return a `Reference`: where a tracked wand meets the link.
+
+    The point is the middle of the part inside, or the nearest point within 1.5 mm (`TOUCHING`).
 
     Args:
         surface: mesh of the link.
@@ -157,7 +159,7 @@ def wand_points(
 
 
 def judge(touches: Contacts, reference: Reference) -> InstrumentReport:
-    """Compare touches with an instrument, one to one.
+    """Compare touches with an instrument, one to one, and return an `InstrumentReport`.
 
     Args:
         touches: n contacts, one for each touch.
@@ -178,16 +180,17 @@ def judge(touches: Contacts, reference: Reference) -> InstrumentReport:
 
 
 def perfect(pitch: tuple[float, float]) -> tuple[float, float]:
-    """Return the errors of a perfect map for touches smaller than a cell: mean distance, and mean along each axis [m].
+    """Return the errors of a perfect map for touches smaller than a cell: mean distance, and mean along an axis [m].
 
-    A point anywhere in a square of side a lies 0.3826 a from its middle on average, and a/4 along each axis.
+    `pitch` has the two sides of a cell [m]. A point anywhere in a square of side a lies 0.3826 a from its middle
+    on average, and a/4 along each axis.
     """
     side = float(np.sqrt(pitch[0] * pitch[1]))
     return _MEAN_IN_CELL * side, side / 4
 
 
 def touch_rows(contacts: Contacts) -> list[Int[np.ndarray, " _"]]:
-    """Return the answered rows of each touch that lasted three samples or more."""
+    """Return a list of arrays (k,): the indices of the answered rows of each touch of three samples or more."""
     found, answered = find_touches(contacts, shortest=0.0), contacts.answered
     rows = [
         np.flatnonzero(answered & (contacts.identity == identity) & (contacts.time >= start) & (contacts.time <= end))
@@ -197,7 +200,10 @@ def touch_rows(contacts: Contacts) -> list[Int[np.ndarray, " _"]]:
 
 
 def touches_of(contacts: Contacts) -> tuple[Contacts, Bool[np.ndarray, " k"]]:
-    """Return each touch of three samples or more as one contact, the median of its rows; and whether it was alone."""
+    """Return `Contacts`, each touch of three samples or more as the median of its rows; and (k,) bool, True if alone.
+
+    A touch is alone if others accompany it in at most 20 % of its rows.
+    """
     touches, answered = touch_rows(contacts), np.flatnonzero(contacts.answered)
     _, sample, felt = np.unique(contacts.sample[answered], return_inverse=True, return_counts=True)
     several = np.zeros(len(contacts), dtype=bool)
@@ -208,7 +214,7 @@ def touches_of(contacts: Contacts) -> tuple[Contacts, Bool[np.ndarray, " k"]]:
 
 @takes_arrays
 def medians(contacts: Contacts, touches: list[Int[np.ndarray, " _"]]) -> Contacts:
-    """Return one contact for each touch, given by its rows: their median."""
+    """Return `Contacts`, one for each touch, given by the indices of its rows: their median."""
     return Contacts.joined([contacts[:0], *(_median(contacts[rows]) for rows in touches)])
 
 

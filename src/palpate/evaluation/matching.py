@@ -38,7 +38,7 @@ def nearest_in_time(
 def match_instants(
     contacts: Contacts, truth: TrueSamples, tolerance: float
 ) -> tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    """Return the number of each contact's truth, (n,), -1 for none, and whether there is a truth at its time, (n,).
+    """Return the number of each contact's truth, (n,), -1 for none, and (n,) bool, True if a truth is at its time.
 
     The contacts of one sample have different truths, chosen so that the sum of distances is least.
 
@@ -78,7 +78,9 @@ def _nearest_pairs(points: Float[np.ndarray, "n 3"], known: Float[np.ndarray, "k
 def match_touches(
     contacts: Contacts, truth: TrueTouches
 ) -> tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"], list[Int[np.ndarray, " _"]]]:
-    """Return the two arrays of `match_instants`, and the rows of each touch.
+    """Return the number of each contact's touch, (n,), -1 for none; (n,) bool, True within a touch; rows of each touch.
+
+    The last is a list of arrays of indices.
 
     A touch has the rows of the identity nearest to it, and those without a point. Where touches overlap at an end
     only, a row belongs to the first of them.

@@ -19,7 +19,7 @@ __all__ = ["load_arm"]
 def load_arm(
     urdf: str | Path, base: str, sensor: str, joints: Sequence[str] | None = None, acceleration: float = np.inf
 ) -> Arm:
-    """Return the arm between two links: its moving joints, their limits and the fixed transforms between them.
+    """Return the `Arm` between two links: its moving joints, their limits and the fixed transforms between them.
 
     Args:
         urdf: the URDF file; xacro must be expanded.
@@ -30,8 +30,9 @@ def load_arm(
         acceleration: [rad/s^2, m/s^2] limit of every joint, which no URDF states.
 
     Raises:
-        InputError: there is no such file, link or joint; nothing moves between the links; a joint mimics another, or
-            has no range or no speed limit.
+        InputError: there is no such file, link or joint; nothing moves between the links, or they are not connected;
+            `joints` are not those of the chain, in its order; a joint mimics another, or has no range or no speed
+            limit.
     """
     robot = Urdf(Path(urdf))
     steps = robot.steps(base, sensor)

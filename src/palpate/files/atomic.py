@@ -71,7 +71,11 @@ def reserve_output(path: Path) -> None:
 
 
 def part(path: Path) -> Path:
-    """Return OUTPUT.part, the path of a file while it is being written, next to the file that OUTPUT resolves to."""
+    """Return OUTPUT.part, the path of a file while it is being written, next to the file that OUTPUT resolves to.
+
+    Raises:
+        InputError: the path cannot be resolved, such as links in a circle.
+    """
     target = _target(path)
     return target.with_name(target.name + PART)
 
@@ -224,7 +228,11 @@ def _umask() -> int:
 
 @contextmanager
 def sibling_folder(output: Path) -> Generator[Path]:
-    """Yield a temporary folder next to the output and delete it afterwards, even after Ctrl-C."""
+    """Yield a temporary folder next to the output and delete it afterwards, even after Ctrl-C.
+
+    Raises:
+        OSError: the output's folder does not exist or may not be written.
+    """
     folder = Path(tempfile.mkdtemp(prefix=f".{output.stem}.", suffix=PART, dir=output.absolute().parent))
     try:
         yield folder

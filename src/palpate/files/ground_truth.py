@@ -20,10 +20,13 @@ _FORCE = ("fx", "fy", "fz")
 
 
 def read_ground_truth(path: Path) -> TrueSamples | TrueTouches:
-    """Read a CSV file `time,px,py,pz[,nx,ny,nz][,fx,fy,fz]` or `start,end,px,py,pz[,label]`.
+    """Read a CSV file as `TrueSamples` or `TrueTouches`.
+
+    The columns are `time,px,py,pz[,nx,ny,nz][,fx,fy,fz]` or, for touches, `start,end,px,py,pz[,label]`.
 
     Raises:
-        InputError: the file has neither form, a row lacks its time or point, or a field is not a number.
+        InputError: the file is missing or has neither form, a touch ends before it starts, a row lacks its time or
+            point, or a field is not a number.
     """
     table = read_table(path)
     if {"start", "end"} <= set(table.names):
@@ -42,10 +45,11 @@ def read_ground_truth(path: Path) -> TrueSamples | TrueTouches:
 
 
 def read_touches(path: Path) -> TrueTouches:
-    """Read known touches from a CSV file of the form `start,end,px,py,pz[,label]`.
+    """Read known touches from a CSV file `start,end,px,py,pz[,label]` as `TrueTouches`.
 
     Raises:
-        InputError: the file does not have this form, or a row lacks its start, end or point, or ends before it starts.
+        InputError: the file is missing or does not have this form, or a row lacks its start, end or point, or ends
+            before it starts.
     """
     return _touches(read_table(path))
 

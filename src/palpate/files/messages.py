@@ -30,7 +30,7 @@ class Topic:
 
 
 def merged(topics: Iterable[Topic]) -> list[Topic]:
-    """Merge topics that differ only in their count, and add up the counts."""
+    """Return a list of topics in which those that differ only in their count are one, with the sum of the counts."""
     counts: dict[Topic, int] = {}
     for topic in topics:
         key = replace(topic, count=0)
@@ -59,7 +59,7 @@ class MessageBlock:
     length: Int[np.ndarray, " n"]
 
     def of(self, topic: Topic) -> MessageBlock:
-        """Return the messages of one topic that have its type."""
+        """Return a `MessageBlock` of the messages of one topic that have its type."""
         mask = np.zeros(len(self.topic), dtype=bool)
         for key, other in self.topics.items():
             if other.same(topic):
@@ -99,8 +99,16 @@ class MessageFile(Watched, ABC):
 
     @abstractmethod
     def topics(self) -> list[Topic]:
-        """Return all declared topics, one entry per name and type, with their message counts."""
+        """Return all declared topics, a list with one `Topic` per name and type, with their message counts.
+
+        Raises:
+            InputError: the file cannot be read, or needs a library that is not installed.
+        """
 
     @abstractmethod
     def messages(self, names: Collection[str] = ()) -> Generator[MessageBlock]:
-        """Yield messages from the start, in the order of the file: all, or at least those of topics in `names`."""
+        """Yield blocks of messages from the start, in the file's order: all, or at least those of topics in `names`.
+
+        Raises:
+            InputError: the file cannot be read, or needs a library that is not installed.
+        """

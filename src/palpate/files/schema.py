@@ -122,7 +122,7 @@ def parse(
 def covariance_matrix(
     rows: Sequence[Sequence[float]] | Float[np.ndarray, "n k"], size: int, name: str
 ) -> Float[np.ndarray, "size size"]:
-    """Return `rows` as an array after checking that it can be a covariance, up to rounding.
+    """Return `rows` as an array (size, size) after checking that it can be a covariance, up to rounding.
 
     Raises:
         ValueError: the matrix is not `size` x `size`, not symmetric, or not positive semidefinite; the message names it

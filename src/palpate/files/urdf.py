@@ -63,7 +63,7 @@ class LinkBody:
     files: tuple[Path, ...]
 
     def mesh(self, source: str, **options: Any) -> Mesh:
-        """Return the link as a surface, with the options of `Mesh.from_arrays`.
+        """Return the link as a `Mesh`, with the options of `Mesh.from_arrays`.
 
         Raises:
             GeometryError: the triangles make no usable surface; the message begins with `source`.
@@ -106,11 +106,11 @@ class Urdf:
         return tuple(self._links)
 
     def shaped(self) -> list[str]:
-        """Return the names of the links that have a geometry."""
+        """Return a list of the names of the links that have a geometry."""
         return [name for name, link in self._links.items() if any(_shapes(link, each) for each in GEOMETRIES)]
 
     def fixed(self) -> FrameTree:
-        """Return the tree of the links that fixed joints connect."""
+        """Return the `FrameTree` of the links that fixed joints connect."""
         return FrameTree((joint.parent, joint.child, joint.origin) for joint in self.joints if joint.kind == "fixed")
 
     def root(self, link: str) -> str:
@@ -123,7 +123,7 @@ class Urdf:
         return FrameTree((joint.parent, joint.child, joint.origin) for joint in self.joints).up(link)[-1]
 
     def chain(self, base: str, sensor: str) -> list[Joint]:
-        """Return the joints that move between two links, in the order of the file; fixed joints are omitted.
+        """Return the joints that move between two links, a list of `Joint` in the order of the file, not fixed ones.
 
         Raises:
             InputError: there is no such link, no joints connect the two, they form a loop, or a joint moves other than
@@ -133,7 +133,7 @@ class Urdf:
         return sorted(found, key=self.joints.index)
 
     def steps(self, base: str, sensor: str) -> list[tuple[Joint, bool]]:
-        """Return all joints from one link to another, each with True if it is passed from its parent to its child.
+        """Return a list of all joints from one link to another, each with True if passed from its parent to its child.
 
         Raises:
             InputError: there is no such link, no joints connect the two, they form a loop, or a joint moves other than
@@ -158,7 +158,11 @@ class Urdf:
         return found
 
     def axis(self, joint: Joint) -> Float[np.ndarray, " 3"]:
-        """Return the axis of a joint, (3,), in the joint's frame and of any length; x if the file does not give one."""
+        """Return the axis of a joint, (3,), in the joint's frame and of any length; x if the file does not give one.
+
+        Raises:
+            InputError: the axis is not three numbers.
+        """
         element = self._element(joint).find("axis")
         if element is None:
             return np.array([1.0, 0.0, 0.0])
@@ -187,14 +191,15 @@ class Urdf:
             raise InputError(f"there is no link {link!r}.", where=str(self.path), hint=near(link, self._links))
 
     def body(self, link: str, geometry: str | None = None) -> LinkBody:
-        """Return the triangles of a link's meshes, boxes, cylinders and spheres, scaled and placed in the link's frame.
+        """Return a link's meshes, boxes, cylinders and spheres as a `LinkBody`, scaled and placed in the link's frame.
 
         Args:
             link: name of the link.
             geometry: one of `GEOMETRIES`; None: the first that the link has.
 
         Raises:
-            InputError: there is no such link, it has no such geometry, or a package or mesh is missing.
+            InputError: there is no such link, it has no such geometry, a package or mesh is missing, or a mesh cannot
+                be read.
         """
         self.require(link)
         kinds = GEOMETRIES if geometry is None else (geometry,)

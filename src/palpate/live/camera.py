@@ -56,7 +56,11 @@ class CameraSource:
 
     @classmethod
     def of(cls, stated: RigSource, setup: Setup) -> CameraSource:
-        """Return the camera that a rig's [source] names, already open."""
+        """Return the camera that a rig's [source] names as a `CameraSource`, already open.
+
+        Raises:
+            InputError: OpenCV is not installed, or the camera does not exist, is in use or may not be opened.
+        """
         own = setup.link.folder / stated.address
         return cls(str(own) if own.is_file() else stated.address, stated.rate)
 
@@ -83,7 +87,7 @@ class CameraSource:
         return 1
 
     def events(self) -> list[str]:
-        """Return the events since the last call: camera lost or back, images of another size."""
+        """Return the events since the last call, one sentence each: camera lost or back, images of another size."""
         said, self._said = self._said, []
         return said
 

@@ -22,7 +22,7 @@ SECONDS = 3.0
 
 
 def stated_source(stated: str) -> RigSource:
-    """Return the [source] for a text KIND:ADDRESS, such as netft:192.168.1.1; ROS 2 needs only the kind.
+    """Return the `RigSource` for a text KIND:ADDRESS, such as netft:192.168.1.1; ROS 2 needs only the kind.
 
     Raises:
         InputError: the kind is unknown, or the address is missing.

@@ -62,7 +62,7 @@ class CobsFrames:
         self._rest += data
 
     def take(self, values: Float[np.ndarray, "n k"], lost: Int[np.ndarray, " n"]) -> int:
-        """Decode as many of the samples fed as fit into the arrays, and return how many.
+        """Decode as many of the samples fed as fit into the arrays, and return their number.
 
         Args:
             values: (n, count), filled from the first row on.
@@ -118,7 +118,7 @@ class CobsFrames:
         self._rest, self._joined = b"", False
 
     def faults(self) -> list[str]:
-        """Return the faults since the last call: damaged frames, missing samples, other frames, restarts."""
+        """Return texts on faults since the last call or []: damaged frames, missing samples, other frames, restarts."""
         found: list[str] = []
         if self._damaged:
             found.append(f"{self._damaged} damaged {_plural('frame', self._damaged)}")
@@ -133,7 +133,7 @@ class CobsFrames:
         return found
 
     def awaited(self) -> str:
-        """Return the words that explain why the bytes received gave no sample, for a message."""
+        """Return the reason why the bytes received gave no sample, as text for a message."""
         if self._foreign:
             return f"frames of {self._other} numbers, where the sensor has {self._count}: is it another device?"
         return "none of them a complete frame: is it `baud` or `framing`?"

@@ -86,7 +86,7 @@ class Datagrams:
         self._many: _Many | None = _Many(self) if sys.platform == "linux" else None
 
     def take(self, most: int) -> int:
-        """Read the waiting datagrams, up to `most`, without waiting, and return how many.
+        """Read up to `most` waiting datagrams into the attributes, without waiting, and return their number.
 
         Raises:
             OSError: the socket cannot be read.

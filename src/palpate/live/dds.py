@@ -109,7 +109,7 @@ class DdsNode:
     def reader(
         self, topic: str, kind: str, *, reliable: bool = False, latched: bool = False, depth: int = DEPTH
     ) -> DdsReader:
-        """Return a reader of one topic; the node must be open.
+        """Return a `DdsReader` of one topic; the node must be open.
 
         Args:
             topic: name as in ROS.
@@ -135,7 +135,7 @@ class DdsNode:
         return made
 
     def writer(self, topic: str, kind: str, *, latched: bool = False, depth: int = 100) -> Writer:
-        """Return a reliable writer to one topic; `latched` keeps the last `depth` messages for later readers.
+        """Return a reliable `Writer` to one topic; `latched` keeps the last `depth` messages for later readers.
 
         Raises:
             InputError: the topic's name is not valid in ROS, or the type is unknown.
@@ -150,7 +150,7 @@ class DdsNode:
         return made
 
     def topics(self) -> list[Topic]:
-        """Return the topics of ROS that are published now, with the number of publishers as `count`."""
+        """Return a `Topic` for each topic of ROS published now, sorted by name; `count` is its number of publishers."""
         state = self._dds
         alive = state.SampleState.Any | state.ViewState.Any | state.InstanceState.Alive
         condition = state.ReadCondition(self._seen, alive)
@@ -162,7 +162,7 @@ class DdsNode:
         return [Topic(*key, "cdr", publishers) for key, publishers in sorted(found.items())]
 
     def settled(self, patience: float, names: Sequence[str] = ()) -> list[Topic]:
-        """Return the published topics once all of `names` are among them, or after `patience` [s]."""
+        """Return the published topics, as `topics` does, once all `names` are among them, or after `patience` [s]."""
         deadline = time.monotonic() + patience
         while True:
             there = self.topics()
@@ -205,7 +205,7 @@ class DdsReader(_End):
         return self.waiting.wait(round(max(timeout, 0.0) * 1e9)) > 0
 
     def take(self, limit: int = DEPTH) -> MessageBlock:
-        """Return the waiting messages, up to `limit` of them, with the times [ns] at which they were sent."""
+        """Return up to `limit` waiting messages as a `MessageBlock`: bytes (CDR), and the times [ns] of sending."""
         samples = [sample for sample in self.entity.take(limit) if sample.sample_info.valid_data]
         length = np.array([len(sample.data) for sample in samples], dtype=np.int64)
         sent = np.array([sample.sample_info.source_timestamp for sample in samples], dtype=np.int64)
@@ -233,7 +233,11 @@ class Writer(_End):
         self._made = made
 
     def write(self, data: bytes) -> bool:
-        """Send one message; return False if readers were too slow to take it within 10 ms."""
+        """Send one message; return False if readers were too slow to take it within 10 ms.
+
+        Raises:
+            DDSException: cyclonedds cannot send it for another reason.
+        """
         try:
             self.entity.write(self._made(data))
         except self._dds.DDSException as problem:

@@ -18,7 +18,7 @@ class Device(Protocol):
         """Begin to listen for connections.
 
         Returns:
-            The [source] of a rig that reaches the device, as lines of TOML.
+            The [source] of a rig that reaches the device, as a text of lines of TOML.
 
         Raises:
             InputError: the port or file is taken, or may not be used.

@@ -25,7 +25,7 @@ Address = str | tuple[str, int] | tuple[str, int, int, int]
 
 
 def datagram_address(to: str) -> tuple[socket.AddressFamily, Address]:
-    """Return the family and address of the socket to which datagrams are sent.
+    """Return (family, address) of the socket to send to; the address is a path, or (host, port), with IPv6 longer.
 
     Args:
         to: "udp:HOST:PORT" or "unix:PATH".
@@ -114,7 +114,7 @@ class JsonLines:
         return False
 
     def events(self) -> list[str]:
-        """Return a sentence on lines dropped since the last one, every 10 s at most; else no sentence."""
+        """Return a list with a sentence on lines dropped since the last one, every 10 s at most; else []."""
         now = self._clock()
         if self.dropped == self._said_of or now < self._say_at:
             return []

@@ -105,7 +105,7 @@ class LineFrames:
         self._joined = False
 
     def faults(self) -> list[str]:
-        """Return the faults since the last call, in words: lines not understood, and a changed count of numbers."""
+        """Return texts on faults since the last call, or []: lines not understood, a changed count of numbers."""
         found = [self._changed] if self._changed else []
         if self._strange:
             lines = "1 line" if self._strange == 1 else f"{self._strange} lines"
@@ -114,7 +114,7 @@ class LineFrames:
         return found
 
     def awaited(self) -> str:
-        """Return the words that explain why the bytes received gave no sample, for a message."""
+        """Return the reason why the bytes received gave no sample, as text for a message."""
         example = f"; the last line was {self._example}" if self._example else ""
         return f"no line of {self._wanted()} among them: is it `baud`, `framing` or `columns`{example}?"
 
@@ -156,7 +156,7 @@ class LineFrames:
 
 
 def numbers(line: bytes) -> list[float] | None:
-    """Return the numbers of a line by the rules of this module; None if the line is not text."""
+    """Return the numbers of a line as floats; labels, units and decimal commas may be in it. None if it is not text."""
     if line.translate(None, _TEXT):
         return None
     if not line.isascii():

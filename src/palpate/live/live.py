@@ -155,7 +155,12 @@ class Live:
         self._clock, self._quiet = _offset(), 0.0
 
     def form(self, frame: str = "surface", rig: str = "") -> SlotForm:
-        """Return the description of samples and contacts for a ring of this stream; `frame` is the contacts' frame."""
+        """Return a `SlotForm`: the description of samples and contacts for a ring of this stream.
+
+        Args:
+            frame: coordinate frame of the contacts.
+            rig: file of the rig, which is noted in the description.
+        """
         estimator, source, layout = self.estimator, self.source, self.setup.layout()
         channels = layout.images or next(iter(layout.arrays), None)
         topic = layout.wrench_topic if channels is None else LIVE_BOTH if self.kind.parts else channels.topic
@@ -217,12 +222,17 @@ class Live:
         return said
 
     def tare(self) -> None:
-        """Take a tare over the next second, or the rig's time; `events` reports whether it was taken."""
+        """Take a tare over the next second, or the rig's time; `events` reports whether it was taken.
+
+        The call has no effect while values are taken from the start, or another tare is running.
+        """
         if self._start is None and self._tare is None:
             self._tare = _Window(self.setup.estimate.tare or TARE)
 
     def step(self, timeout: float = 0.1) -> AnsweredSamples:
-        """Return the waiting samples with their contacts; no samples if none comes within `timeout` [s].
+        """Return waiting samples with their contacts as `AnsweredSamples`, empty if none comes within `timeout` [s].
+
+        It is also empty while the first seconds are collected; later all these samples are returned at once.
 
         Raises:
             InputError: the estimator needs a value that the source does not give, such as an orientation.
@@ -314,7 +324,10 @@ class Live:
         return self._built(start, self._build) if self._build.done() else self._none
 
     def finish(self) -> AnsweredSamples:
-        """Return the samples of a start that still wait, with their contacts; call it when no more samples come."""
+        """Return the samples of a start that still wait, with their contacts, as `AnsweredSamples`; empty if none wait.
+
+        Call it when no more samples come.
+        """
         start, build = self._start, self._build
         if start is None or not start.held:
             return self._none
@@ -391,11 +404,12 @@ def open_live(rig: Rig | str | Path, sensor: str | None = None) -> Live:
         sensor: name of the sensor's table, if there are several.
 
     Returns:
-        A context manager that connects when it is entered. `palpate.contact.estimate.ROW` names the columns of a row;
-        the columns of `estimator.features` follow, and the identity if a sample can have several contacts, a row each.
+        A `Live`, a context manager that connects when it is entered. `palpate.contact.estimate.ROW` names the columns
+        of a row; the columns of `estimator.features` follow, and the identity if a sample can have several contacts, a
+        row each.
 
     Raises:
-        InputError: the rig cannot be used; on entering, the device cannot be opened.
+        InputError: the rig cannot be used or has no [source]; on entering, the device cannot be opened.
     """
     return Live(rig, sensor)
 

@@ -75,7 +75,7 @@ class NetFt:
 
     @classmethod
     def of(cls, stated: RigSource, setup: Setup) -> NetFt:
-        """Return the device that a rig's [source] names, not opened yet.
+        """Return the `NetFt` that a rig's [source] names, not opened yet.
 
         Raises:
             InputError: the rig has no force/torque sensor, or its units are not N and N m.
@@ -118,6 +118,9 @@ class NetFt:
         """Fill a batch and return how many samples came; request a silent device to start again every 0.5 s.
 
         Wait up to `timeout` [s] for the first sample.
+
+        Raises:
+            OSError: the socket cannot be read.
         """
         deadline = time.monotonic() + timeout
         if timeout > 0:

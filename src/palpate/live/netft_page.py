@@ -45,7 +45,7 @@ class NetFtPage:
 
     @classmethod
     def parsed(cls, content: bytes, where: str) -> NetFtPage:
-        """Return the values of a page's XML; `where` names the device in errors.
+        """Return the values of a page's XML as a `NetFtPage`; `where` names the device in errors.
 
         Raises:
             InputError: it is not the page of a Net F/T, or its counts or units are not valid.
@@ -83,7 +83,7 @@ class NetFtPage:
 
 
 def read_page(host: str, port: int, *, where: str, timeout: float) -> NetFtPage:
-    """Read the page of a Net F/T over HTTP.
+    """Read the page of a Net F/T over HTTP, and return its values as a `NetFtPage`.
 
     Args:
         host: name or address of the device.
@@ -92,7 +92,7 @@ def read_page(host: str, port: int, *, where: str, timeout: float) -> NetFtPage:
         timeout: [s] for the complete exchange.
 
     Raises:
-        InputError: the device does not answer in time, or is no Net F/T.
+        InputError: the device cannot be reached, does not answer in time, or is no Net F/T.
     """
     deadline = time.monotonic() + timeout
     try:

@@ -78,7 +78,7 @@ class StatusWord:
     harmless: int
 
     def bad(self, status: Int[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-        """Return (n,) whether a sample's values are invalid: a harmful bit is set, or only the error bit 31 is."""
+        """Return (n,) bool, True where the values are invalid: a harmful bit is set, or bit 31 (error) alone."""
         return ((status & ~self.harmless) != 0) | (status == _ERROR)
 
     def read(self, status: int) -> str:
@@ -88,7 +88,7 @@ class StatusWord:
 
 
 def status_word(product: str) -> StatusWord:
-    """Return the status word of a product by the name on its page: an Axia's, or else a Net F/T's."""
+    """Return the `StatusWord` of a product by the name on its page: an Axia's, or else a Net F/T's."""
     if "axia" in product.lower():
         return StatusWord(_AXIA, _ERROR | _MONITOR)
     return StatusWord(_BOX, _ERROR | _MONITOR | 1 << 1 | 1 << 18 | 1 << 19 | 1 << 21)

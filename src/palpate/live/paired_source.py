@@ -49,7 +49,7 @@ class PairedSource:
 
     @classmethod
     def of(cls, stated: RigSource, setup: Setup) -> PairedSource:
-        """Return the source of a sensor that combines a skin and a force/torque sensor, not opened yet.
+        """Return the `PairedSource` of a sensor that combines a skin and a force/torque sensor, not opened yet.
 
         Raises:
             InputError: the [source], or its `wrench`, does not fit the sensor.
@@ -71,7 +71,7 @@ class PairedSource:
         self._heard = time.monotonic()
 
     def receive(self, batch: Batch, timeout: float) -> int:
-        """Fill a batch with samples and their wrenches, and return how many."""
+        """Fill a batch with samples and their wrenches, and return how many; wait up to `timeout` [s]."""
         self._take(self._frames.receive(self._frame, 0.0 if len(self._stamp) else timeout))
         end = time.monotonic() + min(timeout, WAITS)
         while True:
@@ -85,7 +85,7 @@ class PairedSource:
         return self._given(batch, min(ready, len(batch)))
 
     def events(self) -> list[str]:
-        """Return the events of both devices since the last call, and whether samples stay without wrenches."""
+        """Return sentences on events of both devices since the last call, and on samples without wrenches."""
         said, self._said = self._said, []
         return [*said, *self._frames.events(), *self._wrenches.events()]
 

@@ -99,7 +99,7 @@ def require_address(to: str) -> None:
 
 
 def open_publisher(to: str, form: SlotForm, source: RigSource | None = None, rate: float = RATE) -> Publisher:
-    """Return an open publisher to an address.
+    """Return an open `Publisher` to an address: a `RosPublisher` or `JsonLines`.
 
     Args:
         to: the address, see `require_address`.
@@ -108,7 +108,7 @@ def open_publisher(to: str, form: SlotForm, source: RigSource | None = None, rat
         rate: [Hz] at most; 0: every sample.
 
     Raises:
-        InputError: the address is not valid, or the domain of ROS 2 cannot be joined.
+        InputError: the address is not valid, cyclonedds is not installed, or the domain of ROS 2 cannot be joined.
     """
     require_address(to)
     return _PUBLISHERS[to.partition(":")[0]](to, form, source, rate)
@@ -118,6 +118,16 @@ def publish(ring: Path, to: str, rig: Path, parent: int, rate: float = RATE) -> 
     """Publish the contacts of a ring from now on, until it says stop or the parent is gone; the target of a process.
 
     If the address cannot be used, the reason is stored in the ring, and the process exits with 1.
+
+    Args:
+        ring: file of the ring.
+        to: address to publish to, see `require_address`.
+        rig: file of the rig.
+        parent: id of the parent process.
+        rate: [Hz] at most; 0: every sample.
+
+    Raises:
+        InputError: the ring cannot be opened.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C and says stop
     read = StreamBuffer(ring)

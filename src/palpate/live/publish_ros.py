@@ -75,7 +75,7 @@ class RosPublisher:
         """Join the domain and announce the topics.
 
         Raises:
-            InputError: the domain cannot be joined.
+            InputError: cyclonedds is not installed, or the domain cannot be joined.
         """
         if said := self._node.open():
             self._said.append(said)
@@ -171,7 +171,7 @@ class _Due:
 
 
 def markers(contacts: Contacts, stamp: int, frame_id: str) -> bytes:
-    """Return a MarkerArray as bytes: it deletes earlier markers, and draws an arrow and a 95 % ellipsoid per contact.
+    """Return a MarkerArray as bytes (CDR): it deletes earlier markers, and draws an arrow and 95 % ellipsoid a contact.
 
     Args:
         contacts: rows of one sample; answered contacts with a place and a finite force are drawn.

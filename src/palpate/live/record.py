@@ -76,6 +76,9 @@ def record(ring: Path, output: Path, split: float, parent: int) -> None:
         output: MCAP file; it grows as OUTPUT.part.
         split: bytes after which another file is begun: run.1.mcap, run.2.mcap, ...
         parent: id of the parent process.
+
+    Raises:
+        InputError: the ring cannot be opened.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C and says stop
     opened = StreamBuffer(ring)
@@ -123,6 +126,9 @@ class Recorder:
         next: number of the next sample to write.
         file: the file that grows; None before there is something to write, and once the disk is full.
         full: whether the disk is full.
+
+    Raises:
+        InputError: the file to continue is no record, or has other topics.
     """
 
     def __init__(self, ring: StreamBuffer, output: Path, split: float) -> None:

@@ -30,7 +30,7 @@ def named(output: Path, which: int) -> Path:
 
 
 def grown(output: Path) -> list[int]:
-    """Return the indices of a record's unfinished files (OUTPUT.part) in increasing order."""
+    """Return a list of the indices of a record's unfinished files (OUTPUT.part) in increasing order."""
     found = [0] if part(output).exists() else []
     target = part(output).with_name(part(output).name.removesuffix(PART))
     pattern = re.compile(re.escape(target.stem) + r"\.([1-9]\d*)" + re.escape(target.suffix + PART))
@@ -57,7 +57,7 @@ class Span(NamedTuple):
 
 
 def span_of(found: Regained, latest: int) -> Span:
-    """Return the range of samples in a file.
+    """Return the range of samples in a file as a `Span`; its first three numbers are 0 if there is no sample.
 
     Args:
         found: the complete part of the file.
@@ -159,7 +159,11 @@ class RecordFile:
                 given += self._writer.chunks.pop().counts[READINGS - 1]
 
     def place(self) -> None:
-        """Close the ended file and rename OUTPUT.part to OUTPUT."""
+        """Close the ended file and rename OUTPUT.part to OUTPUT.
+
+        Raises:
+            OSError: the file cannot be renamed.
+        """
         self.close()
         place(self.path)
 
@@ -183,7 +187,11 @@ def _require_small(growing: Path, topics: tuple[WrittenTopic, ...] | None) -> No
 
 
 def place(path: Path) -> None:
-    """Rename OUTPUT.part to OUTPUT, and wait until the new name is on the disk."""
+    """Rename OUTPUT.part to OUTPUT, and wait until the new name is on the disk.
+
+    Raises:
+        OSError: the file cannot be renamed.
+    """
     growing = part(path)
     target = growing.with_name(growing.name.removesuffix(PART))
     growing.replace(target)

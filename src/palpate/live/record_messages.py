@@ -66,7 +66,7 @@ _VECTOR_STAMPED = f"std_msgs/Header header\ngeometry_msgs/Vector3 vector\n{STAMP
 
 
 def record_topics(form: SlotForm) -> tuple[WrittenTopic, ...]:
-    """Return the topics of a record: contacts, readings and events, and with poses also poses and accelerations."""
+    """Return the `WrittenTopic`s of a record: contacts, readings, events; with poses also poses and accelerations."""
     if form.images:
         readings = WrittenTopic(form.topic or f"{LIVE}image", "sensor_msgs/msg/Image", _IMAGE)
     elif form.wrenches:
@@ -98,7 +98,7 @@ class RecordMessages:
         self._acceleration = ChannelRows(ACCELERATION, *stamped(_SENSOR, (("vector", "<f8", (3,)),)))
 
     def of(self, slots: np.ndarray, first: int) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Return the bytes of all messages of some samples, and a view of the bytes for each channel.
+        """Return the bytes of all messages of some samples (uint8), and a list of structured views, one a channel.
 
         Args:
             slots: (n,) slots of the ring, in order.
@@ -126,7 +126,7 @@ class RecordMessages:
 
 
 def event(stamp: int, sentence: str, number: int, level: int = _INFO) -> tuple[np.ndarray, np.ndarray]:
-    """Return the message of a sentence as bytes, and a view of them as a record.
+    """Return the message of a sentence as bytes, uint8, and a view of them as a structured array (1,).
 
     Args:
         stamp: [ns] time of the sentence.

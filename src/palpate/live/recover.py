@@ -53,6 +53,9 @@ def cut_short(file: Path) -> str:
 
     Args:
         file: OUTPUT, OUTPUT.part or OUTPUT.ring.
+
+    Raises:
+        InputError: the ring cannot be opened, or is damaged.
     """
     output = file.with_suffix("") if file.suffix in (PART, RING) else file
     if output.suffix.lower() != ".mcap":

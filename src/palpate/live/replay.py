@@ -23,14 +23,14 @@ __all__ = ["Replay", "bare", "values_of"]
 
 
 def bare(layout: LogLayout) -> LogLayout:
-    """Return the layout with numbers as they are recorded: units and axes are not converted."""
+    """Return the `LogLayout` with numbers as they are recorded: units and axes are not converted."""
     arrays = tuple(replace(array, scale=1.0) for array in layout.arrays)
     units = {"force_unit": "N", "torque_unit": "N m", "acceleration_unit": "m/s^2"}
     return replace(layout, arrays=arrays, axes=("x", "y", "z"), left_handed=False, **units)
 
 
 def values_of(recording: Recording) -> np.ndarray:
-    """Return the readings of a recording, (n, ...): wrenches, force first; or its only array or image.
+    """Return the readings of a recording, (n, ...), in its units: wrenches, force first; or its only array or image.
 
     If the recording has an array and wrenches, each row holds the flat array, the wrench, and the number of readings
     that the wrench is the mean of, if recorded.
@@ -82,7 +82,11 @@ class Replay:
 
     @classmethod
     def of(cls, stated: RigSource, setup: Setup) -> Replay:
-        """Return the log that a rig's [source] names, its numbers as recorded; raise InputError if it is missing."""
+        """Return a `Replay` of the log that a rig's [source] names, its numbers as recorded.
+
+        Raises:
+            InputError: the log is missing, cannot be read, or holds no samples.
+        """
         path = setup.link.folder / stated.address
         if not path.exists():
             raise InputError("there is no such log to replay.", where=f"{path}, [source] of the rig")
@@ -93,7 +97,11 @@ class Replay:
         self._begun = time.monotonic()
 
     def receive(self, batch: Batch, timeout: float) -> int:
-        """Fill a batch with due samples and return how many; wait up to `timeout` [s] for the first."""
+        """Fill a batch with due samples and return how many; wait up to `timeout` [s] for the first.
+
+        Raises:
+            InputError: the log cannot be read further.
+        """
         if self._held is None:
             piece = next(self._rest, None)
             if piece is None:
@@ -118,7 +126,7 @@ class Replay:
         return count
 
     def events(self) -> list[str]:
-        """Return the sentence on the log's end, once."""
+        """Return a list with a sentence on the log's end, once; else []."""
         said, self._said = self._said, []
         return said
 

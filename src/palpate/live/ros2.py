@@ -76,10 +76,11 @@ class RosTopics:
 
     @classmethod
     def of(cls, stated: RigSource, setup: Setup) -> RosTopics:
-        """Return the topic of the sensor in the domain that the rig's [source] names, not opened yet.
+        """Return the `RosTopics` of the sensor, in the domain that the [source] names, not opened yet.
 
         Raises:
-            InputError: the rig takes poses from joint states, which are not read live.
+            InputError: the rig takes poses from joint states, which are not read live, or the sensor reads several
+                arrays.
         """
         node = DdsNode(stated.domain, stated.interface)
         poses = RosPoses(setup.orientation, node) if wanted(setup.orientation) else None
@@ -89,8 +90,8 @@ class RosTopics:
         """Join the domain, find the topic and begin to listen.
 
         Raises:
-            InputError: the domain cannot be joined, nobody publishes the named topic, it has another type, none or
-                several topics fit, or no image came.
+            InputError: cyclonedds or, for images, OpenCV is not installed, the domain cannot be joined, nobody
+                publishes the named topic, it has another type, none or several topics fit, or no image came.
         """
         if said := self._node.open():
             self._said.append(said)

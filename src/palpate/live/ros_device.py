@@ -45,7 +45,7 @@ class RosDevice:
         """Join the domain, and return the [source] of a rig as TOML.
 
         Raises:
-            InputError: the domain cannot be joined.
+            InputError: cyclonedds is not installed, the domain cannot be joined, or the topic's name is not valid.
         """
         self._node.open()
         self._writer = self._node.writer(self._topic, self.kind, depth=1000)

@@ -58,7 +58,7 @@ class Cdr:
 
 @takes_arrays
 def stamped(frame_id: str, stamp: Int[np.ndarray, " n"], values: Float[np.ndarray, "n k"]) -> list[bytes]:
-    """Return n messages of a header and k doubles: WrenchStamped, PoseStamped or PoseWithCovarianceStamped.
+    """Return n messages (a list of bytes, CDR) of a header and k doubles, such as WrenchStamped or PoseStamped.
 
     Args:
         frame_id: name of the frame.
@@ -76,7 +76,7 @@ def stamped(frame_id: str, stamp: Int[np.ndarray, " n"], values: Float[np.ndarra
 
 @takes_arrays
 def array_message(values: np.ndarray, names: Sequence[str] = ("rows", "columns")) -> bytes:
-    """Return a Float64MultiArray of one sample.
+    """Return the bytes (CDR) of a Float64MultiArray message of one sample.
 
     Args:
         values: the sample, of any shape.

@@ -41,7 +41,7 @@ class RosPoses:
 
     @classmethod
     def of(cls, orientation: RigOrientation, source: RigSource | None) -> RosPoses | None:
-        """Return a reader with its own node; None if the rig names no topic or frames.
+        """Return a `RosPoses` with its own node; None if the rig names no topic or frames.
 
         Args:
             orientation: the [orientation].
@@ -61,7 +61,8 @@ class RosPoses:
         """Begin to listen to the topics.
 
         Raises:
-            InputError: the domain cannot be joined, nobody publishes the topic, or it does not hold poses.
+            InputError: cyclonedds is not installed, the domain cannot be joined, nobody publishes the topic, or it does
+                not hold poses.
         """
         if self._own is not None and (said := self._own.open()):
             self._said.append(said)
@@ -78,7 +79,7 @@ class RosPoses:
             raise
 
     def at(self, stamp: Int[np.ndarray, " n"]) -> Posed:
-        """Return the sensor's poses at times (n,) [ns] of samples, from all messages received so far."""
+        """Return the sensor's poses at times (n,) [ns] of samples as a `Posed`, from all messages received so far."""
         for reader in reversed(self._readers):  # static transforms first
             self.poses.add(reader.take())
         return self.poses.at(stamp)
@@ -118,7 +119,7 @@ def wanted(orientation: RigOrientation) -> bool:
 
 
 def published(name: str, there: Sequence[Topic], where: str) -> Topic:
-    """Return the topic of this name from the published topics `there`.
+    """Return the `Topic` of this name from the published topics `there`.
 
     Raises:
         InputError: nobody publishes it; `where` is named as the place.

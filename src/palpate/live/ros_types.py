@@ -95,6 +95,7 @@ def idl_type(kind: str) -> Any:
 
     Raises:
         InputError: the type is none of `DEFINITIONS`.
+        ImportError: cyclonedds is not installed.
     """
     from cyclonedds.idl import make_idl_struct
 

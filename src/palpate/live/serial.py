@@ -51,7 +51,7 @@ class Framing(Protocol):
         ...
 
     def take(self, values: Float[np.ndarray, "n k"], lost: Int[np.ndarray, " n"]) -> int:
-        """Decode as many of the samples fed as fit into `values` (n, k) and `lost` (n,), and return how many."""
+        """Decode as many of the samples fed as fit into `values` (n, k) and `lost` (n,), and return their number."""
         ...
 
     def waiting(self) -> int:
@@ -63,11 +63,11 @@ class Framing(Protocol):
         ...
 
     def faults(self) -> list[str]:
-        """Return the faults since the last call, in words."""
+        """Return a list of texts on the faults since the last call; [] without any."""
         ...
 
     def awaited(self) -> str:
-        """Return the words that explain why the bytes received gave no sample, for a message."""
+        """Return the reason why the bytes received gave no sample, as text for a message."""
         ...
 
 
@@ -100,7 +100,7 @@ class SerialPort:
 
     @classmethod
     def of(cls, stated: RigSource, setup: Setup) -> SerialPort:
-        """Return the port that a rig's [source] names, not opened yet.
+        """Return the `SerialPort` that a rig's [source] names, not opened yet.
 
         Raises:
             InputError: the sensor has neither a wrench nor one array as its reading, or `columns` do not fit.

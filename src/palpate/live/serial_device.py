@@ -62,7 +62,7 @@ class SerialDevice:
         return f'[source]\nkind = "serial"\naddress = {address}\nframing = "{self._framing}"\n'
 
     def send(self, stamp: Int[np.ndarray, " n"], values: Float[np.ndarray, "n k"]) -> int:
-        """Send samples without waiting, and return how many there was room for."""
+        """Send samples without waiting, and return how many there was room for; 0 if nobody listens."""
         data, ends = self._encoded(values)
         self._counter = (self._counter + len(values)) % 2**32
         if self._line is None or not self._listened(self._line):

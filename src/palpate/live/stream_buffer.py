@@ -86,7 +86,7 @@ class SlotForm:
     wrenches: bool = False
 
     def slot(self) -> np.dtype[np.void]:
-        """Return the structured type of a slot, which holds one sample and its contacts."""
+        """Return the structured NumPy dtype of a slot, which holds one sample and its contacts."""
         return np.dtype(
             [
                 ("number", "<i8"),  # of the sample, from 1: a page of the file that was not written has another
@@ -106,7 +106,7 @@ class SlotForm:
         )
 
     def contacts(self, slots: np.ndarray) -> Contacts:
-        """Return the contacts in slots, in order; samples that are not answered have no row."""
+        """Return the `Contacts` in slots, in order; samples that are not answered have no row."""
         rows, sample, times = slots["contacts"], slots["number"] - 1, seconds(slots["stamp"])
         counts = slots["rows"] * (slots["ready"] > 0)
         if (counts == 1).all():  # as a rule
@@ -160,7 +160,7 @@ class StreamBuffer:
 
     @classmethod
     def make(cls, path: Path, form: SlotForm, size: int = SIZE) -> StreamBuffer:
-        """Make a new ring with `size` bytes of slots, at least 512 slots, and return it opened.
+        """Make a new ring with `size` bytes of slots, at least 512 slots, and return it as an open `StreamBuffer`.
 
         The disk allocates all bytes now, because a mapped file cannot report a full disk later.
 
@@ -207,6 +207,11 @@ class StreamBuffer:
     def take_in(self, batch: Batch, count: int, unsteady: Float[np.ndarray, " n"]) -> int:
         """Store the first `count` samples of a batch as received; only for the writer.
 
+        Args:
+            batch: arrays that a source has filled.
+            count: number of samples.
+            unsteady: (n,) [m/s^2] standard deviation, along each axis, of the acceleration's error; used with poses.
+
         Returns:
             The number of the first sample.
         """
@@ -235,7 +240,11 @@ class StreamBuffer:
     def answer(
         self, rows: Float[np.ndarray, "rows width"], counts: Int[np.ndarray, " n"], *, known: bool = True
     ) -> None:
-        """Store the next samples' contacts, `counts` rows each, or mark them as not answered; only for the writer."""
+        """Store the next samples' contacts, `counts` rows each, or mark them as not answered; only for the writer.
+
+        Raises:
+            ValueError: a sample has more rows than a slot has room for.
+        """
         if self.form.max_contacts > 1 and counts.max(initial=0) > self.form.max_contacts:
             raise ValueError(f"a sample has {counts.max()} rows, and there is room for {self.form.max_contacts}")
         first = self["answered"]
@@ -267,13 +276,13 @@ class StreamBuffer:
         self["said"] = count + 1
 
     def events(self, since: int) -> tuple[list[tuple[int, str]], int]:
-        """Return (stamp [ns], sentence) from number `since` on, of the last 128, and the number to continue from."""
+        """Return (stamp [ns], sentence) pairs from number `since` on, at most 128, and the number to go on from."""
         count = self["said"]
         kept = [self._sentences[k % SENTENCES] for k in range(max(since, count - SENTENCES), count)]
         return [(int(each["stamp"]), bytes(each["text"]).decode(errors="replace")) for each in kept], count
 
     def read(self, first: int, most: int, word: str = "answered") -> tuple[np.ndarray, int]:
-        """Return a copy of slots, and the number of the first, which is above `first` if this reader was lapped.
+        """Return a copy of slots, (n,) structured, and the first's number, above `first` if this reader was lapped.
 
         Args:
             first: number of the sample to continue with.

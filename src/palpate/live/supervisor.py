@@ -79,7 +79,7 @@ class WorkerSupervisor:
             ring.say(f"the {worker.name} {why}, and was started again")
 
     def stop(self, ring: StreamBuffer | None) -> list[str]:
-        """End all workers in order, the writer first, and return a sentence on each that had to be killed.
+        """End all workers in order, the writer first, and return a list with a sentence on each that was killed.
 
         Without a ring nothing has begun: workers are ended without waiting, and no sentences are returned.
         """

@@ -60,7 +60,7 @@ class Fisheye:
 
     @classmethod
     def equidistant(cls, width: int = 640, height: int = 480) -> Fisheye:
-        """Return a lens whose image spans 180 degrees along its longer side: a start for an unknown camera."""
+        """Return a `Fisheye` whose image spans 180 degrees along its longer side: a start for an unknown camera."""
         f = max(width, height) / np.pi
         return cls(f, f, (width - 1) / 2, (height - 1) / 2, width=width, height=height)
 
@@ -89,7 +89,10 @@ class Fisheye:
     def rays_with_slope(
         self, pixels: Float[np.ndarray, "*batch 2"]
     ) -> tuple[Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3 2"]]:
-        """Return unit directions of rays through pixels, and their derivative by the pixel, (*batch, 3, 2) [1/px]."""
+        """Return unit directions (*batch, 3) of rays through pixels, NaN outside the lens, and their derivatives.
+
+        The derivatives by the pixel are (*batch, 3, 2) [1/px].
+        """
         rays, plane, bent, theta, ratio = self._seen(pixels)
         slope = 1.0 / self._bent(theta)[1]
         near = bent < 1e-9
@@ -127,7 +130,7 @@ class Fisheye:
 
     @cached_property
     def numbers(self) -> Float[np.ndarray, " 10"]:
-        """Numbers of the lens for the compiled loops: fx, fy, cx, cy, k1 to k4, the largest theta and its theta_d."""
+        """Numbers (10,) of the lens for compiled loops: fx, fy, cx, cy, k1 to k4, the largest theta and its theta_d."""
         bends = (self.k1, self.k2, self.k3, self.k4)
         return frozen(np.array([self.fx, self.fy, self.cx, self.cy, *bends, self.reach, self._widest]))
 
@@ -215,7 +218,7 @@ class RingView(Value):
     def to_plane(
         self, pixels: Float[np.ndarray, "*batch 2"], heights: Float[np.ndarray, " k"] = _GROUND
     ) -> Float[np.ndarray, "*batch 2"]:
-        """Return the points [m] of planes z = height that are seen at pixels; NaN where a ray does not meet its plane.
+        """Return points (*batch, 2) [m] of planes z = height that are seen at pixels; NaN where a ray misses its plane.
 
         Args:
             pixels: (*batch, 2).
@@ -230,7 +233,7 @@ class RingView(Value):
 
     @cached_property
     def numbers(self) -> tuple[Float[np.ndarray, " 10"], Float[np.ndarray, " 12"]]:
-        """The lens (10,) and its pose (12,), as the compiled loop takes them."""
+        """Tuple of the lens (10,) and its pose (12,), rotation row by row, translation [m], for the compiled loop."""
         return self.camera.numbers, np.concatenate([self.pose.rotation.reshape(-1), self.pose.translation])
 
     def _length(self, ray: Float[np.ndarray, "*batch 3"], height: ArrayLike) -> Float[np.ndarray, "*batch 1"]:
@@ -242,7 +245,10 @@ class RingView(Value):
     def to_plane_with_slope(
         self, pixels: Float[np.ndarray, "*batch 2"], height: ArrayLike = 0.0
     ) -> tuple[Float[np.ndarray, "*batch 2"], Float[np.ndarray, "*batch 2 2"]]:
-        """Return the points of the plane z = height [m] seen at pixels, and their derivative by the pixel [m/px]."""
+        """Return points (*batch, 2) [m] of the plane z = height [m] seen at pixels, and their derivative by the pixel.
+
+        The derivative is (*batch, 2, 2) [m/px]; both are NaN where a ray misses the plane.
+        """
         rays, slope = self.camera.rays_with_slope(pixels)
         ray, turn = self.pose.rotate(rays), self.pose.rotation @ slope
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -254,7 +260,7 @@ class RingView(Value):
     def from_plane(
         self, points: Float[np.ndarray, "*batch 2"], height: ArrayLike = 0.0
     ) -> Float[np.ndarray, "*batch 2"]:
-        """Return the pixels of points (x, y) [m] at z = `height` [m] of the ring's frame."""
+        """Return pixels (*batch, 2) of points (x, y) [m] at z = `height` [m] of the ring's frame; NaN out of view."""
         points = np.asarray(points, dtype=np.float64)
         high = np.broadcast_to(np.asarray(height)[..., None], (*points.shape[:-1], 1))
         whole = np.concatenate([points, high], axis=-1)

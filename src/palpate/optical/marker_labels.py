@@ -59,7 +59,7 @@ def label_ring(
     price: Float[np.ndarray, " k"] | None = None,
     limits: LabelLimits = USUAL_LIMITS,
 ) -> Int[np.ndarray, " m"]:
-    """Return the blob of every marker, (m,), -1 where it is missing.
+    """Return the index of every marker's blob, (m,), -1 where it is missing.
 
     Each blob is a candidate for the marker whose sector it lies in, if its place and area are possible for that marker.
     Of all ways around the ring that take or leave candidates, the one whose displacements are smoothest is taken; then

@@ -128,10 +128,13 @@ class Blobs(Value):
 
 @takes_arrays
 def find_blobs(image: Image, colour: MarkerColour, *, least_area: float = _LEAST_AREA) -> Blobs:
-    """Find all blobs of an image that have the markers' colour; none where nothing stands out.
+    """Find all blobs of an image (h, w, 3) that have the markers' colour, as `Blobs`; empty where nothing stands out.
 
     The threshold is relative to this image's own scores: the skin's is their median, the markers' the score that the
-    brightest half of `coverage` reaches.
+    brightest half of `coverage` reaches. Blobs of fewer than `least_area` [px] are omitted.
+
+    Raises:
+        InputError: OpenCV is not installed.
     """
     score, base, top = _scored(image, colour)
     if top - base < _LEAST_CONTRAST:
@@ -141,7 +144,7 @@ def find_blobs(image: Image, colour: MarkerColour, *, least_area: float = _LEAST
 
 @takes_arrays
 def find_colour(image: Image, count: int | None = None, *, background: int = 0) -> MarkerColour:
-    """Find the colour of the markers in an unloaded image: the score whose blobs are `count`, or else the most alike.
+    """Find the `MarkerColour` in an unloaded image: the score whose blobs are `count`, or else the most alike.
 
     Args:
         image: (h, w, 3) uint8, without contact.
@@ -149,7 +152,7 @@ def find_colour(image: Image, count: int | None = None, *, background: int = 0) 
         background: see `MarkerColour`.
 
     Raises:
-        InputError: no score separates `count` blobs (five, where it is not known) of one kind from the rest.
+        InputError: no score separates `count` blobs (five, if unknown) of one kind from the rest, or OpenCV is missing.
     """
     best, merit, seen = None, -np.inf, 0
     for score in SCORES:
@@ -324,7 +327,11 @@ class MarkerTracker:
         self._fresh, self._sampled, self._same, self._since = True, False, 0, 0
 
     def track(self, image: np.ndarray, out: Float[np.ndarray, "m 2"]) -> Bool[np.ndarray, " m"]:
-        """Write the pixels of every marker into `out` (m, 2), NaN where not found; return which are found, (m,)."""
+        """Write every marker's pixels x, y into `out` (m, 2), NaN where not found; return bools (m,), True where found.
+
+        Raises:
+            InputError: OpenCV is not installed.
+        """
         require_out(out, (len(self._areas), 2))
         image, self.searched = _read(image), False
         self.frame = self._health(image)

@@ -102,16 +102,16 @@ class RingResponse(Value):
         return self.coefficients.shape[2] // 2, self.coefficients.shape[3] // 2
 
     def at(self, delta: Float[np.ndarray, " n"], phi: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n e b"]:
-        """Return v0, v1, v2 and s [m/N] of markers at delta [rad] from contacts at phi [rad], (n, 2 r, b)."""
+        """Return v0, v1, v2 and any s [m/N] of markers at delta [rad] from contacts at phi [rad], (n, 2 r, b)."""
         of_delta, of_phi = (ring_basis(angle, order) for angle, order in zip((delta, phi), self.orders, strict=True))
         return np.einsum("bckm,nk,nm->ncb", self.coefficients, of_delta, of_phi, optimize=True)
 
     def skin(self, outer: float, inner: float) -> Float[np.ndarray, "2 b k m"]:
-        """Return coefficients of the outer skin's movement along rising angles per newton [m/N], and its slope [m/N].
+        """Return coefficients (2, b, 2 K + 1, 2 M + 1) of the outer skin's movement along rising angles, and slope.
 
         The markers are on the inner side; across the wall the skin keeps straight and upright [Kirchhoff and Love]:
         u_outer = u (1 + t / r) - t / r dw / dtheta, w the markers' movement outwards, whose derivative by the angle is
-        the slope, t the thickness, r the inner radius. Of the first ring.
+        the slope, t the thickness, r the inner radius. For the first ring, both in [m/N].
 
         Args:
             outer: radius [m] of the skin's outer surface.

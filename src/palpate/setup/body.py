@@ -64,7 +64,7 @@ class GivenBody:
 
     @classmethod
     def of(cls, path: Path, link: str | None = None, packages: Mapping[str, Path] | None = None) -> GivenBody:
-        """Return the body that a file describes; a mesh's unit is guessed from its size.
+        """Return the `GivenBody` of a file; a mesh's unit is guessed from its size.
 
         Args:
             path: a mesh, or a URDF.
@@ -72,7 +72,9 @@ class GivenBody:
             packages: name -> folder, for packages of the URDF's meshes that are not found otherwise.
 
         Raises:
-            InputError: the file cannot be read, or no link of a URDF, or one of a mesh, is named.
+            InputError: the file or a mesh of the URDF cannot be read, no link of a URDF is named or it has no geometry,
+                or a link of a mesh is named.
+            GeometryError: the mesh file has no usable surface.
         """
         if path.suffix.lower() not in (".urdf", ".xacro", ".xml"):
             if link is not None or packages:
@@ -87,7 +89,7 @@ class GivenBody:
         return cls(path, "m", across, urdf, link, made.geometry)
 
     def text(self, frame: str) -> str:
-        """Return the [surface] of a rig as TOML; `frame` is the log's name of the sensor's frame, or ""."""
+        """Return the [surface] of a rig as TOML text; `frame` is the log's name of the sensor's frame, or ""."""
         path = self.relative(self.path)
         if self.urdf is None:
             how, xyz, turn = _DRAWN
@@ -110,11 +112,11 @@ class GivenBody:
         return first + _BOTH.format(how=how, xyz=pose.translation.tolist(), turn=pose.quaternion().tolist())
 
     def relative(self, path: Path) -> str:
-        """Return a path relative to the rig's folder, quoted for TOML."""
+        """Return a path relative to the rig's folder, as a string quoted for TOML."""
         return quoted(Path(os.path.relpath(path.resolve(), self.folder.resolve())).as_posix())
 
     def mounting(self, frame: str) -> Pose | None:
-        """Return T_sensor_surface if fixed joints of the URDF join the sensor's frame and the link, else None."""
+        """Return the `Pose` T_sensor_surface if fixed joints join link `frame` (the sensor) and the body, else None."""
         if self.urdf is None or frame not in self.urdf.links:
             return None
         try:
@@ -124,7 +126,10 @@ class GivenBody:
         return Pose.from_quaternion(quaternion[0], position[0])
 
     def remarks(self, frame: str) -> list[str]:
-        """Return what the reader of the rig should check about the surface, one sentence each."""
+        """Return a list of sentences on the surface that the reader of the rig should check; [] if there are none.
+
+        `frame` is the log's name of the sensor's frame, or "".
+        """
         if self.urdf is None:
             if self.unit == "m":
                 return []

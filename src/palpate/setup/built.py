@@ -30,7 +30,7 @@ class BuiltEstimator:
     settings: dict[str, object] = field(default_factory=dict[str, object])
 
     def tared(self, tare: Tare) -> None:
-        """Add the note of a tare, and its warning if it has one."""
+        """Append the note of a tare to `notes`, and its warning, if it has one, to `warnings`."""
         self.notes.append(tare.note)
         self.warnings += [tare.warning] if tare.warning else []
 

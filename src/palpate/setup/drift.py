@@ -118,7 +118,7 @@ _UNITS = "In N/sqrt(s) and N m/sqrt(s); `palpate calibrate drift` writes it."
 
 
 def drift_table(drift: Drift, weight: float | None = None, temperature: str | None = None) -> dict[str, Any]:
-    """Return the [drift] of a rig, key -> value: rates per minute, and equal channels as one number.
+    """Return the [drift] of a rig as a dict, key -> value: rates per minute, and equal channels as one number.
 
     Args:
         drift: the drift; six channels are those of a wrench.

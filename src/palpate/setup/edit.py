@@ -67,7 +67,9 @@ def update_pose(
 
 
 def update_offset(source: Path, target: Path, offset: float, *, comment: str = "") -> None:
-    """Copy a rig with the offset of the poses' clock set; comments, order and other values stay, as in `update_pose`.
+    """Copy a rig with the offset of the poses' clock set; comments, order and all other values stay.
+
+    Relative paths are rewritten if `target` is in another folder.
 
     Args:
         source: the rig to read.
@@ -86,7 +88,9 @@ def update_offset(source: Path, target: Path, offset: float, *, comment: str = "
 
 
 def update_drift(source: Path, target: Path, drift: Mapping[str, Any], comments: Mapping[str, str]) -> None:
-    """Copy a rig with its [drift] set; comments, order and all other values stay, as in `update_pose`.
+    """Copy a rig with its [drift] set; comments, order and all other values stay.
+
+    Relative paths are rewritten if `target` is in another folder.
 
     Args:
         source: the rig to read.
@@ -234,6 +238,8 @@ def _paths(document: Any) -> Iterator[tuple[str, str]]:
     yield "surface", "mesh"
     yield from ((table, "urdf") for table in ("surface", "orientation", "pokes"))
     yield "pokes", "start"
+    if Path(str(document.get("pokes", {}).get("layout", ""))).suffix:  # else the name of a known layout
+        yield "pokes", "layout"
     for kind in KINDS.among(document):
         for key in kind.paths:
             yield kind.name, key

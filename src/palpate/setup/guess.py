@@ -32,12 +32,12 @@ PLAUSIBLE = (2e-3, 5.0)  # m: from a fingertip to a robot's link
 
 
 def quoted(value: str | Sequence[str]) -> str:
-    """Return a text, or a list of texts, as TOML: JSON's strings are TOML's, except for DEL."""
+    """Return a string with a text, or a list of texts, as TOML: JSON's strings are TOML's, except for DEL."""
     return json.dumps(value if isinstance(value, str) else list(value), ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def topics_of(contents: LogContents, wanted: str) -> list[str]:
-    """Return the names of topics that have messages of the role `wanted`, without topics of Palpate's own results.
+    """Return a list of the topics that have messages of the role `wanted`, by name, without Palpate's own results.
 
     `wanted` is "wrench", "pose", "acceleration" or "array".
     """
@@ -48,7 +48,11 @@ def topics_of(contents: LogContents, wanted: str) -> list[str]:
 def array_topic(
     log: Path, contents: LogContents, fits: Callable[[tuple[int, ...]], bool]
 ) -> tuple[str, tuple[int, ...]] | None:
-    """Return the first topic in `contents` whose arrays or images have a shape that fits, and the shape; else None."""
+    """Return (name, shape) of the first topic in `contents` whose arrays or images have a shape that fits; else None.
+
+    Raises:
+        InputError: the log cannot be read.
+    """
     there = {topic.name for topic in contents.topics}
     return next(((name, shape) for name, shape in topic_shapes(log).items() if name in there and fits(shape)), None)
 
@@ -82,7 +86,7 @@ def pose_table(topics: Sequence[str]) -> str:
 
 
 def orientation_table(names: Sequence[str]) -> tuple[str, list[str]]:
-    """Return the [orientation] of a rig for columns as TOML, and remarks to check.
+    """Return the [orientation] of a rig for columns as TOML text, and a list of remarks to check.
 
     It is commented out unless the columns are named qx, qy, qz, qw.
     """
@@ -102,7 +106,14 @@ def orientation_table(names: Sequence[str]) -> tuple[str, list[str]]:
 
 
 def mesh_size(path: Path) -> tuple[str, float]:
-    """Return the unit in which a mesh file has a plausible size, millimetres tried first, and that size [m]."""
+    """Return the unit in which a mesh file has a plausible size, millimetres tried first, and that size [m].
+
+    If no unit makes the size plausible, the unit is "m".
+
+    Raises:
+        InputError: the file is missing or is not a mesh.
+        GeometryError: the file has no usable surface.
+    """
     raw = Mesh.load(path, unit="m").size
     for unit in ("mm", "m", "cm", "um"):
         if PLAUSIBLE[0] <= raw * UNITS[unit] <= (2.0 if unit == "mm" else PLAUSIBLE[1]):

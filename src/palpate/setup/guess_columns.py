@@ -47,7 +47,7 @@ class WrenchColumns:
     acceleration: tuple[str, ...] = ()
 
     def looked_at(self, recording: Recording, stated: Stated) -> WrenchColumns:
-        """Return the guess completed from the table's numbers: unit of the time, kind of acceleration, counts."""
+        """Return a `WrenchColumns` completed from the table's numbers: unit of time, kind of acceleration, counts."""
         fields, remarks, layout = dict(self.fields), list(self.remarks), self.layout
         time = None if self.time is None else self.time.judged(recording.time)
         if time is not None:
@@ -75,10 +75,10 @@ def _counted(values: Float[np.ndarray, "n 6"], fields: Mapping[str, str]) -> str
 
 
 def columns_guess(log: Path, contents: LogContents) -> WrenchColumns | None:
-    """Guess the columns of a wrench from the names in a log and the units it states; None if no names look like one.
+    """Return a `WrenchColumns` guessed from the names and units in a log; None if no names look like a wrench.
 
     Raises:
-        InputError: a unit is unknown, or forces or torques have two units.
+        InputError: a unit of force, torque or time is unknown, or forces or torques have two units.
     """
     names = list(contents.names)
     found = wrenches(names)

@@ -37,7 +37,7 @@ class PoseGuess:
 
 
 def guess_pose(survey: Survey, layout: LogLayout, body: GivenBody | None) -> PoseGuess:
-    """Guess the source of poses: the tree of /tf if it has the wrench's frame, else joint states, else a pose topic.
+    """Return a `PoseGuess`: the tree of /tf if it has the wrench's frame, else joint states, else a topic of poses.
 
     Args:
         survey: the frames, joints and poses found in the log.

@@ -47,7 +47,7 @@ class TimeGuess:
     stated: float | None = None
 
     def judged(self, time: Float[np.ndarray, " n"]) -> TimeGuess:
-        """Return the guess with a unit, judged by the times if none is stated; without finite times, no column."""
+        """Return a `TimeGuess` with a unit, judged by the times if none is stated; without finite times, no column."""
         if len(time) and not np.isfinite(time).any():  # as LabVIEW leaves its X_Value
             lacking = "" if self.stated else f"there are no times in column {self.column!r}"
             return replace(self, column="", unit="s", rate=self.stated or 1.0, lacking=lacking, remarks=())
@@ -59,12 +59,12 @@ class TimeGuess:
         return replace(self, unit=unit, remarks=(*([doubt] if doubt else []), *self.remarks))
 
     def text(self) -> str:
-        """Return the [time] of a rig as TOML."""
+        """Return the [time] of a rig as TOML text."""
         return time_table(self.column, self.unit, self.rate)
 
 
 def guess_time(contents: LogContents, wrench: Sequence[str]) -> TimeGuess:
-    """Guess the time from the names of the columns other than the wrench's, and from the rate that the log states.
+    """Return a `TimeGuess` from the names of columns that are not the wrench's, and from the rate that the log states.
 
     Raises:
         InputError: the unit that the log states for the time is unknown.
@@ -95,7 +95,7 @@ def guess_time(contents: LogContents, wrench: Sequence[str]) -> TimeGuess:
 
 @takes_arrays
 def unit_by_size(time: Float[np.ndarray, " n"], column: str) -> tuple[str, str]:
-    """Return the unit of times that state none, and a remark for the reader, or "" if the unit is clear.
+    """Return the unit of times that state none, "s", "ms", "us" or "ns", and a remark, "" if the unit is clear.
 
     The unit follows from the size of times since 1970, and for other times from the rate that results.
     """

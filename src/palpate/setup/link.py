@@ -31,7 +31,7 @@ class Link:
 
     @property
     def mount(self) -> Pose:
-        """T_sensor_surface, the surface's pose in the sensor's frame; the identity without a surface."""
+        """T_sensor_surface, the surface's `Pose` in the sensor's frame; the identity without a surface."""
         return Pose.identity() if self.stated is None else self.stated.pose.pose()
 
     @property
@@ -47,7 +47,7 @@ class Link:
 
     @property
     def settings(self) -> dict[str, object]:
-        """Settings of the surface in force, name -> value, for the record that accompanies a result."""
+        """Settings of the surface for the record of a result: a dict with "crease" [degrees]; {} without a surface."""
         return {} if self.stated is None else {"crease": self.stated.crease}
 
     @property
@@ -61,7 +61,7 @@ class Link:
         return Path(str(self.stated.mesh)).name if kind == "mesh" else f"{'an' if kind[0] in 'aeiou' else 'a'} {kind}"
 
     def surface(self) -> Surface:
-        """Return the surface that is touched, read once for all links with the same files.
+        """Return the `Surface` that is touched, read once for all links with the same files.
 
         Raises:
             InputError: the rig has no [surface], or one of its files cannot be read.

@@ -62,7 +62,7 @@ _FRAMES = (  # pattern of names that tell a wrench's frame, the frame, and the w
 
 
 def wrenches(names: Sequence[str]) -> list[tuple[str, ...]]:
-    """Return the six columns, force first, of each sensor that has all six; those in the sensor's frame come first."""
+    """Return a list of wrenches, each the names of six columns, force first; those in the sensor's frame come first."""
     found: list[tuple[str, ...]] = []
     if set(WRENCH_COLUMNS) <= set(names):
         found.append(WRENCH_COLUMNS)
@@ -80,12 +80,12 @@ def wrenches(names: Sequence[str]) -> list[tuple[str, ...]]:
 
 
 def wrench_columns(names: Sequence[str]) -> tuple[str, ...] | None:
-    """Return the six columns, force first, of the first sensor that has all six, or None if no sensor has them."""
+    """Return the names of the six columns, force first, of the first complete wrench, or None if there is none."""
     return next(iter(wrenches(names)), None)
 
 
 def wrench_frame(columns: Sequence[str]) -> tuple[str, str]:
-    """Return the frame of a wrench, "sensor" or "base", and the words that explain a known name, or ""."""
+    """Return the frame of a wrench by its column names, "sensor" or "base", and words on the robot they name, or ""."""
     for pattern, frame, said in _FRAMES:
         if re.search(pattern, columns[0], re.IGNORECASE):
             return frame, said
@@ -108,7 +108,7 @@ def time_column(names: Sequence[str]) -> str | None:
 
 
 def split_stamp(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the two columns that hold seconds and nanoseconds of one stamp, or () if there are none."""
+    """Return the names of the two columns of one stamp, seconds and nanoseconds, or () if there are none."""
     parts = [
         (match["head"].lower(), match["part"].lower()[0] == "n", name)
         for name in names
@@ -122,26 +122,26 @@ def split_stamp(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def counter_column(names: Sequence[str]) -> str | None:
-    """Return the first column whose name says that it counts the samples, or None."""
+    """Return the name of the first column that by its name counts the samples, or None."""
     return next((name for name in names if _COUNTER.match(split_unit(name)[0])), None)
 
 
 def orientation_columns(names: Sequence[str]) -> tuple[str, ...] | None:
-    """Return the four columns of a quaternion x, y, z, w, or None."""
+    """Return the names of the four columns of a quaternion x, y, z, w, or None."""
     if set(ORIENTATION_COLUMNS) <= set(names):
         return ORIENTATION_COLUMNS
     return next(iter(_groups(names, _QUATERNION, "xyzw").values()), None)
 
 
 def position_columns(names: Sequence[str]) -> tuple[str, ...] | None:
-    """Return the three columns of a position x, y, z, or None."""
+    """Return the names of the three columns of a position x, y, z, or None."""
     if set(POSITION_COLUMNS) <= set(names):
         return POSITION_COLUMNS
     return next(iter(_groups(names, _POSITION, "xyz").values()), None)
 
 
 def acceleration_columns(names: Sequence[str]) -> tuple[str, ...] | None:
-    """Return the three columns of an acceleration x, y, z, or None."""
+    """Return the names of the three columns of an acceleration x, y, z, or None."""
     if set(ACCELERATION_COLUMNS) <= set(names):
         return ACCELERATION_COLUMNS
     return next(iter(_groups(names, _ACCELERATION, "xyz").values()), None)

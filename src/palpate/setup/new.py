@@ -59,7 +59,7 @@ def guess_sensor(
     topic: str | None = None,
     rate: float | None = None,
 ) -> tuple[SensorKind, Guess] | None:
-    """Return the first kind of sensor that a log looks like, and the guess; None if it looks like no kind.
+    """Return the first `SensorKind` that a log looks like, and a `Guess`; None if it looks like no kind.
 
     Args:
         log: a log of any sensor.
@@ -114,19 +114,20 @@ def propose_rig(
     topic: str | None = None,
     rate: float | None = None,
 ) -> Proposal:
-    """Guess a rig from a log and a body, for a file rig.toml in `folder`.
+    """Return a `Proposal`, a rig guessed from a log and a body, for a file rig.toml in `folder`.
 
     Args:
         log: a log of any sensor.
         body: the body that is touched, or the path of its mesh.
         folder: the folder of the rig, where relative paths start.
-        sensor: see `guess_sensor`.
-        topic: see `guess_sensor`.
-        rate: see `guess_sensor`.
+        sensor: name of the only kind of sensor that is tried; None: all are.
+        topic: the only topic of its role that is read; None: all are.
+        rate: [Hz] of the samples of a table.
 
     Raises:
-        InputError: the log cannot be read, nothing in it looks like a sensor, its times are not known, or the rig would
-            not load.
+        InputError: the log or the mesh cannot be read, nothing in it looks like a sensor, its times are not known, or
+            the rig would not load.
+        GeometryError: the mesh file has no usable surface.
     """
     body = GivenBody.of(body) if isinstance(body, Path) else body
     body = None if body is None else replace(body, folder=folder)

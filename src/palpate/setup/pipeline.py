@@ -86,7 +86,7 @@ class OpenedLog:
         return self._log.notes()
 
     def prefetching(self) -> AbstractContextManager[LogReader]:
-        """Start a process that can read the log from the start, for `prefetch`; return without waiting for it."""
+        """Return a context manager that starts a process, a `LogReader` for `prefetch`, without waiting for it."""
         return reading_in_process(self.path, self.setup.layout())
 
     def prefetch(self, reader: LogReader, estimator: ContactEstimator, threads: int) -> None:
@@ -105,10 +105,10 @@ class OpenedLog:
         self._log, self._ahead = PrefetchedLog(self._log, reader, motion, told), True
 
     def head(self, seconds: float = 0.0) -> Recording:
-        """Return the log's start: 20,000 samples, or `seconds` [s] if that is more, or 30 images; none is consumed.
+        """Return the log's start, a `Recording`: 20,000 samples, `seconds` [s] if more, or 30 images; none is consumed.
 
         Raises:
-            InputError: the log holds no samples.
+            InputError: the log holds no samples, or lacks something that the rig requests.
         """
         if self._blocks is None:
             self._blocks = self._timed(self._log.blocks())
@@ -131,7 +131,13 @@ class OpenedLog:
         return not (count >= HEAD or values >= HEAD_VALUES) or bool(_span(self._first) <= seconds)
 
     def prepared(self) -> BuiltEstimator:
-        """Return the estimator of the sensor, with notes and warnings about it; see `Setup.prepared`."""
+        """Return the estimator of the sensor as a `BuiltEstimator`, with notes and warnings about it.
+
+        Raises:
+            InputError: the log has no samples or does not begin at rest although it must, the rig lacks something, a
+                file that it names cannot be used, or a filter does not fit the rate.
+            GeometryError: the file of the surface has no usable surface.
+        """
         return self.setup.with_head(self.head(self.setup.estimate.tare or 1.0)).prepared()
 
     def __iter__(self) -> Iterator[Recording]:
@@ -164,7 +170,7 @@ class OpenedLog:
 def open_log(
     log: LogLike, rig: Rig | str | PathLike[str], sensor: str | None = None, topic: str | None = None
 ) -> OpenedLog:
-    """Open a log with a rig: CSV, Parquet, NumPy, MCAP, a ROS 1 or 2 bag; or a table or arrays in memory.
+    """Return an `OpenedLog`: CSV, Parquet, NumPy, MCAP, a ROS 1 or 2 bag, or a table or arrays in memory, with a rig.
 
     Args:
         log: the file, or a bag's folder; or a table of polars or pandas, or arrays by their names, as a file has them.
@@ -234,7 +240,7 @@ class SeenSamples:
             self._stride *= 2
 
     def required_bounds(self, estimator: ContactEstimator) -> RequiredBounds | None:
-        """Return the bounds of friction and torsion that the samples require; None if the sensor has no bounds."""
+        """Return the `RequiredBounds` of friction and torsion of the samples so far; None without samples or bounds."""
         judge = estimator.plausibility
         return judge.required_bounds(Contacts.joined(self._found)) if judge is not None and self._count else None
 
@@ -273,11 +279,12 @@ class Pipeline:
 
     @classmethod
     def of(cls, log: OpenedLog, frame: str = "surface") -> Pipeline:
-        """Return the pipeline of a log, prepared for its first sample.
+        """Return the `Pipeline` of a log, prepared for its first sample.
 
         Raises:
             InputError: a file of the rig cannot be used, the log does not begin at rest although it must, the frame is
                 unknown, or it is the base and the log has no poses.
+            GeometryError: the file of the surface has no usable surface.
         """
         if frame not in FRAMES:
             raise InputError(f"there is no frame {frame!r}.", hint=f"Use one of {', '.join(FRAMES)}.")
@@ -294,10 +301,14 @@ class Pipeline:
     def stream(
         self, watch: Callable[[Recording, np.ndarray], None] | None = None
     ) -> Iterator[tuple[Recording, Contacts, Contacts]]:
-        """Yield each block of the log with its contacts in the surface's frame and in the requested frame.
+        """Yield each block, a `Recording`, with its `Contacts` in the surface's frame and those in the requested frame.
 
         Args:
-            watch: called with each block and the array that the sensor shows; see `ContactEstimator.pairs`.
+            watch: called with each block and the array that the sensor shows: force [N] of each taxel, (n, k), or
+                positions [px] of the markers, (n, m, 2).
+
+        Raises:
+            InputError: the log cannot be read on, or lacks a channel that the estimator needs.
         """
         located, judge = self.estimator.pairs(self.log, watch), self.estimator.plausibility
         while True:
@@ -353,7 +364,7 @@ def estimate(
     sensor: str | None = None,
     topic: str | None = None,
 ) -> Contacts:
-    """Return every contact in a log: exactly what `palpate estimate` writes.
+    """Return every contact in a log as `Contacts`: exactly what `palpate estimate` writes.
 
     Args:
         log: the file, or a bag's folder; or a table of polars or pandas, or arrays by their names, as a file has them.
@@ -368,7 +379,9 @@ def estimate(
         The contacts, at least one row for each sample; warnings and then notes are in `notes`.
 
     Raises:
-        InputError: the log, the mesh or a file of the rig cannot be used, or there is neither a rig nor a mesh.
+        InputError: the log, the mesh or a file of the rig cannot be used, there is neither a rig nor a mesh, the unit
+            or frame is unknown, or the log has no poses for the base or does not begin at rest although it must.
+        GeometryError: the mesh has no usable surface.
     """
     known = rig if isinstance(rig, Rig) or rig is None else load_rig(rig)
     known = known if mesh is None else with_mesh(known, mesh, unit)

@@ -42,7 +42,7 @@ class RigPriors:
         require_positive(self, "lever")
 
     def stated(self) -> dict[str, float]:
-        """Return the standard deviations that are not None, name -> value, with angles in radians."""
+        """Return the standard deviations that are not None as a dict, name -> value, with angles in radians."""
         known = {name: value for name, value in vars(self).items() if value is not None}
         return {name: radians(value) if name.endswith("angle") else value for name, value in known.items()}
 
@@ -93,7 +93,7 @@ class RigPokes:
             raise ValueError("columns and position belong together: the link's orientation and its place")
 
     def files(self, folder: Path) -> Mapping[str, Path]:
-        """Return the files that the table names, key -> path: "kinematics" (the URDF), "start" and "layout"."""
+        """Return a dict, key -> path, of the files that the table names: "kinematics" (URDF), "start" and "layout"."""
         named = {"kinematics": self.urdf, "start": self.start}
         if self.layout is not None and Path(self.layout).suffix:
             named["layout"] = self.layout

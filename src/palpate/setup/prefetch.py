@@ -93,7 +93,7 @@ class Receiver:
 
 
 def way() -> tuple[Sender, Receiver]:
-    """Return both ends of a way from one process to another; either can be an argument of the other process."""
+    """Return a `Sender` and its `Receiver`, a way between processes; either can be an argument of the other process."""
     context = get_context("spawn")
     memory = context.RawArray("B", SLOTS * SLOT)
     taken, messages = context.Pipe(duplex=False)
@@ -103,7 +103,7 @@ def way() -> tuple[Sender, Receiver]:
 
 @contextmanager
 def deaf() -> Generator[None]:
-    """Block Ctrl-C (SIGINT) in this thread; processes and threads started inside keep it blocked."""
+    """Block Ctrl-C (SIGINT) in this thread during the block; processes and threads started inside keep it blocked."""
     resource_tracker.ensure_running()  # it lets signals through when it starts
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # which they keep
     try:
@@ -114,7 +114,7 @@ def deaf() -> Generator[None]:
 
 @contextmanager
 def background_process(name: str, target: Callable[..., None], *arguments: object) -> Generator[BaseProcess]:
-    """Run a function in another process, which ignores Ctrl-C and is terminated at the end of the block.
+    """Run a function in another process and yield its `BaseProcess`; it ignores Ctrl-C and ends with the block.
 
     Args:
         name: name in the list of processes.
@@ -178,7 +178,7 @@ class MotionAhead(Motion):
         return blocks
 
     def notes(self, mass: float | None = None) -> tuple[str, ...]:
-        """Return the notes of the reader's motion, see `Motion.notes`; () before the first block."""
+        """Return notes on the reader's motion, one sentence each, in newtons with a `mass` [kg]; () before a block."""
         return () if self.met is None else self.met.notes(mass)
 
 
@@ -189,7 +189,10 @@ class LogReader:
         self._receiver, self._told = receiver, told
 
     def blocks(self, path: Path, motion: Motion | None) -> Iterator[_Read]:
-        """Start the reader, with a motion that adds accelerations, and yield what it reads, to the end of the log.
+        """Start the reader, with a motion that adds accelerations or None, and yield what it reads, to the log's end.
+
+        Each item has `block` (a `Recording`; None at the end), `position` [bytes], `torn`, `notes`, `motion`, and
+        `failed`, the exception that ended it or None.
 
         Raises:
             InputError: the process was ended.
@@ -204,7 +207,7 @@ class LogReader:
 
 @contextmanager
 def reading_in_process(path: Path, layout: LogLayout) -> Generator[LogReader]:
-    """Start a process, which takes a second, that opens a log and reads it once `LogReader.blocks` is called."""
+    """Yield a `LogReader`: a process that starts in a second, opens a log, and reads it once `blocks` is called."""
     sender, receiver = way()
     told, tells = get_context("spawn").Pipe(duplex=False)
     with background_process("reader", _read, sender, told, path, layout):
@@ -229,15 +232,23 @@ class PrefetchedLog(Log):
         self._notes: tuple[str, ...] = ()
 
     def contents(self) -> LogContents:
-        """Return the contents of the log; see `Log.contents`."""
+        """Return the `LogContents` of the log, read in this process.
+
+        Raises:
+            InputError: the log cannot be read.
+        """
         return self._log.contents()
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on the blocks read so far, one sentence each; see `Log.notes`."""
+        """Return notes on the blocks read so far, one sentence each."""
         return self._notes
 
     def blocks(self) -> Iterator[Recording]:
-        """Yield the blocks of the log, once; raise errors of the reader's process."""
+        """Yield the blocks of the log, once, as recordings; raise what the reader's process raised.
+
+        Raises:
+            InputError: the log lacks something that is requested, or the reader's process was ended.
+        """
         for read in self._reader.blocks(self.path, self._motion):
             self.position, self.torn, self._notes = read.position, read.torn, read.notes
             if self._told is not None:

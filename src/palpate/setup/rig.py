@@ -42,7 +42,7 @@ class StartedLog(Protocol):
     kind: SensorKind
 
     def head(self, seconds: float = 0.0) -> Recording:
-        """Return the start of the log, of at least `seconds` [s]."""
+        """Return the start of the log as a `Recording`, of at least `seconds` [s]."""
         ...
 
 
@@ -93,7 +93,7 @@ class Rig:
         """Return the rig with the topic of one sensor's readings replaced; the rig itself if `name` is None.
 
         Raises:
-            InputError: the rig has several sensors and none is named, or the sensor is combined.
+            InputError: the rig has no sensor of this name, or several and none is named, or the sensor is combined.
         """
         if name is None:
             return self
@@ -123,7 +123,7 @@ class Rig:
         return named[sensor]
 
     def files(self) -> dict[str, Path]:
-        """Return the files that the rig names: key -> path, the key preceded by the table's name ("skin.layout")."""
+        """Return a dict, key -> path, of the files that the rig names; a key begins with its table ("skin.layout")."""
         setup, pokes = self.resolve(), RigPokes() if self.pokes is None else self.pokes
         named = {f"pokes.{key}": path for key, path in pokes.files(self.folder).items()}
         for kind in self.kinds:
@@ -132,7 +132,7 @@ class Rig:
         return {**setup.link_files(), **named}
 
     def stream(self) -> RigSource:
-        """Return the [source] of live samples.
+        """Return the [source] of live samples, a `RigSource`.
 
         Raises:
             InputError: the rig has no [source].
@@ -143,7 +143,7 @@ class Rig:
         return self.source
 
     def resolve(self, sensor: SensorKind | str | None = None, head: Recording | None = None) -> Setup:
-        """Return the link and its sensors as values; files that the rig names are read when they are first needed.
+        """Return the link and its sensors as a `Setup`; files that the rig names are read when they are first needed.
 
         Args:
             sensor: the sensor whose samples are answered, or the name of its table; None: the first.
@@ -160,17 +160,22 @@ class Rig:
         return Setup(kind, sensors, link, head=head, **{name: getattr(self, name) for name in shared})
 
     def mount(self) -> Pose:
-        """Return T_sensor_surface, the surface's pose in the sensor's frame; the identity without a surface."""
+        """Return T_sensor_surface, the surface's `Pose` in the sensor's frame; the identity without a surface."""
         return Link(self.surface, self.folder).mount
 
     def layout(self, sensor: str | None = None) -> LogLayout:
-        """Return the layout by which a log of the named sensor, or of the only one, is read."""
+        """Return the `LogLayout` by which a log of the named sensor, or of the only one, is read.
+
+        Raises:
+            InputError: the rig has no sensor of this name, or several and none is named, or a file that it names cannot
+                be used.
+        """
         return self.resolve(self.kind(sensor)).layout()
 
     def estimator(
         self, log: StartedLog | None = None, sensor: str | None = None, rate: float | None = None
     ) -> ContactEstimator:
-        """Return the estimator that turns readings into contacts, the same that `palpate estimate` runs.
+        """Return the `ContactEstimator` that turns readings into contacts, the same that `palpate estimate` runs.
 
         Args:
             log: a log of `palpate.open_log`; noise, rate, tare and rest that the rig does not state are taken from its
@@ -179,8 +184,9 @@ class Rig:
             rate: [Hz] of the samples of a live loop, which a filter needs; it replaces the rate that the rig states.
 
         Raises:
-            InputError: the rig lacks something, a file that it names cannot be used, or the log does not begin at rest
-                although it must.
+            InputError: the rig lacks something, a file that it names cannot be used, a filter does not fit the rate, or
+                the log does not begin at rest although it must.
+            GeometryError: the file of the surface has no usable surface.
         """
         rig = self if rate is None else replace(self, filter=replace(self.filter, rate=rate))
         if log is None:
@@ -189,7 +195,7 @@ class Rig:
 
 
 def with_mesh(rig: Rig | None, mesh: str | PathLike[str], unit: str | None) -> Rig:
-    """Return the rig with a mesh file as its surface; without a rig, the mesh in a tared six-axis sensor's frame.
+    """Return a `Rig` with a mesh file as its surface; without a rig, the mesh in a tared six-axis sensor's frame.
 
     Raises:
         InputError: the unit is missing or unknown.
@@ -208,7 +214,7 @@ def with_mesh(rig: Rig | None, mesh: str | PathLike[str], unit: str | None) -> R
 
 @called_as('palpate.load_rig("rig.toml")')
 def load_rig(path: str | PathLike[str]) -> Rig:
-    """Read a rig file; errors name the place in the file and the nearest valid key.
+    """Read a rig file and return a `Rig`; errors name the place in the file and the nearest valid key.
 
     Raises:
         InputError: the file is missing or not TOML, a key is misspelt or missing, or a value has another type or is out
@@ -223,10 +229,11 @@ def load_rig(path: str | PathLike[str]) -> Rig:
 
 
 def check_rig(table: Mapping[str, Any], path: Path) -> Rig:
-    """Return the rig of a parsed TOML table, as if it were read from `path`.
+    """Return the `Rig` of a parsed TOML table, as if it were read from `path`.
 
     Raises:
-        InputError: a key is misspelt or missing, or a value has another type or is out of bounds.
+        InputError: a key or a needed table is misspelt or missing, a value has another type or is out of bounds, or
+            tables contradict each other.
     """
     common = [each.name for each in fields(Rig) if each.name not in ("sensors", "folder")]
     for name in table:

@@ -99,7 +99,7 @@ class Setup:
     head: Recording | None = None
 
     def of(self, section: type[Section]) -> Section:
-        """Return the sensor on the link whose table the class `section` reads.
+        """Return the sensor on the link whose table the class `section` reads, as an instance of that class.
 
         Raises:
             InputError: the rig has no table of that name.
@@ -111,7 +111,7 @@ class Setup:
 
     @property
     def common(self) -> dict[str, Any]:
-        """Arguments of `LogLayout` that all sensors share: time, pose, acceleration and temperature."""
+        """Arguments of `LogLayout` that all sensors share, a dict: time, pose, acceleration and temperature."""
         return {
             "time": self.time.column,
             "time_unit": self.time.unit,
@@ -131,36 +131,41 @@ class Setup:
         }
 
     def layout(self) -> LogLayout:
-        """Return the layout by which a log of the sensor is read."""
+        """Return the `LogLayout` by which a log of the sensor is read.
+
+        Raises:
+            InputError: a file that the rig names cannot be used.
+        """
         return self.kind.layout(self)
 
     def prepared(self) -> BuiltEstimator:
-        """Return the estimator of the sensor, with notes and warnings about it.
+        """Return the estimator of the sensor as a `BuiltEstimator`, with notes and warnings about it.
 
         Raises:
-            InputError: the rig lacks something, a file that it names cannot be used, or the log does not begin at rest
-                although it must.
+            InputError: the rig lacks something, a file that it names cannot be used, a filter does not fit the rate, or
+                the log does not begin at rest although it must.
+            GeometryError: the file of the surface has no usable surface.
         """
         return self.kind.build(self)
 
     def files(self) -> dict[str, Path]:
-        """Return the files of the surface, the arm and the answering sensor that the rig names: key -> path."""
+        """Return a dict, key -> path, of the files of the surface, arm and answering sensor that the rig names."""
         return self.link_files() | self.sensor_files((self.kind.name, *self.kind.parts))
 
     def link_files(self) -> dict[str, Path]:
-        """Return the files of the surface and of the arm that the rig names: key -> path."""
+        """Return a dict, key -> path, of the files of the surface and of the arm that the rig names."""
         named = {} if self.link.stated is None else self.link.stated.files(self.link.folder)
         arm = self.orientation.urdf
         return named if arm is None else {**named, "kinematics": self.link.folder / arm}
 
     def sensor_files(self, names: Iterable[str]) -> dict[str, Path]:
-        """Return the files that the tables of the named sensors name: key -> path."""
+        """Return a dict, key -> path, of the files that the tables of the named sensors name."""
         sensors = [self.sensors[name] for name in names]
         stated = {key: getattr(sensor.table, key) for sensor in sensors for key in sensor.kind.paths}
         return {key: self.link.folder / path for key, path in stated.items() if path is not None}
 
     def answering(self, kind: SensorKind) -> Setup:
-        """Return the setup with the samples of another of its sensors answered."""
+        """Return the setup with `kind` as the sensor whose samples are answered."""
         return replace(self, kind=kind)
 
     def start(self) -> float:
@@ -168,7 +173,7 @@ class Setup:
         return self.kind.start(self)
 
     def smoothing(self) -> tuple[RigFilter, float | None]:
-        """Return the filter and the rate [Hz] of samples; no filter if the log's start has fewer than two samples.
+        """Return the `RigFilter` and the rate [Hz], None if not known; no filter if the start has below two samples.
 
         Raises:
             InputError: the filter needs the rate, and most times of the log repeat or are missing.
@@ -188,10 +193,11 @@ class Setup:
         return stated, head.rate()
 
     def followed(self, channels: int) -> Drift | None:
-        """Return the drift of the bias of a sensor with the given number of channels; None: it is not followed.
+        """Return the `Drift` of the bias of a sensor with the given number of channels; None: it is not followed.
 
         Raises:
-            InputError: the rig states another number of channels.
+            InputError: the rig states another number of channels, or plain numbers for six, which need force and
+                torque.
         """
         return None if self.drift is None else self.drift.drift(channels)
 

@@ -68,7 +68,7 @@ class RigSource:
         require_positive(self, "rate", "baud")
 
     def text(self) -> str:
-        """Return the [source] as TOML: kind and address, with the other options as comments."""
+        """Return the [source] as TOML text: kind and address, with the other options as comments."""
         address = f"address = {json.dumps(self.address)}\n" if self.address else ""
         head = "\n[source]                             # of `palpate live`\n"
         return f'{head}kind = "{self.kind}"\n{address}{_MORE[self.kind]}'

@@ -153,7 +153,7 @@ class RigSurface:
         return Urdf(folder / str(self.urdf), packages).body(str(self.link), self.geometry)
 
     def files(self, folder: Path) -> dict[str, Path]:
-        """Return the files of the surface, key -> path: "mesh", or "urdf" and its meshes as far as they are found."""
+        """Return a dict, key -> path, of the surface's files: "mesh", or "urdf" and its meshes, as far as found."""
         if self.urdf is None:
             return {} if self.mesh is None else {"mesh": folder / self.mesh}
         found = {"urdf": folder / self.urdf}
@@ -175,10 +175,10 @@ class RigSurface:
                 raise ValueError(f"{name} must be positive and finite, not {value}")
 
     def load(self, folder: Path) -> Surface:
-        """Return the surface in metres; relative paths start at `folder`.
+        """Return the `Surface` in metres; relative paths start at `folder`.
 
         Raises:
-            InputError: the mesh or the URDF cannot be read.
+            InputError: the mesh or the URDF cannot be read, or the URDF has no such link or geometry.
             GeometryError: the file has no usable surface, or the lengths describe none.
         """
         if self.kind == "plane":

@@ -195,7 +195,11 @@ class RigFilter:
             raise ValueError("order must lie between 1 and 8")
 
     def filter(self) -> Kalman | Butterworth | None:
-        """Return the filter to run, or None if `kind` is "none"."""
+        """Return the `Kalman` or `Butterworth` filter to run, or None if `kind` is "none".
+
+        Raises:
+            InputError: `q` is too small a fraction of `r`.
+        """
         if self.kind == "none":
             return None
         if self.kind == "kalman":

@@ -49,7 +49,11 @@ class LayerData:
     frames: list[bytes] = field(default_factory=list[bytes])
 
     def keep(self, block: Recording, seen: np.ndarray) -> None:
-        """Add a block's images and the array `seen` that an estimator's `pairs` hands over with the block."""
+        """Append a block's images to `frames`, as JPEG, and the array `seen` that the sensor shows of it to `parts`.
+
+        Raises:
+            InputError: there are images and OpenCV is not installed.
+        """
         self.frames += [_jpeg(frame) for frame in block.channels.get(IMAGE, ())]
         self.parts.append(seen.astype(np.float32))
 
@@ -65,11 +69,16 @@ class SensorView:
     """Name of a setting in a rig -> its `Words`; other settings are shown by their names."""
 
     def body(self, setup: Setup) -> Surface | None:
-        """Return the surface that is drawn under the contacts; None if the link has no surface."""
+        """Return the `Surface` that is drawn under the contacts; None if the link has no surface.
+
+        Raises:
+            InputError: a file of the surface cannot be read.
+            GeometryError: it has no usable surface.
+        """
         return None if setup.link.stated is None else setup.link.surface()
 
     def layers(self, setup: Setup, kept: LayerData, live: tuple[int, ...] | None) -> tuple[Layer, ...]:
-        """Return the layers that are drawn in addition to the contacts; here none.
+        """Return a tuple of the layers that are drawn in addition to the contacts; here ().
 
         Args:
             setup: the link and its sensors.
@@ -89,11 +98,11 @@ class SensorView:
         return lambda slots, watched: None
 
     def settings(self, facts: Mapping[str, object]) -> Facts:
-        """Return (words, value with unit) of each setting in force that is not None."""
+        """Return a pair (words, value with unit), in a tuple, for each setting in force that is not None."""
         return tuple(self._setting(name, value) for name, value in facts.items() if value is not None)
 
     def report(self, run: Run, setup: Setup, estimator: ContactEstimator) -> Run:
-        """Return the run with the sensor's additions to the report; here the vertices and faces of the body."""
+        """Return the `Run` with the sensor's additions to the report; here the vertices and faces of the body."""
         body = self.body(setup)
         drawn = None if body is None else body.drawn()
         return run if drawn is None else replace(run, body=(drawn.vertices, drawn.faces))
@@ -112,13 +121,13 @@ def _jpeg(frame: UInt8[np.ndarray, "h w 3"]) -> bytes:
 
 
 def view_of(kind: SensorKind) -> SensorView:
-    """Return the view that shows a kind of sensor on the page and in the report."""
+    """Return the `SensorView` that shows a kind of sensor on the page and in the report."""
     made: Any = by_name(kind.view)
     return made()
 
 
 def layers_of(setup: Setup, kept: LayerData | None = None, live: tuple[int, ...] | None = None) -> tuple[Layer, ...]:
-    """Return the layers that a sensor adds to the page; () if a file that the rig names is missing.
+    """Return a tuple of the layers that a sensor adds to the page; () if a file that the rig names is missing.
 
     Args:
         setup: the link and its sensors.

@@ -29,7 +29,7 @@ def wrench_estimator(
     drift: Drift | None = None,
     **options: Any,
 ) -> BuiltEstimator:
-    """Return the estimator of a sensor of wrenches on the link's surface, tared if the log begins unloaded.
+    """Return a `BuiltEstimator` of a sensor of wrenches on the link's surface, tared if the log begins unloaded.
 
     Args:
         setup: the link and its sensors.
@@ -38,6 +38,11 @@ def wrench_estimator(
         mounted: wrenches are in the sensor's frame. False: they were calibrated in the surface's frame.
         drift: drift of the sensor's bias, which is followed while nothing is touched; None: it is not followed.
         options: further options of `Locator`, such as a soft layer.
+
+    Raises:
+        InputError: a setting or a file of the rig cannot be used, the filter needs a rate that is not known or does not
+            fit it, or the log has no times for the tare.
+        GeometryError: the file of the surface has no usable surface.
     """
     surface, link, head = setup.link.surface(), setup.link, setup.head
     surface.prepared()  # once for all logs of a rig
@@ -81,13 +86,17 @@ def wrench_estimator(
 
 
 def noted_filter(table: RigFilter, rate: float | None) -> list[str]:
-    """Return the note on the filter at the rate [Hz], in a list; [] without filter or rate."""
+    """Return the note on the filter at the rate [Hz], in a list; [] without filter or rate.
+
+    Raises:
+        InputError: the cut-off does not fit the rate.
+    """
     made = table.filter()
     return [] if made is None or rate is None else [made.describe(rate)]
 
 
 def first_seconds(head: Recording, seconds: float) -> Recording:
-    """Return the samples of the first `seconds` [s] of a log.
+    """Return the samples of the first `seconds` [s] of a log as a `Recording`.
 
     Raises:
         InputError: the log has no times.

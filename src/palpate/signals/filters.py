@@ -73,32 +73,52 @@ class Kalman:
 
     @property
     def steady_gain(self) -> float:
-        """The gain K long after the start."""
+        """Gain K, 0 to 1, long after the start."""
         rho = self.q / self.r
         return 2.0 / (1.0 + float(np.sqrt(1.0 + 4.0 / rho)))  # the same without a difference of near equals
 
     def gain(self, frequency: ArrayLike, rate: float) -> Float[np.ndarray, "..."]:
-        """Return the magnitude of the steady filter at frequencies [Hz], for samples at `rate` [Hz]."""
+        """Return the magnitude, at most 1, of the steady filter at frequencies [Hz], in their shape, for a `rate` [Hz].
+
+        Raises:
+            InputError: `rate` is not positive.
+        """
         k, w = self.steady_gain, _angle(frequency, rate)
         return np.asarray(k / np.sqrt(k * k + 2.0 * (1.0 - k) * (1.0 - np.cos(w))))
 
     def delay(self, frequency: ArrayLike, rate: float) -> Float[np.ndarray, "..."]:
-        """Return the group delay [s] of the steady filter at frequencies [Hz], for samples at `rate` [Hz]."""
+        """Return the group delay [s] of the steady filter at frequencies [Hz], in their shape, for a `rate` [Hz].
+
+        Raises:
+            InputError: `rate` is not positive.
+        """
         k, w = self.steady_gain, _angle(frequency, rate)
         fall = 1.0 - np.cos(w)
         return np.asarray((1.0 - k) * (k - fall) / (k * k + 2.0 * (1.0 - k) * fall) / rate)
 
     def bandwidth(self, rate: float) -> float:
-        """Return the -3 dB point [Hz], where 2 (1 - cos w) = rho; half the rate where the gain is nowhere so low."""
+        """Return the -3 dB point [Hz], where 2 (1 - cos w) = rho; half the rate [Hz] where the gain is nowhere so low.
+
+        Raises:
+            InputError: `rate` is not positive.
+        """
         half_sine = np.sqrt(self.q / self.r) / 2.0
         return _known(rate) * float(np.arcsin(min(1.0, half_sine))) / np.pi
 
     def describe(self, rate: float) -> str:
-        """Return a sentence about the filter: its settings, and its cut-off [Hz] and delay [ms] at `rate` [Hz]."""
+        """Return a sentence about the filter: its settings, and its cut-off [Hz] and delay [ms] at `rate` [Hz].
+
+        Raises:
+            InputError: `rate` is not positive.
+        """
         return f"Kalman, q {self.q:.3g}, r {self.r:.3g}: at {rate:.6g} Hz a low-pass at {_says(self, rate)}"
 
     def recursion(self, rate: float) -> Recursion:
-        """Return the recursion that runs this filter; it is the same at every rate [Hz]."""
+        """Return the `Recursion` that runs this filter; it is the same at every rate [Hz].
+
+        Raises:
+            InputError: `rate` is not positive.
+        """
         _known(rate)
         rho, gains = self.q / self.r, [1.0]
         while len(gains) < 2 or gains[-2] - gains[-1] > SETTLED * gains[-1]:
@@ -146,9 +166,12 @@ class Butterworth:
         return np.asarray((1.0 + u ** (2 * self.order)) ** (-1.0 if self.zero_phase else -0.5))
 
     def delay(self, frequency: ArrayLike, rate: float) -> Float[np.ndarray, "..."]:
-        """Return the group delay [s] at frequencies [Hz], -d(phase)/dw.
+        """Return the group delay [s], -d(phase)/dw, at frequencies [Hz], in their shape; 0 for zero phase.
 
         It is summed pole by pole; all zeros lie at -1, half a sample each.
+
+        Raises:
+            InputError: the cut-off is not below half the rate, or is below 1e-5 of it.
         """
         w = _angle(frequency, rate)
         if self.zero_phase:
@@ -157,19 +180,27 @@ class Butterworth:
         return np.asarray((self.order / 2 + np.sum((turned / (1 - turned)).real, axis=-1)) / rate)
 
     def bandwidth(self, rate: float) -> float:
-        """Return the -3 dB point [Hz]: the cut-off, or less where the filter passes twice."""
+        """Return the -3 dB point [Hz]: the cut-off, or less where the filter passes twice.
+
+        Raises:
+            InputError: the cut-off is not below half the rate, or is below 1e-5 of it.
+        """
         cutoff = self._checked(rate)
         u = (2**0.5 - 1) ** (0.5 / self.order) if self.zero_phase else 1.0
         return rate / np.pi * float(np.arctan(u * np.tan(np.pi * cutoff)))
 
     def describe(self, rate: float) -> str:
-        """Return a sentence about the filter: its settings, and its cut-off [Hz] and delay [ms] at `rate` [Hz]."""
+        """Return a sentence about the filter: its settings, and its cut-off [Hz] and delay [ms] at `rate` [Hz].
+
+        Raises:
+            InputError: the cut-off is not below half the rate, or is below 1e-5 of it.
+        """
         twice = ", forward and backward" if self.zero_phase else ""
         settings = f"Butterworth, order {self.order}, {self.cutoff:.3g} Hz{twice}"
         return f"{settings}: at {rate:.6g} Hz a low-pass at {_says(self, rate)}"
 
     def recursion(self, rate: float) -> Recursion:
-        """Return the recursion that runs this filter at a rate [Hz].
+        """Return the `Recursion` that runs this filter at a rate [Hz].
 
         Raises:
             InputError: the cut-off is not below half the rate, or is below 1e-5 of it.

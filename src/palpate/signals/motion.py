@@ -93,7 +93,7 @@ class Motion:
             yield self._with_channels(block, ready)
 
     def notes(self, mass: float | None = None) -> tuple[str, ...]:
-        """Return notes on the rows so far, one sentence each; in newtons where the mass [kg] is given."""
+        """Return a tuple of notes on the rows so far, one sentence each; in newtons where the mass [kg] is given."""
         if not self._rows:
             return ()
         size = f"{self._largest:.2g} m/s^2" if mass is None else f"{mass * self._largest:.2g} N"

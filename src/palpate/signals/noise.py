@@ -45,7 +45,7 @@ class NoiseSpectrum(Value):
 
     @classmethod
     def of_corner(cls, corner: float, rate: float) -> NoiseSpectrum:
-        """Return the spectrum of white plus 1/f noise of density 1 + corner/f, the same in six channels.
+        """Return the `NoiseSpectrum` of white plus 1/f noise of density 1 + corner/f, the same in six channels.
 
         Like every `NoiseSpectrum` it has frequencies in cycles per sample, here from 10^-6 to 1/2, and shares of the
         variance that sum to 1, so that it has no absolute level.
@@ -65,7 +65,13 @@ class NoiseSpectrum(Value):
         return cls(middle, np.repeat(power[:, None] / power.sum(), 6, axis=1))
 
     def kept(self, made: Filter, rate: float) -> Float[np.ndarray, " c"]:
-        """Return the share of each channel's variance that a settled filter keeps, (c,): the sum of power |H|^2."""
+        """Return the share of each channel's variance that a settled filter keeps at a `rate` [Hz], (c,).
+
+        It is the sum of power |H|^2, H the filter's gain.
+
+        Raises:
+            InputError: the filter's cut-off does not fit the rate.
+        """
         return made.gain(self.frequency * rate, rate) ** 2 @ self.power
 
     def of_mean(self, count: int) -> Float[np.ndarray, " c"]:
@@ -112,7 +118,7 @@ def estimate_noise(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"
 
 @takes_arrays
 def rest_noise(readings: Float[np.ndarray, "n k"], *, wander: bool = True) -> Noise | None:
-    """Return standard deviation and spectrum of the noise where a log rests at one level; None where it hardly does.
+    """Return the `Noise` of a log where it rests at one level; None where it hardly does.
 
     Rest is where every channel is quiet (`estimate_noise`) and within 5 standard deviations of the level before,
     starting from the commonest level: a constant press is quiet, but at another level. Periodograms [welch] of the

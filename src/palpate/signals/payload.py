@@ -108,7 +108,7 @@ class Payload(Value):
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Payload:
-        """Read a payload that `save` or `palpate calibrate payload` wrote.
+        """Read a `Payload` that `save` or `palpate calibrate payload` wrote.
 
         Raises:
             InputError: the file does not exist, or is not a payload.
@@ -116,7 +116,11 @@ class Payload(Value):
         return by_name("palpate.files.models.read_model")(path, cls)
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write the payload as TOML, every number to the last bit."""
+        """Write the payload to a TOML file, every number to the last bit.
+
+        Raises:
+            InputError: the file cannot be written.
+        """
         by_name("palpate.files.models.write_model")(path, self)
 
     def __reduce__(self) -> tuple[type[Payload], tuple[object, ...]]:

@@ -123,12 +123,12 @@ class Recording:
         return np.where(np.abs(values) <= LARGEST, values, np.nan)
 
     def picked(self, rows: slice | Bool[np.ndarray, " n"]) -> Recording:
-        """Return the recording of the samples that a slice or a mask picks."""
+        """Return a new `Recording` of the samples that a slice or a mask (n,) picks."""
         channels = {name: sealed(values[rows], own=True, dtype=values.dtype) for name, values in self.channels.items()}
         return replace(self, time=sealed(self.time[rows], own=True), channels=channels)
 
     def rate(self) -> float | None:
-        """Return the samples per second, from the forward steps that are no gaps; None where there is none."""
+        """Return the samples per second [Hz], from the forward steps that are no gaps; None where there is none."""
         steps = np.diff(self.time)
         steps = steps[steps > 0]
         if not len(steps):
@@ -143,7 +143,7 @@ class Recording:
 
 
 def split_channels(names: Sequence[str], readings: np.ndarray) -> dict[str, np.ndarray]:
-    """Split readings (n, ...) into the channels that stand side by side in them, such as force and torque in (n, 6).
+    """Split readings (n, ...) into a dict of name -> channel (n, ...), such as force and torque from (n, 6).
 
     A channel whose name does not fix its width, such as cells, gets the columns that the others leave.
     """

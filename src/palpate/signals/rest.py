@@ -43,7 +43,7 @@ class RestReading:
 
 @takes_arrays
 def at_rest(wrenches: Float[np.ndarray, "n 6"], noise: Float[np.ndarray, "6 6"] | None, where: str) -> RestReading:
-    """Return the mean of wrenches that stand still: their scatter is noise, and both halves agree.
+    """Return the `RestReading`, the mean, of wrenches that stand still: their scatter is noise, and both halves agree.
 
     Args:
         wrenches: (n, 6) compensated; NaN where a sample is unusable.

@@ -67,13 +67,13 @@ class Cutoff:
 
 @takes_arrays
 def spectrum(time: Float[np.ndarray, " n"], values: Float[np.ndarray, "n c"]) -> Spectrum:
-    """Compute spectra of all channels, from the stretches in which steps are even and no value is NaN [welch].
+    """Compute the `Spectrum` of all channels, from stretches with even steps and without NaN [welch].
 
     Nothing is resampled: interpolation is a filter, and would colour the very floor that is looked for.
 
     Args:
         time: (n,) [s].
-        values: (n, c) in their unit; NaN where there is none (not answered); values beyond `LARGEST` count as NaN.
+        values: (n, c) in their unit; NaN where there is none; values beyond `LARGEST` count as NaN.
 
     Raises:
         InputError: no stretch is long enough: the log is short, or its rate is uneven; or no time step is positive.
@@ -100,7 +100,7 @@ def spectrum(time: Float[np.ndarray, " n"], values: Float[np.ndarray, "n c"]) ->
 
 @takes_arrays
 def steady_stretches(time: Float[np.ndarray, " n"], values: Float[np.ndarray, "n c"], step: float) -> Iterator[slice]:
-    """Yield pieces of at least `SHORTEST` samples, every value finite and every step within `EVEN` of the usual one."""
+    """Yield slices of 32 samples or more, all values finite, and all steps within 50 % of the usual `step` [s]."""
     good = np.isfinite(time) & np.isfinite(values).all(axis=1)
     joined = good[1:] & good[:-1] & (np.abs(np.diff(time) - step) <= EVEN * step)
     edges = np.diff(np.concatenate([[False], joined, [False]]).astype(np.int8))
@@ -110,7 +110,7 @@ def steady_stretches(time: Float[np.ndarray, " n"], values: Float[np.ndarray, "n
 
 
 def propose_cutoff(found: Spectrum, unit: str = "N") -> Cutoff:
-    """Propose the frequency above which the signal stays within the noise.
+    """Propose the frequency above which the signal stays within the noise, as a `Cutoff`.
 
     Each channel is divided by its floor, the median of its top band; the mean over the channels is smoothed by a
     median over a third of an octave. The cut-off is where that stays below twice the floor; above a fifth of the rate

@@ -87,7 +87,7 @@ class WrenchSensor(Protocol):
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Names of the channels that a recording must have."""
+        """Tuple of the names of the channels that a recording must have."""
         ...
 
     @property
@@ -110,7 +110,7 @@ class WrenchSensor(Protocol):
         ...
 
     def measure(self, recording: Recording) -> Measured:
-        """Return the samples of a block as wrenches.
+        """Return the samples of a block as `Measured`, wrenches (n, 6) with statuses.
 
         Raises:
             InputError: a channel is missing or has another shape.
@@ -120,13 +120,13 @@ class WrenchSensor(Protocol):
     def single(
         self, time: float, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None
     ) -> Measured:
-        """Return one live sample as a wrench; valid until the next call."""
+        """Return one live sample as `Measured`, a wrench (1, 6); valid until the next call."""
         ...
 
     def place(
         self, measured: Any, wrenches: Float[np.ndarray, "n 6"], share: Float[np.ndarray, " k"], placement: Placement
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"] | None]:
-        """Return wrenches in the surface's frame, and their covariances, None where the noise is not known.
+        """Return wrenches (n, 6) [N, N m] in the surface's frame and covariances (n, 6, 6), None if noise is unknown.
 
         Args:
             measured: from `measure` or `single`.
@@ -137,7 +137,7 @@ class WrenchSensor(Protocol):
         ...
 
     def tare(self, recording: Recording) -> Tare:
-        """Subtract this recording's reading from now on, in place of an earlier tare.
+        """Subtract this recording's reading from now on, in place of an earlier tare, and return a `Tare`.
 
         Raises:
             InputError: the sensor is not at rest.
@@ -149,11 +149,11 @@ class WrenchSensor(Protocol):
         ...
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on the samples so far, one sentence each."""
+        """Return a tuple of notes on the samples so far, one sentence each."""
         ...
 
     def warnings(self) -> tuple[str, ...]:
-        """Return warnings, one sentence each: a dead cell, a zero that looks like a contact."""
+        """Return a tuple of warnings, one sentence each: a dead cell, a zero that looks like a contact."""
         ...
 
 
@@ -162,13 +162,13 @@ class UnloadedSensor(Protocol):
     """A sensor that becomes a sensor of wrenches when nothing is mounted on it, such as a `ForceTorque`."""
 
     def unloaded(self) -> WrenchSensor:
-        """Return the sensor without a payload, to be tared."""
+        """Return the sensor without a payload, to be tared, as a `WrenchSensor`."""
         ...
 
 
 @takes_arrays
 def square_root(covariance: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "r n"]:
-    """Return r vectors (r, n) whose squares sum to a covariance of rank r (in units in which its diagonal is 1)."""
+    """Return S (r, n) with S^T S the covariance (n, n), of rank r in units in which its diagonal is 1."""
     scale = np.sqrt(np.diag(covariance))
     scale = np.where(scale > 0, scale, 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))

@@ -91,7 +91,7 @@ class FollowedSensor(Protocol):
         ...
 
     def free(self, kept: Float[np.ndarray, "n k"]) -> Free:
-        """Return the channels' readings less payload and inertia: the zero, if there is no contact."""
+        """Return the channels' readings less payload and inertia, the zero if there is no contact, as a `Free`."""
         ...
 
     def window_noise(
@@ -103,11 +103,11 @@ class FollowedSensor(Protocol):
     def as_wrench(
         self, change: Float[np.ndarray, "n m"], covariance: Float[np.ndarray, "m m"]
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "6 6"]]:
-        """Return changes of the channels as wrenches in the sensor's frame, and the covariance (6, 6) of the last."""
+        """Return channels' changes as wrenches (n, 6) in the sensor's frame, and the covariance (6, 6) of the last."""
         ...
 
     def start(self) -> tuple[float, ZeroState, Float[np.ndarray, "m q"]]:
-        """Return the sensor's own zero: its time [s] (NaN: not known), its estimate, and its regressors (m, q)."""
+        """Return the sensor's own zero: its time [s] (NaN: not known), its `ZeroState`, and its regressors (m, q)."""
         ...
 
     def follow(self, state: ZeroState | None) -> None:
@@ -180,7 +180,14 @@ class ZeroFilter:
         covariance: Float[np.ndarray, "m m"],
         regressor: Float[np.ndarray, "m q"] | None = None,
     ) -> None:
-        """Start from the zero of a tare, b + h c with the h of its pose, which determines neither c nor rates."""
+        """Set time, state and covariance to the zero of a tare, b + h c, which determines neither c nor rates.
+
+        Args:
+            time: [s] of the tare.
+            zero: (m,) in the channels' units.
+            covariance: (m, m) of the zero.
+            regressor: (m, q) h of the tare's pose; None: 0.
+        """
         m, k = self.channels, self.known
         self.time = time
         self.state, self.covariance = np.zeros_like(self.state), np.zeros_like(self.covariance)
@@ -195,16 +202,19 @@ class ZeroFilter:
             self.covariance[m:k, :m] = -both.T
 
     def predicted(self, time: float) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]:
-        """Return state and covariance predicted for a time [s]; unchanged where time runs back."""
+        """Return state and covariance predicted for a time [s]; unchanged where time runs back.
+
+        The state (n,) is zero, coefficients and, if the sensor warms up, rates; the covariance is (n, n).
+        """
         state, covariance, _ = self._predicted(time)
         return state, covariance
 
     def at(self, time: float) -> ZeroState:
-        """Return the zero and its coefficients, predicted for a time [s]."""
+        """Return the zero and its coefficients, predicted for a time [s], as a `ZeroState`."""
         return self.known_of(*self.predicted(time))
 
     def known_of(self, state: Float[np.ndarray, " n"], covariance: Float[np.ndarray, "n n"]) -> ZeroState:
-        """Return zero, coefficients and their covariance from a state of the filter, without the rates."""
+        """Return the `ZeroState`, without the rates, of a state (n,) and covariance (n, n) of the filter."""
         m, k = self.channels, self.known
         return ZeroState(state[:m].copy(), state[m:k].copy(), covariance[:k, :k].copy())
 
@@ -220,13 +230,13 @@ class ZeroFilter:
         return seen @ state, seen @ covariance @ seen.T
 
     def advance(self, time: float, number: int = 0) -> FilterStep:
-        """Predict to a window's time [s] without using the window; return the step."""
+        """Move the filter to a window's time [s] without using the window; return the `FilterStep`."""
         state, covariance, turn = self._predicted(time)
         self.state, self.covariance, self.time = state, covariance, time
         return FilterStep(number, state, covariance, turn, None)
 
     def update(self, window: ZeroWindow, number: int = 0) -> FilterStep:
-        """Predict to a window without contact and use it; return the step."""
+        """Move the filter to a window without contact and use it; return the `FilterStep`."""
         node = self.advance(window.time, number)
         seen = self._seen(window.regressor)
         noise = window.noise + window.stays
@@ -276,7 +286,7 @@ class ZeroFilter:
 def smoothed(
     nodes: Sequence[FilterStep], count: int | None = None
 ) -> Iterator[tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]]:
-    """Yield states and covariances of nodes given all later ones too, from the last of `count` to the first.
+    """Yield (state (n,), covariance (n, n)) of steps given all later ones too, from the last of `count` to the first.
 
     The modified Bryson-Frazier form of the fixed-interval smoother [Bierman 1977], which inverts no covariance of the
     state, so that one that is known exactly does no harm:

@@ -74,7 +74,7 @@ def takes_arrays(made: _Made) -> _Made:
     argument that is empty or not finite, if one is.
 
     Raises:
-        InputError: an argument has another shape, or is not of real numbers.
+        InputError: by the decorated call, where an argument has another shape, or is not of real numbers.
     """
     return cast("_Made", _class(made) if isinstance(made, type) else _function(made, unwrap(made).__module__))
 

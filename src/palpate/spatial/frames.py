@@ -32,17 +32,17 @@ class FrameTree:
             self.add(parent, child, edge)
 
     def add(self, parent: str, child: str, edge: Edge) -> None:
-        """Add an edge, or replace the pose of an existing one."""
+        """Add the edge T_parent_child to the tree; it replaces an earlier edge of the same two frames."""
         self._parents.setdefault(parent, {})
         self._parents.setdefault(child, {})[parent] = edge
 
     @property
     def frames(self) -> tuple[str, ...]:
-        """Names of all frames, in the order in which they were added."""
+        """Names of all frames, a tuple in the order in which they were added."""
         return tuple(self._parents)
 
     def up(self, frame: str) -> tuple[str, ...]:
-        """Return a frame, its parent, and so on up to the root.
+        """Return the names of a frame, its parent, and so on up to the root, as a tuple.
 
         Raises:
             InputError: there is no such frame; one on the way has two parents, or is its own ancestor.
@@ -50,7 +50,7 @@ class FrameTree:
         return tuple(self._climb(frame, None))
 
     def path(self, base: str, sensor: str) -> FramePath:
-        """Return the edges from one frame to another; edges above their nearest common ancestor do not matter.
+        """Return the edges from one frame to another as a `FramePath`, by way of their nearest common ancestor.
 
         Raises:
             InputError: no such frame, or nothing joins the two; a frame on the way with two parents, or a loop.
@@ -113,11 +113,11 @@ class FramePath:
 
     @property
     def tracks(self) -> tuple[PoseTrack, ...]:
-        """Edges that move."""
+        """Edges that move, a tuple of `PoseTrack`."""
         return tuple(edge for edge, _ in self.steps if isinstance(edge, PoseTrack))
 
     def at(self, time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 3"]]:
-        """Return quaternions x, y, z, w and positions [m] of the source in the target: T_0_1 @ T_1_2 @ ...
+        """Return quaternions x, y, z, w (n, 4), positions (n, 3) [m] of the source in the target: T_0_1 @ T_1_2 @ ...
 
         Each edge is interpolated between its own neighbours in time (see `PoseTrack.at`); then all are composed. NaN
         where one of them has no answer.
@@ -146,7 +146,7 @@ class FramePath:
 
     @property
     def stamps(self) -> Float[np.ndarray, " k"]:
-        """Stamps (k,) [s] of the edge with the most poses."""
+        """Stamps (k,) [s] of the edge with the most poses; empty where no edge moves."""
         return max((track.stamps for track in self.tracks), key=len, default=np.zeros(0))
 
     def answerable(self, time: Float[np.ndarray, " n"]) -> int:
@@ -154,17 +154,17 @@ class FramePath:
         return min((track.answerable(time) for track in self.tracks), default=len(time))
 
     def complete(self) -> None:
-        """Note that no more poses will come."""
+        """Mark every moving edge as complete: no more poses will come, and `answerable` counts all times."""
         for track in self.tracks:
             track.complete()
 
     def forget(self, before: float) -> None:
-        """Drop the poses that answers at `before` [s] and later do not need."""
+        """Drop the poses of each moving edge that answers at `before` [s] and later do not need."""
         for track in self.tracks:
             track.forget(before)
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on the poses left out, of each edge, one sentence each."""
+        """Return notes on the poses left out, of each moving edge, as a tuple of sentences; () where there are none."""
         names = zip(self.frames, self.frames[1:], strict=False)
         return tuple(
             f"between frames {first} and {second}: {note}"

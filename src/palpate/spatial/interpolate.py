@@ -14,7 +14,7 @@ __all__ = ["slerp"]
 def slerp(
     first: Float[np.ndarray, "*batch 4"], second: Float[np.ndarray, "*batch 4"], share: Float[np.ndarray, "*batch"]
 ) -> Float[np.ndarray, "*batch 4"]:
-    """Return unit quaternions on the shortest way from `first` (share 0) to `second` (share 1), at constant speed.
+    """Return unit quaternions (*batch, 4) from `first` (share 0) to `second` (1), the shortest way at constant speed.
 
     With a the angle between them in four dimensions (half of the rotation's), at most a quarter turn because q and -q
     are one rotation: q = (sin((1 - u) a) q0 + sin(u a) q1) / sin a [Shoemake 1985]. The angle comes from the chords,

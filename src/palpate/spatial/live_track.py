@@ -57,7 +57,11 @@ class LiveTrack(PoseTrack):
         quaternion: Float[np.ndarray, "n 4"],
         position: Float[np.ndarray, "n 3"] | None = None,
     ) -> None:
-        """Add poses like `PoseTrack.add`; stamps that go back by more than a second begin the track anew."""
+        """Add poses to the track: stamps (n,) [s], quaternions x, y, z, w (n, 4), positions (n, 3) [m] or None.
+
+        Poses no later than one before are left out and counted; stamps that go back by more than a second begin the
+        track anew.
+        """
         self._since += len(time)
         if len(time) and time[-1] + self.offset < self._newest - _JUMP:
             fresh = time + self.offset < self._newest - _JUMP
@@ -75,7 +79,11 @@ class LiveTrack(PoseTrack):
 
     @takes_arrays
     def at(self, time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 3"]]:
-        """Return quaternions x, y, z, w and positions [m], kept or extrapolated after the newest pose; else NaN."""
+        """Return quaternions x, y, z, w (n, 4) and positions (n, 3) [m] at times (n,) [s].
+
+        Between poses they are interpolated, after the newest one kept or extrapolated; NaN before the first pose, in
+        gaps longer than `max_gap`, and later than `max_gap` after the newest.
+        """
         time = shaped(time, (None,), "time")
         if (time > self._newest).all():  # as a rule
             answers = np.full((len(time), 7), np.nan)
@@ -99,7 +107,7 @@ class LiveTrack(PoseTrack):
 
     @takes_arrays
     def lag(self, time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Return the age of the newest pose [s], 0 where it is not older, and the angle error s [rad] of the class.
+        """Return the age of the newest pose (n,) [s], 0 where it is not older, and the rms angle error s (n,) [rad].
 
         With fewer than three poses s is NaN: nothing is known of the motion.
         """

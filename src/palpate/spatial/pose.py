@@ -28,7 +28,7 @@ def skew(vector: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3
 
 
 def rotation_from_quaternion(quaternion: Float[np.ndarray, "*batch 4"]) -> Float[np.ndarray, "*batch 3 3"]:
-    """Return rotation matrices from quaternions x, y, z, w of any length but zero (NaN in, NaN out)."""
+    """Return rotation matrices (*batch, 3, 3) of quaternions x, y, z, w of any length but zero (NaN in, NaN out)."""
     quaternion = shaped(quaternion, (..., 4), "quaternion")
     q = quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
     vector, w = q[..., :3], q[..., 3, None, None]
@@ -38,7 +38,7 @@ def rotation_from_quaternion(quaternion: Float[np.ndarray, "*batch 4"]) -> Float
 
 @takes_arrays
 def quaternion_from_rotation(rotation: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, "*batch 4"]:
-    """Return unit quaternions x, y, z, w with w >= 0 of rotation matrices (*batch, 3, 3).
+    """Return unit quaternions x, y, z, w with w >= 0, (*batch, 4), of rotation matrices (*batch, 3, 3).
 
     Raises:
         InputError: some rotation is not orthonormal with determinant +1, such as a reflection, or is infinite.
@@ -93,12 +93,16 @@ class Pose(Value):
 
     @classmethod
     def identity(cls) -> Pose:
-        """Return the pose without rotation and translation."""
+        """Return the `Pose` without rotation and translation."""
         return cls(np.eye(3), np.zeros(3))
 
     @classmethod
     def from_quaternion(cls, quaternion_xyzw: ArrayLike, translation: ArrayLike) -> Pose:
-        """Make a pose of a quaternion x, y, z, w of any length but zero, and a translation [m]."""
+        """Make a `Pose` of quaternions x, y, z, w (*batch, 4) of any length, and translations (*batch, 3) [m].
+
+        Raises:
+            InputError: a quaternion is zero or not finite.
+        """
         shapes = np.shape(quaternion_xyzw)[-1:], np.shape(translation)[-1:]
         if shapes == ((3,), (4,)):
             line = "palpate.Pose.from_quaternion([0, 0, 0, 1], [0, 0, 0.085])"
@@ -107,7 +111,7 @@ class Pose(Value):
 
     @classmethod
     def from_matrix(cls, matrix: Float[np.ndarray, "*batch 4 4"]) -> Pose:
-        """Make a pose of homogeneous matrices, whose last row is 0, 0, 0, 1.
+        """Make a `Pose` of homogeneous matrices (*batch, 4, 4), whose last row is 0, 0, 0, 1.
 
         Raises:
             InputError: another last row, or no rotation.
@@ -119,12 +123,16 @@ class Pose(Value):
 
     @classmethod
     def from_translation(cls, translation: ArrayLike) -> Pose:
-        """Make a pose of a translation (*batch, 3) [m] alone."""
+        """Make a `Pose` of a translation (*batch, 3) [m] alone."""
         return cls(np.eye(3), translation)
 
     @classmethod
     def from_rotation_vector(cls, rotation_vector: ArrayLike, translation: ArrayLike) -> Pose:
-        """Make a pose of a rotation vector, axis times angle [rad], and a translation [m]."""
+        """Make a `Pose` of rotation vectors, axis times angle (*batch, 3) [rad], and translations (*batch, 3) [m].
+
+        Raises:
+            InputError: a rotation vector is not finite.
+        """
         from scipy.spatial.transform import Rotation
 
         vector = shaped(rotation_vector, (..., 3), "rotation_vector")
@@ -132,17 +140,21 @@ class Pose(Value):
         return cls(turns.reshape(*vector.shape, 3), translation)
 
     def quaternion(self) -> Float[np.ndarray, "*batch 4"]:
-        """Return the unit quaternion x, y, z, w with w >= 0."""
-        return quaternion_from_rotation(self.rotation)
+        """Return the unit quaternion x, y, z, w with w >= 0, (*batch, 4)."""
+        quaternions = quaternion_from_rotation(self.rotation)
+        batch = np.broadcast_shapes(quaternions.shape[:-1], self.translation.shape[:-1])
+        return np.broadcast_to(quaternions, (*batch, 4)).copy()
 
     def rotation_vector(self) -> Float[np.ndarray, "*batch 3"]:
-        """Return the rotation vector, axis times angle [rad]."""
+        """Return the rotation vector, axis times angle, (*batch, 3) [rad]."""
         from scipy.spatial.transform import Rotation
 
-        return Rotation.from_quat(self.quaternion().reshape(-1, 4)).as_rotvec().reshape(self.translation.shape)
+        quaternions = self.quaternion()
+        vectors = Rotation.from_quat(quaternions.reshape(-1, 4)).as_rotvec()
+        return vectors.reshape((*quaternions.shape[:-1], 3))
 
     def inverse(self) -> Pose:
-        """Return the inverse pose, T_source_target."""
+        """Return the inverse, T_source_target, as a `Pose`."""
         transposed = np.swapaxes(self.rotation, -1, -2)
         return Pose(transposed, -np.einsum("...ij,...j->...i", transposed, self.translation))
 
@@ -150,15 +162,15 @@ class Pose(Value):
         return Pose(self.rotation @ other.rotation, self.apply(other.translation))
 
     def apply(self, points: Float[np.ndarray, "*#batch 3"]) -> Float[np.ndarray, "*#batch 3"]:
-        """Transform points [m] from the source frame to the target frame."""
+        """Return points (*batch, 3) [m] of the source frame in the target frame: rotated, then translated."""
         return self.rotate(points) + self.translation
 
     def rotate(self, vectors: Float[np.ndarray, "*#batch 3"]) -> Float[np.ndarray, "*#batch 3"]:
-        """Rotate directions from the source frame to the target frame."""
+        """Return directions (*batch, 3) of the source frame in the target frame: rotated only."""
         return np.einsum("...ij,...j->...i", self.rotation, vectors)
 
     def wrench_matrix(self) -> Float[np.ndarray, "*batch 6 6"]:
-        """Return the 6 x 6 matrix that takes wrenches (force first) from the source frame to the target frame."""
+        """Return the matrix (*batch, 6, 6) that takes wrenches (force first) from the source to the target frame."""
         matrix = np.zeros((*self.rotation.shape[:-2], 6, 6))
         matrix[..., :3, :3] = self.rotation
         matrix[..., 3:, 3:] = self.rotation

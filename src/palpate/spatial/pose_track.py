@@ -43,7 +43,7 @@ class PoseTrack:
         quaternion: Float[np.ndarray, "n 4"],
         position: Float[np.ndarray, "n 3"] | None = None,
     ) -> None:
-        """Add poses that are later than those before.
+        """Add poses to the track; those no later than one before, or unusable, are only counted (`late`, `unreadable`).
 
         Args:
             time: (n,) [s] stamps on the poses' own clock.
@@ -62,7 +62,7 @@ class PoseTrack:
         self._fresh.append(rows[newer])
 
     def complete(self) -> None:
-        """Note that no more poses will come."""
+        """Note that no more poses will come: `answerable` then counts all times."""
         self._complete = True
 
     def answerable(self, time: Float[np.ndarray, " n"]) -> int:
@@ -71,7 +71,7 @@ class PoseTrack:
         return len(time) if self._complete or not len(open_ended) else int(open_ended[0])
 
     def at(self, time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 3"]]:
-        """Return quaternions x, y, z, w and positions [m] at times on the wrenches' clock, which need not rise.
+        """Return quaternions x, y, z, w (n, 4) and positions (n, 3) [m] at times (n,) [s] on the wrenches' clock.
 
         At a pose's own stamp it is that pose to the last bit, as recorded. Between two poses with stamps at most
         `max_gap` after each other, the rotation turns at constant speed and the position runs straight. Otherwise NaN.
@@ -108,7 +108,7 @@ class PoseTrack:
             self._rows = rows[first:].copy()
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on the poses left out, one sentence each."""
+        """Return notes on the number of poses left out and why, as a tuple of sentences; () where there are none."""
         said = (
             (self.late, "are no newer than one before them and were left out"),
             (self.unreadable, "have no stamp or no quaternion of length 1 and were left out"),
@@ -123,7 +123,7 @@ class PoseTrack:
 
 
 def sound_quaternions(quaternion: Float[np.ndarray, "n 4"]) -> Bool[np.ndarray, " n"]:
-    """Return which quaternions (n,) can be rotations: length between 0.5 and 2, not NaN or infinite."""
+    """Return a bool for each quaternion, (n,), True where it can be a rotation: finite, length between 0.5 and 2."""
     quaternion = shaped(quaternion, (None, 4), "quaternion")
     with np.errstate(over="ignore", invalid="ignore"):
         length = np.sqrt(np.sum(quaternion * quaternion, axis=1))

@@ -22,14 +22,18 @@ _LONGEST = 40  # characters of a string
 
 @takes_arrays
 def vector(values: ArrayLike, digits: int = 3) -> str:
-    """Format numbers (n,) in brackets, with `digits` digits behind the point."""
+    """Format numbers (n,) as text in brackets, with `digits` digits behind the point.
+
+    Raises:
+        InputError: `digits` is negative.
+    """
     if digits < 0:
         raise InputError(f"digits must be 0 or more, not {digits}.")
     return "(" + ", ".join(f"{value:z.{digits}f}" for value in shaped(values, (None,), "values")) + ")"
 
 
 def rounded(value: float, deviation: float, most: int = _DECIMALS) -> str:
-    """Format a value to two digits of its standard deviation, at most `most` decimals; two where none is known."""
+    """Format a value as text to two digits of its standard deviation, at most `most` decimals; two if unknown."""
     digits = 2
     if 0.0 < deviation < np.inf:
         digits = min(max(0, 1 - int(f"{deviation:.1e}".partition("e")[2])), most)
@@ -37,18 +41,18 @@ def rounded(value: float, deviation: float, most: int = _DECIMALS) -> str:
 
 
 def uncertain(value: float, deviation: float, most: int = _DECIMALS) -> str:
-    """Format a value with its standard deviation, both as `rounded` does; the value alone where none is known."""
+    """Format "value ± standard deviation", both rounded as by `rounded`; the value alone where none is known."""
     known = 0.0 < deviation < np.inf
     return rounded(value, deviation, most) + (f" ± {rounded(deviation, deviation, most)}" if known else "")
 
 
 def three_digits(value: float) -> str:
-    """Format a value to three digits; a large one to the unit, and never more than six places behind the point."""
+    """Format a value as text to three digits; a large one to the unit, and at most six places behind the point."""
     return rounded(value, abs(value) / 10)
 
 
 def one_line(value: object) -> str:
-    """Format a frozen value by its name and fields: small arrays in full, larger ones by shape, no empty fields.
+    """Format a frozen value as one line, its class and fields: small arrays in full, larger ones by shape, none empty.
 
     Raises:
         TypeError: the value is no instance of a dataclass.

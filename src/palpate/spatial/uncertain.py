@@ -48,7 +48,7 @@ def noise_covariance(noise: ArrayLike) -> Float[np.ndarray, "6 6"]:
 def pose_noise_on_wrench(
     wrench: Float[np.ndarray, "*batch 6"], covariance: Float[np.ndarray, "6 6"]
 ) -> Float[np.ndarray, "*batch 6 6"]:
-    """Return the covariance of a wrench in the target frame that an uncertain pose causes.
+    """Return the covariance (*batch, 6, 6) [N, N m] of a wrench in the target frame that an uncertain pose causes.
 
     Args:
         wrench: (*batch, 6) already in the target frame, force first.
@@ -67,7 +67,7 @@ def pose_noise_on_wrench(
 
 @takes_arrays
 def inverse_pose_covariance(pose: Pose, covariance: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "6 6"]:
-    """Return the covariance (6, 6) of the inverse of a pose, each perturbed on its left.
+    """Return the covariance (6, 6) [rad, m] of the inverse of a pose, each perturbed on its left.
 
     (exp(xi) T)^-1 = exp(-Ad(T^-1) xi) T^-1, with Ad = [[R, 0], [[t]x R, R]] for (rotation, translation).
     """

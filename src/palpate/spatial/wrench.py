@@ -53,7 +53,7 @@ class Wrench(Value):
 
     @classmethod
     def from_vector(cls, vector: ArrayLike, covariance: ArrayLike | None = None) -> Wrench:
-        """Make a wrench of six-vectors (*batch, 6), force first [N, N m]."""
+        """Make a `Wrench` of six-vectors (*batch, 6), force first [N, N m]."""
         vector = shaped(vector, (..., 6), "vector")
         return cls(vector[..., :3], vector[..., 3:], covariance)
 
@@ -62,7 +62,7 @@ class Wrench(Value):
         return np.concatenate([self.force, self.torque], axis=-1)
 
     def transformed(self, pose: Pose) -> Wrench:
-        """Return the same wrench in another frame.
+        """Return the same wrench, and its covariance where known, in another frame as a `Wrench`.
 
         Args:
             pose: T_target_source, the pose of this wrench's frame in the target frame.

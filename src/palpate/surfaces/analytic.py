@@ -50,23 +50,30 @@ class Analytic(Value, ABC):
     def evaluate(
         self, points: Float[np.ndarray, "*batch 3"]
     ) -> tuple[Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3 3"]]:
-        """Return value, gradient and Hessian at points [m] along its own axes, like `_equation.evaluate`, in NumPy."""
+        """Return f (*batch,), gradient (*batch, 3), Hessian (*batch, 3, 3) at points (*batch, 3) [m] on its own axes.
+
+        As `_equation.evaluate`, in NumPy; units are that of f, per m and per m^2.
+        """
 
     @abstractmethod
     def equation(self) -> Any:
-        """Return the equation for compiled loops: coefficients in unit size, or a compiled function of points [m]."""
+        """Return the equation for compiled loops: coefficients (10,) in unit size, or a compiled function of points."""
 
     @abstractmethod
     def chart(self, count: int) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"]]:
-        """Return points [m] of it along its own axes, `count` steps each way, and outward triangles between them."""
+        """Return points (n, 3) [m] along its own axes, `count` steps each way, and outward triangles (f, 3).
+
+        Raises:
+            GeometryError: an implicit surface is not seen from the middle of its box in every direction.
+        """
 
     def samples(self) -> Float[np.ndarray, "n 3"]:
-        """Return points all over it, within its ends, along its own axes [m]: first guesses at the nearest point."""
+        """Return points all over it, (n, 3) [m], within its ends, along its own axes: first guesses at the nearest."""
         return self.chart(SAMPLES)[0]
 
     @property
     def centre(self) -> Float[np.ndarray, "3"]:
-        """Middle of the box [m]."""
+        """Middle of the box in the frame in which the surface is used, (3,) [m]."""
         return self.pose.apply(self.box.mean(axis=0))
 
     @property
@@ -75,7 +82,7 @@ class Analytic(Value, ABC):
         return float(np.linalg.norm(self.box[1] - self.box[0]))
 
     def value(self, points: ArrayLike) -> Float[np.ndarray, "*batch"]:
-        """Return the equation's left side at points (*batch, 3) [m]: negative inside, 0 on the surface."""
+        """Return the equation's left side f (*batch,) at points (*batch, 3) [m]: negative inside, 0 on the surface."""
         return self.evaluate(self._own(points))[0]
 
     def gradient(self, points: ArrayLike) -> Float[np.ndarray, "*batch 3"]:
@@ -86,20 +93,20 @@ class Analytic(Value, ABC):
         return self.pose.rotate(self.evaluate(self._own(points))[1])
 
     def hessian(self, points: ArrayLike) -> Float[np.ndarray, "*batch 3 3"]:
-        """Return the Hessian of the equation at points (*batch, 3) [m], (*batch, 3, 3)."""
+        """Return the Hessian of f at points (*batch, 3) [m], (*batch, 3, 3), unit of f per square metre."""
         rotation = self.pose.rotation
         return rotation @ self.evaluate(self._own(points))[2] @ rotation.T
 
     def transformed(self, pose: Pose) -> Analytic:
-        """Return the same surface in another frame; pose is T_target_frame."""
+        """Return the same surface, of the same class, in another frame; pose is T_target_frame."""
         return replace(self, pose=pose @ self.pose)
 
     def project(
         self, points: ArrayLike
     ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], Int[np.ndarray, " n"]]:
-        """Return closest points [m] to points (n, 3) within its ends, outward unit normals there, and facet numbers -1.
+        """Return closest points (n, 3) [m] to points (n, 3), outward unit normals (n, 3) there, facets (n,), all -1.
 
-        NaN of a point that is NaN or infinite.
+        Closest points are within its ends. Both are NaN for a point that is NaN or infinite.
         """
         from palpate.surfaces import _equation
 
@@ -112,20 +119,32 @@ class Analytic(Value, ABC):
         return closest, self.pose.rotate(out[:, 3:]), np.full(len(points), -1)
 
     def mesh(self, facets: int = 5000) -> Mesh:
-        """Return about `facets` triangles with their corners on the surface, to draw it, and where a mesh is needed."""
+        """Return a `Mesh` of about `facets` triangles with their corners on the surface, to draw it.
+
+        Raises:
+            GeometryError: an implicit surface is not seen from the middle of its box in every direction.
+        """
         points, faces = self.chart(max(3, round((facets / 2) ** 0.5)))
         return Mesh.from_arrays(self.pose.apply(points), faces)
 
     def drawn(self) -> Mesh:
-        """Return the mesh that a viewer shows."""
+        """Return the `Mesh` of about 5000 triangles that a viewer shows.
+
+        Raises:
+            GeometryError: an implicit surface is not seen from the middle of its box in every direction.
+        """
         return self.mesh()
 
     def plot(self) -> Any:
-        """Return a drawing that a notebook shows, and that a pointer turns."""
+        """Return a `Drawing` that a notebook shows, and that a pointer turns.
+
+        Raises:
+            GeometryError: an implicit surface is not seen from the middle of its box in every direction.
+        """
         return by_name("palpate.viewer.drawing.Drawing").of(self)
 
     def prepared(self) -> CompiledSurface:
-        """Return the surface for the compiled loops; made, and the loops compiled, on the first call."""
+        """Return the `CompiledSurface` for the compiled loops; made, and the loops compiled, on the first call."""
         return self._prepared
 
     @functools.cached_property

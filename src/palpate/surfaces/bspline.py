@@ -55,7 +55,7 @@ class BSplineSurface(Value):
 
     @property
     def domain(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """First and last parameter of u, and of v."""
+        """First and last parameter of u, and of v: two pairs."""
         (p, q), (n, m) = self.degree, self.control.shape[:2]
         return (float(self.knots_u[p]), float(self.knots_u[n])), (float(self.knots_v[q]), float(self.knots_v[m]))
 
@@ -66,7 +66,10 @@ class BSplineSurface(Value):
         return n * (m - self.degree[1] * self.periodic)
 
     def derivatives(self, uv: ArrayLike) -> Float[np.ndarray, "*batch 6 3"]:
-        """Return position, r_u, r_v, r_uu, r_uv and r_vv at parameters (*batch, 2); straight beyond an open end."""
+        """Return position, r_u, r_v, r_uu, r_uv and r_vv at parameters (*batch, 2), (*batch, 6, 3) [m].
+
+        Beyond an open end the surface goes on straight.
+        """
         from palpate.surfaces import _bspline  # compiled: loaded when first needed
 
         uv = shaped(uv, (..., 2), "uv")
@@ -77,8 +80,9 @@ class BSplineSurface(Value):
     def geodesics(
         self, begin: ArrayLike, step: float, steps: int
     ) -> tuple[Float[np.ndarray, "s m 6"], Float[np.ndarray, "s m 6"]]:
-        """Return states (u, v, u', v', J, J') along geodesics from `begin` (m, 6) in equal steps [m], and derivatives.
+        """Return states (u, v, u', v', J, J') along geodesics from `begin` (m, 6), and their derivatives by length.
 
+        Both are (steps + 1, m, 6), in equal steps [m].
         J is the distance between neighbours that start side by side: J'' = -K J, K the Gaussian curvature.
         """
         from palpate.surfaces import _bspline  # compiled: loaded when first needed
@@ -95,7 +99,7 @@ class BSplineSurface(Value):
         return self.knots_u, self.knots_v, *self.degree, self.periodic, self.control
 
     def at(self, uv: ArrayLike) -> tuple[Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3"]]:
-        """Return points [m] and outward unit normals at parameters (*batch, 2), n = r_u x r_v / |r_u x r_v|.
+        """Return points [m] and outward unit normals, (*batch, 3) each, at (*batch, 2): n = r_u x r_v / |r_u x r_v|.
 
         [skin] (5) prints r_u x r_u, which is zero.
         """
@@ -114,7 +118,7 @@ class BSplineSurface(Value):
         return uv
 
     def mesh(self, rows: int, columns: int) -> Mesh:
-        """Return 2 rows x columns triangles with their corners on the surface, for trees, viewers and file formats."""
+        """Return a `Mesh` of 2 rows x columns triangles with corners on the surface, for trees, viewers and files."""
         (low_u, high_u), (low_v, high_v) = self.domain
         u, v = np.linspace(low_u, high_u, rows + 1), np.linspace(low_v, high_v, columns + 1)
         points, _ = self.at(np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1))
@@ -147,14 +151,22 @@ def _breaks(breaks: ArrayLike, degree: int) -> Float[np.ndarray, " k"]:
 
 @takes_arrays
 def open_knots(breaks: ArrayLike, degree: int = 3) -> Float[np.ndarray, " k"]:
-    """Return knots that begin and end at the first and the last of `breaks`, each `degree` + 1 times."""
+    """Return knots (k + 2 degree,) of `breaks` (k,), which repeat the first and the last `degree` + 1 times.
+
+    Raises:
+        InputError: breaks do not increase, or the degree is not one of 1 to 5.
+    """
     breaks = _breaks(breaks, degree)
     return np.concatenate([np.full(degree, breaks[0]), breaks, np.full(degree, breaks[-1])])
 
 
 @takes_arrays
 def periodic_knots(breaks: ArrayLike, degree: int = 3) -> Float[np.ndarray, " k"]:
-    """Return knots of a closed curve; the last of `breaks` is the first again, a period later."""
+    """Return knots (k + 2 degree,) of a closed curve; the last of `breaks` (k,) is the first again, a period later.
+
+    Raises:
+        InputError: breaks do not increase, or the degree is not one of 1 to 5.
+    """
     breaks = _breaks(breaks, degree)
     period = breaks[-1] - breaks[0]
     around = np.concatenate([breaks[:-1] - period, breaks[:-1], breaks[:-1] + period])
@@ -166,7 +178,11 @@ def periodic_knots(breaks: ArrayLike, degree: int = 3) -> Float[np.ndarray, " k"
 
 @takes_arrays
 def greville(knots: Float[np.ndarray, " k"], degree: int) -> Float[np.ndarray, " n"]:
-    """Return the parameters x_i that belong to control points, means of `degree` knots: x = sum N_i(x) x_i."""
+    """Return the parameters x_i (n,) of the n control points, means of `degree` knots: x = sum N_i(x) x_i.
+
+    Raises:
+        InputError: the degree is not one of 1 to 5, or there are too few knots for it.
+    """
     if not 1 <= degree <= min(_MOST, len(knots) - 2):
         raise InputError(f"degree must be one of 1 to {_MOST} and suit {len(knots)} knots, not {degree}.")
     inner = np.lib.stride_tricks.sliding_window_view(knots[1:-1], degree)
@@ -177,7 +193,11 @@ def greville(knots: Float[np.ndarray, " k"], degree: int) -> Float[np.ndarray, "
 def basis_matrices(
     knots: Float[np.ndarray, " k"], degree: int, places: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, "n a"], Float[np.ndarray, "n a"]]:
-    """Return values and slopes of all basis functions at some parameters, (n, a) each."""
+    """Return values and slopes of all a basis functions at n parameters, (n, a) each; a = len(knots) - degree - 1.
+
+    Raises:
+        InputError: knots fall, or are too few for the degree.
+    """
     from scipy.interpolate import BSpline  # here: scipy is slow to import
 
     if not 0 <= degree < len(knots) - 1 or not (np.diff(knots) >= 0.0).all() or not knots[degree] < knots[-degree - 1]:

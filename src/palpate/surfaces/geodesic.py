@@ -28,7 +28,8 @@ def walk(surface: Surface, starts: Vectors, ways: Vectors, *, steps: int = STEPS
         steps: of a walk.
 
     Returns:
-        Points [m], outward normals, and the unit directions in which walks arrive (NaN of a walk of no length).
+        Points [m], outward unit normals, and the unit directions in which walks arrive (NaN for a walk of no length),
+        (n, 3) each.
     """
     length = np.linalg.norm(ways, axis=1, keepdims=True)
     with np.errstate(invalid="ignore", divide="ignore"):

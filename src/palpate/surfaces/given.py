@@ -34,7 +34,7 @@ def as_surface(given: SurfaceLike, unit: str | None = None) -> Surface:
         unit: of the numbers in the file, or of trimesh's where it states none: m, cm, mm, um or in.
 
     Raises:
-        InputError: no unit, a unit for a surface that is in metres already, or no surface.
+        InputError: no unit, a unit for a surface that is in metres already, no surface, or no readable file.
         GeometryError: nothing usable in it.
     """
     if unit is None and hasattr(given, "prepared"):  # first, and by its name alone: `locate` asks at each call

@@ -38,7 +38,7 @@ class ImplicitSurface(Analytic):
 
     Raises:
         GeometryError: nothing of the surface is in the box, or the derivatives are not those of the value.
-        InputError: numba cannot compile a function.
+        InputError: numba is not installed, or cannot compile a function.
     """
 
     value_at: Callable[[Any], Any]
@@ -65,7 +65,10 @@ class ImplicitSurface(Analytic):
     def evaluate(
         self, points: Float[np.ndarray, "*batch 3"]
     ) -> tuple[Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3 3"]]:
-        """Compute value, gradient and Hessian by the functions themselves, point by point."""
+        """Compute value (*batch,), gradient (*batch, 3) and Hessian (*batch, 3, 3) at points (*batch, 3) [m].
+
+        Points are along its own axes; the functions themselves are called, one point at a time.
+        """
         batch = points.shape[:-1]
         flat = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3)
         value = np.array([self.value_at(p) for p in flat], dtype=np.float64).reshape(batch)
@@ -80,11 +83,15 @@ class ImplicitSurface(Analytic):
         return _unpacked, (cloudpickle.dumps(super().__reduce__()),)
 
     def equation(self) -> Any:
-        """Return the three functions compiled into one."""
+        """Return the three functions compiled into one by numba: it writes the results at a point (3,) into (10,).
+
+        Raises:
+            InputError: numba is not installed, or cannot compile a function.
+        """
         return _compiled(self.value_at, self.gradient_at, self.hessian_at)
 
     def chart(self, count: int) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"]]:
-        """Return points by longitude and latitude about the middle of the box, and triangles between them.
+        """Return points (n, 3) [m] by longitude and latitude about the middle of the box, and triangles (f, 3).
 
         Raises:
             GeometryError: a point of the surface cannot be seen from the middle of the box, or the middle is not
@@ -176,15 +183,16 @@ def _compiled(value: Callable[..., Any], gradient: Callable[..., Any], hessian: 
 
 
 def superquadric(axes: tuple[float, float, float], exponents: tuple[float, float], **options: Any) -> ImplicitSurface:
-    """Return (|x/a|^(2/e2) + |y/b|^(2/e2))^(e2/e1) + |z/c|^(2/e1) = 1 [Barr 1981], for exponents in (0, 1].
+    """Return the `ImplicitSurface` (|x/a|^(2/e2) + |y/b|^(2/e2))^(e2/e1) + |z/c|^(2/e1) = 1 [Barr 1981].
 
     Args:
         axes: half-lengths a, b, c [m].
-        exponents: e1 (along z) and e2 (around z); below 1 they square it off.
+        exponents: e1 (along z) and e2 (around z) in (0, 1]; below 1 they square it off.
         options: `pose` and `notes`.
 
     Raises:
         GeometryError: exponents at which it has edges, or axes that are not positive.
+        InputError: numba is not installed.
     """
     from palpate.surfaces import _function
 

@@ -92,7 +92,7 @@ class Mesh(Value):
         region: ArrayLike | None = None,
         covered: bool = False,
     ) -> Mesh:
-        """Make a mesh from vertices [m] and faces.
+        """Make a `Mesh` from vertices [m] and faces, repaired where that is safe.
 
         Args:
             vertices: (v, 3) [m].
@@ -126,7 +126,7 @@ class Mesh(Value):
 
     @classmethod
     def from_trimesh(cls, mesh: Any, unit: str | None = None, **options: Any) -> Mesh:
-        """Make a mesh from a `trimesh.Trimesh`, or from all bodies of a `trimesh.Scene`.
+        """Make a `Mesh` from a `trimesh.Trimesh`, or from all bodies of a `trimesh.Scene`.
 
         Args:
             mesh: of trimesh.
@@ -145,7 +145,7 @@ class Mesh(Value):
 
     @classmethod
     def load(cls, path: str | PathLike[str], unit: str | None = None, **options: Any) -> Mesh:
-        """Read a mesh file: STL, OBJ, PLY, DAE or any other format that trimesh reads.
+        """Read a mesh file as a `Mesh`: STL, OBJ, PLY, DAE or any other format that trimesh reads.
 
         Args:
             path: the file.
@@ -200,7 +200,7 @@ class Mesh(Value):
 
     @property
     def centre(self) -> Float[np.ndarray, "3"]:
-        """Middle of the bounding box [m]."""
+        """Middle of the bounding box, (3,) [m]."""
         return self.bounds.mean(axis=0)
 
     @functools.cached_property
@@ -221,7 +221,7 @@ class Mesh(Value):
 
     @functools.cached_property
     def covered(self) -> Bool[np.ndarray, " f"]:
-        """Facets that give no contacts, (f,): without `touchable`, those that cannot be reached from outside.
+        """True for each facet that gives no contacts, (f,): without `touchable`, those not reached from outside.
 
         They are found on first use, by rays and a ball of a fifth of the body's size (`_exposure`).
         """
@@ -251,28 +251,28 @@ class Mesh(Value):
         return build_tree(rows, count)
 
     def tree(self) -> Tree:
-        """Return the search tree; built (and its loops compiled) on the first call."""
+        """Return the search tree of the patches as a `Tree`; built (and its loops compiled) on the first call."""
         return self._tree
 
     def prepared(self) -> CompiledSurface:
-        """Return the tree for the compiled loops."""
+        """Return the tree as a `CompiledSurface` for the compiled loops; built on the first call."""
         tree = self._tree
         return CompiledSurface((tree.nodes, tree.corners), tree.centre, tree.scale, bool(tree.nodes[-1, 10, 0] >= 0))
 
     def drawn(self) -> Mesh:
-        """Return the mesh that a viewer shows: itself."""
+        """Return the `Mesh` that a viewer shows: itself."""
         return self
 
     def plot(self) -> Any:
-        """Return a drawing that a notebook shows, and that a pointer turns."""
+        """Return a `Drawing` that a notebook shows, and that a pointer turns."""
         return by_name("palpate.viewer.drawing.Drawing").of(self)
 
     def project(
         self, points: ArrayLike
     ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], Int[np.ndarray, " n"]]:
-        """Return closest points [m] to points (n, 3), outward unit normals (interpolated where smooth) and facets.
+        """Return closest points (n, 3) [m] to points (n, 3), outward unit normals there (n, 3) and facet numbers (n,).
 
-        NaN, NaN and -1 of a point that is NaN or infinite.
+        Normals are interpolated where smooth. NaN, NaN and -1 for a point that is NaN or infinite.
         """
         from palpate.surfaces import _bvh, _nearest
 
@@ -287,7 +287,7 @@ class Mesh(Value):
         return both[:, :3] * tree.scale + tree.centre, normals, facets.astype(np.int64)
 
     def transformed(self, pose: Pose) -> Mesh:
-        """Return the same mesh in another frame; pose is T_target_mesh."""
+        """Return the same mesh in another frame as a `Mesh`; pose is T_target_mesh."""
         vertices, normals = pose.apply(self.vertices), pose.rotate(self.corner_normals)
         return replace(self, vertices=vertices, corner_normals=normals, touchable=~self.covered)
 
@@ -325,7 +325,7 @@ def _require_unit(unit: str | None, source: str) -> float:
 
 
 def plausible_size(size: float) -> bool:
-    """Return whether a size [m] is that of a touched body: from a fingertip to a robot."""
+    """Return whether a size [m] is that of a touched body: from 2 mm (a fingertip) to 5 m (a robot)."""
     return 2e-3 <= size <= 5.0
 
 

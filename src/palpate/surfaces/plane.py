@@ -17,7 +17,7 @@ __all__ = ["plane"]
 @called_as("palpate.plane([0, 0, 0], [0, 0, 1])")
 @takes_arrays
 def plane(point: ArrayLike, normal: ArrayLike, half_width: float = 1.0) -> Mesh:
-    """Make a square of two facets through `point` [m], pressed on its `normal` side.
+    """Make a square `Mesh` of two facets through `point` [m], pressed on its `normal` side.
 
     Args:
         point: (3,) its middle [m].
@@ -25,7 +25,7 @@ def plane(point: ArrayLike, normal: ArrayLike, half_width: float = 1.0) -> Mesh:
         half_width: [m]; beyond it a wrench is OFF_SURFACE.
 
     Raises:
-        GeometryError: the normal is zero.
+        GeometryError: the normal or the half-width is zero.
     """
     middle, out = shaped(point, (3,), "point"), shaped(normal, (3,), "normal")
     length = np.linalg.norm(out)

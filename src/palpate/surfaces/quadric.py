@@ -24,12 +24,15 @@ class Quadric(Analytic):
 
     @abstractmethod
     def form(self) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"], float]:
-        """Return A (3, 3), b (3,) and c."""
+        """Return A (3, 3), b (3,) and c of p'A p + 2 b'p + c = 0, p [m] along its own axes."""
 
     def evaluate(
         self, points: Float[np.ndarray, "*batch 3"]
     ) -> tuple[Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3 3"]]:
-        """Compute value p'A p + 2 b'p + c, gradient 2 (A p + b) and Hessian 2 A at points [m]."""
+        """Compute p'A p + 2 b'p + c (*batch,), gradient 2 (A p + b) (*batch, 3) and Hessian 2 A (*batch, 3, 3).
+
+        Points (*batch, 3) [m] are along its own axes.
+        """
         square, linear, constant = self.form()
         half = points @ square
         value = np.sum(points * (half + 2.0 * linear), axis=-1) + constant
@@ -65,7 +68,7 @@ class _Oval(Quadric):
         return frozen(np.multiply.outer([-1.0, 1.0], self.halves()))
 
     def chart(self, count: int) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"]]:
-        """Return points by longitude and latitude, and triangles between them."""
+        """Return points (n, 3) [m] by longitude and latitude, and triangles (f, 3) between them."""
         turn, height = np.meshgrid(_around(2 * count), np.linspace(-np.pi / 2, np.pi / 2, count + 1), indexing="ij")
         unit = np.stack([np.cos(height) * np.cos(turn), np.cos(height) * np.sin(turn), np.sin(height)], axis=-1)
         return (unit * self.halves()).reshape(-1, 3), _grid(2 * count, count + 1, closed=True)
@@ -83,7 +86,7 @@ class Ellipsoid(_Oval):
     axes: tuple[float, float, float]
 
     def halves(self) -> tuple[float, float, float]:
-        """Return the half-lengths as given [m]."""
+        """Return the half-lengths a, b, c as given [m]."""
         return self.axes
 
 
@@ -134,7 +137,7 @@ class _Tube(Quadric):
         return frozen([[-np.inf, -self.half_length, least], [np.inf, self.half_length, np.inf]])
 
     def chart(self, count: int) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"]]:
-        """Return points by angle and length, and triangles between them."""
+        """Return points (n, 3) [m] by angle and length, and triangles (f, 3) between them."""
         a, b = self.halves()
         turn = np.linspace(np.pi, 0.0, count + 1) if self.upper else _around(2 * count)[::-1]
         angle, along = np.meshgrid(turn, np.linspace(-self.half_length, self.half_length, count + 1), indexing="ij")
@@ -160,7 +163,7 @@ class EllipticCylinder(_Tube):
     upper: bool = False
 
     def halves(self) -> tuple[float, float]:
-        """Return the half-axes as given [m]."""
+        """Return the half-axes a along x and b along z as given [m]."""
         return self.a, self.b
 
 
@@ -216,7 +219,7 @@ class Paraboloid(Quadric):
         return frozen([[-np.inf, -np.inf, -self.height], [np.inf, np.inf, np.inf]])
 
     def chart(self, count: int) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"]]:
-        """Return points by angle about the apex and distance from it, and triangles between them."""
+        """Return points (n, 3) [m] by angle about the apex and distance from it, and triangles (f, 3) between them."""
         turn, out = np.meshgrid(_around(2 * count), np.linspace(1.0, 0.0, count + 1), indexing="ij")
         x, y = (np.sqrt(2.0 * self.height * radius) * out for radius in self.radii)
         points = np.stack([x * np.cos(turn), y * np.sin(turn), -self.height * out**2], axis=-1)

@@ -25,27 +25,27 @@ class Surface(Protocol):
 
     @property
     def centre(self) -> Float[np.ndarray, "3"]:
-        """Middle of the bounding box [m]."""
+        """Middle of the bounding box, (3,) [m]."""
         ...
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Repairs and warnings about the surface, a sentence each."""
+        """Repairs and warnings about the surface, a tuple of sentences."""
         ...
 
     def project(
         self, points: ArrayLike
     ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], Int[np.ndarray, " n"]]:
-        """Return closest points to points (n, 3), outward unit normals there, and their facets (-1: it has none).
+        """Return closest points (n, 3) [m] to points (n, 3), outward unit normals there (n, 3), and facet numbers (n,).
 
-        NaN of a point that is NaN.
+        Facets are -1 where the surface has none. Points and normals are NaN for a point that is NaN.
         """
         ...
 
     def prepared(self) -> CompiledSurface:
-        """Return the surface for the compiled loops, built once."""
+        """Return the `CompiledSurface` for the compiled loops, built once."""
         ...
 
     def drawn(self) -> Mesh:
-        """Return the mesh that a viewer shows."""
+        """Return the `Mesh` that a viewer shows."""
         ...

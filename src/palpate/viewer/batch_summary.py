@@ -50,7 +50,7 @@ class LogResult:
 
 
 def figures(results: Sequence[LogResult]) -> list[tuple[str, str, float]]:
-    """Return the totals over all logs: name, text and number of each figure.
+    """Return the totals over all logs as a list of (name, text, number).
 
     Args:
         results: at least one.
@@ -71,7 +71,7 @@ def figures(results: Sequence[LogResult]) -> list[tuple[str, str, float]]:
 
 
 def compose(results: Sequence[LogResult], settings: tuple[tuple[str, str], ...]) -> Report:
-    """Return the report about a batch.
+    """Return the `Report` about a batch.
 
     Args:
         results: at least one.

@@ -60,7 +60,7 @@ _INWARD = (
 
 
 def feature(name: str, among: Collection[str]) -> tuple[str, float, str]:
-    """Return a feature's name in words, the factor that converts its value for display, and its unit ("" for none)."""
+    """Return a feature's name in words, the factor from SI to the displayed unit, and that unit ("" for none)."""
     if name == "angle" and "axis_long" in among:  # files call two things so
         name = "axis_angle"
     return _FEATURES.get(name, (name.replace("_", " "), 1.0, ""))
@@ -150,7 +150,10 @@ def _ellipse(contact: ShownContact, magnification: int) -> str:
 
 
 def comparison(scene: Scene, moment: SceneMoment) -> list[tuple[str, str]]:
-    """Return name and status, force, place and distance of the compared contact at that time; [] without comparison."""
+    """Return a list with one pair: the comparison's title, and the compared contact at that time in words.
+
+    The words give its status, force [N], place [mm] and distance; the list is [] without a comparison.
+    """
     other = scene.meanwhile(moment.seconds)
     if other is None or scene.other is None:
         return []

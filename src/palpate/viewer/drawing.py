@@ -87,14 +87,19 @@ class Drawing:
 
     @classmethod
     def of(cls, surface: SurfaceLike | None, marks: Sequence[Mark] = (), title: str = "contacts") -> Drawing:
-        """Return a drawing of a surface with marks; without a surface, of the marks alone."""
+        """Return a `Drawing` of a surface with marks; without a surface, of the marks alone.
+
+        Raises:
+            InputError: it is no surface, such as the path of a mesh file, whose unit is not given.
+            GeometryError: an implicit surface cannot be drawn.
+        """
         if surface is None:
             return cls(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), marks, title=title)
         mesh = as_surface(surface).drawn()
         return cls(mesh.vertices, mesh.faces, marks, title=repr(mesh))
 
     def html(self) -> str:
-        """Return the elements and the script for a page; they load no other file. Without scripts nothing is seen."""
+        """Return HTML elements and a script for a page, as text; they load no file. Without scripts nothing is seen."""
         return (
             f'<div class="palpate-drawing" hidden><style>{_STYLE}</style>'
             f'<canvas tabindex="0" role="img" aria-label="{escape(self.title)}"></canvas><output hidden></output>'
@@ -102,7 +107,7 @@ class Drawing:
         )
 
     def page(self) -> str:
-        """Return a complete HTML page with the drawing."""
+        """Return a complete HTML page with the drawing, as text."""
         return (
             f'<!DOCTYPE html><html lang="en"><meta charset="utf-8"><body style="margin:0">{self.html()}</body></html>'
         )
@@ -161,7 +166,9 @@ class Drawing:
 def simpler(
     vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], most: int
 ) -> tuple[Float[np.ndarray, "w 3"], Int[np.ndarray, "g 3"]]:
-    """Return a mesh of at most `most` facets: vertices in one cell of a grid become one, in the finest fitting grid.
+    """Return vertices (w, 3) and faces (g, 3), at most `most`: vertices in one cell of a grid become one.
+
+    The grid is the finest that fits.
 
     Rossignac and Borrel, Multi-resolution 3D approximations for rendering complex scenes, 1993.
 

@@ -55,7 +55,7 @@ class ScenePicture:
         return np.arange(int(self.scene.timeline.duration * RATE) + 1) / RATE
 
     def draw(self, seconds: float) -> UInt8[np.ndarray, "720 960 3"]:
-        """Return the picture at a time [s] since the start, (720, 960, 3) in blue, green, red."""
+        """Return the picture at a time [s] since the start, (720, 960, 3) uint8 in blue, green, red."""
         scene = self.scene
         moment = scene.at(scene.timeline.at(seconds))
         side, body = self._seen(seconds)

@@ -41,7 +41,7 @@ class Request(NamedTuple):
 
     @property
     def tokens(self) -> list[str]:
-        """Tokens in the query of the address."""
+        """Tokens in the query of the address, a list of strings."""
         try:
             return parse_qs(self.path.partition("?")[2], max_num_fields=16).get("token", [])
         except ValueError:
@@ -49,7 +49,7 @@ class Request(NamedTuple):
 
     @property
     def cookies(self) -> list[str]:
-        """Values of this port's cookie: pages at two ports of a machine share their cookies."""
+        """Values of this port's cookie, a list of strings: pages at two ports of a machine share their cookies."""
         pairs = (pair.strip().partition("=") for header in self.headers("Cookie") for pair in header.split(";"))
         return [value for name, _, value in pairs if name == _cookie(self.port)]
 
@@ -79,7 +79,7 @@ class Guard:
         return "" if any(map(self._right, [*request.cookies, *request.tokens])) else _CLOSED
 
     def entering(self, request: Request) -> str:
-        """Return the cookie for a request that has the token in its address; "" for other requests."""
+        """Return the text of a Set-Cookie header for a request with the token in its address; "" for other requests."""
         if not any(map(self._right, request.tokens)):
             return ""
         return f"{_cookie(request.port)}={self.token}; Path=/; HttpOnly; SameSite=Strict"
@@ -178,7 +178,7 @@ _DECODER = Decoder(_Camera | _Update | _Picture)
 
 
 def judged(raw: object, widget: Callable[[str], Widget | None]) -> Verdict:
-    """Return the decision on a message from a browser.
+    """Return the `Verdict` on a message from a browser.
 
     A browser may send a number that is out of bounds while it is typed, press a button that was disabled a moment ago,
     and have no height while its window is folded: these have no effect. All else that is not allowed is hostile.

@@ -35,7 +35,7 @@ class FineMesh:
 
 @takes_arrays
 def refined(mesh: Mesh, points: Float[np.ndarray, "n 3"], width: float) -> FineMesh:
-    """Return the mesh with facets near the points [m] cut until their edges are at most `width` [m] long."""
+    """Return the mesh as a `FineMesh`, facets near the points [m] cut until edges are at most `width` [m] long."""
     from scipy.spatial import KDTree
 
     corners = np.concatenate([mesh.vertices[mesh.faces], mesh.corner_normals], axis=2)  # (f, 3, 6)
@@ -77,14 +77,14 @@ def density(
 
 @takes_arrays
 def colours(share: Float[np.ndarray, " v"]) -> UInt8[np.ndarray, "v 3"]:
-    """Return sRGB colours for shares from 0 (the bare body) to 1 (the darkest)."""
+    """Return sRGB colours, (v, 3) uint8, for shares from 0 (the bare body) to 1 (the darkest)."""
     stops = np.linspace(0.0, 1.0, len(PALETTE))
     return np.column_stack([np.interp(share, stops, PALETTE[:, k]) for k in range(3)]).round().astype(np.uint8)
 
 
 @takes_arrays
 def linear(colour: UInt8[np.ndarray, "v 3"]) -> UInt8[np.ndarray, "v 3"]:
-    """Convert colours from sRGB to linear, as vertex colours of a glTF and colours of instances need."""
+    """Convert colours (v, 3) from sRGB to linear, uint8, as vertex colours of a glTF and of instances need."""
     return (255 * (colour / 255.0) ** 2.2).round().astype(np.uint8)
 
 

@@ -137,7 +137,7 @@ class LivePage(Served):
             self._scene3d.move(scene, moment_of(found), self._magnification)
 
     def tell(self, window: Contacts | None, figures: StreamFigures) -> None:
-        """Update words, figures, the curve and the trail; meant for a few calls a second, as nobody reads faster.
+        """Update the page's words, figures, curve and trail; meant for a few calls a second, as nobody reads faster.
 
         Args:
             window: contacts of the last seconds, see `recent`; None: nothing is known yet.
@@ -183,7 +183,7 @@ class LivePage(Served):
 
 
 def recent(window: Contacts | None, new: Contacts) -> Contacts:
-    """Return the contacts of the last ten seconds, from the old window and from new samples.
+    """Return the `Contacts` of the last ten seconds, from the old window and from new samples.
 
     Of the new samples, a few with the largest and the smallest force are kept, and the last.
     """

@@ -32,7 +32,7 @@ def surface_map(
     cells: Float[np.ndarray, "k 3"] | None = None,
     view: tuple[int, float] = (2, 1.0),
 ) -> Figure:
-    """Draw lines of equal values over the surface [m], with the cells below it as numbered squares.
+    """Draw lines of equal values over the surface [m] as a `Figure`, with the cells below it as numbered squares.
 
     Args:
         vertices: places of the values.
@@ -41,6 +41,9 @@ def surface_map(
         label: name of the quantity, with its unit.
         cells: [m]; NaN where not known.
         view: the axis along which it is seen, and from which side: 1 or -1.
+
+    Raises:
+        InputError: matplotlib is not installed.
     """
     across, up = ((1, 2), (2, 0), (0, 1))[view[0]]
     places = 1e3 * vertices
@@ -72,13 +75,16 @@ def sheet_map(
     label: str,
     shape: tuple[int, int] | None = None,
 ) -> Figure:
-    """Draw values at places of an unrolled sheet of taxels, rows upward; crosses where the value is not known.
+    """Draw values at places of an unrolled sheet of taxels as a `Figure`, rows upward; crosses where it is not known.
 
     Args:
         cells: (n, 2) row and column.
         values: (n,) NaN where there is none.
         label: name of the quantity, with its unit.
         shape: rows and columns of the sheet; None: just large enough for the places.
+
+    Raises:
+        InputError: matplotlib is not installed.
     """
     drawn = figure(2.6)
     axes: Any = drawn.subplots()
@@ -100,7 +106,11 @@ def sheet_map(
 def error_over_force(
     force: Float[np.ndarray, " n"], curves: Mapping[str, Float[np.ndarray, " n"]], wanted: float
 ) -> Figure:
-    """Draw named curves of the position error [m] over the force [N], and the wanted accuracy [m]."""
+    """Draw named curves of the position error [m] over the force [N], and the wanted accuracy [m], as a `Figure`.
+
+    Raises:
+        InputError: matplotlib is not installed.
+    """
     drawn = figure(2.8)
     axes: Any = drawn.subplots()
     for colour, (name, error) in zip(AXES, curves.items(), strict=False):

@@ -56,7 +56,7 @@ class Marker:
         self._anchors = ("top-center", "bottom-center") if root else ("bottom-center", "top-center")
 
     def show(self, scene: Scene, contact: ShownContact | None, magnification: int) -> None:
-        """Move the handles to a contact of a scene; None, or a contact without a place, hides them."""
+        """Move the handles on the page to a contact of a scene; None, or a contact without a place, hides them."""
         located = contact is not None and contact.located
         for handle in (self._frame, self._arrow, self._label):
             _put(handle, visible=located)
@@ -138,9 +138,9 @@ def _put(handle: SceneNodeHandle, **values: bool | float | str) -> None:
 
 
 def arc(share: float) -> Float[np.ndarray, "_ 2 3"]:
-    """Return segments of an arc about z, (k, 2, 3), right-handed where `share` of the usual torque is positive.
+    """Return segments of an arc about z, (40, 2, 3), right-handed where `share` of the usual torque is positive.
 
-    Its length is in proportion to the share, at most a full turn.
+    Its length is in proportion to the share, at most a full turn; its unit is the size of the body.
     """
     turn = np.clip(_FULL * share, -2 * np.pi, 2 * np.pi) * np.linspace(0.0, 1.0, _STEPS + 1)
     points = np.stack([_RADIUS * np.cos(turn), _RADIUS * np.sin(turn), np.full_like(turn, 0.01)], axis=1)
@@ -149,7 +149,7 @@ def arc(share: float) -> Float[np.ndarray, "_ 2 3"]:
 
 @takes_arrays
 def barbs(last: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "4 2 3"]:
-    """Return four segments that make a level line's last one an arrow: from its tip back, to both sides, up, down."""
+    """Return four segments (4, 2, 3) that make a level line's last one an arrow: from its tip back, aside, up, down."""
     tip = last[1]
     x, y, _ = ((tip - last[0]) / np.linalg.norm(tip - last[0])).tolist()
     side = _WIDE * np.array([[y, -x, 0.0], [-y, x, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])

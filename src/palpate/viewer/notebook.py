@@ -25,7 +25,7 @@ _HEADER = ("touch", "start [s]", "end [s]", "peak [N]", "x [mm]", "y [mm]", "z [
 
 
 def table_of(contacts: Contacts) -> str:
-    """Return HTML with a line that counts the contacts and a table of the first touches; times as in the log."""
+    """Return HTML as text: a line that counts the contacts, a table of ten touches (times as in the log), notes."""
     touches = find_touches(contacts)
     said = [f"<p>{escape(repr(contacts))}</p>"]
     if len(touches):
@@ -37,7 +37,11 @@ def table_of(contacts: Contacts) -> str:
 
 
 def drawing_of_touches(contacts: Contacts, surface: SurfaceLike | None) -> Drawing:
-    """Return a drawing of each touch with its number, at its place, and the force at its peak."""
+    """Return a `Drawing` of each touch (at most 200) with its number, at its place, and the force at its peak.
+
+    Raises:
+        InputError: `surface` is no surface, such as the path of a mesh file, whose unit is not given.
+    """
     touches = find_touches(contacts)
     marks = marks_of(touches, _DRAWN)
     rows = [_peak(contacts, touches, k) for k in range(len(marks))]
@@ -46,7 +50,11 @@ def drawing_of_touches(contacts: Contacts, surface: SurfaceLike | None) -> Drawi
 
 
 def drawing_of_estimates(found: ContactEstimate, surface: SurfaceLike | None) -> Drawing:
-    """Return a drawing of each estimate with a place, as an arrow and its 95 % ellipse; of many, an even share."""
+    """Return a `Drawing` of each estimate with a place, as an arrow and its 95 % ellipse; of many, an even share.
+
+    Raises:
+        InputError: `surface` is no surface, such as the path of a mesh file, whose unit is not given.
+    """
     count = int(np.prod(found.batch))
     flat = found.reshaped((count,))
     known = np.flatnonzero(np.isfinite(np.hstack([flat.point, flat.normal])).all(axis=1))
@@ -55,7 +63,7 @@ def drawing_of_estimates(found: ContactEstimate, surface: SurfaceLike | None) ->
 
 
 def marks_of(touches: Events, most: int, start: float = 0.0) -> list[Mark]:
-    """Return marks of the first `most` touches, numbered from 1, with tooltips; times are seconds after `start`."""
+    """Return a list of `Mark`, the first `most` touches, numbered from 1, with tooltips; times count from `start`."""
     marks: list[Mark] = []
     for k in range(min(len(touches), most)):
         place, deviation = ", ".join(f"{value:.2f}" for value in 1e3 * touches.point[k]), 1e3 * touches.deviation[k]

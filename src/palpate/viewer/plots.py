@@ -57,7 +57,11 @@ class SpectrumPanel:
 @takes_arrays
 @styled()
 def forces(time: Float[np.ndarray, " n"], force: Float[np.ndarray, "n 3"], status: Int[np.ndarray, " n"]) -> Figure:
-    """Draw components [N], magnitude [N] and the status of each sample over time [s]."""
+    """Draw components [N], magnitude [N] and the status of each sample over time [s] as a `Figure`.
+
+    Raises:
+        InputError: matplotlib is not installed.
+    """
     time, label = _clock(time)
     drawn = figure(3.6)
     parts: Any = drawn.subplots(3, 1, sharex=True, height_ratios=(5, 5, 0.55))
@@ -81,9 +85,12 @@ def locations(
     *,
     several: bool = False,
 ) -> Figure:
-    """Draw x, y and z [m] of the answered samples with 95 % bands over time [s]; NaN where not answered.
+    """Draw x, y and z [m] of the answered samples with 95 % bands over time [s] as a `Figure`; NaN where not answered.
 
     Where there may be several contacts at once, they are dots with bars, as a line would lead from one to the other.
+
+    Raises:
+        InputError: matplotlib is not installed.
     """
     time, label = _clock(time)
     drawn = figure(4.0)
@@ -117,9 +124,13 @@ def silhouettes(
     force: Float[np.ndarray, " n"],
     touches: Sequence[Mark] = (),
 ) -> Figure:
-    """Draw the body [m] from three sides and its contact points, coloured by force [N]; rings are on the far side.
+    """Draw the body [m] from three sides and its contact points, coloured by force [N], as a `Figure`.
 
-    Touches have their numbers on the views that show them, with a tooltip when a pointer rests there.
+    Rings are on the far side. Touches have their numbers on the views that show them, with a tooltip when a pointer
+    rests there.
+
+    Raises:
+        InputError: matplotlib is not installed.
     """
     dx, dy, dz = np.ptp(vertices[faces.reshape(-1)], axis=0)
     least = 0.3 * max(dx, dy, dz)  # a flat body has views that are lines, and these have axes too
@@ -145,7 +156,11 @@ def silhouettes(
 @takes_arrays
 @styled()
 def histogram(values: Float[np.ndarray, " n"], label: str, unit: str) -> Figure:
-    """Draw the shares [%] of the positive values by size, on a logarithmic axis where they span more than a decade."""
+    """Draw the shares [%] of the positive values by size as a `Figure`, logarithmic where they span more than a decade.
+
+    Raises:
+        InputError: matplotlib is not installed.
+    """
     drawn = figure(2.4)
     axes: Any = drawn.subplots()
     known = values[np.isfinite(values) & (values > 0)]
@@ -167,7 +182,11 @@ def histogram(values: Float[np.ndarray, " n"], label: str, unit: str) -> Figure:
 @takes_arrays
 @styled()
 def statuses(counts: Int[np.ndarray, " s"]) -> Figure:
-    """Draw one bar for each status that occurred, with its share."""
+    """Draw one bar for each status that occurred, with its share [%], as a `Figure`; `counts` (9,) are by `Status`.
+
+    Raises:
+        InputError: matplotlib is not installed.
+    """
     kinds = [kind for kind in Status if counts[kind]]
     drawn = figure(0.45 + 0.27 * max(len(kinds), 2))
     axes: Any = drawn.subplots()
@@ -185,7 +204,11 @@ def statuses(counts: Int[np.ndarray, " s"]) -> Figure:
 @takes_arrays
 @styled()
 def errors(time: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"], radius: Float[np.ndarray, " n"]) -> Figure:
-    """Draw the distance from the ground truth [m] and the predicted 95 % radius [m] over time [s]."""
+    """Draw the distance from the ground truth [m] and the predicted 95 % radius [m] over time [s] as a `Figure`.
+
+    Raises:
+        InputError: matplotlib is not installed.
+    """
     time, label = _clock(time)
     drawn = figure(2.6)
     axes: Any = drawn.subplots()
@@ -203,7 +226,11 @@ def errors(time: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"], radius
 @takes_arrays
 @styled()
 def touch_errors(labels: Sequence[str], error: Float[np.ndarray, " n"], radius: Float[np.ndarray, " n"]) -> Figure:
-    """Draw for each touch the distance of its median point from the ground truth and a sample's 95 % radius [m]."""
+    """Draw each touch's distance of its median point from the truth and a sample's 95 % radius [m] as a `Figure`.
+
+    Raises:
+        InputError: matplotlib is not installed.
+    """
     drawn = figure(min(0.9 + 0.21 * len(labels), 9.0))
     axes: Any = drawn.subplots()
     rows = np.arange(len(labels))
@@ -220,7 +247,11 @@ def touch_errors(labels: Sequence[str], error: Float[np.ndarray, " n"], radius: 
 
 @styled()
 def spectra(panels: Sequence[SpectrumPanel]) -> Figure:
-    """Draw spectra over frequency [Hz], one panel below the other, with noise floors and cut-offs."""
+    """Draw spectra over frequency [Hz] as a `Figure`, one panel below the other, with noise floors and cut-offs.
+
+    Raises:
+        InputError: matplotlib is not installed.
+    """
     drawn = figure(2.9 * len(panels))
     below: Any = drawn.subplots(len(panels), 1, sharex=True, squeeze=False)
     for axes, panel in zip(below[:, 0], panels, strict=True):
@@ -361,7 +392,7 @@ def _mark(axes: Any, at: float, text: str) -> None:
 
 
 def plain(axis: Any, multiples: tuple[int, ...] = (1,)) -> None:
-    """Write the numbers of a logarithmic axis in decimal notation, not as powers."""
+    """Set a logarithmic axis to write its numbers in decimal notation, not as powers."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
     axis.set_major_locator(LogLocator(subs=multiples))
@@ -370,5 +401,5 @@ def plain(axis: Any, multiples: tuple[int, ...] = (1,)) -> None:
 
 
 def named(axes: Any, columns: int) -> None:
-    """Add a legend of the lines above them."""
+    """Add a legend of the lines to the axes, above them, in `columns` columns."""
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.1)

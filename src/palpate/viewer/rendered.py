@@ -32,7 +32,7 @@ class ViewPoint:
     size: tuple[int, int]
 
     def seen(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """Return column and row [px] of each point, and its depth along the line of sight, (n, 3)."""
+        """Return column and row [px] of each point, and its depth in the line of sight (unit of the points), (n, 3)."""
         ahead = (self.target - self.position) / np.linalg.norm(self.target - self.position)
         right = np.cross(ahead, [0.0, 0.0, 1.0])
         right = right / np.linalg.norm(right) if np.linalg.norm(right) > 1e-9 else np.array([1.0, 0.0, 0.0])
@@ -51,7 +51,7 @@ class Rendered:
     depth: Float[np.ndarray, "h w"]
 
     def visible(self, seen: Float[np.ndarray, "n 3"], slack: float) -> Bool[np.ndarray, " n"]:
-        """Return, (n,), whether points of `ViewPoint.seen` lie in the picture and at most `slack` behind the body."""
+        """Return a bool for each point of `ViewPoint.seen`, (n,): in the picture, at most `slack` behind the body."""
         height, width = self.depth.shape
         columns, rows = np.rint(seen[:, 0]).astype(np.int64), np.rint(seen[:, 1]).astype(np.int64)
         inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
@@ -68,7 +68,7 @@ def rendered(
     colours: UInt8[np.ndarray, "v 3"],
     ground: tuple[int, int, int] = (255, 255, 255),
 ) -> Rendered:
-    """Render a mesh with a colour and a normal per vertex, lit from the camera; both sides of a facet are drawn.
+    """Return a mesh as a `Rendered`, a colour and a normal per vertex, lit from the camera, both sides drawn.
 
     Args:
         camera: view from which it is rendered.

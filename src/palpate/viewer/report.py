@@ -109,18 +109,22 @@ def require_report() -> None:
 
 
 def percent(share: float) -> str:
-    """Return a share as text in percent, to a tenth."""
+    """Return a share (1 is all) as text in percent, to a tenth."""
     return f"{100 * share:.1f} %"
 
 
 def first_rows(header: Sequence[str], rows: Sequence[Sequence[str]], most: int) -> ReportTable:
-    """Return a table of the first `most` rows, with a caption where there are more."""
+    """Return a `ReportTable` of the first `most` rows, with a caption where there are more."""
     more = f"The first {most:,} of {len(rows):,}." if len(rows) > most else ""
     return ReportTable(tuple(header), tuple(tuple(row) for row in rows[:most]), more)
 
 
 def picture(drawn: Figure, caption: str) -> Picture:
-    """Return a figure for the page; the gid of an artist after `HOVER` becomes its tooltip."""
+    """Return a figure for the page as a `Picture`; the gid of an artist after `HOVER` becomes its tooltip.
+
+    Raises:
+        InputError: matplotlib is not installed.
+    """
     return Picture(_SAID.sub(r"<g><title>\2</title>", inline(drawn)), caption)
 
 

@@ -23,7 +23,7 @@ __all__ = ["compared", "partners"]
 
 
 def compared(run: Run, name: str, other: RunSummary) -> Run:
-    """Return the run with a section that compares it with another run.
+    """Return the `Run` with one more section, the first, that compares it with another run.
 
     Args:
         run: run of the report.
@@ -31,7 +31,7 @@ def compared(run: Run, name: str, other: RunSummary) -> Run:
         other: its contacts, on the same body and the same clock.
 
     Raises:
-        InputError: the two have no time in common.
+        InputError: the two have no time in common, or matplotlib is not installed.
     """
     kept = DownsampledRun(other.contacts, other.even)
     ours, theirs = run.kept.contacts.time, kept.contacts.time

@@ -71,12 +71,16 @@ class Run:
 
     @cached_property
     def kept(self) -> DownsampledRun:
-        """The downsampled contacts and quantities derived from them."""
+        """The downsampled contacts and quantities derived from them, a `DownsampledRun`."""
         return DownsampledRun(self.summary.contacts, self.summary.even)
 
 
 def compose(run: Run) -> Report:
-    """Return the report of a run."""
+    """Return the `Report` of a run, with its figures drawn.
+
+    Raises:
+        InputError: matplotlib is not installed.
+    """
     touches = run.summary.finder.touches()
     sections = (
         _over_time(run.kept),
@@ -127,7 +131,7 @@ class DownsampledRun:
 
     @cached_property
     def radius(self) -> Float[np.ndarray, " n"]:
-        """Long half-axes of the 95 % ellipses, (n,) [m]."""
+        """Long half-axes of the 95 % ellipses, (n,) [m]; NaN where not answered."""
         return np.sqrt(CHI2_95) * largest_deviation(self.covariance)
 
     @property
@@ -137,7 +141,7 @@ class DownsampledRun:
 
 
 def coverage_tone(inside: float) -> str:
-    """Return the tone for the share of truths inside their 95 % ellipses: too many are as wrong as too few."""
+    """Return "good", "poor" or "" for the share of truths in their 95 % ellipses: too many are as bad as too few."""
     off = abs(inside - 0.95)
     return "good" if off <= 0.03 else "poor" if off > 0.1 or inside > 0.995 else ""
 
@@ -233,7 +237,7 @@ def _touches(found: Events) -> Section:
 
 
 def touch_table(found: Events, most: int, *, spelled: bool = False) -> ReportTable:
-    """Return a table of the first `most` touches: time, force, place, and all that the sensor adds.
+    """Return a `ReportTable` of the first `most` touches: time, force, place, and all that the sensor adds.
 
     Where `spelled`, the sensor's features have names in words, not those in files, and standard deviations are omitted.
     """

@@ -43,7 +43,7 @@ class RunSummary:
         self.finder = TouchFinder()
 
     def add(self, contacts: Contacts) -> None:
-        """Add the next samples, each with all of its contacts, in the surface's frame."""
+        """Add the next samples, each with all contacts, in the surface's frame, to counts, touches and contacts."""
         self.samples += len(sample_starts(contacts))
         self.statuses += np.bincount(contacts.status, minlength=len(Status))
         felt = contacts.sample[contacts.located & contacts.answered]
@@ -59,12 +59,12 @@ class RunSummary:
 
     @property
     def stride(self) -> int:
-        """Number of samples that each of the even ones stands for."""
+        """Number of samples that each evenly kept one stands for: every `stride`-th is kept."""
         return self._even.size
 
     @property
     def contacts(self) -> Contacts:
-        """The kept contacts, in the order of the stream."""
+        """The kept `Contacts`, in the order of the stream."""
         even, peaks = self._even.contacts(), self._peaks.contacts()
         both = Contacts.joined([even, peaks[~np.isin(peaks.sample, even.sample)]])
         return both[np.argsort(both.sample, kind="stable")]

@@ -14,13 +14,13 @@ __all__ = ["median", "sample_starts", "sheet_places", "strongest", "thinned", "t
 
 
 def sample_starts(contacts: Contacts) -> Int[np.ndarray, " m"]:
-    """Return the first row of each sample, (m,)."""
+    """Return the number of the first row of each sample, (m,)."""
     return np.flatnonzero(np.diff(contacts.sample, prepend=contacts.sample[:1] - 1))
 
 
 @takes_arrays
 def strongest(contacts: Contacts, starts: Int[np.ndarray, " m"]) -> Int[np.ndarray, " m"]:
-    """Return for each sample the row with the largest force, (m,); the first where none is known."""
+    """Return for each sample the number of its row with the largest force, (m,); the first where none is known."""
     counted = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(contacts)))  # a file may not be in order
     return starts if len(starts) == len(contacts) else replace(contacts, sample=counted).strongest()
 
@@ -34,7 +34,7 @@ def sheet_places(contacts: Contacts) -> Float[np.ndarray, "n 2"] | None:
 
 @takes_arrays
 def thinned(rows: Int[np.ndarray, " n"], most: int) -> Int[np.ndarray, " k"]:
-    """Return at most `most` of the rows, evenly spread."""
+    """Return at most `most` of the row numbers (n,), evenly spread, (k,)."""
     return rows[:: 1 + len(rows) // most]
 
 

@@ -82,23 +82,23 @@ class Layer(Protocol):
         ...
 
     def draw(self, server: ViserServer | ClientHandle, scene: Scene) -> None:
-        """Add the layer's objects to the scene, in `Scene.placed` units."""
+        """Add the layer's objects to the 3D view of the server or browser, in `Scene.placed` units."""
         ...
 
     def panel(self, gui: GuiApi) -> None:
-        """Add controls and pictures below the caption."""
+        """Add controls and pictures to the panel, below the caption."""
         ...
 
     def show(self, scene: Scene, index: int) -> None:
-        """Move everything to a sample of the scene, or of one with other contacts on the same body."""
+        """Move the layer's objects and pictures to a sample of the scene, or of one with other contacts on the body."""
         ...
 
     def rows(self, scene: Scene, index: int) -> list[tuple[str, str]]:
-        """Return names and values with their units, plain text, that follow those of the contacts in the caption."""
+        """Return a list of (name, value with unit) pairs, plain text, that go below the contacts in the caption."""
         ...
 
     def legend(self) -> list[str]:
-        """Return the legend of its marks and colours, as items of `palpate.viewer.legend`."""
+        """Return the legend of its marks and colours, a list of HTML items as by `palpate.viewer.legend.item`."""
         ...
 
 
@@ -211,7 +211,7 @@ class Scene:
         return self.bounds.mean(axis=0)
 
     def placed(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """Return points [m] relative to the scene's middle, divided by its size, so that all bodies look equal."""
+        """Return points (*batch, 3) [m] relative to the scene's middle, over its size: all bodies look equal."""
         return (points - self._middle) / self.size
 
     @cached_property
@@ -243,7 +243,7 @@ class Scene:
 
     @cached_property
     def touches(self) -> Events:
-        """Touches, numbered as in `palpate events` and the report."""
+        """Touches as `Events`, in the order of their numbers in `palpate events` and the report."""
         return find_touches(self.contacts)
 
     @cached_property
@@ -308,25 +308,25 @@ class Scene:
         return any(self.turning(self.at(k).contacts[0]) for k in thinned(self.timeline.touches, _FEW).tolist())
 
     def ready(self) -> None:
-        """Compute in advance what the first picture needs."""
+        """Compute and keep in advance what the first picture needs: touches, outline, turns, totals, machine code."""
         _ = (self.touches, self.outline, self.turns, self.total)
         opening = self.at(self.opening).contacts[0]
         if opening.located and np.isfinite(opening.axes).all():
             self.ellipse_on_body(opening, 1)  # loads machine code
 
     def copied(self) -> Scene:
-        """Return a copy whose layers can be drawn again, for another browser; values computed so far are kept."""
+        """Return a `Scene`, a copy whose layers can be drawn again for another browser; computed values are kept."""
         made = copy(self)
         object.__setattr__(made, "layers", tuple(copy(layer) for layer in self.layers))
         return made
 
     def with_contacts(self, contacts: Contacts) -> Scene:
-        """Return a scene of the same body, layers and scales with other contacts, at least one row."""
+        """Return a `Scene` of the same body, layers and scales with other contacts, at least one row."""
         starts, touched, timeline = _sampled(contacts)
         return replace(self, contacts=contacts, starts=starts, touched=touched, timeline=timeline)
 
     def compared(self, contacts: Contacts, title: str) -> Scene:
-        """Return the scene with other contacts for comparison, such as of the same log by other settings.
+        """Return the `Scene` with other contacts for comparison, such as of the same log by other settings.
 
         Args:
             contacts: on the same clock, at least one row.
@@ -341,12 +341,12 @@ class Scene:
         return replace(self, other=other)
 
     def meanwhile(self, seconds: float) -> SceneMoment | None:
-        """Return the moment of `other` at a time since the start of these contacts [s]; None without a comparison."""
+        """Return the `SceneMoment` of `other` at a time [s] since the start of these contacts; None without it."""
         other = self.other
         return None if other is None else other.at(other.timeline.at(seconds - self._ahead(other)))
 
     def seconds_at(self, time: float) -> float:
-        """Convert a recorded time to seconds since the start."""
+        """Convert a recorded time [s] to seconds since the first known time of the contacts."""
         return time - self._began
 
     def _ahead(self, other: Scene) -> float:
@@ -360,23 +360,23 @@ class Scene:
         return float(known[0]) if len(known) else 0.0
 
     def scaled(self) -> Scene:
-        """Return the scene with arrows and ellipses scaled to its contacts; without contacts the scales stay."""
+        """Return the `Scene` with arrows and ellipses scaled to its contacts; without contacts the scales stay."""
         shown = self.contacts[thinned(np.flatnonzero(self.touched), _FEW)]
         if not len(shown):
             return self
         return replace(self, newton=_newton(self.size, shown), magnification=_magnified(self.size, shown))
 
     def scaled_to(self, force: float) -> Scene:
-        """Return the scene with arrows scaled to a force [N] exceeding the body; else, or by NaN, unchanged."""
+        """Return the `Scene`, arrows scaled to a force [N] whose arrow exceeds the body; else, or by NaN, unchanged."""
         return replace(self, newton=_ARROW * self.size / force) if force * self.newton > self.size else self
 
     def rows(self, index: int) -> slice:
-        """Return the rows of a sample."""
+        """Return the rows of a sample as a slice."""
         end = self.starts[index + 1] if index + 1 < len(self.starts) else len(self.contacts)
         return slice(int(self.starts[index]), int(end))
 
     def at(self, index: int) -> SceneMoment:
-        """Return the moment of a sample."""
+        """Return the `SceneMoment` of a sample, by its number in the scene."""
         return _moment(self.contacts, self.rows(index), index, float(self.timeline.clock[index]))
 
     def ellipse_on_body(self, contact: ShownContact, magnification: int) -> Float[np.ndarray, "k 3"]:
@@ -445,7 +445,7 @@ class Scene:
 
 
 def prepare(surface: Surface | None, contacts: Contacts, title: str = "", layers: Sequence[Layer] = ()) -> Scene:
-    """Return a scene of contacts in the surface's frame.
+    """Return a `Scene` of contacts in the surface's frame.
 
     Args:
         surface: the body; a surface given by an equation is shown as a mesh. None: the layers show the body.
@@ -455,6 +455,7 @@ def prepare(surface: Surface | None, contacts: Contacts, title: str = "", layers
 
     Raises:
         InputError: there are no rows.
+        GeometryError: an implicit surface cannot be drawn as a mesh.
     """
     if not len(contacts):
         raise InputError("there is nothing to show: no contacts, not even a sample without one.", where=title)
@@ -477,7 +478,7 @@ def prepare(surface: Surface | None, contacts: Contacts, title: str = "", layers
 
 
 def moment_of(found: Contacts) -> SceneMoment:
-    """Return the moment of contacts that all belong to one sample, without a scene."""
+    """Return the `SceneMoment` of contacts that all belong to one sample, without a scene."""
     return _moment(found, slice(0, len(found)), 0, 0.0)
 
 
@@ -509,7 +510,7 @@ def _shown(found: Contacts, row: int) -> ShownContact:
 
 @cache
 def disc(rings: int, around: int) -> Float[np.ndarray, "k 2"]:
-    """Return points of the unit disc, (1 + rings around, 2): the middle, then ring after ring, the rim last."""
+    """Return points of the unit disc, (1 + rings * around, 2): the middle, then ring after ring, the rim last."""
     turn = 2 * np.pi * np.arange(around) / around
     share = np.arange(1, rings + 1)[:, None] / rings
     points = np.stack([share * np.cos(turn), share * np.sin(turn)], axis=-1)
@@ -517,12 +518,12 @@ def disc(rings: int, around: int) -> Float[np.ndarray, "k 2"]:
 
 
 def rim(count: int) -> int:
-    """Return the number of an ellipse's points on its rim, which are the last ones."""
+    """Return the number of an ellipse's `count` points that are on its rim, the last ones: 32 or 64."""
     return next(around for rings, around in (SMALL, LARGE) if count == 1 + rings * around)
 
 
 def no_contacts() -> Contacts:
-    """Return one sample without a contact, so that a scene that waits for its first contacts has a moment."""
+    """Return `Contacts` of one sample without a contact, so that a scene waiting for its first has a moment."""
     row = np.zeros((1, ROW.length))
     row[:, : ROW.torque], row[:, ROW.covariance] = np.nan, np.nan
     row[:, ROW.status] = Status.NO_CONTACT
@@ -531,7 +532,7 @@ def no_contacts() -> Contacts:
 
 @takes_arrays
 def before(normal: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
-    """Return the unit direction from which a contact is seen: in front, somewhat aside and above, never vertical."""
+    """Return the unit direction (3,) from which to see a contact: in front, somewhat aside and above, not vertical."""
     way = normal + 0.5 * np.cross([0.0, 0.0, 1.0], normal) + [0.0, 0.0, 0.4]
     way = way if np.hypot(way[0], way[1]) > 0.3 else way + np.array([0.35, -0.45, 0.0])
     length = float(np.linalg.norm(way))

@@ -60,7 +60,7 @@ class Scene3D:
             layer.draw(server, scene)
 
     def show(self, moment: SceneMoment, settings: DrawSettings) -> None:
-        """Move everything to a moment and apply the settings."""
+        """Move everything drawn to a moment and apply the settings."""
         if self.scene.body is not None:
             self._show_body(self.scene.body, settings.heat)
         self._show_numbers(settings.numbers)
@@ -173,7 +173,7 @@ def _both_sides(tree: dict[str, Any]) -> None:
 def aim(
     scene: Scene, aspect: float, contacts: Sequence[ShownContact] = (), covered: float | None = None, near: bool = False
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
-    """Return position and target of a camera that sees the body and the contacts' arrows, in the scene's units.
+    """Return position and target, (3,) each, of a camera that sees body and contacts' arrows, in `Scene.placed` units.
 
     Args:
         scene: the scene.

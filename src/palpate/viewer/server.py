@@ -141,7 +141,7 @@ class Page(Served):
 
     @property
     def session(self) -> BrowserSession:
-        """The latest session: of the browser that connected last, or of all.
+        """The latest `BrowserSession`: of the browser that connected last, or of all together.
 
         Raises:
             IndexError: each browser has a separate session, and none is connected.
@@ -150,12 +150,12 @@ class Page(Served):
 
     @property
     def index(self) -> int:
-        """Number of the sample that the latest session shows."""
+        """Number of the sample that the latest session shows; IndexError where `session` has none."""
         return self.session.index
 
     @property
     def playing(self) -> bool:
-        """True while the latest session plays."""
+        """True while the latest session plays; IndexError where `session` has none."""
         return self.session.playing
 
     def seek(self, seconds: float) -> None:

@@ -91,13 +91,13 @@ class BrowserSession:
             self.seek(float(value))
 
     def face(self, client: ClientHandle | None) -> None:
-        """Turn a browser's camera to the side of the strongest contact."""
+        """Turn a browser's camera to the side of the strongest contact; do nothing for None, or without a place."""
         strongest = self.scene.at(self.index).contacts[0]
         if client is not None and strongest.located:
             self.scene3d.face(client, strongest)
 
     def save(self, client: ClientHandle | None) -> None:
-        """Send a browser its picture of the scene as a file."""
+        """Send a browser its picture of the scene as a PNG file, or a notification where it makes none; ignore None."""
         if client is None:
             return
         camera = client.camera
@@ -113,7 +113,7 @@ class BrowserSession:
         client.send_file_download(f"{title}_{self._seconds:.3f}s.png", made, save_immediately=True)
 
     def frame(self, client: ClientHandle | None) -> None:
-        """Turn a browser's camera to the complete body."""
+        """Turn a browser's camera to the complete body; do nothing for None."""
         if client is not None:
             self.scene3d.face(client)
 

@@ -34,7 +34,7 @@ class Timeline:
 
     @classmethod
     def of(cls, time: Float[np.ndarray, " n"], touched: Bool[np.ndarray, " n"]) -> Timeline:
-        """Return the timeline of a log from its times as recorded [s]."""
+        """Return the `Timeline` of a log from its times as recorded (n,) [s] and its touched samples (n,)."""
         known = np.isfinite(time)
         if not known.any():
             return cls(np.arange(float(len(time))), touched)
@@ -74,13 +74,13 @@ class Timeline:
 
     @cached_property
     def touches(self) -> Int[np.ndarray, " m"]:
-        """Sample in the middle of each touch, (m,); contacts shorter than `SHORTEST` are no touches."""
+        """Number of the sample in the middle of each touch, (m,); contacts shorter than 0.02 s are no touches."""
         ends: Float[np.ndarray, "m 2"] = self.clock[self._spans]
         return np.searchsorted(self.clock, (ends[:, 0] + ends[:, 1]) / 2)
 
     @cached_property
     def in_touch(self) -> Int[np.ndarray, " k"]:
-        """Samples that are touched and belong to a touch, (k,)."""
+        """Numbers of the samples that are touched and belong to a touch, (k,)."""
         touched = np.flatnonzero(self.touched)
         which = np.searchsorted(self._spans[:, 0], touched, side="right") - 1
         last = np.append(self._spans[:, 1], -1)[which]  # before the first touch: none
@@ -88,19 +88,19 @@ class Timeline:
         return inside
 
     def at(self, seconds: float) -> int:
-        """Return the sample in force at a time [s]: the last one that is not later."""
+        """Return the number of the sample at a time [s] since the start: the last one that is not later, or 0."""
         return max(0, int(np.searchsorted(self.clock, seconds + 1e-9, side="right")) - 1)
 
     def span(self, begin: float, end: float) -> slice:
-        """Return the samples from one time to another, both included [s]."""
+        """Return the slice of the samples from one time to another, both included [s since the start]."""
         return slice(int(np.searchsorted(self.clock, begin)), int(np.searchsorted(self.clock, end, side="right")))
 
     def touch(self, index: int, step: int) -> int:
-        """Return the middle sample of the next touch (step 1) or the previous one (-1); `index` if there is none."""
+        """Return the number of the middle sample of the next (step 1) or previous (-1) touch; `index` without one."""
         return _next(self.touches, index, step)
 
     def touched_sample(self, index: int, step: int) -> int:
-        """Return the next sample of a touch (step 1) or the previous one (-1); `index` if there is none."""
+        """Return the number of the next (step 1) or previous (-1) sample within a touch; `index` if there is none."""
         return _next(self.in_touch, index, step)
 
 
@@ -127,7 +127,9 @@ def since(time: Float[np.ndarray, " n"]) -> tuple[float, str]:
 def downsampled(
     clock: Float[np.ndarray, " n"], values: Float[np.ndarray, "n k"], most: int
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m k"]]:
-    """Return at most `most` rows that keep every peak: of each run of samples the least and the largest value.
+    """Return times (m,) and values (m, k), at most `most` rows: the least and the largest value of each run of samples.
+
+    So every peak is kept.
 
     Args:
         clock: (n,) [s], not falling.

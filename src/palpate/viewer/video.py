@@ -34,7 +34,7 @@ class Video:
             raise InputError("OpenCV cannot write a video here.", where=str(path))
 
     def add(self, picture: UInt8[np.ndarray, "h w 3"]) -> None:
-        """Append a picture, (h, w, 3) in blue, green, red."""
+        """Append a picture to the video, (h, w, 3) uint8 in blue, green, red."""
         self._writer.write(picture)
 
     def close(self) -> None:

@@ -39,7 +39,7 @@ _ENTER = '<!doctype html><meta http-equiv="refresh" content="0; url=/"><title>Pa
 
 
 def listening(guard: Guard, host: str, port: int) -> viser.ViserServer:
-    """Return viser's server, which submits every request and every message to the guard.
+    """Return a started `viser.ViserServer`, which submits every request and every message to the guard.
 
     Raises:
         InputError: the internals of this version of viser are unknown, so that it could not be guarded.
@@ -63,7 +63,7 @@ def listening(guard: Guard, host: str, port: int) -> viser.ViserServer:
 
 
 def browser_address(server: viser.ViserServer, client: int | None) -> str:
-    """Return the address of a connected browser, or a phrase where it is gone."""
+    """Return the IP address of a connected browser as text, or "a browser that is gone"."""
     inside: Any = server
     connection = inside._websock_server._live_connections.get(client)
     return "a browser that is gone" if connection is None else str(connection.remote_address[0])

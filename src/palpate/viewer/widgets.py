@@ -33,7 +33,7 @@ _SHEET = """<style>@media (max-width: 600px) {
 
 
 def theme(gui: GuiApi, dark: bool) -> None:
-    """Set the page's theme, light or dark."""
+    """Set the page's theme, dark or light, without viser's logo and share button."""
     gui.configure_theme(
         control_width="large", dark_mode=dark, show_logo=False, show_share_button=False, brand_color=(0, 114, 178)
     )
@@ -73,7 +73,7 @@ def card(number: str, status: str, ink: str, meaning: str, rows: Sequence[tuple[
 
 
 def table(rows: Sequence[tuple[str, str]]) -> str:
-    """Return a table of names and values as HTML."""
+    """Return a table of (name, value) rows as HTML."""
     made = "".join(
         f'<tr><td style="opacity:.6;padding-right:.8em;white-space:nowrap;vertical-align:top">{name}</td>'
         f"<td>{value}</td></tr>"
@@ -89,7 +89,7 @@ def add_curves(
     span: tuple[float, float] | None = None,
     target: str = "",
 ) -> GuiUplotHandle:
-    """Add a plot of lines over time [s], whose `data` is set later: times, and the values of each line.
+    """Add a plot of lines over time [s]; return its `GuiUplotHandle`, whose `data` is set later: times, and each line.
 
     Args:
         gui: panel to add it to.
@@ -115,7 +115,7 @@ def add_curves(
 
 
 def along_time() -> dict[str, Any]:
-    """Return the options of a plot over time: its height, padding for the numbers of its axes, a legend below."""
+    """Return the options of `add_uplot` for a plot over time, a dict: axes, legend, height, padding for the numbers."""
     from viser import uplot
 
     bare = uplot.Axis_Ticks(show=False)

@@ -30,13 +30,16 @@ def zeros(
     deviation: Float[np.ndarray, "n m"],
     uncertain: Bool[np.ndarray, " n"],
 ) -> Figure:
-    """Draw the change of each channel's bias since the start, with its 95 % band, and a strip of when it was tracked.
+    """Draw as a `Figure` each channel's change of bias, its 95 % band, and a strip of when the bias was tracked.
 
     Args:
         time: (n,) [s].
         zero: (n, m) bias: of six channels the first three in N and the others in N m, else V.
         deviation: (n, m) standard deviations of the bias.
         uncertain: (n,) True where something touched, or may have, so that the bias was not tracked.
+
+    Raises:
+        InputError: matplotlib is not installed.
     """
     start, after = since(time)
     parts, most = _parts(zero.shape[1]), max(MOST // max(zero.shape[1], 1), FEWEST)

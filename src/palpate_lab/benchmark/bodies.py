@@ -29,14 +29,17 @@ class TouchedBody:
 
 
 def ellipsoid(count: int, rng: np.random.Generator) -> TouchedBody:
-    """Make a convex, smooth body, with points uniform in direction from its middle."""
+    """Make a convex, smooth `TouchedBody`, with `count` points uniform in direction from its middle."""
     body = EllipsoidBody(HALVES)
     points = body.sample(count, rng)
     return TouchedBody(*body.mesh(FACETS), points, body.normals(points))
 
 
 def torus(count: int, rng: np.random.Generator) -> TouchedBody:
-    """Make a torus about z, which a line crosses at up to four places, with points uniform in both angles."""
+    """Make a `TouchedBody`: a torus about z, which a line crosses at up to four places.
+
+    The `count` points are uniform in both angles.
+    """
     turn, roll = np.meshgrid(
         2 * np.pi * np.arange(AROUND) / AROUND, 2 * np.pi * np.arange(ACROSS) / ACROSS, indexing="ij"
     )
@@ -47,7 +50,7 @@ def torus(count: int, rng: np.random.Generator) -> TouchedBody:
 
 
 def box(count: int, rng: np.random.Generator) -> TouchedBody:
-    """Make a box with sharp edges and corners, with points on its faces, uniform in area."""
+    """Make a `TouchedBody`: a box with sharp edges and corners, with `count` points on its faces, uniform in area."""
     halves = np.array(HALVES)
     sides = [_side(axis, sign, halves) for axis in range(3) for sign in (-1.0, 1.0)]
     offsets = np.cumsum([0, *(len(vertices) for vertices, _ in sides)])
@@ -61,7 +64,10 @@ def box(count: int, rng: np.random.Generator) -> TouchedBody:
 
 
 def ultrasound_probe(count: int, rng: np.random.Generator) -> TouchedBody:
-    """Make the T-shaped ultrasound probe in its sensor's frame, its face 150 mm away, with points uniform in area."""
+    """Make a `TouchedBody`: the T-shaped ultrasound probe in its sensor's frame, its face 150 mm away.
+
+    The `count` points are uniform in area.
+    """
     made = probe("t-shaped")
     cell = rng.choice(len(made.points), count, p=made.areas / made.areas.sum())
     return TouchedBody(made.vertices, made.faces, made.points[cell], made.normals[cell])

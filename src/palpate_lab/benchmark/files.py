@@ -55,7 +55,11 @@ class Task:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Names of the columns of a reading; () where it is an image."""
+        """Names of the columns of readings.csv, a tuple; () where a reading is an image.
+
+        Raises:
+            InputError: readings.csv cannot be read.
+        """
         return () if self.kind == "marker_ring" else self._readings[0]
 
     def readings(self) -> Iterator[np.ndarray]:
@@ -95,10 +99,10 @@ class Task:
         return dict(zip(read.names, read.numbers(read.names)[0].T, strict=True))
 
     def mesh(self) -> Mesh:
-        """Load the body, body.stl.
+        """Load the body, body.stl, as a `Mesh` [m].
 
         Raises:
-            InputError: there is no such file.
+            InputError: there is no such file, or it cannot be read.
         """
         return Mesh.load(self.folder / "body.stl", unit="m")
 
@@ -109,7 +113,7 @@ class Task:
 
 
 def read_benchmark(folder: Path) -> dict[str, Task]:
-    """Read the tasks in a folder, by name.
+    """Read the tasks in a folder into a dict of name -> `Task`.
 
     Raises:
         InputError: there is no task, or a task.toml is incomplete.
@@ -133,7 +137,9 @@ def _task(file: Path) -> Task:
 
 
 def read_truth(task: Task) -> tuple[TrueSamples, Int[np.ndarray, " q"]]:
-    """Read the contacts to find, whose time is the number of their sample, and the samples without contact (q,).
+    """Read the contacts to find, as `TrueSamples`, and the samples without contact (q,).
+
+    The time of a contact is the number of its sample.
 
     Raises:
         InputError: truth.csv cannot be read, or has no contact.
@@ -149,7 +155,7 @@ def read_truth(task: Task) -> tuple[TrueSamples, Int[np.ndarray, " q"]]:
 
 @takes_arrays
 def as_contacts(sample: Int[np.ndarray, " n"], rows: Float[np.ndarray, "n width"]) -> Contacts:
-    """Convert answers to contacts whose time is the number of their sample.
+    """Convert answers to `Contacts` whose time is the number of their sample.
 
     Args:
         sample: (n,) sample of each answer, from 0.
@@ -168,7 +174,9 @@ def as_contacts(sample: Int[np.ndarray, " n"], rows: Float[np.ndarray, "n width"
 
 
 def read_answers(path: Path, tasks: Mapping[str, Task]) -> dict[str, Contacts]:
-    """Read answers from a CSV with a row per contact; tasks without a row are omitted.
+    """Read answers from a CSV with a row per contact into a dict of task -> `Contacts`.
+
+    Tasks without a row are omitted.
 
     The columns are `task,sample,px,py,pz[,fx,fy,fz][,cxx,cxy,cxz,cyy,cyz,czz]`. Nothing in the file is executed.
 

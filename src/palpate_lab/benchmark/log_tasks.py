@@ -34,7 +34,10 @@ tare = {0.8 * REST}
 
 
 def payload_log(folder: Path, rng: np.random.Generator, *, small: bool) -> MadeTask:
-    """Make a log of a probe on a turning force/torque sensor; the readings include its weight and the sensor's bias."""
+    """Make a log of a probe on a turning force/torque sensor, as a `MadeTask`, and write its files into `folder`.
+
+    The readings include the probe's weight and the sensor's bias.
+    """
     session = simulate_session(int(rng.integers(2**31)), touches=4 if small else 10, facets=3000)
     session = replace(session, nominal=session.true)  # where the probe sits is known here
     write_session(session, folder)
@@ -73,7 +76,10 @@ def payload_log(folder: Path, rng: np.random.Generator, *, small: bool) -> MadeT
 
 
 def fingertip(folder: Path, rng: np.random.Generator, *, small: bool) -> MadeTask:
-    """Make voltages of four 3-axis force cells under a fingertip, and a bench log to calibrate them by."""
+    """Make voltages of four 3-axis force cells under a fingertip, as a `MadeTask`, and write its files into `folder`.
+
+    A bench log to calibrate by is among them.
+    """
     bench = replace(BENCHES["rigid"], seed=int(rng.integers(2**31)))
     run = bench.run(0, thin=THIN)
     names = [f"u{cell}{axis}" for cell in range(1, bench.cells().count + 1) for axis in CELL_AXES]

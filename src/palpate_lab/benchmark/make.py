@@ -52,7 +52,10 @@ class Maker(Protocol):
     """A function that makes a task in an existing folder and writes its readings."""
 
     def __call__(self, folder: Path, rng: np.random.Generator, *, small: bool) -> MadeTask:
-        """Make the task in `folder` with random numbers of `rng`; a `small` one has a few samples."""
+        """Make the task in `folder` with random numbers of `rng`, and return its `MadeTask`.
+
+        A `small` task has a few samples.
+        """
         ...
 
 
@@ -87,7 +90,7 @@ def make_benchmark(
         watch: function called with the name of each task before it is made.
 
     Returns:
-        Names of the tasks made.
+        Names of the tasks made, a tuple.
 
     Raises:
         InputError: a name is no task, or the task's simulator is not installed.

@@ -19,7 +19,13 @@ DEPTHS = (0.003, 0.006, 0.009)  # m: of the calibration
 
 
 def marker_ring(folder: Path, rng: np.random.Generator, *, small: bool) -> MadeTask:
-    """Make images of one to three contacts at once on the barrel, still or rolling, and a calibration of it."""
+    """Make images of one to three contacts at once on the barrel, still or rolling, and a calibration of it.
+
+    Returns a `MadeTask`; the files are written into `folder`.
+
+    Raises:
+        InputError: scikit-fem or OpenCV is not installed.
+    """
     seed = int(rng.integers(2**31))
     unit = RingUnit.drawn(seed, coarse=True, look=Look(quality=QUALITY))
     write_calibration_run(

@@ -45,7 +45,7 @@ class Score:
 
 @takes_arrays
 def score(answers: Contacts, truth: TrueSamples, quiet: Int[np.ndarray, " q"]) -> Score:
-    """Score answers; the time of answers and truth is the number of the sample.
+    """Score answers and return the `Score`; the time of answers and truth is the number of the sample.
 
     Within a sample answers and contacts are paired one to one, by the least sum of distances.
 

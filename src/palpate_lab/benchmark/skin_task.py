@@ -45,7 +45,13 @@ tare = {tare}
 
 
 def skin(folder: Path, rng: np.random.Generator, *, small: bool) -> MadeTask:
-    """Make samples of one to three contacts at once on a sheet of taxels, on an arm that does not move."""
+    """Make samples of one to three contacts at once on a sheet of taxels, on an arm that does not move.
+
+    Returns a `MadeTask`; the files are written into `folder`.
+
+    Raises:
+        InputError: MuJoCo is not installed.
+    """
     sheet = Rolled(rows=6 if small else 10)
     settings = ForearmSettings(
         sheet=sheet, moving=False, seconds=8.0 if small else 20.0, quiet=QUIET, unseen=0.0, mass=0.9, skin_rate=50

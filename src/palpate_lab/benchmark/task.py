@@ -35,7 +35,7 @@ class TaskTruth:
 
     @classmethod
     def of(cls, sample: np.ndarray, point: np.ndarray, force: np.ndarray, quiet: np.ndarray) -> TaskTruth:
-        """Create the truth from contacts and from samples in which nothing touches (q,), sorted by sample."""
+        """Create a `TaskTruth` from contacts and from samples in which nothing touches (q,), sorted by sample."""
         every = np.concatenate([sample, quiet]).astype(np.int64)
         nothing = np.full((len(quiet), 3), np.nan)
         order = np.argsort(every, kind="stable")

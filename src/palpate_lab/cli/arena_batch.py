@@ -68,7 +68,7 @@ def _require(output: Path, seeds: int, jobs: int | None, backend: str) -> int:
 
 
 def read_results(path: Path) -> tuple[dict[str, object], dict[int, ArenaResult]]:
-    """Read a file of results: the settings, and the result of each seed.
+    """Read a file of results: a dict of the settings, and a dict of seed -> `ArenaResult`.
 
     An incomplete last line, as a killed process leaves it, is ignored.
 

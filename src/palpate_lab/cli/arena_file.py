@@ -29,7 +29,7 @@ class _Arena:
 
 
 def read_arena(file: str | Path) -> ArenaLayout:
-    """Read an arena from a file: lengths [m], angles [rad]; a block without a mass is fixed.
+    """Read an `ArenaLayout` from a file: lengths [m], angles [rad]; a block without a mass is fixed.
 
     Raises:
         InputError: the file cannot be read, a key is missing, unknown or of another type, or the arena is not valid.

@@ -32,11 +32,14 @@ BLOCK = 32  # frames in memory at once
 
 
 def arena_ring(unit: RingUnit, protocol: Protocol = PROTOCOL) -> MarkerRing:
-    """Calibrate a unit of the arena on quickly drawn images of the unit's camera.
+    """Calibrate a unit of the arena on quickly drawn images of its camera, and return the `MarkerRing`.
 
     Args:
         unit: unit to calibrate.
         protocol: presses of the calibration.
+
+    Raises:
+        InputError: scikit-fem or OpenCV is not installed, or the presses do not determine the response.
     """
     session, barrel, camera = calibration_run(unit, protocol), unit.barrel, unit.camera
     truth = RingTruth(*(getattr(session, name)[:, 0] for name in ("angle", "depth", "force", "shear")))
@@ -66,7 +69,11 @@ class RingWear:
 
     @staticmethod
     def made(seed: int = 0, ring: MarkerRing | None = None) -> RingWear:
-        """Make a unit of the coarse barrel, and calibrate it (seconds, once) if no calibration is given."""
+        """Return a `RingWear` of a unit of the coarse barrel, calibrated (seconds, once) if no calibration is given.
+
+        Raises:
+            InputError: scikit-fem or OpenCV is not installed.
+        """
         unit = RingUnit.drawn(seed, coarse=True)
         skin = kept("arena_skin.npz", seed, lambda: RingSkin.built(unit), _write_skin, _read_skin)
         ring = ring or kept("arena_ring.toml", seed, lambda: arena_ring(unit), write_model, _read_ring)
@@ -117,7 +124,7 @@ class RingSense:
         self.frame = self.camera.black()
 
     def look(self, truth: Float[np.ndarray, "k 5"], *, dark: bool = False) -> None:
-        """Deform the skin by the true contacts, and find its markers.
+        """Deform the skin by the true contacts, and update `frame` and the marker positions that `feel` uses.
 
         Args:
             truth: (k, 5) angle [rad], force [N], shear [N], depth [m] and kind of each true contact.
@@ -134,7 +141,10 @@ class RingSense:
             self._pixels[self._gone] = np.nan
 
     def feel(self, time: float) -> Touches | None:
-        """Return angle [rad] and force [N] of each contact since `look`, (k, 2); None if the skin gives no reading."""
+        """Return angle [rad] and force [N] of each contact since `look`, (k, 2); None if the skin gives no reading.
+
+        Without contact it is (0, 2).
+        """
         state = self.estimator.tracker.frame if self._images else FrameProblem.OK
         rows = self._rows[: self.estimator.update_markers_into(time, self._pixels, self._rows, state)]
         status = int(rows[0, ROW.status])

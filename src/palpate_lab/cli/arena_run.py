@@ -133,7 +133,7 @@ class ArenaRun:
         robot: physical settings of the robots; None for the usual ones.
 
     Raises:
-        InputError: an unknown method or fault, or an arena that cannot be solved.
+        InputError: an unknown method or fault, an arena that cannot be solved, or MuJoCo is not installed.
     """
 
     def __init__(self, settings: ArenaSettings, wear: RingWear, robot: RobotSettings | None = None) -> None:
@@ -214,11 +214,15 @@ class ArenaRun:
         return wheels
 
     def result(self) -> ArenaResult:
-        """Return the result of the moments so far."""
+        """Return the `ArenaResult` of the moments so far."""
         return self._sums.result(self.settings.seed, self.navigators, self.world.time)
 
     def play(self, watch: Callable[[ArenaMoment], None] | None = None) -> ArenaResult:
-        """Run all moments, call `watch` with each, and return the result."""
+        """Run all moments, call `watch` with each, and return the `ArenaResult`.
+
+        Raises:
+            RuntimeError: the engine warned, and its results cannot be trusted.
+        """
         for moment in self:
             if watch is not None:
                 watch(moment)

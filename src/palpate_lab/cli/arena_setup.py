@@ -53,7 +53,8 @@ class ArenaRequest:
         """Check all options before any work.
 
         Raises:
-            InputError: an unknown name, a number out of its range, or options that exclude each other.
+            InputError: an unknown name, a number out of its range, options that exclude each other, an arena that
+                cannot be read or solved, or a rig without a ring.
         """
         from palpate_lab.cli.arena_run import FAULTS, METHODS
         from palpate_lab.simulation.arena import DENSITIES, RobotSettings, require_solvable
@@ -78,7 +79,7 @@ class ArenaRequest:
 
     @property
     def own(self) -> bool:
-        """True if the arena is read from a file."""
+        """True if the arena is read from a file: `layout` ends in .toml."""
         return self.layout.endswith(".toml")
 
     def _check_fixed(self) -> None:
@@ -90,7 +91,11 @@ class ArenaRequest:
             raise InputError(f"the layout {self.layout!r} has {there} of them.", where="--robots", hint="Leave it out.")
 
     def arena(self, seed: int) -> ArenaLayout:
-        """Return the arena of a seed."""
+        """Return the `ArenaLayout` of a seed; only a random arena depends on it.
+
+        Raises:
+            InputError: the file is no valid arena, the layout is unknown, or no random arena can be solved.
+        """
         from palpate_lab.cli.arena_file import read_arena
         from palpate_lab.simulation.arena import paper_layout, random_layout, trap_layout
 
@@ -101,10 +106,11 @@ class ArenaRequest:
         return paper_layout() if self.layout == "paper" else trap_layout(self.layout)
 
     def run(self, seed: int) -> ArenaRun:
-        """Return the run of a seed, at its start.
+        """Return the `ArenaRun` of a seed, at its start.
 
         Raises:
-            InputError: an arena that cannot be solved, or a rig without a ring.
+            InputError: an arena that cannot be read or solved, a rig without a ring, or MuJoCo, scikit-fem or OpenCV is
+                not installed.
         """
         from palpate_lab.cli.arena_run import ArenaRun, ArenaSettings, RobotFault
 
@@ -120,7 +126,13 @@ class ArenaRequest:
         return ArenaRun(settings, robot_skin(self.rig))
 
     def key(self) -> dict[str, object]:
-        """Return everything that a result depends on except its seed: with the same key a seed has the same result."""
+        """Return a dict of all that a result depends on except its seed: with the same key a seed has the same result.
+
+        It has the settings by name, Palpate's version, and a digest in place of each file's name.
+
+        Raises:
+            OSError: the rig or the file of the arena cannot be read.
+        """
         from palpate import __version__
 
         ring = "" if self.rig is None else sha256(Path(self.rig).read_bytes()).hexdigest()
@@ -133,7 +145,7 @@ class ArenaRequest:
 
 
 def command(request: ArenaRequest, seed: int) -> str:
-    """Return the command line that shows one run."""
+    """Return the text of the command line (`palpate simulate arena`) that shows one run."""
     words = ["palpate simulate arena -o run.mcap"]
     for name, value in vars(request).items():
         if value != getattr(ArenaRequest(), name):
@@ -168,7 +180,13 @@ def _ring(rig: str | Path) -> MarkerRing:
 
 @lru_cache(maxsize=1)
 def robot_skin(rig: str | None) -> RingWear:
-    """Return the skin of every robot: the simulated ring, calibrated here or by the rig's model; made once for all."""
+    """Return the skin of every robot, a `RingWear`: the simulated ring, calibrated here or by the rig's model.
+
+    It is made once for all.
+
+    Raises:
+        InputError: the rig is of another sensor or names no model, or scikit-fem or OpenCV is not installed.
+    """
     from palpate_lab.cli.arena_ring import RingWear
 
     return RingWear.made(UNIT, None if rig is None else _ring(rig))

@@ -42,7 +42,7 @@ class Entrant:
 
 
 def live_entrant(prepare: Prepare, name: str) -> Entrant:
-    """Return an entrant that is called with each reading in turn; its time is the median of the calls.
+    """Return an `Entrant` that is called with each reading in turn; its time is the median of the calls.
 
     Its `enter` raises InputError for an answer that is no contact, or has more contacts than the task's `most`.
     """
@@ -97,10 +97,13 @@ def _rows(said: object, task: Task, sample: int, name: str) -> Float[np.ndarray,
 
 
 def users(name: str) -> Entrant:
-    """Return the entrant of a user's function, `module:function`; the current folder is searched first for the module.
+    """Return the `Entrant` of a user's function, `module:function`.
+
+    The current folder is searched first for the module.
 
     Raises:
-        InputError: there is no such module or function, or it cannot be imported; from `enter`: the function raises.
+        InputError: there is no such module or function, or it cannot be imported; from `enter`: the function
+            raises, or its answer is no contact.
     """
     module, _, function = name.partition(":")
     where = f"--estimator {name}"

@@ -32,7 +32,11 @@ CALIBRATE = {  # in the folder of the task
 
 
 def palpate_entrants() -> tuple[Entrant, ...]:
-    """Return Palpate: for single wrenches one by one, for logs by `palpate estimate`, which uses the complete log."""
+    """Return Palpate as a tuple with one `Entrant`.
+
+    It answers single wrenches one by one, and logs by `palpate estimate`, which uses the complete log. Its `enter`
+    raises InputError if a calibration or the estimate fails.
+    """
     single = live_entrant(_single, "Palpate")
 
     def enter(task: Task) -> EntrantResult | None:

@@ -34,7 +34,7 @@ SKIN_PEERS = {
 
 
 def peers() -> tuple[Entrant, ...]:
-    """Return all peers."""
+    """Return all peers, a tuple of `Entrant`; each is called with one reading after the other."""
     wrenches = ((name, partial(_on_wrenches, made)) for name, made in WRENCH_PEERS.items())
     skins = ((name, partial(_on_skin, made)) for name, made in SKIN_PEERS.items())
     every: list[tuple[str, Prepare]] = [*wrenches, *skins, ("calibration image most alike", _on_images)]

@@ -37,12 +37,12 @@ class Row:
 
 
 def header() -> tuple[str, ...]:
-    """Return the column titles of the table of one task."""
+    """Return the titles of the nine columns of a task's table, a tuple of texts."""
     return ("", "answered", "median [mm]", "95 % [mm]", f"{1e3 * NEAR:g} mm", "force [N]", "ellipse", "false", "time")
 
 
 def cells(row: Row) -> tuple[str, ...]:
-    """Return the table's cells for one entrant."""
+    """Return the cells of one entrant's row, a text for each column of `header`; "-" for a figure that is not known."""
     got = row.score
     return (
         row.name,
@@ -58,7 +58,7 @@ def cells(row: Row) -> tuple[str, ...]:
 
 
 def as_markdown(tasks: Mapping[str, Task], results: Mapping[str, Sequence[Row]]) -> str:
-    """Return Markdown with a heading and a table per task, and the meaning of the columns."""
+    """Return a Markdown text with a heading and a table per task, and the meaning of the columns."""
     parts = [f"{_made(tasks)}\n"]
     for name, rows in results.items():
         parts += [f"## {name}\n", f"{_about(tasks[name], rows)}\n", _line(header())]
@@ -67,7 +67,7 @@ def as_markdown(tasks: Mapping[str, Task], results: Mapping[str, Sequence[Row]])
 
 
 def as_page(tasks: Mapping[str, Task], results: Mapping[str, Sequence[Row]]) -> str:
-    """Return the results as one page of HTML.
+    """Return the results as the HTML text of one page.
 
     Raises:
         InputError: matplotlib or jinja2 is not installed.

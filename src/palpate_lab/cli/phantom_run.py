@@ -50,7 +50,7 @@ class PhantomMoment:
 
 
 def phantom_arm(probe: Probe) -> Arm:
-    """Return the arm with a probe, as its URDF describes it."""
+    """Return the `Arm` from base to ft_sensor with a probe, as its URDF describes it."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "robot.urdf"
         file.write_text(urdf(probe), encoding="utf-8")
@@ -58,13 +58,13 @@ def phantom_arm(probe: Probe) -> Arm:
 
 
 def phantom_payload(lab: PhantomLab) -> Payload:
-    """Identify the probe's payload from wrenches in free poses, as a user would."""
+    """Identify the probe's `Payload` from wrenches in free poses, as a user would."""
     wrenches, rotations = lab.free_wrenches(samples=SAMPLES)
     return identify_payload(wrenches, rotations, noise=np.array(ACCURATE) / SAMPLES**0.5)
 
 
 def controller_for(lab: PhantomLab, method: str = "ours", limits: Limits | None = None) -> AlignController:
-    """Return the product's controller for a lab; it is calibrated there and knows nothing of the truth.
+    """Return the product's `AlignController` for a lab; it is calibrated there and knows nothing of the truth.
 
     Args:
         lab: lab that was just started.
@@ -85,7 +85,11 @@ def controller_for(lab: PhantomLab, method: str = "ours", limits: Limits | None 
 
 
 def moments(lab: PhantomLab, controller: AlignController, seconds: float) -> Iterator[PhantomMoment]:
-    """Run the loop until a time [s], and yield each period of the sensor."""
+    """Run the loop until a time [s], and yield a `PhantomMoment` for each period of the sensor.
+
+    Raises:
+        RuntimeError: the engine warned, and its results cannot be trusted.
+    """
     reading = lab.reading
     while reading.time < seconds:
         command = controller.update(reading.time, reading.wrench, reading.joints)

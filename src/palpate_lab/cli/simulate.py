@@ -72,7 +72,10 @@ def require_new(folder: Path) -> None:
 
 @contextmanager
 def complete_session(output: Path) -> Generator[Path]:
-    """Yield a folder next to the output that becomes it at the end; after Ctrl-C or an error it is removed."""
+    """Yield the path of a folder next to the output that becomes it at the end.
+
+    After Ctrl-C or an error it is removed.
+    """
     part = Path(tempfile.mkdtemp(prefix=f".{output.name}.", suffix=PART, dir=output.absolute().parent))
     try:
         yield part

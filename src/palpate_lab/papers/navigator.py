@@ -182,13 +182,17 @@ class PaperNavigator:
 
     @property
     def vectors(self) -> tuple[float, float]:
-        """Directions [rad] of V_B and V_A in the frame of the goal, as last decided."""
+        """Pair of directions [rad] of V_B (backward) and V_A (along) in the goal's frame, as last decided, else 0."""
         return self._back, self._along
 
     def update(
         self, time: float, touches: Float[np.ndarray, "k 2"] | None, pose: Float[np.ndarray, "3"]
     ) -> tuple[float, float]:
-        """Return the track speeds [m/s] of `Navigator.update`; they are 0 without touches (None) or a finite pose."""
+        """Return the speeds of the left and right track [m/s], a pair; both 0 without touches (None) or a finite pose.
+
+        They are 0 too once the robot has arrived; a time that is not later than the last one gives the last speeds
+        again.
+        """
         x, y, heading = pose.tolist()
         if self.arrived or not time > self._time:
             return self._wheels
@@ -301,7 +305,7 @@ class PaperNavigator:
 
 
 def table_1(settings: PaperSettings, touched: float, strongest: float, speed: float) -> tuple[Condition, str]:
-    """Return the condition of table I, and its reason in a sentence.
+    """Return the `Condition` of table I, and its reason in a sentence.
 
     Args:
         settings: F_max, t_t and the speed below which |V_R| ~ 0.

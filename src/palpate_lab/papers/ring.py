@@ -19,11 +19,12 @@ def paper_contacts(
 ) -> Float[np.ndarray, "k 2"]:
     """Return angle [rad, as in the image, y up] and largest displacement [px] of each contact, (k, 2), largest first.
 
-    This is (1) of the `marker ring` paper, with angles about the mean of the markers of each image. A marker is the
-    middle of a contact where it moved more than its two neighbours. Draw a line through its positions at rest and now,
-    and another through those of the neighbour that moved more: the angle of their intersection G is the contact's
-    angle. The angle of the middle marker at rest replaces it where the lines are parallel, or where the two differ by
-    more than the spacing of the markers (as where G lies beyond the centre): cases that the paper does not treat.
+    This is equation (1) of the `marker ring` paper, with angles about the mean of the markers of each image. A marker
+    is the middle of a contact where it moved more than its two neighbours. Draw a line through its positions at rest
+    and now, and another through those of the neighbour that moved more: the angle of their intersection G is the
+    contact's angle. The angle of the middle marker at rest replaces it where the lines are parallel, or where the two
+    differ by more than the spacing of the markers (as where G lies beyond the centre): cases that the paper does not
+    treat.
 
     Args:
         rest: (m, 2) [px] positions of the markers at rest, in their order round the ring.

@@ -20,7 +20,7 @@ Systems = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]  # a wrench (6,)
 def facet_planes(mesh: Mesh) -> Planes:
     """Return each facet's normal N, offset d of N . p + d = 0, and two barycentric coordinates as g . p + e.
 
-    The shapes are N (f, 3), d (f,), g (2, f, 3) and e (2, f).
+    The shapes are N (f, 3), d (f,) [m], g (2, f, 3) [1/m] and e (2, f).
     """
     a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
     normal = mesh.normals
@@ -35,13 +35,18 @@ def facet_planes(mesh: Mesh) -> Planes:
 def within(
     points: Float[np.ndarray, "f 3"], slopes: Float[np.ndarray, "2 f 3"], rests: Float[np.ndarray, "2 f"]
 ) -> Bool[np.ndarray, " f"]:
-    """Tell for the point on each facet's plane whether it lies inside the facet, (f,)."""
+    """Return a bool for each facet, (f,), True where the point (f, 3) on its plane lies inside it.
+
+    `slopes` and `rests` are g and e of `facet_planes`.
+    """
     first, second = np.einsum("ifk,fk->if", slopes, points) + rests
     return (first >= INSIDE) & (second >= INSIDE) & (first + second <= 1 - INSIDE)
 
 
 def system_filler(mesh: Mesh) -> Systems:
     """Return a function from a wrench (6,) to the paper's 4 x 4 system of every facet.
+
+    It returns the matrices (f, 4, 4) and the right sides (f, 4) for the unknowns p and tau.
 
     The systems are -[F]x p + tau N = M, with p x F = -[F]x p, and N . p = -d. Each call fills the same two arrays.
     """
@@ -64,6 +69,7 @@ def paper_systems(
     """Return a function that solves all systems for a wrench (6,) in one call.
 
     It returns the facets (k,) that the wrench can touch, the points (k, 3) [m] and the torques (k,) [N m].
+    It raises LinAlgError if a system is singular, as without a force.
     """
     fill, (normal, _, slopes, rests) = system_filler(mesh), facet_planes(mesh)
 

@@ -16,7 +16,7 @@ BLOCK = 8  # pixels, whose mean is compared
 
 @takes_arrays
 def shrunk(image: UInt8[np.ndarray, "h w 3"]) -> Float[np.ndarray, " n"]:
-    """Return red less the mean of green and blue, one number per block of 8 x 8 pixels, (n,)."""
+    """Return red less the mean of green and blue, one number per block of 8 x 8 pixels, (n,), row by row."""
     red = image[..., 2].astype(np.float64) - image[..., :2].mean(axis=2)  # OpenCV's order: blue, green, red
     high, wide = (size - size % BLOCK for size in red.shape)
     return red[:high, :wide].reshape(high // BLOCK, BLOCK, wide // BLOCK, BLOCK).mean(axis=(1, 3)).ravel()

@@ -29,7 +29,11 @@ class CellPlaces:
 
 
 def all_taxels(sheet: CellPlaces) -> Frames:
-    """Return a peer that finds one contact: the centre of all loaded cells, weighted by force."""
+    """Return a peer that finds one contact: the centre of all loaded cells, weighted by force.
+
+    The peer is a function from forces of the cells (k,) [N] and a wrench (6,) to (1, 6): point [m] and force [N].
+    Without loaded cells it is (0, 6).
+    """
 
     def answer(forces: np.ndarray, wrench: np.ndarray) -> np.ndarray:
         del wrench
@@ -40,7 +44,10 @@ def all_taxels(sheet: CellPlaces) -> Frames:
 
 
 def patches(sheet: CellPlaces) -> Frames:
-    """Return a peer that finds one contact per patch of loaded neighbours: its centre and its sum along the normals."""
+    """Return a peer that finds one contact per patch of loaded neighbours: its centre and its sum along the normals.
+
+    The peer is a function as in `all_taxels`; it returns a row per patch, (c, 6).
+    """
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
 
@@ -56,7 +63,11 @@ def patches(sheet: CellPlaces) -> Frames:
 
 
 def patches_and_wrench(sheet: CellPlaces) -> Frames:
-    """Return a peer that finds the points of `patches`, and the shortest forces there that make the sensor's wrench."""
+    """Return a peer that finds the points of `patches`, and the shortest forces there that make the sensor's wrench.
+
+    The peer is a function from forces of the cells (k,) [N] and a wrench (6,) [N, N m] to a row per patch, (c, 6):
+    point [m] and force [N].
+    """
     skin = patches(sheet)
 
     def answer(forces: np.ndarray, wrench: np.ndarray) -> np.ndarray:
@@ -70,7 +81,7 @@ def patches_and_wrench(sheet: CellPlaces) -> Frames:
 
 @takes_arrays
 def minimum_norm(points: Float[np.ndarray, "n 3"], wrench: Float[np.ndarray, "6"]) -> Float[np.ndarray, "n 3"]:
-    """Return the shortest forces (n, 3) [N] at points (n, 3) [m] that make a wrench (6,)."""
+    """Return the shortest forces (n, 3) [N] at points (n, 3) [m] that make a wrench (6,) [N, N m] about the origin."""
     columns = [np.concatenate([np.eye(3), np.cross(point, np.eye(3)).T]) for point in points]
     return (np.linalg.pinv(np.concatenate(columns, axis=1)) @ wrench).reshape(-1, 3)
 

@@ -21,6 +21,8 @@ FAR = 1e3  # m: a bound that bounds nothing
 def line_of_action(mesh: Mesh) -> Answer:
     """Return a peer that intersects the wrench's axis with the mesh [bicchi].
 
+    The peer is a function from a wrench (6,) to a point (3,) [m]; NaN if it finds none.
+
     Of several intersections it takes the one that Palpate's `wrench_axis` takes.
     """
     locator = Locator(mesh, "wrench_axis", friction=FAR, torsion=FAR)
@@ -35,7 +37,10 @@ def line_of_action(mesh: Mesh) -> Answer:
 
 
 def first_hit(mesh: Mesh) -> Answer:
-    """Return a peer that finds the facet the axis meets first by testing all facets, as a ray caster does."""
+    """Return a peer that finds the facet the axis meets first by testing all facets, as a ray caster does.
+
+    The peer is a function from a wrench (6,) to a point (3,) [m]; NaN if it finds none.
+    """
     normal, offset, slopes, rests = facet_planes(mesh)
 
     def answer(wrench: np.ndarray) -> np.ndarray:
@@ -51,7 +56,10 @@ def first_hit(mesh: Mesh) -> Answer:
 
 
 def nearest_vertex(mesh: Mesh) -> Answer:
-    """Return a peer that finds the pressed vertex with the least remaining moment, |M - p x F|."""
+    """Return a peer that finds the pressed vertex with the least remaining moment, |M - p x F|.
+
+    The peer is a function from a wrench (6,) to a point (3,) [m].
+    """
     vertices, normals = mesh.vertices, np.zeros(mesh.vertices.shape)
     np.add.at(normals, mesh.faces, mesh.corner_normals)
 
@@ -65,6 +73,8 @@ def nearest_vertex(mesh: Mesh) -> Answer:
 
 def paper_planes(mesh: Mesh) -> Answer:
     """Return the `probe` paper's peer: a 4 x 4 system for the plane of every facet, and the point of least torque.
+
+    The peer is a function from a wrench (6,) to a point (3,) [m]; NaN if it finds none.
 
     Only points inside their facets count. The paper leaves open which of several to take.
     """
@@ -82,7 +92,10 @@ def paper_planes(mesh: Mesh) -> Answer:
 
 
 def pseudo_inverse(mesh: Mesh) -> Answer:
-    """Return a peer that finds the shortest p of p x F = M by the pseudo-inverse, F x M / |F|^2, without the body."""
+    """Return a peer that finds the shortest p of p x F = M by the pseudo-inverse, F x M / |F|^2, without the body.
+
+    The peer is a function from a wrench (6,) to p (3,) [m]; NaN without a force.
+    """
     del mesh
 
     def answer(wrench: np.ndarray) -> np.ndarray:
@@ -94,6 +107,9 @@ def pseudo_inverse(mesh: Mesh) -> Answer:
 
 def least_squares(mesh: Mesh) -> Answer:
     """Return a peer that solves M - p x F - k n(p) = 0 with p on the mesh by SciPy's Levenberg-Marquardt.
+
+    The peer is a function from a wrench (6,) to a point (3,) [m]; NaN if it does not converge, or to a point where F
+    does not press.
 
     It starts at the vertex of `nearest_vertex`. Unknown are p and k; normal and distance are those of the mesh's
     nearest point, derivatives are finite differences.

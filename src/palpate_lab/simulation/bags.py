@@ -46,7 +46,7 @@ class Bag:
 
 @contextmanager
 def open_bag(path: Path, kinds: Mapping[str, str]) -> Generator[Bag]:
-    """Open one MCAP file to write; it appears under its name when the block ends well.
+    """Yield a `Bag` to write one MCAP file; the file appears under its name when the block ends well.
 
     Args:
         path: path of the file.
@@ -74,7 +74,8 @@ def write_bag(path: Path, kinds: Mapping[str, str], made: Callable[[Any], Iterab
     Args:
         path: path of the file.
         kinds: topic -> type, as in "std_msgs/msg/UInt8MultiArray".
-        made: function from the message types to the messages of each topic, in the order of their stamps.
+        made: function from the message types to an iterable for each topic of (stamp [ns], topic, message), in the
+            order of their stamps.
 
     Raises:
         InputError: rosbags is not installed.
@@ -87,7 +88,7 @@ def write_bag(path: Path, kinds: Mapping[str, str], made: Callable[[Any], Iterab
 def wrenches(
     types: Any, topic: str, time: Float[np.ndarray, " n"], rows: Float[np.ndarray, "n 6"]
 ) -> Iterator[Stamped]:
-    """Yield a WrenchStamped of the force/torque sensor for each time [s] and row [N, N m]."""
+    """Yield (stamp [ns], topic, message) with a WrenchStamped of ft_sensor for each time [s] and row [N, N m]."""
     vector, wrench, stamped = (types[f"geometry_msgs/msg/{name}"] for name in ("Vector3", "Wrench", "WrenchStamped"))
     for stamp, row in zip(nanoseconds(time), rows.tolist(), strict=True):
         yield stamp, topic, stamped(header(types, stamp, "ft_sensor"), wrench(vector(*row[:3]), vector(*row[3:])))
@@ -100,7 +101,10 @@ def poses(
     quaternions: Float[np.ndarray, "n 4"],
     position: tuple[float, float, float],
 ) -> Iterator[Stamped]:
-    """Yield a PoseStamped in the base for each orientation about a fixed point [m]; stamps before 0 are omitted."""
+    """Yield (stamp [ns], topic, message) with a PoseStamped in the base for each orientation x, y, z, w.
+
+    They are about a fixed point [m]; stamps before 0 are omitted.
+    """
     point, turn, pose, stamped = (
         types[f"geometry_msgs/msg/{name}"] for name in ("Point", "Quaternion", "Pose", "PoseStamped")
     )
@@ -116,7 +120,10 @@ def readings(
     frames: UInt8[np.ndarray, "n ..."],
     labels: tuple[str, ...],
 ) -> Iterator[Stamped]:
-    """Yield a UInt8MultiArray for each sample of a skin, with a label for each axis; stamps before 0 are omitted."""
+    """Yield (stamp [ns], topic, message) with a UInt8MultiArray for each sample of a skin, with a label for each axis.
+
+    Stamps before 0 are omitted.
+    """
     array, layout, size = (
         types[f"std_msgs/msg/{name}"] for name in ("UInt8MultiArray", "MultiArrayLayout", "MultiArrayDimension")
     )
@@ -129,11 +136,11 @@ def readings(
 
 
 def header(types: Any, stamp: int, frame: str) -> Any:
-    """Return a message header of a stamp [ns] and a frame."""
+    """Return a std_msgs/Header with a stamp [ns] and the name of a frame."""
     seconds, rest = divmod(stamp, 10**9)
     return types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](seconds, rest), frame)
 
 
 def nanoseconds(time: Float[np.ndarray, " n"]) -> list[int]:
-    """Return times [s] as stamps [ns]."""
+    """Return times (n,) [s] as stamps [ns], a list of n integers."""
     return np.rint(time * 1e9).astype(np.int64).tolist()

@@ -27,7 +27,10 @@ class Ellipse:
     def foot(
         self, x: Float[np.ndarray, "*batch"], y: Float[np.ndarray, "*batch"]
     ) -> tuple[Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3"]]:
-        """Return the point of the upper side above (x, y) [m], and the outward unit normal there."""
+        """Return the points (*batch, 3) [m] of the upper side above (x, y) [m], and the outward unit normals there.
+
+        Beyond |x| = a they are NaN.
+        """
         point = np.stack([x, y, self.b * np.sqrt(1.0 - (x / self.a) ** 2)], axis=-1)
         normal = point * [self.a**-2, 0.0, self.b**-2]
         return point, normal / np.linalg.norm(normal, axis=-1, keepdims=True)

@@ -59,7 +59,11 @@ class Barrel:
     @staticmethod
     @lru_cache(maxsize=2)
     def built(settings: BarrelSettings) -> Barrel:
-        """Mesh, factorise and condense a barrel (seconds); the last two barrels are kept in memory."""
+        """Mesh, factorise and condense a `Barrel` (seconds); the last two barrels are kept in memory.
+
+        Raises:
+            InputError: scikit-fem is not installed.
+        """
         body = solid(settings)
         levels = np.unique(np.round(body.place[:, 2], 9))
         rows = int(np.searchsorted(levels, settings.band + 1e-9))
@@ -82,23 +86,31 @@ class Barrel:
         return Barrel(settings, band, rest, answer)
 
     def press(self, bodies: Sequence[Indenter], friction: float = 0.4) -> Pressed:
-        """Press rigid bodies side by side into the unloaded barrel, and return it loaded.
+        """Press rigid bodies side by side into the unloaded barrel, and return the loaded one as a `Pressed`.
 
         Args:
             bodies: bodies that are first pressed along the radius to their depths, then slid.
             friction: Coulomb's coefficient; it acts around the ring.
+
+        Raises:
+            InputError: a depth or radius is impossible, or the bodies crowd the skin so that no equilibrium is
+                found.
         """
         return self._seen(bodies, settle(self.band, bodies, friction)[-1], 1.0)
 
     def follow(
         self, bodies: Sequence[Indenter], shares: Sequence[tuple[float, float]], friction: float = 0.4
     ) -> list[Pressed]:
-        """Press bodies step by step, with the history of friction, and return the loaded barrel at each step.
+        """Press bodies step by step, with the history of friction, and return a list with a `Pressed` for each step.
 
         Args:
             bodies: as for `press`.
             shares: share of their depths and share of their slides reached at each step.
             friction: Coulomb's coefficient.
+
+        Raises:
+            InputError: a depth or radius is impossible, or the bodies crowd the skin so that no equilibrium is
+                found.
         """
         found = settle(self.band, bodies, friction, shares)
         return [self._seen(bodies, each, down) for each, (down, _) in zip(found, shares, strict=True)]

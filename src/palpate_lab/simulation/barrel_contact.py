@@ -236,7 +236,7 @@ def settle(
             down in one step, then aside in two if a body slides.
 
     Returns:
-        An equilibrium for each of `shares`.
+        A list with a `Settled` for each of `shares`.
 
     Raises:
         InputError: a depth or radius is impossible, or the bodies crowd the skin so that no equilibrium is found.

@@ -139,7 +139,7 @@ def solid(settings: BarrelSettings) -> Solid:
 
 
 def stiffness_matrix(mesh: Any, modulus: float, poisson: float) -> sparse.csr_matrix:
-    """Assemble the stiffness [N/m] of an isotropic body, by 3 x 3 x 3 points a brick.
+    """Assemble the stiffness of an isotropic body, sparse, (3 nodes, 3 nodes) [N/m], by 3 x 3 x 3 points a brick.
 
     K_iajb = integral of lambda g_ia g_jb + mu (g_ib g_ja + delta_ab g_ic g_jc), g the gradients of the shape functions.
 
@@ -147,6 +147,9 @@ def stiffness_matrix(mesh: Any, modulus: float, poisson: float) -> sparse.csr_ma
         mesh: scikit-fem's mesh of quadratic bricks.
         modulus: Young's modulus [Pa].
         poisson: Poisson's ratio, below 0.5.
+
+    Raises:
+        InputError: scikit-fem is not installed.
     """
     fem = _skfem()
     basis = fem.Basis(mesh, fem.ElementHex2(), intorder=5)
@@ -174,7 +177,7 @@ def _supported(body: Solid) -> Int[np.ndarray, " s"]:
 
 
 def compliance(body: Solid, answered: Int[np.ndarray, " a"], loaded: Int[np.ndarray, " l"]) -> Float[np.ndarray, "a l"]:
-    """Compute the movements [m] of some freedoms by unit forces on others.
+    """Compute the movements of some freedoms by unit forces on others, (answered, loaded) [m/N].
 
     Sectors of the ring are condensed onto the planes between them, so that all the work is in dense blocks: with
     T = -K_II^-1 K_IB and S = sum over sectors of K_BB + K_BI T, u = T S^-1 T' f + K_II^-1 f.

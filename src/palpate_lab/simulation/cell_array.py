@@ -90,15 +90,27 @@ class CellArray:
         return loads @ np.linalg.inv(frame)
 
     def forces(self, wrench: Float[np.ndarray, "*batch 6"]) -> Float[np.ndarray, "*batch k 3"]:
-        """Return the force on each cell [N] from a wrench on the frame [N, N m]."""
+        """Return the force on each cell (*batch, k, 3) [N] from a wrench on the frame (*batch, 6) [N, N m].
+
+        Raises:
+            GeometryError: the frame can turn without loading a cell.
+        """
         return np.einsum("iab,...b->...ia", self.shares(), wrench)
 
     def forward(self) -> Float[np.ndarray, "m 6"]:
-        """Return C (3k, 6) of u = C w + b [V/N, V/(N m)]."""
+        """Return C (3k, 6) [V/N, V/(N m)] of u = C w + b, with u the voltages, w the wrench and b the biases.
+
+        Raises:
+            GeometryError: the frame can turn without loading a cell.
+        """
         return (np.linalg.inv(self.sensitivity) @ self.shares()).reshape(-1, 6)
 
     def voltages(self, wrench: Float[np.ndarray, "*batch 6"]) -> Float[np.ndarray, "*batch m"]:
-        """Return the voltages (*batch, 3k) [V], cell by cell and x, y, z in each, without bias and noise."""
+        """Return the voltages (*batch, 3k) [V], cell by cell and x, y, z in each, without bias and noise.
+
+        Raises:
+            GeometryError: the frame can turn without loading a cell.
+        """
         return wrench @ self.forward().T
 
     def voltage_noise(self, noise: float, *, array: bool) -> float:
@@ -111,7 +123,7 @@ class CellArray:
 
 
 def random_cells(position: Float[np.ndarray, "k 3"], rng: np.random.Generator, *, twist: float = 0.0) -> CellArray:
-    """Draw cells at given places [m]: gains about 0.1 V/N, cross-coupling of 5 %, stiffness that differs by 20 %."""
+    """Draw a `CellArray` at places [m]: gains about 0.1 V/N, cross-coupling of 5 %, stiffness that differs by 20 %."""
     count = len(position)
     gain = GAIN * COUPLING * rng.normal(size=(count, 3, 3))
     diagonal = np.arange(3)

@@ -57,7 +57,10 @@ def directed_forces(
     tan_theta: Float[np.ndarray, "*batch"],
     azimuth: Float[np.ndarray, "*batch"],
 ) -> Float[np.ndarray, "*batch 3"]:
-    """Return forces (*batch, 3) of a size [N] that press at a friction angle and an azimuth [rad] about the normal."""
+    """Return forces (*batch, 3) of a size [N] that press at a friction angle and an azimuth [rad] about the normal.
+
+    The friction angle is given by its tangent.
+    """
     first, second = _tangents(normals)
     size, slope, turn = size[..., None], tan_theta[..., None], azimuth[..., None]
     sideways = np.cos(turn) * first + np.sin(turn) * second

@@ -11,7 +11,7 @@ __all__ = ["engine"]
 
 
 def engine(what: str) -> Any:
-    """Import and return MuJoCo.
+    """Import MuJoCo, and return its module.
 
     Args:
         what: subject of the simulation, for the message: "moving phantom".

@@ -30,7 +30,7 @@ class Skin(Protocol):
 
     @property
     def places(self) -> TaxelPlaces:
-        """True places and normals of the taxels, in the frame of the link."""
+        """True places [m] and normals of the taxels, in the frame of the link, as `TaxelPlaces`."""
         ...
 
     def offset_from(self, taxel: Int[np.ndarray, " n"], offset: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
@@ -38,7 +38,10 @@ class Skin(Protocol):
         ...
 
     def frame(self, points: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, "n 3 3"], Float[np.ndarray, " n"]]:
-        """Return axes at points of the surface (rows: two tangents, outward normal); curvature [1/m] on the first."""
+        """Return axes (n, 3, 3) at points of the surface, and the curvature (n,) [1/m] along the first.
+
+        The rows of the axes are two tangents and the outward normal.
+        """
         ...
 
     def offsets(
@@ -84,7 +87,7 @@ class Cone:
     def at(
         self, s: Float[np.ndarray, "*batch"], t: Float[np.ndarray, "*batch"]
     ) -> tuple[Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3"]]:
-        """Return the points [m] and outward normals at flat coordinates."""
+        """Return the points [m] and outward unit normals at flat coordinates [m], both (*batch, 3)."""
         away = np.hypot(self.apex - t, s)
         angle = np.arctan2(s, self.apex - t) / sin(self._half)
         round_about, radius = np.stack([np.cos(angle), np.sin(angle)], axis=-1), away * sin(self._half)
@@ -94,13 +97,16 @@ class Cone:
         return points, np.concatenate([cos(self._half) * round_about, up], axis=-1)
 
     def unrolled(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 2"]:
-        """Return the flat coordinates (s, t) [m] of points; off the surface, those at the point's angle and height."""
+        """Return the flat coordinates s, t (*batch, 2) [m] of points (*batch, 3).
+
+        Off the surface they are those at the point's angle and height.
+        """
         away = self.apex - (points[..., 2] - self.middle) / cos(self._half)
         turn = np.arctan2(points[..., 1], points[..., 0]) * sin(self._half)
         return np.stack([away * np.sin(turn), self.apex - away * np.cos(turn)], axis=-1)
 
     def mesh(self, around: int = 96, along: int = 40) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
-        """Return a closed mesh with end caps, facing outward; its vertices lie on the cone."""
+        """Return a closed mesh, vertices (v, 3) [m] on the cone and faces (f, 3), with end caps, facing outward."""
         angle = 2 * pi * np.arange(around) / around
         z = self.length * (np.arange(along + 1) / along - 0.5)
         ring = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -158,7 +164,7 @@ class Forearm(Value):
     def of(
         cls, modules: int = 7, *, layout: str = "ring12", cone: Cone | None = None, rows: int = 2, gap: float = 6.5e-3
     ) -> Forearm:
-        """Lay triangles in rows along the link, one up and one down.
+        """Lay modules, triangles, in rows along the link, one up and one down, and return the `Forearm`.
 
         Args:
             modules: number of modules.
@@ -198,7 +204,7 @@ class Forearm(Value):
 
     @property
     def layout(self) -> ModuleLayout:
-        """The layout of all its taxels."""
+        """`ModuleLayout` of all its taxels."""
         return ModuleLayout.repeated(self.shape, self.modules)
 
     @cached_property
@@ -208,7 +214,7 @@ class Forearm(Value):
 
     @property
     def places(self) -> TaxelPlaces:
-        """True places of the taxels on the link."""
+        """True places [m] and normals of the taxels on the link, as `TaxelPlaces`."""
         return self._places
 
     @cached_property
@@ -226,7 +232,7 @@ class Forearm(Value):
         return TaxelPlaces(points, normals, module=self.layout.module)
 
     def cad(self, rng: np.random.Generator, position: float = 3e-3, angle: float = radians(5.0)) -> TaxelPlaces:
-        """Return the places that CAD states: each module moved on the sheet and turned, by normal errors.
+        """Return the `TaxelPlaces` that CAD states: each module moved on the sheet and turned, by normal errors.
 
         Args:
             rng: random numbers of the errors.
@@ -242,7 +248,10 @@ class Forearm(Value):
         return self.cone.at(flat[:, 0], flat[:, 1])[0]
 
     def frame(self, points: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, "n 3 3"], Float[np.ndarray, " n"]]:
-        """Return axes at points of the cone (around it, along it to +z, outward); curvature cos(a) / r on the first."""
+        """Return axes (n, 3, 3) at points of the cone, and the curvature cos(a) / r (n,) [1/m] along the first.
+
+        The rows of the axes are around the cone, along it to +z, and outward; a is the cone's half angle.
+        """
         half, radius = atan(self.cone.slope), np.hypot(points[:, 0], points[:, 1])
         c, s, zero = points[:, 0] / radius, points[:, 1] / radius, np.zeros(len(points))
         up, out = np.full(len(points), sin(half)), cos(half)
@@ -281,7 +290,10 @@ class SurfaceSkin(Value):
         return self.surface.project(self.places.positions[taxel] + np.einsum("ni,nij->nj", offset, axes[:, :2]))[0]
 
     def frame(self, points: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, "n 3 3"], Float[np.ndarray, " n"]]:
-        """Return axes at points: two tangents and the surface normal there; and the constant curvature [1/m]."""
+        """Return axes (n, 3, 3) at points, and the constant curvature (n,) [1/m].
+
+        The rows of the axes are two tangents and the surface normal.
+        """
         return _tangents(self.surface.project(points)[1]), np.full(len(points), self.curvature)
 
     def offsets(
@@ -301,7 +313,7 @@ def _tangents(normals: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
 
 
 def nearby(tree: Any, points: Float[np.ndarray, "n 3"], reach: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pairs (point, entry of the tree) that are within reach, in the order of the points."""
+    """Return the indices of points (m,) and of the tree's entries within reach of them (m,), in the points' order."""
     found = tree.query_ball_point(points, reach, return_sorted=True)
     counts = np.fromiter((len(each) for each in found), dtype=np.int64, count=len(found))
     entries = np.fromiter((one for each in found for one in each), dtype=np.int64, count=int(counts.sum()))

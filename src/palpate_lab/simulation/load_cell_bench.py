@@ -119,7 +119,7 @@ class Bench:
     seed: int = 0
 
     def cells(self) -> CellArray:
-        """Return the cells, which only a simulation knows."""
+        """Return the cells, which only a simulation knows, as a `CellArray`."""
         position = LAYOUTS[4] if self.layout is None else self.layout
         return random_cells(position, np.random.default_rng([self.seed, 0]), twist=self.twist)
 
@@ -128,7 +128,13 @@ class Bench:
         return self.cells().voltage_noise(self.noise, array=not self.per_cell)
 
     def run(self, number: int = 0, *, thin: int = 1) -> BenchRun:
-        """Record all trajectories once, each from a new start; return every `thin`-th sample behind the filter."""
+        """Record all trajectories once, each from a new start, and return a `BenchRun`.
+
+        It has every `thin`-th sample behind the filter.
+
+        Raises:
+            GeometryError: the cells of `layout` are in line, and have no `twist`.
+        """
         parts: list[BenchRun] = []
         for k, path in enumerate(self.paths):
             rng = np.random.default_rng([self.seed, 1, number, k])

@@ -40,7 +40,7 @@ def write_load_cell_session(bench: Bench, folder: Path, *, thin: int = 20) -> tu
         thin: write every `thin`-th sample of 1 kHz.
 
     Returns:
-        The run with the reference, and the other one.
+        The `BenchRun` with the reference, and the other one.
     """
     folder.mkdir(parents=True, exist_ok=True)
     known, used = bench.run(0, thin=thin), bench.run(1, thin=thin)
@@ -66,18 +66,21 @@ def load_cell_rig(bench: Bench) -> str:
 
 
 def voltage_columns(cells: int) -> tuple[str, ...]:
-    """Return the names of the columns: u1x, u1y, u1z, u2x, ..."""
+    """Return the names of the columns of voltages, a tuple: u1x, u1y, u1z, u2x, ..."""
     return tuple(f"u{cell}{axis}" for cell in range(1, cells + 1) for axis in _AXES)
 
 
 def write_bench_log(run: BenchRun, path: Path) -> None:
-    """Write time [s], voltages [V], ref_fx ... [N] on the fingertip, and ref_x ... [m], the centre of the ball."""
+    """Write a CSV of time [s], voltages [V], ref_fx ... [N], and ref_x ... [m].
+
+    ref_f is the force on the fingertip, ref_ the centre of the ball.
+    """
     reference = [f"ref_f{axis}" for axis in _AXES] + [f"ref_{axis}" for axis in _AXES]
     _write_run(path, run, reference, np.concatenate([run.force, run.position], axis=1))
 
 
 def write_voltage_log(run: BenchRun, path: Path) -> None:
-    """Write time [s] and voltages [V], as a fingertip in use would log them."""
+    """Write a CSV of time [s] and voltages [V], as a fingertip in use would log them."""
     _write_run(path, run, [], np.empty((len(run), 0)))
 
 

@@ -121,7 +121,7 @@ class Elbow:
     )
 
     def pose(self, j3: Float[np.ndarray, "*batch"], j4: Float[np.ndarray, "*batch"]) -> Pose:
-        """Return T_sensor_link at joint angles [rad]."""
+        """Return T_sensor_link, a `Pose`, at joint angles (*batch) [rad]."""
         c3, s3, c4, s4, zero = np.cos(j3), np.sin(j3), np.cos(j4), np.sin(j4), np.zeros_like(j3)
         rows = [[c3 * c4, -c3 * s4, s3], [s4, c4, zero], [-s3 * c4, s3 * s4, c3]]
         return Pose(np.moveaxis(np.array(rows), (0, 1), (-2, -1)), np.stack([zero, zero, zero + self.upper], axis=-1))
@@ -259,7 +259,7 @@ class PokeBench(Value):
         tip: Tip | None = None,
         layer: SoftLayer | None = None,
     ) -> PokeBench:
-        """Draw one session's errors and gains.
+        """Draw a `PokeBench` with one session's errors and gains.
 
         Args:
             rng: random numbers of everything drawn.
@@ -282,7 +282,7 @@ class PokeBench(Value):
     def session(
         self, rng: np.random.Generator, pokes: int = 1000, *, among: Int[np.ndarray, " j"] | None = None
     ) -> PokeSession:
-        """Simulate pokes all over the skin, shared among the datasets as in the paper.
+        """Simulate pokes all over the skin, shared among the datasets as in the paper, and return the `PokeSession`.
 
         Args:
             rng: random numbers of places, forces and noise.
@@ -310,7 +310,7 @@ class PokeBench(Value):
         configuration: Int[np.ndarray, " n"] | int,
         rng: np.random.Generator,
     ) -> PokeSession:
-        """Simulate pokes with the middle of the tip at given points.
+        """Simulate pokes with the middle of the tip at given points, and return the `PokeSession`.
 
         Args:
             points: (n, 3) [m] on the surface of the link.
@@ -353,7 +353,7 @@ class PokeBench(Value):
         return PokeSession(pokes, touches.contact, touches.force / size[:, None], size, self, touches)
 
     def read_out(self, exact: Float[np.ndarray, " m"], rng: np.random.Generator) -> Float[np.ndarray, " m"]:
-        """Convert exact counts above rest to integer counts of 8 bits, with noise."""
+        """Convert exact counts above rest (m,) to integer counts of 8 bits (floats, 0 to 255), with noise."""
         return np.clip(np.rint(exact + self.layer.noise * rng.standard_normal(exact.shape)), 0.0, 255.0)
 
     def touch(
@@ -363,7 +363,7 @@ class PokeBench(Value):
         normal: Float[np.ndarray, " n"],
         rng: np.random.Generator,
     ) -> TipContacts:
-        """Compute contacts and responses of the tip at points, pressed with normal forces [N].
+        """Compute contacts and responses, `TipContacts`, of the tip at points, pressed with normal forces (n,) [N].
 
         Raises:
             ValueError: a direction that does not press, or is beyond friction.
@@ -399,7 +399,10 @@ class PokeBench(Value):
     def pressed(
         self, normal: Float[np.ndarray, " n"], curvature: Float[np.ndarray, " n"], rng: np.random.Generator
     ) -> tuple[Float[np.ndarray, "n c"], Float[np.ndarray, "n c"], Float[np.ndarray, "n c"]]:
-        """Return cells of tips turned and tilted at random (x round the link, y along it) [m]; force [N] on each."""
+        """Return x, y [m] of the cells of tips turned and tilted at random, and the force [N] on each, all (n, c).
+
+        x is round the link, y along it.
+        """
         tip, count = self.tip, len(normal)
         step = tip.side * ((np.arange(tip.cells) + 0.5) / tip.cells - 0.5)
         u, v = (each.ravel() for each in np.meshgrid(step, step))
@@ -430,7 +433,7 @@ class PokeBench(Value):
             load: (n, c) [N] force there.
 
         Returns:
-            Pairs of point and taxel that are near each other, and the exact counts.
+            Point (m,) and taxel (m,) of the pairs that are near each other, and the exact counts above rest (m,).
         """
         there = np.flatnonzero(self.skin.places.there)
         poke, entry = nearby(self._tree, points, FAR + float(np.hypot(x, y).max(initial=0.0)))

@@ -79,7 +79,10 @@ class PokeLog(Value):
         self.taxels.flags.writeable = False
 
     def table(self) -> tuple[tuple[str, ...], Float[np.ndarray, "m c"]]:
-        """Return the log at 50 Hz: names of columns, and a row per time."""
+        """Return the log at 50 Hz: a tuple of the columns' names, and a row per time (m, c).
+
+        The columns are time [s], wrench [N, N m], joints [rad], and counts of the taxels.
+        """
         names = ("time", *("fx", "fy", "fz", "tx", "ty", "tz"), "elbow_pitch", "elbow_roll")
         rows = slice(None, None, EVERY)
         numbers = np.column_stack([self.time[rows], self.wrench[rows], self.joints[rows], self.taxels])
@@ -87,7 +90,7 @@ class PokeLog(Value):
 
 
 def simulate_poke_log(session: PokeSession, rng: np.random.Generator, timing: Timing | None = None) -> PokeLog:
-    """Simulate the pokes of a session one after the other, configuration by configuration.
+    """Simulate a session's pokes one after the other, configuration by configuration, and return the `PokeLog`.
 
     Args:
         session: session whose pokes are in the order of their configurations.

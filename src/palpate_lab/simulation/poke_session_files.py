@@ -63,7 +63,7 @@ def write_poke_session(
     timing: Timing | None = None,
     touches: int = 60,
 ) -> PokeLog:
-    """Write the session, and touches of the same skin afterwards.
+    """Write the session, and touches of the same skin afterwards; return the `PokeLog` of the pokes.
 
     pokes.mcap; pokes_log.csv, the same at 50 Hz; pokes.csv, one row a poke; arm.urdf and forearm.stl; cad.txt;
     truth.csv; touches.mcap, touches.csv and touches_truth.csv (single touches); the same for
@@ -133,7 +133,7 @@ def write_touches(touches: SkinTouches, folder: Path, name: str) -> None:
 
 
 def write_arm(upper: float, cone: Cone, folder: Path) -> None:
-    """Write arm.urdf, with links ft_sensor, elbow and forearm, and next to it the forearm's mesh in metres."""
+    """Write arm.urdf, with links ft_sensor, elbow and forearm, and next to it the mesh forearm.stl in metres."""
     import trimesh
 
     (folder / "arm.urdf").write_text(_URDF.format(upper=upper), encoding="utf-8")

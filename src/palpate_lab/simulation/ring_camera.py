@@ -47,7 +47,7 @@ class RingCamera:
 
     @staticmethod
     def drawn(rng: np.random.Generator) -> RingCamera:
-        """Draw one unit's camera: about 1.5 degrees and 1 mm off, with a slightly different lens."""
+        """Draw one unit's `RingCamera`: about 1.5 degrees and 1 mm off, with a slightly different lens."""
         tilt = np.radians(1.5) * rng.uniform(0.6, 1.3) * _unit(rng, 2)
         offset = 1e-3 * rng.uniform(0.6, 1.3) * _unit(rng, 3)
         focal = 204.0 * (1.0 + 0.01 * rng.standard_normal())
@@ -62,7 +62,10 @@ class RingCamera:
         )
 
     def project(self, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 2"]:
-        """Return the pixels (column, row; the middle of the first pixel is 0, 0) of points [m] in the ring's frame."""
+        """Return the pixels (*n, 2) of points (*n, 3) [m] in the ring's frame.
+
+        They are column and row; the middle of the first pixel is 0, 0.
+        """
         seen = (points - [0.0, 0.0, HEIGHT] - np.asarray(self.offset)) * [1.0, -1.0, -1.0] @ self.turn().T
         off = np.hypot(seen[..., 0], seen[..., 1])
         angle = np.arctan2(off, seen[..., 2])
@@ -110,7 +113,7 @@ class Look:
     quality: int | None = 85
 
     def colours(self) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
-        """Return the colours of the skin and of the markers: blue, green, red of 255."""
+        """Return the colours of the skin and of the markers, two arrays (3,): blue, green, red of 255."""
         gain, turn = np.asarray(self.balance), _hue_turn(self.hue)
         return gain * (turn @ SKIN), gain * (turn @ RED)
 
@@ -123,6 +126,9 @@ class RenderedCamera:
         camera: camera that sees the scene.
         look: look of the scene.
         rng: random numbers of noise and of spurious blobs, drawn for every image.
+
+    Raises:
+        InputError: OpenCV is not installed.
     """
 
     camera: RingCamera
@@ -159,11 +165,11 @@ class RenderedCamera:
         return self._developed(np.minimum(cover, 1.0), time)
 
     def black(self) -> UInt8[np.ndarray, "h w 3"]:
-        """Return an image without light."""
+        """Return an image without light, (h, w, 3), all zeros."""
         return np.zeros((self.camera.height, self.camera.width, 3), dtype=np.uint8)
 
     def background(self, time: float) -> UInt8[np.ndarray, "h w 3"]:
-        """Return an image of skin alone, at a time [s]."""
+        """Return an image (h, w, 3), blue first, of skin alone, at a time [s]."""
         return self._developed(np.zeros((self.camera.height, self.camera.width), dtype=np.float32), time)
 
     def grain(self, size: int) -> Float[np.ndarray, "s s 3"]:
@@ -194,7 +200,7 @@ class RenderedCamera:
         return cv2.imdecode(cv2.imencode(".jpg", frame, [cv2.IMWRITE_JPEG_QUALITY, look.quality])[1], cv2.IMREAD_COLOR)
 
     def light(self, time: float) -> Float[np.ndarray, "h w"]:
-        """Return the light at every pixel, (h, w): less in the corners and in the moving shadow."""
+        """Return the light at every pixel, (h, w), as a factor: less in the corners and in the shadow, which moves."""
         width, height = self.camera.width, self.camera.height
         column, row = np.meshgrid(np.linspace(-1, 1, 41) * width / height, np.linspace(-1, 1, 31))
         far = (column**2 + row**2) / (1 + (width / height) ** 2)

@@ -40,7 +40,7 @@ class RingUnit:
 
     @staticmethod
     def drawn(seed: int, *, coarse: bool = False, look: Look | None = None, rings: int = 1) -> RingUnit:
-        """Draw a unit as it leaves the mould: wall, silicone and camera differ a little from the next.
+        """Draw a `RingUnit` as it leaves the mould: wall, silicone and camera differ a little from the next.
 
         Args:
             seed: seed of the differences.
@@ -98,7 +98,7 @@ class Protocol:
 
     @staticmethod
     def sized(*, small: bool = False, angles: int | None = None) -> Protocol:
-        """Return the usual protocol, or a small one of half the depths at two thirds of the angles."""
+        """Return the usual `Protocol`, or a small one of half the depths at two thirds of the angles."""
         if small:
             return Protocol(angles or 24, (0.002, 0.004, 0.006, 0.008, 0.01), hold=1, pause=1)
         return Protocol(angles or 36)
@@ -164,6 +164,9 @@ class RingSession:
         Args:
             look: look of the scene; None: the unit's.
             faults: faults of the images; None: none.
+
+        Raises:
+            InputError: OpenCV is not installed.
         """
         faults = faults or Faults()
         rng = np.random.default_rng([self.unit.seed, 41])
@@ -194,10 +197,15 @@ def calibration_run(
 ) -> RingSession:
     """Simulate one second of rest, then each kind of body at every angle, from the shallowest depth to the deepest.
 
+    Returns a `RingSession`.
+
     Args:
         unit: unit to calibrate.
         protocol: None: 36 angles, 10 depths.
         watch: function called with the number of images so far, and the share that is done.
+
+    Raises:
+        InputError: scikit-fem is not installed, or a depth is impossible.
     """
     protocol = protocol or Protocol()
     barrel = Barrel.built(unit.barrel)
@@ -226,10 +234,15 @@ def touching_run(
 ) -> RingSession:
     """Simulate one second of rest, then touches by round tips, with pauses; moving tips roll, without friction.
 
+    Returns a `RingSession`.
+
     Args:
         unit: unit to touch.
         touching: settings of the touches; None: twelve touches, two at once at most.
         watch: function called with the number of images so far, and the share that is done.
+
+    Raises:
+        InputError: scikit-fem is not installed, a depth is impossible, or the tips crowd the skin.
     """
     touching = touching or Touching()
     rng = np.random.default_rng([touching.seed, 77])

@@ -56,6 +56,10 @@ def write_calibration_run(
         folder: created if it does not exist.
         images: frames.avi (Motion JPEG), or frames/000000.jpg and so on.
         watch: function called with the number of images written, and the share that is done.
+
+    Raises:
+        InputError: OpenCV is not installed, or a file cannot be written.
+        FileExistsError: the folder has frames/ already.
     """
     _write_unit(session.unit, folder)
     numbers = np.column_stack([session.time, _units(session)[:, 0]])
@@ -69,6 +73,10 @@ def write_touching_run(
     """Write a session as `write_calibration_run` does, with truth.csv of a row per contact and image.
 
     The rows have point, normal and force on the skin.
+
+    Raises:
+        InputError: OpenCV is not installed, or a file cannot be written.
+        FileExistsError: the folder has frames/ already.
     """
     _write_unit(session.unit, folder)
     rows, contacts = np.nonzero(np.isfinite(session.angle))

@@ -81,7 +81,7 @@ class Session:
 
 
 def simulate_session(seed: int = 0, *, touches: int = 20, facets: int = 8000) -> Session:
-    """Simulate a session with a probe of 60 x 25 x 40 mm whose assembly is 1.2 mm and 1.5 degrees off its drawing."""
+    """Simulate a `Session` with a probe of 60 x 25 x 40 mm whose assembly is 1.2 mm and 1.5 degrees off its drawing."""
     rng = np.random.default_rng(seed)
     probe = Superquadric((0.030, 0.0125, 0.020), (0.8, 0.6))
     vertices, faces = probe.mesh(facets)

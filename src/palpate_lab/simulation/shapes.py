@@ -23,26 +23,29 @@ class Body(ABC):
 
     @abstractmethod
     def value(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch"]:
-        """Return the implicit function: negative inside, 0 on the surface, positive outside."""
+        """Return the implicit function (*batch): negative inside, 0 on the surface, positive outside."""
 
     @abstractmethod
     def gradient(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """Return the derivative of `value`, which points outward on the surface."""
+        """Return the derivative of `value` by the point, (*batch, 3), which points outward on the surface."""
 
     @abstractmethod
     def on_ray(self, directions: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """Return the points [m] at which rays from the centre, of any length but zero, meet the surface."""
+        """Return the points (*batch, 3) [m] at which rays from the centre, of any length but zero, meet the surface."""
 
     def normals(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """Return the outward unit normals at points of the surface."""
+        """Return the outward unit normals (*batch, 3) at points of the surface."""
         return _unit(self.gradient(points))
 
     def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, "n 3"]:
-        """Draw points of the analytic surface [m], uniform in *direction* from the centre, not in area."""
+        """Draw points (count, 3) of the analytic surface [m], uniform in *direction* from the centre, not in area."""
         return self.on_ray(rng.standard_normal((count, 3)))
 
     def mesh(self, facets: int) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
-        """Return vertices on the surface [m] and outward triangles, about `facets` of them (20, 80, ... 20 nu^2)."""
+        """Return vertices (v, 3) on the surface [m] and outward triangles (f, 3).
+
+        There are about `facets` of them (20, 80, ... 20 nu^2).
+        """
         directions, faces = icosphere(max(1, round((facets / 20) ** 0.5)))
         return self.on_ray(directions), faces
 
@@ -70,11 +73,14 @@ class Superquadric(Body):
         return scaled, around, around ** (e2 / e1) + scaled[..., 2:] ** (2 / e1)
 
     def value(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch"]:
-        """Return the left side of the equation less one."""
+        """Return (|x/a|^(2/e2) + |y/b|^(2/e2))^(e2/e1) + |z/c|^(2/e1) - 1, (*batch), 0 on the surface."""
         return self._terms(points)[2][..., 0] - 1.0
 
     def gradient(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """Return the derivative, term by term; finite everywhere but at the centre of a body with exponents above 1."""
+        """Return the derivative of `value` by the point, (*batch, 3), term by term.
+
+        It is finite everywhere but at the centre of a body with exponents above 1.
+        """
         e1, e2 = self.exponents
         scaled, around, _ = self._terms(points)
         outer = np.maximum(around, np.finfo(float).tiny) ** (e2 / e1 - 1)
@@ -84,7 +90,10 @@ class Superquadric(Body):
         return (2 / e1) * slopes * np.sign(points) / self.axes
 
     def on_ray(self, directions: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """Return points of the surface, by the left side's degree 2/e1: the distance along a ray is its -e1/2 power."""
+        """Return the points (*batch, 3) [m] of the surface on rays from the centre.
+
+        The left side of the equation is of degree 2/e1: the distance along a ray is its -e1/2 power.
+        """
         unit = _unit(directions)
         return unit * self._terms(unit)[2] ** (-self.exponents[0] / 2)
 
@@ -103,15 +112,15 @@ class EllipsoidBody(Body):
         self.radius = float(max(axes))
 
     def value(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch"]:
-        """Return the left side of the equation less one."""
+        """Return (x/a)^2 + (y/b)^2 + (z/c)^2 - 1, (*batch), 0 on the surface."""
         return np.sum((points / self.axes) ** 2, axis=-1) - 1.0
 
     def gradient(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """Return 2 (x/a^2, y/b^2, z/c^2)."""
+        """Return the derivative of `value` by the point, 2 (x/a^2, y/b^2, z/c^2), (*batch, 3)."""
         return 2.0 * points / self.axes**2
 
     def on_ray(self, directions: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """Return the directions divided by their length in the metric of the ellipsoid."""
+        """Return the points (*batch, 3) [m]: the directions divided by their length in the metric of the ellipsoid."""
         return directions / np.linalg.norm(directions / self.axes, axis=-1, keepdims=True)
 
 
@@ -134,11 +143,11 @@ class BumpySphere(Body):
         return self.radius * (1.0 + self.amplitude * waves)
 
     def value(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch"]:
-        """Return |p| - r(p/|p|) [m], the height above the surface along the ray."""
+        """Return |p| - r(p/|p|), (*batch) [m], the height above the surface along the ray."""
         return (np.linalg.norm(points, axis=-1, keepdims=True) - self._radii(_unit(points)))[..., 0]
 
     def gradient(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """Return u - (I - u u^T) r'(u) / |p|, with u the unit direction."""
+        """Return the derivative of `value`, u - (I - u u^T) r'(u) / |p|, (*batch, 3), with u the unit direction."""
         unit = _unit(points)
         sine, cosine = np.sin(self.frequency * unit), np.cos(self.frequency * unit)
         others = np.stack([sine[..., 1] * sine[..., 2], sine[..., 2] * sine[..., 0], sine[..., 0] * sine[..., 1]], -1)
@@ -147,13 +156,15 @@ class BumpySphere(Body):
         return unit - tangential / np.linalg.norm(points, axis=-1, keepdims=True)
 
     def on_ray(self, directions: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """Return the points u r(u) for the unit directions u."""
+        """Return the points u r(u), (*batch, 3) [m], for the unit directions u."""
         unit = _unit(directions)
         return unit * self._radii(unit)
 
 
 def icosphere(frequency: int) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
     """Triangulate the unit sphere nearly uniformly: 20 frequency^2 outward facets, 10 frequency^2 + 2 vertices.
+
+    Returns the vertices (v, 3) and the facets (f, 3).
 
     Every side of an icosahedron is cut into `frequency` parts; a vertex shared by several of its faces is recognised
     by its whole-number weights on the twelve corners, so no tolerance is involved.

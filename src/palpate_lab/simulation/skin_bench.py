@@ -42,7 +42,10 @@ class Rolled:
     def at(
         self, row: Float[np.ndarray, "*batch"], column: Float[np.ndarray, "*batch"]
     ) -> tuple[Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3"]]:
-        """Return points [m] and outward normals at rows and columns; cell centres have integers."""
+        """Return points [m] and outward unit normals, both (*batch, 3), at rows and columns.
+
+        Cell centres have integers.
+        """
         along = (row - (self.rows - 1) / 2) * self.pitch
         around = column * self.pitch
         if np.isinf(self.radius):
@@ -58,7 +61,7 @@ class Rolled:
         return inf if np.isinf(self.radius) else 2 * pi * self.radius / self.pitch
 
     def layout(self) -> SkinMap:
-        """Return a perfect map of the sheet."""
+        """Return a perfect map of the sheet, a `SkinMap`."""
         row, column = np.meshgrid(np.arange(self.rows), np.arange(self.columns), indexing="ij")
         centres, normals = self.at(row.astype(np.float64), column.astype(np.float64))
         return SkinMap(centres, normals, np.full((self.rows, self.columns), self.pitch**2), (self.pitch, self.pitch))
@@ -113,7 +116,10 @@ class Press:
 
 
 def press(sheet: Rolled, patches: Sequence[Patch]) -> Press:
-    """Press patches on a sheet; parts next to it press the link, and no cell. A sheet that overlaps feels twice."""
+    """Press patches on a sheet, and return the `Press`.
+
+    Parts of a patch next to the sheet press the link, and no cell. A sheet that overlaps feels twice.
+    """
     loads = np.zeros((sheet.rows, sheet.columns))
     forces, torques = np.zeros((len(patches), 3)), np.zeros((len(patches), 3))
     for k, patch in enumerate(patches):
@@ -155,7 +161,7 @@ class PaperSheet:
 
 
 def paper_sheet(sheet: Rolled, rng: np.random.Generator, *, noise: float = 1.0, unequal: float = 0.02) -> PaperSheet:
-    """Draw a sheet like the paper's: rest 3 to 8 counts, gains of standard deviation `unequal`."""
+    """Draw a `PaperSheet` like the paper's: rest 3 to 8 counts, gains of standard deviation `unequal`."""
     shape = (sheet.rows, sheet.columns)
     return PaperSheet(
         frozen(rng.uniform(3.0, 8.0, shape)), frozen(1.0 + unequal * rng.standard_normal(shape)), noise=noise
@@ -171,7 +177,10 @@ def read_out(
     start: float = 0.0,
     wraps: bool = False,
 ) -> Recording:
-    """Convert loads to samples: noise, integer counts, and the end of the range, where readings stay or wrap around."""
+    """Convert loads [N] to samples: noise, integer counts, and the end of the range.
+
+    There readings stay, or wrap around. Returns a `Recording` with the counts (n, rows, columns) as channel CELLS.
+    """
     exact = model.rest + model.gain * model.counts(loads) + model.noise * rng.standard_normal(loads.shape)
     counts = np.rint(exact)
     counts = np.mod(counts, model.top + 1.0) if wraps else np.clip(counts, 0.0, model.top)
@@ -205,7 +214,9 @@ class Wand:
 def wand_poses(
     wand: Wand, point: Float[np.ndarray, "n 3"], normal: Float[np.ndarray, "n 3"], rng: np.random.Generator
 ) -> Float[np.ndarray, "n 7"]:
-    """Return position [m] and quaternion x, y, z, w of the wand in the link's frame as cameras find it; NaN: lost.
+    """Return position [m] and quaternion x, y, z, w, (n, 7), of the wand in the link's frame as cameras find it.
+
+    Rows in which it is lost are NaN.
 
     The wand stands on the point, its axis along the normal; the link has four markers too, whose errors turn all.
     """

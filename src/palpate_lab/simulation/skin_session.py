@@ -55,7 +55,7 @@ def simulate_protocol(
     width: float = 0.3,
     wand: Wand | None = None,
 ) -> SkinSession:
-    """Simulate one session.
+    """Simulate one session of touches with a wand, and return the `SkinSession`.
 
     Args:
         rng: random numbers of everything drawn.
@@ -106,7 +106,10 @@ def simulate_protocol(
 def load_cell_presses(
     sheet: Rolled, model: PaperSheet, rng: np.random.Generator, *, presses: int = 60
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Int[np.ndarray, "n 2"]]:
-    """Return force [N], reading and cell of presses on each cell in turn: up, and down again."""
+    """Return force (n,) [N], reading (n,) [counts] and cell (n, 2) of presses on each cell in turn.
+
+    Each press goes up, and down again.
+    """
     ramp = np.linspace(0.0, 1.0, presses // 2) ** 2
     force = np.concatenate([ramp, ramp[::-1]]) * 18.0
     cell = np.argwhere(np.ones((sheet.rows, sheet.columns)))

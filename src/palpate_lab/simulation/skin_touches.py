@@ -74,7 +74,10 @@ class SkinTouches(Value):
             object.__setattr__(self, name, frozen(getattr(self, name), name=name))
 
     def truth(self) -> Float[np.ndarray, "r 10"]:
-        """Return rows of time, point, normal and force, (r, 10), of each contact in each sample with its full force."""
+        """Return rows of time [s], point [m], normal and force [N], (r, 10).
+
+        There is a row for each contact in each sample with its full force.
+        """
         sizes = self.end - self.start + 1
         which = np.repeat(np.arange(len(sizes)), sizes)
         frame = self.start[which] + np.arange(len(which)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
@@ -91,7 +94,7 @@ def simulate_touches(
     finger: Finger | None = None,
     counts: bool = True,
 ) -> SkinTouches:
-    """Simulate touches at random places all over the skin.
+    """Simulate touches at random places all over the skin, and return the `SkinTouches`.
 
     Args:
         bench: bench with the skin, its layer and gains.

@@ -118,13 +118,16 @@ class Trails:
 
 
 def colour(robot: int) -> tuple[int, int, int]:
-    """Return red, green and blue of a robot, counted from 0; the colours repeat after the sixth."""
+    """Return red, green and blue, 0 to 255, of a robot, counted from 0; the colours repeat after the sixth."""
     return mixed(_COLOURS[robot % len(_COLOURS)], 0.0)
 
 
 @takes_arrays
 def newtons(touches: Float[np.ndarray, "_ 2"] | None) -> str:
-    """Return the forces that a skin feels as a short text."""
+    """Return the forces that a skin feels as a short text: at most three of them, as "1.2 + 0.4 N".
+
+    It is "free" without contact, and "feels nothing: blind" for None.
+    """
     if touches is None:
         return "feels nothing: blind"
     if not len(touches):

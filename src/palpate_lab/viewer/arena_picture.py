@@ -163,6 +163,9 @@ def senses(scene: ArenaScene, radius: float, height: int, columns: int = 2) -> U
 
     Returns:
         One picture (h, w, 3): blue, green, red.
+
+    Raises:
+        InputError: OpenCV is not installed.
     """
     ink = Ink(opencv())
     views = [_view(ink, scene, robot, radius, height) for robot in range(len(scene.poses))]

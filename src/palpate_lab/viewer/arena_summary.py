@@ -60,7 +60,7 @@ class Judged:
 
 
 def figures(runs: Sequence[Judged]) -> list[tuple[str, str, float]]:
-    """Return name, text and number of each summary figure of many runs.
+    """Return a list of (name, text, number), one for each summary figure of many runs.
 
     Args:
         runs: at least one run.
@@ -84,11 +84,14 @@ def figures(runs: Sequence[Judged]) -> list[tuple[str, str, float]]:
 
 
 def compose(runs: Sequence[Judged], settings: tuple[tuple[str, str], ...]) -> Report:
-    """Compose the page about many runs.
+    """Compose the page about many runs, a `Report`.
 
     Args:
         runs: at least one run.
         settings: settings that all runs share, as names and values.
+
+    Raises:
+        InputError: matplotlib is not installed.
     """
     found = {name: (text, value) for name, text, value in figures(runs)}
     seeds = f"seed {runs[0].seed}" if len(runs) == 1 else f"seeds {runs[0].seed} to {runs[-1].seed}"
@@ -146,7 +149,11 @@ def _over_time(runs: Sequence[Judged]) -> Section:
 @takes_arrays
 @styled()
 def arrivals(times: Float[np.ndarray, " n"]) -> Figure:
-    """Draw a histogram of arrival times (n,) [s], at least one."""
+    """Draw a histogram of arrival times (n,) [s], at least one, as a `Figure` of matplotlib.
+
+    Raises:
+        InputError: matplotlib is not installed.
+    """
     drawn = figure(2.6)
     axes: Any = drawn.subplots()
     step = 10.0 if times.max() <= 400.0 else 50.0

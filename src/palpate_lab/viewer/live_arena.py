@@ -84,7 +84,7 @@ class LiveArena(Served):
         self._button.label = "Resume" if on else "Pause"
 
     def show(self, scene: ArenaScene, *, now: bool = False) -> None:
-        """Draw a moment, unless another one was drawn within the last `TICK` seconds.
+        """Draw a moment on the page, unless another one was drawn within the last `TICK` (1/15) seconds.
 
         Args:
             scene: moment to draw.

@@ -96,7 +96,7 @@ class LiveProbe(Served):
         words: str,
         arm: tuple[Float[np.ndarray, "k 2 3"], Sequence[float]] = (np.zeros((0, 2, 3)), ()),
     ) -> None:
-        """Draw a moment.
+        """Draw a moment on the page: probe, phantom, arm and force, and the curves of force and angles.
 
         Args:
             time: time [s].

@@ -36,11 +36,14 @@ def to_csv(contacts: Contacts) -> bytes:
 
 
 def csv_blocks(path: Path, *, torn: bool = False) -> Iterator[Contacts]:
-    """Yield the rows of a contacts.csv in pieces, at least one; a file that was edited is read at once by `read_csv`.
+    """Yield the rows of a contacts.csv as `Contacts`, in pieces, at least one; an edited file is read at once.
 
     Args:
         path: of the file.
         torn: the last line may be cut; it is then omitted, with a note.
+
+    Raises:
+        InputError: the file is missing or no contacts.csv, or a row in it is invalid.
     """
     done = 0
     try:
@@ -56,7 +59,7 @@ def csv_blocks(path: Path, *, torn: bool = False) -> Iterator[Contacts]:
 
 
 def read_csv(path: Path) -> Contacts:
-    """Read a contacts.csv that may have been edited by hand, and check every row.
+    """Read a contacts.csv that may have been edited by hand as `Contacts`, and check every row.
 
     Raises:
         InputError: the file is not a contacts.csv, has an unknown status or a field that is not a number, or an
@@ -90,7 +93,7 @@ def require_columns(path: Path, names: list[str] | tuple[str, ...]) -> None:
 
 
 def noted(contacts: Contacts, note: str) -> Contacts:
-    """Return the same rows with the note in place of their notes, unless it is ""."""
+    """Return the same rows as `Contacts`, with the note in place of their notes, unless it is ""."""
     return replace(contacts, notes=(note,)) if note else contacts
 
 

@@ -92,7 +92,7 @@ LATEST = 2**31 * 10**9 - 1  # ns: the largest stamp whose seconds fit an int32
 
 
 def topics(features: tuple[str, ...] = ()) -> tuple[WrittenTopic, ...]:
-    """Return the topics that a file of contacts declares: one with all numbers of each row, and two for viewers."""
+    """Return each `WrittenTopic` of a file of contacts, a tuple: one with all numbers of each row, two for viewers."""
     added = "".join(f"float64 {name} # of the sensor, SI\n" for name in features)
     return (
         WrittenTopic("/palpate/contact/estimate", KIND, f"{_CONTACT}{added}{_STATUS}{STAMPED}{_POINT}{VECTOR}"),
@@ -129,7 +129,7 @@ class ContactMessages:
     def of(
         self, contacts: Contacts, stamps: Int[np.ndarray, " n"] | None = None
     ) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Return messages of the three `topics`: their bytes, and a view of these as a structured array for each topic.
+        """Return messages of the three `topics`: their bytes (uint8), and a list of views of these, structured arrays.
 
         Args:
             contacts: n rows; those with a point and a normal are in the second and third topic too.
@@ -168,10 +168,10 @@ class ContactMessages:
 
 
 def from_messages(payloads: np.ndarray, features: tuple[str, ...] = ()) -> Contacts:
-    """Return the contacts in messages of `KIND` whose frame has one name.
+    """Return the `Contacts` in messages of `KIND` whose frame has one name.
 
     Args:
-        payloads: (n, length) bytes.
+        payloads: (n, length) bytes, as uint8.
         features: names of the features in their definition.
 
     Raises:

@@ -152,7 +152,12 @@ class ContactsWriter:
         self.rows = 0
 
     def write(self, contacts: Contacts) -> None:
-        """Append a block in the frame of the file; raise a ValueError if its features are not those of the file."""
+        """Append a block of contacts in the frame of the file.
+
+        Raises:
+            ValueError: the features of the block are not those of the file.
+            InputError: the file cannot be written, such as on a full disk.
+        """
         if tuple(contacts.features) != self._features:
             raise ValueError(f"contacts have features {tuple(contacts.features)}, the file {self._features}")
         if len(contacts):
@@ -177,7 +182,7 @@ def require_format(path: Path) -> None:
 def open_contacts(
     path: str | Path, *, frame_id: str = "surface", features: tuple[str, ...] = ()
 ) -> Generator[ContactsWriter]:
-    """Yield a writer of contacts, block by block, whose memory does not grow; the suffix gives the format.
+    """Yield a `ContactsWriter`, which writes block by block, so that memory does not grow; the suffix gives the format.
 
     OUTPUT.part takes the name of OUTPUT when the block ends well, or by Ctrl-C once there is a row. After any other
     error, or a kill, it stays, with every block that was written; without a row it is removed. OUTPUT itself is not
@@ -211,16 +216,20 @@ def open_contacts(
 
 
 def write_contacts(path: str | Path, contacts: Contacts, *, frame_id: str = "surface") -> None:
-    """Write all contacts to a file at once; the suffix gives the format, see `open_contacts`."""
+    """Write all contacts to a file at once; the suffix, .csv, .parquet or .mcap, gives the format.
+
+    Raises:
+        InputError: the suffix is unknown, or the file cannot be written.
+    """
     with open_contacts(path, frame_id=frame_id, features=tuple(contacts.features)) as writer:
         writer.write(contacts)
 
 
 def read_contacts(path: str | Path) -> Contacts:
-    """Read all rows of a file of contacts, finished or not; numbers equal those written, to the last bit.
+    """Read all rows of a file as `Contacts`, finished or not; numbers equal those written, to the last bit.
 
     Raises:
-        InputError: the file holds no contacts, or a row in it is invalid.
+        InputError: the file is missing or holds no contacts, or a row in it is invalid.
     """
     return Contacts.joined(list(contact_blocks(Path(path))))
 

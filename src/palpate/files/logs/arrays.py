@@ -43,7 +43,11 @@ class ArrayLog(ColumnLog):
     """A log in a NumPy file, with as many samples as the arrays have rows; a damaged file cannot be read at all."""
 
     def contents(self) -> LogContents:
-        """Return the names and sample shapes of the arrays, from their headers."""
+        """Return `LogContents` with the names and sample shapes of the arrays, from their headers.
+
+        Raises:
+            InputError: the file is damaged, or holds Python objects.
+        """
         with self._reading(), open_input(self.path) as file:
             if file.read(len(_MAGIC)) == _MAGIC:
                 file.seek(0)
@@ -55,7 +59,12 @@ class ArrayLog(ColumnLog):
         return LogContents(self.path, {name: _sample(shape) for name, shape in heads.items() if shape})
 
     def blocks(self) -> Iterator[Recording]:
-        """Yield the rows as recordings in SI; raise an InputError if the layout does not fit the arrays."""
+        """Yield the rows as recordings in SI.
+
+        Raises:
+            InputError: the layout does not fit the arrays, they differ in length, are empty or no numbers, or the file
+                is damaged.
+        """
         shapes = self.contents().names
         if self._layout.rate is None and self._layout.time not in shapes:
             raise InputError(
@@ -132,7 +141,11 @@ class HeldLog(ArrayLog):
         self._held = arrays
 
     def contents(self) -> LogContents:
-        """Return names and sample shapes of the arrays; raise an InputError if one is a single number."""
+        """Return `LogContents` with the names and sample shapes of the arrays.
+
+        Raises:
+            InputError: there is no array, or one is a single number.
+        """
         single = [name for name, values in self._held.items() if not values.ndim]
         if single or not self._held:
             what = f"{single[0]!r} is a single number" if single else "there is no column"

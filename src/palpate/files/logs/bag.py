@@ -21,10 +21,10 @@ _MOST, _BYTES = 1 << 13, 1 << 22  # messages and bytes of a batch
 
 
 def open_folder(path: Path) -> MessageFile:
-    """Open a ROS 2 bag; one of MCAP files needs no metadata.yaml, which a recorder that was killed does not write.
+    """Return the `MessageFile` of a ROS 2 bag; one of MCAP files needs no metadata.yaml, as after a kill.
 
     Raises:
-        InputError: the folder holds no bag, or MCAP files of several recordings.
+        InputError: the folder cannot be read or holds no bag, or MCAP files of several recordings.
     """
     try:
         files = [file for file in path.iterdir() if file.is_file()]
@@ -83,13 +83,21 @@ class BagFile(MessageFile):
         super().__init__(path, sum(file.stat().st_size for file in files))
 
     def topics(self) -> list[Topic]:
-        """Return the topics that the bag lists, with their message counts; raise an InputError if it cannot be read."""
+        """Return the topics that the bag lists, a list of `Topic` with message counts.
+
+        Raises:
+            InputError: the bag cannot be read, or rosbags is not installed.
+        """
         with self._opened() as bag:
             self.duration = bag.duration / 1e9
             return _topics(bag)
 
     def messages(self, names: Collection[str] = ()) -> Generator[MessageBlock]:
-        """Yield the messages of the topics in `names`, or of all, in batches; raise an InputError if damaged."""
+        """Yield the messages of the topics in `names`, or of all if it is empty, in blocks (`MessageBlock`).
+
+        Raises:
+            InputError: the bag is damaged, or rosbags is not installed.
+        """
         self.position = 0
         with self._opened() as bag:
             topics = {key: topic for key, topic in enumerate(_topics(bag)) if not names or topic.name in names}

@@ -85,7 +85,7 @@ class Columns:
         return list(dict.fromkeys(chain.from_iterable(self._groups.values())))
 
     def block(self, read: Read) -> Recording:
-        """Return the next samples as a recording in SI; `read` returns the numbers of given columns, (n, k)."""
+        """Return the next samples as a `Recording` in SI; `read` returns the numbers of given columns, (n, k)."""
         values = {group: read(columns, self._fields[group]) for group, columns in self._groups.items()}
         if _TIME in values:  # 235 / 1e3 is 0.235, 235 * 1e-3 is not
             time = values.pop(_TIME)[:, 0] / self._per_second
@@ -146,7 +146,7 @@ class _Rows:
 
 
 def plan(layout: LogLayout, shapes: Shapes, path: Path) -> dict[str, Sequence[str]]:
-    """Return the columns of the time, of `WRENCH` and of each channel.
+    """Return a dict of "time", `WRENCH` and each channel -> the names of its columns.
 
     Args:
         layout: channels to read.
@@ -183,7 +183,7 @@ def plan(layout: LogLayout, shapes: Shapes, path: Path) -> dict[str, Sequence[st
 
 
 def flattened(shapes: Shapes) -> dict[str, tuple[str, int]]:
-    """Return column -> its array and its index in a sample: the columns of an array are named `force[0]`, ..."""
+    """Return a dict, column -> (its array, its index in a sample): an array's columns are named `force[0]`, ..."""
     found: dict[str, tuple[str, int]] = {}
     for name, shape in shapes.items():
         found |= {column: (name, k) for k, column in enumerate(_columns(name, shape))}

@@ -29,14 +29,23 @@ class CsvLog(ColumnLog):
         self._rows = RowCount()
 
     def contents(self) -> LogContents:
-        """Return the names, units and dialect of the table, from its header."""
+        """Return `LogContents` with the names, units and dialect of the table, from its header.
+
+        Raises:
+            InputError: the file is no table of text.
+        """
         with open_input(self.path) as file:
             dialect = next(tables(file, self.path, HEAD)).dialect
         names, stated = dict.fromkeys(dialect.names, ()), Stated.of_dialect(dialect)
         return LogContents(self.path, names, stated=stated, written=dialect.described())
 
     def blocks(self) -> Iterator[Recording]:
-        """Yield the rows as recordings in SI; raise an InputError if the layout does not fit."""
+        """Yield the rows as recordings in SI.
+
+        Raises:
+            InputError: the file is no table, has no rows that fit its header or a column without numbers, or the layout
+                does not fit.
+        """
         self._rows, self._columns, self.torn = RowCount(), None, ""
         with open_input(self.path, pipe=True) as file:
             for table in tables(file, self.path, PIECE):

@@ -40,7 +40,10 @@ class Cursor:
             self._origin = self.at.copy()
 
     def numbers(self, code: str, count: int, before: int | np.ndarray = 0, after: int = 0) -> np.ndarray:
-        """Read (n, count) numbers of type `code`; skip `before` of them first and `after` of them last."""
+        """Read (n, count) numbers of type `code`; skip `before` of them first and `after` of them last.
+
+        `code` is a NumPy type with its size, such as "f8". Cut messages are marked in `sound`.
+        """
         size = int(code[1])
         self._align(size)
         start = self.at + size * before
@@ -96,7 +99,7 @@ class Cursor:
         return other
 
     def dimensions(self) -> None:
-        """Skip a list of array dimensions, each a label, a size and a stride."""
+        """Skip a list of array dimensions, each a label, a size and a stride; mark malformed messages in `sound`."""
         left = self.number()
         self.sound &= left <= _MOST_DIMENSIONS
         while (more := self.sound & (left > 0)).any():

@@ -98,7 +98,9 @@ def has_header(kind: str) -> bool:
 
 
 def decode(messages: MessageBlock, topic: Topic, shape: tuple[int, ...] = ()) -> Decoded:
-    """Return stamps (n,) [ns], 0 if the type has none, numbers (n, k), NaN if unreadable, and True (n,) where readable.
+    """Return stamps (n,) [ns], numbers (n, k), and a bool for each message, (n,), True where it could be read.
+
+    Stamps are 0 if the type has none. Numbers are float64 as recorded; those that cannot be read are NaN.
 
     Args:
         messages: of the topic.
@@ -134,7 +136,7 @@ def shape_of(messages: MessageBlock, topic: Topic) -> tuple[int, ...] | None:
 
 @takes_arrays
 def seconds(nanoseconds: Int[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Convert nanoseconds to the nearest doubles in seconds."""
+    """Convert nanoseconds (n,) to the nearest doubles in seconds (n,)."""
     whole = nanoseconds // 10**9
     split = whole + (nanoseconds - whole * 10**9) / 1e9
     if len(nanoseconds) and nanoseconds.min() >= 2**53:  # as all are since 1970

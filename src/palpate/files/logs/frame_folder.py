@@ -49,7 +49,11 @@ class FrameFolder(ImageLog):
         super().__init__(path, sum(file.stat().st_size for file in self._files), layout)
 
     def contents(self) -> LogContents:
-        """Return the number, formats and size of the images; only the first readable one is decoded."""
+        """Return `LogContents` with the number, formats and size of the images; only the first readable one is decoded.
+
+        Raises:
+            InputError: OpenCV is not installed.
+        """
         cv2, size = opencv(), (0, 0, 0)
         for file in self._files:
             if (image := decoded(cv2, _bytes(file), as_stored=True)) is not None:
@@ -59,7 +63,11 @@ class FrameFolder(ImageLog):
         return LogContents(self.path, {}, images=Images(size, len(self._files), None, suffixes))
 
     def blocks(self) -> Iterator[Recording]:
-        """Yield the images as recordings; raise an InputError if no image is readable."""
+        """Yield the images as recordings.
+
+        Raises:
+            InputError: no image is readable, the layout requests anything else than images, or OpenCV is not installed.
+        """
         cv2 = self._begin("a folder of frames")
         yield from self._frames.blocks(self._read(cv2, self._times()))
 

@@ -99,7 +99,7 @@ class ImageMessage:
 
 
 def image_messages(messages: MessageBlock, topic: Topic) -> Iterator[ImageMessage]:
-    """Yield the messages of a topic of images, one by one.
+    """Yield the messages of a topic of images, one by one, each as an `ImageMessage`.
 
     Args:
         messages: of the topic.

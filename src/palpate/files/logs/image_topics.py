@@ -32,12 +32,21 @@ class ImageTopicLog(ImageLog):
         self._source = source
 
     def contents(self) -> LogContents:
-        """Return the topics of the log, its duration and any damage."""
+        """Return `LogContents` with the topics of the log, its duration and any damage.
+
+        Raises:
+            InputError: the log cannot be read.
+        """
         topics = tuple(self._source.topics())
         return LogContents(self.path, {}, topics, self._source.torn, self._source.duration)
 
     def blocks(self) -> Iterator[Recording]:
-        """Yield the images as recordings; raise an InputError if no topic fits."""
+        """Yield the images as recordings.
+
+        Raises:
+            InputError: no topic fits, no image can be decoded, the layout requests anything else than images, or OpenCV
+                is not installed.
+        """
         cv2 = self._begin("a log of topics that is read for images")
         topic = choose_images(self.contents(), self._layout.images or ImageChannel())
         stamped = _has_stamps(self._source, topic)
@@ -65,7 +74,11 @@ class ImageTopicLog(ImageLog):
 
 
 def first_size(source: MessageFile, topic: Topic) -> tuple[int, int, int] | None:
-    """Return height, width and channels of the first readable image of a topic; None if it has none."""
+    """Return height, width and channels of the first readable image of a topic; None if it has none.
+
+    Raises:
+        InputError: OpenCV is not installed.
+    """
     cv2 = opencv()
     with closing(source.messages([topic.name])) as pieces:
         for piece in pieces:

@@ -30,7 +30,8 @@ def joint_positions(messages: MessageBlock, topic: Topic, wanted: Sequence[str])
     Each message may name its joints in another order; those with the same list of names are read at once.
 
     Returns:
-        Stamps, positions, True for each message that could be read, and True for each that names a wanted joint.
+        Stamps, positions, and two bools for each message, (n,): True where it could be read, and True where it
+        names a wanted joint.
     """
     cursor = Cursor(messages, topic.encoding)
     stamp, count = cursor.stamp(), cursor.number()
@@ -66,7 +67,7 @@ def joint_positions(messages: MessageBlock, topic: Topic, wanted: Sequence[str])
 
 
 def joint_stamps(messages: MessageBlock, topic: Topic) -> Int[np.ndarray, " n"]:
-    """Return the stamps [ns] of the messages of a topic that can be read."""
+    """Return the stamps (k,) [ns] of the k messages of a topic that can be read."""
     stamp, _, sound, _ = joint_positions(messages.of(topic), topic, ())
     return stamp[sound]
 
@@ -107,7 +108,11 @@ class JointPoses:
         self._lacks = dict[str, None]()
 
     def add(self, messages: MessageBlock) -> None:
-        """Read the joint states in a block of the log, and add the poses to the track."""
+        """Read the joint states in a block of the log, and add the poses to the track.
+
+        Raises:
+            InputError: most positions of a joint exceed a turn: they are in degrees.
+        """
         topic, joints = self.topics[0], self._kinematics.joints
         own = messages.of(topic)
         stamp, values, sound, concerned = joint_positions(own, topic, joints)

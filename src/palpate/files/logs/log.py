@@ -66,7 +66,7 @@ class Log(Watched, ABC):
 
     @abstractmethod
     def contents(self) -> LogContents:
-        """Return the contents of the log, for any layout; only an MCAP file without an index is read completely for it.
+        """Return `LogContents`, for any layout; only an MCAP file without an index is read completely for it.
 
         Raises:
             InputError: the log cannot be read.
@@ -81,7 +81,7 @@ class Log(Watched, ABC):
         """
 
     def stored(self) -> Iterator[Stored]:
-        """Yield times [s] and frames (n, k) of taxels in their stored type, if that is faster: integers stay integers.
+        """Yield times (n,) [s] and frames (n, k) of taxels, in their stored type if that is faster, as integers may be.
 
         Raises:
             InputError: something that the layout requests is missing.
@@ -92,7 +92,7 @@ class Log(Watched, ABC):
     def merged_with(self, frames: Log) -> Iterator[Recording | Stored]:
         """Yield the `blocks` of this log and the `stored` of `frames`, the same file in another layout.
 
-        The file is read in one pass if possible.
+        Items are recordings, or pairs of times (n,) [s] and frames (n, k). The file is read in one pass if possible.
 
         Raises:
             InputError: something that one of the layouts requests is missing.

@@ -15,7 +15,7 @@ __all__ = ["require_stated", "stated_layout"]
 
 
 def stated_layout(layout: LogLayout, names: Iterable[str], stated: Stated) -> LogLayout:
-    """Return the layout with `Fx [N]`, `Time [ms]` in place of missing `fx`, `time`, and with their units.
+    """Return a `LogLayout` with `Fx [N]`, `Time [ms]` in place of missing `fx`, `time`, and with their units.
 
     Each name must have one match, and a match must have a unit: for other names a rig states the column.
     """

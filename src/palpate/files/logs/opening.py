@@ -85,7 +85,13 @@ def contents(path: str | Path | Mapping[str, np.ndarray]) -> LogContents:
 
 
 def topic_shapes(path: Path) -> dict[str, tuple[int, ...]]:
-    """Return topic -> shape of an array, or rows and columns of a one-channel image, from its first message."""
+    """Return a dict, topic -> shape of an array, or (rows, columns) of a one-channel image, from its first message.
+
+    It is empty for a log without topics.
+
+    Raises:
+        InputError: the file is not a log, or needs a library that is not installed.
+    """
     kind = _kind(path)
     if kind in _WITHOUT_TOPICS:
         return {}
@@ -104,7 +110,7 @@ def image_size(path: str | Path, topic: str | None = None) -> tuple[int, int, in
         topic: of the images. None: the first that has an image, compressed ones last.
 
     Raises:
-        InputError: the file is not a log.
+        InputError: the file is not a log, or OpenCV or another library that it needs is not installed.
     """
     path = Path(path)
     kind = _kind(path)
@@ -120,7 +126,11 @@ def image_size(path: str | Path, topic: str | None = None) -> tuple[int, int, in
 
 
 def survey(path: Path) -> Survey | None:
-    """Return the frames, poses and joints that the messages of a log mention; None for a log of columns."""
+    """Return a `Survey` of the frames, poses and joints that a log's messages mention; None for a log without topics.
+
+    Raises:
+        InputError: the file is not a log, or needs a library that is not installed.
+    """
     kind = _kind(path)
     return None if kind in _WITHOUT_TOPICS else survey_of(_messages(path, kind))
 
@@ -150,7 +160,7 @@ def missing(there: LogContents, layout: LogLayout) -> list[str]:
 
 
 def open_log(path: str | Path | Mapping[str, np.ndarray], layout: LogLayout | None = None) -> Log:
-    """Open a log: CSV or other text, Parquet, NumPy, MCAP, a ROS 1 bag, a ROS 2 bag (its folder, or a .db3 file).
+    """Open a `Log`: CSV or other text, Parquet, NumPy, MCAP, a ROS 1 bag, a ROS 2 bag (its folder, or a .db3 file).
 
     Images are read from a video, a folder of images, MCAP and bags. Arrays in memory are a log, too.
 
@@ -176,10 +186,11 @@ def open_log(path: str | Path | Mapping[str, np.ndarray], layout: LogLayout | No
 
 
 def read_recording(path: str | Path, layout: LogLayout | None = None) -> Recording:
-    """Read a complete log as one recording: one row per sample, in their order; what cannot be read is NaN and noted.
+    """Read a complete log as one `Recording`, one row per sample, in order; what cannot be read is NaN and noted.
 
     Raises:
-        InputError: the file is not a log, or something that the layout requests is missing.
+        InputError: the file is not a log, something that the layout requests is missing, or a library that it needs is
+            not installed.
     """
     log = open_log(path, layout)
     recording = join(list(log.blocks()))
@@ -189,12 +200,12 @@ def read_recording(path: str | Path, layout: LogLayout | None = None) -> Recordi
 def read_poses(
     path: str | Path, layout: LogLayout | None = None
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k 4"], Float[np.ndarray, "k 3"]]:
-    """Read the poses alone: stamps (k,) [s] without the layout's offset, quaternions x, y, z, w and positions [m].
+    """Read the poses alone: stamps (k,) [s], quaternions x, y, z, w (k, 4) and positions (k, 3) [m].
 
-    In a log of columns each row is a pose.
+    Stamps are without the layout's offset. In a log of columns each row is a pose; unknown positions are NaN.
 
     Raises:
-        InputError: the file is not a log, or it has no orientations.
+        InputError: the file is not a log, it has no orientations or poses, or a library that it needs is not installed.
     """
     log = open_log(path, layout)
     if isinstance(log, TopicLog):
@@ -212,7 +223,7 @@ def read_poses(
 
 
 def join(blocks: Sequence[Recording]) -> Recording:
-    """Join the blocks of one log, in their order, to one recording."""
+    """Join the blocks of one log, at least one, in their order, to one `Recording`."""
     if len(blocks) == 1:
         return blocks[0]
     channels = {name: _joined([block.channels[name] for block in blocks]) for name in blocks[0].channels}

@@ -26,14 +26,23 @@ class ParquetLog(ColumnLog):
     """A log in a Parquet file; a damaged file cannot be read at all."""
 
     def contents(self) -> LogContents:
-        """Return the names of the columns and the units in them."""
+        """Return `LogContents` with the names of the columns and the units in them.
+
+        Raises:
+            InputError: the file is damaged.
+        """
         open_input(self.path).close()
         with self._reading():
             names = pl.scan_parquet(self.path, glob=False).collect_schema().names()
             return LogContents(self.path, dict.fromkeys(names, ()), stated=Stated.of_names(names))
 
     def blocks(self) -> Iterator[Recording]:
-        """Yield the rows as recordings in SI; raise an InputError if the layout does not fit."""
+        """Yield the rows as recordings in SI.
+
+        Raises:
+            InputError: the file is damaged or has no rows, a column is not numbers or dates, or the layout does not
+                fit.
+        """
         open_input(self.path).close()
         with self._reading():
             yield from self._blocks()

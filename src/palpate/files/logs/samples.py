@@ -59,7 +59,7 @@ class SampleReader:
         self._infinite = self._none = self._far = 0
 
     def block(self, time: Float[np.ndarray, " n"], read: Mapping[str, np.ndarray]) -> Recording:
-        """Return the next samples as a recording in SI.
+        """Return the next samples as a `Recording` in SI.
 
         Args:
             time: [s].
@@ -104,7 +104,7 @@ class SampleReader:
         return values if not self._arrays else self._scaled(self._arrays[0], values.reshape(len(values), -1))
 
     def recorded(self, limits: Sequence[float]) -> Float[np.ndarray, "6"]:
-        """Convert limits of a wrench [N, N m] along the sensor's axes, in magnitude, to the log's columns and units."""
+        """Return the magnitudes (6,), in the log's columns and units, of limits [N, N m] along the sensor's axes."""
         made = np.empty(6)
         made[self._picked] = np.abs(np.asarray(limits) / self._factors)
         return made

@@ -52,10 +52,13 @@ class Survey:
 
 
 def survey_of(source: MessageFile) -> Survey:
-    """Read the log once, and return the frames, poses and joints in it.
+    """Read the log once, and return a `Survey` of the frames, poses and joints in it.
 
     Args:
         source: file of the log's messages.
+
+    Raises:
+        InputError: the file cannot be read, or needs a library that is not installed.
     """
     there = [topic for topic in source.topics() if topic.encoding in ("cdr", "ros1") and topic.count]
     wanted = {topic.name: topic for topic in there if topic.kind == JOINTS or role(topic.kind) in ("wrench", "pose")}

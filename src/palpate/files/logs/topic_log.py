@@ -69,14 +69,23 @@ class TopicLog(Log):
         self._unsure = list[str]()  # topics of poses, none of which was named
 
     def blocks(self) -> Iterator[Recording]:
-        """Yield the samples as recordings in SI; raise an InputError if a topic is missing or empty."""
+        """Yield the samples as recordings in SI.
+
+        Raises:
+            InputError: a topic is missing or empty, several could be meant, or the frames, URDF or pinocchio that poses
+                need are missing.
+        """
         join, wanted = self._started()
         for messages in self._pieces(wanted):
             yield from join.take(messages)
         yield from self._ended(join)
 
     def stored(self) -> Iterator[Stored]:
-        """Yield times [s] and frames (n, k) of taxels, in their stored type where possible."""
+        """Yield times (n,) [s] and frames (n, k) of taxels, in their stored type where possible.
+
+        Raises:
+            InputError: a topic is missing, or several could be meant.
+        """
         main = self._as_stored()
         if main is None:
             yield from super().stored()
@@ -152,7 +161,7 @@ class TopicLog(Log):
         From the tree of /tf they are taken at the stamps of the most frequent transform.
 
         Raises:
-            InputError: no topic holds poses.
+            InputError: no topic holds poses, or the frames, URDF or pinocchio that they need are missing.
         """
         poses = self._poses(self._chosen(), 0.0)
         if poses is None:
@@ -171,7 +180,11 @@ class TopicLog(Log):
         return time[known], np.concatenate([position, quaternion], axis=1)[known]
 
     def contents(self) -> LogContents:
-        """Return the topics of the log, its duration and any damage."""
+        """Return `LogContents` with the topics of the log, its duration and any damage.
+
+        Raises:
+            InputError: the file cannot be read.
+        """
         topics = tuple(self._source.topics())
         return LogContents(self.path, {}, topics, self._source.torn, self._source.duration)
 

@@ -76,7 +76,7 @@ _ACCELERATION = _Wanted("acceleration", "acceleration", f"Accelerations are read
 
 
 def main_channel(layout: LogLayout) -> ArrayChannel | None:
-    """Return the array channel of which each message makes a row of a log of topics; None if wrenches make the rows.
+    """Return the `ArrayChannel` whose messages make the rows of a log of topics; None if wrenches make the rows.
 
     If the layout requests an array and a wrench, the array makes the rows.
 
@@ -96,11 +96,12 @@ def main_channel(layout: LogLayout) -> ArrayChannel | None:
 
 
 def choose(there: LogContents, layout: LogLayout) -> dict[str, Topic]:
-    """Return role -> topic: "main" (wrench or array), "wrench" next to an array, "pose", "acceleration", "temperature".
+    """Return a dict, role -> `Topic`: "main" (wrench or array), "wrench" next to an array, "pose" and others.
 
     "both", in place of the first two: an array with the wrench in one message, as a live record has them.
 
-    The last three may be missing; there is no "pose" if several topics hold poses and none is named (`doubtful`).
+    "pose", "acceleration" and "temperature" may be missing. There is no "pose" if several topics hold poses and none is
+    named (`doubtful`).
 
     Raises:
         InputError: a topic that is named does not exist or has another type, or no topic or several could be "main" or
@@ -123,7 +124,7 @@ def choose(there: LogContents, layout: LogLayout) -> dict[str, Topic]:
 
 
 def choose_images(there: LogContents, channel: ImageChannel) -> Topic:
-    """Return the topic of images that the channel names, or the only one.
+    """Return the `Topic` of images that the channel names, or the only one.
 
     Raises:
         InputError: a topic that is named does not exist or holds no images; or none, or several, could be meant.

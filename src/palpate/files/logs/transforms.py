@@ -45,7 +45,7 @@ class Transforms:
     values: Float[np.ndarray, "m 7"]
 
     def edges(self) -> Iterator[tuple[int, int, Int[np.ndarray, " k"]]]:
-        """Yield parent, child, and the indices of the rows of each edge, in their order."""
+        """Yield the numbers of parent and child, and the indices (k,) of the rows of each edge, in their order."""
         key = (self.parent << 32) + self.child
         order = np.argsort(key, kind="stable")
         starts = np.flatnonzero(np.diff(key[order], prepend=-1))
@@ -56,7 +56,7 @@ class Transforms:
 def transforms(
     messages: MessageBlock, topic: Topic, names: dict[str, int]
 ) -> tuple[Transforms, Bool[np.ndarray, " n"]]:
-    """Read all transforms in some messages, in their order; return them, and True (n,) for each readable message.
+    """Read all `Transforms` in some messages, in order; return them, and a bool (n,), True for each readable message.
 
     A publisher sends the same frames again and again, so that its messages differ only in stamps and numbers: the first
     is parsed, and those of the same form are read at once.
@@ -263,7 +263,7 @@ class TransformTree:
                 seen.add(rows.values[which], rows.stamp[which], static=_static(topic))
 
     def tree(self, offset: float = 0.0, max_gap: float = 0.25) -> FrameTree:
-        """Return a tree with constant poses, and with an empty track for each edge that may move.
+        """Return a `FrameTree` with constant poses, and with an empty track for each edge that may move.
 
         An edge of /tf that did not move in the log is interpolated over gaps of any length.
         """
@@ -276,13 +276,13 @@ class TransformTree:
         return made
 
     def moving(self, frames: Sequence[str]) -> list[tuple[str, str]]:
-        """Return the edges between neighbours in `frames` that move."""
+        """Return a list of the edges (parent, child) between neighbours in `frames` that move."""
         pairs = {frozenset(pair) for pair in pairwise(frames)}
         return [edge for edge, seen in self.edges.items() if seen.moves and frozenset(edge) in pairs]
 
 
 def tree_topics(topics: Sequence[Topic]) -> list[Topic]:
-    """Return the topics of transforms that can be read."""
+    """Return a list of those topics that hold transforms and can be read."""
     return [topic for topic in topics if topic.kind in TREES and topic.encoding in ("cdr", "ros1")]
 
 
@@ -291,7 +291,11 @@ def _static(topic: Topic) -> bool:
 
 
 def read_frames(source: MessageFile, topics: Sequence[Topic]) -> TransformTree:
-    """Read the topics of transforms in the complete file, and return their tree."""
+    """Read the topics of transforms in the complete file, and return their `TransformTree`.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
     found = TransformTree(tuple(topics))
     for messages in source.messages([topic.name for topic in topics]) if topics else ():
         found.add(messages)

@@ -28,7 +28,7 @@ _ROUNDED = 1e-3  # s: to which Matroska rounds its stamps
 
 
 def is_video(first: bytes) -> bool:
-    """Recognise a video file by its first bytes."""
+    """Return whether the first bytes of a file are those of a video."""
     riff = first[:4] == b"RIFF" and first[8:11] == b"AVI"
     return riff or first[:4] == b"\x1aE\xdf\xa3" or first[4:8] in _BOXES
 
@@ -44,7 +44,11 @@ class VideoLog(ImageLog):
         super().__init__(path, path.stat().st_size, layout)
 
     def contents(self) -> LogContents:
-        """Return size, frame count, rate and codec, as the file's header announces them."""
+        """Return `LogContents` with size, frame count, rate and codec, as the file's header announces them.
+
+        Raises:
+            InputError: the video cannot be opened, or OpenCV is not installed.
+        """
         cv2 = opencv()
         with _opened(cv2, self.path, packed=True) as video:
             size = int(video.get(cv2.CAP_PROP_FRAME_HEIGHT)), int(video.get(cv2.CAP_PROP_FRAME_WIDTH))
@@ -52,7 +56,12 @@ class VideoLog(ImageLog):
             return LogContents(self.path, {}, images=Images((*size, 3), count, rate, _codec(cv2, video)))
 
     def blocks(self) -> Iterator[Recording]:
-        """Yield the frames as recordings; raise an InputError if none can be decoded."""
+        """Yield the frames as recordings.
+
+        Raises:
+            InputError: no frame can be decoded, the layout requests anything else than images, or OpenCV is not
+                installed.
+        """
         cv2 = self._begin("a video")
         stamps, announced = self._stamps(cv2)
         yield from self._frames.blocks(self._decoded(cv2, stamps))

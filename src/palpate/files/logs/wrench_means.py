@@ -48,7 +48,7 @@ class WrenchMeans:
         self._fresh.append(stamped[newer])
 
     def complete(self) -> None:
-        """Declare that there are no more readings."""
+        """Declare that there are no more readings, so that all rows are answerable."""
         self._complete = True
 
     def answerable(self, time: Float[np.ndarray, " n"]) -> int:

@@ -16,7 +16,7 @@ _STEP = 1 << 17  # bytes: what was decompressed before damage is kept in steps o
 
 
 def inflate(content: memoryview) -> tuple[bytes, str]:
-    """Return the records of a chunk, or the first of a damaged one, and a description of the damage, "" if none."""
+    """Return the records of a chunk as bytes, or the first of a damaged one, and the damage in words, "" if none."""
     try:
         _, _, size, checksum, named = unpack_from("<QQQII", content)
         compression = bytes(content[32 : 32 + named]).decode(errors="replace")

@@ -66,14 +66,22 @@ class McapFile(MessageFile):
         self._forget()
 
     def topics(self) -> list[Topic]:
-        """Return all topics with their message counts, from the index at the end or by reading the complete file."""
+        """Return a list of `Topic` with message counts, from the index at the end or by reading the complete file.
+
+        Raises:
+            InputError: the file cannot be read.
+        """
         if not self._read_index():
             for _ in self.messages():
                 pass
         return merged(replace(topic, count=self._counts[key]) for key, topic in self._topics.items())
 
     def messages(self, names: Collection[str] = ()) -> Generator[MessageBlock]:
-        """Yield all messages in the order of the file, regardless of `names`; `torn` then describes any damage."""
+        """Yield all messages in the order of the file, whatever `names`, in blocks; `torn` then describes any damage.
+
+        Raises:
+            InputError: the file cannot be read.
+        """
         self._read_index()  # what it declares stands even if the chunk that declares it is damaged
         self._counts.clear()
         with open_input(self.path) as file:
@@ -85,7 +93,7 @@ class McapFile(MessageFile):
             self.torn = f"the file is torn {where} ({what}); {count:,} whole messages were read"
 
     def notes(self) -> tuple[str, ...]:
-        """Return a sentence on messages whose topic is not declared, or nothing."""
+        """Return a sentence on messages whose topic is not declared, in a tuple; () if there are none."""
         stray = sum(count for key, count in self._counts.items() if key not in self._topics)
         return (f"{stray} messages belong to no topic that is declared",) if stray else ()
 

@@ -55,6 +55,9 @@ def regained(path: Path) -> Regained | None:
 
     Returns:
         The complete part; None where not even the head is complete, or the file is not from `McapWriter`.
+
+    Raises:
+        OSError: the file cannot be read.
     """
     with path.open("rb") as file:
         found = _head(file)

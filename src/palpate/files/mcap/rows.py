@@ -32,7 +32,7 @@ def layout(fields: Fields) -> np.dtype[np.void]:
 
 
 def stamped(frame_id: str, fields: Fields) -> tuple[Fields, Mapping[str, object]]:
-    """Return the fields of a message that begins with a header, and the header values that all messages share."""
+    """Return the fields of a message that begins with a header, and a dict of the header values that all share."""
     frame = frame_id.encode() + b"\0"
     header: Fields = (
         ("sec", "<i4", ()),
@@ -68,7 +68,7 @@ class ChannelRows:
 
 @takes_arrays
 def made(kinds: Sequence[ChannelRows], stamps: Sequence[Int[np.ndarray, " _"]]) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Make a message of each kind for each of its stamps [ns]; return all bytes, and a view per kind to be filled."""
+    """Make a message of each kind for each stamp [ns]; return all bytes (uint8), and a structured view per kind."""
     ends = np.cumsum([len(each) * kind.record.itemsize for kind, each in zip(kinds, stamps, strict=True)])
     raw = np.empty(ends[-1], dtype=np.uint8)
     views: list[np.ndarray] = []

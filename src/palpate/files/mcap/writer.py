@@ -72,7 +72,7 @@ class McapWriter:
         return self.chunks[-1].end if self.chunks else len(self.head)
 
     def chunk(self, records: np.ndarray, messages: Sequence[np.ndarray]) -> tuple[bytes, Written]:
-        """Return the bytes of the next chunk, and the entry to append to `chunks` once they are written.
+        """Return the bytes of the next chunk, and the `Written` entry to append to `chunks` once they are written.
 
         Args:
             records: bytes of all its messages.
@@ -95,7 +95,7 @@ class McapWriter:
     def written(
         self, chunk: mcap.Chunk, lengths: tuple[int, int], places: dict[int, int], counts: dict[int, int]
     ) -> Written:
-        """Return the entry to append to `chunks` for a chunk that follows them in the file.
+        """Return the `Written` entry to append to `chunks` for a chunk that follows them in the file.
 
         Args:
             chunk: the record.

@@ -41,15 +41,16 @@ def read_model(path: str | Path) -> Any: ...
 @overload
 def read_model(path: str | Path, holds: type[Value]) -> Value: ...
 def read_model(path: str | Path, holds: type[Any] | None = None) -> Any:
-    """Read a model from its file; numbers equal those written, to the last bit.
+    """Read a model from its file, as an instance of its class; numbers equal those written, to the last bit.
 
     Args:
         path: of the file.
         holds: class of the model that is wanted; None: any.
 
     Raises:
-        InputError: the file is not a model, or not of that class; a key is misspelt or missing, or a value has the
-            wrong type or shape.
+        InputError: the file is missing, not a model, or not of that class; a key is misspelt or missing, or a value has
+            the wrong type or shape.
+        TypeError: `holds` is no class of models.
     """
     try:
         table = load_toml(path)
@@ -61,7 +62,7 @@ def read_model(path: str | Path, holds: type[Any] | None = None) -> Any:
         raise InputError(problem.what, where=problem.where, hint=hint) from None
     kind = table.pop("kind", None)
     if holds is None:
-        if kind not in MODELS:
+        if not isinstance(kind, str) or kind not in MODELS:
             known = ", ".join(repr(name) for name in MODELS)
             raise InputError("is no model.", where=str(path), hint=f"A model states its kind: one of {known}.")
     else:
@@ -78,6 +79,7 @@ def write_model(path: str | Path, value: Any) -> None:
 
     Raises:
         TypeError: the value is not a model.
+        InputError: the file cannot be written.
     """
     kind, model = _model(cast("type[Any]", type(value)))
     head = [f"# {model.description} Written by `{model.command}`.", *toml_lines("kind", kind), ""]

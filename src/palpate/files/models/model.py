@@ -39,6 +39,6 @@ class Model:
 
 
 def span(values: Float[np.ndarray, " n"]) -> str:
-    """Return the least and the largest of some values, as text."""
+    """Return the least and the largest of some values, as text "0.1 to 2", or one number if they are equal."""
     low, high = f"{values.min():.3g}", f"{values.max():.3g}"
     return low if low == high else f"{low} to {high}"

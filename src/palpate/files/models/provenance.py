@@ -17,7 +17,13 @@ __all__ = ["printable", "provenance", "read_provenance", "write_provenance"]
 
 
 def provenance(inputs: Mapping[str, Path | None], options: Mapping[str, object]) -> dict[str, str]:
-    """Return the provenance of a result: Palpate's version, each input's name and SHA-256, each option that was set."""
+    """Return the provenance of a result as a dict of texts.
+
+    They are Palpate's version, each input's name and SHA-256, and each option that was set.
+
+    Raises:
+        OSError: an input cannot be read.
+    """
     record = {"palpate": version("palpate")}
     for name, path in inputs.items():
         if path is not None:
@@ -26,12 +32,20 @@ def provenance(inputs: Mapping[str, Path | None], options: Mapping[str, object])
 
 
 def write_provenance(path: Path, record: Mapping[str, object]) -> None:
-    """Write the provenance of a result as TOML to `path`."""
+    """Write the provenance of a result as TOML to `path`.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
     write_text(path, tomlkit.dumps(dict(record)))
 
 
 def read_provenance(path: Path) -> dict[str, Any]:
-    """Read the provenance of a result from PATH.toml next to it; return an empty dictionary if that does not exist."""
+    """Read the provenance of a result as a dict from PATH.toml next to it; return {} if that does not exist.
+
+    Raises:
+        InputError: the file is not TOML.
+    """
     beside = path.with_name(f"{path.name}.toml")
     return load_toml(beside) if beside.exists() else {}
 

@@ -44,7 +44,7 @@ def load_toml(path: str | Path) -> dict[str, Any]:
 
 @takes_arrays
 def toml_array(rows: Float[np.ndarray, "n k"] | Sequence[Sequence[float]]) -> Array:
-    """Return a matrix (n, k) as an array of tomlkit, one row per line."""
+    """Return a matrix (n, k) as a tomlkit `Array`, one row per line."""
     array = tomlkit.array()
     for row in np.asarray(rows).tolist():
         array.append(row)
@@ -52,7 +52,7 @@ def toml_array(rows: Float[np.ndarray, "n k"] | Sequence[Sequence[float]]) -> Ar
 
 
 def toml_lines(name: str, value: Any, comment: str = "") -> list[str]:
-    """Return the lines of one key and its value; a matrix has one row per line and its comment above."""
+    """Return a list of the lines of one key and its value; a matrix has one row per line and its comment above."""
     if not (isinstance(value, np.ndarray) and value.ndim == 2):
         return [f"{_key(name)} = {_literal(value)}{f'  # {comment}' if comment else ''}"]
     above = [f"# {comment}"] if comment else []

@@ -64,7 +64,7 @@ class Dialect:
 
 
 def find_dialect(text: bytes, path: Path) -> Dialect:
-    """Determine the dialect of a text from its first `LOOKED_AT` bytes.
+    """Return the `Dialect` of a text, determined from its first `LOOKED_AT` bytes.
 
     Raises:
         InputError: the text is empty, is XML or HTML, has only one column or more than 20,000, has a header with an

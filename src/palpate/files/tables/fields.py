@@ -51,7 +51,7 @@ class Fields:
                 raise InputError(f"no number in column {name!r}; {place} has {text!r}.", where=str(path))
 
     def notes(self) -> tuple[str, ...]:
-        """Return a sentence on rows with a field that is missing or not a number, or nothing."""
+        """Return a sentence on rows with a field that is missing or not a number, in a tuple; () if there are none."""
         if not self.bad:
             return ()
         first = self.first_bad

@@ -22,7 +22,7 @@ _LONGEST = 1 << 26  # bytes of a line, beyond which a file is no text
 
 
 def open_input(path: Path, *, pipe: bool = False) -> BufferedReader:
-    """Open a file for reading, in binary. Pipes and devices are refused, because reading them may never end.
+    """Return a file opened for reading, in binary. Pipes and devices are refused, as reading them may never end.
 
     Args:
         path: of the file.
@@ -58,7 +58,7 @@ def _open_pipe(path: Path) -> BufferedReader:
 
 
 def complete_lines(file: BinaryIO, path: Path, size: int) -> Iterator[bytes]:
-    """Yield the text in pieces of about `size` bytes (-1: all of it), cut at newlines, which are dropped there.
+    """Yield the text as bytes, in pieces of about `size` (-1: all of it), cut at newlines, which are dropped there.
 
     UTF-16 is recognised by its byte order mark and converted to UTF-8.
 

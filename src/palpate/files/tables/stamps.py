@@ -13,7 +13,7 @@ _STAMP = f"^{_DATE}{_CLOCK}{_ZONE}$"
 
 
 def seconds(text: pl.Series) -> pl.Series:
-    """Convert stamps to seconds since 1970, or since midnight if they have no date; null where the text is no stamp.
+    """Convert a series of stamps to seconds since 1970, or since midnight without a date; null where not a stamp.
 
     Accepted are ISO 8601 and its looser forms, `31.12.2025 12:34:56,789`, `12:34:56.789` and `3:04:05 PM`; not dates
     whose day and month could be exchanged.

@@ -35,12 +35,12 @@ class Stated:
 
     @classmethod
     def of_names(cls, names: Iterable[str]) -> Stated:
-        """Return the units that column names contain."""
+        """Return a `Stated` with the units that column names contain."""
         return cls({name: unit for name in names if (unit := split_unit(name)[1])})
 
     @classmethod
     def of_dialect(cls, dialect: Dialect) -> Stated:
-        """Return the units and the rate that a text states before its rows."""
+        """Return a `Stated` with the units and the rate that a text states before its rows."""
         rows = dict(zip(dialect.names, dialect.units, strict=False))
         units = {name: unit for name, unit in rows.items() if unit.strip("-")}
         for name, unit in cls.of_names(dialect.names).units.items():

@@ -78,21 +78,26 @@ class TextTable:
         return rows
 
     def strings(self, name: str) -> pl.Series:
-        """Return one column as text, stripped, null where empty; raise an InputError if it is missing."""
+        """Return one column as a polars series of text, stripped, null where empty.
+
+        Raises:
+            InputError: the column is missing, or is there more than once.
+        """
         self.require([name])
         return self._strings([name])[0]
 
     def numbers(
         self, names: Sequence[str], *, strict: bool = False
     ) -> tuple[Float[np.ndarray, "n k"], tuple[str, ...]]:
-        """Return columns (n, k) as float64, NaN where a field is no number or its row is ragged, and a note on these.
+        """Return columns (n, k) as float64, NaN where a field is no number or its row is ragged, and a tuple of notes.
 
         Args:
             names: of the columns.
             strict: refuse a ragged row, and a field that is neither a number nor empty nor nan.
 
         Raises:
-            InputError: a column is missing or contains no number at all, or `strict` refuses a row.
+            InputError: a column is missing, is there more than once or contains no number at all, or `strict` refuses a
+                row.
         """
         if strict and self.ragged.any():
             self.refuse(
@@ -171,7 +176,7 @@ class TextTable:
 
 
 def read_table(path: Path) -> TextTable:
-    """Read a complete delimited text file, whose dialect is found by `palpate.files.tables.dialect`.
+    """Read a complete delimited text file, whose dialect is detected, as a `TextTable`.
 
     Raises:
         InputError: the file does not exist, is not text, is empty, or has no header or no row that fits it.
@@ -183,7 +188,7 @@ def read_table(path: Path) -> TextTable:
 
 
 def tables(file: BinaryIO, path: Path, size: int) -> Iterator[TextTable]:
-    """Yield the rows of an open file in tables of about `size` bytes of text; the first may be without rows.
+    """Yield the rows of an open file, each `TextTable` of about `size` bytes of text; the first may be without rows.
 
     Raises:
         InputError: the file is not text, is empty, or has no header.

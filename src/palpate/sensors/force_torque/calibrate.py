@@ -65,9 +65,12 @@ def identify_payload(
         of: name of a row in messages: "samples", or "poses" where each is a mean.
         provenance: kept in the payload, in addition to the options used here.
 
+    Returns:
+        The payload as a `Payload`, with notes.
+
     Raises:
         NotIdentifiable: the poses cannot separate the parameters; names which, and the pose to add.
-        InputError: a shape is wrong, a row is not a rotation, no row is complete, gravity or `hypothesis` is invalid.
+        InputError: a shape is wrong, a row is not a rotation, no row is complete, or an option is invalid.
     """
     settings = replace(settings_of(gravity, magnitude, noise, robust=robust), of=of)
     wrenches, rotations, finite = usable(wrenches, rotations)
@@ -95,10 +98,13 @@ def diagnose_payload(
     noise: ArrayLike | None = None,
     robust: bool = True,
 ) -> list[Hypothesis]:
-    """Return every named hypothesis under which the log determines a payload, the best fit first.
+    """Return a list of each `Hypothesis` under which the log determines a payload, best fit first; [] if none does.
 
     Arguments are those of `identify_payload`. The sign of each hypothesis is the one under which the weight points down
     (see `palpate.sensors.force_torque._payload_hypotheses` for the mistakes that can be distinguished).
+
+    Raises:
+        InputError: no row is complete, a row is not a rotation, or an option is invalid.
     """
     settings = settings_of(gravity, magnitude, noise, robust=robust)
     wrenches, rotations, _ = usable(wrenches, rotations)
@@ -108,10 +114,11 @@ def diagnose_payload(
 def settings_of(
     gravity: ArrayLike | None, magnitude: float, noise: ArrayLike | None, *, robust: bool
 ) -> PayloadSettings:
-    """Return the checked settings; gravity may have any length.
+    """Return the checked settings as `PayloadSettings`, with gravity's direction of length 1.
 
     Raises:
-        InputError: `magnitude` is not positive, or gravity is not three finite numbers, not all zero.
+        InputError: `magnitude` is not positive, gravity is not three finite numbers, not all zero, or `noise` is no
+            standard deviations or covariance.
     """
     if not (np.isfinite(magnitude) and magnitude > 0):
         raise InputError(f"magnitude of gravity must be positive, not {magnitude}")
@@ -151,7 +158,13 @@ def usable(wrenches: Wrench | ArrayLike, rotations: ArrayLike) -> tuple[np.ndarr
 
 
 def validated(finite: Bool[np.ndarray, " n"], kept: Bool[np.ndarray, " m"], of: str) -> tuple[str, ...]:
-    """Return sentences about the rows that were not used: those not complete, and of the others those not kept."""
+    """Return sentences about the rows that were not used, an empty tuple if all were.
+
+    Args:
+        finite: (n,) the complete rows.
+        kept: (m,) of these, the rows that are no outliers.
+        of: name of a row: "samples" or "poses".
+    """
     name = "rows" if of == "samples" else of
     lost, away = np.flatnonzero(~finite), np.flatnonzero(finite)[~kept]
     said: tuple[str, ...] = ()

@@ -45,10 +45,12 @@ class CalibrateClock(Calibration):
     search: Annotated[float, arg(metavar="X")] = 0.5
 
     def identify(self) -> CalibrationResult:
-        """Return the clock offset [s] under which the forces are those of a weight that turns with the poses.
+        """Return a `CalibrationResult`: the offset [s] by which forces are those of a weight turning with the poses.
 
         Raises:
-            InputError: the wrenches are written in the base frame.
+            InputError: rig or log cannot be read, the wrenches are written in the base frame, they and the poses do not
+                overlap, or the best offset lies at the edge of the search.
+            NotIdentifiable: the arm hardly turns, or the sensor has no payload.
         """
         setup = self.stated.resolve("force_torque")
         sensor = setup.of(ForceTorqueSection)
@@ -89,7 +91,11 @@ class CalibrateClock(Calibration):
         )
 
     def write(self, found: CalibrationResult) -> None:
-        """Write the offset into the rig."""
+        """Write the offset into the rig `output`.
+
+        Raises:
+            InputError: the rig cannot be edited in its form, or the output cannot be written.
+        """
         comment = f"s, from {origin(self.record(), 'log')}"
         update_offset(self.rig, self.output, round(found.model.offset, 7), comment=comment)
 

@@ -57,10 +57,11 @@ class CalibratePayload(Calibration):
     base_frame: Annotated[bool, FlagCreatePairsOff] = False
 
     def identify(self) -> CalibrationResult:
-        """Average the poses at rest, and return the payload that is fitted to them.
+        """Average the poses at rest, and return a `CalibrationResult` with the payload that is fitted to them.
 
         Raises:
-            InputError: the log has no orientation, or `gravity` is not a direction.
+            InputError: rig or log cannot be read, the log has no orientation, or `gravity` is not a direction.
+            NotIdentifiable: the poses do not separate the payload's parameters.
         """
         layout = LogLayout() if self.rig is None else self.stated.layout("force_torque")
         recording = read_recording(self.log, layout)

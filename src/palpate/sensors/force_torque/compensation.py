@@ -125,11 +125,15 @@ class Compensation:
         return "the wrenches are in the base frame" if self._turned else ""
 
     def ready(self, blocks: Iterable[Recording]) -> Iterator[Recording]:
-        """Yield the same recordings, with accelerations added where `motion` provides them."""
+        """Yield the same recordings, with the channels `ACCELERATION` and `UNSTEADY` where `motion` provides them.
+
+        Raises:
+            InputError: channels that the source of accelerations needs are missing.
+        """
         return iter(blocks) if self.motion is None else self.motion.stream(iter(blocks))
 
     def measure(self, recording: Recording) -> _Compensated:
-        """Return the contacts' wrenches (n, 6) in the sensor's frame and the statuses of a recording.
+        """Return a recording as `Measured`: contacts' wrenches (n, 6) [N, N m] in the sensor's frame, with statuses.
 
         Raises:
             InputError: forces or torques are missing, or an orientation is needed (payload with weight, wrenches in the
@@ -140,9 +144,9 @@ class Compensation:
     def single(
         self, time: float, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None
     ) -> _Compensated:
-        """Return the contact's wrench of one reading (6,), with the sensor's rotation in the base (3, 3) if needed.
+        """Return one reading (6,) [N, N m] as `Measured`: the contact's wrench (1, 6) and its status.
 
-        A rotation of NaN is not known now.
+        The sensor's rotation in the base (3, 3) is used if needed; NaN means that it is not known now.
 
         Raises:
             InputError: the rotation is needed and None, or an argument has another shape.
@@ -206,7 +210,7 @@ class Compensation:
         return made
 
     def constants(self, placement: Placement) -> tuple[np.ndarray, ...]:
-        """Return the constant arguments of `compensate` and `place` of the compiled loops, in their order."""
+        """Return a tuple of arrays: the constant arguments of the compiled `compensate` and `place`, in their order."""
         turned, constant = np.array([float(self._turned)]), self._constant_in(placement)
         made = self._limits, self._load, self._zero, turned, self._mean, self._unsure
         return *made, placement.factor, placement.matrix, constant
@@ -219,7 +223,7 @@ class Compensation:
         share: Float[np.ndarray, " k"],
         placement: Placement,
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"] | None]:
-        """Return wrenches (n, 6) in the surface's frame and covariances (n, 6, 6), None if the noise is not known.
+        """Return wrenches (n, 6) [N, N m] in the surface's frame and covariances (n, 6, 6), None if noise is unknown.
 
         The filter's share does not reduce the errors of payload, tare and mounting, the same in every sample.
         """
@@ -259,13 +263,14 @@ class Compensation:
         self.revision += 1
 
     def tare(self, recording: Recording) -> Tare:
-        """Subtract the mean compensated wrench of a window from now on, and return this tare.
+        """Subtract the mean compensated wrench of a window from now on, and return it as a `Tare`.
 
         Later covariances contain the error of the mean. Of the payload's error only the difference to its value in the
         window remains, so the biases' errors cancel.
 
         Raises:
-            InputError: the window has too few samples or is not steady; states what was seen.
+            InputError: the window has too few samples or is not steady (the message has figures), or lacks forces,
+                torques or an orientation that is needed.
         """
         made = self._compensated(self._readings(recording), self._bias, self._stated)
         usable = made.status < 0
@@ -321,7 +326,7 @@ class Compensation:
 
     @takes_arrays
     def free(self, kept: Float[np.ndarray, "n 19"]) -> Free:
-        """Return readings less the stated payload, NaN if unusable, and their change per newton more of its weight."""
+        """Return a `Free`: readings less the stated payload, NaN if unusable, and their change per newton of weight."""
         readings = _kept(kept)
         made = self._compensated(readings, np.zeros(6), self._stated)
         usable = made.status < 0
@@ -368,12 +373,12 @@ class Compensation:
     def as_wrench(
         self, change: Float[np.ndarray, "n 6"], covariance: Float[np.ndarray, "6 6"]
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "6 6"]]:
-        """Return the changes, which are wrenches already, and the covariance plus the gains' error of the last one."""
+        """Return the changes (n, 6), wrenches already, and the covariance (6, 6) plus the last one's gain error."""
         square = float(change[-1] ** 2 @ np.repeat([1.0, self._load[10]], 3)) if len(change) else 0.0
         return change, covariance + self.sensor.gain_error**2 * square * np.diag(self._gains)
 
     def start(self) -> tuple[float, ZeroState, Float[np.ndarray, "6 q"]]:
-        """Return the time [s], the state and the regressor (6, q) of the tare; without one, of the payload's biases.
+        """Return time [s], `ZeroState` and regressor (6, q) of the tare; without one, of the payload's biases.
 
         The time is NaN without a tare.
 
@@ -416,7 +421,7 @@ class Compensation:
         self._unsure = np.concatenate([self._unknown(), more])
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on the motion, one sentence each; none without a payload or a `Motion`."""
+        """Return a tuple of notes on the motion, one sentence each; empty without a payload or a `Motion`."""
         return () if self.motion is None or self.payload is None else self.motion.notes(self.payload.mass)
 
     def warnings(self) -> tuple[str, ...]:

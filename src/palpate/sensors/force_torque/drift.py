@@ -37,16 +37,17 @@ COMMENTS = {
 def wrench_drift(
     setup: Setup, recording: Recording, temperature: Float[np.ndarray, " n"] | None, window: float
 ) -> SensorDrift:
-    """Return the drift of the sensor's bias, identified from its wrenches without payload and inertia.
+    """Return the drift of the sensor's bias as a `SensorDrift`, identified from wrenches without payload and inertia.
 
     Args:
         setup: setup of the sensor.
         recording: log in which nothing touches it.
-        temperature: (n,) of the samples; None: not recorded.
+        temperature: (n,) [K or degrees C] of the samples; None: not recorded.
         window: [s] over which readings are averaged at first.
 
     Raises:
-        InputError: the sensor turns, and its payload is not known.
+        InputError: the sensor turns and its payload is not known, there is a payload and no orientation, or the log is
+            too short, touched, has a channel that never changes, or times that run backwards.
     """
     setup, notes = _moving(setup, recording)
     sensor = setup.of(ForceTorqueSection)

@@ -42,8 +42,8 @@ class ForceTorque(Value):
             or at the start of the log; None for no drift.
 
     Raises:
-        InputError: a limit is not positive, the frame is unknown, a drift is negative or above 1e9, or gain_error is
-            not in [0, 1).
+        InputError: a limit is not positive, the frame is unknown, `noise` is none of its three forms, a drift is
+            negative or above 1e9, or gain_error is not in [0, 1).
     """
 
     noise: Float[np.ndarray, "6 6"] | None
@@ -87,11 +87,15 @@ class ForceTorque(Value):
         return float(np.sqrt(np.sum(scale[3:] ** 2) / np.sum(scale[:3] ** 2)))
 
     def unloaded(self) -> WrenchSensor:
-        """Return the sensor without a payload, to be tared."""
+        """Return the sensor without a payload, to be tared, as a `Compensation`."""
         return by_name("palpate.sensors.force_torque.compensation.Compensation")(self)
 
     def saturated(self, wrenches: Float[np.ndarray, "*batch 6"]) -> Bool[np.ndarray, "*batch"]:
-        """Return which raw readings (sensor frame, not compensated) have a channel at its range; False for NaN."""
+        """Return a bool for each raw reading, (*batch,), True where a channel is at its range; False for NaN.
+
+        Args:
+            wrenches: (*batch, 6) [N, N m], sensor frame, not compensated.
+        """
         if self.limits is None:
             return np.zeros(wrenches.shape[:-1], dtype=bool)
         return np.any(np.abs(wrenches) >= self.limits, axis=-1)

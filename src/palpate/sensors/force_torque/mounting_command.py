@@ -62,10 +62,12 @@ class CalibrateMounting(Calibration):
     placement: Annotated[float, arg(metavar="X")] = 0.5e-3
 
     def identify(self) -> CalibrationResult:
-        """Return the pose of the surface under which the measured wrenches act at the touched points.
+        """Return a `CalibrationResult`: the surface's pose under which the wrenches act at the touched points.
 
         Raises:
-            InputError: the rig has no surface, the log has no press, or no touch lies in the log.
+            InputError: rig, log or marks cannot be read, the rig has no surface, the log has no press, no touch lies in
+                the log, or no pose explains the touches.
+            NotIdentifiable: the touches determine no direction of the pose.
         """
         setup, marks = self.stated.resolve("force_torque"), self.marks
         recording = read_recording(self.log, setup.layout())
@@ -109,7 +111,11 @@ class CalibrateMounting(Calibration):
         )
 
     def write(self, found: CalibrationResult) -> None:
-        """Write the pose, its covariance and the placement error of touches into the rig."""
+        """Write the pose, its covariance and the placement error of touches into the rig `output`.
+
+        Raises:
+            InputError: the rig cannot be edited in its form, or the output cannot be written.
+        """
         mounting, added = found.model
         record = self.record()
         comment = f"from {len(mounting.touches)} touches of {origin(record, 'log')}, palpate {record['palpate']}"

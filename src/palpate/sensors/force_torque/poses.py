@@ -29,6 +29,9 @@ def average_poses(
         wrenches: (n, 6) [N, N m].
         rotations: (n, 3, 3); rows that are not finite belong to no pose.
         shortest: least number of samples in a stretch.
+
+    Returns:
+        Means (k, 6) [N, N m], rotations (k, 3, 3) and counts (k,) of k stretches.
     """
     both = np.concatenate([wrenches, rotations.reshape(-1, 9)], axis=1)
     finite = np.asarray(np.isfinite(both).all(axis=1), dtype=bool)

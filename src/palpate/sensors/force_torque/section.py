@@ -72,7 +72,11 @@ class ForceTorqueSection(SensorSection):
 
     @cached_property
     def payload(self) -> Payload | None:
-        """Payload read from the file that the rig names; None where it names none."""
+        """`Payload` read from the file that the rig names; None where it names none.
+
+        Raises:
+            InputError: the file is missing, or has no payload.
+        """
         return None if self.table.payload is None else read_model(self.link.folder / self.table.payload, Payload)
 
 
@@ -92,7 +96,12 @@ def _layout(setup: Setup) -> LogLayout:
 
 
 def stated_sensor(setup: Setup, recording: Recording | None = None) -> ForceTorque:
-    """Return the sensor that a rig states; where the rig states no noise, it is estimated from the recording."""
+    """Return the `ForceTorque` that a rig states; where the rig states no noise, it is estimated from the recording.
+
+    Raises:
+        InputError: the rig has no [force_torque], its payload's file cannot be read, or the recording has no forces or
+            torques, or accelerations of another kind than stated.
+    """
     wrench, seen = setup.of(ForceTorqueSection).table, _Seen(setup, recording)
     deviation, spectrum = seen.deviation, seen.spectrum
     if wrench.noise is not None:
@@ -106,10 +115,11 @@ def stated_sensor(setup: Setup, recording: Recording | None = None) -> ForceTorq
 
 
 def free_wrenches(setup: Setup, recording: Recording) -> Float[np.ndarray, "n 6"]:
-    """Return the wrenches (n, 6) of an untouched log without payload and inertia; NaN where a sample cannot be used.
+    """Return wrenches (n, 6) [N, N m] of an untouched log without payload and inertia; NaN in unusable samples.
 
     Raises:
-        InputError: the payload's weight must be subtracted, and there is no orientation.
+        InputError: the payload's weight must be subtracted and there is no orientation, its file cannot be read, or
+            the log has no forces or torques, or accelerations of another kind than stated.
     """
     wrench, payload = setup.of(ForceTorqueSection).table, setup.of(ForceTorqueSection).payload
     limits = None if wrench.range is None else wrench.range.six()
@@ -119,7 +129,11 @@ def free_wrenches(setup: Setup, recording: Recording) -> Float[np.ndarray, "n 6"
 
 
 def accelerated(setup: Setup, recording: Recording) -> bool:
-    """Return whether poses show that the payload is accelerated, while the rig names no source of accelerations."""
+    """Return whether poses show that the payload is accelerated, while the rig names no source of accelerations.
+
+    Raises:
+        InputError: the payload's file cannot be read, or accelerations are of another kind than stated.
+    """
     motion = _motion(setup, recording)
     if motion is None or motion.source != "none" or ORIENTATION not in recording.channels:
         return False
@@ -127,7 +141,12 @@ def accelerated(setup: Setup, recording: Recording) -> bool:
 
 
 def noise_warnings(setup: Setup, recording: Recording) -> list[str]:
-    """Return a warning where the rig's noise differs by a factor of two or more from that of a recording."""
+    """Return a list of one warning where the rig's noise is off a recording's by a factor of two or more, else [].
+
+    Raises:
+        InputError: the payload's file cannot be read, or the recording has no forces or torques, or accelerations of
+            another kind than stated.
+    """
     if (stated := setup.of(ForceTorqueSection).table.noise) is None:
         return []
     seen = _Seen(setup, recording).deviation
@@ -156,7 +175,12 @@ def _unloaded(setup: Setup, recording: Recording) -> Float[np.ndarray, "n 6"]:
 
 
 def compensation(setup: Setup, head: Recording | None) -> Compensation:
-    """Return the sensor with its payload; noise that the rig does not state is estimated from the start of a log."""
+    """Return the sensor with its payload as a `Compensation`; noise that is not stated is estimated from a log's start.
+
+    Raises:
+        InputError: the rig has no [force_torque], its payload's file cannot be read, or the log has no forces or
+            torques, or accelerations of another kind than stated.
+    """
     return Compensation(stated_sensor(setup, head), setup.of(ForceTorqueSection).payload, _motion(setup, head))
 
 

@@ -28,16 +28,16 @@ class ForceTorqueView(WrenchView):
     """The report's view of a six-axis force/torque sensor: payload, mounting and advice."""
 
     def compensated(self, estimator: WrenchEstimator) -> str:
-        """Return in words whether wrenches were compensated with a payload model."""
+        """Return "with a payload model" or "without a payload model"."""
         return f"{'without' if _payload(estimator) is None else 'with'} a payload model"
 
     def uncertain(self, setup: Setup, estimator: WrenchEstimator) -> tuple[str, ...]:
-        """Return the names of the uncertainties, in addition to the noise, that the ellipses contain."""
+        """Return a tuple of the names of the uncertainties that the ellipses contain in addition to the noise."""
         held = super().uncertain(setup, estimator)
         return held if _payload(estimator) is None else ("the payload's", *held)
 
     def sections(self, run: Run, setup: Setup, estimator: WrenchEstimator) -> Run:
-        """Return the run with a section on payload and mounting, and with advice."""
+        """Return the `Run` with a section on payload and mounting before its others, and with advice."""
         payload, radius = _payload(estimator), run.kept.median_radius
         filtered = estimator.filter is not None
         advice = wrench_advice(setup, payload=payload is not None, filtered=filtered, radius=radius)
@@ -50,7 +50,7 @@ def _payload(estimator: WrenchEstimator) -> Payload | None:
 
 
 def wrench_advice(setup: Setup, *, payload: bool, filtered: bool, radius: float) -> tuple[str, ...]:
-    """Return advice that would improve the answers of a force/torque sensor, one sentence or two each.
+    """Return a tuple of advice that would improve a force/torque sensor's answers, one sentence or two each, or ().
 
     Args:
         setup: setup that includes the options of the command line.
@@ -80,7 +80,7 @@ def wrench_advice(setup: Setup, *, payload: bool, filtered: bool, radius: float)
 
 
 def force_torque(setup: Setup, payload: Payload | None, mount: Pose) -> Section:
-    """Return the report's section on payload and mounting, with standard deviations, axes and orientation."""
+    """Return a `Section` of the report on payload and mounting, with standard deviations, axes and orientation."""
     none = [("payload", "none: wrenches are taken as they are")]
     facts = none if payload is None else list(MODELS["payload"].summary(payload))
     facts += _mounting(mount, setup.link.mount_covariance)

@@ -131,7 +131,11 @@ class FusedEstimator(ContactEstimator):
         self._frames = self._missing = 0
 
     def tare(self, recording: Recording) -> Tare:
-        """Tare the skin and the force/torque sensor with a window at rest; see `ContactEstimator.tare`."""
+        """Tare the skin and the force/torque sensor with a window at rest, `reset`, and return one `Tare` of both.
+
+        Raises:
+            InputError: the window has too few samples, is not steady, or lacks a channel.
+        """
         wrench = self.sensor.tare(recording)
         cells = self.taxels.tare(recording)
         self.reset()
@@ -139,26 +143,40 @@ class FusedEstimator(ContactEstimator):
         return Tare(f"{wrench.note}; {cells.note}", doubt)
 
     def answer(self, block: Recording, watched: bool = False) -> Answered:
-        """Return the contacts of a block's frames, with the force of each taxel if `watched`."""
+        """Return the contacts of a block's frames as `Answered`, with the force [N] of each taxel if `watched`.
+
+        The filter must not use later samples.
+
+        Raises:
+            InputError: a channel is missing.
+        """
         return next(self._rejoined(self._wrenches.forward(self._pieces([self.taxels.answer(block, watched)]))))
 
     def answers(self, blocks: Iterable[Recording], watched: bool = False) -> Iterator[Answered]:
-        """Yield the contacts of the blocks of a log, from its start, each as soon as they are known."""
+        """Yield the contacts of a log's blocks, from its start, each as `Answered` as soon as they are known.
+
+        Raises:
+            InputError: a channel is missing.
+        """
         skin = self.taxels.answers(self.sensor.ready(blocks), watched)
         return self._rejoined(self._wrenches.of_log(self._pieces(skin)))
 
     def run(self, recording: Recording) -> Contacts:
-        """Return the contacts of a block; the skin's baseline and bad cells, if unknown, are from its first frames."""
+        """Return the `Contacts` of a block; the skin's baseline and bad cells, if unknown, are from its first frames.
+
+        Raises:
+            InputError: a channel is missing or has another shape, or the filter has zero phase.
+        """
         require_forward(self.filter)
         self.taxels.look(recording)
         return super().run(recording)
 
     def zero_history(self) -> ZeroHistory | None:
-        """Return the history of the wrenches' zero; None where it is not followed."""
+        """Return the `ZeroHistory` of the wrenches; None where their zero is not followed."""
         return self._wrenches.history()
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on the frames so far, of the skin and of the wrenches, one sentence each."""
+        """Return a tuple of notes on the frames so far, of the skin and of the wrenches, one sentence each."""
         said = [*self._noted, *self.taxels.notes(), *self._wrenches.notes()]
         if self._missing:
             said.append(
@@ -167,7 +185,7 @@ class FusedEstimator(ContactEstimator):
         return tuple(said)
 
     def warnings(self) -> tuple[str, ...]:
-        """Return warnings of the skin, of the wrenches, and of their disagreement, one sentence each."""
+        """Return a tuple of warnings of the skin, of the wrenches, and of their disagreement, one sentence each."""
         return (*self.taxels.warnings(), *self._wrenches.warnings(), *self._agreement.warnings())
 
     def _single(self, time: float, reading: ArrayLike, out: Rows, rotation: Known, acceleration: Known) -> int:

@@ -55,7 +55,7 @@ class LastingUnseen:
         usable: Bool[np.ndarray, " n"],
         fused: FusedFrames,
     ) -> dict[int, Place]:
-        """Return the unseen contact by number of the frame, for frames in which it lasts; searched every 0.1 s.
+        """Return a dict of frame number -> `Place` of the unseen contact where it lasts; searched every 0.1 s.
 
         Args:
             time: (n,) [s].

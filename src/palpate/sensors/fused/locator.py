@@ -184,7 +184,7 @@ class FusedLocator:
         covariances: ArrayLike,
         carries: ArrayLike | None = None,
     ) -> Fused:
-        """Return the forces of n contacts felt by k sensors.
+        """Return the forces of n contacts felt by k sensors as a `Fused`.
 
         Args:
             points: (n, 3) [m] contact points on the skin.
@@ -247,7 +247,7 @@ class FusedLocator:
         wrenches: Float[np.ndarray, "n 6"],
         covariances: Float[np.ndarray, "n 6 6"],
     ) -> FusedFrames:
-        """Return the forces of many frames, as `fuse` does, each with one wrench that feels all contacts of its frame.
+        """Return `FusedFrames`: forces of many frames as by `fuse`, each with one wrench that feels all its contacts.
 
         Args:
             contacts: (m, 17) rows of `rows`, frame by frame.
@@ -287,8 +287,10 @@ class FusedLocator:
     ) -> Float[np.ndarray, "n 17"]:
         """Return contacts (n, 17) for the compiled loops: point, unit normal, force, deviation, spread row by row.
 
+        Arguments are those of `fuse`.
+
         Raises:
-            InputError: see `fuse`.
+            InputError: a force or deviation is negative, a number is not finite, or a normal has no length.
         """
         points, normals = shaped(points, (None, 3), "points"), shaped(normals, (None, 3), "normals")
         forces, deviations = shaped(forces, (None,), "forces"), shaped(deviations, (None,), "deviations")
@@ -380,7 +382,7 @@ class FusedLocator:
         return slack, slack <= _BINDS * (1.0 + np.abs(normal))
 
     def unseen(self, fused: Fused) -> Unseen:
-        """Return the places of one more contact that explain the wrench; of several sensors, that of the least p.
+        """Return as `Unseen` the places of one more contact that explain the wrench, of several that of the least p.
 
         Args:
             fused: result of `fuse`.
@@ -395,7 +397,11 @@ class FusedLocator:
         return self.unseen_by(given.whitened[k].copy(), given.factors[k].copy())
 
     def unseen_by(self, whitened: Float[np.ndarray, "6"], factor: Float[np.ndarray, "6 6"]) -> Unseen:
-        """Return the places of one more contact that one whitened wrench feels and the skin does not.
+        """Return as `Unseen` the places of one more contact that one wrench feels and the skin does not.
+
+        Args:
+            whitened: (6,) wrench less the expected one, as in `FusedFrames`.
+            factor: (6, 6) by which it was whitened, as in `FusedFrames`.
 
         Raises:
             InputError: a number is not finite, as in a frame without a wrench.
@@ -409,7 +415,7 @@ class FusedLocator:
         return ranked(self._places, out, self._width)
 
     def neighbours(self, fused: Fused, unseen: Unseen, place: int = 0) -> Fused:
-        """Return the forces of the seen contacts and of an unseen one, estimated together; the unseen one is the last.
+        """Return as `Fused` the forces of the seen contacts and, last, of an unseen one, estimated together.
 
         Args:
             fused: result of `fuse`.
@@ -422,7 +428,7 @@ class FusedLocator:
         return self._fused(contacts, given.wrenches.copy(), given.covariances.copy(), carries)
 
     def unseen_row(self, unseen: Unseen, place: int = 0) -> Float[np.ndarray, "17"]:
-        """Return an unseen contact at a place as a row (17,) of `rows`."""
+        """Return an unseen contact at a place as a row (17,) of `rows`, with the prior of its normal force [N]."""
         new = np.zeros(17)
         new[:3], new[3:6] = unseen.points[place], unseen.normals[place]
         new[6], new[7] = PUSHES.mean(), PUSHES.std()

@@ -51,7 +51,11 @@ class RigFusion:
         self.settings(max(1.0, self.tangential))
 
     def settings(self, friction: float) -> FusionSettings:
-        """Return the settings with the bound of friction, to which the prior of the tangential forces is limited."""
+        """Return `FusionSettings` with the bound of friction, to which the prior of the tangential forces is limited.
+
+        Raises:
+            InputError: friction or a key of the table is out of its range.
+        """
         return FusionSettings(friction, min(self.tangential, friction), self.gain, self.floor, self.alarm)
 
 

@@ -96,7 +96,7 @@ def candidates(surface: Surface, seed: int, count: int = _PLACES) -> Float[np.nd
 
 @takes_arrays
 def ranked(places: Float[np.ndarray, "c 8"], explained: Float[np.ndarray, "c 4"], width: float) -> Unseen:
-    """Return places in the order of belief, with the smallest set whose probability is 95 %.
+    """Return places in the order of belief, with the smallest set whose probability is 95 %, as `Unseen`.
 
     Args:
         places: (c, 8) places of `candidates`.

@@ -32,11 +32,11 @@ class FusedView(TaxelView):
     }
 
     def skin(self, setup: Setup) -> Setup:
-        """Return the setup of the skin alone."""
+        """Return the `Setup` of the skin alone."""
         return setup.answering(setup.sensors[SkinSection.name].kind)
 
     def report(self, run: Run, setup: Setup, estimator: ContactEstimator) -> Run:
-        """Return the run with the skin's part, and with a section on the history of the wrenches' zero."""
+        """Return the `Run` with the skin's part, and with a section on the history of the wrenches' zero."""
         made = cast("FusedEstimator", estimator)
         run = super().report(run, setup, made.taxels)
         return replace(

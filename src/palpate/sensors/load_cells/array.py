@@ -127,11 +127,15 @@ class LoadCellArray:
         self.follow(None)
 
     def smoothed_by(self, filter: Filter | None, rate: float | None, share: float) -> None:
-        """Set the least share of the noise's variance that remains after a filter; see `WrenchSensor.smoothed_by`."""
+        """Set the least share of the noise's variance that remains after a filter; `filter` and `rate` are not used."""
         self._settled = share
 
     def ready(self, blocks: Iterable[Recording]) -> Iterator[Recording]:
-        """Yield the same rows, cut where the log begins anew; the zero is taken there before its rows are yielded."""
+        """Yield the same rows, cut where the log begins anew; the zero is taken there before its rows are yielded.
+
+        Raises:
+            InputError: the log has no voltages, or not three per cell.
+        """
         waiting, begun, last = list[Recording](), np.nan, np.nan
         for block in blocks:
             for part, fresh in _parts(block, last):
@@ -149,7 +153,7 @@ class LoadCellArray:
         yield from self._restarted(waiting, begun)
 
     def measure(self, recording: Recording) -> _Weighed:
-        """Return the wrenches (n, 6) and statuses of a recording's voltages, in the sensor's frame.
+        """Return a recording as `Measured`: wrenches (n, 6) [N, N m] in the sensor's frame, and statuses (n,).
 
         Raises:
             InputError: the log has no voltages, or not three per cell.
@@ -165,7 +169,7 @@ class LoadCellArray:
         rotation: ArrayLike | None = None,
         acceleration: ArrayLike | None = None,
     ) -> _Weighed:
-        """Return the wrench of one sample of voltages (3 k,) [V]; raise InputError for another shape."""
+        """Return a sample of voltages (3 k,) [V] as `Measured`, a wrench (1, 6); raise InputError at another shape."""
         if type(time) is not float:
             time = number(time, "time")
         self.hold(time, reading, rotation, acceleration)
@@ -201,7 +205,7 @@ class LoadCellArray:
         return np.array(readings, dtype=np.float64).ravel()
 
     def constants(self, placement: Placement) -> tuple[np.ndarray, ...]:
-        """Return the constant arguments of `measure` and `place` of the compiled loops, in their order."""
+        """Return a tuple of arrays: the constant arguments of the compiled `measure` and `place`, in their order."""
         made = self._channels, self._mapping, self._ways, self._covariances, self._bounds, self._settings
         slow = np.array([self._slow])
         return *made, slow, *self._seen_from(placement), placement.factor, placement.matrix
@@ -214,7 +218,7 @@ class LoadCellArray:
         share: Float[np.ndarray, " k"],
         placement: Placement,
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"]]:
-        """Return wrenches (n, 6) in the surface's frame and covariances (n, 6, 6).
+        """Return wrenches (n, 6) [N, N m] in the surface's frame and covariances (n, 6, 6).
 
         A filter's share does not reduce the errors of zero, drift, calibration and mounting.
         """
@@ -234,10 +238,10 @@ class LoadCellArray:
         return located, covariances
 
     def tare(self, recording: Recording) -> Tare:
-        """Take the zero from a window in which nothing touches, use it from now on, and return this tare.
+        """Take the zero from a window in which nothing touches, use it from now on, and return a `Tare`.
 
         Raises:
-            InputError: the window is not at rest, or is too short.
+            InputError: the window is not at rest, is too short, or has no voltages.
         """
         zero = take_zero(self.cells, self._voltages(recording), recording.source)
         self._taken(zero)
@@ -248,7 +252,7 @@ class LoadCellArray:
     coefficients = 0
 
     def kept(self, recording: Recording) -> Float[np.ndarray, "n m"]:
-        """Return the voltages (n, 3 k) [V] of a recording, as `free` needs them."""
+        """Return the voltages (n, 3 k) [V] of a recording, as `free` needs them; raise InputError where it has none."""
         return self._voltages(recording)
 
     @takes_arrays
@@ -258,7 +262,7 @@ class LoadCellArray:
 
     @takes_arrays
     def free(self, kept: Float[np.ndarray, "n m"]) -> Free:
-        """Return the voltages, NaN in samples with a sound channel at its range, not finite or above 1e9."""
+        """Return a `Free` with the voltages (n, 3 k) [V], NaN where a sound channel is at its range or not usable."""
         sound: Bool[np.ndarray, "n m"] = np.abs(kept) <= LARGEST
         beyond: Bool[np.ndarray, "n m"] = (kept <= self._channels[:, 1]) | (kept >= self._channels[:, 2])
         full = beyond & np.isfinite(self._channels[:, 1]) & sound
@@ -270,7 +274,7 @@ class LoadCellArray:
     def window_noise(
         self, kept: Float[np.ndarray, "n m"], usable: Bool[np.ndarray, " n"]
     ) -> tuple[Float[np.ndarray, "m m"], Float[np.ndarray, "m m"]]:
-        """Return the covariance of a window's mean voltages from noise, by its independent samples, and zeros."""
+        """Return two (3 k, 3 k) [V^2]: covariance of a window's mean by the noise of independent samples, and zeros."""
         count = max(1.0, float(np.count_nonzero(usable)) / self.cells.correlation)
         return self.cells.noise / count, np.zeros_like(self.cells.noise)
 
@@ -278,7 +282,7 @@ class LoadCellArray:
     def as_wrench(
         self, change: Float[np.ndarray, "n m"], covariance: Float[np.ndarray, "m m"]
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "6 6"]]:
-        """Return changes of voltages as wrenches by all sound channels, and the covariance of the last one.
+        """Return voltage changes as wrenches (n, 6) by all sound channels, and the covariance (6, 6) of the last one.
 
         The covariance contains the calibration's error.
         """
@@ -287,7 +291,7 @@ class LoadCellArray:
         return wrenches, spread + self.cells.calibration_covariance(wrenches[-1]) if len(wrenches) else spread
 
     def start(self) -> tuple[float, ZeroState, Float[np.ndarray, "m q"]]:
-        """Return NaN (the time is not known), the state of the zero that was taken last, and an empty regressor."""
+        """Return NaN (the time is not known), the last zero taken as a `ZeroState`, and an empty regressor (3 k, 0)."""
         spread = self.cells.noise * (self.zero.share + self.cells.drift**2)
         return np.nan, ZeroState(np.array(self.zero.voltage), np.zeros(0), spread), np.zeros((len(spread), 0))
 
@@ -316,16 +320,16 @@ class LoadCellArray:
         self.state[-2 * channels : -channels] = np.nan
 
     def notes(self) -> tuple[str, ...]:
-        """Return no notes, an empty tuple: that of the tare is enough."""
+        """Return no notes, an empty tuple: the tare has its own."""
         return ()
 
     def warnings(self) -> tuple[str, ...]:
-        """Return warnings about a missing zero, the zeros of later starts, and the faults of the cells."""
+        """Return a tuple of warnings about a missing zero, the zeros of later starts, and the faults of the cells."""
         zero = () if self._known else ("no zero of the cells was taken: that of the calibration is used",)
         return (*zero, *self._doubted, *(fault.text for fault in self.faults()))
 
     def faults(self) -> list[CellFault]:
-        """Return the faults of the cells, judged by some of the readings so far."""
+        """Return a list of at most one `CellFault`, found in some of the readings so far; [] where the cells agree."""
         kept = np.concatenate(self._kept) if self._kept else np.empty((0, *self._shape))
         return find_faults(self.cells, kept, self.sound, self.names)
 

@@ -85,7 +85,7 @@ class LoadCellCalibration:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes on the calibration for its user, one sentence each."""
+        """Tuple of notes on the calibration for its user, one sentence each."""
         return self.cells.notes
 
     @property
@@ -123,6 +123,9 @@ def identify_load_cells(
         torques: (n,) [N m] about the normal, if the reference measures it; None: none acts.
         indentation: fit the depth below the surface at which the force of the ball acts, as on a soft layer.
         options: other settings and known facts.
+
+    Returns:
+        A `LoadCellCalibration`; C is the `matrix` of its `cells`.
 
     Raises:
         InputError: a shape is wrong, the log does not begin unloaded, a channel never moves or has another unit, the

@@ -36,7 +36,13 @@ class CalibrateLoadCells(Calibration):
     output: Output
 
     def identify(self) -> CalibrationResult:
-        """Return the model of the cells that is fitted to the reference's forces and contacts of the bench log."""
+        """Return a `CalibrationResult` with `LoadCells` fitted to the reference's forces and contacts of the bench log.
+
+        Raises:
+            InputError: rig or log cannot be read, the rig lacks [surface] or [load_cells], or the log does not fit: it
+                does not begin unloaded, a channel never moves, the ball does not press.
+            NotIdentifiable: log or cells do not determine every direction of the wrench.
+        """
         setup = self.stated.resolve()
         table = setup.of(LoadCellSection).table
         recording = read_recording(self.log, load_cells_layout(setup, bench=True))

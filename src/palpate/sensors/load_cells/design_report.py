@@ -72,7 +72,7 @@ class Design:
 
     @cached_property
     def found(self) -> Resolution:
-        """Resolution of the design's cells at all points; NaN where they are not seen."""
+        """`Resolution` of the design's cells at all points; NaN where they are not seen."""
         return self.with_cells(self.cells)
 
     def with_cells(
@@ -83,7 +83,7 @@ class Design:
         friction: float | None = None,
         tared: float | None = None,
     ) -> Resolution:
-        """Return the resolution of other cells, of some of them, or with another friction or bias; NaN where not seen.
+        """Return the `Resolution` of other cells, of some, or with another friction or bias; NaN where not seen.
 
         Raises:
             NotIdentifiable: the sound cells do not determine a wrench.
@@ -101,7 +101,7 @@ class Design:
 
 
 def compose(design: Design) -> Report:
-    """Return the design's page: tiles, warnings and sections."""
+    """Return the design's page as a `Report`: tiles, warnings and sections."""
     known = "their calibration" if design.cells.samples else "the layout and the noise alone, before they are built"
     sections = (_maps(design), _curves(design), _dead(design), _variants(design), _facts(design))
     return Report(
@@ -117,7 +117,7 @@ def compose(design: Design) -> Report:
 
 
 def tiles(design: Design) -> Iterator[Tile]:
-    """Yield the tiles at the top of the page: smallest force, position, force and torque errors, largest force."""
+    """Yield each `Tile` at the top of the page: smallest force, position, force and torque errors, largest force."""
     found, wanted = design.found, f"for {1e3 * design.accuracy:g} mm"
     least = found.smallest(design.accuracy)
     yield Tile(
@@ -138,7 +138,7 @@ def tiles(design: Design) -> Iterator[Tile]:
 
 
 def warnings(design: Design) -> Iterator[str]:
-    """Yield warnings: the calibration does not allow the wanted accuracy, or a cell leaves its range before it."""
+    """Yield warnings as str: the calibration forbids the wanted accuracy, or a cell leaves its range before it."""
     least = design.found.smallest(design.accuracy)[design.seen]
     if not np.isfinite(least).all():
         share = 100 * float(np.mean(~np.isfinite(least)))

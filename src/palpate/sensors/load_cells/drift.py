@@ -26,13 +26,18 @@ COMMENTS = {
 def voltage_drift(
     setup: Setup, recording: Recording, temperature: Float[np.ndarray, " n"] | None, window: float
 ) -> SensorDrift:
-    """Return the drift of the voltages of the cells that are used; an excluded cell gets the drift of the others.
+    """Return the drift of the used cells' voltages as a `SensorDrift`; an excluded cell gets the drift of the others.
 
     Args:
         setup: setup of the cells.
         recording: log in which nothing touches them.
-        temperature: (n,) of the samples; None: not recorded.
+        temperature: (n,) [K or degrees C] of the samples; None: not recorded.
         window: [s] over which readings are averaged at first.
+
+    Raises:
+        InputError: the cells' model cannot be read, or the log is too short, touched, has a channel that never changes,
+            or times that run backwards.
+        NotIdentifiable: the cells that are used do not determine a wrench.
     """
     table, cells = setup.of(LoadCellSection).table, setup.of(LoadCellSection).cells
     sound = cells.channels(~np.isin(np.arange(cells.cells) + 1, table.without))

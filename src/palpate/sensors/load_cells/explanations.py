@@ -61,7 +61,7 @@ class Explanations:
         return which if which < count else (which - count) // 3
 
     def fits(self, readings: Float[np.ndarray, "n m"]) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, "n s"]]:
-        """Return whether all channels agree in readings without zero (n,), and whether each explanation fits (n, s)."""
+        """Return bools for readings [V] less the zero: all channels agree (n,), and each explanation fits (n, s)."""
         metric = self.metric()
         wrench, left = readings @ self.inverse.T, readings @ self.rest.T
         square = np.sum(left**2, axis=1)
@@ -80,7 +80,7 @@ class Explanations:
         return kept
 
     def wrenches(self, readings: Float[np.ndarray, "n m"], which: int) -> Float[np.ndarray, "n 6"]:
-        """Return the wrenches (n, 6) of readings without zero, without the channels that an explanation omits."""
+        """Return wrenches (n, 6) [N, N m] of readings [V] without zero, by the channels that an explanation keeps."""
         shares = readings @ self.rest.T @ self.directions[which].T
         return readings @ self.inverse.T - shares @ self.corrections[which]
 
@@ -92,7 +92,7 @@ class Explanations:
 
 @takes_arrays
 def explanations(cells: LoadCells, sound: Bool[np.ndarray, " some"] | None = None) -> Explanations:
-    """Return the explanations for sound cells (k,) or channels (3 k,); None: all.
+    """Return the `Explanations` for sound cells (k,) or channels (3 k,); None: all.
 
     Raises:
         NotIdentifiable: the sound channels do not determine a wrench.

@@ -14,7 +14,7 @@ __all__ = ["LOAD_CELLS", "of_load_cells"]
 
 
 def of_load_cells(cells: LoadCells) -> Lines:
-    """Return the model's figures as lines of text: cells, noise, range, sensitivity, misfit, drift and samples."""
+    """Return figures as a list of (name, text) pairs: cells, noise, range, sensitivity, misfit, drift and samples."""
     known = np.isfinite(cells.positions).all(axis=1)
     _, spread, _ = cells.inverse()
     # k cells of S [N/V] share a force F, so that the lengths of their readings add up to F/S or a little more

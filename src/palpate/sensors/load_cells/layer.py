@@ -31,7 +31,15 @@ def loads(
     force: Float[np.ndarray, "*batch 3"],
     torque: Float[np.ndarray, "*batch"],
 ) -> Float[np.ndarray, "*batch k"]:
-    """Return the lengths (*batch, k) of the cells' readings [V] that the model predicts; a dead cell has one too."""
+    """Return the lengths (*batch, k) of the cells' readings [V] that the model predicts; a dead cell has one too.
+
+    Args:
+        cells: the model.
+        point: (*batch, 3) [m] of the contact.
+        normal: (*batch, 3) outward there.
+        force: (*batch, 3) [N].
+        torque: (*batch,) [N m] about the normal.
+    """
     wrench = np.concatenate([force, np.cross(point, force) + torque[..., None] * normal], axis=-1)
     readings = wrench @ cells.matrix.T
     return np.linalg.norm(readings.reshape(*readings.shape[:-1], -1, 3), axis=-1)
@@ -91,7 +99,7 @@ class LoadCellLayer:
             label.text = f"{number + 1}"
 
     def rows(self, scene: Scene, index: int) -> list[tuple[str, str]]:
-        """Return names and predicted readings [mV] of all cells; a cell whose place is not known has a row too."""
+        """Return a list of (name, text) pairs: the predicted reading [mV] of every cell, its place known or not."""
         carried = self._now(scene, index)
         return [(f"cell {number + 1}", f"{1e3 * volts:.1f} mV") for number, volts in enumerate(carried)]
 

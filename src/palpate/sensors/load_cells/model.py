@@ -150,8 +150,9 @@ class LoadCells(Value):
             sound: (k,) cells or (3 k,) channels to use; None: all.
 
         Returns:
-            A (6, 3 k) with w = A (u - b) and zeros for the others; P (6, 6), the covariance of w from the noise of one
-            reading; and Q (r, 3 k), the combinations of unit variance that no wrench can make, six fewer than channels.
+            A (6, 3 k) [N/V, N m/V] with w = A (u - b) and zeros for the others; P (6, 6), the covariance of w from the
+            noise of one reading; and Q (r, 3 k), the combinations of unit variance that no wrench can make, six fewer
+            than channels.
 
         Raises:
             NotIdentifiable: the sound channels do not determine a wrench.
@@ -170,7 +171,7 @@ class LoadCells(Value):
     def wrenches(
         self, readings: Float[np.ndarray, "*batch m"], sound: Bool[np.ndarray, " some"] | None = None
     ) -> tuple[Float[np.ndarray, "*batch 6"], Float[np.ndarray, "*batch 6 6"]]:
-        """Return wrenches (*batch, 6) of readings without bias, and covariances of noise, drift and calibration.
+        """Return wrenches (*batch, 6) [N, N m], and covariances (*batch, 6, 6) of noise, drift and calibration.
 
         Args:
             readings: (*batch, 3 k) [V], u - b.
@@ -184,16 +185,26 @@ class LoadCells(Value):
         return found, (1.0 + self.drift**2) * covariance + self.calibration_covariance(found)
 
     def calibration_covariance(self, wrenches: Float[np.ndarray, "*batch 6"]) -> Float[np.ndarray, "*batch 6 6"]:
-        """Return the covariance (*batch, 6, 6) of E w, the calibration's error, common to all samples of a contact."""
+        """Return the covariance (*batch, 6, 6) of the error E w of wrenches [N, N m] by the calibration.
+
+        It is common to all samples of a contact; E is that of `LoadCells`.
+        """
         blocks = self.covariance.reshape(6, 6, 6, 6)
         return np.einsum("iajb,...a,...b->...ij", blocks, wrenches, wrenches)
 
     def chi_square(
         self, readings: Float[np.ndarray, "*batch m"], sound: Bool[np.ndarray, " some"] | None = None
     ) -> Float[np.ndarray, "*batch"]:
-        """Return the squared residual (*batch,) of readings without bias, a chi-square of 3 k - 6 degrees.
+        """Return the squared residual (*batch,) of readings without bias, chi-square of 3 degrees per cell less 6.
 
         It is divided by the variance of drift and of the calibrated misfit, which grows with the load.
+
+        Args:
+            readings: (*batch, 3 k) [V].
+            sound: (k,) cells or (3 k,) channels to use; None: all.
+
+        Raises:
+            NotIdentifiable: the sound channels do not determine a wrench.
         """
         inverse, _, rest = self.inverse(sound)
         left = np.sum((readings @ rest.T) ** 2, axis=-1)
@@ -258,7 +269,7 @@ def require_layout(positions: Float[np.ndarray, "k 3"]) -> None:
 
 @takes_arrays
 def wrench_direction(direction: Float[np.ndarray, "6"]) -> str:
-    """Return a direction of (force, torque / `LENGTH`) in words."""
+    """Return a direction (6,), force and torque / 0.01 m, in words, such as "force along x with torque about z"."""
     force, torque = direction[:3], direction[3:]
     parts = [
         f"{word} {named_axis(part)}"
@@ -270,7 +281,7 @@ def wrench_direction(direction: Float[np.ndarray, "6"]) -> str:
 
 @takes_arrays
 def named_axis(axis: Float[np.ndarray, "3"]) -> str:
-    """Return an axis as text: 'z', if it lies within 11 degrees of it, or the three numbers."""
+    """Return an axis (3,) as text: "x", "y" or "z" within 11 degrees, else as "(0.71, 0.71, 0.00)"."""
     unit = axis / np.linalg.norm(axis)
     largest = int(np.abs(unit).argmax())
     unit = unit * np.sign(unit[largest])
@@ -286,7 +297,12 @@ def single_wrench_map(position: Float[np.ndarray, "3"]) -> Float[np.ndarray, "6 
 
 
 def with_changes(cells: LoadCells, **changes: Any) -> LoadCells:
-    """Return the same cells with some fields replaced."""
+    """Return new `LoadCells`, the same but for some fields.
+
+    Raises:
+        InputError: a value is none that `LoadCells` takes.
+        NotIdentifiable: a new matrix or new positions do not determine a wrench.
+    """
     return _remade(vars(cells) | changes)
 
 

@@ -71,7 +71,7 @@ def resolution(
     soft: bool = True,
     sound: Bool[np.ndarray, " k"] | None = None,
 ) -> Resolution:
-    """Return the resolution over a surface, to first order; with friction, in the worst direction of the force.
+    """Return the `Resolution` over a surface, to first order; with friction, in the worst direction of the force.
 
     Args:
         cells: calibrated, or `nominal_cells`; their drift since the bias was taken counts too.
@@ -127,7 +127,7 @@ def position_slope(
 def nominal_cells(
     positions: ArrayLike, sensitivity: float, noise: float, limit: float = np.inf, *, drift: float = 0.0
 ) -> LoadCells:
-    """Return a model of equal cells that have not been built: springs of equal stiffness, without cross-coupling.
+    """Return `LoadCells` of equal cells that are not built yet: springs of equal stiffness, without cross-coupling.
 
     The frame's balance gives f_i = B_i' (sum B_j B_j')^-1 w with B_i = (1; [l_i]x).
 
@@ -139,6 +139,7 @@ def nominal_cells(
         drift: [V] standard deviation of the bias's drift after it was taken.
 
     Raises:
+        InputError: sensitivity or noise is 0.
         NotIdentifiable: the positions do not determine a wrench.
     """
     places = shaped(positions, (None, 3), "positions")

@@ -91,17 +91,17 @@ class RigLoadCells:
         require_positive(self, "noise", "range", "sensitivity", "drift", "accuracy", "ball")
 
     def names(self, cells: int) -> tuple[str, ...]:
-        """Return the names of the columns: u1x, u1y, u1z, u2x, ... where the rig names none."""
+        """Return a tuple of the names of the columns: u1x, u1y, u1z, u2x, ... where the rig names none."""
         return self.columns or tuple(f"u{cell + 1}{axis}" for cell in range(cells) for axis in "xyz")
 
     def count(self, model: LoadCells | None = None) -> int:
-        """Return the number of cells: that of the model, the columns or the positions; else the paper's four."""
+        """Return the number of cells: that of the model, the columns or the positions; else 4, as in the paper."""
         if model is not None:
             return model.cells
         return len(self.columns) // 3 or (len(self.positions) if self.positions else 4)
 
     def volts(self, cells: int) -> tuple[float, ...]:
-        """Return one unit of each column in V, (3 k,)."""
+        """Return a tuple of the size in V of each column's unit, (3 k,): 0.001 for mV."""
         units = [self.units] * (3 * cells) if isinstance(self.units, str) else self.units
         return tuple(VOLT_UNITS[unit] for unit in units)
 
@@ -114,10 +114,13 @@ class RigLoadCells:
         return None if self.range is None else np.tile([-self.range, self.range], (3 * cells, 1))
 
     def cells(self, folder: Path) -> LoadCells:
-        """Return the calibrated model; range, drift and noise that the rig states replace those of the model.
+        """Return the calibrated `LoadCells`; range, drift and noise that the rig states replace those of the model.
+
+        Args:
+            folder: folder of the rig, from which the model's path counts.
 
         Raises:
-            InputError: no model is named, or it does not fit the rig.
+            InputError: no model is named, its file cannot be read, or it does not fit the rig.
         """
         if self.model is None:
             raise InputError(
@@ -148,10 +151,11 @@ class RigLoadCells:
         return with_changes(model, **changes) if changes else model
 
     def nominal(self) -> LoadCells:
-        """Return the model that is predicted from positions, sensitivity and noise.
+        """Return `LoadCells` predicted from positions, sensitivity and noise.
 
         Raises:
             InputError: positions, sensitivity or noise are not stated.
+            NotIdentifiable: the positions do not determine a wrench.
         """
         if self.positions is None or self.sensitivity is None or self.noise is None:
             raise InputError(
@@ -171,7 +175,7 @@ class LoadCellSection(SensorSection):
 
     @cached_property
     def cells(self) -> LoadCells:
-        """Calibrated model of the cells; range, drift and noise that the rig states replace the model's own.
+        """Calibrated `LoadCells`; range, drift and noise that the rig states replace the model's own.
 
         Raises:
             InputError: the rig names no model, or the model cannot be read or does not fit the rig.
@@ -179,12 +183,21 @@ class LoadCellSection(SensorSection):
         return self.table.cells(self.link.folder)
 
     def nominal(self) -> LoadCells:
-        """Return the calibrated model, or the one that is predicted from positions, sensitivity and noise."""
+        """Return the calibrated `LoadCells`, or those predicted from positions, sensitivity and noise without a model.
+
+        Raises:
+            InputError: the model cannot be read or does not fit the rig, or there is none and a prediction lacks a key.
+            NotIdentifiable: the positions do not determine a wrench.
+        """
         return self.cells if self.table.model is not None else self.table.nominal()
 
 
 def load_cells_layout(setup: Setup, *, bench: bool = False) -> LogLayout:
-    """Return the layout of a log with voltages and poses; of a bench log, with the reference too."""
+    """Return the `LogLayout` of a log with voltages and poses; with `bench`, of a bench log, with the reference too.
+
+    Raises:
+        InputError: the rig has no [load_cells], or its model cannot be read or does not fit.
+    """
     frame = setup.of(LoadCellSection)
     table = frame.table
     count = table.count(None if bench or table.model is None else frame.cells)

@@ -27,15 +27,19 @@ class LoadCellView(WrenchView):
     """The view of load cells: their places and loads on the page, their facts and faults in the report."""
 
     def layers(self, setup: Setup, kept: LayerData, live: tuple[int, ...] | None) -> tuple[Layer, ...]:
-        """Return the layer that draws the cells under the body."""
+        """Return a tuple of one `LoadCellLayer`, which draws the cells under the body.
+
+        Raises:
+            InputError: the cells' model cannot be read.
+        """
         return (LoadCellLayer(setup.of(LoadCellSection).cells),)
 
     def uncertain(self, setup: Setup, estimator: WrenchEstimator) -> tuple[str, ...]:
-        """Return the names of the uncertainties, in addition to the noise, that the ellipses contain."""
+        """Return a tuple of the names of the uncertainties that the ellipses contain in addition to the noise."""
         return (*super().uncertain(setup, estimator), "the calibration's")
 
     def sections(self, run: Run, setup: Setup, estimator: WrenchEstimator) -> Run:
-        """Return the run with a section on the cells before its other sections."""
+        """Return the `Run` with a section on the cells before its other sections."""
         sensor = cast("LoadCellArray", estimator.sensor)
         left_out = (1 + np.flatnonzero(~sensor.sound)).tolist()
         section = load_cells(sensor.cells, excluded=left_out, notes=sensor.notes(), faults=sensor.warnings())
@@ -43,7 +47,7 @@ class LoadCellView(WrenchView):
 
 
 def load_cells(cells: LoadCells, *, excluded: Sequence[int], notes: Sequence[str], faults: Sequence[str]) -> Section:
-    """Return the section on the cells: those not used, the zero, faults, and the smallest force that is located.
+    """Return a `Section` on the cells: those not used, the zero, faults, and the smallest force that is located.
 
     Args:
         cells: the model.

@@ -43,7 +43,7 @@ class Zero:
 
 @takes_arrays
 def take_zero(cells: LoadCells, voltages: Float[np.ndarray, "n m"], where: str = "") -> Zero:
-    """Return the zero, the mean of a window in which readings change only by noise.
+    """Return the zero, the mean of a window in which readings change only by noise, as a `Zero`.
 
     A touch moves all cells: if one alone of four or more is not at rest, a warning names it, and the others are used. A
     steady touch looks like a zero, except for the calibration's bias: a change of the zero since then that is nearly a

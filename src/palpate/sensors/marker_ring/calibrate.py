@@ -45,13 +45,13 @@ class RingTruth:
 
     @property
     def pressed(self) -> Bool[np.ndarray, " n"]:
-        """Mask (n,) of the images that a fit can use: pressed with a known angle, depth and force."""
+        """Bool mask (n,) of the images that a fit can use: pressed with a known angle, depth and force."""
         known = np.isfinite(self.angle) & np.isfinite(self.depth) & np.isfinite(self.force)
         return known & (self.force > _TOUCHED) & (self.depth > 0)
 
     @property
     def free(self) -> Bool[np.ndarray, " n"]:
-        """Mask (n,) of the images in which nothing touches."""
+        """Bool mask (n,) of the images in which nothing touches: force 0 or NaN."""
         return ~np.isfinite(self.force) | (self.force == 0)
 
 
@@ -62,7 +62,7 @@ def calibrate_marker_ring(
     before: RingResponse | None = None,
     provenance: Mapping[str, str] | None = None,
 ) -> MarkerRing:
-    """Calibrate a ring: camera, markers at rest, noise of their places, response.
+    """Calibrate a `MarkerRing`: camera, markers at rest, noise of their places, response.
 
     Args:
         blocks: recordings of images, from the start of the log, which begins untouched.
@@ -72,8 +72,9 @@ def calibrate_marker_ring(
         provenance: stored in the model's file.
 
     Raises:
-        InputError: the markers are not found, the truth does not fit the images, or the presses do not determine the
-            response.
+        InputError: the markers are not found, the truth does not fit the images, the presses do not determine the
+            response, or OpenCV is missing.
+        NotIdentifiable: the markers at rest are no even ring about the middle of the image.
     """
     looking, kept = _Rest(body), list[np.ndarray]()
     tracker: MarkerTracker | None = None

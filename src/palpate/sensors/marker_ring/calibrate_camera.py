@@ -84,7 +84,7 @@ class RingFit(Value):
 def calibrate_board(
     images: Sequence[UInt8[np.ndarray, "h w 3"]], board: tuple[int, int] = (9, 6), square: float = 0.01
 ) -> BoardFit:
-    """Fit a lens to pictures of a chessboard.
+    """Fit a lens to pictures of a chessboard; return a `BoardFit`.
 
     Args:
         images: pictures of one size; those that do not show the complete board are skipped.
@@ -114,7 +114,7 @@ def calibrate_board(
 def fit_lens(
     corners: Sequence[Float[np.ndarray, "c 2"]], board: tuple[int, int], square: float, size: tuple[int, int]
 ) -> BoardFit:
-    """Fit a lens to a chessboard's corners [px], picture by picture, row by row; `size` is the image's width, height.
+    """Return the `BoardFit` of a lens to a chessboard's corners [px] in each picture; `size` is its (width, height).
 
     Pictures whose corners lie far from the fit, such as those of a board more than a right angle aside, are omitted.
 
@@ -217,7 +217,7 @@ def fit_ring_view(
     height: float = HEIGHT,
     size: tuple[int, int] = (640, 480),
 ) -> RingFit:
-    """Fit the camera's pose above a ring of evenly spaced markers to their places at rest in the picture.
+    """Return the `RingFit` of the camera's pose above evenly spaced markers to their places at rest in the picture.
 
     Tilt, offset, height and start angle are fitted by least squares of pixels against the even ring; the camera's turn
     about the axis keeps its nominal value, because the ring's x axis is defined by the camera's. Irregularities of the
@@ -269,7 +269,7 @@ def fit_ring_view(
 def fit_rings(
     rest_pixels: Float[np.ndarray, "m 2"], radius: float, rings: Sequence[float], **camera: Any
 ) -> tuple[RingView, Int[np.ndarray, " m"]]:
-    """Return the view of several rings, fitted to the first, and the index of marker i in the pixels, ring by ring.
+    """Return the `RingView` of several rings, fitted to the first, and each marker's index (m,) in the pixels, by ring.
 
     Args:
         rest_pixels: (m, 2) markers, the same number of each ring, in any order.
@@ -278,8 +278,9 @@ def fit_rings(
         camera: camera, height and size, see `fit_ring_view`.
 
     Raises:
-        InputError: see `fit_ring_view`; or the rings have different numbers of markers, or do not lie one round the
-            other in the picture.
+        InputError: fewer than six markers in a ring, pixels that are not finite, or the rings have different numbers of
+            markers, or do not lie one round the other in the picture.
+        NotIdentifiable: the first ring is no even ring about the picture's middle.
     """
     pixels = np.asarray(rest_pixels, dtype=np.float64)
     rings = tuple(shaped(rings, (None,), "rings").tolist())
@@ -307,7 +308,7 @@ def fit_rings(
 
 
 def replace_angles(view: RingView, angles: Float[np.ndarray, " m"]) -> RingView:
-    """Return the view with other angles (m,) [rad] of the markers at rest."""
+    """Return the `RingView` with other angles (m,) [rad] of the markers at rest."""
     return RingView(view.camera, view.pose, view.radius, angles)
 
 

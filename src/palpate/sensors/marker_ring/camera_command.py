@@ -42,7 +42,7 @@ class CalibrateCamera(Calibration):
     square: Annotated[float, arg(metavar="METRES")] = 0.01
 
     def identify(self) -> CalibrationResult:
-        """Find the board in the pictures, and return the lens that is fitted to its corners.
+        """Find the board in the pictures and fit the lens to its corners; return a `CalibrationResult` with it.
 
         Raises:
             InputError: `board` or `square` is invalid, or the pictures do not determine a lens.

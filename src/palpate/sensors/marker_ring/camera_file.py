@@ -10,7 +10,7 @@ __all__ = ["CAMERA", "of_camera"]
 
 
 def of_camera(camera: Fisheye) -> Lines:
-    """Return the lens's image size and focal length as lines of text."""
+    """Return two (name, text) pairs: the lens's image size [px] and focal lengths [px/rad]."""
     return [
         ("image", f"{camera.width} x {camera.height}"),
         ("focal length", f"{camera.fx:.5g}, {camera.fy:.5g} px/rad"),

@@ -55,7 +55,7 @@ class CalibrateMarkerRing(Calibration):
 
     @cached_property
     def reads(self) -> dict[str, Path]:
-        """Paths of the input files: images and truth, found in the folder or next to the named file; rig and model.
+        """Dict of name -> path of the inputs: log (images) and truth, in the folder or next to the file; rig and like.
 
         Raises:
             InputError: there is no table of truth.
@@ -77,7 +77,13 @@ class CalibrateMarkerRing(Calibration):
         return named if self.like is None else {**named, "like": self.like}
 
     def identify(self) -> CalibrationResult:
-        """Track the markers through all images, and return the ring with the response that fits the presses."""
+        """Track the markers through all images and fit the response; return a `CalibrationResult` with the ring.
+
+        Raises:
+            InputError: a file cannot be read or does not fit the images, the markers are not found, the presses do not
+                determine the response, or OpenCV is missing.
+            NotIdentifiable: the markers at rest are no even ring.
+        """
         setup = self.stated.resolve("marker_ring")
         before = None if self.like is None else read_model(self.like, MarkerRing).response
         log = open_log(self.reads["log"], setup.layout())

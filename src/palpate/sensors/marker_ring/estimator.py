@@ -82,10 +82,10 @@ class RingEstimator(ContactEstimator):
         self._bad = dict.fromkeys(FrameProblem, 0)
 
     def tare(self, recording: Recording) -> Tare:
-        """Use the markers' mean places in a window as their rest from now on; see `ContactEstimator.tare`.
+        """Use the markers' mean places in a window as their rest from now on; return a `Tare` with note and warning.
 
         Raises:
-            InputError: markers are not seen, or are not steady.
+            InputError: no images, markers are not seen or not steady, or OpenCV is missing.
         """
         pixels, _ = self.markers(recording)
         self.reset()
@@ -123,7 +123,7 @@ class RingEstimator(ContactEstimator):
         """Return the markers' places (n, m, 2) [px] in each image, NaN if not seen, and its `FrameProblem` (n,).
 
         Raises:
-            InputError: the recording has no images.
+            InputError: the recording has no images, or OpenCV is missing.
         """
         if IMAGE not in recording.channels:
             raise InputError("has no images.", where=recording.source)
@@ -139,7 +139,11 @@ class RingEstimator(ContactEstimator):
         return int(self.tracker.frame)
 
     def answer(self, block: Recording, watched: bool = False) -> Answered:
-        """Return the contacts of a block's images, with the places of the markers."""
+        """Return the contacts of a block's images as `Answered`, with the markers' places (n, m, 2) [px].
+
+        Raises:
+            InputError: the block has no images, or OpenCV is missing.
+        """
         pixels, states = self.markers(block)
         found, seen = self._found(pixels, states.tolist())
         counts = np.maximum(found.counts, 1)
@@ -196,7 +200,7 @@ class RingEstimator(ContactEstimator):
         return len(time)
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on the ring, the tare and the images that could not be used, one sentence each."""
+        """Return notes on the ring, the tare and the images that could not be used, a tuple of sentences."""
         said = [*self.ring.notes, *([self._tared.note] if self._tared else [])]
         what = {
             FrameProblem.LOST: "show fewer than half of the markers",
@@ -208,7 +212,7 @@ class RingEstimator(ContactEstimator):
         return tuple(said)
 
     def warnings(self) -> tuple[str, ...]:
-        """Return the tare's warning, if it has one."""
+        """Return a tuple with the tare's warning, or ()."""
         return (self._tared.warning,) if self._tared and self._tared.warning else ()
 
     def _found(self, pixels: np.ndarray, states: list[int]) -> tuple[RingFound, list[float]]:

@@ -32,10 +32,10 @@ _ABOVE = 1.03  # radii of the skin
 def annotated(
     frame: UInt8[np.ndarray, "h w 3"], rest: Float[np.ndarray, "m 2"], pixels: Float[np.ndarray, "m 2"]
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """Return an image with each marker's place, and its displacement from rest drawn four times as long; red first.
+    """Return an RGB copy (h, w, 3) uint8 of a BGR image, with each marker's place and four times its displacement.
 
     Raises:
-        InputError: `rest` is not finite, or `frame` is empty.
+        InputError: `rest` is not finite, `frame` is empty, or OpenCV is missing.
     """
     if not (np.abs(rest) < _FARTHEST).all():
         raise InputError(f"rest must be finite pixels, less than {_FARTHEST:g}.")
@@ -101,7 +101,11 @@ class RingLayer:
         )
 
     def panel(self, gui: GuiApi) -> None:
-        """Add the camera's image to the panel, if there are images."""
+        """Add the camera's image to the panel, if there are images.
+
+        Raises:
+            InputError: OpenCV is missing.
+        """
         if self._frames or self._fed is not None:
             label = f"camera; yellow: markers; blue: ways from rest, \u00d7 {_MAGNIFIED}"
             self._image = gui.add_image(self._picture(0), label=label, format="jpeg")
@@ -111,7 +115,7 @@ class RingLayer:
         self._fed = frame, pixels
 
     def show(self, scene: Scene, index: int) -> None:
-        """Move the markers to a sample, and show its image."""
+        """Move the drawn markers to a sample, and show its image; change nothing if the sample has none."""
         sample = self._sample(scene, index)
         if sample is None:
             return
@@ -120,11 +124,11 @@ class RingLayer:
             self._image.image = self._picture(sample)
 
     def rows(self, scene: Scene, index: int) -> list[tuple[str, str]]:
-        """Return no rows: the number of markers seen is a feature of the contacts."""
+        """Return [], as the number of markers seen is a feature of the contacts."""
         return []
 
     def legend(self) -> list[str]:
-        """Return the legend's entry for the markers."""
+        """Return a list with one HTML string, the legend's entry for the markers."""
         return [dot(_COLOUR, "marker, below the skin")]
 
     def _sample(self, scene: Scene, index: int) -> int | None:

@@ -130,7 +130,7 @@ class RingLocator:
         self._left[:] = 0.0
 
     def run(self, displacements: Float[np.ndarray, "n m 2"]) -> RingFound:
-        """Return the contacts of successive images.
+        """Return the contacts of successive images as `RingFound`.
 
         Args:
             displacements: (n, m, 2) [m] outwards and along rising angles; NaN: not seen.
@@ -149,7 +149,7 @@ class RingLocator:
     def run_pixels(
         self, pixels: Float[np.ndarray, "n m 2"], ring: MarkerRing
     ) -> tuple[RingFound, Int[np.ndarray, " n"]]:
-        """Return the contacts for the markers' pixels (n, m, 2), and the number (n,) of markers seen in each image.
+        """Return the `RingFound` for the markers' pixels (n, m, 2), and the number (n,) of markers seen in each image.
 
         A marker at NaN is not seen.
         """

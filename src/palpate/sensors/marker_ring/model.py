@@ -85,7 +85,7 @@ class MarkerRing(Value):
         return len(self.view.angles)
 
     def displacements(self, pixels: Float[np.ndarray, "*batch m 2"]) -> Float[np.ndarray, "*batch m 2"]:
-        """Return the markers' displacements [m] from rest, outwards and along rising angles, for their pixels.
+        """Return the markers' displacements (..., m, 2) [m] from rest, outwards and along rising angles, from pixels.
 
         A marker at NaN has a displacement of NaN.
         """
@@ -98,12 +98,12 @@ class MarkerRing(Value):
 
     @cached_property
     def numbers(self) -> tuple[np.ndarray, ...]:
-        """Lens and pose of the camera, heights and rest positions [m] of the markers in their planes, and `axes`."""
+        """Tuple of arrays: the camera's lens and pose, markers' heights (m,) and rest places (m, 2) [m], and `axes`."""
         resting = self.view.to_plane(self.rest, self.view.heights)
         return *self.view.numbers, self.view.heights, resting, np.ascontiguousarray(self.axes())
 
     def axes(self) -> Float[np.ndarray, "m 2 2"]:
-        """Return unit vectors outwards and along rising angles at each marker in the ring's plane, as columns."""
+        """Return unit vectors outwards and along rising angles at each marker in its plane, as columns (m, 2, 2)."""
         c, s = np.cos(self.view.angles), np.sin(self.view.angles)
         return np.stack([np.stack([c, s], axis=-1), np.stack([-s, c], axis=-1)], axis=-1)
 

@@ -59,13 +59,13 @@ class RingPresses:
         return len(self.angle)
 
     def picked(self, rows: Bool[np.ndarray, " n"]) -> RingPresses:
-        """Return the presses of a mask (n,)."""
+        """Return the `RingPresses` of a mask (n,)."""
         rows = shaped(rows, self.angle.shape, "rows", np.dtype(np.bool_))
         names = ("angle", "depth", "force", "shear", "displacements")
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
     def by_ring(self) -> list[RingPresses]:
-        """Return the presses once for each ring, with the displacements of its markers."""
+        """Return a list of `RingPresses`, one for each ring, with the displacements of its markers."""
         if self.rings == 1:
             return [self]
         own = [np.split(each, self.rings) for each in (np.swapaxes(self.displacements, 0, 1), self.markers, self.noise)]
@@ -76,7 +76,7 @@ class RingPresses:
 
 
 def fit_response(presses: RingPresses, before: RingResponse | None = None) -> RingResponse:
-    """Fit the response that explains presses, with its errors on presses that were omitted from the fit.
+    """Fit the `RingResponse` that explains presses, with its errors on presses omitted from the fit.
 
     A regression on v0, v1, v2 and s with a prior: smooth in the angle from the contact, and nearly the same all round
     the ring. The degrees of both are chosen from the presses: a looser prior learns the pixels' noise, which makes two

@@ -91,7 +91,7 @@ class MarkerRingSection(SensorSection):
 
     @cached_property
     def ring(self) -> MarkerRing:
-        """Calibrated ring, read from the model's file.
+        """Calibrated `MarkerRing`, read from the model's file.
 
         Raises:
             InputError: no model is named, or it cannot be read.
@@ -105,7 +105,7 @@ class MarkerRingSection(SensorSection):
         return read_model(self.link.folder / self.table.model, MarkerRing)
 
     def body(self) -> RingBody:
-        """Return the dimensions that the rig states for a unit before its calibration.
+        """Return the dimensions that the rig states for a unit before its calibration, as a `RingBody`.
 
         Raises:
             InputError: radius, thickness or markers are missing, or the camera's file cannot be read.
@@ -122,7 +122,11 @@ class MarkerRingSection(SensorSection):
         return RingBody(table.radius, table.thickness, table.markers, camera, table.height, rings=table.rings)
 
     def surface(self) -> Surface:
-        """Return a cylinder of the ring's radius, on which it is drawn if the rig has no [surface]."""
+        """Return a cylinder of the ring's radius, a `Surface`, on which it is drawn if the rig has no [surface].
+
+        Raises:
+            InputError: no model is named, or it cannot be read.
+        """
         radius, upright = self.ring.radius, np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
         return Cylinder(radius, 0.6 * radius).transformed(Pose(upright, np.zeros(3)))  # its own axis is y
 

@@ -33,16 +33,24 @@ class MarkerRingView(SensorView):
     }
 
     def body(self, setup: Setup) -> Surface | None:
-        """Return the link's surface, or else a cylinder of the ring's radius."""
+        """Return the link's `Surface`, or else a cylinder of the ring's radius.
+
+        Raises:
+            InputError: the model or the surface cannot be read.
+        """
         return super().body(setup) or setup.of(MarkerRingSection).surface()
 
     def layers(self, setup: Setup, kept: LayerData, live: tuple[int, ...] | None) -> tuple[Layer, ...]:
-        """Return the layer that draws the ring's images and markers."""
+        """Return a tuple with one `RingLayer`, which draws the ring's images and markers.
+
+        Raises:
+            InputError: the rig names no model, or it cannot be read.
+        """
         shape = None if live is None else (live[0], live[1])
         return (RingLayer(setup.of(MarkerRingSection).ring, kept.frames, kept.joined(), shape),)
 
     def feed(self, setup: Setup, tares: Callable[[], int], layers: tuple[Layer, ...]) -> Feed:
-        """Return the feed that shows the images of a stream in the ring's layer."""
+        """Return a function that shows images of a stream, four a second at most, in the ring's layer."""
         if layers and isinstance(layers[0], RingLayer):
             made = setup.prepared().estimator
             if isinstance(made, RingEstimator):

@@ -30,7 +30,7 @@ def identify_curve(
     degree: int | None = None,
     top: float | None = None,
 ) -> Curve:
-    """Fit one curve I - I0 = f(F) by least squares in the intensity, because the load cell is the more accurate sensor.
+    """Fit one `Curve` I - I0 = f(F) by least squares in the intensity: the load cell is the more accurate sensor.
 
     The unloaded intensity I0 is fitted too but not returned: on a sheet it is each cell's baseline. Rows at the end of
     the sensor's range are excluded, and so are those beyond the force at which the curve goes flat.
@@ -95,7 +95,7 @@ def _left_out(curve: Curve, force: Float[np.ndarray, " n"], signed: Float[np.nda
 
 @takes_arrays
 def tells(curve: Curve, force: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-    """Return whether one reading at each force [N], (n,), determines it better than its range, largest / sqrt(12)."""
+    """Return a bool for each force [N], (n,), True where one reading determines it better than largest / sqrt(12)."""
     return curve.deviation(force, curve.residual) < curve.largest / np.sqrt(12.0)
 
 
@@ -139,7 +139,7 @@ def identify_intensity(
     top: float | None = None,
     provenance: Mapping[str, str] | None = None,
 ) -> Intensity:
-    """Fit the curves of a sheet: one shape for all cells, and a separate gain for each cell that was pressed.
+    """Fit the `Intensity` of a sheet: one curve shape for all cells, and a separate gain for each pressed cell.
 
     I = I0_k + g_k f(F) for cell k: shape and gains are fitted in turn, so that forty presses a cell are enough.
 
@@ -154,8 +154,9 @@ def identify_intensity(
         provenance: origin of the log.
 
     Raises:
-        NotIdentifiable: as for `identify_curve`.
-        InputError: as for `identify_curve`; or a pressed cell that is not on the sheet.
+        NotIdentifiable: too few rows, forces that hardly differ, or readings that never change.
+        InputError: negative forces, an unknown kind, a fit that does not rise with force, or a pressed cell that is not
+            on the sheet.
     """
     common, why, left = _identified(force, intensity, kind, degree, top)
     if cell is None:
@@ -231,6 +232,8 @@ def identify_resistive(
 ) -> tuple[Curve, ...]:
     """Fit a sheet of resistive taxels: reading = max(floor, s (1 - R / (2 S / F + R_i))), S common, R_i of each layer.
 
+    Rows that are not finite are left out.
+
     Args:
         force: (n,) [N].
         reading: (n,) of the ADC, falling with force.
@@ -240,13 +243,16 @@ def identify_resistive(
         floor: the lowest reading.
 
     Returns:
-        One curve for each layer, with the reference of its rows; the covariance is that of (S, R_i).
+        A tuple with one `Curve` for each layer, with the reference of its rows; the covariance is that of (S, R_i).
 
     Raises:
         NotIdentifiable: too few rows, or forces that hardly differ.
+        InputError: a layer whose curve does not rise with force.
     """
     from scipy.optimize import least_squares
 
+    known = np.isfinite(force) & np.isfinite(reading) & np.isfinite(reference)
+    force, reading, reference, layer = force[known], reading[known], reference[known], layer[known]
     _require_spread(force, 0)
     count = int(layer.max()) + 1
     pushed = np.maximum(force, 0.0)

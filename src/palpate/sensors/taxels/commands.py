@@ -54,7 +54,12 @@ class CalibrateIntensity(Calibration):
     reference: Scalar = None
 
     def identify(self) -> CalibrationResult:
-        """Fit the curve, and the gains of cells, to the presses of the log."""
+        """Fit the curve, and the gains of cells, to the presses of the log; return a `CalibrationResult`.
+
+        Raises:
+            InputError: a bad log, unit or option, or a curve that does not rise with force.
+            NotIdentifiable: the presses do not determine a curve.
+        """
         force, intensity, cell = _presses(self.log, to_si(self.unit, FORCE_UNITS, where="--unit"))
         record = self.record(kind=self.kind, degree=self.degree, bits=self.bits, unit=self.unit)
         if self.kind == "resistive":

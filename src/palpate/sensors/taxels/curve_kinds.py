@@ -108,7 +108,7 @@ def _best(joints: np.ndarray, force: np.ndarray, signed: np.ndarray) -> Curve:
 def chosen(
     kind: str, degree: int | None, force: Float[np.ndarray, " n"], signed: Float[np.ndarray, " n"]
 ) -> tuple[Curve, str]:
-    """Return the curve that predicts unseen presses best, and the reason if it is a straight line by choice, else "".
+    """Return the `Curve` that predicts unseen presses best, and a reason if it is a straight line by choice, else "".
 
     Args:
         kind: of `Curve` but "resistive", or "auto".

@@ -75,7 +75,8 @@ class TaxelEstimator(ContactEstimator):
         mount: T_sensor_surface.
 
     Raises:
-        InputError: body, curves and health differ in size, no cell is good, or a filter has no rate.
+        InputError: body, curves and health differ in size, no cell is good, or a filter has no rate or a cut-off that
+            does not fit it.
     """
 
     def __init__(
@@ -117,27 +118,31 @@ class TaxelEstimator(ContactEstimator):
 
     @property
     def force(self) -> Float[np.ndarray, "*cells"]:
-        """Return the force [N] on each cell in the last frame, without thresholds; the next frame overwrites it."""
+        """Return each cell's force [N] in the last frame (`body.shape`), no thresholds; a view that the next writes."""
         return self._frames.force.reshape(self.body.shape)
 
     @property
     def rest(self) -> tuple[Float[np.ndarray, "*cells"], Float[np.ndarray, "*cells"]]:
-        """Return each cell's baseline [counts] after the last frame and its standard deviation, 0 if `walk` is 0."""
+        """Return each cell's baseline [counts] now and its standard deviation, 0 if `walk` is 0; each `body.shape`."""
         rest, deviation = self._frames.rest
         return rest.reshape(self.body.shape), deviation.reshape(self.body.shape)
 
     @property
     def label(self) -> Int[np.ndarray, "*cells"]:
-        """Return the area to which each cell belongs in the last frame, from 1; 0: none, negative: that area's rim."""
+        """Return each cell's area index in the last frame (`body.shape`), from 1; 0: none, negative: the area's rim."""
         return self._frames.label.reshape(self.body.shape)
 
     @property
     def wrapped(self) -> Int[np.ndarray, "*cells"]:
-        """Return the number of times that each cell's reading passed one end of its range and came out at the other."""
+        """Return the number of times that each cell's reading passed an end of its range, integers (`body.shape`)."""
         return self._frames.wrapped.reshape(self.body.shape)
 
     def tare(self, recording: Recording) -> Tare:
-        """Take each cell's mean reading in a recording as its baseline from now on; see `ContactEstimator.tare`."""
+        """Take each cell's mean reading in a recording as its baseline from now on; return a `Tare`: note, warning.
+
+        Raises:
+            InputError: too few frames, no readings of these taxels, or cells that do not keep still.
+        """
         rest, self._tared = tared(
             recording, self.body, self.health, pressed=3.0 * self.settings.on, falling=self._frames.falling
         )
@@ -147,7 +152,13 @@ class TaxelEstimator(ContactEstimator):
     def answer(
         self, block: Recording, watched: bool = False, filtered: tuple[np.ndarray, ...] | None = None
     ) -> Answered:
-        """Return the contacts of a block's frames, with each taxel's force if `watched`; see `TaxelFrames.run`."""
+        """Return the contacts of a block's frames as `Answered`, with each taxel's force (n, k) [N] if `watched`.
+
+        `filtered`: readings, statuses and shares of the noise from a zero-phase filter; None: not used.
+
+        Raises:
+            InputError: the block has no readings of these taxels.
+        """
         raw, count = self.body.readings(block), len(block)
         counts, out = np.zeros(count, dtype=np.int64), self.empty(_ROWS)
         forces = np.zeros((count, len(self.body))) if watched else self._frames.no_forces
@@ -160,7 +171,11 @@ class TaxelEstimator(ContactEstimator):
         return Answered(block, np.concatenate(parts), counts, forces if watched else None)
 
     def answers(self, blocks: Iterable[Recording], watched: bool = False) -> Iterator[Answered]:
-        """Yield the contacts of a log's blocks; unknown baselines and bad cells are found in its first frames."""
+        """Yield an `Answered` for each block of a log; unknown baselines and bad cells are found in its first frames.
+
+        Raises:
+            InputError: too few frames, every cell stuck, or no readings of these taxels.
+        """
         blocks = self._examined(iter(blocks))
         if not self._ahead or self._recursion is None:
             yield from super().answers(blocks, watched)
@@ -170,13 +185,17 @@ class TaxelEstimator(ContactEstimator):
             yield self.answer(block, watched, (values, status, share))
 
     def run(self, recording: Recording) -> Contacts:
-        """Return the contacts of a block; baseline and bad cells that are not known come from its first frames."""
+        """Return the `Contacts` of a block; baseline and bad cells that are not known come from its first frames.
+
+        Raises:
+            InputError: a zero-phase filter, too few frames, every cell stuck, or no readings of these taxels.
+        """
         require_forward(self.filter)
         self.look(recording)
         return super().run(recording)
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on the frames so far, one sentence each."""
+        """Return notes on the body, the baselines and the frames so far, a tuple of sentences."""
         said = list(self.body.notes)
         if self.intensity is None:
             said.append("no intensity model: a count is taken for a newton (palpate calibrate intensity makes one)")
@@ -200,7 +219,7 @@ class TaxelEstimator(ContactEstimator):
         return tuple(said)
 
     def warnings(self) -> tuple[str, ...]:
-        """Return warnings, one sentence each: dead or stuck cells, or a tare that looks like a touch."""
+        """Return warnings, a tuple of sentences: dead or stuck cells, or a tare that looks like a touch."""
         found = () if self.health is None else self.health.warnings
         return (*found, self._tared.warning) if self._tared.warning else found
 
@@ -235,7 +254,11 @@ class TaxelEstimator(ContactEstimator):
         self.reset()
 
     def look(self, recording: Recording) -> None:
-        """Find unknown baselines, noise and bad cells in the first frames of a log."""
+        """Find unknown baselines, noise and bad cells in the first frames of a log, once, and set `health` from them.
+
+        Raises:
+            InputError: too few frames, or every cell is stuck.
+        """
         if self._looked or not len(recording) or (self.health is not None and len(recording) < FEWEST):
             return
         found, known = examine(recording.picked(slice(HEAD)), self.body, falling=self._frames.falling), self.health

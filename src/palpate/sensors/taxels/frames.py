@@ -110,12 +110,12 @@ class TaxelFrames:
 
     @property
     def label(self) -> Int[np.ndarray, " k"]:
-        """Return the area to which each cell belongs in the last frame, from 1; 0: none, negative: that area's rim."""
+        """Return the index (k,) of each cell's area in the last frame, from 1; 0: none, negative: that area's rim."""
         return self._whole[self._kernels.LABEL]
 
     @property
     def wrapped(self) -> Int[np.ndarray, " k"]:
-        """Return the number of times that each cell's reading passed one end of its range and came out at the other."""
+        """Return the number of times (k,) that each cell's reading passed one end of its range to the other."""
         return self._whole[self._kernels.WRAPPED]
 
     @property
@@ -137,7 +137,7 @@ class TaxelFrames:
         Args:
             time: (n,) [s].
             raw: (n, k) readings.
-            out: rows to write into.
+            out: rows to write into; written.
             counts: (n,) number of rows of each frame; written.
             forces: (n, k) [N] of each cell; written. `no_forces`: not requested.
             filtered: readings, statuses and shares of the noise, where a filter of zero phase was used.
@@ -150,7 +150,7 @@ class TaxelFrames:
         return loop(_constant(time), _constant(raw), *values, *self._same, out, counts, forces)
 
     def prepare(self, raw: Float[np.ndarray, "n k"]) -> tuple[Float[np.ndarray, "n k"], np.ndarray]:
-        """Return readings (n, k) for a filter of zero phase, unwrapped, and the status (n,) of each frame."""
+        """Return unwrapped readings (n, k) [counts] for a filter of zero phase, and each frame's status (n,), int8."""
         values, status = np.empty(raw.shape), np.empty(len(raw), dtype=np.int8)
         rest = np.zeros(raw.shape[1]) if self._health is None else self._health.baseline
         known = (self._table[0], self._turn, self._numbers, self._whole)

@@ -55,12 +55,12 @@ class Health:
 
     @property
     def good(self) -> Bool[np.ndarray, " k"]:
-        """Return which cells can be used, (k,): those neither dead nor stuck."""
+        """Return a bool for each cell, (k,), True where it is neither dead nor stuck."""
         return ~(self.dead | self.stuck)
 
 
 def examine(recording: Recording, body: TaxelBody, *, seconds: float | None = None, falling: bool = False) -> Health:
-    """Return baseline, noise and faults of every cell, from the start of a log; it may contain touches.
+    """Return the `Health` of a body's cells, baseline, noise and faults, from a log's start; it may contain touches.
 
     The baseline of a cell is where its readings crowd at their unloaded end: touches beyond `CLOSE` standard deviations
     of it do not matter.
@@ -72,7 +72,7 @@ def examine(recording: Recording, body: TaxelBody, *, seconds: float | None = No
         falling: readings fall under load.
 
     Raises:
-        InputError: too few frames, or every cell keeps one value and is stuck.
+        InputError: no readings of this body, too few frames, or every cell keeps one value and is stuck.
     """
     raw = body.readings(recording)
     known = np.isfinite(raw).all(axis=1)
@@ -116,10 +116,10 @@ def examine(recording: Recording, body: TaxelBody, *, seconds: float | None = No
 
 
 def at_rest(recording: Recording, body: TaxelBody, *, falling: bool = False) -> Health:
-    """Return baseline and noise of every cell, from the mean of a recording in which nothing touches.
+    """Return the `Health` of every cell, baseline and noise, from a recording in which nothing touches.
 
     Raises:
-        InputError: too few frames, or cells that do not keep still.
+        InputError: no readings of this body, too few frames, every cell stuck, or cells that do not keep still.
     """
     health = examine(recording, body, seconds=np.inf, falling=falling)
     raw = body.readings(recording)
@@ -142,7 +142,7 @@ def at_rest(recording: Recording, body: TaxelBody, *, falling: bool = False) -> 
 def tared(
     recording: Recording, body: TaxelBody, before: Health | None, *, pressed: float, falling: bool = False
 ) -> tuple[Health, Tare]:
-    """Return the health after a tare, and the `Tare`, which has a warning where it could have been a touch.
+    """Return the `Health` after a tare, and the `Tare`, which has a warning where it could have been a touch.
 
     Args:
         recording: steady and untouched.
@@ -152,7 +152,7 @@ def tared(
         falling: readings fall under load.
 
     Raises:
-        InputError: too few frames, or cells that do not keep still.
+        InputError: no readings of this body, too few frames, every cell stuck, or cells that do not keep still.
     """
     rest = at_rest(recording, body, falling=falling)
     noise = float(np.median(rest.noise))
@@ -191,7 +191,7 @@ def _hysteresis(
 def resting(
     cells: Float[np.ndarray, "n k"], *, counts: bool
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """Return mean and standard deviation, (k,) each, of the readings that crowd at each cell's lower end."""
+    """Return mean and standard deviation, (k,) each, in a reading's unit, of those near each cell's lower end."""
     steps = np.abs(np.diff(cells, axis=0))
     low = np.quantile(cells, 0.1, axis=0)
     rough = np.maximum(np.median(steps, axis=0) / 0.954, 1.0 if counts else 1e-12 + 1e-6 * np.ptp(cells))

@@ -84,11 +84,11 @@ class Curve:
 
     @property
     def name(self) -> str:
-        """Return the kind of the curve, with the degree of a polynomial."""
+        """Return the kind of the curve as text, with the degree of a polynomial."""
         return f"polynomial of degree {len(self.parameters)}" if self.kind == "polynomial" else self.kind
 
     def intensity(self, force: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
-        """Return the counts above the unloaded reading, positive under load, for forces [N].
+        """Return the counts above the unloaded reading, positive under load, for forces [N], of the same shape.
 
         The curve continues with its first slope below 0 N, and with its last slope beyond the largest measured force.
         """
@@ -96,7 +96,7 @@ class Curve:
         return self._rising(pushed) + np.minimum(force, 0.0) * self._first_slope()
 
     def force(self, intensity: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
-        """Return the forces [N] for counts above the unloaded reading; beyond the last one the last slope continues."""
+        """Return the forces [N] for counts above the unloaded reading, in the same shape; end slopes continue."""
         counts, forces = self.table()
         found = np.interp(intensity, counts, forces)
         last = (forces[-1] - forces[-2]) / (counts[-1] - counts[-2])
@@ -111,7 +111,7 @@ class Curve:
         return even, np.interp(even, counts, grid)
 
     def deviation(self, force: Float[np.ndarray, "*batch"], noise: float = 0.0) -> Float[np.ndarray, "*batch"]:
-        """Return the standard deviation [N] of forces found from intensities, by the covariance and the noise [counts].
+        """Return the standard deviation [N] of each force found from an intensity, by covariance and noise [counts].
 
         Var F = (J C J^T + noise^2) / f'(F)^2, J the derivative of f by its parameters.
         """
@@ -120,7 +120,7 @@ class Curve:
         return np.sqrt(np.maximum(variance, 0.0)) / self.slope(force)
 
     def jacobian(self, force: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch p"]:
-        """Return the derivatives of the intensity by the parameters, (..., p), at forces [N]."""
+        """Return the derivatives of the intensity [counts] by the parameters, (..., p), at forces (...) [N]."""
         steps = np.maximum(np.abs(self.parameters), 1e-9) * 1e-6
         columns = [
             (self._moved(k, step).intensity(force) - self._moved(k, -step).intensity(force)) / (2 * step)
@@ -129,7 +129,7 @@ class Curve:
         return np.stack(columns, axis=-1)
 
     def slope(self, force: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
-        """Return the slope of the curve [counts/N] at forces [N]."""
+        """Return the slope of the curve [counts/N] at forces [N], of the same shape."""
         step = 1e-6 * self.largest
         return (self.intensity(force + step) - self.intensity(force - step)) / (2 * step)
 

@@ -70,7 +70,7 @@ class TaxelLayer:
         return self._body.positions
 
     def draw(self, server: ViserServer | ClientHandle, scene: Scene) -> None:
-        """Draw all cells as instances of one square, visible from both sides."""
+        """Draw all cells in the server's scene as instances of one square, visible from both sides."""
         rotations, sides = patches(self._body)
         if not self._body.rows and len(self._body) > 1:  # places and areas are measured: squares could overlap
             from scipy.spatial import KDTree
@@ -91,7 +91,7 @@ class TaxelLayer:
         )
 
     def panel(self, gui: GuiApi) -> None:
-        """Add a checkbox that hides the cells, and the image of the unrolled sheet."""
+        """Add to the panel a checkbox that hides the cells, and the image of the unrolled sheet."""
         seen = gui.add_checkbox("cells", True, hint="hide them to see the body below")
         seen.on_update(lambda event: setattr(self._cells, "visible", seen.value))
         if self._body.rows and self._known:
@@ -112,7 +112,7 @@ class TaxelLayer:
             self._sheet.image = unrolled(force.reshape(self._body.rows, -1), self.most, _dots(scene, index))
 
     def rows(self, scene: Scene, index: int) -> list[tuple[str, str]]:
-        """Return names and values of the sum of the cells' forces and the largest one [N]; none if not known."""
+        """Return two (name, text) pairs, the sum of the cells' forces and the largest one [N]; [] if not known."""
         if not self._known:
             return []
         force = self._force(scene, index)
@@ -122,7 +122,7 @@ class TaxelLayer:
         ]
 
     def legend(self) -> list[str]:
-        """Return the colour bar with the force [N] of the darkest cell; nothing if forces are not known."""
+        """Return a list with one HTML string, a colour bar up to the force `most` [N], or [] if not known."""
         return [bar("cell", self.most, "N")] if self._known else []
 
     @property
@@ -168,7 +168,7 @@ def patches(body: TaxelBody) -> tuple[Float[np.ndarray, "k 3 3"], Float[np.ndarr
 
 
 def cell_mesh(body: TaxelBody) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
-    """Return all cells as vertices (v, 3) [m] and faces (f, 3), two a cell, to draw on where there is no mesh."""
+    """Return all cells as vertices (4 k, 3) [m] and faces (2 k, 3), to draw on where there is no mesh."""
     frames, sides = patches(body)
     corners = body.positions[:, None] + np.einsum("kij,kcj->kci", frames, _CORNERS * sides[:, None])
     faces = 4 * np.arange(len(body))[:, None, None] + _FACES
@@ -179,7 +179,7 @@ def cell_mesh(body: TaxelBody) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray
 def unrolled(
     force: Float[np.ndarray, "rows columns"], most: float, contacts: Float[np.ndarray, "c 2"]
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """Return the sheet as an image, (h, w, 3), the last row on top, with a dark dot at each contact.
+    """Return the sheet as an RGB image, (h, w, 3) uint8, the last row on top, with a dark dot at each contact.
 
     Args:
         force: (rows, columns) [N] of each cell.

@@ -96,7 +96,7 @@ class TaxelBody:
     @classmethod
     @takes_arrays
     def sheet(cls, place: SkinMap, *, bits: int | None = 8, masked: Sequence[tuple[int, int]] = ()) -> TaxelBody:
-        """Make the body of a sheet on a link: a cell has eight neighbours, over the seam too if it closes to a ring.
+        """Make the `TaxelBody` of a sheet on a link: a cell has eight neighbours, also over the seam of a ring.
 
         Columns that overlap others are not used, because two layers feel one press there.
 
@@ -153,7 +153,7 @@ class TaxelBody:
         bits: int | None = None,
         masked: Sequence[int] = (),
     ) -> TaxelBody:
-        """Make a body of taxels anywhere: neighbours are close along it, and their normals within 90 degrees.
+        """Make a `TaxelBody` of taxels anywhere: neighbours are close along it, their normals within 90 degrees.
 
         Angles count from the direction from the first taxel to the last.
 
@@ -203,7 +203,7 @@ class TaxelBody:
         bits: int | None = None,
         masked: Sequence[int] = (),
     ) -> TaxelBody:
-        """Make a body as `anywhere` does, where the position of a reading without a taxel is NaN and is skipped.
+        """Make a `TaxelBody` as `anywhere` does, but skip readings without a taxel, whose positions are NaN.
 
         Args:
             positions: (n, 3) [m], a row for each reading of a frame.
@@ -213,7 +213,8 @@ class TaxelBody:
             masked: indices of readings that must not be used.
 
         Raises:
-            InputError: as for `anywhere`; or the normal of a taxel is not known.
+            InputError: fewer than two taxels, two at one place, a normal that is 0 or not known, a masked reading that
+                does not exist, or bits outside 1 to 16.
         """
         points = shaped(positions, (None, 3), "positions")
         outward = shaped(normals, points.shape, "normals")
@@ -247,7 +248,7 @@ class TaxelBody:
         return f"{self.rows} x {self.columns} cells" if self.rows else f"{len(self)} taxels"
 
     def picked(self, frames: np.ndarray) -> np.ndarray:
-        """Return frames (..., n) without the readings that have no taxel; frames of another size are unchanged."""
+        """Return frames (..., n) as (..., k), without readings that have no taxel; other sizes are unchanged."""
         if self.numbers is None or frames.shape[-1:] != (self.frame,):
             return frames
         return frames[..., self.numbers]

@@ -51,7 +51,7 @@ class ModuleLayout(Value):
 
     @classmethod
     def repeated(cls, places: Float[np.ndarray, "t 2"], modules: int) -> ModuleLayout:
-        """Return a layout of n equal modules with the taxel places (t, 2) [m], numbered one after the other.
+        """Return a `ModuleLayout` of n equal modules with taxel places (t, 2) [m], numbered one after the other.
 
         Raises:
             InputError: a number of modules that is negative or above 10,000.
@@ -62,7 +62,7 @@ class ModuleLayout(Value):
 
     @classmethod
     def of(cls, places: TaxelPlaces, *, bent: bool = False) -> ModuleLayout:
-        """Return a layout from taxel places, as of CAD, projected onto the plane that fits each module best.
+        """Return a `ModuleLayout` from taxel places, as of CAD, projected onto the plane that fits each module best.
 
         Args:
             places: places of taxels with modules.

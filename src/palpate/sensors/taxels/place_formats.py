@@ -39,14 +39,14 @@ _NAMED = re.compile(rb"\s*(?:name\s|spatial_sampling\s|taxel2Repr\b|\[calibratio
 
 
 def read_taxel_places(path: str | Path) -> TaxelPlaces:
-    """Read taxel places [m] from any supported file: the model, iCub's positions, a table, or a URDF's frames.
+    """Read `TaxelPlaces` [m] from any supported file: the model, iCub's positions, a table, or a URDF's frames.
 
     A table has columns x, y, z and, where they are known, nx, ny, nz and module; if it states a unit (`x [mm]`,
     `x_mm`), it is converted. In iCub's files rows of zeros are indices without a taxel; normals that are zero, or equal
     all over a body that is not flat, are not known.
 
     Raises:
-        InputError: another kind of file, or content that cannot be right.
+        InputError: a missing file or another kind of file, or content that cannot be right.
     """
     path = Path(path)
     with open_input(path) as file:
@@ -66,7 +66,11 @@ def read_taxel_places(path: str | Path) -> TaxelPlaces:
 
 
 def holds_taxels(path: Path) -> bool:
-    """Return whether a file other than TOML looks like taxel places, and not like a log."""
+    """Return whether a file other than TOML looks like taxel places, and not like a log.
+
+    Raises:
+        InputError: the file cannot be opened.
+    """
     with open_input(path) as file:
         head = read_some(file, path, 1 << 20).removeprefix(b"\xef\xbb\xbf")
     lines = [line for line in head.splitlines() if line.strip()]

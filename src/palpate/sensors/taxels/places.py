@@ -70,7 +70,7 @@ class TaxelPlaces(Value):
 
     @property
     def there(self) -> Bool[np.ndarray, " k"]:
-        """Return which indices have a taxel, (k,)."""
+        """Return a bool for each index, (k,), True where it has a taxel."""
         return np.asarray(np.isfinite(self.positions).all(axis=1), dtype=bool)
 
     @property
@@ -79,5 +79,5 @@ class TaxelPlaces(Value):
         return int(self.module.max(initial=-1)) + 1
 
     def deviations(self) -> Float[np.ndarray, " k"]:
-        """Return the standard deviation (k,) [m] of each place: the root of the trace of its covariance."""
+        """Return each place's standard deviation (k,) [m], the root of its covariance's trace; NaN: not known."""
         return np.sqrt(np.trace(self.covariance, axis1=1, axis2=2))

@@ -39,7 +39,7 @@ def _taxel_places_keys(places: TaxelPlaces) -> dict[str, Any]:
 
 
 def of_taxels(places: TaxelPlaces) -> Lines:
-    """Return the lines that summarise taxel places: taxels, modules, normals and standard deviations."""
+    """Return a list of (name, text) pairs on taxel places: taxels, modules, normals, standard deviations."""
     there, deviation = places.there, places.deviations()
     count, known = np.count_nonzero(there), np.isfinite(deviation) & there
     absent = f", {len(places) - count} numbers without one" if count < len(places) else ""

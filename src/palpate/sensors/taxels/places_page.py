@@ -72,7 +72,7 @@ class PlacesLayer:
         return self._points
 
     def draw(self, server: ViserServer | ClientHandle, scene: Scene) -> None:
-        """Draw the patches, rims, ellipsoids and the numbers of the modules."""
+        """Draw the patches, rims, ellipsoids and module numbers in the server's scene."""
         self._scene = scene
         side = self._side()
         turns = np.roll(quaternion_from_rotation(_frames(self.normals)), 1, axis=1)
@@ -101,7 +101,7 @@ class PlacesLayer:
         self.ellipsoids(self.magnification(scene.size))
 
     def magnification(self, size: float) -> int:
-        """Return the magnification at which the median ellipsoid is visible on a body of a size [m]."""
+        """Return the integer magnification that makes the median ellipsoid visible on a body of a size [m]; 1: none."""
         if not self._known.any():
             return 1
         axis = float(np.sqrt(CHI2_95 * np.median(np.linalg.eigvalsh(self._covariance[self._known])[:, -1])))
@@ -149,11 +149,11 @@ class PlacesLayer:
         """Do nothing: places do not change over samples."""
 
     def rows(self, scene: Scene, index: int) -> list[tuple[str, str]]:
-        """Return no rows for the panel."""
+        """Return [], as the panel has no rows."""
         return []
 
     def legend(self) -> list[str]:
-        """Return no legend: the panel explains the colours."""
+        """Return [], as the panel explains the colours."""
         return []
 
     def _side(self) -> float:
@@ -255,9 +255,9 @@ def serve_taxels(
 def ellipsoid_axes(
     covariance: Float[np.ndarray, "k 3 3"],
 ) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3 3"]]:
-    """Return half-axes (k, 3) [m] of the 95 % ellipsoids, sqrt(7.815 eigenvalues), and rotations with axes as columns.
+    """Return half-axes (k, 3) [m] of the 95 % ellipsoids, sqrt(7.815 eigenvalues), and rotations (k, 3, 3).
 
-    Half-axes are at least 2 % of the longest.
+    Half-axes are at least 2 % of the longest; the columns of a rotation are the axes' directions.
     """
     values, vectors = np.linalg.eigh(covariance)
     axes = np.sqrt(CHI2_95 * np.maximum(values, 0.0))

@@ -18,9 +18,9 @@ __all__ = ["error_map", "moved_map", "unroll"]
 
 @takes_arrays
 def unroll(points: Float[np.ndarray, "k 3"], *others: Float[np.ndarray, "k 3"]) -> list[Float[np.ndarray, "k 2"]]:
-    """Return (k, 2) [m] along and around a cylinder that is fitted to the points; other points by the same cylinder.
+    """Return a list: each point set as (k, 2) [m] along and around a cylinder fitted to the first set.
 
-    Its axis is parallel to the principal axis about which the distances of the points vary least.
+    The axis is parallel to the principal axis about which the distances of the points vary least.
     """
     middle = points.mean(axis=0)
     axes = np.linalg.svd(points - middle, full_matrices=True)[2]
@@ -54,7 +54,11 @@ def _circle(
 @takes_arrays
 @styled()
 def error_map(points: Float[np.ndarray, "k 3"], error: Float[np.ndarray, " k"]) -> Figure:
-    """Draw the error [mm] of each taxel on the unrolled skin; return the figure."""
+    """Draw the error [mm] of each taxel on the unrolled skin; return the matplotlib `Figure`.
+
+    Raises:
+        InputError: matplotlib is not installed.
+    """
     flat = 1e3 * unroll(points)[0]
     drawn = figure(3.0)
     axes: Any = drawn.subplots()
@@ -67,7 +71,11 @@ def error_map(points: Float[np.ndarray, "k 3"], error: Float[np.ndarray, " k"]) 
 @takes_arrays
 @styled()
 def moved_map(estimate: Float[np.ndarray, "k 3"], truth: Float[np.ndarray, "k 3"]) -> Figure:
-    """Draw the true and the estimated places of taxels on the unrolled skin; return the figure."""
+    """Draw the true and estimated places of taxels [m] on the unrolled skin; return the matplotlib `Figure`.
+
+    Raises:
+        InputError: matplotlib is not installed.
+    """
     there, found = (1e3 * each for each in unroll(truth, estimate))
     drawn = figure(3.0)
     axes: Any = drawn.subplots()

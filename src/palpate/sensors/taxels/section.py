@@ -114,7 +114,7 @@ class SkinSection(SensorSection):
 
     @cached_property
     def map(self) -> SkinMap:
-        """Return the map of the sheet, which places its cells on the link.
+        """Return the sheet's `SkinMap`, which places its cells on the link.
 
         Raises:
             InputError: the rig states no map, the map cannot be read, or it has other rows and columns than the rig
@@ -140,7 +140,7 @@ class SkinSection(SensorSection):
 
     @cached_property
     def taxels(self) -> TaxelPlaces:
-        """Return the places of taxels that are on no sheet, each with a normal: its own or the rig's [surface]'s.
+        """Return the `TaxelPlaces` of taxels on no sheet, each with a normal: its own or the rig's [surface]'s.
 
         Raises:
             InputError: the rig names no file, the file cannot be read or has another number of taxels than `count`, or
@@ -171,13 +171,22 @@ class SkinSection(SensorSection):
 
     @cached_property
     def intensity(self) -> Intensity | None:
-        """Return the model from intensities to forces; None: one count is taken for 1 N."""
+        """Return the `Intensity` model from readings to forces; None: one count is taken for 1 N.
+
+        Raises:
+            InputError: its file cannot be read.
+        """
         name = self.table.intensity
         return None if name is None else read_model(self.link.folder / name, Intensity)
 
     @cached_property
     def body(self) -> TaxelBody:
-        """Return the taxel body: the cells of the sheet, or the taxels, on the link."""
+        """Return the `TaxelBody` on the link: the cells of the sheet, or the taxels.
+
+        Raises:
+            InputError: the file of the map or of the taxels is not named or cannot be read, or does not fit the rig;
+                normals are missing; or a masked cell does not exist.
+        """
         masked, bits = cast("Any", self.table.masked), self.table.bits or None
         if self.table.map is not None:
             return TaxelBody.sheet(self.map, bits=bits, masked=masked)
@@ -187,7 +196,11 @@ class SkinSection(SensorSection):
         )
 
     def shape(self) -> tuple[int, ...]:
-        """Return the shape of a frame: (rows, columns) of a sheet, or (n,), the number of readings."""
+        """Return the shape of a frame: (rows, columns) of a sheet, or (n,), the number of readings.
+
+        Raises:
+            InputError: the file of the map or of the taxels cannot be read.
+        """
         table = self.table
         if table.map is not None:
             if table.rows and table.columns:  # as the map says too, or `map` refuses it
@@ -262,7 +275,7 @@ def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | 
 
 
 def guess_with_wrench(log: Path, contents: LogContents) -> Guess | None:
-    """Guess a skin from a log that has wrenches too, by an array topic or columns that are numbered alike."""
+    """Return the `Guess` of a skin in a log with wrenches, by an array topic or columns numbered alike, or None."""
     if contents.topics:
         arrays = tuple(topic for topic in contents.topics if topic.kind.endswith("MultiArray"))
         return _of_topic(log, replace(contents, topics=arrays)) if arrays else None

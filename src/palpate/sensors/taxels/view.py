@@ -44,15 +44,19 @@ class TaxelView(SensorView):
     }
 
     def skin(self, setup: Setup) -> Setup:
-        """Return the setup of the skin alone; here it is the setup itself."""
+        """Return the `Setup` of the skin alone; here it is the setup itself."""
         return setup
 
     def layers(self, setup: Setup, kept: LayerData, live: tuple[int, ...] | None) -> tuple[Layer, ...]:
-        """Return the layer of the taxels with their forces."""
+        """Return a tuple with one `TaxelLayer`, the cells with their forces [N].
+
+        Raises:
+            InputError: a file that the rig names cannot be read.
+        """
         return (TaxelLayer(setup.of(SkinSection).body, kept.joined(), live is not None),)
 
     def feed(self, setup: Setup, tares: Callable[[], int], layers: tuple[Layer, ...]) -> Feed:
-        """Return a function that computes forces from a stream's readings and feeds them to the layer of taxels."""
+        """Return a function that computes forces [N] from a stream's readings and feeds them to the layer of taxels."""
         if layers and isinstance(layers[0], TaxelLayer):
             made = self.skin(setup).prepared().estimator
             if isinstance(made, TaxelEstimator):
@@ -60,7 +64,11 @@ class TaxelView(SensorView):
         return super().feed(setup, tares, layers)
 
     def report(self, run: Run, setup: Setup, estimator: ContactEstimator) -> Run:
-        """Return the run with the body of cells, its uncertainties and a section on the cells' health."""
+        """Return the `Run` with the body to draw, its uncertainties and a `Section` on the cells' health.
+
+        Raises:
+            InputError: matplotlib is not installed, or the link's surface cannot be read.
+        """
         made = cast("TaxelEstimator", estimator)
         body, health = made.body, made.health
         shape = (body.rows, body.columns) if body.rows else None
@@ -124,13 +132,16 @@ class _Cells:
 def taxels(
     contacts: Contacts, facts: Facts, shape: tuple[int, int] | None = None, notes: Sequence[str] = ()
 ) -> Section:
-    """Return the report's section on taxels: facts and notes, and a map of the contacts on an unrolled sheet.
+    """Return the report's `Section` on taxels: facts and notes, and a map of the contacts on an unrolled sheet.
 
     Args:
         contacts: downsampled; with features row and column where the taxels are a sheet.
         facts: facts on the body of cells, such as the number of dead ones.
         shape: rows and columns of the sheet; None: no sheet.
         notes: notes on its health, a sentence each.
+
+    Raises:
+        InputError: matplotlib is needed for the map and not installed.
     """
     places, pictures = sheet_places(contacts), ()
     if shape is not None and places is not None:

@@ -33,6 +33,9 @@ class TableCamera:
         camera: camera that sees the scene.
         look: look of the scene; its `quality` makes no difference.
         rng: random numbers of the noise, drawn for many images at a time.
+
+    Raises:
+        InputError: OpenCV is not installed.
     """
 
     def __init__(self, camera: RingCamera, look: Look, rng: np.random.Generator) -> None:
@@ -78,7 +81,7 @@ class TableCamera:
         return self._frames[at]
 
     def black(self) -> UInt8[np.ndarray, "h w 3"]:
-        """Return an image without light."""
+        """Return an image without light, (h, w, 3), all zeros."""
         return np.zeros((self.camera.height, self.camera.width, 3), dtype=np.uint8)
 
     def places(self, points: Float[np.ndarray, "m 3 3"]) -> Float[np.ndarray, "m 2"]:

@@ -15,7 +15,7 @@ _WALL = 0.01  # m: half of an inner wall's thickness
 
 
 def paper_layout() -> ArenaLayout:
-    """Make an arena of four robots and two walls with narrow passages, after figure 11 of papers/002.
+    """Make an `ArenaLayout` of four robots and two walls with narrow passages, after figure 11 of papers/002.
 
     The figure gives no lengths. The first wall has passages 1.5 and 2 robots wide, the second one 2 and 2.5. The middle
     passage, on the shorter way, is plugged by a box that robots can push through, like box 2 of figure 12a; the other
@@ -41,7 +41,7 @@ def paper_layout() -> ArenaLayout:
 
 
 def trap_layout(kind: str) -> ArenaLayout:
-    """Make an arena that traps robots which drive straight to the goal.
+    """Make an `ArenaLayout` that traps robots which drive straight to the goal.
 
     Args:
         kind: u: one robot, and between it and its goal walls that are open towards it only, 0.5 m deep and 0.8 m wide;

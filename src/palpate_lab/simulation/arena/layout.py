@@ -67,7 +67,10 @@ class Block:
         return own @ _turned(self.turn).T + (self.x, self.y)
 
     def distance(self, points: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n"]:
-        """Return the distances from points to the box [m]; inside, minus the depth below the nearest side."""
+        """Return the distances (*n) [m] from points (*n, 2) to the box.
+
+        Inside it is minus the depth below the nearest side.
+        """
         beyond = np.abs((points - (self.x, self.y)) @ _turned(self.turn)) - self.half
         outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=-1)
         return outside + np.minimum(beyond.max(axis=-1), 0.0)
@@ -123,7 +126,7 @@ class ArenaLayout(Value):
 
     @property
     def movable(self) -> tuple[Block, ...]:
-        """The blocks that are not fixed."""
+        """Tuple of the blocks that are not fixed, in the order of `blocks`."""
         return tuple(block for block in self.blocks if block.mass is not None)
 
 

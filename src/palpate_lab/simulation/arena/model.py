@@ -22,7 +22,7 @@ _FOOT = '''type="sphere" size="0.01" mass="0" contype="4" conaffinity="0" condim
 
 
 def mjcf(layout: ArenaLayout, robot: RobotSettings) -> str:
-    """Return the model as MJCF; robots are planar, their skin is a sphere with one point of contact per obstacle.
+    """Return the model as MJCF text; robots are planar, their skin is a sphere with one point of contact per obstacle.
 
     Each body has its joints at the origin and without turn, so that qpos are poses in the arena's frame: a turn of the
     body itself would turn its slides too.
@@ -52,7 +52,7 @@ def mjcf(layout: ArenaLayout, robot: RobotSettings) -> str:
 
 
 def soften(model: Any, layout: ArenaLayout, robot: RobotSettings) -> None:
-    """Set the stiffness of the skin in a model, in N/m.
+    """Set the stiffness of the skin in a model, in N/m: change `geom_solref` of robots and movable blocks.
 
     With solref = (-s, -b) and a constant d MuJoCo's contact bears s r / ((1 - d) w) where it is r deep, with w the sum
     of both bodies' inverse weights. A robot's s suits a wall, and another robot, which doubles w and so halves the

@@ -22,7 +22,7 @@ _DRAWS, _TRIES = 300, 200  # of an arena, of one thing in it
 
 
 def random_layout(seed: int, robots: int = 4, density: str = "paper") -> ArenaLayout:
-    """Draw an arena at random: starts at its left end, goals at its right end, boxes and inner walls between.
+    """Draw an `ArenaLayout` at random: starts at its left end, goals at its right end, boxes and inner walls between.
 
     It is drawn again until a disc 10 mm larger than a robot has a path for each robot around all blocks, movable ones
     too.

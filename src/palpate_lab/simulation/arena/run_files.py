@@ -69,12 +69,12 @@ class RecordedFrame(Protocol):
 
     @property
     def touches(self) -> Sequence[Float[np.ndarray, "_ 2"] | None]:
-        """Angle [rad] and force [N] that each robot feels, (k, 2); None while its skin gives no reading."""
+        """Angle [rad] and force [N] of contacts that each robot feels, (k, 2); None while its skin gives no reading."""
         ...
 
     @property
     def truths(self) -> Sequence[Float[np.ndarray, "_ 5"]]:
-        """Angle, force, shear, depth and kind of each robot's true contacts, (k, 5)."""
+        """Angle [rad], force [N], shear [N], depth [m] and kind of each robot's true contacts, (k, 5)."""
         ...
 
     @property
@@ -94,12 +94,15 @@ class RecordedFrame(Protocol):
 
     @property
     def frames(self) -> Sequence[UInt8[np.ndarray, "h w 3"]] | None:
-        """Image of each camera, blue, green, red; None without images."""
+        """Image of each camera, (h, w, 3): blue, green, red; None without images."""
         ...
 
 
 def files_of(recording: Path, robots: int, images: bool) -> dict[str, Path]:
-    """Return the paths of all files of a run, next to its recording, by their kind."""
+    """Return a dict of kind -> path of all files of a run, next to its recording.
+
+    The kinds are recording, arena, truth and felt; with images also rig, ring, and "truth 1" and so on for each robot.
+    """
     ends = {"arena": "arena.toml", "truth": "truth.csv", "felt": "felt.csv"}
     if images:
         ends |= {"rig": "rig.toml", "ring": "ring.toml"}
@@ -169,7 +172,11 @@ class RunRecorder:
         self._states, self._blocks = [""] * robots, np.zeros((0, 3))
 
     def add(self, frame: RecordedFrame) -> None:
-        """Write the next moment."""
+        """Write the next moment to all files of the run.
+
+        Raises:
+            InputError: OpenCV cannot write JPEG.
+        """
         stamp = round(1e9 * frame.time)
         for robot in range(self._robots):
             name = f"/robot_{robot + 1}"

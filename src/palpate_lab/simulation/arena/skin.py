@@ -59,7 +59,11 @@ class RingSkin:
 
     @staticmethod
     def built(unit: RingUnit) -> RingSkin:
-        """Compute the tables of a unit (a second or two; coarse units are quicker)."""
+        """Compute the `RingSkin` of a unit (a second or two; coarse units are quicker).
+
+        Raises:
+            InputError: scikit-fem is not installed.
+        """
         barrel = Barrel.built(unit.barrel)
         weights = _disc(barrel.settings)
         rest = disc_points(barrel.settings, barrel.rest)
@@ -87,7 +91,10 @@ class RingSkin:
 
 
 def disc_points(settings: BarrelSettings, points: Float[np.ndarray, "*n m q 3"]) -> Float[np.ndarray, "*n m 3 3"]:
-    """Return markers in the form of `RingSkin.rest`, from their centres and outlines in that of `Barrel.rest`."""
+    """Return each marker's middle and two points of its edge, (*n, m, 3, 3) [m], as in `RingSkin.rest`.
+
+    `points` (*n, m, 1 + p, 3) [m] are centres and outlines, as in `Barrel.rest`.
+    """
     return np.einsum("mabij,...mbj->...mai", _disc(settings), points, optimize=True)
 
 

@@ -136,7 +136,7 @@ def _urdf_lines(probe: Probe, mesh: str) -> Iterator[str]:
 
 
 def urdf(probe: Probe, mesh: str = "probe.stl") -> str:
-    """Return the URDF of arm, sensor and probe.
+    """Return the URDF text of arm, sensor and probe.
 
     Its links are base (the root, z up), elfin_base, elfin_link1 ... 6, ft_sensor (z out of the flange) and probe (the
     same axes and origin).
@@ -168,7 +168,7 @@ def _mjcf_inertial(mass: float, centre: Triple, inertia: tuple[float, ...]) -> s
 
 
 def mjcf(probe: Probe, *, timestep: float, accelerometer: Triple, phantom: Triple) -> str:
-    """Return the same arm, sensor and probe for MuJoCo: torques as applied forces, sensors at the flange, no collision.
+    """Return MJCF text of arm, sensor and probe: torques as applied forces, sensors at the flange, no collision.
 
     Args:
         probe: probe on the sensor.

@@ -27,8 +27,9 @@ _TRY = "import mujoco; mujoco.GLContext(64, 64).make_current()"
 def choose_renderer() -> None:
     """Choose MuJoCo's renderer before MuJoCo is first imported: it reads MUJOCO_GL then, and never again.
 
-    The choice is off-screen drawing by the graphics card's driver (egl), else by the processor (osmesa); a MUJOCO_GL
-    that is set is kept. Each is tried in a separate process, because one that is not installed fails in many ways.
+    The choice, set as MUJOCO_GL in the environment, is off-screen drawing by the graphics card's driver (egl), else by
+    the processor (osmesa); a MUJOCO_GL that is set is kept. Each is tried in a separate process, because one that is
+    not installed fails in many ways.
 
     Raises:
         InputError: none works.
@@ -81,7 +82,7 @@ class Film:
             raise
 
     def add(self, words: str) -> None:
-        """Add a picture of the lab as it is now, with a line of text."""
+        """Add to the video a picture of the lab as it is now, with a line of text."""
         self._renderer.update_scene(self._lab.data, self._camera)
         picture = np.ascontiguousarray(self._renderer.render()[:, :, ::-1])
         cv2 = self._cv2

@@ -209,7 +209,7 @@ class PhantomLab:
             gap: distance of the tip above the surface [m]; below zero it is in the tissue.
 
         Returns:
-            The joints [rad].
+            The joints (6,) [rad].
 
         Raises:
             InputError: the position is out of the arm's reach.
@@ -236,7 +236,7 @@ class PhantomLab:
 
     @property
     def reading(self) -> Reading:
-        """The newest reading."""
+        """The newest `Reading`."""
         return self._reading
 
     def command(self, joints: Float[np.ndarray, "6"]) -> None:
@@ -250,7 +250,7 @@ class PhantomLab:
         np.clip(joints, -_LIMITS, _LIMITS, out=self._newest)
 
     def step(self) -> Reading:
-        """Advance the simulation by one period of the force/torque sensor, and return its reading.
+        """Advance the simulation by one period of the force/torque sensor, and return its `Reading`.
 
         Raises:
             RuntimeError: the engine warned, and its results cannot be trusted.
@@ -264,7 +264,7 @@ class PhantomLab:
         return self._reading
 
     def truth(self) -> PhantomTruth:
-        """Return the truth at the time of the last reading."""
+        """Return the `PhantomTruth` at the time of the last reading."""
         phantom, sensor, found = self._phantom, self._probe, self._contact
         normal = frozen(phantom[:3, 2])
         x, y, z = sensor[:3].T @ normal
@@ -285,7 +285,10 @@ class PhantomLab:
         )
 
     def links(self) -> tuple[Float[np.ndarray, "k 2 3"], list[float]]:
-        """Return the ends (k, 2, 3) of the arm's links, as they are drawn, in the base [m], and their radii [m]."""
+        """Return the ends (k, 2, 3) [m] of the arm's links, as they are drawn, and a list of their radii [m].
+
+        The ends are in the base.
+        """
         capsule, cylinder = (
             int(kind) for kind in (self._mujoco.mjtGeom.mjGEOM_CAPSULE, self._mujoco.mjtGeom.mjGEOM_CYLINDER)
         )
@@ -307,7 +310,7 @@ class PhantomLab:
             samples: number of samples of the sensor that are averaged in each.
 
         Returns:
-            Wrenches (k, 6) in the sensor's frame, and T_base_sensor's rotations (k, 3, 3).
+            Wrenches (k, 6) [N, N m] in the sensor's frame, and T_base_sensor's rotations (k, 3, 3).
         """
         mujoco, data = self._mujoco, self._mujoco.MjData(self.model)
         rng = np.random.default_rng([self.settings.seed, 1])

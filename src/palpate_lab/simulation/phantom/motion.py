@@ -141,7 +141,7 @@ def unplanned(
     seed: int, *, direction: str = "in-plane", amplitude: float | None = None, step_at: float | None = None,
     begin: float = 2.0,
 ) -> SurfaceMotion:  # fmt: skip
-    """Make three sines with random periods (2.5 to 9 s), shares and signs, and a step if wanted.
+    """Make a `SurfaceMotion` of three sines with random periods (2.5 to 9 s), shares and signs, and a step if wanted.
 
     Args:
         seed: seed of the periods and shares.
@@ -177,7 +177,7 @@ MOTIONS = ("still", "vertical", "in-plane", "out-of-plane", "breathing", "unplan
 
 
 def motion(name: str, *, period: float | None = None, seed: int = 0, begin: float = 2.0) -> SurfaceMotion:
-    """Make a motion by its name, with the paper's amplitudes: 10 mm or 10 deg.
+    """Make a `SurfaceMotion` by its name, with the paper's amplitudes: 10 mm or 10 deg.
 
     Args:
         name: one of `MOTIONS`.

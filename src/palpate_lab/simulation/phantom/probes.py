@@ -80,7 +80,7 @@ class Probe(Value):
 
 
 def probe(name: str, spacing: float = 0.001) -> Probe:
-    """Build the probe of a name.
+    """Build the `Probe` of a name.
 
     Args:
         name: convex, linear or t-shaped.

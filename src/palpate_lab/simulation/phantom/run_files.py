@@ -82,7 +82,10 @@ class PhantomRun:
 
 
 def files_of(recording: Path) -> dict[str, Path]:
-    """Return the paths of all files of a run, next to its recording, by their kind."""
+    """Return a dict of kind -> path of all files of a run, next to its recording.
+
+    The kinds are recording, rig, robot, probe, payload and truth.
+    """
     ends = {"rig": "rig.toml", "robot": "robot.urdf", "probe": "probe.stl", "payload": "payload.toml"}
     ends["truth"] = "truth.csv"
     beside = {what: recording.with_name(f"{recording.stem}_{end}") for what, end in ends.items()}

@@ -50,7 +50,7 @@ class Physics(Value):
 
 
 def mjcf(settings: ForearmSettings) -> str:
-    """Return the model as MJCF: only the link and indenters collide, and indenters have no weight."""
+    """Return the model as MJCF text: only the link and indenters collide, and indenters have no weight."""
     x, y, z, w = settings.mount.quaternion().tolist()
     at, link = _words(settings.mount.translation.tolist()), _words((w, x, y, z))
     slots = range(settings.touches)
@@ -93,7 +93,7 @@ def simulate_physics(
     rotations: Float[np.ndarray, "n 3 3"],
     watch: Callable[[int, float], None] | None = None,
 ) -> Physics:
-    """Run the engine.
+    """Run the engine, and return the `Physics`.
 
     Args:
         settings: settings of link and indenters.

@@ -168,7 +168,10 @@ def write_free(log: Recording, path: Path, settings: ForearmSettings) -> None:
 
 
 def link_mesh(settings: ForearmSettings, around: int = 120) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
-    """Return the closed cylinder in the link's frame [m], its facets about square; they lie up to 12 um inside it."""
+    """Return the closed cylinder in the link's frame: vertices (v, 3) [m] and facets (f, 3), about square.
+
+    The facets lie up to 12 um inside it.
+    """
     radius, half = settings.sheet.radius, settings.half_length
     rings = max(2, round(around * half / (np.pi * radius))) + 1
     angle, height = np.meshgrid(2 * np.pi * np.arange(around) / around, np.linspace(-half, half, rings))
@@ -185,7 +188,7 @@ def link_mesh(settings: ForearmSettings, around: int = 120) -> tuple[Float[np.nd
 
 
 def intensity_model() -> str:
-    """Return the curve of a cell of gain 1, as `palpate calibrate intensity` writes it."""
+    """Return the curve of a cell of gain 1 as TOML text, as `palpate calibrate intensity` writes it."""
     return _INTENSITY.format(low=LOW, high=HIGH, largest=_LARGEST, joint=JOINT)
 
 

@@ -61,7 +61,10 @@ class PlannedTouch:
 
 
 def plan_touches(settings: ForearmSettings, rng: np.random.Generator) -> tuple[PlannedTouch, ...]:
-    """Plan touches that begin, overlap and end at different times until the log ends."""
+    """Plan touches that begin, overlap and end at different times until the log ends, a tuple of `PlannedTouch`.
+
+    A touch for which there is no room is omitted.
+    """
     spans: list[tuple[float, float, int]] = []
     for slot in range(settings.touches):
         start = settings.quiet + COMING + float(rng.uniform(0.0, 1.0))
@@ -81,6 +84,8 @@ def plan_presses(
     settings: ForearmSettings, rng: np.random.Generator, count: int, settle: float = 0.3
 ) -> tuple[PlannedTouch, ...]:
     """Plan `count` configurations one after the other, all of the indenters pressing at once and none dragged.
+
+    Returns a tuple of `PlannedTouch`; a touch for which there is no room is omitted.
 
     Args:
         settings: number of touches at once, and their bounds; `seconds` and `drags` mean nothing.

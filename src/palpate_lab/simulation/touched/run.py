@@ -52,7 +52,7 @@ class ForearmTruth(Value):
         return self.share > 0.5
 
     def at(self, frame: int) -> slice:
-        """Return the rows of a sample of the skin."""
+        """Return the slice of the rows of a sample of the skin."""
         first, last = np.searchsorted(self.frame, [frame, frame + 1]).tolist()
         return slice(first, last)
 
@@ -91,6 +91,8 @@ def simulate_forearm(
 ) -> ForearmRun:
     """Simulate a log of `settings.seconds` with touches that begin, overlap, slide, are dragged and end.
 
+    Returns a `ForearmRun`.
+
     Args:
         rng: random numbers of everything drawn: the same ones give the same run to the last bit.
         settings: None: the usual ones.
@@ -98,6 +100,7 @@ def simulate_forearm(
 
     Raises:
         InputError: MuJoCo is not installed.
+        RuntimeError: the engine warned, and its results cannot be trusted.
     """
     settings = settings or ForearmSettings()
     return _run(settings, plan_touches(settings, rng), settings.seconds, rng, watch)
@@ -113,11 +116,12 @@ def simulate_presses(
 ) -> ForearmRun:
     """Simulate configurations of `settings.touches` touches at once, one after the other, for `settle` [s] each.
 
-    They are in one log, which begins with `quiet` seconds without touch; `stationary` has the sample in which each is
-    settled, and `truth.at(frame)` the truth there. For Monte Carlo.
+    They are in one log, the `ForearmRun` returned, which begins with `quiet` seconds without touch; `stationary` has
+    the sample in which each is settled, and `truth.at(frame)` the truth there. For Monte Carlo.
 
     Raises:
-        InputError: MuJoCo is not installed, or there is nothing to simulate.
+        InputError: MuJoCo is not installed, or `configurations` or `settle` is not positive.
+        RuntimeError: the engine warned, and its results cannot be trusted.
     """
     settings = settings or ForearmSettings()
     if configurations < 1 or not settle > 0:
@@ -134,6 +138,8 @@ def simulate_free(
     rng: np.random.Generator, settings: ForearmSettings, seconds: float, mass: float | None = None
 ) -> Recording:
     """Simulate the force/torque sensor's log of a forearm without contact: weight, inertia, bias, drift and noise.
+
+    Returns a `Recording` with channels FORCE [N], TORQUE [N m] and ORIENTATION (quaternions x, y, z, w).
 
     Args:
         rng: random numbers of everything drawn.

@@ -24,7 +24,10 @@ _AMPLITUDE, _PERIODS = 0.35, (9.0, 25.0)  # rad of each of three sines an axis a
 def motion(
     settings: ForearmSettings, steps: int, rng: np.random.Generator
 ) -> tuple[Float[np.ndarray, "n 3 3"], Float[np.ndarray, "n 4"]]:
-    """Return the sensor's orientation in the base at every step: at rest until `quiet`, then slow sines on all axes."""
+    """Return the sensor's orientation in the base at every step: at rest until `quiet`, then slow sines on all axes.
+
+    It is given as rotation matrices (n, 3, 3), and as quaternions x, y, z, w (n, 4).
+    """
     from scipy.spatial.transform import Rotation
 
     time = np.arange(steps) / STEP_RATE
@@ -38,7 +41,7 @@ def motion(
 
 
 def inertia(settings: ForearmSettings, rotations: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 6"]:
-    """Return the part of the reading from the link's inertia [N, N m], about the sensor's origin, which does not move.
+    """Return the part of the reading from the link's inertia, (n, 6) [N, N m], about the sensor's fixed origin.
 
     With the rate w and its derivative a in the sensor's frame: -m (a x c + w x (w x c)), and the moment of the same
     about the origin with -(I a + w x I w).
@@ -58,7 +61,7 @@ def inertia(settings: ForearmSettings, rotations: Float[np.ndarray, "n 3 3"]) ->
 
 
 def true_mass(settings: ForearmSettings, rng: np.random.Generator) -> ForearmSettings:
-    """Return the settings with the link's true mass, off from the payload model by the drift's `weight`."""
+    """Return the `ForearmSettings` with the link's true mass, off from the payload model by the drift's `weight`."""
     deviation = 0.0 if settings.drift is None else settings.drift.weight
     return replace(settings, mass=settings.mass + deviation * float(rng.standard_normal()) / GRAVITY)
 
@@ -69,7 +72,9 @@ def wrench_log(
     quaternions: Float[np.ndarray, "n 4"],
     rng: np.random.Generator,
 ) -> tuple[Recording, Float[np.ndarray, "k 6"]]:
-    """Return the force/torque sensor's log with orientations, and its true bias at each of its readings (k, 6).
+    """Return the force/torque sensor's log with orientations, a `Recording`, and its true bias (k, 6) [N, N m].
+
+    There is a row of the bias for each reading.
 
     Args:
         settings: rate, noise, bias and drift.
@@ -95,7 +100,7 @@ def loads(
 
     The normal force is Hertz's pressure on a disc, a^3 = 3 F R / (4 E) (Johnson, Contact Mechanics, 4.2), with the
     equal radius 1/R = 1/r + 1/(2 R_link) of a sphere on a cylinder; the disc is laid on the unrolled sheet, and its
-    part next to the sheet presses no cell.
+    part next to the sheet presses no cell. The shapes are (frames, rows, columns) and (m,).
 
     Args:
         sheet: sheet of cells.
@@ -134,6 +139,6 @@ def skin_frames(
     pressed: Float[np.ndarray, "n rows columns"],
     rng: np.random.Generator,
 ) -> Recording:
-    """Return the skin's log of counts, on its own clock."""
+    """Return the skin's log, a `Recording` of counts (n, rows, columns) as channel CELLS, on its own clock."""
     made = read_out(model, pressed, rng, rate=float(settings.skin_rate), start=settings.clock_offset)
     return Recording(made.time, {CELLS: made.channels[CELLS]}, source="touched forearm")

@@ -56,7 +56,7 @@ class Activations:
 def read_answers(
     frames: Iterable[Block], *, threshold: float | None = None, top: float = np.inf, falling: bool = False
 ) -> Activations:
-    """Return the readings above their baseline, which follows a taxel's readings while it does not answer.
+    """Return `Activations`, readings above their baseline, which follows a taxel's readings while it does not answer.
 
     Args:
         frames: times (n,) [s] and readings (n, k) of any number type, in blocks of one log.
@@ -89,7 +89,11 @@ class AnswerReader:
         self._latest, self._started = -np.inf, False
 
     def take(self, time: Float[np.ndarray, " n"], values: np.ndarray) -> None:
-        """Read more frames: times (n,) [s] and readings (n, k)."""
+        """Add frames, times (n,) [s] and readings (n, k), to those that `finish` answers for.
+
+        Raises:
+            InputError: another number of taxels, or hardly any of the first 2,048 frames can be read.
+        """
         values = values.reshape(len(time), -1)
         later = np.maximum.accumulate(np.concatenate([[self._latest], np.nan_to_num(time, nan=-np.inf)]))
         good = time > later[:-1]
@@ -107,7 +111,7 @@ class AnswerReader:
             self._read(time, values)
 
     def finish(self) -> Activations:
-        """Return all answers of the frames taken.
+        """Return all answers of the frames taken, as `Activations`.
 
         Raises:
             InputError: too few frames, or more than half of the taxels answer nearly always.

@@ -65,14 +65,14 @@ def calibrate_taxels(
     layout: ModuleLayout | None = None,
     priors: Priors | None = None,
 ) -> TaxelCalibration:
-    """Return the places of taxels, in the link's frame, from pokes.
+    """Return the places of taxels, in the link's frame, from pokes, as a `TaxelCalibration`.
 
     Args:
         pokes: of all configurations.
-        method: "free", "weighted", "surface": the paper's, each taxel separately, with equal weights (5), weighted (K),
-            or weighted and on the surface (II-B). "taxels": single taxels, but all in one fit, with the sensor's bias
-            and the errors of frames. "modules": the modules that carry them, also with cross-talk and a model of the
-            taxels' responses.
+        method: "free", "weighted", "surface": the paper's [taxel poking], each taxel separately, with equal weights,
+            weighted by its response, or weighted and on the surface. "taxels": single taxels, but all in one fit, with
+            the sensor's bias and the errors of frames. "modules": the modules that carry them, also with cross-talk and
+            a model of the taxels' responses.
         surface: of the link, in its frame: "surface" needs one, "taxels" and "modules" are better with one.
         start: expected places of the taxels (CAD), weighted by the priors; None: nothing is known.
         layout: of modules; None: that of the start.
@@ -256,7 +256,7 @@ def _poses(pokes: Pokes) -> Float[np.ndarray, "d 8"]:
 def spreads(
     units: Units, covariance: Float[np.ndarray, "p p"]
 ) -> tuple[Float[np.ndarray, "k 3 3"], Float[np.ndarray, " k"]]:
-    """Return the covariance [m^2] of each taxel, and its standard deviation [m] without one rigid motion of all.
+    """Return each taxel's covariance (k, 3, 3) [m^2], and standard deviation (k,) [m] without one rigid motion of all.
 
     Both are NaN for taxels without a place.
     """

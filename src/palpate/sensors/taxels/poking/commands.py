@@ -71,7 +71,11 @@ class CalibrateTaxels(Calibration):
 
     @cached_property
     def reads(self) -> dict[str, Path]:
-        """Return the input files: the log, the rig, and expected places and layout, by option or rig."""
+        """Return a dict of name -> path of the input files: pokes, rig and, if given, start and layout.
+
+        Raises:
+            InputError: the rig cannot be read.
+        """
         stated = self.stated.pokes
         start = self.start or (None if stated is None or stated.start is None else self.stated.folder / stated.start)
         layout = None if self.layout is None or self.layout in LAYOUTS else Path(self.layout)
@@ -79,7 +83,12 @@ class CalibrateTaxels(Calibration):
         return {name: path for name, path in named.items() if path is not None}
 
     def identify(self) -> CalibrationResult:
-        """Find the places of taxels from pokes, or fit modules to places from another source."""
+        """Find taxels from pokes, or fit modules to places from another source; return a `CalibrationResult`.
+
+        Raises:
+            InputError: a bad file, option or suffix, or residuals that no places explain.
+            NotIdentifiable: too few pokes.
+        """
         if self.output.suffix.lower() not in SUFFIXES:
             hint, kind = f"Use {', '.join(SUFFIXES)}.", self.output.suffix
             raise InputError(f"cannot write places of taxels as {kind!r}.", where=str(self.output), hint=hint)
@@ -88,7 +97,11 @@ class CalibrateTaxels(Calibration):
         return self._placed(setup, surface) if is_taxel_file(self.log) else self._poked(setup, surface)
 
     def write(self, found: CalibrationResult) -> None:
-        """Write the places of the taxels with their provenance and notes."""
+        """Write the places of the taxels with their provenance and notes to `output`.
+
+        Raises:
+            InputError: the file cannot be written.
+        """
         record = {**self.record(method=self.method), **({} if self.layout is None else {"layout": self.layout})}
         notes = (*found.model.notes, *found.notes)
         write_taxel_places(self.output, replace(found.model, provenance=record, notes=notes))

@@ -50,11 +50,11 @@ class TaxelErrors:
 
     @property
     def coverage(self) -> float:
-        """Return the share of the ellipsoids that contain the truth; NaN: there are none."""
+        """Return the share, 0 to 1, of the 95 % ellipsoids that contain the truth; NaN: there are none."""
         return float(self.inside[self.known].mean()) if self.known.any() else float("nan")
 
     def summaries(self) -> list[tuple[str, ErrorSummary]]:
-        """Return names and error summaries of all taxels, of each module, and of those never touched."""
+        """Return (name, `ErrorSummary`) pairs [m] of all taxels, those touched and never touched, and each module."""
         rows: list[tuple[str, np.ndarray, np.ndarray]] = [
             ("absolute", self.absolute, np.ones(len(self.absolute), dtype=bool)),
             ("one rigid motion taken off", self.relative, np.ones(len(self.absolute), dtype=bool)),

@@ -22,7 +22,11 @@ WORST = 12  # taxels that are named
 
 
 def is_taxel_file(path: Path) -> bool:
-    """Return whether a file contains places of taxels."""
+    """Return whether a file contains places of taxels; False if there is no file.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
     if not path.is_file():
         return False
     if path.suffix.lower() == ".toml":

@@ -34,7 +34,7 @@ def holds_pokes(names: Sequence[str]) -> bool:
 
 @takes_arrays
 def read_pokes(path: str | Path, *, threshold: float = 0.0, noise: Float[np.ndarray, "6 6"] | None = None) -> Pokes:
-    """Read `configuration,fx,fy,fz,tx,ty,tz,qx,qy,qz,qw,x,y,z,t0,t1,...[,weight][,time]`.
+    """Read `Pokes` from `configuration,fx,fy,fz,tx,ty,tz,qx,qy,qz,qw,x,y,z,t0,t1,...[,weight][,time]`.
 
     Wrenches are on the body in the sensor's frame, minus the sensor's untouched reading [N, N m]; pose of the link in
     the sensor's frame [m]; answers above the baseline, in any unit. Columns may state other units, as `fx [mN]`, `x
@@ -46,7 +46,8 @@ def read_pokes(path: str | Path, *, threshold: float = 0.0, noise: Float[np.ndar
         noise: (6, 6) covariance of a wrench.
 
     Raises:
-        InputError: a column is missing, a number is none, or a quaternion is not of length 1.
+        InputError: the file or a column is missing, a unit is unknown, a number is none, or a quaternion is not of
+            length 1.
     """
     path = Path(path)
     table = read_table(path)

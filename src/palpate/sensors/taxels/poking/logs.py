@@ -25,7 +25,7 @@ _JOINTS = "joints"
 
 
 def wrench_layout(setup: Setup) -> LogLayout:
-    """Return the layout of wrenches, with poses of the link in the sensor's frame.
+    """Return the `LogLayout` of wrenches, with poses of the link in the sensor's frame.
 
     Raises:
         InputError: the wrench is not in the sensor's frame.
@@ -53,12 +53,13 @@ def wrench_layout(setup: Setup) -> LogLayout:
 
 
 def open_pokes(path: Path, setup: Setup) -> tuple[Log, Log, Iterator[Recording | Stored]]:
-    """Open a log for its wrenches, for its frames of taxels, and for both, with the link's pose where the log has it.
+    """Return a `Log` of wrenches, a `Log` of taxel frames, and an iterator over blocks of both with link poses.
 
     For a table with a `urdf`, the joints between sensor and link are columns with their names [rad].
 
     Raises:
-        InputError: the log cannot be read, or a joint is missing or in degrees.
+        InputError: the log, urdf or a rig file cannot be read, an extra is missing (rosbags, pinocchio), or a joint is
+            missing or in degrees.
     """
     layout, frames = wrench_layout(setup), open_log(path, cells_layout(setup))
     if layout.urdf is None or layout.frames is None or not contents(path).names:
@@ -84,7 +85,11 @@ def _posed(block: Recording, kinematics: Kinematics) -> Recording:
 
 
 def cells_layout(setup: Setup) -> LogLayout:
-    """Return the layout of frames of taxels, without poses."""
+    """Return the `LogLayout` of frames of taxels, without poses.
+
+    Raises:
+        InputError: the file of the map or of the taxels cannot be read.
+    """
     return replace(
         SKIN.layout(setup),
         orientation=None,

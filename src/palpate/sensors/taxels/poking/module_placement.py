@@ -21,7 +21,7 @@ FEWEST = 3  # taxels of a module
 
 
 def common_layout(places: TaxelPlaces, surface: Surface | None = None, *, spacing: float | None = None) -> ModuleLayout:
-    """Return one layout for all modules: the mean of their taxels' flat places, each module turned onto the others.
+    """Return a `ModuleLayout` common to all modules: the mean of their flat places, each turned onto the others.
 
     Args:
         places: places on equal modules, with as many indices each.
@@ -64,7 +64,7 @@ def _mean(flat: Float[np.ndarray, "m t 2"]) -> Float[np.ndarray, "t 2"]:
 def place_modules(
     places: TaxelPlaces, layout: ModuleLayout | None = None, surface: Surface | None = None
 ) -> TaxelCalibration:
-    """Fit modules to the places of their taxels by least squares.
+    """Fit modules to the places of their taxels by least squares; return a `TaxelCalibration`.
 
     Args:
         places: expected places of the taxels, with the module of each.
@@ -72,7 +72,7 @@ def place_modules(
         surface: of the link, on which they lie; None: modules are flat.
 
     Raises:
-        InputError: a layout of another skin, or a module with fewer than three taxels.
+        InputError: a layout of another skin, a module with fewer than three taxels, or no layout and unequal modules.
     """
     known = _outward(places, surface)
     layout = common_layout(known, surface) if layout is None else layout

@@ -19,7 +19,7 @@ Vectors = Float[np.ndarray, "u 3"]
 
 
 def tied(units: Units, priors: Priors) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
-    """Return the priors' terms of J' W J and J' W r for the units' unknowns, at their places; 0 with a surface.
+    """Return the priors' terms of J' W J (p, p) and J' W r (p,) for the units' p unknowns; 0 with a surface.
 
     A taxel's offset from the mean of its neighbours, along the normal of the plane that fits them best, has the
     standard deviation `Priors.smooth`; the distances to its next neighbours are `Priors.neighbours`, within

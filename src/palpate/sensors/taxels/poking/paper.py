@@ -50,11 +50,11 @@ def in_link(pokes: Pokes) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "
 
 
 def normal_equations(pokes: Pokes, *, weighted: bool = False) -> NormalEquations:
-    """Return the normal equations (5) of all datasets in the link's frame.
+    """Return the `NormalEquations` [taxel poking, (5)] of all pokes in the link's frame.
 
     Args:
         pokes: of one configuration or of several.
-        weighted: by the square of each response over the strongest one of its poke (K); else all answers have the same
+        weighted: by the square of each response over the strongest one of its poke; else all answers have the same
             weight. Doubtful pokes count less in both.
     """
     from palpate.sensors.taxels.poking._accumulate import accumulate  # compiled: loaded when first needed
@@ -82,7 +82,7 @@ def _strongest(pokes: Pokes) -> Float[np.ndarray, " n"]:
 
 
 def free(equations: NormalEquations) -> Places:
-    """Return the point nearest to each taxel's lines of force; NaN where they are parallel or it never answered."""
+    """Return the point nearest to each taxel's lines of force, (k, 3) [m]; NaN if parallel or it never answered."""
     values = np.linalg.eigvalsh(equations.matrix)
     sound = values[:, 0] > FLAT * np.maximum(values[:, 2], 1e-300)
     found = np.full(equations.vector.shape, np.nan)
@@ -91,7 +91,7 @@ def free(equations: NormalEquations) -> Places:
 
 
 def on_surface(equations: NormalEquations, surface: Surface) -> Places:
-    """Return the point of the surface with the least residual [taxel poking, II-B]; NaN if a taxel never answered.
+    """Return the surface's points of least residual [taxel poking, II-B], (k, 3) [m]; NaN if a taxel never answered.
 
     The residual is (p - p*)' A (p - p*), so that it is the closest point to p* in the metric of A: one query for the
     complete surface, not a constrained problem for each triangle. Facets at which forces would pull are excluded: the
@@ -107,7 +107,7 @@ def on_surface(equations: NormalEquations, surface: Surface) -> Places:
 
 
 def averaged(pokes: Pokes, surface: Surface | None = None, *, weighted: bool = True) -> tuple[Places, list[Places]]:
-    """Return the mean over the configurations of the places from each alone, and these [taxel poking, IV-B].
+    """Return the mean (k, 3) [m] over configurations, and a list of each one's places (k, 3) [taxel poking, IV-B].
 
     Args:
         pokes: of several configurations.

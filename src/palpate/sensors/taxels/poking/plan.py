@@ -81,7 +81,7 @@ def candidates(
     nuisances: Nuisances | None = None,
     force: float = FORCE,
 ) -> PossiblePokes:
-    """Return pokes on each taxel, along its normal and leaning to four sides, in each configuration.
+    """Return `PossiblePokes` on each taxel, along its normal and leaning to four sides, in each configuration.
 
     Args:
         units: places of the taxels.
@@ -154,7 +154,7 @@ def _with_rows(
 def after_calibration(
     places: TaxelPlaces, surface: Surface | None, priors: Priors, *, start: bool = False
 ) -> tuple[Units, Float[np.ndarray, "p p"], PossiblePokes]:
-    """Return units, covariance of all unknowns, and possible pokes, from the result of a calibration.
+    """Return `Units`, covariance (p, p) of all unknowns, and `PossiblePokes`, from the result of a calibration.
 
     The pokes themselves are not stored: each counts as one along the normal or leaning, on the taxel that it touched
     most, spread over the configurations of the arm by the number of pokes in each.
@@ -216,7 +216,7 @@ def plan_pokes(
     pokes: int = 50,
     seed: int = 0,
 ) -> Plan:
-    """Choose pokes one after the other, each the one that reduces the covariances of the worst taxels most.
+    """Choose pokes one after the other, each to reduce the worst taxels' covariances most; return a `Plan`.
 
     By the worst one alone a poke would ignore others, nearly as bad, which many pokes improve, too. So each taxel above
     `wanted` counts, by the power `KEEN` of its variance over the largest.

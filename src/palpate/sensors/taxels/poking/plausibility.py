@@ -31,7 +31,7 @@ FEWEST = 8  # pokes from which a usual pitch is known
 def believed(
     pokes: Pokes, *, start: TaxelPlaces | None = None, saturated: Bool[np.ndarray, " n"] | None = None
 ) -> Pokes:
-    """Return the same pokes with weights: 0 for rejected ones, less than 1 for doubtful ones; the notes list both.
+    """Return the same `Pokes` with weights: 0 for rejected ones, less than 1 for doubtful ones; the notes list both.
 
     Args:
         pokes: as they were measured.

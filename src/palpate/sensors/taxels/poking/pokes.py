@@ -85,7 +85,9 @@ class Pokes(Value):
         time: Float[np.ndarray, " n"] | None = None,
         notes: tuple[str, ...] = (),
     ) -> Pokes:
-        """Make pokes from one row of responses each; those above the threshold are its answers.
+        """Make `Pokes` from one row of responses (n, k) each; those above the threshold are its answers.
+
+        Other arguments are as the attributes; without a `weight` all are 1, without a `time` all are NaN.
 
         Raises:
             InputError: arrays whose shapes do not agree.
@@ -121,7 +123,7 @@ class Pokes(Value):
 
     @property
     def poke(self) -> Int[np.ndarray, " m"]:
-        """Return the poke of each answer, (m,)."""
+        """Return the index of the poke of each answer, (m,)."""
         return np.repeat(np.arange(len(self)), np.diff(self.starts))
 
     def counts(self) -> Int[np.ndarray, " k"]:
@@ -129,7 +131,7 @@ class Pokes(Value):
         return np.bincount(self.taxel[self.weight[self.poke] > 0], minlength=self.taxels)
 
     def picked(self, rows: Bool[np.ndarray, " n"]) -> Pokes:
-        """Return the pokes that a mask selects; configurations keep their numbers."""
+        """Return the `Pokes` that a mask (n,) selects; configurations keep their numbers."""
         kept = rows[self.poke]
         sizes = np.diff(self.starts)[rows]
         same = ("wrench", "rotation", "origin", "configuration", "weight", "time")

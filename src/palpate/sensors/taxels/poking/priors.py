@@ -49,7 +49,7 @@ class Priors:
                 raise InputError(f"{name} must not be negative.")
 
     def of_single_taxels(self) -> Priors:
-        """Return the priors without cross-talk: centroids of answers shrink, which would look like a sensor gain.
+        """Return `Priors` without cross-talk: centroids of answers shrink, which would look like a sensor gain.
 
         Modules have a model of the responses instead.
         """

@@ -54,7 +54,7 @@ class Response:
     scatter: float = 0.2
 
     def log(self, square: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-        """Return the log of the response to 1 N at squared distances [m^2]."""
+        """Return the natural log of the response to 1 N at squared distances [m^2], of their shape."""
         return self.level - self.power * np.log1p(square / (2.0 * self.power * self.reach**2))
 
 
@@ -97,7 +97,7 @@ class PokePlaces:
 def tangents(
     units: Units, normals: Float[np.ndarray, "k 3"], taxel: Int[np.ndarray, " n"]
 ) -> Float[np.ndarray, "n 3 2"]:
-    """Return axes (n, 3, 2) of the tangent plane at taxels; on a module they turn with it, so that offsets stay."""
+    """Return unit axes (n, 3, 2) of the tangent plane at taxels; on a module they turn with it: offsets stay."""
     unit = np.maximum(units.layout.module[taxel], 0)
     along = np.broadcast_to([1.0, 0.0, 0.0], (len(taxel), 3)) if units.alone else units.frame[unit, :, 0]
     known = np.asarray(np.isfinite(normals[taxel]).all(axis=1), dtype=bool)
@@ -132,14 +132,14 @@ class LocalTaxels:
 
 
 def seen_among(chart: LocalTaxels, response: Response) -> PokePlaces:
-    """Return the mean and covariance of each poke's place, from the answers."""
+    """Return the `PokePlaces`, mean and covariance of each poke's place, from the answers."""
     mean, covariance = _posterior(chart, response)
     shares, beside = _shares(chart, mean)
     return PokePlaces(chart.taxels, shares, chart.origin, beside, covariance, chart.found)
 
 
 def centred(pokes: Pokes, units: Units) -> PokePlaces:
-    """Place pokes at the centroids of their answers, for taxels that may lie anywhere relative to each other."""
+    """Return `PokePlaces` at the centroids of the answers, for taxels that may lie anywhere relative to each other."""
     order = np.lexsort((-pokes.response, pokes.poke))
     rank = np.arange(len(order)) - pokes.starts[pokes.poke[order]]
     kept, at = order[rank < NEAR], rank[rank < NEAR]
@@ -156,7 +156,10 @@ def centred(pokes: Pokes, units: Units) -> PokePlaces:
 
 
 def learned(chart: LocalTaxels, response: Response | None = None) -> Response:
-    """Fit the model of these taxels' responses, in turns with the places of the pokes."""
+    """Fit the `Response` of these taxels, in turns with the places of the pokes.
+
+    With fewer than 30 pokes of three answers or more, return the given one, else a guess.
+    """
     from scipy.optimize import least_squares  # here: scipy is slow to import
 
     told = np.isfinite(chart.log).sum(axis=1) >= 3
@@ -212,7 +215,7 @@ def _picked(chart: LocalTaxels, rows: Bool[np.ndarray, " n"]) -> LocalTaxels:
 
 
 def charted(pokes: Pokes, units: Units) -> LocalTaxels:
-    """Return the taxels about the strongest answer of each poke: the nearest ones that face the same way.
+    """Return `LocalTaxels`, those about the strongest answer of each poke: the nearest that face the same way.
 
     On modules, only those on the same one: their relative places are known, wherever the module is. (Others would add
     information on a single poke, but the contacts would fix modules to each other at their expected places.)

@@ -55,11 +55,11 @@ class Units:
 
     @property
     def freedom(self) -> int:
-        """Return the number of unknowns of a unit."""
+        """Return the number of unknowns of a unit: on a surface 3, or 2 for single taxels; else 6, or 3."""
         return (2 if self.alone else 3) if self.surface is not None else (3 if self.alone else 6)
 
     def each(self, length: float, angle: float) -> Float[np.ndarray, " f"]:
-        """Return one number for each unknown of a unit, (f,): of lengths, or of angles."""
+        """Return (f,) with `length` for each unknown of a unit that is a length, `angle` for each angle."""
         lengths = 2 if self.surface is not None else 3
         return np.array([length] * lengths + [angle] * (self.freedom - lengths))
 
@@ -86,7 +86,7 @@ class Units:
         return points, normals
 
     def moved(self, by: Float[np.ndarray, "u f"]) -> Units:
-        """Return units that are moved by their unknowns, (u, f)."""
+        """Return `Units` that are moved by their unknowns, (u, f) [m, rad]."""
         if self.surface is None:
             centre = self.centre + by[:, :3]
             if self.alone:
@@ -137,7 +137,7 @@ class Units:
         )
 
     def away(self, start: Units) -> Float[np.ndarray, "u f"]:
-        """Return the unknowns (u, f) by which each unit has moved from a start, to first order."""
+        """Return the unknowns (u, f) [m, rad] by which each unit has moved from a start, to first order."""
         gap = self.centre - start.centre
         if self.surface is None:
             if self.alone:
@@ -154,7 +154,7 @@ class Units:
 
 @takes_arrays
 def frame_about(normals: Vectors, along: Vectors) -> Float[np.ndarray, "k 3 3"]:
-    """Return frames with the normal as third column and the first nearest to a direction, or anywhere across."""
+    """Return frames (k, 3, 3): the third column the normal, the first nearest to a direction, or anywhere across."""
     outward = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     first = along - np.einsum("kc,kc->k", along, outward)[:, None] * outward
     length = np.linalg.norm(first, axis=1, keepdims=True)
@@ -166,7 +166,7 @@ def frame_about(normals: Vectors, along: Vectors) -> Float[np.ndarray, "k 3 3"]:
 
 @takes_arrays
 def single(places: Vectors, surface: Surface | None, outward: Vectors | None = None) -> Units:
-    """Return every taxel that has a place as a separate unit; `outward` (k, 3) are its normals without a surface."""
+    """Return `Units`, one for each taxel with a place; `outward` (k, 3) are its normals without a surface."""
     rows = np.flatnonzero(np.isfinite(places).all(axis=1))
     module = np.full(len(places), -1)
     module[rows] = np.arange(len(rows))

@@ -82,7 +82,7 @@ class _Samples:
 
 
 def find_pokes(parts: Iterable[Recording | Block], search: PokeSearch | None = None) -> Pokes:
-    """Return the pokes of one log, whose wrenches and taxels have separate times on one clock.
+    """Return the `Pokes` of one log, whose wrenches and taxels have separate times on one clock.
 
     A poke is a period in which some taxel exceeds its baseline. Its wrench is the mean over its steady part minus that
     of the free motion next to it in the same arm configuration, interpolated linearly between before and after. The

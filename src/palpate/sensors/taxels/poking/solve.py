@@ -76,7 +76,7 @@ def solve(
     start: Units | None = None,
     deviations: Float[np.ndarray, " f"] | None = None,
 ) -> PlacesSolution:
-    """Fit units and nuisances to pokes.
+    """Fit units and nuisances to pokes; return a `PlacesSolution`.
 
     Args:
         pokes: of all configurations.
@@ -120,7 +120,7 @@ def validated(
     start: Units | None = None,
     deviations: Float[np.ndarray, " f"] | None = None,
 ) -> Validation:
-    """Compare the torques of each half of the pokes with the prediction from the other half.
+    """Return the `Validation`: torques of each half of the pokes against the prediction from the other half.
 
     Compare by the squared distance within which 80 % are, as some pokes fit badly and hardly count.
 
@@ -204,7 +204,7 @@ class Before:
     def step(
         self, square: np.ndarray, right: np.ndarray, units: Units, nuisances: Nuisances
     ) -> Float[np.ndarray, " p"]:
-        """Return the step to the most likely values, (p,)."""
+        """Return the step (p,) to the most likely values of units, then nuisances, each in its own unit."""
         away = np.zeros(len(self.units)) if self.start is None else units.away(self.start).ravel()
         gap = np.concatenate([self.units * away, self.nuisances * nuisances.vector()])
         matrix, wanted = self._raised(square), (right - gap)[self.free]
@@ -233,7 +233,7 @@ class Before:
 def eliminated(
     matrix: Float[np.ndarray, "p p"], right: Float[np.ndarray, " p"], units: int, size: int
 ) -> Float[np.ndarray, " p"]:
-    """Solve equations of units that do not touch each other: eliminate each unit, then solve for the shared unknowns.
+    """Solve matrix x = right for x (p,): eliminate each unit, as none touches another, then solve for shared unknowns.
 
     Args:
         matrix: positive; units of `size` unknowns each come first.

@@ -43,16 +43,16 @@ class Nuisances(Value):
 
     @classmethod
     def none(cls, configurations: int) -> Nuisances:
-        """Return errors that are all 0."""
+        """Return `Nuisances` of d configurations that are all 0."""
         return cls(np.zeros((configurations, 6)), np.zeros(6), np.zeros((configurations, 6)), np.zeros((6, 6)))
 
     def vector(self) -> Float[np.ndarray, " q"]:
-        """Return all errors in one vector (q,): frames, common, bias, cross-talk."""
+        """Return all errors in one vector (12 d + 42,): frames, common, bias [m, rad; N, N m], cross-talk by rows."""
         parts = (self.frames, self.common, self.bias, self.cross_talk)
         return np.concatenate([np.ravel(part) for part in parts])
 
     def moved(self, by: Float[np.ndarray, " q"]) -> Nuisances:
-        """Return the errors with a vector (q,) added."""
+        """Return `Nuisances` with a vector (q,), in the order of `vector`, added."""
         count = 6 * len(self.frames)
         ends = np.cumsum([count, 6, count])
         frames, common, bias, cross = np.split(by, ends)
@@ -66,7 +66,7 @@ class Nuisances(Value):
 
     @staticmethod
     def deviations(priors: Priors, configurations: int) -> Float[np.ndarray, " q"]:
-        """Return the prior standard deviation (q,) of each error; 0: it is not estimated."""
+        """Return the prior standard deviation (q,) of each error, in the order of `vector`; 0: not estimated."""
         frame = [priors.frame] * 3 + [priors.frame_angle] * 3
         common = [priors.common] * 3 + [priors.common_angle] * 3
         bias = [priors.bias_force] * 3 + [priors.bias_torque] * 3
@@ -96,7 +96,7 @@ class Predicted:
 
 @takes_arrays
 def predicted(pokes: Pokes, points: Float[np.ndarray, "n 3"], nuisances: Nuisances) -> Predicted:
-    """Return the torque of pokes at points of the link, (n, 3) [m] in its frame, and its derivatives."""
+    """Return the torque of pokes at points (n, 3) [m] of the link, and its derivatives, as `Predicted`."""
     d, cross = pokes.configuration, nuisances.cross_talk
     error, bias = nuisances.frames[d] + nuisances.common, nuisances.bias[d]
     turn = Pose.from_rotation_vector(error[:, 3:], error[:, :3])

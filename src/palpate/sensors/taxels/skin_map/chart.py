@@ -45,19 +45,19 @@ class Chart:
         return self.centre + u * p + v * q, np.broadcast_to(w, (*np.broadcast_shapes(u.shape, v.shape)[:-1], 3))
 
     def local(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """Return coordinates (..., 3): height u, and two in its plane: x and y about an axis, else v and s."""
+        """Return coordinates (..., 3) [m]: u, and two in its plane: x and y about an axis, else v and s."""
         x, y, z = np.moveaxis((points - self.centre) @ self.axes.T, -1, 0)
         return np.stack([z, x, y] if self.round else [x, y, z], axis=-1)
 
     def coordinates(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """Return u, v and s of points, (..., 3); an angle v is in [-pi, pi]."""
+        """Return u, v and s of points, (..., 3) [m]; about an axis v is an angle in [-pi, pi]."""
         u, b, c = np.moveaxis(self.local(points), -1, 0)
         return np.stack([u, np.arctan2(c, b), np.hypot(b, c)] if self.round else [u, b, c], axis=-1)
 
     def between(
         self, start: Float[np.ndarray, "*#batch _"], end: Float[np.ndarray, "*#batch _"]
     ) -> Float[np.ndarray, "..."]:
-        """Return the steps in u and v, (..., 2), from start to end; the shorter way around an axis."""
+        """Return the steps in u and v, (..., 2) [m; rad for an angle], from start to end, the shorter way around."""
         way = end[..., :2] - start[..., :2]
         if self.round:
             way[..., 1] = wrapped(way[..., 1])
@@ -74,7 +74,7 @@ def wrapped(angle: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
 def flat_chart(
     origin: Float[np.ndarray, "3"], normal: Float[np.ndarray, "3"], heading: Float[np.ndarray, "3"]
 ) -> Chart:
-    """Return parallel planes across and along the heading; u falls where columns rise: p, q, w is right-handed."""
+    """Return a flat `Chart`, planes across and along the heading; u falls where columns rise: right-handed p, q, w."""
     v = heading - normal * (heading @ normal)
     v /= np.linalg.norm(v)
     return Chart(False, origin, np.stack([np.cross(v, normal), v, normal]))
@@ -88,7 +88,7 @@ def round_chart(
     origin: Float[np.ndarray, "3"],
     axis: tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]] | None,
 ) -> Chart:
-    """Return a chart about the given axis (a point and a direction), or about the axis that the facets show.
+    """Return a `Chart` about the given axis (a point and a direction), or about the axis that the facets show.
 
     Normals of a link about an axis have little along it, and pass near it: the direction is the smallest eigenvector of
     sum A n n', and the point is nearest to all lines along the normals, in the plane across.

@@ -65,10 +65,10 @@ class Options:
     method: Literal["isometric", "paper"] = "isometric"
 
     def laid(self, link: Mesh) -> tuple[Sheet, Planes, np.ndarray, np.ndarray]:
-        """Return the sheet, stretched to the known cells, the user's planes, and the sheet's corner [m] and heading.
+        """Return the `Sheet`, stretched to the known cells, `Planes`, the sheet's corner (3,) [m] and heading (3,).
 
         Raises:
-            InputError: an option that is no numbers.
+            InputError: an option that is no numbers, a sheet that cannot be, or known cells that do not fit it.
         """
         scale = UNITS[self.unit]
         rows, columns = (int(side) for side in _numbers(self.sheet, "--sheet", 2, "x", whole=True))
@@ -90,7 +90,7 @@ class Options:
 
     @property
     def chosen(self) -> Literal["facets", "vertices"] | None:
-        """Return the mode; None: the mesh decides."""
+        """Return the mode, "facets" or "vertices"; None: the mesh decides."""
         return None if self.mode == "auto" else self.mode
 
 

@@ -44,10 +44,10 @@ def write_skin_map(path: str | Path, skin: SkinMap, *, name: str = "skin") -> No
 
 
 def read_skin_map(path: str | Path) -> SkinMap:
-    """Read a map from .toml, the same to the last bit, or from .csv.
+    """Read a `SkinMap` from .toml, the same to the last bit, or from .csv.
 
     Raises:
-        InputError: not a map, a key misspelt or missing, a value of the wrong kind.
+        InputError: the file is missing or not a map, a key misspelt or missing, a value of the wrong kind.
     """
     path = Path(path)
     if path.suffix.lower() == ".csv":
@@ -122,7 +122,7 @@ def _urdf(skin: SkinMap, name: str) -> str:
 def fixed_frame(
     name: str, point: Float[np.ndarray, "3"], normal: Float[np.ndarray, "3"], along: Float[np.ndarray, "3"]
 ) -> list[str]:
-    """Return lines of a URDF: a bodiless link, fixed to LINK at a point [m], z along a normal, x near a direction."""
+    """Return a list of URDF lines: a bodiless link fixed to LINK at a point [m], z along a normal, x near `along`."""
     place = " ".join(f"{number:.9g}" for number in point)
     angles = " ".join(f"{number:.9g}" for number in _roll_pitch_yaw(normal, along))
     return [

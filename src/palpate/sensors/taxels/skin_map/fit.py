@@ -27,10 +27,10 @@ def fit(
     periodic: bool,
     degree: tuple[int, int] = (3, 3),
 ) -> BSplineSurface:
-    """Return the surface with control points A_ij + s_ij D_ij and least sum (d . (Q - r(u, v)))^2 over points Q.
+    """Return the `BSplineSurface` of control points A_ij + s_ij D_ij with the least sum (d . (Q - r(u, v)))^2 over Q.
 
-    [skin] (4) solves it by iteration; it is linear in s. Only the distance along d counts, the normal at Q: along the
-    surface a point's parameters need not be exact.
+    The paper solves it by iteration [skin, (4)]; it is linear in s. Only the distance along d counts, the normal at
+    point Q: along the surface a point's parameters need not be exact.
 
     Args:
         chart: the lines A + s D.

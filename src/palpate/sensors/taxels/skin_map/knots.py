@@ -34,7 +34,7 @@ def refined(
         enough: rms distance that needs no refinement [m].
 
     Returns:
-        The surface, and the distance (k,) [m] of each point from it.
+        The `BSplineSurface`, and the distance (k,) [m] of each point from it.
     """
     surface, distance = fitted(breaks)
     for rounds in range(_ROUNDS, 0, -1):

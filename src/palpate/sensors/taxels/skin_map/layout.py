@@ -54,7 +54,7 @@ class Parametric(Protocol):
         ...
 
     def geodesics(self, begin: Float[np.ndarray, "m 6"], step: float, steps: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return states and slopes, (steps + 1, m, 6) each, along geodesics, as `BSplineSurface.geodesics` does."""
+        """Return states u, v, u', v', J, J' and their slopes, (steps + 1, m, 6) each, along geodesics from `begin`."""
         ...
 
 
@@ -95,7 +95,7 @@ class Sheet:
 
     @property
     def size(self) -> tuple[float, float]:
-        """Return the size across rows and along them, as laid [m]."""
+        """Return the sheet's size, stretched, as (across rows, along rows) [m]."""
         return self.rows * self.pitch[0] * self.stretch[0], self.columns * self.pitch[1] * self.stretch[1]
 
 
@@ -127,7 +127,7 @@ def lay(
     elements: int = _MOST_ELEMENTS,
     look: Callable[[Grid], None] | None = None,
 ) -> LaidSheet:
-    """Lay a sheet on a surface with its corner at `start`, and return the places of its lattice.
+    """Lay a sheet on a surface with its corner at `start`; return a `LaidSheet`, its lattice and strain.
 
     Args:
         surface: the surface.

@@ -93,7 +93,7 @@ class SkinMap:
         return both[..., :3], normals / np.linalg.norm(normals, axis=-1, keepdims=True)
 
     def mesh(self) -> Mesh:
-        """Return the sensing layer as a mesh, for use where no mesh of the link is available."""
+        """Return the sensing layer as a `Mesh` [m], for use where no mesh of the link is available."""
         rows, columns = self.rows * _FINE, self.columns * _FINE
         row, column = np.meshgrid(
             np.linspace(-0.5, self.rows - 0.5, rows + 1),

@@ -41,7 +41,7 @@ def paper_surface(
     m: int = _PLANES,
     reading: Reading = "literal",
 ) -> BSplineSurface:
-    """Return the surface of Algorithm 1 from n planes across the axis, within `span` [m], and m through it.
+    """Return the `BSplineSurface` of [skin], Algorithm 1: n planes across the axis within `span` [m], m through it.
 
     Raises:
         GeometryError: a section is not complete.
@@ -91,7 +91,7 @@ def paper_map(
     reading: Reading = "literal",
     provenance: Mapping[str, str] | None = None,
 ) -> SkinMap:
-    """Return a map with cells at equal parameters over the complete surface of the paper.
+    """Return a `SkinMap` with cells at equal parameters over the complete surface of the paper [skin].
 
     Cell (k, l) is at ((k + 1/2)/rows, (l + 1/2)/columns); [skin] prints (k/6, l/22), which is half a cell off. The
     sheet's size and pitch have no effect, nor has the origin's height; its angle decides where columns begin. Arguments

@@ -38,7 +38,7 @@ def map_skin(
     control: int = 200,
     provenance: Mapping[str, str] | None = None,
 ) -> SkinMap:
-    """Return the place and the outward normal of every cell of a sheet on a link.
+    """Return the `SkinMap` of a sheet on a link, with the place and the outward normal of every cell.
 
     A B-spline is fitted to the outside of the mesh (`shell`) and the sheet is laid on it without stretching (`lay`).
 
@@ -79,7 +79,7 @@ def map_skin(
 
 @takes_arrays
 def placed(mesh: Mesh, sheet: Sheet, origin: ArrayLike, heading: ArrayLike) -> Site:
-    """Return the sheet's corner on the mesh, its heading there, the outward normal, and the facets of its body.
+    """Return the sheet's `Site`: its corner on the mesh, heading, outward normal, and the facets of its body.
 
     Raises:
         InputError: the origin is off the surface, or the heading along the normal.
@@ -112,7 +112,7 @@ def _else(on: Callable[[Site], SkinMap], site: Site) -> SkinMap | None:
 
 @takes_arrays
 def mapped(found: Shell, sheet: Sheet, origin: Float[np.ndarray, "3"], heading: Float[np.ndarray, "3"]) -> SkinMap:
-    """Lay a sheet on a shell and return its map.
+    """Lay a sheet on a shell and return its `SkinMap`.
 
     Raises:
         InputError: at least one cell has no surface under it.
@@ -158,7 +158,7 @@ def fit_stretch(
     mode: Mode | None = None,
     planes: Planes | None = None,
 ) -> Sheet:
-    """Return the sheet with the stretch that brings some cells nearest to their known places.
+    """Return the `Sheet` with the stretch that brings some cells nearest to their known places.
 
     Args:
         mesh: as for `map_skin`.
@@ -170,8 +170,9 @@ def fit_stretch(
         planes: as for `map_skin`.
 
     Raises:
-        InputError: no cell is known, or one that is not on the sheet; or as for `map_skin`.
-        GeometryError: as for `map_skin`.
+        InputError: no cell is known, or one that is not on the sheet; the origin is off the surface, the heading along
+            the normal, or a cell has no surface under it.
+        GeometryError: the mesh cannot be cut by two families of planes about the origin.
     """
     from scipy.optimize import least_squares
 

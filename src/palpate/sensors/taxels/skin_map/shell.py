@@ -113,7 +113,7 @@ class Shell:
     notes: tuple[str, ...] = field(default=())
 
     def there(self, uv: Float[np.ndarray, "*batch 2"]) -> Bool[np.ndarray, "*batch"]:
-        """Return whether the lines nearest to parameters (..., 2) meet the mesh."""
+        """Return a bool for each pair of parameters (..., 2), True where the nearest line meets the mesh."""
         u, v = self.sections.u, self.sections.v
         at_u, at_v = (uv[..., 0] - u[0]) / (u[1] - u[0]), (uv[..., 1] - v[0]) / (v[1] - v[0])
         if self.surface.periodic:
@@ -128,7 +128,7 @@ class Shell:
 def shell(
     site: Site, size: Span, *, mode: Mode | None = None, planes: Planes | None = None, control: int = 200
 ) -> Shell:
-    """Fit a surface to the outside of some facets near a sheet.
+    """Fit a surface to the outside of some facets near a sheet; return it as a `Shell`.
 
     Args:
         site: start of the sheet.
@@ -154,7 +154,7 @@ def shell(
 
 
 def full_sections(site: Site, planes: Planes | None = None) -> tuple[Chart, Span]:
-    """Return the chart about a link's axis, and the heights between which sections across it are complete [m].
+    """Return the `Chart` about a link's axis, and (low, high) [m] between which sections across it are complete.
 
     Raises:
         GeometryError: there are none, or no axis about which the link closes.
