@@ -25,6 +25,7 @@ PYTHONS = ("3.11", "3.12", "3.13")
 STEPS = ("contents", "alone", "extras", "all", "lowest", "types")
 EXTRAS = {  # what each brings, by the names under which it is imported
     "batch": "joblib",
+    "compile": "numba",
     "camera": "cv2",
     "fusion": "clarabel",
     "live": "cobs, cyclonedds, serial",

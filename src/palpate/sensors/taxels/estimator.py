@@ -29,6 +29,10 @@ from palpate.spatial.pose import Pose
 __all__ = ["FEATURES", "TaxelEstimator"]
 
 FEATURES = ("area", "load", "peak", "pressure", "axis_long", "axis_short", "angle", "cells")
+"""Area [m^2] of the pressed cells; load [N], the sum of the cells' forces along their own normals, on a curved body
+more than the force; pressure on one cell at most [Pa], and mean [Pa]; standard deviations of the pressure along its
+principal axes [m]; angle of the long axis [rad], from the direction of rising rows towards that of rising columns, or
+anticlockwise from `TaxelBody.tangents`; number of cells."""
 HEAD = 2048  # frames from which rest, noise and faults are taken
 _ROWS = 1024  # of a piece of answers
 
@@ -56,11 +60,7 @@ class TaxelEstimator(ContactEstimator):
     each along its own normal; the torque about the normal is NaN, because cells feel no shear. SATURATED: located, but
     the force is a lower bound.
 
-    Features: on a sheet `row` and `column` between cell centres, which have integers; `area` [m^2] of the pressed
-    cells; `load` [N], the sum of the cells' forces along their own normals, on a curved body more than the force;
-    `peak` [Pa], the pressure on one cell; `pressure` [Pa], the mean; `axis_long`, `axis_short` [m], standard deviations
-    of the pressure along its principal axes; `angle` [rad] of the long axis, from the direction of rising rows towards
-    that of rising columns, or anticlockwise from `TaxelBody.tangents`; `cells`, the number of cells.
+    The features are `FEATURES`, and on a sheet `row` and `column` between cell centres, which have integers.
 
     Baseline, noise and bad cells are those of `health`, or found in the first 2,048 frames that `run`, `pairs` or
     `stream` are given; `tare` sets the baseline, and `update` needs it or `health`.
@@ -202,21 +202,7 @@ class TaxelEstimator(ContactEstimator):
         if self.health is None:
             return tuple(said)
         said += [*self.health.notes, *([self._tared.note] if self._tared.note else [])]
-        drifted = np.abs(self._frames.rest[0] - self.health.baseline) / self.health.noise
-        if drifted.max() > self.settings.on:
-            cell = self.body.name(int(np.argmax(drifted)))
-            moved = f"{drifted.max():.0f} deviations of its noise, most at cell {cell}"
-            said.append(f"the rest of cells drifted by up to {moved}; it was followed where nothing touched")
-        if self._frames.unusable:
-            said.append(f"{self._frames.unusable} frames could not be used (another size, or no numbers)")
-        wrapped = [self.body.name(cell) for cell in np.flatnonzero(self._frames.wrapped).tolist()]
-        if wrapped:
-            cells = f"{', '.join(wrapped[:5])}{', ...' if len(wrapped) > 5 else ''}"
-            said.append(
-                f"readings of {len(wrapped)} cells went over the end of the range and came out at the other "
-                f"({cells}): they were put right where it was clear"
-            )
-        return tuple(said)
+        return (*said, *self._frames.notes(self.health))
 
     def warnings(self) -> tuple[str, ...]:
         """Return warnings, a tuple of sentences: dead or stuck cells, or a tare that looks like a touch."""

@@ -58,7 +58,7 @@ class TaxelFrames:
         self._place = (vectors, np.stack([body.areas, body.spacing]), grid, body.turn, known)
         tables = (body.neighbours.copy(), body.steps.copy(), body.between.copy())
         self._table = (*tables, max(body.columns, 1))
-        self._usable = body.usable
+        self._usable, self._name = body.usable, body.name
         self._clock = np.zeros(2)
         self._zeros = np.zeros((_taxels.SLOTS, count)), np.zeros((_taxels.SLOTS, 3)), np.full(2, np.nan)
         self._turn = 0.0 if body.bits is None else body.top + 1.0
@@ -81,6 +81,25 @@ class TaxelFrames:
         self._health = health
         self._whole[self._kernels.GOOD], self._numbers[self._kernels.NOISE] = self._usable & health.good, health.noise
         self._same = self._fixed()
+
+    def notes(self, health: Health) -> tuple[str, ...]:
+        """Return notes: how baselines drifted from `health`, unusable frames and wrapped readings, a sentence each."""
+        said = list[str]()
+        drifted = np.abs(self.rest[0] - health.baseline) / health.noise
+        if drifted.max() > self._settings.on:
+            cell = self._name(int(np.argmax(drifted)))
+            moved = f"{drifted.max():.0f} deviations of its noise, most at cell {cell}"
+            said.append(f"the rest of cells drifted by up to {moved}; it was followed where nothing touched")
+        if self.unusable:
+            said.append(f"{self.unusable} frames could not be used (another size, or no numbers)")
+        wrapped = [self._name(cell) for cell in np.flatnonzero(self.wrapped).tolist()]
+        if wrapped:
+            cells = f"{', '.join(wrapped[:5])}{', ...' if len(wrapped) > 5 else ''}"
+            said.append(
+                f"readings of {len(wrapped)} cells went over the end of the range and came out at the other "
+                f"({cells}): they were put right where it was clear"
+            )
+        return tuple(said)
 
     def reset(self) -> None:
         """Forget the state of past frames: drift of the baseline, wrapped readings, filter and identities."""
