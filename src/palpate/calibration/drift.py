@@ -61,17 +61,21 @@ class DriftFit(Value):
     notes: tuple[str, ...] = ()
 
     def unsure(self, seconds: float) -> Float[np.ndarray, " m"]:
-        """Return the bias's standard deviation, (m,), after `seconds` [s] in contact that follow a long free time.
+        """Return the standard deviation (m,) of the bias, in the channels' units, `seconds` [s] after a touch began.
 
-        Its variance, of a filter at rest: walk sqrt(window) noise when the touch begins, then walk^2 t, and the rate,
-        which the filter knows as well as this log determines it.
+        Nothing touched for long before, so that the filter had settled. The variance is walk sqrt(window) noise when
+        the touch begins, plus walk^2 t, plus (t times the rate's standard deviation in this log)^2.
         """
         walk = self.drift.walk
         start = walk * np.sqrt(self.window) * self.noise
         return np.sqrt(start + walk**2 * seconds + (self.warm_up_deviation * seconds) ** 2)
 
     def spread(self, sound: Bool[np.ndarray, " k"]) -> DriftFit:
-        """Return the `DriftFit` for all k channels, of which the `sound` ones were fitted; the others get their rms."""
+        """Return this `DriftFit` of the sound channels expanded to all k channels.
+
+        Args:
+            sound: (k,) True for a channel that was fitted; the others get the root mean square of the fitted values.
+        """
 
         def filled(values: np.ndarray) -> np.ndarray:
             made = np.full(len(sound), np.sqrt(np.mean(np.square(values)))).astype(values.dtype)

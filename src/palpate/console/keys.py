@@ -43,7 +43,11 @@ def signals() -> Generator[Came]:
 
 @contextmanager
 def pressed() -> Generator[Callable[[float], str]]:
-    """Give a function that waits for a key for some seconds and returns it, or ""; without a terminal it only waits."""
+    """Open a context whose value is a function: it waits up to some seconds for a key and returns it, or "".
+
+    Without a terminal the function waits for all of that time and returns "". The end of the context restores the
+    terminal's settings.
+    """
     if not sys.stdin.isatty():
         yield _waited
         return

@@ -235,20 +235,22 @@ class ContactEstimator(ABC):
         counts: Int[np.ndarray, " n"],
         extra_channels: Mapping[str, ArrayLike] = NOTHING_BESIDE,
     ) -> int:
-        """Write the contacts of arrays of live samples into rows of `empty`, for streams.
+        """Locate the contacts of live samples given as arrays, and write them into rows that `empty` made.
 
         Args:
-            time: [s].
+            time: (n,) [s].
             readings: (n, ...), each as in `update`.
-            out: written from its first row on.
-            counts: (n,) number of rows of each sample, in order; written.
+            out: (rows, width), written from its first row on.
+            counts: (n,), into which the number of rows of each answered sample is written, in order.
             extra_channels: other channels of a `Recording`, such as `ORIENTATION`, if known.
 
         Returns:
-            number of samples answered: all, or as many as `out` has room for. Pass the others again.
+            The number of samples answered, from the first on: all, or as many as `out` has room for. Call again with
+            the remaining samples.
 
         Raises:
-            InputError: the filter has zero phase, an array has another shape, or a channel is missing.
+            InputError: the filter has zero phase, an array has another shape, a channel is missing, or the baseline of
+                a skin is not known.
         """
         require_forward(self.filter)
         require_out(out, (None, self._width))

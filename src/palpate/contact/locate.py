@@ -203,10 +203,13 @@ class Locator:
         )
 
     def compiled(self, known: bool) -> tuple[Any, ...]:
-        """Return a tuple of arrays (noises, surface's tree, settings, state) for loops that go on from a wrench.
+        """Return the arguments with which a compiled loop locates the wrenches that it makes, as a tuple.
+
+        They are the covariance of a wrench, (1, 6, 6) and zeros if unknown, the arguments of the prepared surface, the
+        settings (s,), and the Locator's memory (t,), which the loop changes.
 
         Args:
-            known: the loop brings a covariance for each wrench: the noises are then empty, (0, 6, 6).
+            known: the loop brings a covariance for each wrench: the first array is then empty, (0, 6, 6).
         """
         noises = np.empty((0, 6, 6)) if known else self._noises
         return noises, *self._arguments, self._noisy if known else self._settings, self._state
@@ -282,17 +285,17 @@ class Locator:
     def locate_one(
         self, wrench: ArrayLike, covariance: ArrayLike | None = None, previous: ArrayLike | None = None
     ) -> ContactEstimate:
-        """Return the `ContactEstimate` of one wrench; the Locator's memory stays, so that threads may share it.
+        """Return the `ContactEstimate` of one wrench; the Locator's memory is neither used nor changed.
 
-        The result is that of `run` with `sequential=False`, but faster.
+        So threads may share the Locator. The result is that of `run` with `sequential=False`, but faster.
 
         Args:
-            wrench: (6,) in the surface's frame, force first.
-            covariance: (6, 6) instead of the Locator's noise.
-            previous: (3,) [m] the last contact.
+            wrench: (6,) [N, N m] in the surface's frame, force first; NaN gives the status `INVALID`.
+            covariance: (6, 6) of the wrench, instead of the Locator's noise.
+            previous: (3,) [m] the last contact point; None: there is none.
 
         Raises:
-            InputError: other shapes, or numbers that are not real.
+            InputError: an argument has another shape, or entries that are not real numbers.
         """
         known = None if covariance is None else shaped(covariance, (6, 6), "covariance")
         return self._single(shaped(wrench, _WRENCH, "wrench"), _state(previous), known)
@@ -346,7 +349,11 @@ class Locator:
         covariances: ArrayLike | None,
         statuses: ArrayLike,
     ) -> int:
-        """Return the index of `run_into`'s first sample that has no contact whatever came before it; -1 without any."""
+        """Return the index of the first sample without contact, whatever came before the array; -1 if there is none.
+
+        There neither the hysteresis nor the last contact matters, so that a sequence can be cut after it. The
+        arguments are as in `run_into`.
+        """
         wrenches, noises, statuses, settings = self._sequence(wrenches, covariances, statuses)
         return self._first_free(wrenches, noises, statuses, settings)
 

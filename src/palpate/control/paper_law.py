@@ -84,7 +84,10 @@ class Plain:
         self._turn[:], self._speed = 0.0, 0.0
 
     def observe(self, seen: Sensed) -> None:
-        """Store a reading's force error [N] and low-passed contact point [m], for `hold`."""
+        """Store the force error [N] and the low-passed contact point (2,) [m] of a reading, for `hold`.
+
+        The error is positive if the probe presses too lightly; the point is x and y in the axes of the probe's face.
+        """
         self._time[0], self._place[0] = seen.time, seen.place[:2]
         self._low_pass(self._time, USED, self._place)
         self._off = force_error(float(seen.force[2]), self.force)

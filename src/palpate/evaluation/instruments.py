@@ -183,7 +183,7 @@ def perfect(pitch: tuple[float, float]) -> tuple[float, float]:
     """Return the errors of a perfect map for touches smaller than a cell: mean distance, and mean along an axis [m].
 
     `pitch` has the two sides of a cell [m]. A point anywhere in a square of side a lies 0.3826 a from its middle
-    on average, and a/4 along each axis.
+    on average, and a/4 along each axis. A cell with unequal sides counts as the square of the same area.
     """
     side = float(np.sqrt(pitch[0] * pitch[1]))
     return _MEAN_IN_CELL * side, side / 4

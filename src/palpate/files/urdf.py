@@ -123,7 +123,9 @@ class Urdf:
         return FrameTree((joint.parent, joint.child, joint.origin) for joint in self.joints).up(link)[-1]
 
     def chain(self, base: str, sensor: str) -> list[Joint]:
-        """Return the joints that move between two links, a list of `Joint` in the order of the file, not fixed ones.
+        """Return a list of the joints between two links that can move, each a `Joint`, in the order of the file.
+
+        Fixed joints are omitted.
 
         Raises:
             InputError: there is no such link, no joints connect the two, they form a loop, or a joint moves other than

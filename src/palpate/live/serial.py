@@ -51,7 +51,12 @@ class Framing(Protocol):
         ...
 
     def take(self, values: Float[np.ndarray, "n k"], lost: Int[np.ndarray, " n"]) -> int:
-        """Decode as many of the samples fed as fit into `values` (n, k) and `lost` (n,), and return their number."""
+        """Decode samples from the bytes fed so far, as many as the arrays have room for, and return their number.
+
+        Args:
+            values: (n, k), filled from the first row on.
+            lost: (n,), filled with the number of samples missing before each; 0 where that is not known.
+        """
         ...
 
     def waiting(self) -> int:

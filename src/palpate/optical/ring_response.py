@@ -102,7 +102,14 @@ class RingResponse(Value):
         return self.coefficients.shape[2] // 2, self.coefficients.shape[3] // 2
 
     def at(self, delta: Float[np.ndarray, " n"], phi: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n e b"]:
-        """Return v0, v1, v2 and any s [m/N] of markers at delta [rad] from contacts at phi [rad], (n, 2 r, b)."""
+        """Return the functions v0, v1, v2 and, if shear was calibrated, s at n pairs of angles, (n, 2 r, b) [m/N].
+
+        The second axis is outwards and along rising angles, ring by ring; the third has the b = 3 or 4 functions.
+
+        Args:
+            delta: (n,) [rad] the marker's angle less the contact's.
+            phi: (n,) [rad] the contact's angle.
+        """
         of_delta, of_phi = (ring_basis(angle, order) for angle, order in zip((delta, phi), self.orders, strict=True))
         return np.einsum("bckm,nk,nm->ncb", self.coefficients, of_delta, of_phi, optimize=True)
 

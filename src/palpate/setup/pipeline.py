@@ -134,8 +134,9 @@ class OpenedLog:
         """Return the estimator of the sensor as a `BuiltEstimator`, with notes and warnings about it.
 
         Raises:
-            InputError: the log has no samples or does not begin at rest although it must, the rig lacks something, a
-                file that it names cannot be used, or a filter does not fit the rate.
+            InputError: the log cannot be read, has no samples, lacks something that the rig requests, or does not begin
+                at rest although it must; the rig lacks something, a file that it names cannot be used, or a filter does
+                not fit the rate.
             GeometryError: the file of the surface has no usable surface.
         """
         return self.setup.with_head(self.head(self.setup.estimate.tare or 1.0)).prepared()

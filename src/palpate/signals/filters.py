@@ -97,7 +97,9 @@ class Kalman:
         return np.asarray((1.0 - k) * (k - fall) / (k * k + 2.0 * (1.0 - k) * fall) / rate)
 
     def bandwidth(self, rate: float) -> float:
-        """Return the -3 dB point [Hz], where 2 (1 - cos w) = rho; half the rate [Hz] where the gain is nowhere so low.
+        """Return the frequency [Hz] at which the steady filter's gain is -3 dB, 2 (1 - cos w) = rho, for a rate [Hz].
+
+        If the gain is above -3 dB at every frequency, return half the rate.
 
         Raises:
             InputError: `rate` is not positive.

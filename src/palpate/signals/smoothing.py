@@ -96,7 +96,10 @@ class Forward:
 
     @takes_arrays
     def repeated(self, value: Float[np.ndarray, " _"], count: int) -> Values:
-        """Return the output (count, width) for `count` repetitions of a sample; the filter's state advances."""
+        """Filter one sample (width,) `count` times in a row, and return the outputs (count, width), in its unit.
+
+        The filter's state advances by `count` samples.
+        """
         values = np.repeat(value[None], count, axis=0)
         self(np.full(count, np.nan), np.full(count, -1, np.int8), values)
         return values
@@ -163,7 +166,13 @@ class BothWays:
             yield what, values, share
 
     def push(self, time: Float[np.ndarray, " n"], status: Int8[np.ndarray, " n"], values: Values) -> None:
-        """Add samples; only those whose status is below 0 count."""
+        """Add samples, in the order of time, to those to filter; `take` returns them filtered.
+
+        Args:
+            time: (n,) [s]; a gap begins a new run.
+            status: (n,) below 0 for a sample to filter; the others are ignored.
+            values: (n, width) of the samples, not changed.
+        """
         good = status < 0
         time, status, values = time[good], status[good], values[good]
         for part in np.split(np.arange(len(time)), np.flatnonzero(self._forward.starts(time, status) == 0)):

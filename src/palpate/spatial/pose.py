@@ -40,8 +40,10 @@ def rotation_from_quaternion(quaternion: Float[np.ndarray, "*batch 4"]) -> Float
 def quaternion_from_rotation(rotation: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, "*batch 4"]:
     """Return unit quaternions x, y, z, w with w >= 0, (*batch, 4), of rotation matrices (*batch, 3, 3).
 
+    A matrix that is not orthonormal, such as a scaled one, counts as a rotation near it.
+
     Raises:
-        InputError: some rotation is not orthonormal with determinant +1, such as a reflection, or is infinite.
+        InputError: some matrix has a determinant that is not positive, such as a reflection, or is not finite.
     """
     from scipy.spatial.transform import Rotation  # here: it takes 0.1 s to import
 

@@ -219,7 +219,10 @@ class Paraboloid(Quadric):
         return frozen([[-np.inf, -np.inf, -self.height], [np.inf, np.inf, np.inf]])
 
     def chart(self, count: int) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"]]:
-        """Return points (n, 3) [m] by angle about the apex and distance from it, and triangles (f, 3) between them."""
+        """Return points (n, 3) [m] on the surface, along its axes, and triangles (f, 3) between them: indices, outward.
+
+        The points form a grid of 2 `count` angles about the z axis and `count` + 1 levels, from the rim to the apex.
+        """
         turn, out = np.meshgrid(_around(2 * count), np.linspace(1.0, 0.0, count + 1), indexing="ij")
         x, y = (np.sqrt(2.0 * self.height * radius) * out for radius in self.radii)
         points = np.stack([x * np.cos(turn), y * np.sin(turn), -self.height * out**2], axis=-1)

@@ -100,7 +100,11 @@ def _contact(contact: ShownContact, magnification: int, single: bool) -> Iterato
 
 
 def is_shown(name: str, features: Collection[str]) -> bool:
-    """Return whether a feature has its row: not standard deviations of others, nor parts of the force."""
+    """Return True if a feature has a separate row in the caption.
+
+    False for "bound", "force_sd", the entries "force_xx" to "force_zz" of the force's covariance, and "NAME_sd" where
+    `features` contains NAME, whose row shows that standard deviation.
+    """
     return name not in _INWARD and not (name.endswith("_sd") and name[:-3] in features)
 
 

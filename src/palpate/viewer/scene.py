@@ -367,7 +367,10 @@ class Scene:
         return replace(self, newton=_newton(self.size, shown), magnification=_magnified(self.size, shown))
 
     def scaled_to(self, force: float) -> Scene:
-        """Return the `Scene`, arrows scaled to a force [N] whose arrow exceeds the body; else, or by NaN, unchanged."""
+        """Return the `Scene` with shorter arrows if that of a force [N] would be longer than the body; else unchanged.
+
+        The arrow of this force then has 0.35 of the body's size. A force of NaN changes nothing.
+        """
         return replace(self, newton=_ARROW * self.size / force) if force * self.newton > self.size else self
 
     def rows(self, index: int) -> slice:

@@ -26,9 +26,10 @@ def shrunk(image: UInt8[np.ndarray, "h w 3"]) -> Float[np.ndarray, " n"]:
 def nearest_image(
     seen: Float[np.ndarray, "n m"], rows: Float[np.ndarray, "n 6"]
 ) -> Callable[[UInt8[np.ndarray, "h w 3"]], Float[np.ndarray, "k 6"]]:
-    """Return a function from an image to the contact (1, 6) of the calibration image with the least squared difference.
+    """Return a function from an image to the contact (1, 6) of the calibration image that is most similar to it.
 
-    It returns (0, 6) if nothing touched in that calibration image.
+    The function takes an image (h, w, 3), blue first, and compares it, as `shrunk` returns it, with each calibration
+    image: the least sum of squared differences is the most similar. It returns (0, 6) if nothing touched in that one.
 
     Args:
         seen: (n, m) calibration images, as `shrunk` returns them.

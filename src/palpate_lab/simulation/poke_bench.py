@@ -163,7 +163,7 @@ class PokeErrors:
 
     @property
     def noise(self) -> Float[np.ndarray, "6 6"]:
-        """Covariance of the noise of a poke's wrench, (6, 6), force first [N, N m]."""
+        """Covariance (6, 6) of the noise of a poke's wrench, force first, diagonal [N^2, (N m)^2]."""
         return np.diag(np.repeat([self.noise_force, self.noise_torque], 3) ** 2)
 
 

@@ -54,10 +54,14 @@ contact = {{ on = 0.5, off = 0.3 }}    # N
 
 
 def write_session(session: Session, folder: Path) -> None:
-    """Write free_motion.csv, touches.csv, probe.stl, rig.toml, and every other touch to marks.csv and to truth.csv.
+    """Write a session into a folder: free_motion.csv, touches.csv, marks.csv, truth.csv, probe.stl and rig.toml.
 
-    marks.csv has the points that touches were aimed at (as an operator knows them); truth.csv the points at which the
-    others really landed (as only a simulation knows), so that a calibration on the one can be judged on the other.
+    Of the touches, the first, third, ... are in marks.csv, with the points at which they were aimed (as an operator
+    knows them); the others are in truth.csv, with the points at which they really landed (as only a simulation knows),
+    so that a calibration on the one can be judged on the other. The folder is made if it is missing.
+
+    Raises:
+        OSError: the folder or a file cannot be written.
     """
     import trimesh
 

@@ -88,7 +88,7 @@ class Cursor:
         return (int(self._origin[which]) - at) % size if self._cdr else 0
 
     def little(self, which: int) -> bool:
-        """Return True if the numbers of one message are little-endian."""
+        """Return True if the numbers of message `which`, an index from 0, are little-endian."""
         return bool(self._little[which])
 
     def picked(self, which: Int[np.ndarray, " k"]) -> Cursor:

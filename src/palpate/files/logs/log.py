@@ -84,7 +84,7 @@ class Log(Watched, ABC):
         """Yield times (n,) [s] and frames (n, k) of taxels, in their stored type if that is faster, as integers may be.
 
         Raises:
-            InputError: something that the layout requests is missing.
+            InputError: the log cannot be read, or something that the layout requests is missing.
         """
         for block in self.blocks():
             yield block.time, block.channels[CELLS].reshape(len(block), -1)

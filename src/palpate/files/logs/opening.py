@@ -165,7 +165,8 @@ def open_log(path: str | Path | Mapping[str, np.ndarray], layout: LogLayout | No
     Images are read from a video, a folder of images, MCAP and bags. Arrays in memory are a log, too.
 
     Raises:
-        InputError: the file does not exist, or is not what its suffix indicates.
+        InputError: the file does not exist, cannot be read, is not what its suffix indicates, or has a format that is
+            not supported, such as a workbook; or a folder holds neither images nor the bag of one recording.
     """
     layout = layout or LogLayout()
     if isinstance(path, Mapping):

@@ -16,7 +16,10 @@ _STEP = 1 << 17  # bytes: what was decompressed before damage is kept in steps o
 
 
 def inflate(content: memoryview) -> tuple[bytes, str]:
-    """Return the records of a chunk as bytes, or the first of a damaged one, and the damage in words, "" if none."""
+    """Return the decompressed records of an MCAP chunk as bytes, and a sentence on its damage, "" if there is none.
+
+    Of a damaged chunk they are those that could be decompressed, from its start on; b"" if its header is unusable.
+    """
     try:
         _, _, size, checksum, named = unpack_from("<QQQII", content)
         compression = bytes(content[32 : 32 + named]).decode(errors="replace")

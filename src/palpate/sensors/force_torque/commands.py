@@ -60,7 +60,8 @@ class CalibratePayload(Calibration):
         """Average the poses at rest, and return a `CalibrationResult` with the payload that is fitted to them.
 
         Raises:
-            InputError: rig or log cannot be read, the log has no orientation, or `gravity` is not a direction.
+            InputError: rig or log cannot be read, the log has no orientation or no complete sample, `gravity` is not a
+                direction, or `magnitude` is not positive.
             NotIdentifiable: the poses do not separate the payload's parameters.
         """
         layout = LogLayout() if self.rig is None else self.stated.layout("force_torque")

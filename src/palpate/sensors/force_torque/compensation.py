@@ -248,12 +248,18 @@ class Compensation:
         return located, None if self.noise is None else covariances
 
     def smoothed_by(self, filter: Filter | None, rate: float | None, share: float) -> None:
-        """Set the filter that wrenches pass before `place`; with a known spectrum each channel keeps its own share.
+        """Set the filter that wrenches pass before `place`, so that covariances are of the noise that remains after it.
+
+        If the noise's spectrum is known, the remaining share of the variance is computed for each channel; otherwise
+        the noise counts as white.
 
         Args:
             filter: filter of the wrenches; None: none.
             rate: [Hz] of the samples.
-            share: least share of white noise's variance that remains after the filter.
+            share: least share of white noise's variance that remains after the filter, up to 1.
+
+        Raises:
+            InputError: the filter's cut-off does not fit the rate.
         """
         spectrum = self.sensor.spectrum
         self._kept = 1.0, np.ones(6)

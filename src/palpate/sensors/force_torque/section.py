@@ -144,8 +144,8 @@ def noise_warnings(setup: Setup, recording: Recording) -> list[str]:
     """Return a list of one warning where the rig's noise is off a recording's by a factor of two or more, else [].
 
     Raises:
-        InputError: the payload's file cannot be read, or the recording has no forces or torques, or accelerations of
-            another kind than stated.
+        InputError: the rig has no [force_torque], the payload's file cannot be read, or the recording has no forces or
+            torques, or accelerations of another kind than stated.
     """
     if (stated := setup.of(ForceTorqueSection).table.noise) is None:
         return []

@@ -252,7 +252,11 @@ class LoadCellArray:
     coefficients = 0
 
     def kept(self, recording: Recording) -> Float[np.ndarray, "n m"]:
-        """Return the voltages (n, 3 k) [V] of a recording, as `free` needs them; raise InputError where it has none."""
+        """Return a copy of the voltages (n, 3 k) [V] in a recording, the argument of the method `free`.
+
+        Raises:
+            InputError: the recording has no voltages, or those of another number of cells.
+        """
         return self._voltages(recording)
 
     @takes_arrays

@@ -31,7 +31,9 @@ def loads(
     force: Float[np.ndarray, "*batch 3"],
     torque: Float[np.ndarray, "*batch"],
 ) -> Float[np.ndarray, "*batch k"]:
-    """Return the lengths (*batch, k) of the cells' readings [V] that the model predicts; a dead cell has one too.
+    """Return the predicted load (*batch, k) of each cell under a contact: the length [V] of its three readings.
+
+    The model predicts readings without biases, for a dead cell as well.
 
     Args:
         cells: the model.

@@ -195,12 +195,13 @@ class LoadCells(Value):
     def chi_square(
         self, readings: Float[np.ndarray, "*batch m"], sound: Bool[np.ndarray, " some"] | None = None
     ) -> Float[np.ndarray, "*batch"]:
-        """Return the squared residual (*batch,) of readings without bias, chi-square of 3 degrees per cell less 6.
+        """Return the residual (*batch,) of a wrench fitted to readings, squared and in units of its variance.
 
-        It is divided by the variance of drift and of the calibrated misfit, which grows with the load.
+        It has a chi-square distribution; its degrees of freedom are the number of sound channels (3 k for all) less 6.
+        The variance is that of noise, drift and the calibrated misfit, which grows with the load.
 
         Args:
-            readings: (*batch, 3 k) [V].
+            readings: (*batch, 3 k) [V], with the biases subtracted.
             sound: (k,) cells or (3 k,) channels to use; None: all.
 
         Raises:

@@ -114,9 +114,15 @@ def calibrate_board(
 def fit_lens(
     corners: Sequence[Float[np.ndarray, "c 2"]], board: tuple[int, int], square: float, size: tuple[int, int]
 ) -> BoardFit:
-    """Return the `BoardFit` of a lens to a chessboard's corners [px] in each picture; `size` is its (width, height).
+    """Return the `BoardFit` of a lens to the inner corners of a chessboard, as found in several pictures.
 
     Pictures whose corners lie far from the fit, such as those of a board more than a right angle aside, are omitted.
+
+    Args:
+        corners: (c, 2) [px] for each picture, row by row of the board.
+        board: number of inner corners, columns and rows.
+        square: side of a square [m].
+        size: width and height of the pictures [px].
 
     Raises:
         InputError: the corners do not determine a lens; OpenCV is missing.

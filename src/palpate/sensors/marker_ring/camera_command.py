@@ -45,7 +45,8 @@ class CalibrateCamera(Calibration):
         """Find the board in the pictures and fit the lens to its corners; return a `CalibrationResult` with it.
 
         Raises:
-            InputError: `board` or `square` is invalid, or the pictures do not determine a lens.
+            InputError: `board` or `square` is invalid, the log has no images that can be read, fewer than three show
+                the board, they do not determine a lens, or OpenCV is missing.
         """
         columns, _, rows = self.board.lower().partition("x")
         if not (columns.isdigit() and rows.isdigit() and int(columns) > 2 and int(rows) > 2):
