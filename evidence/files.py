@@ -58,29 +58,29 @@ REAL = (
         "nano17/roll_400_rows.csv",
         "wrenches of three Nano17 in N and N mm, without names or times",
         1,
-        ("no column is known to be the time",),
+        ("no column is recognised as the time",),
     ),
     Real("nano17/calibration_files_FT44297.cal", "ATI's calibration file, no log", 1, ("is XML",)),
     Real(
         "payload/recorded_messages_wrench_100.txt",
         "100 wrenches along the axes of the base, without names or times",
         1,
-        ("no column is known to be the time",),
+        ("no column is recognised as the time",),
     ),
-    Real("payload/recorded_messages_pose_100.txt", "100 poses without names: no wrench", 1, ("looks like none",)),
+    Real("payload/recorded_messages_pose_100.txt", "100 poses without names: no wrench", 1, ("not a log of any of",)),
     Real(
         "strip/norm_SW35-RATIO100-P250.csv",
         "readings of seven strips, and where they were touched: no wrench",
         1,
-        ("looks like none", "strip1"),
+        ("is not a log of any of", "strip1"),
     ),
     Real(
         "taxel_force/none.1614726111.69.txt",
         "counts of a load cell, and of taxels, without names: no wrench",
         1,
-        ("looks like none", "column_1, column_2"),
+        ("is not a log of any of", "column_1, column_2"),
     ),
-    Real("taxel_force/calibration2.txt", "one column of counts of a load cell: no wrench", 1, ("one column only",)),
+    Real("taxel_force/calibration2.txt", "one column of counts of a load cell: no wrench", 1, ("only one column",)),
 )
 
 

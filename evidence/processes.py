@@ -163,7 +163,7 @@ def _pairs(folder: Path, count: int, formats: Sequence[str]) -> Iterator[Row]:
             both = [each.ended() for each in [_Running(folder, [*words, output]) for output in outputs]]
             codes = sorted(each.code in (0, 4) for each in both)
             won += codes == [False, True] and (folder / outputs[0]).exists()
-            if any(each.code == 1 and "is being written already" in each.said for each in both):
+            if any(each.code == 1 and "is already being written" in each.said for each in both):
                 refused += 1
             else:
                 others.append(f"{[(each.code, each.said[-60:]) for each in both]}")

@@ -42,7 +42,7 @@ def not_loaded(problem: ImportError, what: str, extra: str, where: str = "") -> 
     """
     if isinstance(problem, ModuleNotFoundError):
         return InputError(f"{what}.", where=where, hint=f"pip install 'palpate[{extra}]'")
-    hint = "Bare systems lack libraries that it needs: install the one that is named."
+    hint = "Install the library that is named, which bare systems lack."
     return InputError(f"{what}, which is installed but does not load ({problem}).", where=where, hint=hint)
 
 

@@ -80,5 +80,5 @@ class Registry(Mapping[str, Row]):
             row, problem = None, f"cannot be imported: {failed}"
         if problem:
             where = f"entry point {entry.name!r} of {self._group}, {package}"
-            raise InputError(f"{entry.value} {problem}.", where=where, hint="Mend that package, or remove it.")
+            raise InputError(f"{entry.value} {problem}.", where=where, hint="Correct that package, or remove it.")
         return cast("Row", row)

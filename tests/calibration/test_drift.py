@@ -187,7 +187,7 @@ def test_no_walk_at_all_is_bounded_not_invented() -> None:
     fit = identify(time, values)
     assert not fit.seen.any()
     assert 0.0 < fit.drift.walk[0] < 1e-3
-    assert any("the most that it may be" in note for note in fit.notes)
+    assert any("its upper bound" in note for note in fit.notes)
 
 
 def touched(time: np.ndarray, values: np.ndarray, every: float, lasting: float, slow: float) -> np.ndarray:
@@ -225,7 +225,7 @@ def test_coloured_noise_makes_windows_longer(free: tuple[np.ndarray, np.ndarray]
     smooth = np.convolve(rng.normal(0.0, 0.01, len(time) + 99), np.exp(-np.arange(100) / 30.0) / 4.0, mode="valid")
     fit = identify(time, values + smooth[:, None])
     assert fit.window > 0.45
-    assert any("noise is not white" in note for note in fit.notes)
+    assert any("have coloured noise" in note for note in fit.notes)
     assert fit.drift.walk[0] == pytest.approx(WALK, rel=0.5)
 
 
@@ -267,7 +267,7 @@ def spoilt(how: str, time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, 
         ("turned round", "lasts 0 s"),
         ("begins anew", "run backwards"),
         ("dead", "b never changes"),
-        ("jumps", "a touch, a payload that changed, or a zero that jumped"),
+        ("jumps", "something touched, the payload changed, or the zero jumped"),
         ("touched", "as under touches or motion|swing"),
         ("moves", "swing"),
     ],

@@ -214,9 +214,9 @@ def test_what_a_backend_needs_is_said(
     [
         ("logs", ("--backend", "slurm"), "no backend 'slurm'"),
         ("logs", ("--workers", "0"), "--workers"),
-        ("nowhere", (), "no such file"),
-        ("logs/*.bag", (), "nothing fits it"),
-        ("logs/a/run.csv", ("--frame", "base", "--rig", "none.toml"), "no such file"),
+        ("nowhere", (), "does not exist"),
+        ("logs/*.bag", (), "matches no file"),
+        ("logs/a/run.csv", ("--frame", "base", "--rig", "none.toml"), "the file does not exist"),
     ],
 )
 def test_a_batch_that_cannot_be_meant_is_one_sentence(
@@ -242,7 +242,7 @@ def test_logs_are_found_once_and_never_in_the_output(fleet: Path, tmp_path: Path
     (tmp_path / "bag" / "metadata.yaml").write_text("")
     (tmp_path / "bag" / "bag_0.db3").write_text("")
     assert logs_of([tmp_path], tmp_path / "out") == [tmp_path / "bag"]
-    with pytest.raises(InputError, match="no log is in it"):
+    with pytest.raises(InputError, match="contains no log"):
         logs_of([logs], logs)
 
 

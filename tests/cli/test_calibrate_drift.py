@@ -71,7 +71,7 @@ def test_from_columns_it_is_written_beside_what_a_person_wrote(
     assert all(line in text.splitlines() for line in RIG.splitlines())
     assert "N/sqrt(s), N m/sqrt(s), from free.csv (sha256:" in text
     said = capsys.readouterr().out
-    for words in ("walk  ", "mN, torque", "warm-up", "after 60 s unsure (95 %): force by 0.", "no payload is named"):
+    for words in ("walk  ", "mN, torque", "warm-up", "after 60 s unsure (95 %): force by 0.", "names no payload"):
         assert words in said
 
 
@@ -174,9 +174,9 @@ def spoil(values: np.ndarray, kind: str) -> np.ndarray:
 @pytest.mark.parametrize(
     ("kind", "said"),
     [
-        ("short", "needs 60 s at least"),
+        ("short", "at least 60 s are needed"),
         ("dead", "fz never changes"),
-        ("jump", "zero that jumped"),
+        ("jump", "the zero jumped"),
         ("swing", "the arm"),
     ],
 )
@@ -195,7 +195,7 @@ def test_what_is_no_free_log_is_refused_and_nothing_is_written(
 @pytest.mark.parametrize(
     ("rig", "options", "said"),
     [
-        (RIG + "drift = { force = 0.002, torque = 0.0001 }\n", (), "[force_torque] states a drift too"),
+        (RIG + "drift = { force = 0.002, torque = 0.0001 }\n", (), "[force_torque] already states a drift"),
         (RIG, ("--window", "0"), "--window"),
         (RIG + '[drift]\nwalk = { force = 1, torque = 1 }\ntemperature = "celsius"\n', (), "no column 'celsius'"),
         ('[surface]\nkind = "plane"\n[skin]\ncount = 6\n[time]\nrate = 50\n', (), "[skin]"),

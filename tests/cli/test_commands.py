@@ -96,7 +96,7 @@ def test_an_implausible_log_names_the_next_command(
     assert main(shlex.split(named[1])) == 0
     assert (tmp_path / "rig.toml").exists()
     assert main([*call, "--payload", "payload.toml"]) == 1
-    assert "payload.toml: there is no such file. `palpate calibrate payload` writes" in capsys.readouterr().err
+    assert "payload.toml: the file does not exist. `palpate calibrate payload` writes" in capsys.readouterr().err
 
 
 def test_help_states_the_thresholds_that_the_code_has(capsys: pytest.CaptureFixture[str]) -> None:
@@ -210,7 +210,7 @@ def test_bad_samples_get_a_status_or_a_note_and_none_is_lost(
         (lambda table: table.drop("tz"), "no column 'tz'"),
         (lambda table: table.rename({"tz": "Tz"}), "Did you mean 'Tz'"),
         (lambda table: table.drop("qw"), "no column 'qw'"),
-        (lambda table: table.with_columns(fx=pl.lit("n/a")), "no number in column 'fx'"),
+        (lambda table: table.with_columns(fx=pl.lit("n/a")), "column 'fx' has no numbers"),
     ],
 )
 def test_a_log_that_cannot_be_used_is_one_sentence_and_exit_1(
@@ -232,8 +232,8 @@ def test_an_empty_file_is_refused(made: Path, tmp_path: Path, capsys: pytest.Cap
 @pytest.mark.parametrize(
     ("old", "new", "word"),
     [
-        ('torque = "N m"', 'torque = "kN m"', "further from the body"),  # as if N mm had been declared N m
-        ('unit = "mm"', 'unit = "m"', "is the unit right"),
+        ('torque = "N m"', 'torque = "kN m"', "further from the middle"),  # as if N mm had been declared N m
+        ('unit = "mm"', 'unit = "m"', "check the unit"),
     ],
 )
 def test_units_that_do_not_fit_are_warned_of(

@@ -125,7 +125,7 @@ def test_processes_beside_give_the_same_bits(made: Path, tmp_path: Path, capsys:
         assert estimate(tmp_path / "log.mcap", made / "rig.toml", output, "--workers", workers) == 3
         said.append([line for line in capsys.readouterr().out.splitlines()[1:] if not line.startswith("  time ")])
     assert said[0] == said[1]
-    assert "moving in" in "".join(said[0])
+    assert "sensor moved in" in "".join(said[0])
     for name in ("contacts.csv", "contacts.csv.toml"):
         assert (tmp_path / "1" / name).read_bytes() == (tmp_path / "2" / name).read_bytes()
 
@@ -143,12 +143,12 @@ def test_what_goes_wrong_in_a_process_beside_is_the_same_sentence(
     assert said[0] == said[1]
     assert "cannot be read as Parquet" in said[0]
     assert said[2] == said[3]
-    assert "is in the way: a folder with 'mine'" in said[2]
+    assert "is a folder with a file that Palpate did not write, 'mine'" in said[2]
 
 
 def test_fewer_than_one_worker_is_refused(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert estimate(made / "touches.csv", made / "rig.toml", tmp_path / "x.csv", "--workers", "0") == 1
-    assert "--workers: must be 1 at least" in capsys.readouterr().err
+    assert "--workers: must be at least 1" in capsys.readouterr().err
 
 
 # interrupted
@@ -367,12 +367,12 @@ def test_a_filter_of_the_call_wins_over_the_rig(made: Path, tmp_path: Path, caps
 @pytest.mark.parametrize(
     ("options", "word"),
     [
-        (("--cutoff", "150"), "a cut-off of 150 Hz is not below half the rate of 200 Hz"),
+        (("--cutoff", "150"), "a cut-off of 150 Hz is not below half the rate of the samples (200 Hz)"),
         (("--cutoff", "0"), "cutoff must be positive"),
         (("--filter", "kalman", "--cutoff", "10"), "the filter is 'kalman', which has no cut-off"),
         (("--filter", "none", "--cutoff", "10"), "the filter is 'none', which has no cut-off"),
         (("--tare", "-1"), "tare must be a positive time"),
-        (("--tare", "0.01"), "a tare needs at least 10 samples"),
+        (("--tare", "0.01"), "a tare needs at least 10 usable samples"),
     ],
 )
 def test_a_filter_or_tare_that_cannot_be_is_a_sentence(
@@ -408,13 +408,13 @@ def test_the_report_holds_what_the_run_says(made: Path, tmp_path: Path, capsys: 
 @pytest.mark.parametrize(
     ("output", "options", "word"),
     [
-        ("contacts.xlsx", "", "no format of contacts ends in '.xlsx'. Use .csv, .parquet, .mcap"),
-        ("contacts", "", "no format of contacts ends in ''"),
+        ("contacts.xlsx", "", "a file that ends in '.xlsx'. Use one of .csv, .parquet, .mcap"),
+        ("contacts", "", "contacts cannot be written to a file that ends in ''"),
         ("no/contacts.csv", "", "there is no folder"),
         ("contacts.csv", "--report no/report.html", "there is no folder"),
-        ("contacts.csv", "--report report.html --truth no.csv", "there is no such file"),
+        ("contacts.csv", "--report report.html --truth no.csv", "the file does not exist"),
         ("contacts.csv", "--report report.html --truth report.html", "would overwrite an input"),
-        ("contacts.csv", "--truth truth.csv", "the truth is for the report"),
+        ("contacts.csv", "--truth truth.csv", "is used only in the report"),
     ],
 )
 def test_what_cannot_be_written_or_compared_is_said_before_the_work(
@@ -501,13 +501,13 @@ def test_contacts_that_are_not_all_say_so(made: Path, tmp_path: Path, capsys: py
     assert load_toml(tmp_path / "contacts.csv.toml")["ended"] == "torn"
     capsys.readouterr()
     assert main(["inspect", str(output)]) == 0
-    assert "they are not all" in capsys.readouterr().out
+    assert "not all contacts are in it" in capsys.readouterr().out
 
 
 def test_a_report_that_is_no_page_is_refused(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     wanted = ("--report", str(tmp_path / "report.pdf"))
     assert estimate(made / "touches.csv", made / "rig.toml", tmp_path / "contacts.csv", *wanted) == 1
-    assert "Name it .html" in capsys.readouterr().err
+    assert "must end in .html" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
 

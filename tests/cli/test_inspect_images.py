@@ -53,7 +53,7 @@ def test_frames_that_say_nothing_are_counted(tmp_path: Path, capsys: pytest.Capt
     facts = said["facts"]
     assert code == 0
     assert (facts["frames"], facts["black"], facts["repeated"], facts["not decoded"]) == (40, 2, 5, 1)
-    assert any("stands still for 6 frames from 1.000 s on" in warning for warning in said["warnings"])
+    assert any("series has 6 frames, from 1.000 s on" in warning for warning in said["warnings"])
     assert any("38.png" in note for note in said["notes"])
 
 

@@ -74,8 +74,8 @@ def test_contacts_have_a_spectrum_of_force_and_place(tmp_path: Path, capsys: pyt
 @pytest.mark.parametrize(
     ("file", "output", "why"),
     [
-        ("log.csv", "log.csv", "no picture ends in"),
-        ("log.csv", "a.pdf", "no picture ends in"),
+        ("log.csv", "log.csv", "a picture cannot end in"),
+        ("log.csv", "a.pdf", "a picture cannot end in"),
         ("rig.toml", "a.png", "has no spectrum"),
         ("short.csv", "a.png", "steady rate"),
         ("points.csv", "a.png", "has no spectrum"),

@@ -124,7 +124,7 @@ def test_what_is_killed_is_started_again_and_nothing_is_lost(
     for pid in (running.process.pid, *running.children().values()):
         os.kill(pid, signal.SIGKILL)
     running.process.wait(LONG)
-    running.until(lambda: "puts them together" in cut_short(running.record))  # two seconds after the last sign of life
+    running.until(lambda: "to join them" in cut_short(running.record))  # two seconds after the last sign of life
     assert main(["live", "--rig", str(running.rig), "--record", str(running.record)]) == 1
     assert "palpate recover" in capsys.readouterr().err
     assert main(["recover", str(running.record)]) == 0
@@ -170,11 +170,11 @@ def rig(tmp_path: Path) -> Callable[..., str]:
     [
         (("--seconds", "-1"), "--seconds: must be positive"),
         (("--seconds", "nan"), "--seconds: must be positive"),
-        (("--port", "99999", "--view"), "--port: a port lies between"),
+        (("--port", "99999", "--view"), "--port: must be a port from"),
         (("--record", "run.csv"), "Use .mcap"),
         (("--record", "nowhere/run.mcap"), "there is no folder"),
         (("--record", "run.mcap", "--split", "0"), "--split: must be positive"),
-        (("--publish", "smoke"), "nothing that contacts can be published to"),
+        (("--publish", "smoke"), "not a destination to which contacts can be published"),
         (("--publish", "udp:127.0.0.1"), "udp:HOST:PORT"),
         (("--publish", "ros2:999"), "from 0 to 232"),
         (("--publish", "unix:nowhere/contacts"), "Make the folder first"),
@@ -211,9 +211,9 @@ def test_nothing_is_left_of_a_run_without_its_device(
     [
         (("--seconds", "-1"), "--seconds: must be positive"),
         (("--speed", "0"), "--speed: must be positive"),
-        (("--port", "99999"), "--port: a port lies between"),
-        (("--web", "-1"), "--web: a port lies between"),
-        (("--domain", "999"), "--domain: lies between"),
+        (("--port", "99999"), "--port: must be a port from"),
+        (("--web", "-1"), "--web: must be a port from"),
+        (("--domain", "999"), "--domain: must be from"),
     ],
 )
 def test_a_bad_replay_is_refused(call: tuple[str, str], sentence: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -222,6 +222,6 @@ def test_a_bad_replay_is_refused(call: tuple[str, str], sentence: str, capsys: p
 
 
 def test_recover_wants_a_record(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for name, sentence in (("run.csv", "Name the .mcap"), ("run.mcap", "nothing to recover")):
+    for name, sentence in (("run.csv", "Name its .mcap"), ("run.mcap", "nothing to recover")):
         assert main(["recover", str(tmp_path / name)]) == 1
         assert sentence in capsys.readouterr().err

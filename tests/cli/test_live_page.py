@@ -141,7 +141,7 @@ def test_the_button_asks_for_a_tare_and_shows_what_came_of_it(view: object, stre
 
 def test_what_does_not_come_is_said(view: object, stream: Stream) -> None:
     stream.running.clear()
-    alarm = view.get_by_text(re.compile(r"no samples for \d+ s: what is shown is old"))
+    alarm = view.get_by_text(re.compile(r"no samples for \d+ s: the values shown are old"))
     alarm.wait_for()
     stream.running.set()
     alarm.wait_for(state="detached")

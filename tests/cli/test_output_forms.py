@@ -81,7 +81,7 @@ def test_a_wrong_input_says_one_sentence_and_no_json(tmp_path: Path, capsys: pyt
     assert main(["inspect", str(tmp_path / "none.csv"), "--json"]) == 1
     out, err = capsys.readouterr()
     assert not out
-    assert "no such file" in err
+    assert "the file does not exist" in err
 
 
 def test_quiet_says_warnings_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -93,7 +93,7 @@ def test_quiet_says_warnings_alone(tmp_path: Path, capsys: pytest.CaptureFixture
     assert main(["inspect", str(rig), "--quiet"]) == 0
     out, err = capsys.readouterr()
     assert not out
-    assert "payload.toml is not there yet" in err
+    assert "payload.toml does not exist yet" in err
 
 
 def test_seconds_since_1970_are_counted_from_a_date(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

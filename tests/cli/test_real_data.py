@@ -124,5 +124,5 @@ def test_real_torques_in_newton_millimetres_are_told(
     log = shared / "data/nano17/roll_400_rows.csv"
     assert main(["rig", "new", str(log), "-o", str(tmp_path / "rig.toml"), "--rate", "100"]) == 0
     said = capsys.readouterr().out
-    assert "3 wrenches are there: column_1 ... column_6 is taken" in said
+    assert "the log has 3 wrenches: column_1 ... column_6 is used" in said
     assert 'torque = "N mm"' in (tmp_path / "rig.toml").read_text()

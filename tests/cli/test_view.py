@@ -78,7 +78,7 @@ def test_a_missing_viser_is_said_before_any_work(
     [
         (("--film", "out.txt"), "Name it OUT.mp4"),
         (("--film", "nowhere/out.mp4"), "there is no folder"),
-        (("--film", "out.mp4", "--compare", "nofile.csv"), "nofile.csv: there is no such file"),
+        (("--film", "out.mp4", "--compare", "nofile.csv"), "nofile.csv: the file does not exist"),
         (("--compare", "touches.csv"), "touches.csv: holds no contacts to compare"),
     ],
 )

@@ -43,10 +43,10 @@ def test_the_zero_is_followed_from_a_tare_on_while_it_runs_off(
     words = ["estimate", str(tmp_path / "log.csv"), "--rig", str(tmp_path / "rig.toml"), "-o", str(tmp_path / "c.csv")]
     assert main([*words, "--report", str(tmp_path / "r.html")]) == 0
     said, page = capsys.readouterr().out, (tmp_path / "r.html").read_text()
-    held = re.search(r"(\d+)% of which it was held", said)
+    held = re.search(r"in (\d+)% of the time it was kept", said)
     assert held is not None
     assert int(held[1]) < 40
-    assert "the noise stated is not that of the log" not in said  # a zero that is followed is no noise
+    assert "the stated noise is not that of the log" not in said  # a zero that is followed is no noise
     section = page[page.index(">Zero<") :]
     assert "zero of the force" in section
     assert "with 95 % bands" in section

@@ -60,7 +60,7 @@ def test_a_payload_that_is_not_there_is_never_overlooked(case_of: Callable[[Sens
     [
         (("--truth", "{truth}"), "--report"),
         (("--report", "report.txt"), "HTML"),
-        (("--rig", "none.toml"), "no such file"),
+        (("--rig", "none.toml"), "the file does not exist"),
     ],
 )
 def test_a_call_that_cannot_be_meant_is_one_sentence(

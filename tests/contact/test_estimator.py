@@ -140,7 +140,7 @@ def test_saturated_and_invalid_samples_are_named_and_hurt_no_other() -> None:
 def test_a_missing_orientation_is_said_with_the_file_and_the_columns(base: bool) -> None:
     sensor = ForceTorque(NOISE, frame="base" if base else "sensor")
     chain = estimator(sensor, payload=None) if base else estimator(sensor)
-    with pytest.raises(InputError, match=r"a.csv: there is no orientation.*qx, qy, qz, qw"):
+    with pytest.raises(InputError, match=r"a.csv: the log has no orientation.*qx, qy, qz, qw"):
         chain.run(session().recording(orientation=False))
 
 

@@ -44,12 +44,12 @@ def test_reach_of_a_patch_that_slips_all_round(radii: np.ndarray, share: float) 
     assert contacts.point == pytest.approx(np.tile(MIDDLE, (5, 1)), abs=1e-12)  # the pressure's centre
     reach = asked.reach(float(np.median(asked.torsion)))
     assert reach == pytest.approx(share * RADIUS, rel=1e-4)  # 200 rings for the disc's integral
-    assert f"reaches {1e3 * share * RADIUS:.3g} mm or more" in asked.exceeded
-    assert "reaches" in asked.proposal
+    assert f"extends {1e3 * share * RADIUS:.3g} mm or more" in asked.exceeded
+    assert "extends" in asked.proposal
 
 
 def test_nothing_is_said_of_a_patch_where_a_point_would_do() -> None:
     asked, contacts = _asked(_turned(np.array([RADIUS]), 0.5))
     assert contacts.answered.all()
     assert asked.exceeded == ""
-    assert "reaches" not in asked.proposal
+    assert "extends" not in asked.proposal

@@ -330,7 +330,7 @@ def test_a_tare_is_refused_where_something_moves_or_touches() -> None:
     ):
         with pytest.raises(InputError, match=f"a.csv: the sensor was not at rest.*{what}.*noise is 0.0346 N"):
             estimator().tare(made)
-    with pytest.raises(InputError, match="at least 10 samples, and has 9"):
+    with pytest.raises(InputError, match="at least 10 usable samples, and has 9"):
         estimator().tare(rest.picked(slice(0, 9)))
     with pytest.raises(InputError, match="not at rest"):  # the noise taken from the steps
         estimator(sensor=ForceTorque()).tare(pressed(rest, knock))
@@ -340,18 +340,18 @@ def test_a_tare_that_could_be_a_touch_says_so() -> None:
     """A press of 3 N through the middle of the body is one that the surface explains; a twist of 1 N m is not."""
     force = MOUNT.rotation @ np.array([0.0, 0.0, -3.0])
     touch = np.concatenate([force, np.cross(MOUNT.translation, force)])
-    assert "what a steady touch of 3 N at" in estimator().tare(at_rest(touch)).warning
+    assert "also be a steady touch of 3 N at" in estimator().tare(at_rest(touch)).warning
     assert not estimator().tare(at_rest(DRIFT + np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0]))).warning
 
 
 def test_what_cannot_be_is_refused() -> None:
     with pytest.raises(InputError, match="rate"):
         WrenchEstimator(Locator(FLAT), ForceTorque(), filter=Kalman())
-    with pytest.raises(InputError, match="half the rate of 200 Hz"):
+    with pytest.raises(InputError, match="half the rate of the samples"):
         estimator(Butterworth(100.0))
     chain = estimator(FILTERS[3])
     for call in (lambda: chain.run(hard_log()), lambda: chain.update(0.0, np.zeros(6), np.eye(3))):
-        with pytest.raises(InputError, match="looks ahead"):
+        with pytest.raises(InputError, match="needs later samples"):
             call()
 
 

@@ -162,7 +162,7 @@ def test_an_estimator_that_filters_is_refused() -> None:
     unfiltered = press(elbow_arm(), Servo())
     locator, sensor = unfiltered.estimator.locator, unfiltered.estimator.sensor
     filtered = WrenchEstimator(locator, sensor, filter=Butterworth(10.0), rate=RATE)
-    with pytest.raises(InputError, match="without a filter"):
+    with pytest.raises(InputError, match="without it"):
         AlignController(unfiltered.arm, filtered)
 
 

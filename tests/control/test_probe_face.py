@@ -45,7 +45,7 @@ def test_a_face_moves_with_its_mesh() -> None:
 
 def test_what_has_no_face_is_refused() -> None:
     ball = mesh(trimesh.creation.icosphere(2, 0.03))
-    with pytest.raises(GeometryError, match="must not be its normal"):
+    with pytest.raises(GeometryError, match="must not be parallel to its axis"):
         ProbeFace.of(ball, (0, 0, 1), (0, 0, 2))
     with pytest.raises(GeometryError, match="cell"):
         ProbeFace(np.zeros(3), np.eye(3), np.zeros((0, 7)))

@@ -73,7 +73,7 @@ def test_a_ball_that_touches_is_found_at_its_point() -> None:
     assert not any(found.refused)
     assert np.linalg.norm(found.point - point, axis=1).max() < 0.3e-3
     away = wand_points(MESH, ball, np.eye(3)[None], (point + 0.02 * normal)[:1])
-    assert "do not meet: they are 16 mm apart" in away.refused[0]  # 20 mm from its middle to the link
+    assert "do not meet: their distance is 16 mm" in away.refused[0]  # 20 mm from its middle to the link
     lost = wand_points(MESH, ball, np.full((1, 3, 3), np.nan), np.full((1, 3), np.nan))
     assert "lost" in lost.refused[0]
 

@@ -136,5 +136,5 @@ def test_a_folder_that_is_no_bag_is_refused(tmp_path: Path) -> None:
 def test_a_folder_of_several_recordings_is_not_one(tmp_path: Path) -> None:
     for name in ("monday.mcap", "tuesday.mcap"):
         write_mcap(tmp_path / name, session(3).messages())
-    with pytest.raises(InputError, match=r"not one recording: monday\.mcap, tuesday\.mcap"):
+    with pytest.raises(InputError, match=r"several recordings: monday\.mcap, tuesday\.mcap"):
         read_recording(tmp_path)

@@ -136,7 +136,7 @@ def test_truth_touch_by_touch(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "word"),
     [
-        ("t,px,py,pz\n0,1,2,3", "no column 'time'"),
+        ("t,px,py,pz\n0,1,2,3", "a column 'time'"),
         ("time,px,py\n0,1,2", "no column 'pz'"),
         ("start,end,px,py,pz\n3,2,1,1,1", "line 2: a touch must start before it ends"),
     ],
@@ -156,8 +156,8 @@ def test_touches_ask_for_touches(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("row", "word"),
     [
-        (f"0,0,0,contact,,2,3{',1' * 14}", "line 2: is answered, but has no point"),
-        (f"0,0,0,ambiguous,inf,2,3{',1' * 14}", "line 2: is answered, but has no point"),
+        (f"0,0,0,contact,,2,3{',1' * 14}", "line 2: has a status that needs a point, but has no point"),
+        (f"0,0,0,ambiguous,inf,2,3{',1' * 14}", "line 2: has a status that needs a point, but has no point"),
         (f"0.5,0,0,contact{',1' * 17}", "line 2: sample, contact and candidates must be whole"),
         (f"inf,0,0,contact{',1' * 17}", "line 2: sample, contact and candidates must be whole"),
         (f"0,0,0,contact,1,2,3,one{',1' * 13}", "line 2: 'one' in column 'nx' is not a number"),

@@ -387,7 +387,7 @@ def test_other_suffixes_and_folders_in_the_way_are_said(tmp_path: Path) -> None:
     (tmp_path / "contacts.csv.part").mkdir()
     (tmp_path / "contacts.csv.part" / "mine.txt").write_text("")
     with (
-        pytest.raises(InputError, match=r"in the way: a folder with 'mine.txt'"),
+        pytest.raises(InputError, match=r"is a folder with a file that Palpate did not write, 'mine.txt'"),
         open_contacts(tmp_path / "contacts.csv"),
     ):
         pass
@@ -399,7 +399,7 @@ def test_files_that_are_no_contacts_are_said(tmp_path: Path) -> None:
     (tmp_path / "b.parquet").write_bytes(b"PAR1 and no more")
     (tmp_path / "c.mcap").write_bytes(b"\x89MCAP0\r\n")
     (tmp_path / "d").mkdir()
-    for name, word in (("a.parquet", "no column 'sample'"), ("b.parquet", "no file of contacts"), ("d", "folder")):
+    for name, word in (("a.parquet", "no column 'sample'"), ("b.parquet", "not a file of contacts"), ("d", "folder")):
         with pytest.raises(InputError, match=word):
             read_contacts(tmp_path / name)
     with pytest.raises(InputError, match="palpate_msgs/msg/Contact"):

@@ -121,7 +121,7 @@ def test_a_long_step_is_asked_about(tmp_path: Path) -> None:
     """Milliseconds under the plain name, which is in seconds."""
     path = _log(tmp_path, "milliseconds.csv")
     path.write_text(path.read_text().replace("t,fx", "time,fx"))
-    assert "a step is 10 s" in " ".join(read_recording(path).notes)
+    assert "a step between samples is 10 s" in " ".join(read_recording(path).notes)
 
 
 @pytest.mark.parametrize(

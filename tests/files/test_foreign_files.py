@@ -53,7 +53,7 @@ _ROWS = "".join("\t" + "\t".join(f"{value:.12g}" for value in row) + "\n" for ro
 @pytest.mark.parametrize(
     ("text", "said", "options"),
     [
-        pytest.param(_table(["time", *_TAILS[0], *_TAILS[1]], _TWO), "2 wrenches are there", (), id="suffixes"),
+        pytest.param(_table(["time", *_TAILS[0], *_TAILS[1]], _TWO), "the log has 2 wrenches", (), id="suffixes"),
         pytest.param(
             _table(["time", "Fx_raw", "Fy_raw", "Fz_raw", *FT], [TIME, *(WRENCH.T[:3] + 9.0), *WRENCH.T]),
             "columns Fx, Fy",
@@ -147,7 +147,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize(
     ("radius", "said"),
-    [("0.01", "2 topics move these joints: /a/joints, /b/joints"), ("10", "that is no size of a robot's link")],
+    [("0.01", "states of these joints: /a/joints, /b/joints"), ("10", "an unusual size of a robot's link")],
 )
 def test_a_rig_of_a_bag_and_a_urdf_names_its_doubts(
     bag: Path, radius: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -135,7 +135,8 @@ def test_a_frame_that_cannot_be_decoded_keeps_its_row(tmp_path: Path) -> None:
     found = numbers(images(recording))
     assert [found[k] for k in range(COUNT) if k not in (0, 40, 41)] == [k for k in range(COUNT) if k not in (0, 40, 41)]
     np.testing.assert_allclose(recording.time, np.arange(COUNT) / RATE, atol=1e-9)
-    assert "3 of 75 frames could not be decoded and are black here: frame 1, frame 41, frame 42" in recording.notes
+    said = "3 of 75 frames could not be decoded and are replaced by black ones: frame 1, frame 41, frame 42"
+    assert said in recording.notes
 
 
 @pytest.mark.parametrize("name", ["log.avi", "log.mkv"])
@@ -210,7 +211,7 @@ def test_a_folder_is_its_frames_in_the_natural_order_of_their_names(tmp_path: Pa
     recording = read_recording(folder, LAYOUT)
     assert np.array_equal(images(recording), np.stack([frame(k) for k in range(12)]))
     np.testing.assert_allclose(recording.time, np.arange(12) / 30.0, atol=1e-12)
-    assert recording.notes == ("frames have no times: 30 Hz is taken",)
+    assert recording.notes == ("frames have no times: a rate of 30 Hz is assumed",)
     assert image_size(folder) == (HEIGHT, WIDTH, 3)
 
 
@@ -237,9 +238,9 @@ def test_frames_that_cannot_be_read_or_are_of_another_size_keep_their_rows(tmp_p
     for k in (4, 5):  # grey, of 16 bits and of 8
         assert np.array_equal(images(recording)[k], np.repeat(frame(k)[:, :, :1], 3, axis=2))
     assert any(
-        "2 of 6 frames could not be decoded and are black here: 0.png, 2.png" in each for each in recording.notes
+        "frames could not be decoded and are replaced by black ones: 0.png, 2.png" in each for each in recording.notes
     )
-    assert any("1 of 6 frames are not 64 x 48 as the others" in each and "3.png" in each for each in recording.notes)
+    assert any("1 of 6 frames are not 64 x 48 like the others" in each and "3.png" in each for each in recording.notes)
 
 
 def _yuv(image: np.ndarray, way: str) -> np.ndarray:
@@ -377,7 +378,7 @@ def test_a_topic_of_something_else_is_refused(tmp_path: Path) -> None:
     assert missing(there, LogLayout(wrench=None, images=ImageChannel("/left"))) == []
     assert "there is no topic '/right'" in missing(there, LogLayout(wrench=None, images=ImageChannel("/right")))[0]
     assert "no topic holds wrenches" in missing(there, LogLayout())[0]
-    with pytest.raises(InputError, match="images alone; requested is a wrench"):
+    with pytest.raises(InputError, match="only images; requested is a wrench"):
         read_recording(path, LogLayout(images=ImageChannel()))
 
 
@@ -391,7 +392,7 @@ def test_other_logs_hold_no_images_and_images_nothing_else(tmp_path: Path) -> No
     for path in (write_video(tmp_path / "log.avi", 3), write_frames(tmp_path / "frames", ["0.png"])):
         assert missing(contents(path), LAYOUT) == []
         assert "requested is a wrench" in missing(contents(path), LogLayout())[0]
-        with pytest.raises(InputError, match="which holds images alone"):
+        with pytest.raises(InputError, match="which holds only images"):
             read_recording(path)
 
 

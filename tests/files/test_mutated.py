@@ -43,7 +43,7 @@ def test_numbers_that_no_sensor_gives_are_set_aside(tmp_path: Path) -> None:
     assert np.flatnonzero(np.isnan(recording.channels["position"]).any(axis=1)).tolist() == [2]
     assert np.flatnonzero(np.isnan(recording.channels["orientation"]).any(axis=1)).tolist() == [3]
     assert "2 of 50 times are missing" in recording.notes
-    assert "2 poses or accelerations are infinite or beyond 1e9 and were set aside" in recording.notes
+    assert "2 poses or accelerations are infinite or beyond 1e9 and were left out" in recording.notes
 
 
 def test_rows_whose_ends_were_lost_are_no_header(tmp_path: Path) -> None:

@@ -99,9 +99,9 @@ def test_one_process_writes_an_output_whatever_its_spelling(tmp_path: Path, monk
         assert other.stdout is not None
         assert other.stdout.readline() == "holds\n"
         for name in (output, link, Path("contacts.csv"), tmp_path / ".." / tmp_path.name / "contacts.csv"):
-            with pytest.raises(InputError, match=rf"is being written already \(by process {other.pid} on"):
+            with pytest.raises(InputError, match=rf"is already being written by process {other.pid} on"):
                 write_text(name, "mine")
-            with pytest.raises(InputError, match="is being written already"), reserving():
+            with pytest.raises(InputError, match="is already being written"), reserving():
                 keep_inputs(tmp_path / "other.csv", [], siblings=[name])
         other.kill()  # the system releases the lock of a process that dies
     write_text(output, "mine")
@@ -117,7 +117,7 @@ def test_what_a_command_reserves_it_writes_and_nobody_else(tmp_path: Path) -> No
             [sys.executable, "-c", f"exec({HOLD!r})", output], input="", capture_output=True, text=True, check=False
         )
         assert other.returncode == 1
-        assert "is being written already" in other.stderr
+        assert "is already being written" in other.stderr
     with inherited(output), growing(output) as file:  # a process that a command starts is told so
         file.write_text("mine")
     assert [file.name for file in tmp_path.iterdir()] == ["contacts.csv"]

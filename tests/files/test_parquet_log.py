@@ -54,7 +54,7 @@ def test_a_time_in_nanoseconds_is_the_nearest_double(tmp_path: Path) -> None:
     [
         (_frame().drop("tz"), "no column 'tz'"),
         (_frame().rename({"fx": "Fx"}), "'fx'.*Did you mean 'Fx'"),
-        (_frame(fx=["a", "b", "c"]), "column 'fx' holds no numbers but String"),
+        (_frame(fx=["a", "b", "c"]), "column 'fx' holds String, not numbers"),
         (_frame().clear(), "columns, but no rows"),
     ],
 )

@@ -114,7 +114,7 @@ def test_fixed_arenas_can_be_crossed() -> None:
         require_solvable(layout, RADIUS)
     assert paper_layout().robots == 4
     assert len(paper_layout().movable) >= 4
-    with pytest.raises(InputError, match='no trap "v"'):
+    with pytest.raises(InputError, match='the trap "v" is unknown'):
         trap_layout("v")
 
 
@@ -150,8 +150,8 @@ def test_refusals_name_the_robot_and_what_is_wrong() -> None:
         "the goal of robot 1 at .* is in a wall": _open(goals=((1.5, 1.1),)),
         "the start of robot 1 at .* is in block 1 at": _open(box),
         "the goal of robot 2 at .* is in block 1 at": _open(replace(box, x=1.7, y=0.6), starts=two[0], goals=two[1]),
-        "the starts of robots 1 and 2 are 80 mm apart": _open(starts=((0.3, 0.3, 0), (0.38, 0.3, 0)), goals=two[1]),
-        "the goals of robots 1 and 2 are 100 mm apart": _open(starts=two[0], goals=((1.7, 0.3), (1.7, 0.4))),
+        "the starts of robots 1 and 2 overlap.* 80 mm": _open(starts=((0.3, 0.3, 0), (0.38, 0.3, 0)), goals=two[1]),
+        "the goals of robots 1 and 2 overlap.* 100 mm": _open(starts=two[0], goals=((1.7, 0.3), (1.7, 0.4))),
         "robot 1 has no way from": _open(*_across(0.4, 0.5)),
     }
     for message, layout in cases.items():
@@ -170,8 +170,8 @@ def test_what_is_no_arena_is_refused() -> None:
         "x, y and turn": lambda: Block(np.nan, 0.0, 0.0, (0.1, 0.1)),
         "starts and goals must be finite": lambda: _open(starts=((np.nan, 0.0, 0.0),)),
         "size must be": lambda: ArenaLayout((0.0, 1.0), (), np.zeros((1, 3)), np.zeros((1, 2))),
-        'no density "full"': lambda: random_layout(0, density="full"),
-        "needs a robot": lambda: random_layout(0, robots=0),
+        'density "full"': lambda: random_layout(0, density="full"),
+        "robots must be 1 or more": lambda: random_layout(0, robots=0),
     }
     for message, build in cases.items():
         with pytest.raises(InputError, match=message):

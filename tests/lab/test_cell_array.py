@@ -58,7 +58,7 @@ def test_voltage_noise_is_worth_what_it_says(array: bool) -> None:
 
 def test_cells_in_line_need_a_twist_to_hold_the_frame() -> None:
     free = random_cells(in_line(), np.random.default_rng(6))
-    with pytest.raises(GeometryError, match="turns freely"):
+    with pytest.raises(GeometryError, match="can turn freely"):
         free.shares()
     held = random_cells(in_line(), np.random.default_rng(6), twist=0.5)
     turning = np.array([0, 0, 0, 0, 0.01, 0.0])  # about their line

@@ -324,7 +324,7 @@ def test_weights_are_shares_of_the_top_speed() -> None:
         ({"retreat": "left"}, "one of goal, turned, random"),
         ({"backward": "sideways"}, "one of axis, turn"),
         ({"gamma": 1.5}, "at most 1"),
-        ({"t_t": 0.3}, "the window is 0.5 s"),
+        ({"t_t": 0.3}, "the window of 0.5 s"),
     ],
 )
 def test_settings_that_cannot_be(wrong: dict[str, object], said: str) -> None:

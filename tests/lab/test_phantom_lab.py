@@ -187,5 +187,5 @@ def test_what_no_lab_can_be_built_of_is_refused() -> None:
     for wrong in ({"sensor_rate": 300}, {"stiffness": 0.0}, {"friction": -0.1}, {"lost": 1.0}):
         with pytest.raises(InputError):
             replace(QUIET, **wrong)
-    with pytest.raises(InputError, match="cannot stand"):
+    with pytest.raises(InputError, match="cannot reach"):
         PhantomLab(replace(QUIET, place=(2.0, 0.0, 0.1)))

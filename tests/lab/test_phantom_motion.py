@@ -56,9 +56,9 @@ def test_unplanned_motion_keeps_its_bounds_and_depends_on_its_seed() -> None:
 
 
 def test_what_is_no_motion_is_refused() -> None:
-    with pytest.raises(InputError, match="no motion 'sideways'"):
+    with pytest.raises(InputError, match="the motion 'sideways' is unknown"):
         motion("sideways")
     with pytest.raises(InputError, match="positive number of seconds"):
         motion("vertical", period=0.0)
-    with pytest.raises(InputError, match="no direction"):
+    with pytest.raises(InputError, match="the direction"):
         unplanned(1, direction="up")

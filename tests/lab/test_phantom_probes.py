@@ -54,5 +54,5 @@ def test_the_convex_face_is_a_torus_and_the_mesh_keeps_to_it() -> None:
 
 
 def test_an_unknown_probe_is_refused() -> None:
-    with pytest.raises(InputError, match="no probe 'round'"):
+    with pytest.raises(InputError, match="the probe 'round'"):
         probe("round")

@@ -248,5 +248,5 @@ def test_a_big_skin_fits_its_link_or_says_so() -> None:
     assert Forearm.of(334, rows=20).places.there.sum() >= 4000
     with pytest.raises(InputError, match="along the link"):
         Forearm.of(334, rows=20, cone=Cone())
-    with pytest.raises(InputError, match="no layout"):
+    with pytest.raises(InputError, match="the layout"):
         Forearm.of(layout="square")

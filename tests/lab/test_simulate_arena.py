@@ -161,19 +161,19 @@ def test_several_processes_give_what_one_gives() -> None:
 @pytest.mark.parametrize(
     ("wrong", "sentence"),
     [
-        (("--density", "crowded"), "no density 'crowded'"),
-        (("--layout", "maze"), "no layout 'maze'"),
-        (("--method", "mine"), "no method 'mine'"),
-        (("--fault", "rust"), "no fault 'rust'"),
+        (("--density", "crowded"), "density 'crowded' is unknown"),
+        (("--layout", "maze"), "layout 'maze' is unknown"),
+        (("--method", "mine"), "method 'mine' is unknown"),
+        (("--fault", "rust"), "fault 'rust'"),
         (("--robots", "0"), "--robots"),
         (("--robots", "1000"), "--robots"),
         (("--seconds", "0"), "--seconds"),
         (("--seed", "-1"), "--seed"),
         (("--port", "99999"), "--port"),
         (("--film", "film.avi"), "not the name of a video"),
-        (("--jobs", "2"), "is of many runs"),
-        (("--backend", "dask"), "is of many runs"),
-        (("--layout", "u", "--density", "paper"), "is not drawn"),
+        (("--jobs", "2"), "is for many runs only"),
+        (("--backend", "dask"), "is for many runs only"),
+        (("--layout", "u", "--density", "paper"), "is fixed"),
     ],
 )
 def test_what_cannot_be_simulated_is_refused(
@@ -187,11 +187,11 @@ def test_what_cannot_be_simulated_is_refused(
 @pytest.mark.parametrize(
     ("output", "wrong", "sentence"),
     [
-        ("sum.html", ("--view",), "is of one run"),
-        ("sum.html", ("--film", "film.mp4"), "is of one run"),
+        ("sum.html", ("--view",), "is possible for one run only"),
+        ("sum.html", ("--film", "film.mp4"), "is possible for one run only"),
         ("sum.html", ("--jobs", "0"), "--jobs"),
         ("sum.html", ("--backend", "slurm"), "no backend 'slurm'"),
-        ("sum.html", ("--density", "crowded"), "no density"),
+        ("sum.html", ("--density", "crowded"), "density"),
         ("sum.csv", (), "not the name of a page"),
         ("nowhere/sum.html", (), "no folder"),
     ],

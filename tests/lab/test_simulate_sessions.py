@@ -22,8 +22,8 @@ from palpate_lab.simulation.load_cell_files import load_cell_rig, write_load_cel
     [
         ("load-cells --seed -1", "--seed: must not be negative."),
         ("pokes --seed -1", "--seed: must not be negative."),
-        ("pokes --pokes 6", "--pokes: must be 7 (one in each pose of the elbow) to 5,000."),
-        ("pokes --pokes 1000000", "--pokes: must be 7 (one in each pose of the elbow) to 5,000."),
+        ("pokes --pokes 6", "--pokes: must be from 7 (one in each pose of the elbow) to 5,000, not 6."),
+        ("pokes --pokes 1000000", "--pokes: must be from 7 (one in each pose of the elbow) to 5,000, not 1000000."),
     ],
 )
 def test_impossible_numbers_are_one_sentence(

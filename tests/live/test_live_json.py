@@ -174,11 +174,11 @@ def test_a_listener_that_does_not_read_is_not_waited_for(opened: Callable[..., J
 @pytest.mark.parametrize(
     ("to", "said"),
     [
-        ("mqtt:host", "nothing that contacts can be published to"),
-        ("udp:5005", "no address for datagrams"),
-        ("udp:127.0.0.1:99999", "no address for datagrams"),
-        ("udp:127.0.0.1:port", "no address for datagrams"),
-        ("udp:no host:5005", "host that is not known"),
+        ("mqtt:host", "not a destination to which contacts can be published"),
+        ("udp:5005", "not an address for datagrams"),
+        ("udp:127.0.0.1:99999", "not an address for datagrams"),
+        ("udp:127.0.0.1:port", "not an address for datagrams"),
+        ("udp:no host:5005", "host that cannot be found"),
         ("unix:", "needs a path"),
         (f"unix:{'x' * 200}", "needs a path"),
         ("unix:nowhere/at/all", "folder that does not exist"),

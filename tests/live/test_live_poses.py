@@ -92,7 +92,7 @@ def test_the_tree_is_that_of_pytransform3d(seed: int) -> None:
         known = oracle.get_transform("ft", "arm")
         assert np.abs(Rotation.from_quat(found.quaternion[k]).as_matrix() - known[:3, :3]).max() <= 1e-12
         assert np.abs(found.position[k] - known[:3, 3]).max() <= 1e-12
-    assert poses.events() == ["the sensor's pose is that of arm -> base -> world -> stand -> ft in the tree of /tf"]
+    assert poses.events() == ["the sensor's pose is taken from arm -> base -> world -> stand -> ft in the tree of /tf"]
 
 
 @given(
@@ -171,15 +171,15 @@ def test_what_is_wrong_with_poses_is_said(monkeypatch: pytest.MonkeyPatch) -> No
     assert [part.ravel().tolist() for part in fixed.at(asked)] == [up.tolist(), [1.0, 1.0, 1.0], [0.0], [0.0]]
     poses.add(_tree("/tf", [(START, "base", "hand", np.zeros(3), up)]))
     poses.at(asked)
-    assert [said.startswith("there is no frame 'ft'. Nearest in name of 2:") for said in poses.events()] == [True]
+    assert [said.startswith("there is no frame 'ft'. Use one of the 2 frames") for said in poses.events()] == [True]
     poses.add(_tree("/tf_static", [(0, "hand", "ft", np.ones(3), up)]))
     assert poses.at(asked).position.tolist() == [[1.0, 1.0, 1.0]]
     said = poses.events()
-    assert said == ["the sensor's pose is that of base -> hand -> ft in the tree of /tf", "samples have poses again"]
+    assert said == ["the sensor's pose is taken from base -> hand -> ft in the tree of /tf", "samples have poses again"]
     poses.at(asked + 3 * SECOND)
     assert poses.events() == ["the newest pose is 3 s older than the samples: the sensor's orientation is not known"]
     poses.add(_tree("/tf", [(START - 60 * SECOND, "base", "hand", np.zeros(3), up)]))
-    assert poses.events() == ["the clock of the poses of 'hand' in 'base' went back; they start again"]
+    assert poses.events() == ["the clock of the poses of 'hand' in 'base' went back; earlier poses are discarded"]
 
 
 def test_poses_without_stamps_are_of_when_they_were_sent() -> None:
@@ -191,7 +191,7 @@ def test_poses_without_stamps_are_of_when_they_were_sent() -> None:
     found = poses.at(np.array([START]))
     assert found.position.tolist() == [[1.0, 2.0, 3.0]]
     poses.add(_messages(Topic("/pose", kind, "cdr"), [raw[:40]], START + 1))
-    assert poses.events() == ["messages of poses are cut short, or of another type; they are left out"]
+    assert poses.events() == ["some messages of poses are incomplete or of another type, and are ignored"]
 
 
 NOWHERE, STRAIGHT = np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])

@@ -245,7 +245,7 @@ def test_a_file_that_is_large_enough_gives_way_to_the_next_and_each_opens_on_its
     np.testing.assert_array_equal(np.concatenate([read_contacts(file).sample for file in files]), np.arange(12 * 1024))
     assert ring["bytes"] == sum(file.stat().st_size for file in files)
     ring_of(output).unlink()
-    with pytest.raises(InputError, match="the first of several files"):
+    with pytest.raises(InputError, match="an earlier record of several files"):
         require_record(output)
 
 
@@ -341,7 +341,7 @@ def test_recover_is_refused_while_it_is_written(output: Path) -> None:
     ring = _ring(output)
     _recorded(ring, output, [2048])
     ring["alive"] = time.time_ns()
-    with pytest.raises(InputError, match="is being written"):
+    with pytest.raises(InputError, match="is still being written"):
         recover(output)
     ring["alive"] = 0
     with only_one(ring.path), pytest.raises(InputError, match="another process"):
@@ -383,7 +383,7 @@ def test_slots_that_never_reached_the_disk_are_left_out(output: Path) -> None:
     _recorded(ring, output, [1024, 500])
     ring.slots["number"][1200:1210] = 0
     said = recover(output)
-    assert "324 of the ring were torn" in said
+    assert "324 in the ring were damaged" in said
     assert numbers([output])[0] == list(range(1200))
 
 
@@ -452,7 +452,7 @@ def test_memory_of_a_chunk_is_small(output: Path) -> None:
 
 def test_a_record_that_cannot_begin_is_refused(output: Path) -> None:
     require_record(output)
-    with pytest.raises(InputError, match=r"no record ends in '\.csv'"):
+    with pytest.raises(InputError, match=r"a record cannot end in '\.csv'"):
         require_record(output.with_suffix(".csv"))
     part(output).write_bytes(b"")
     with pytest.raises(InputError, match="was interrupted"):
@@ -463,7 +463,7 @@ def test_a_record_that_cannot_begin_is_refused(output: Path) -> None:
         Recorder(ring, output, FOREVER)
     with pytest.raises(SystemExit):
         record(ring.path, output, FOREVER, -1)
-    assert "nothing is recorded any more" in ring.events(0)[0][0][1]
+    assert "recording has stopped" in ring.events(0)[0][0][1]
 
 
 def test_inspect_says_what_was_cut_short_and_changes_nothing(output: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -477,9 +477,9 @@ def test_inspect_says_what_was_cut_short_and_changes_nothing(output: Path, capsy
     before = {file.name: file.read_bytes() for file in output.parent.iterdir()}
     assert {"run.mcap", "run.mcap.ring"} < set(before)
     inspect(output)
-    assert "writing was cut short" in (said := "".join(capsys.readouterr()))
+    assert "writing was interrupted" in (said := "".join(capsys.readouterr()))
     assert f"palpate recover {output}" in said.replace("\n", " ").replace("  ", " ")
-    with pytest.raises(InputError, match="writing was cut short"):
+    with pytest.raises(InputError, match="writing was interrupted"):
         inspect(ring_of(output))
     assert {file.name: file.read_bytes() for file in output.parent.iterdir()} == before
     command(output)

@@ -65,7 +65,7 @@ def test_a_ring_of_another_version_and_one_that_is_cut_off_are_refused(ring: Str
         StreamBuffer(ring.path)
     ring["version"] -= 1
     os.truncate(ring.path, ring.path.stat().st_size - 1)
-    with pytest.raises(InputError, match="is cut off"):
+    with pytest.raises(InputError, match="is incomplete"):
         StreamBuffer(ring.path)
 
 

@@ -259,7 +259,7 @@ def test_arrays_and_images_come_in_their_shape(domain: int) -> None:
     source.receive(Batch(source.shape), 0.3)
     assert np.array_equal(values, sent[:1].reshape(1, 6, 22))
     assert lost in (0, 1)  # the odd one may come behind
-    assert ["that do not hold 6 x 22 numbers are left out" in said for said in source.events()] == [True]
+    assert ["that do not contain 6 x 22 numbers are ignored" in said for said in source.events()] == [True]
     for each in (source, device, other):
         each.close()
 
@@ -270,7 +270,7 @@ def test_images_come_as_they_were_sent(domain: int) -> None:
     device = RosDevice("/camera", image.shape, domain)
     device.open()
     layout = LogLayout(wrench=None, images=ImageChannel("/camera", "marker_ring"))
-    with pytest.raises(InputError, match="no image that can be read came on '/camera'"):
+    with pytest.raises(InputError, match="no readable image came on '/camera'"):
         RosTopics(layout, DdsNode(domain), patience=0.3).open()
     source = RosTopics(layout, DdsNode(domain))
     stop = False
@@ -322,13 +322,16 @@ def test_the_only_fitting_topic_is_found_and_others_are_named(domain: int) -> No
     for layout, said in (
         (
             LogLayout(wrench_topic="/fz"),
-            "nobody publishes '/fz'. Seen: .*/ft .geometry_msgs/WrenchStamped.*Did you mean",
+            "no node publishes '/fz'. Topics that exist: .*/ft .geometry_msgs/WrenchStamped.*Did you mean",
         ),
         (LogLayout(wrench_topic="skin"), "'/skin' holds std_msgs/Float64MultiArray.*Wrenches are read from"),
     ):
         with pytest.raises(InputError, match=said):
             RosTopics(layout, _Knowing(domain, *known), patience=0.0).open()
-    for topic, said in (("/ft", "'/ft' holds geometry_msgs/WrenchStamped"), ("/no", "nobody publishes '/no'")):
+    for topic, said in (
+        ("/ft", "'/ft' has messages of geometry_msgs/WrenchStamped"),
+        ("/no", "no node publishes '/no'"),
+    ):
         node = _Knowing(domain, *known)
         node.open()
         with pytest.raises(InputError, match=said):
@@ -340,7 +343,7 @@ def test_the_only_fitting_topic_is_found_and_others_are_named(domain: int) -> No
         RosTopics(LogLayout(), _Knowing(domain, *known, "/second"), patience=0.0).open()
     for each in (*devices, publisher):
         each.close()
-    with pytest.raises(InputError, match="'a b' cannot be a topic of ROS"):
+    with pytest.raises(InputError, match="'a b' cannot be the name of a ROS topic"):
         RosDevice("a b", domain=domain).open()
     with pytest.raises(InputError, match="there is no network interface 'nowhere'"):
         DdsNode(domain, "nowhere").open()
@@ -407,7 +410,7 @@ def test_a_rig_says_what_is_heard(domain: int) -> None:
     assert np.isnan(batch.orientation[2]).all()  # too old
     assert source.posed is not None
     assert np.allclose(source.posed.age, [0.0, 0.02, 0.97])
-    assert "the sensor's pose is that of base -> tool -> ft in the tree of /tf" in source.events()
+    assert "the sensor's pose is taken from base -> tool -> ft in the tree of /tf" in source.events()
     for each in (source, device, node):
         each.close()
 
@@ -449,7 +452,7 @@ def test_poses_of_a_topic_stand_for_any_source(domain: int) -> None:
         assert poses.at(np.array([7 * SECOND])).quaternion[0].tolist() == [0.0, 0.6, 0.0, 0.8]
         poses.close()
     assert RosPoses.of(RigOrientation(), None) is None
-    with pytest.raises(InputError, match=r"robot_state_publisher puts them on /tf"):
+    with pytest.raises(InputError, match=r"robot_state_publisher puts on /tf"):
         RosPoses.of(RigOrientation(urdf="arm.urdf", base="base", sensor="ft"), None)
     node.close()
 

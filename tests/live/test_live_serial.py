@@ -141,8 +141,8 @@ def test_frames_of_another_sensor_are_named() -> None:
     frames = CobsFrames(6)
     frames.feed(_frame(struct.pack("<12h", *range(12)), 3, 12) * 3)
     assert len(_taken(frames, 6)[0]) == 0
-    assert "frames of 12 numbers, where the sensor has 6" in frames.awaited()
-    assert frames.faults() == ["3 frames of 12 numbers passed over, as the sensor has 6"]
+    assert "frames of 12 numbers, not 6 as the sensor has" in frames.awaited()
+    assert frames.faults() == ["3 frames of 12 numbers ignored, because the sensor has 6"]
 
 
 def test_the_counter_says_what_is_missing() -> None:
@@ -152,8 +152,8 @@ def test_the_counter_says_what_is_missing() -> None:
         frames.feed(_frame(b"\x07", counter=counter))
     assert _taken(frames, 1)[1].tolist() == [0, 0, 1, 0, 0, 3, 0, 0, 0, 0]
     assert frames.faults() == [
-        "4 samples missing by the device's counter",
-        "the device's counter went back: the device started again",
+        "4 samples missing according to the device's counter",
+        "the device's counter went back: the device has restarted",
     ]
 
 
@@ -308,7 +308,7 @@ def test_a_line_cut_short_is_not_taken_for_one_without_a_counter() -> None:
     frames.feed(b"\n7 1 2 3\n8 1 2\n9 1 2 3\nready\n" + b"1 2 3\n" * 11)
     assert _taken(frames, 3)[0].tolist() == [[1, 2, 3]] * 4
     assert frames.faults() == [
-        "lines have 3 numbers now, no longer 4",
+        "lines now have 3 numbers, no longer 4",
         "11 lines not understood, such as '1 2 3' (3 numbers, not 4 numbers)",
     ]
 
@@ -426,8 +426,8 @@ def test_unplugged_and_plugged_in_again(device: SerialDevice) -> None:
     device.send(np.zeros(10, dtype=np.int64), sent[:10])
     _received(source, 10)
     device.close()
-    said = _until(source, "still away")
-    assert "vanished" in said[0]
+    said = _until(source, "still missing")
+    assert "disappeared" in said[0]
     device.open()
     _until(source, "is back after")
     device.send(np.zeros(10, dtype=np.int64), sent[10:])
@@ -453,9 +453,9 @@ def test_silence_and_its_end_are_said_once() -> None:
 @pytest.mark.parametrize(
     ("framing", "noise", "words"),
     [
-        ("cobs", np.random.default_rng(1).bytes(800), "none of them a complete frame: is it `baud` or `framing`?"),
-        ("lines", np.random.default_rng(1).bytes(800), "no line of 6 or 7 numbers among them: is it `baud`"),
-        ("lines", b"1,2,3\r\n" * 100, "the last line was '1,2,3' (3 numbers, not 6 or 7 numbers)?"),
+        ("cobs", np.random.default_rng(1).bytes(800), "but no complete frame: check `baud` and `framing`"),
+        ("lines", np.random.default_rng(1).bytes(800), "but no line of 6 or 7 numbers: check `baud`"),
+        ("lines", b"1,2,3\r\n" * 100, "the last line was '1,2,3' (3 numbers, not 6 or 7 numbers)"),
     ],
 )
 def test_bytes_that_are_no_samples_are_said(framing: str, noise: bytes, words: str, tmp_path: Path) -> None:
@@ -483,7 +483,7 @@ def test_damage_is_said_when_samples_come() -> None:
     batch = _received(source, 3)
     assert batch.lost.tolist() == [0, 1, 0]
     said = _until(source, "damaged")
-    assert "1 damaged frame; 1 sample missing by the device's counter" in said[-1]
+    assert "1 damaged frame; 1 sample missing according to the device's counter" in said[-1]
     source.close()
     os.close(master)
     os.close(slave)
@@ -546,7 +546,7 @@ def test_a_clock_that_goes_back_takes_no_stamp_with_it(monkeypatch: pytest.Monke
     assert pipe.stamps(3, 2) == [3_600_000_000_000 + 1_000_000 * k for k in (1, 2, 3)]
     pipe.stamps(1)
     assert [each for each in pipe.source.events() if "clock" in each] == [
-        "pipe: the clock of this computer went back: stamps count on until it has caught up."
+        "pipe: the clock of this computer went back: stamps continue from the last one until it has caught up."
     ]
     pipe.source.close()
     os.close(pipe.into)
@@ -564,7 +564,7 @@ def test_an_error_while_reading_is_a_port_that_vanished(monkeypatch: pytest.Monk
         patched.setattr(os, "read", broken)
         assert pipe.source.receive(Batch((6,)), 0.0) == 0
     assert pipe.source.events() == [
-        f"pipe: the port vanished ({os.strerror(errno.EIO)}): it is tried again every 0.5 s."
+        f"pipe: the port disappeared ({os.strerror(errno.EIO)}): it is tried again every 0.5 s."
     ]
     os.close(pipe.into)
 
@@ -573,10 +573,10 @@ def test_a_port_that_cannot_be_opened_is_explained(tmp_path: Path, monkeypatch: 
     file = tmp_path / "log.csv"
     file.touch()
     start = "[source]\nkind = 'serial'\n"
-    with pytest.raises(InputError, match="there is no such port"):
+    with pytest.raises(InputError, match="the port does not exist"):
         _port(f"{start}address = '{tmp_path / 'none'}'").open()
     for path in (file, tmp_path):
-        with pytest.raises(InputError, match="is no serial port"):
+        with pytest.raises(InputError, match="is not a serial port"):
             _port(f"{start}address = '{path}'").open()
     device = SerialDevice()
     lines = device.open()
@@ -586,7 +586,7 @@ def test_a_port_that_cannot_be_opened_is_explained(tmp_path: Path, monkeypatch: 
     with pytest.raises(InputError, match="is used by another program"):
         source_of(rig.stream(), rig.resolve()).open()
     source.close()
-    with pytest.raises(InputError, match="does not know 99999999999 baud"):
+    with pytest.raises(InputError, match="does not support 99999999999 baud"):
         _port(lines, baud=99999999999).open()
     device.close()
 
@@ -602,7 +602,7 @@ def test_what_is_there_is_listed(monkeypatch: pytest.MonkeyPatch) -> None:
     from serial.tools import list_ports
     from serial.tools.list_ports_common import ListPortInfo
 
-    for names, words in (([], "There are none"), (["/dev/b", "/dev/a"], "There are: /dev/a, /dev/b.")):
+    for names, words in (([], "No port exists"), (["/dev/b", "/dev/a"], "Write one of: /dev/a, /dev/b.")):
         found = [ListPortInfo(name) for name in names]
         monkeypatch.setattr(list_ports, "comports", lambda found=found: found)
         with pytest.raises(InputError, match=words):
@@ -628,11 +628,11 @@ def test_a_frame_of_many_axes_is_filled_row_by_row(monkeypatch: pytest.MonkeyPat
 
 def test_what_does_not_fit_the_sensor_is_refused() -> None:
     start = "[source]\nkind = 'serial'\naddress = 'x'\nframing = "
-    with pytest.raises(InputError, match="only lines have columns"):
+    with pytest.raises(InputError, match="applies only to lines"):
         _port(f"{start}'cobs'\ncolumns = [1]")
-    with pytest.raises(InputError, match="does not come over a serial port"):
+    with pytest.raises(InputError, match="cannot come over a serial port"):
         _port(f"{start}'cobs'", "[marker_ring]\n")
-    with pytest.raises(InputError, match="names 2 numbers of a line, and the sensor has 6"):
+    with pytest.raises(InputError, match="names 2 numbers of a line, but the sensor has 6"):
         _port(f"{start}'lines'\ncolumns = [1, 2]")
 
 
@@ -641,5 +641,5 @@ def test_a_link_is_never_laid_over_a_file(tmp_path: Path) -> None:
     file.touch()
     with pytest.raises(InputError, match="is a file"):
         SerialDevice(link=file).open()
-    with pytest.raises(InputError, match="no link can be made"):
+    with pytest.raises(InputError, match="link to the port cannot be made"):
         SerialDevice(link=tmp_path / "none" / "port").open()

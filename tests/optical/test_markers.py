@@ -57,7 +57,7 @@ def test_the_colour_of_an_unloaded_frame_is_found(score: str) -> None:
 def test_no_colour_is_said() -> None:
     with pytest.raises(InputError, match="24 markers"):
         find_colour(drawn(REST[:20]), 24)
-    with pytest.raises(InputError, match="no score"):
+    with pytest.raises(InputError, match="score of a pixel"):
         MarkerColour("purple")
     assert len(find_blobs(np.zeros((480, 640, 3), np.uint8), RED)) == 0
 

@@ -67,8 +67,8 @@ def test_of_load_cells_it_is_a_number_or_a_list(tmp_path: Path, walk: str, expec
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (WRENCH + "[drift]\nwalk = 0.003\n", r"walk of \[force_torque\] is \{ force"),
-        (CELLS + WALK, r"walk of \[load_cells\] is a number"),
+        (WRENCH + "[drift]\nwalk = 0.003\n", r"walk of \[force_torque\] must be \{ force"),
+        (CELLS + WALK, r"walk of \[load_cells\] must be a number"),
         (
             SKIN + WALK,
             r"\[drift\] is for a force/torque sensor or for load cells, not for \[skin\].*drift in \[contacts\]",

@@ -61,7 +61,7 @@ def test_what_is_covered_is_used_where_the_rig_says_so(tmp_path: Path) -> None:
 
 def test_lengths_that_are_no_metres_are_doubted() -> None:
     notes = check_rig({"surface": {"kind": "sphere", "radius": 10.0}}, RIG).surface.load(Path()).notes
-    assert "in metres?" in notes[0]
+    assert "check that its lengths are in metres" in notes[0]
     assert not check_rig({"surface": {"kind": "sphere", "radius": 0.01}}, RIG).surface.load(Path()).notes
 
 

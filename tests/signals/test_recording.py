@@ -101,5 +101,5 @@ def test_whatever_is_given_is_held_by_rows(values: np.ndarray) -> None:
 
 
 def test_wrenches_that_are_not_there_are_said() -> None:
-    with pytest.raises(InputError, match=r"a\.csv: has no force and torque; there is voltage"):
+    with pytest.raises(InputError, match=r"a\.csv: force and torque are needed, and there is voltage"):
         Recording(np.zeros(4), {VOLTAGE: np.zeros((4, 9))}, source="a.csv").wrenches()

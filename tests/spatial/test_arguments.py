@@ -149,7 +149,7 @@ def test_a_named_tuple_and_a_tuple_of_numbers_are_taken_as_arrays_are() -> None:
 
 
 def test_arrays_that_do_not_fit_together_are_named_with_their_shapes() -> None:
-    with pytest.raises(InputError, match=r"values \(4,\), size \(3, 3\) cannot be computed with"):
+    with pytest.raises(InputError, match=r"values \(4,\), size \(3, 3\) cannot be used"):
         sized(TIME, (3, 3))
 
 

@@ -52,8 +52,8 @@ def test_facets_without_area_and_doubles_are_dropped_and_counted() -> None:
     middle = 0.5 * (vertices[0] + vertices[1])
     mesh = Mesh.from_arrays(np.concatenate([vertices, [middle]]), np.concatenate([spoilt, [[0, 8, 1]]]))
     assert len(mesh.faces) == 12
-    assert "3 facets without area dropped" in mesh.notes
-    assert "3 doubled facets dropped" in mesh.notes
+    assert "3 facets without area were dropped" in mesh.notes
+    assert "3 doubled facets were dropped" in mesh.notes
 
 
 @pytest.mark.parametrize("turned", [[5], [0, 1, 2, 7], list(range(12)), list(range(3, 12))])
@@ -64,7 +64,7 @@ def test_flipped_facets_and_bodies_point_outward_again(turned: list[int]) -> Non
     mesh = Mesh.from_arrays(vertices, faces)
     middles = mesh.vertices[mesh.faces].mean(axis=1)
     assert np.all(np.einsum("ij,ij->i", middles, mesh.normals) > 0)  # a box about the origin: outward is away from it
-    assert any(note.startswith(f"{len(turned)} facets turned over") for note in mesh.notes)
+    assert any(note.startswith(f"{len(turned)} facets were turned over") for note in mesh.notes)
 
 
 def test_each_of_two_bodies_is_turned_on_its_own() -> None:
@@ -72,7 +72,7 @@ def test_each_of_two_bodies_is_turned_on_its_own() -> None:
     both = np.concatenate([vertices, vertices + 5 * R])
     mesh = Mesh.from_arrays(both, np.concatenate([faces[:, ::-1], faces + 8]))
     assert volume(mesh) == pytest.approx(2 * 2.8 * R**3, rel=1e-12)
-    assert any(note.startswith("12 facets turned over") for note in mesh.notes)
+    assert any(note.startswith("12 facets were turned over") for note in mesh.notes)
 
 
 def test_facets_with_nan_or_infinite_vertices_are_dropped() -> None:
@@ -83,14 +83,14 @@ def test_facets_with_nan_or_infinite_vertices_are_dropped() -> None:
     mesh = Mesh.from_arrays(vertices, faces)
     touched = np.isin(faces, [0, 6]).any(axis=1).sum()
     assert len(mesh.faces) == 12 - touched
-    assert f"{touched} facets with vertices that are NaN, infinite or beyond 1e12 dropped" in mesh.notes
+    assert f"{touched} facets with vertices that are NaN, infinite or beyond 1e12 were dropped" in mesh.notes
     assert np.isfinite(mesh.vertices).all()
 
 
 def test_an_open_mesh_says_so() -> None:
     vertices, faces = box()
     mesh = Mesh.from_arrays(vertices, faces[:-1])
-    assert any("not closed: 3 edges" in note for note in mesh.notes)
+    assert any("not closed: 3 sides" in note for note in mesh.notes)
     assert (mesh.bodies, mesh.open_edges) == (1, 3)
 
 
@@ -99,7 +99,7 @@ def test_a_sheet_that_is_open_is_not_doubted_and_a_tube_is() -> None:
     assert plane((0, 0, 0), (0, 0, 1)).notes == ()
     assert BODIES["open patch"].mesh.notes == ()
     vertices, faces = cylinder(around=32)
-    assert any("not closed: 64 edges" in note for note in Mesh.from_arrays(vertices, faces[:64]).notes)
+    assert any("not closed: 64 sides" in note for note in Mesh.from_arrays(vertices, faces[:64]).notes)
 
 
 def test_what_is_no_mesh_is_refused_with_a_sentence() -> None:
@@ -107,7 +107,7 @@ def test_what_is_no_mesh_is_refused_with_a_sentence() -> None:
     for points, triangles, word in (
         (vertices, np.empty((0, 3), dtype=int), "no facets"),
         (vertices, [[0, 1, 99]], "vertex 99"),
-        (vertices, [[0, 1, -1]], "faces name vertex -1; there are 8"),
+        (vertices, [[0, 1, -1]], "faces name vertex -1, but there are 8"),
         (vertices[:, :2], faces, r"\(n, 3\)"),
         (vertices, faces * 1.0, "whole numbers"),
         (vertices, faces[:, :2], r"\(f, 3\)"),
@@ -183,10 +183,10 @@ def test_a_region_by_box_and_by_list_keeps_facets_and_normals() -> None:
         assert any(f"{upper.sum()} of {len(faces)} facets" in note for note in part.notes)
         assert part.bounds[0, 2] > -0.2 * R  # size and middle are those of what is used
     for wrong, word in (
-        (((1, 1, 1), (2, 2, 2)), "no facet lies"),
+        (((1, 1, 1), (2, 2, 2)), "no facet is in the region"),
         ([len(faces)], f"facet {len(faces)}"),
         ([0.5, 1.5], "region must be"),
-        (np.array([], dtype=int), "no facet lies"),
+        (np.array([], dtype=int), "no facet is in the region"),
     ):
         with pytest.raises(GeometryError, match=word):
             Mesh.from_arrays(vertices, faces, region=wrong)
@@ -217,7 +217,7 @@ def test_vertices_beyond_reason_take_their_facets_with_them() -> None:
     faces = np.vstack([facets, [[0, 1, 8], [1, 2, 9]]])
     mesh = Mesh.from_arrays(far, faces)  # the last vertex is in no facet
     assert len(mesh.faces) == 12
-    assert "2 facets with vertices that are NaN, infinite or beyond 1e12 dropped" in mesh.notes
+    assert "2 facets with vertices that are NaN, infinite or beyond 1e12 were dropped" in mesh.notes
 
 
 def test_a_mesh_that_cannot_be_read_is_said_once(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

@@ -40,7 +40,7 @@ def test_a_run_stands_beside_one_whose_points_are_off() -> None:
     assert figures.header == ("", "ours.csv", "theirs.csv")
     ((*_, there, _, apart, later),) = touches.rows
     assert (there, apart, later) == ("1", "2.00", "+0.100")
-    with pytest.raises(InputError, match="another time"):
+    with pytest.raises(InputError, match="no time in common"):
         compared(run, "late.csv", _summary(_moved(0.0, 100.0)))
 
 

@@ -229,7 +229,7 @@ def test_a_log_without_a_touch_or_a_noise_is_shown_all_the_same() -> None:
     unknown = replace(contacts.estimate, covariance=np.full((len(contacts), 3, 3), np.nan))
     scene = prepare(ellipsoid(), contacts.with_estimate(unknown))
     assert scene.magnification == 1
-    assert "no noise is known" in caption(scene.at(200), 1)
+    assert "the noise is not known" in caption(scene.at(200), 1)
 
 
 def test_every_status_has_its_words() -> None:

@@ -82,7 +82,7 @@ def test_a_phone_opens_what_is_printed_and_a_stranger_does_not(browser: object, 
     stranger = browser.new_page()
     answer = stranger.goto(page.address.partition("?")[0])
     assert answer.status == 403
-    assert stranger.inner_text("body").startswith("Open the whole address that the command printed")
+    assert stranger.inner_text("body").startswith("Open the complete address that the command printed")
     stranger.close()
 
 
@@ -109,5 +109,5 @@ def test_a_viser_that_is_built_in_another_way_serves_nothing(missing: str, monke
         monkeypatch.setattr(viser.infra.WebsockServer, "__init__", init)
     else:
         monkeypatch.setattr(viser.infra.WebsockServer, "_background_worker", lambda self, ready: ready.release())
-    with pytest.raises(InputError, match="could not be protected"):
+    with pytest.raises(InputError, match="cannot protect its page"):
         viser_door.listening(Guard("127.0.0.1", "token"), "127.0.0.1", 0)

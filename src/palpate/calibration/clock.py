@@ -100,8 +100,8 @@ def identify_offset(
         raise _hardly_turns()
     if best in (0, len(grid) - 1):
         raise InputError(
-            f"the best offset, {grid[best]:.3g} s, lies at the edge of the search from {low:g} to {high:g} s.",
-            hint="Search further, or check that both clocks count from the same moment.",
+            f"the best offset, {grid[best]:.3g} s, is at the edge of the search from {low:g} to {high:g} s.",
+            hint="Search a wider range, or check that both clocks count from the same moment.",
         )
     return _judged(whole.usable(grid[best - 1 : best + 2], FINE), float(grid[best]))
 
@@ -130,7 +130,7 @@ class _Problem:
         if np.count_nonzero(known) < LEAST:
             raise InputError(
                 "hardly any wrench has a pose at every offset of the search.",
-                hint="Check that poses and wrenches overlap in time, search less far, or allow a larger gap.",
+                hint="Check that poses and wrenches overlap in time, search a narrower range, or allow a larger gap.",
             )
         return replace(self, time=time[known], force=force[known])
 
@@ -178,7 +178,7 @@ def _averaged(
     steps = np.diff(time[np.isfinite(time)])
     steps = steps[steps > 0]
     if not len(steps):
-        raise InputError("the wrenches have no rising times, so no clock to compare.")
+        raise InputError("the times of the wrenches never increase, so their clock cannot be compared.")
     usual = float(np.median(steps))
     each = max(1, int(min(AVERAGE / usual, len(time))))
     count = len(time) // each
@@ -212,7 +212,7 @@ def _refined(problem: _Problem, offset: float) -> tuple[ClockOffset, Float[np.nd
         raise _hardly_turns(deviation)
     far = np.count_nonzero(np.linalg.norm(residual, axis=1) > 5.0 * spread) / len(residual)
     cause = "something touched, or the arm accelerated, whose inertia is not modelled"
-    said = (f"{far:.0%} of the samples lie far from the fit ({cause}) and hardly count.",) if far > 0.02 else ()
+    said = (f"{far:.0%} of the samples are far from the fit ({cause}) and hardly count.",) if far > 0.02 else ()
     return ClockOffset(offset, deviation, spread, len(residual) * problem.each, notes=said), solution
 
 
@@ -280,7 +280,7 @@ def _scale(residual: Float[np.ndarray, "n 3"], floor: float, *, touched: bool = 
 
 
 def _hardly_turns(deviation: float = np.inf) -> NotIdentifiable:
-    sure = f": it would be known to {deviation:.2g} s" if np.isfinite(deviation) else ""
+    sure = f": the offset would be known only to {deviation:.2g} s" if np.isfinite(deviation) else ""
     return NotIdentifiable(
         f"the wrenches do not show when the arm turns, so its clock cannot be compared{sure}. "
         "Turn the loaded sensor by 30 degrees or more, to and fro, with nothing touching it.",

@@ -148,8 +148,8 @@ def identify_drift(
     if kelvin is not None and not found.distinct(0):
         kelvin = None
         notes.append(
-            "the temperature changes as steadily as a warm-up would: what it does to the zero is in the warm-up; a log "
-            "in which it rises and falls tells them from each other"
+            "the temperature changes as steadily as in a warm-up, so its effect on the zero is counted as warm-up: "
+            "record a log in which it rises and falls to separate the two"
         )
         found = Search(windows_of(when, what, others, window), [list(group) for group in alike], least).run()
     notes += found.notes(noise, float(np.median(np.diff(when))), names)
@@ -171,7 +171,7 @@ def _usable(
     if len(when) < 2 or not (span := float(when[-1] - when[0])) >= SHORTEST:
         lasts = f"{max(0.0, float(when[-1] - when[0])):.3g} s" if len(when) > 1 else "no time"
         raise InputError(
-            f"the log lasts {lasts} where it can be used; how the bias drifts needs {SHORTEST:g} s at least.",
+            f"the usable part of the log lasts {lasts}, and at least {SHORTEST:g} s are needed to find the drift.",
             hint="Record the sensor at rest and untouched for five minutes.",
         )
     steps = np.diff(when)
@@ -181,11 +181,13 @@ def _usable(
         notes.append(f"{missing:,} of {len(time):,} samples have no value or no time and were left out")
     gaps = steps[steps > GAP]
     if len(gaps):
-        notes.append(f"{len(gaps)} gaps of up to {gaps.max():.4g} s: what the zero did meanwhile was left out")
+        notes.append(
+            f"the log has {len(gaps)} gaps of up to {gaps.max():.4g} s: changes of the zero in them were left out"
+        )
     if span - float(gaps.sum()) < SHORTEST:
-        raise InputError(f"without its gaps the log lasts {span - gaps.sum():.3g} s; {SHORTEST:g} s are needed.")
+        raise InputError(f"without its gaps the log lasts {span - gaps.sum():.3g} s, and {SHORTEST:g} s are needed.")
     if span < USUAL:
-        notes.append(f"the log lasts {span:.0f} s: five minutes or more tell the walk better")
+        notes.append(f"the log lasts only {span:.0f} s: record five minutes or more to know the walk better")
     return known, notes
 
 
@@ -195,14 +197,17 @@ def _require_changing(values: Float[np.ndarray, "n m"], names: Sequence[str]) ->
     if same.any():
         stuck = ", ".join(name for name, one in zip(names, same, strict=True) if one)
         raise InputError(
-            f"{stuck} never changes: not connected, or a driver that holds small readings at zero.",
-            hint="It hides how the bias drifts; switch the dead band or the tare off.",
+            f"{stuck} never changes: it is not connected, or its driver sets small readings to zero.",
+            hint="Connect it, or switch off the dead band or the tare, which hide how the bias drifts.",
         )
     step, spread = resolution_of(values), np.median(np.abs(np.diff(values, axis=0)), axis=0)
     coarse = [name for name, one, size in zip(names, step, spread, strict=True) if one > 0.0 and size == 0.0]
     if not coarse:
         return []
-    return [f"readings of {', '.join(coarse)} are so coarse that they mostly repeat: a walk below a step is not seen"]
+    return [
+        f"readings of {', '.join(coarse)} are so coarse that they mostly repeat: a walk smaller than one step of them "
+        "is not seen"
+    ]
 
 
 def _temperature(
@@ -214,9 +219,9 @@ def _temperature(
     known = temperature[used]
     finite = known[np.isfinite(known)]
     if not len(finite):
-        return None, ["the log's temperature has no values"]
+        return None, ["the log's temperature has no values: its effect on the zero is not known"]
     if (change := float(np.ptp(finite))) < LEAST_KELVIN:
-        return None, [f"the temperature changes by {change:.2g} K only: what it does to the zero is not known"]
+        return None, [f"the temperature changes by only {change:.2g} K: its effect on the zero is not known"]
     return known, []
 
 

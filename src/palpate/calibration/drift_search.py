@@ -198,23 +198,23 @@ class Search:
             said.append(f"{self.share:.1%} of the log was left out as touched or disturbed: {described(self.touched)}")
         if self.windows.length > 1.5 * self.first_window:
             said.append(
-                f"the noise is not white over {self.first_window:.2g} s: "
-                f"means over {self.windows.length:.2g} s were taken"
+                f"means over {self.first_window:.2g} s have coloured noise: "
+                f"means over {self.windows.length:.2g} s were taken instead"
             )
         if self.correlation > COLOURED:
-            said.append("even so it is not white: the walk may be off by more than stated")
+            said.append("the noise of the means is not white: the error of the walk may be larger than stated")
         if noise is not None:
             said += _noise_said(np.asarray(noise), self.found.noise, self.windows.length / step, names)
         unseen = [name for name, seen in zip(names, self.found.seen, strict=True) if not seen]
         if unseen:
-            said.append(f"no walk is seen in {', '.join(unseen)}: what is written is the most that it may be (95 %)")
+            said.append(f"no walk is seen in {', '.join(unseen)}: its upper bound (95 %) is written")
         if not self.warm:
             said.append(
-                "no warm-up is seen: what is written is the steady rate that this log leaves possible. A log that "
-                "begins when the sensor is switched on tells what it does then"
+                "no warm-up is seen: the largest steady rate that this log allows is written. Record a log that "
+                "begins when the sensor is switched on to see its warm-up"
             )
         elif self.settling > 1.5 * self.span:
-            said.append("the warm-up lasts longer than the log: how long is hardly known")
+            said.append("the warm-up lasts longer than the log, so its duration is hardly known")
         return said
 
 
@@ -227,7 +227,7 @@ def _noise_said(
     wrong = [f"{name} ({times:.2g} times)" for name, times in zip(names, ratio, strict=True) if times > WRONG]
     if not wrong:
         return []
-    said = "means are noisier than the stated noise explains, as of a motor's hum or of coloured noise"
+    said = "means are noisier than the stated noise explains, as with a motor's hum or coloured noise"
     return [f"{said}: {', '.join(wrong)}"]
 
 

@@ -159,13 +159,13 @@ def require_free(windows: Windows, free: Bool[np.ndarray, " w"], longest: float,
         first, last = float(windows.middle[start]), float(windows.middle[end - 1])
         if last - first > longest:
             raise InputError(
-                f"from {first:.1f} to {last:.1f} s of the log its readings are not where they were before: a touch, "
-                "a payload that changed, or a zero that jumped.",
-                hint="Record the sensor at rest and untouched; a log of five minutes tells most.",
+                f"the readings from {first:.1f} to {last:.1f} s of the log differ from those before: something "
+                "touched, the payload changed, or the zero jumped.",
+                hint="Record the sensor at rest and untouched, for five minutes if possible.",
             )
     if touched > share:
         raise InputError(
-            f"in {touched:.0%} of the log the readings change as under touches or motion, not as a bias drifts.",
+            f"in {touched:.0%} of the log the readings change as under touches or motion, not as with a drifting bias.",
             hint="Record the sensor at rest and untouched; if the arm moves, name the payload in the rig.",
         )
 

@@ -139,7 +139,9 @@ def identify_mounting(
     pose, distances, scale = fit(evidence(used), initial)
     while distances.max() > WRONG * scale and len(used) > 4:
         worst = int(np.argmax(distances))
-        notes.append(f"{names[used[worst]]} is left out: it is {distances[worst] / scale:.0f} standard deviations off")
+        notes.append(
+            f"{names[used[worst]]} is left out: it is {distances[worst] / scale:.0f} standard deviations from the fit"
+        )
         used = np.delete(used, worst)
         pose, distances, scale = fit(evidence(used), initial)
     return _judged(evidence, pose, initial, used, notes)
@@ -198,8 +200,9 @@ def _judged(
     ratio = float(np.sum(residual**2)) / freedom
     if ratio > CONTRADICTED**2:
         raise InputError(
-            f"the touches lie {ratio**0.5:.0f} times further from any pose of the surface than they should.",
-            hint="Are the marks in the surface's frame, in metres, in the order of the touches? See payload and axes.",
+            f"the touches fit no pose of the surface: they are {ratio**0.5:.0f} times further from it than expected.",
+            hint="Check that the marks are in the surface's frame, in metres and in the order of the touches, and "
+            "check payload and axes in the rig.",
         )
     alike = 1.0 if isinstance(evidence, SomewhereOnSurface) else spread_in_time(residual.reshape(len(used), -1))
     widened = max(1.0, ratio) * alike
@@ -220,13 +223,17 @@ def _judged(
         raise _refusal(isinstance(evidence, SomewhereOnSurface), blind, evidence.spreads, notes)
     if ratio > 4.0:
         notes.append(
-            f"the touches disagree {ratio**0.5:.1f} times as much as expected, and the covariance is widened by it"
+            f"the touches disagree {ratio**0.5:.1f} times as much as expected, so the covariance is widened by this "
+            "factor"
         )
     if alike > 1.0:
-        notes.append(f"touches that follow one another err alike: {alike:.1f} tell what one does, in the covariance")
+        notes.append(f"successive touches have similar errors: in the covariance, {alike:.1f} of them count as one")
     far = np.abs(offset(initial, pose) / sizes).max()
     if far > 3.0:
-        notes.append(f"the pose is {far:.1f} prior standard deviations from the initial one: check its frame and unit")
+        notes.append(
+            f"the pose is {far:.1f} prior standard deviations from the initial one: check the initial pose's frame and "
+            "unit"
+        )
     decoupled = _known(slope, widened, sizes)
     shift = np.eye(6)
     shift[3:, :3] = skew(pose.translation)  # exp(xi) T moves the origin by rho + omega x t
@@ -260,11 +267,10 @@ def _refusal(free: bool, blind: Float[np.ndarray, "6 k"], spreads: Spreads, note
         if free
         else "Touch at least three marks that are not on one line, and push in different directions."
     )
-    more = f"; and {len(notes) - SAID} more" if len(notes) > SAID else ""
-    found = f" Besides: {'; '.join(notes[:SAID])}{more}." if notes else ""
+    more = f"; and {len(notes) - SAID} more notes" if len(notes) > SAID else ""
+    found = f" Also: {'; '.join(notes[:SAID])}{more}." if notes else ""
     return NotIdentifiable(
-        f"the touches say nothing about the mounting that the initial pose and its prior do not say better. "
-        f"{hint}{found}",
+        f"the touches determine the mounting no better than the initial pose and its prior do. {hint}{found}",
         rank=0,
         missing=name_motions(blind, *spreads.prior),
     )
@@ -276,12 +282,12 @@ def _strays(points: Float[np.ndarray, "n 3"], surface: Mesh, names: Sequence[str
     absurd = np.flatnonzero(gaps > surface.size)
     if len(absurd):
         raise InputError(
-            f"{len(absurd)} of {len(names)} marks lie further from the surface than it is large "
+            f"{len(absurd)} of {len(names)} marks are further from the surface than its size "
             f"({names[absurd[0]]}: {gaps[absurd[0]]:.3g} m).",
-            hint="Are the marks in the surface's frame, in metres, and the unit of the mesh right?",
+            hint="Check that the marks are in the surface's frame, in metres, and that the unit of the mesh is right.",
         )
     return [
-        f"{name} lies {gap * 1e3:.1f} mm off the surface: are the marks in its frame, and in metres?"
+        f"{name} is {gap * 1e3:.1f} mm off the surface: check that the marks are in its frame and in metres"
         for name, gap in zip(names, gaps, strict=True)
         if gap > max(4 * placement, 1e-3)
     ]

@@ -132,7 +132,7 @@ def batch(
     ]
     _require_apart(jobs, setup, files)
     for job in jobs:
-        overwrite(f"looking for what is done: {job.called}")
+        overwrite(f"checking which logs are done: {job.called}")
         if (there := kept.get(job.key)) is not None and _holds(there, job):
             done[there.log] = there
     begin_results(output / KEPT, {"command": "batch"}, map(asdict, kept.values()))
@@ -145,7 +145,7 @@ def batch(
                 done[result.log] = result
                 overwrite(_so_far(done, len(jobs)))
     except KeyboardInterrupt:
-        announce(f"{len(done)} of {len(jobs)} logs are in {output}: the same command goes on")
+        announce(f"{len(done)} of {len(jobs)} logs are in {output}: run the same command to continue")
         raise
     _end([done[job.key].result for job in jobs], output, setup, files)
 
@@ -186,7 +186,7 @@ def _failed(job: _Job, why: str) -> _Kept:
 
 def _lost(job: _Job) -> _Kept:
     """Return the result of a log whose worker was ended from outside."""
-    return _failed(job, "the process that read it was ended: too little memory, or a crash in a library.")
+    return _failed(job, "the process that read it ended early: too little memory, or a crash in a library.")
 
 
 @lru_cache(maxsize=1)
@@ -236,7 +236,7 @@ def _require_folder(output: Path) -> None:
     require_folder(output)
     with writing(output):
         if output.exists() and not output.is_dir():
-            raise InputError("is no folder.", where=str(output), hint="Many logs need a folder: -o FOLDER.")
+            raise InputError("is not a folder.", where=str(output), hint="Add -o FOLDER for many logs.")
         output.mkdir(exist_ok=True)
     reserve_output(output / KEPT)
 

@@ -33,8 +33,8 @@ def logs_of(given: Sequence[Path], output: Path) -> list[Path]:
     for path in given:
         logs = list(_expanded(path, output.resolve()))
         if not logs:
-            what = "no log is in it" if path.is_dir() else "nothing fits it"
-            raise InputError(f"{what}.", where=str(path), hint=f"Logs of a folder end in {', '.join(LOGS)}.")
+            what = "contains no log" if path.is_dir() else "matches no file"
+            raise InputError(f"{what}.", where=str(path), hint=f"Give logs that end in {', '.join(LOGS)}.")
         found |= {log.resolve(): log for log in logs if log.resolve() not in found}
     return list(found.values())
 
@@ -77,7 +77,7 @@ def _expanded(path: Path, output: Path) -> Iterator[Path]:
         yield from [path] if _is_log(path) else _below(path, output)
     elif path.exists() or not has_magic(str(path)):
         if not path.exists():
-            raise InputError("there is no such file.", where=str(path))
+            raise InputError("the file does not exist.", where=str(path))
         yield path
     else:
         for each in sorted(glob(str(path), recursive=True)):

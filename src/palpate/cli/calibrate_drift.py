@@ -84,7 +84,7 @@ def _read(log: Path, opened: OpenedLog) -> tuple[Setup, Recording, tuple[str, ..
     kind = opened.kind
     if not kind.drift:
         raise InputError(
-            f"[{kind.name}] has no [drift]: only force/torque sensors and load cells have one.",
+            f"[{kind.name}] cannot have [drift], which is for force/torque sensors and load cells.",
             where=str(log),
             hint=kind.drift_hint,
         )
@@ -99,7 +99,7 @@ def _require_one(setup: Setup, rig: Path) -> None:
     kind = setup.kind.name
     if getattr(setup.sensors[kind].table, "drift", None) is not None:
         raise InputError(
-            f"[{kind}] states a drift too, and only one of both can hold.",
+            f"[{kind}] already states a drift, which would contradict [drift].",
             where=str(rig),
             hint=f"Remove drift from [{kind}], then run this again.",
         )
@@ -124,7 +124,10 @@ def _figures(of: SensorDrift, weight: float) -> list[tuple[str, object]]:
     unsure = of.unsure(found.unsure(LONGEST_CONTACT))
     return [
         ("samples", f"{found.samples:,} over {found.seconds:.0f} s{left}"),
-        ("walk", Quantity(f"{', '.join(walks)} in one second, growing as the root of time", drift.walk.tolist())),
+        (
+            "walk",
+            Quantity(f"{', '.join(walks)} in one second, growing with the square root of time", drift.walk.tolist()),
+        ),
         ("warm-up", Quantity(warm, (MINUTE * drift.warm_up).tolist())),
         *([("temperature", ", ".join(kelvin))] if drift.thermal.any() else []),
         *([("weight", f"of the payload: +- {weight:.2g} N, by its calibration or the rig")] if weight else []),

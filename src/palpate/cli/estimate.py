@@ -70,14 +70,14 @@ def estimate(
             locate, with identical results. By default 1; for logs of 100 MB and more, one thread per core.
     """
     if workers is not None and workers < 1:
-        raise InputError(f"must be 1 at least, not {workers}.", where="--workers")
+        raise InputError(f"must be at least 1, not {workers}.", where="--workers")
     rig = setup.load()
     inputs = (log, setup.rig, *rig.files().values(), truth, compare)
     if output is not None:  # this and what follows: before the work, not after it
         keep_inputs(output, inputs, siblings=(record_of(output), *([report] if report else [])))
         require_format(output)
     elif report is not None:
-        raise InputError("the report is of contacts that are written.", where="--report", hint="Add -o FILE.")
+        raise InputError("a report needs contacts that are written to a file.", where="--report", hint="Add -o FILE.")
     known, other = _ground_truth(truth, report), _compared(compare, report, rig.resolve().link)
     opened = setup.open(log, rig)
     wait("preparing the surface")
@@ -86,7 +86,7 @@ def estimate(
         done = estimate_log(opened, output, frame, files, progress, workers=_workers(opened, workers))
     _say(str(log) if output is None else f"{log} -> {output}", done)
     if output is None:
-        say_touches(done.summary.finder.touches(), "`palpate events` of what -o FILE writes has them all")
+        say_touches(done.summary.finder.touches(), "add -o FILE, and list them all with `palpate events FILE`")
     elif report is not None:
         warnings = (*([done.nothing] if done.nothing else []), *done.warnings, *done.short)
         run = run_of(done.pipeline, done.summary, done.record, output.name, warnings)
@@ -105,7 +105,7 @@ def _next(log: Path, setup: RigOptions, statuses: Int[np.ndarray, " s"]) -> list
     if setup.rig is not None or setup.mesh is None or statuses[Status.IMPLAUSIBLE] <= answered:
         return []
     made = join(["palpate", "rig", "new", str(log), str(setup.mesh), "-o", "rig.toml"])
-    return [f"next: `{made}`; there the payload, the tare and where the mesh sits are stated"]
+    return [f"next: `{made}`; then state in that rig the payload, the tare and the pose of the mesh"]
 
 
 def _workers(opened: OpenedLog, asked: int | None) -> int:
@@ -117,11 +117,11 @@ def _workers(opened: OpenedLog, asked: int | None) -> int:
 def _ground_truth(truth: Path | None, report: Path | None) -> TrueSamples | TrueTouches | None:
     if report is not None:
         if report.suffix.lower() not in (".html", ".htm"):
-            raise InputError("the report is a page of HTML.", where=str(report), hint="Name it .html.")
+            raise InputError("the report must end in .html.", where=str(report), hint="Use another name.")
         require_report()
     elif truth is not None:
         raise InputError(
-            "the truth is for the report, but --report is missing.",
+            "is used only in the report, but --report is missing.",
             where="--truth",
             hint="Add --report FILE, or compare with palpate evaluate.",
         )
@@ -133,7 +133,7 @@ def _compared(path: Path | None, report: Path | None, link: Link) -> tuple[str, 
     if path is None:
         return None
     if report is None:
-        raise InputError("is for the report, but --report is missing.", where="--compare", hint="Add --report FILE.")
+        raise InputError("is used only in a report: add --report FILE.", where="--compare")
     other = RunSummary()
     for block in compared_blocks(path, link):
         other.add(block)

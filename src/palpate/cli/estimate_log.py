@@ -182,7 +182,7 @@ def _interrupted(pipeline: Pipeline, writer: SummedWriter, watch: Watch) -> bool
 def _short(output: Path | None, log: OpenedLog, summary: RunSummary, *, interrupted: bool) -> Iterator[str]:
     """Yield the reasons why not all of the log is in the output."""
     if interrupted:
-        holds = "this is of" if output is None else f"{output.name} holds"
+        holds = "this covers" if output is None else f"{output.name} holds"
         yield f"interrupted: {holds} the {summary.samples:,} samples done until then"
     if log.torn:
         yield log.torn

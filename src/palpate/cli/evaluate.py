@@ -64,7 +64,7 @@ def evaluate(
     found = read_contacts(contacts)
     if _is_instrument(truth):
         if rig is None:
-            raise InputError("a wrench or a wand is compared on the body, which the rig knows.", hint="Add --rig FILE.")
+            raise InputError("comparing with a wrench or a wand needs the body of a rig.", hint="Add --rig FILE.")
         tool = None if wand is None else (wand, wand_unit)
         evaluate_instrument((contacts, found), truth, rig, wand=tool, tolerance=tolerance, output=output)
         return
@@ -82,7 +82,7 @@ def evaluate(
             f"no sample matches the truth; times of the contacts [s]: {span(found.time)}, of the truth: "
             f"{span(truth_times(known))}.",
             where=str(truth),
-            hint="Both must be on one clock; --tolerance widens the match.",
+            hint="Use one clock for both, or widen the match with --tolerance.",
         )
     title(f"{contacts} against {truth}")
     _say(report)
@@ -93,7 +93,7 @@ def evaluate(
 
 
 def _say(report: EvaluationReport) -> None:
-    matched = f"{report.samples:,}, of which {report.matched:,} have a truth and {report.answered:,} of these an answer"
+    matched = f"{report.samples:,}, {report.matched:,} of them with a truth, {report.answered:,} of those answered"
     counts = {name: getattr(report, name) for name in ("samples", "matched", "answered", "unmatched", "missed")}
     lines([("contacts", Quantity(matched, counts))])
     lines(shares(report.statuses))
@@ -101,7 +101,7 @@ def _say(report: EvaluationReport) -> None:
     if rows := summaries(report):
         table(("", *HEADER), rows)
     else:
-        note(["no contact that has a truth has an answer: there is nothing to average"])
+        note(["no contact with a truth was answered, so there are no errors to average"])
     seen = report.coverage
     if seen.count:
         lines(
@@ -118,8 +118,8 @@ def _say(report: EvaluationReport) -> None:
 def _unpaired(report: EvaluationReport) -> list[str]:
     """Return sentences on unmatched contacts and truths where there are several at once."""
     counted = (
-        (report.unmatched, "contacts have no truth of their own: others are nearer to it"),
-        (report.missed, "truths have no contact, though others of their time have one"),
+        (report.unmatched, "contacts have no truth of their own, because other contacts are nearer"),
+        (report.missed, "truths have no contact, although others at the same time have one"),
     )
     return [f"{count:,} {what}" for count, what in counted if count]
 

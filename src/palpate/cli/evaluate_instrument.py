@@ -68,12 +68,13 @@ def evaluate_instrument(
         require_report()
     touches, alone = touches_of(found)
     if not len(touches):
-        raise InputError("no touch lasts three samples or more.", where=str(path))
+        raise InputError("has no touch of at least three samples, which a comparison needs.", where=str(path))
     surface, of = _surface(setup)
     reference = _reference(read_table(truth), (touches, alone), (surface, setup.link), wand, tolerance)
     if all(reference.refused):
         raise InputError(
-            f"none of {len(touches)} touches can be compared; the first: {reference.refused[0]}.", where=str(truth)
+            f"none of {len(touches)} touches can be compared; reason for the first: {reference.refused[0]}.",
+            where=str(truth),
         )
     judged = judge(touches, reference)
     sheet = SkinSection.name in setup.sensors and setup.of(SkinSection).table.map is not None
@@ -90,9 +91,9 @@ def evaluate_instrument(
 def _surface(setup: Setup) -> tuple[Mesh, str]:
     """Return the mesh of the body, from the rig or else the map of its sheet, and a sentence on which of them it is."""
     if setup.link.stated is None:
-        said = "the rig has no [surface]: the sensing layer of the map stands for the body"
+        said = "the rig has no [surface], so the sensing layer of the map is used as the body"
         return setup.of(SkinSection).map.mesh(), said
-    return setup.link.surface().drawn(), "lines and wand are met with the rig's [surface]"
+    return setup.link.surface().drawn(), "lines and wand are intersected with the rig's [surface]"
 
 
 def _reference(
@@ -127,9 +128,9 @@ def _at(known: TextTable, columns: tuple[str, ...], times: np.ndarray, tolerance
     values, _ = known.numbers(("time", *columns))
     if not (nearest_in_time(times, values[:, 0], tolerance) >= 0).any():
         raise InputError(
-            "no row lies at the time of a touch.",
+            "no row matches the time of a touch.",
             where=str(known.path),
-            hint="Both must be on one clock; --tolerance widens the match.",
+            hint="Use one clock for both, or widen the match with --tolerance.",
         )
     found = np.full((len(times), len(columns)), np.nan)
     for k, time in enumerate(times):
@@ -144,12 +145,14 @@ def _facts(judged: InstrumentReport, touches: Contacts, pitch: tuple[float, floa
     along = ", ".join(f"{1e3 * error:.2f}" for error in judged.along)
     compared = len(touches) - sum(map(bool, judged.reference.refused))
     said = [
-        ("touches", f"{len(touches)}, of which {compared} are compared"),
+        ("touches", f"{len(touches)}, {compared} of them compared"),
         ("along x, y, z", f"{along} mm on average"),
     ]
     if pitch is not None:
         distance, axis = perfect(pitch)
-        what = f"errs {1e3 * distance:.2f} mm, {1e3 * axis:.2f} mm an axis, where touches are smaller than a cell"
+        what = (
+            f"has an error of {1e3 * distance:.2f} mm, {1e3 * axis:.2f} mm per axis, if touches are smaller than a cell"
+        )
         said.append(("a perfect map", what))
     if (paper := judged.paper_position) is not None:
         share = judged.paper_direction
@@ -195,7 +198,7 @@ def _page(
     pictures = ()
     if places is not None:
         drawn = sheet_map(places, 1e3 * judged.report.errors, "error [mm]")
-        pictures = (picture(drawn, "Where the touches were on the unrolled sheet, and how far off."),)
+        pictures = (picture(drawn, "Where the touches were on the unrolled sheet, and their errors."),)
     facts = (("against", judged.reference.name), *_facts(judged, touches, pitch))
     sections = (Section("Errors", text=(of,), pictures=pictures, settings=facts, tables=(Cells(header, rows),)),)
     return Report(names, f"{names}: each touch as the median of its samples.", tiles, sections=sections)

@@ -51,7 +51,7 @@ def events(
     title(f"{contacts}: {len(found)} touches in {rows:,} rows")
     say_touches(found, "--output writes them all")
     if len(found) and np.isnan(found.deviation).all():
-        notes["no standard deviation: no noise was known"] = None
+        notes["there are no standard deviations, because the noise is not known"] = None
     note(notes)
     if output is not None:
         write_events(output, found)

@@ -64,18 +64,18 @@ def inspect(
     suffix, whole = file.suffix.lower(), unfinished(file)
     cut = cut_short(file)
     if (not file.exists() and whole is None) or suffix == RING:
-        raise InputError(cut or "there is no such file.", where=str(file))
+        raise InputError(cut or "the file does not exist.", where=str(file))
     note([cut] if cut else [], kind="warning")
     if spectrum is not None:  # before the work, not after it
         if spectrum.suffix.lower() not in KINDS:
-            ends = f"no picture ends in {spectrum.suffix!r}."
+            ends = f"a picture cannot end in {spectrum.suffix!r}."
             raise InputError(ends, where=str(spectrum), hint=f"Use {', '.join(KINDS)}.")
         keep_inputs(spectrum, (file, rig))
     if spectrum is None and rig is None and whole is None and suffix in _TAXELS and holds_taxels(file):
         _taxels(file)
     elif suffix in (*_MESHES, ".toml", ".urdf", ".xacro"):
         if spectrum is not None:
-            raise InputError("has no spectrum: it is no log and no result.", where=str(file))
+            raise InputError("has no spectrum, because it is neither a log nor a result.", where=str(file))
         (_toml if suffix == ".toml" else _mesh if suffix in _MESHES else _urdf)(file)
     else:
         _data(whole or file, None if rig is None else load_rig(rig), sensor, topic, spectrum)
@@ -100,7 +100,7 @@ def _data(file: Path, rig: Rig | None, sensor: str | None, topic: str | None, ou
             recording = located(recording, rig.resolve(rig.kind(sensor)))
     if output is not None:
         if recording is None or not len(recording):
-            raise InputError("has no spectrum: there are no wrenches over time in it.", where=str(file))
+            raise InputError("has no spectrum, because it contains no wrenches over time.", where=str(file))
         draw_spectrum(recording, output, file.name)
     if torn:
         raise SystemExit(TORN)
@@ -133,7 +133,7 @@ def _mesh(file: Path) -> None:
     )
     note(text for text in mesh.notes if " as m" not in text)
     if mesh.coverage:
-        note(["covered facets give no contacts; `covered = true` in the rig's [surface] lets them"])
+        note(["covered facets cannot have contacts, unless the rig's [surface] has `covered = true`"])
 
 
 def _closed(mesh: Mesh) -> str:
@@ -173,7 +173,7 @@ def _toml(file: Path) -> None:
         title(f"{file}: a rig")
         lines([("sensors", ", ".join(f"{kind.called} [{kind.name}]" for kind in rig.kinds))])
         lines(_settings(rig, ""))
-        note([f"{path} is not there yet" for path in rig.files().values() if not path.exists()], kind="warning")
+        note([f"{path} does not exist yet" for path in rig.files().values() if not path.exists()], kind="warning")
     else:
         title(f"{file}: TOML")
         lines((name, value) for name, value in content.items())
@@ -221,7 +221,7 @@ def _ground_truth(file: Path) -> None:
     from palpate.cli.evaluate import truth_times  # here: a log needs nothing of it
 
     truth = read_ground_truth(file)
-    title(f"{file}: {'touches at known points' if isinstance(truth, TrueTouches) else 'the truth at instants'}")
+    title(f"{file}: {'touches at known points' if isinstance(truth, TrueTouches) else 'the truth at single times'}")
     lines([("rows", f"{len(truth.point):,}"), ("time", span(truth_times(truth)))])
 
 

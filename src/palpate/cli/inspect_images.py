@@ -139,10 +139,10 @@ class _Frames:
         """Return sentences on black and repeated frames."""
         found: list[str] = []
         if self.count - lost and self.black == self.count:
-            found.append("every frame is black: is the lens covered, or the light off?")
+            found.append("every frame is black: check the lens and the light")
         if self._longest:
-            what = f"the longest stands still for {self._longest + 1} frames from {self._longest_since:.3f} s on"
-            found.append(f"{self.repeated:,} frames are the same as the one before ({what}): was the camera frozen?")
+            what = f"the longest series has {self._longest + 1} frames, from {self._longest_since:.3f} s on"
+            found.append(f"{self.repeated:,} frames are the same as the one before ({what}): check the camera")
         return found
 
 

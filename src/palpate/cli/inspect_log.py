@@ -60,7 +60,7 @@ def inspect_log(
     of_wrenches = sensor is None or (sensor in KINDS and KINDS[sensor].channels == (FORCE, TORQUE))
     wrenches = topics_of(there, "wrench") if rig is None and topic is None and of_wrenches else []
     beside = image_topics(there) if wrenches else []
-    note([f"there are images on {', '.join(beside)}: --topic NAME says what is in them"] if beside else [])
+    note([f"there are images on {', '.join(beside)}: inspect them with --topic NAME"] if beside else [])
     if len(wrenches) < 2:
         return _inspect_one(file, there, rig, sensor, topic)
     found: list[tuple[Recording | None, bool]] = []
@@ -89,7 +89,7 @@ def _inspect_one(
         if found is None and (layouts := image_layouts(there, topic)):
             return None, inspect_images(file, there, layouts)
         if found is None:
-            note(["nothing in it looks like wrenches, voltages of load cells, frames of taxels or images"])
+            note(["it has no recognisable wrenches, voltages of load cells, frames of taxels or images"])
             return None, False
         kind, guess = found
         remarks = guess.remarks
@@ -118,7 +118,7 @@ def _inspect_one(
     if rig is not None and rig.surface is not None and (asked := _asked(file, rig, sensor)):
         lines([("bounds", asked)])
     if excerpt.stride > 1:
-        note([f"step, medians and noise are those of one sample in {excerpt.stride} (in long pieces), the rest of all"])
+        note([f"step, medians and noise are from one sample in {excerpt.stride}, all other figures from every sample"])
     note(([f"torn: {log.torn}"] if log.torn else []), kind="warning")
     note(remarks, kind="check")
     note(log.notes())
@@ -206,7 +206,7 @@ def _orientation(kept: Recording, there: LogContents) -> str:
     if ORIENTATION in kept.channels:
         lost = ~np.isfinite(kept.channels[ORIENTATION]).all(axis=1)
         where = "" if POSITION in kept.channels else ", without a position"
-        return f"there{where}" + (f", missing in {percent(lost.mean())}" if lost.any() else "")
+        return f"present{where}" + (f", missing in {percent(lost.mean())}" if lost.any() else "")
     guess = orientation_columns(list(there.names))
     return "none" if guess is None else f"perhaps {', '.join(guess)}"
 
@@ -278,8 +278,8 @@ def inspect_contacts(file: Path) -> Recording:
     ended = beside.get("ended", "whole")
     if ended != "whole":
         note(
-            [f"they are not all: {'the log was torn' if ended == 'torn' else 'estimating was interrupted'}"],
+            [f"not all contacts are in it: {'the log was torn' if ended == 'torn' else 'estimating was interrupted'}"],
             kind="warning",
         )
-    note([*(["writing it was cut short: these are the complete blocks"] if cut else []), *notes])
+    note([*(["writing was interrupted: these are only the complete blocks"] if cut else []), *notes])
     return excerpt.recording() if excerpt.count else Recording(np.empty(0), {FORCE: np.empty((0, 3))})

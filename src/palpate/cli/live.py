@@ -158,7 +158,7 @@ def _whole(record: Path, path: Path) -> bool:
     ring.close()
     if recorded >= received and not grown(record):
         return True
-    note([f"not everything is in {record.name}; `palpate recover {record}` puts it together"], kind="warning")
+    note([f"{record.name} is not complete; run `palpate recover {record}` to complete it"], kind="warning")
     return False
 
 
@@ -176,7 +176,7 @@ def _made(path: Path, receiver: Worker, trouble: Connection, came: Came) -> Stre
             raise KeyboardInterrupt
         if not receiver.alive:
             _heard(trouble, 1.0)
-            raise InputError("the receiver ended before it had begun.", where="palpate live")
+            raise InputError("the receiver ended before it was ready.", where="palpate live")
         if time.monotonic() > end:
             raise InputError(f"the receiver is not ready after {START:g} s.", where="palpate live")
         time.sleep(0.02)

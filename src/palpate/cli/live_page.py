@@ -61,7 +61,7 @@ def show(ring: Path, rig: Path, host: str, port: int, token: str, parent: int) -
             read.say(f"the page is at {page.address.partition('/?')[0]}{taken}")
             _serve(page, stream, parent)
     except PalpateError as problem:
-        read.say(f"there is no page: {problem}")
+        read.say(f"the page cannot be shown: {problem}")
         _wait(read, parent)
     finally:
         read.close()

@@ -21,7 +21,7 @@ def recover(output: SomeFile, /) -> None:
         output: file that was recorded to.
     """
     if output.suffix.lower() != ".mcap":
-        raise InputError("no record of `palpate live` ends like this.", where=str(output), hint="Name the .mcap.")
+        raise InputError("is not a record of `palpate live`.", where=str(output), hint="Name its .mcap file.")
     said = put_together(output)
     title(f"{output}: recovered")
     lines([("samples", said)])

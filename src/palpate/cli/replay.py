@@ -62,7 +62,7 @@ def replay(
     require_port(port, "--port")
     require_port(web, "--web")
     if not 0 <= domain <= 232:
-        raise InputError("lies between 0 and 232.", where="--domain")
+        raise InputError("must be from 0 to 232.", where="--domain")
     source = Replay(log, _layout(log, rig), speed, loop)
     made = _device(device, source, port=port, web=web, framing=framing, topic=topic, domain=domain)
     title(f"{log} as {device}")
@@ -81,13 +81,13 @@ def _layout(log: Path, rig: Path | None) -> LogLayout:
         return replace(load_rig(rig).layout(), axes=("x", "y", "z"), left_handed=False)
     guessed = guess_sensor(log)
     if guessed is None:
-        raise InputError("looks like no sensor's log.", where=str(log), hint="Add --rig: it says how the log is read.")
+        raise InputError("is not recognised as a log.", where=str(log), hint="Add --rig, to state how it is read.")
     return guessed[1].layout
 
 
 def _device(kind: str, source: Replay, *, port: int, web: int, framing: str, topic: str, domain: int) -> Device:
     if kind == "netft" and source.shape != (6,):
-        raise InputError("holds no wrenches, and a Net F/T gives nothing else.", where=str(source.path))
+        raise InputError("has no wrenches, and a Net F/T sends nothing else.", where=str(source.path))
     if kind == "netft":
         from palpate.live.netft_device import NetFtDevice
 

@@ -67,8 +67,8 @@ def _section(run: Run, truth: TrueSamples | TrueTouches, found: Evaluation) -> S
     if isinstance(truth, TrueTouches):
         shown.append(_touch_picture(kept, truth, found))
     few = f" (one in {run.summary.stride} of the log)" if run.summary.stride > 1 else ""
-    text = f"{found.matched:,} of {found.samples:,} samples{few} have a ground truth, {found.answered:,} of these an "
-    text += "answer."
+    text = f"{found.matched:,} of {found.samples:,} samples{few} have a ground truth, {found.answered:,} of these are "
+    text += "answered."
     if found.coverage.count:
         text += (
             f" The 95 % ellipses hold it in {percent(found.coverage.inside)} of {found.coverage.count:,} samples, and "

@@ -13,12 +13,12 @@ from palpate.viewer.report import percent
 __all__ = ["coverage_advice", "status_advice"]
 
 _REMEDY = {  # of a status that is common: from which share on, of the loaded samples or of all, and what to do
-    Status.AMBIGUOUS: (0.05, "if only a part of the body can be touched, say so as surface.region."),
-    Status.OFF_SURFACE: (0.02, "look at pose, unit and mesh of the surface, at the payload, at touches elsewhere."),
-    Status.IMPLAUSIBLE: (0.02, "look at payload and mounting; for a soft contact at estimate.friction, torsion."),
+    Status.AMBIGUOUS: (0.05, "if only a part of the body can be touched, state it as surface.region."),
+    Status.OFF_SURFACE: (0.02, "check pose, unit and mesh of the surface, the payload, and touches elsewhere."),
+    Status.IMPLAUSIBLE: (0.02, "check payload and mounting; for a soft contact, estimate.friction and torsion."),
     Status.SATURATED: (0.0, "press less, or use a sensor of a larger range."),
-    Status.INVALID: (0.0, "look at what wrote the log."),
-    Status.NO_POSE: (0.0, "poses are missing or too far apart: see orientation.max_gap, offset, and the poses' topic."),
+    Status.INVALID: (0.0, "check the program that wrote the log."),
+    Status.NO_POSE: (0.0, "poses are missing or too sparse: check orientation.max_gap, offset, and the poses' topic."),
 }
 ENOUGH = 50  # samples before their coverage means something
 
@@ -44,5 +44,5 @@ def coverage_advice(found: EvaluationReport | None, *, mounted: bool) -> tuple[s
         return (f"The 95 % ellipses hold the truth in {percent(inside)}: the noise in the rig is too large.",)
     if inside >= 0.85:
         return ()
-    likely = "noise or mesh are worse" if mounted else "the mounting is not in them"
+    likely = "noise or mesh are worse than stated" if mounted else "the error of the mounting is not in them"
     return (f"The 95 % ellipses hold the truth in {percent(inside)} only: {likely}.",)

@@ -72,7 +72,7 @@ def rig_new(
         log, mesh = None, log
     keep_inputs(output, (log, mesh))
     if output.exists() and not force:
-        raise InputError("is there already.", where=str(output), hint="Add --force to overwrite it.")
+        raise InputError("already exists.", where=str(output), hint="Add --force to overwrite it.")
     if rate is not None and not 0 < rate < inf:
         raise InputError("must be positive.", where="--rate")
     body = None if mesh is None else GivenBody.of(mesh, robot.link, _packages(robot.package))
@@ -84,12 +84,12 @@ def rig_new(
     title(f"{', '.join(str(each) for each in (log or source, mesh) if each)} -> {output}")
     note([f"taken for {proposal.called}: {proposal.why}"])
     note(proposal.remarks, kind="check")
-    note(["every line is a guess: read it once; the comments say which command fills in what is missing"])
+    note(["every line is a guess: check each one; the comments name the commands that find missing values"])
 
 
 def _known(source: RigSource | None) -> RigSource:
     if source is None:
-        raise InputError("is missing: a log, or a device to listen to.", where="LOG or --source")
+        raise InputError("is missing: give a log, or a device to listen to.", where="LOG or --source")
     return source
 
 
@@ -97,5 +97,5 @@ def _packages(said: tuple[str, ...]) -> dict[str, Path]:
     pairs = [text.partition("=") for text in said]
     for name, equals, folder in pairs:
         if not (name and equals and folder):
-            raise InputError("says where a package is: NAME=FOLDER.", where="--package")
+            raise InputError("must state where a package is, as NAME=FOLDER.", where="--package")
     return {name: Path(folder) for name, _, folder in pairs}

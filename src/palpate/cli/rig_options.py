@@ -72,7 +72,7 @@ class RigOptions:
         rig = self._base()
         if self.crease is not None and rig.surface is not None:
             if rig.surface.kind != "mesh":
-                raise InputError(f"is of a mesh, and the surface is a {rig.surface.kind}.", where="--crease")
+                raise InputError(f"applies only to a mesh, but the surface is a {rig.surface.kind}.", where="--crease")
             rig = replace(rig, surface=_over(rig.surface, crease=self.crease))
         for kind in rig.kinds:  # `open` refuses them for sensors to which they mean nothing
             told = {name: value for name in kind.options if (value := getattr(self, name)) is not None}
@@ -97,20 +97,20 @@ class RigOptions:
     def _require_meant(self, kind: SensorKind) -> None:
         for option, why in kind.refused.items():
             if getattr(self, option) is not None:
-                raise InputError(f"means nothing to {kind.called}: {why}.", where=f"--{option}")
+                raise InputError(f"has no effect on {kind.called}: {why}.", where=f"--{option}")
 
     def _base(self) -> Rig:
         """Return the rig, its mesh replaced where one is given; or the minimal rig of a mesh."""
         known = None if self.rig is None else load_rig(self.rig)
         if self.mesh is None:
             if self.unit is not None:
-                raise InputError("is the unit of a mesh, and none is given.", where="--unit", hint="Add --mesh MESH.")
+                raise InputError("is the unit of a mesh, but none is given.", where="--unit", hint="Add --mesh MESH.")
             if known is None:
-                raise InputError("nothing says what is touched.", hint="Give --rig RIG, or --mesh MESH --unit UNIT.")
+                raise InputError("the touched body is not given.", hint="Give --rig RIG, or --mesh MESH --unit UNIT.")
             return known
         if self.unit is None:
             raise InputError(
-                "a mesh file does not say its unit.", where=str(self.mesh), hint="Add --unit mm (or m, cm, um, in)."
+                "a mesh file does not state its unit.", where=str(self.mesh), hint="Add --unit mm (or m, cm, um, in)."
             )
         return with_mesh(known, self.mesh, self.unit)
 

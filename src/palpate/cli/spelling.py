@@ -19,7 +19,7 @@ _COMMANDS = {  # what other programs call it, or an option that sounds like a co
 }
 _OPTIONS = {  # what is said in another way
     "--log": "a log is named without an option, as in `palpate estimate LOG`.",
-    "--ip": "the address of a device stands in a rig's [source]: `palpate rig new --source KIND:ADDRESS` writes one.",
+    "--ip": "the address of a device is in a rig's [source]: `palpate rig new --source KIND:ADDRESS` writes one.",
 }
 
 

@@ -118,7 +118,9 @@ class _Beside:
         try:
             answer: Any = self._process.answer.recv()
         except (EOFError, OSError) as problem:
-            raise InputError("the process that wrote it was ended.", where=str(self._output)) from problem
+            raise InputError(
+                "the process that wrote it ended early; run the command again.", where=str(self._output)
+            ) from problem
         if isinstance(answer, Exception):
             raise answer
         self.summary, self.seconds = answer

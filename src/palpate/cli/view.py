@@ -86,9 +86,9 @@ def _require_film(film: Path, log: Path) -> None:
         raise InputError("is not the name of a video.", where=str(film), hint="Name it OUT.mp4.")
     reserve_output(film)
     if film.exists() or film.is_symlink():
-        raise InputError("is already there.", where=str(film), hint="Name another film.")
+        raise InputError("already exists.", where=str(film), hint="Name another file.")
     if is_taxel_file(log):
-        raise InputError("is of contacts over time; places of taxels do not move.", where="--film")
+        raise InputError("shows contacts over time, and places of taxels do not move.", where="--film")
 
 
 def _write_film(scene: Scene, path: Path) -> None:

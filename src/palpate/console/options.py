@@ -53,4 +53,4 @@ def require_port(value: int, option: str) -> None:
         InputError: it is not between 0 and 65535.
     """
     if not 0 <= value < 2**16:
-        raise InputError("a port lies between 1 and 65535; 0 is any that is free.", where=option)
+        raise InputError("must be a port from 1 to 65535, or 0 for any free one.", where=option)

@@ -48,9 +48,9 @@ def require_backend(backend: str, workers: int | None, option: str) -> int:
         InputError: there is no such backend, fewer than one worker, or what the backend needs is not installed.
     """
     if workers is not None and workers < 1:
-        raise InputError(f"must be 1 at least, not {workers}.", where=option)
+        raise InputError(f"must be at least 1, not {workers}.", where=option)
     if backend not in BACKENDS:
-        hint = f"There are {', '.join(BACKENDS)}."
+        hint = f"Use one of {', '.join(BACKENDS)}."
         raise InputError(f"there is no backend {backend!r}.", where="--backend", hint=hint)
     count = (os.cpu_count() or 1) if workers is None else workers
     if count == 1 and backend == "processes":
@@ -91,8 +91,8 @@ def each_done(
 
     def missed(job: Job) -> Result:
         if lost is None:
-            hint = f"Was there too little memory? Ask for fewer, {option}."
-            raise InputError("a worker was ended before it was done.", where=f"--backend {backend}", hint=hint)
+            hint = f"If memory was short, use fewer workers ({option})."
+            raise InputError("a worker ended before its job was done.", where=f"--backend {backend}", hint=hint)
         return lost(job)
 
     with closing(engine(one, jobs, workers, missed)) as results:
@@ -279,7 +279,7 @@ def _require_installed(backend: str, option: str) -> None:
     try:
         import_module(module)
     except ImportError as problem:
-        one = f", or {option} 1 for one after the other" if backend == "processes" else ""
+        one = f", or {option} 1 to run one after the other" if backend == "processes" else ""
         where = option if backend == "processes" else f"--backend {backend}"
         hint = f"pip install '{package}'{one}."
         raise InputError(f"jobs in parallel need {module}.", where=where, hint=hint) from problem

@@ -74,7 +74,7 @@ class Contacts:
         columns = {"time": self.time, "identity": self.identity, "estimate": self.estimate.status, **features}
         for name, values in columns.items():
             if values.shape != (count,):
-                raise InputError(f"{name} has shape {values.shape} for {count} rows.")
+                raise InputError(f"{name} must have one value for each of {count} rows, not shape {values.shape}.")
 
     @classmethod
     def single(cls, time: Float[np.ndarray, " n"], estimate: ContactEstimate, first: int = 0) -> Contacts:
@@ -122,7 +122,7 @@ class Contacts:
     def joined(cls, parts: Sequence[Contacts]) -> Contacts:
         """Join `Contacts` in order, at least one; a feature that some do not have is NaN there."""
         if not parts:
-            raise InputError("there is nothing to join.")
+            raise InputError("parts must be at least one Contacts, and is empty.")
         if len(parts) == 1:
             return parts[0]
         names = dict.fromkeys(name for part in parts for name in part.features)
@@ -294,7 +294,7 @@ class Contacts:
         try:
             frame = by_name("pandas.DataFrame")
         except ImportError as problem:
-            hint = "pip install pandas, or write contacts.to_polars()."
+            hint = "Run pip install pandas, or write contacts.to_polars()."
             raise InputError("to_pandas needs pandas, which does not load.", hint=hint) from problem
         return frame(self.to_polars().to_dict(as_series=False))
 

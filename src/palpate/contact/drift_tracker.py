@@ -68,7 +68,8 @@ class DriftTracker:
         _, begin, _ = sensor.start()
         if len(begin.zero) != len(drift.walk):
             raise InputError(
-                f"the drift is of {len(drift.walk)} channels, and the sensor has {len(begin.zero)}.", where="drift"
+                f"must be stated for {len(begin.zero)} channels, as the sensor has, not for {len(drift.walk)}.",
+                where="drift",
             )
         self._weighs = sensor.coefficients if drift.weight > 0 else 0
         self._warms = bool(drift.thermal.any() or drift.thermal_deviation.any())
@@ -247,7 +248,10 @@ class DriftTracker:
         """Return a tuple of sentences: how far the bias was followed, and the share of the time in which it was not."""
         said = self._record.notes(self.gate.jumps)
         if self._warms and said and np.isnan(self._first_kelvin):
-            return (*said, "no temperature came: what it does to the zero (thermal in [drift]) was not taken off")
+            return (
+                *said,
+                "no temperature was received, so its effect on the zero (thermal in [drift]) was not removed",
+            )
         return said
 
     def warnings(self) -> tuple[str, ...]:

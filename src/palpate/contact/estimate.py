@@ -44,7 +44,7 @@ class Status(IntEnum):
                 return each
         hint = f"Write palpate.Status.CONTACT, or another of {', '.join(cls.__members__)}."
         given = repr(value)[:40] if isinstance(value, str | int | float | None) else f"a {type(value).__name__}"
-        raise InputError(f"{given} is no status.", hint=hint)
+        raise InputError(f"{given} is not a status.", hint=hint)
 
     @property
     def label(self) -> str:
@@ -202,7 +202,7 @@ class ContactEstimate(Value):
     def joined(cls, parts: Sequence[ContactEstimate]) -> ContactEstimate:
         """Join batches into one `ContactEstimate` along the first axis, in order; raise InputError without any."""
         if not parts:
-            raise InputError("there is nothing to join.")
+            raise InputError("parts must be at least one ContactEstimate, and is empty.")
         columns = [part._columns() for part in parts]
         return cls(**{name: np.concatenate([each[name] for each in columns]) for name in columns[0]})
 

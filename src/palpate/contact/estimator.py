@@ -301,7 +301,7 @@ def rows_of(out: Any, width: int) -> Float[np.ndarray, "rows width"]:
     seen = [str(getattr(out, each)) for each in ("dtype", "shape") if hasattr(out, each)] or [type(out).__name__]
     if type(out) is np.ndarray and not out.flags.carray:
         seen.append("that cannot be written to" if not out.flags.writeable else "that is not contiguous")
-    raise InputError(f"out must be rows of {width} as `empty` makes them, not {' '.join(seen)}.")
+    raise InputError(f"out must be rows of {width} numbers, as `empty` returns them, not {' '.join(seen)}.")
 
 
 def _samples(

@@ -29,7 +29,7 @@ def placed(contacts: Contacts, block: Recording, frame: str, mount: Pose) -> Con
     if frame == "sensor":
         return contacts.in_frame(mount)
     if frame != "base":
-        raise InputError(f"there is no frame {frame!r}: use surface, sensor or base.")
+        raise InputError(f"the frame {frame!r} is unknown: use surface, sensor or base.")
     rows = contacts.sample - contacts.sample[0]  # every sample of the block has one or more
     poses = block.channels[ORIENTATION][rows], block.channels[POSITION][rows]
     return contacts.with_estimate(in_base(contacts.estimate, *poses, mount))

@@ -37,8 +37,8 @@ class Indentation:
     def __post_init__(self) -> None:
         if not (0 <= self.depth < 1 and 0 <= self.exponent <= 2):  # NaN too
             raise InputError(
-                f"an indentation of {self.depth:g} m at 1 N and exponent {self.exponent:g} is none.",
-                hint="depth lies between 0 and 1 m, exponent between 0 and 2.",
+                f"an indentation cannot have a depth of {self.depth:g} m at 1 N and an exponent of {self.exponent:g}.",
+                hint="Use a depth of at least 0 m and less than 1 m, and an exponent from 0 to 2.",
             )
         object.__setattr__(self, "covariance", frozen(self.covariance, tail=(2, 2), name="covariance"))
 

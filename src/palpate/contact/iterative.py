@@ -217,7 +217,7 @@ def fit_paraboloid(mesh: Mesh, about: ArrayLike, radius: float | None = None) ->
     """
     reach = 0.1 * mesh.size if radius is None else float(radius)
     if not reach > 0:
-        raise GeometryError(f"the radius of the region to fit must be positive, not {reach:g} m")
+        raise GeometryError(f"the radius of the region to fit must be positive, not {reach:g} m.")
     origin, normals, _ = mesh.project(np.asarray(about, dtype=np.float64)[None])
     axes = _frame(normals[0])
     steps = np.arange(1, RINGS + 1) / RINGS * reach
@@ -233,7 +233,7 @@ def fit_paraboloid(mesh: Mesh, about: ArrayLike, radius: float | None = None) ->
         why = f"is {1e3 * misfit:.2g} mm off (rms)" if turned > 0 else "turns by more than 90 degrees"
         where = np.array2string(origin[0] * 1e3, precision=1)
         raise GeometryError(
-            f"the mesh within {1e3 * reach:.3g} mm of {where} mm {why}: no paraboloid. "
+            f"no paraboloid fits the mesh within {1e3 * reach:.3g} mm of {where} mm: it {why}. "
             "Give a smaller radius, or use the method soft_finger, which needs no equation."
         )
     return PatchParaboloid(frozen(origin[0]), frozen(axes), frozen(coefficients), reach, misfit)

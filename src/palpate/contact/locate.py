@@ -126,7 +126,7 @@ class Locator:
 
         surface = as_surface(surface, unit)
         if method not in METHODS:
-            slow = " iterative is for `palpate.locate` alone." if method == "iterative" else ""
+            slow = " Only `palpate.locate` has the method iterative." if method == "iterative" else ""
             raise InputError(f"unknown method {method!r}.", hint=f"Use one of {', '.join(METHODS)}.{slow}")
         if not (friction > 0 and torsion >= 0):
             raise InputError(f"friction ({friction}) must be > 0 and torsion ({torsion}) >= 0.")
@@ -262,7 +262,9 @@ class Locator:
             InputError: other shapes, numbers that are not real, or `previous` with `sequential`.
         """
         if sequential and previous is not None:
-            raise InputError("previous is for sequential=False: otherwise the Locator remembers the last contact.")
+            raise InputError(
+                "previous is only possible with sequential=False: otherwise the Locator remembers the last contact."
+            )
         wrenches = shaped(wrenches, (..., 6), "wrenches")
         batch = wrenches.shape[:-1]
         if not batch and covariances is None and statuses is None:
@@ -499,7 +501,7 @@ def _thresholds(noise: Float[np.ndarray, "6 6"] | None, on: float | None, off: f
         on = max(ON * sigma, off or 0.0)
     off = min(OFF / ON * on, OFF * sigma) if off is None else off
     if not 0 <= off <= on:
-        raise InputError(f"contact thresholds must be 0 <= off <= on; got on = {on}, off = {off} N.")
+        raise InputError(f"contact thresholds must satisfy 0 <= off <= on, not on = {on} N and off = {off} N.")
     return float(on), float(off)
 
 
@@ -511,7 +513,7 @@ def _iterated(
     from palpate.surfaces.mesh import Mesh
 
     if not isinstance(surface, Equation | Mesh):
-        raise InputError("the method iterative needs an equation of the surface, or a mesh to fit one to.")
+        raise InputError("the method iterative needs a surface with an equation, or a mesh to which one can be fitted.")
     found = [locate_iteratively(w, surface, start, friction=friction, torsion=torsion).estimate() for w in wrenches]
     rows = np.empty((0, ROW.length))
     return ContactEstimate.joined([ContactEstimate.from_rows(rows), *(one.reshaped((1,)) for one in found)])

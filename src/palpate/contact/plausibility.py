@@ -49,13 +49,14 @@ class LinesOfAction:
         """Warning sentence if most of the axes do not fit the body; "" if they do."""
         if self.near > 0.5:
             return (
-                f"{self.near:.0%} of the loaded samples put the force's line through the sensor's origin, within 1 % "
-                "of the body's size: are the units of the torque and of the mesh right (N m, mm)?"
+                f"in {self.near:.0%} of the loaded samples the line of the force passes through the sensor's origin, "
+                "within 1 % of the body's size: check the units of the torque and of the mesh (N m, mm)"
             )
         if self.far > 0.5:
             return (
-                f"{self.far:.0%} of the loaded samples put the force's line further from the body than the body is "
-                "large: are the units of the torque and of the mesh right (N mm, mm), and is bias or payload left in?"
+                f"in {self.far:.0%} of the loaded samples the line of the force is further from the middle of the body "
+                "than the body is large: check the units of the torque and of the mesh (N mm, mm), and that bias and "
+                "payload are removed"
             )
         return ""
 
@@ -98,7 +99,7 @@ def never_at_rest(wrenches: Float[np.ndarray, "n 6"], on: float) -> str:
     least = float(np.percentile(strength[np.isfinite(strength)], 1)) if np.isfinite(strength).any() else 0.0
     if least <= on:
         return ""
-    return f"the force is never below {least:.3g} N: if the log has free moments, bias or payload is left in it"
+    return f"the force is never below {least:.3g} N: if nothing touches at times, bias or payload is not removed"
 
 
 @takes_arrays
@@ -144,7 +145,7 @@ class RequiredBounds:
             return ""
         friction, torsion = (float(np.percentile(values, 95)) for values in (self.friction, self.torsion))
         if friction > STICKIEST or torsion > self.size:
-            return "no bounds that a contact has would do"
+            return "no bounds that a real contact can have would include them"
         said = f"95 % of the loaded samples stay below friction = {friction:.2g} and torsion = {torsion:.2g} m"
         return said + (self._patch(torsion) if torsion > self.bounds[1] else "")
 
@@ -177,7 +178,7 @@ class RequiredBounds:
         if reach > self.size / 2:
             return ""
         return (
-            f", which a patch can make, if it reaches {1e3 * reach:.3g} mm or more from its middle at friction "
+            f", which a contact patch can make if it extends {1e3 * reach:.3g} mm or more from its middle at friction "
             f"{self.bounds[0]:.2g}"
         )
 
@@ -217,13 +218,13 @@ def unexplained(counts: Int[np.ndarray, " s"], required: RequiredBounds | None =
     which = f", by {required.exceeded}; {required.proposal}" if required is not None and required.exceeded else ""
     said = (
         f"of the loaded samples {beyond:.0%} are implausible (beyond the bounds of friction or torsion{which}) and "
-        f"{off:.0%} off the surface (no point of it makes such a wrench)"
+        f"{off:.0%} are off the surface (no point of it can make the wrench)"
     )
     if beyond + off <= 0.5:
         return [said]
     return [
-        f"{said}: are the units of the torque and of the mesh right, is bias or payload left in or in other units, is "
-        "the surface mounted as its pose says, do the normals of an open mesh face out?"
+        f"{said}: check the units of the torque and of the mesh, bias and payload and their units, the pose of the "
+        "surface, and that the normals of an open mesh point outward"
     ]
 
 
@@ -241,9 +242,9 @@ def unbelievable(counts: Int[np.ndarray, " s"], small: int) -> str:
     answered = int(counts[Status.CONTACT] + counts[Status.AMBIGUOUS])
     loaded = int(counts.sum() - counts[list(UNLOADED)].sum())
     if not loaded:
-        return "nothing to believe: there is no contact in it"
+        return "no result to trust: the log has no contact"
     if not answered:
-        return f"nothing to believe: none of the {loaded:,} loaded samples is explained by a contact"
+        return f"no result to trust: a contact explains none of the {loaded:,} loaded samples"
     if not small:
-        return f"nothing to believe: each of the {answered:,} ellipses is larger than the body"
+        return f"no result to trust: each of the {answered:,} ellipses is larger than the body"
     return ""

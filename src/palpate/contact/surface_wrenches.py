@@ -220,7 +220,9 @@ class SurfaceWrenches:
         if self._drift is None or self._shape is None:
             return None
         if not isinstance(self.sensor, FollowedSensor):
-            raise InputError("the zero of this sensor cannot be followed.", where="drift")
+            raise InputError(
+                "cannot be used with this sensor, whose zero cannot be followed: leave drift out.", where="drift"
+            )
         return DriftTracker(self.sensor, self._drift, self._shape, smooth=smooth)
 
     def _from_both_sides(

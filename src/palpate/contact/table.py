@@ -90,7 +90,7 @@ def from_frame(frame: pl.DataFrame) -> Contacts:
     }
     contacts = assembled(sample, contact, candidates, codes.to_numpy(), numbers, features)
     if (row := pointless(contacts.estimate)) is not None:
-        raise ValueError(f"row {row} of a block is answered, but has no point")
+        raise ValueError(f"row {row} of a block has the status of a located contact, but no point")
     return contacts
 
 

@@ -42,12 +42,12 @@ class TaxelSettings:
 
     def __post_init__(self) -> None:
         if not 0 < self.off <= self.on < inf:
-            raise InputError(f"off ({self.off:g}) must lie between 0 and on ({self.on:g}).")
+            raise InputError(f"off ({self.off:g}) must be above 0 and at most on ({self.on:g}).")
         if not (self.drift > 0 and self.sure >= 0 and 0 <= self.share < 1):
-            raise InputError("drift must be positive, sure not negative and share between 0 and 1.")
+            raise InputError("drift must be positive, sure 0 or more, and share 0 or more and below 1.")
         if not 0 <= self.walk < inf:
             raise InputError("walk must not be negative.")
         if self.unequal is not None and not 0 <= self.unequal < inf:
             raise InputError("unequal must not be negative.")
         if not (self.reach > 0 and self.speed >= 0 and self.patience >= 0):
-            raise InputError("reach must be positive, speed and patience not negative.")
+            raise InputError("reach must be positive, and speed and patience 0 or more.")

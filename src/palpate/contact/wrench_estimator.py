@@ -97,7 +97,7 @@ class WrenchEstimator(ContactEstimator):
         from palpate.contact._widen import widen  # compiled: loaded when first needed
 
         if not 0 <= placement < np.inf:  # NaN too
-            raise InputError(f"placement must be a length [m] that is not negative, not {placement:g}.")
+            raise InputError(f"placement must be a length of 0 m or more, not {placement:g} m.")
         self.sensor: WrenchSensor = sensor.unloaded() if isinstance(sensor, UnloadedSensor) else sensor
         super().__init__(self.sensor.channels, mount=mount, filter=filter)
         placed = Placement(self.mount, mount_covariance) if mounted else Placement(Pose.identity())
@@ -238,6 +238,6 @@ class WrenchEstimator(ContactEstimator):
             return ""
         x, y, z = 1e3 * found.point[0]
         return (
-            f"what the tare takes off is also what a steady touch of {force:.2g} N at ({x:.1f}, {y:.1f}, {z:.1f}) mm "
-            "of the surface would read: make sure that nothing touched it"
+            f"the wrench that the tare removes could also be a steady touch of {force:.2g} N at "
+            f"({x:.1f}, {y:.1f}, {z:.1f}) mm of the surface: make sure that nothing touched it during the tare"
         )

@@ -64,9 +64,11 @@ class ZeroRecord:
         moved = (self._last.zero - self._first.zero)[None]
         wrench, _ = self._sensor.as_wrench(moved, self._last.covariance[:channels, :channels])
         force, torque = (float(np.linalg.norm(part)) for part in (wrench[0, :3], wrench[0, 3:]))
-        went = f"was followed by {force:.2g} N and {1e3 * torque:.2g} mN m" if moved.any() else "was never followed"
+        went = f"moved by {force:.2g} N and {1e3 * torque:.2g} mN m" if moved.any() else "was never followed"
         lasted = self._span[-1] - self._span[0]
-        said = [f"the zero {went} over {lasted:.0f} s, {self._held():.0%} of which it was held, as something touched"]
+        said = [
+            f"the zero {went} over {lasted:.0f} s; in {self._held():.0%} of the time it was kept, as something touched"
+        ]
         if len(self._last.coefficient):
             sure = float(np.sqrt(self._last.covariance[-1, -1]))
             more = float(self._last.coefficient[0])
@@ -83,14 +85,14 @@ class ZeroRecord:
         said = list[str]()
         if left:
             said.append(
-                f"{_times(len(left))} something changed that no single contact of the body explains, too fast to be "
-                f"told from two touches at once, so the bias was not tracked: {_named(left)}; tare anew if nothing "
-                "touched"
+                f"{_times(len(left))} the wrench changed as no single contact of the body explains, too fast to be "
+                f"distinguished from two touches at once, so the bias was not tracked: {_named(left)}; tare again if "
+                "nothing touched"
             )
         if self._seen >= LEAST and self._held() > MOSTLY:
             said.append(
-                f"the zero was held {self._held():.0%} of the time: where it mostly was free, drift, noise or payload "
-                "are stated too small"
+                f"the zero was kept in {self._held():.0%} of the time: if mostly nothing touched, the drift, the noise "
+                "or the payload is stated too small"
             )
         return tuple(said)
 

@@ -86,10 +86,12 @@ class AlignController:
         self._kernel, self._moves = _align, _arm
         surface = estimator.locator.surface
         if law is None and estimator.filter is not None:
-            raise InputError("the estimator filters, which this law does itself.", hint="Build it without a filter.")
+            raise InputError(
+                "the estimator has a filter, but the law filters itself.", hint="Build the estimator without it."
+            )
         if face is None:
             if not isinstance(surface, Mesh):
-                raise InputError("the estimator's surface is no mesh: state the probe's face.", where="face")
+                raise InputError("must be stated, as the estimator's surface is not a mesh.", where="face")
             face = ProbeFace.of(surface)
         self.arm, self.estimator, self.face, self.force = arm, estimator, face, float(force)
         self.servo = Servo() if servo is None else servo
@@ -206,7 +208,7 @@ class AlignController:
             time = number(time, "time")
         feedback, given = self._feedback, shaped(joints, (...,), "joints")
         if given.shape != feedback.shape:
-            raise InputError(f"feedback must be of {len(feedback)} joints, not of shape {given.shape}.", where="joints")
+            raise InputError(f"feedback must have {len(feedback)} joints, not shape {given.shape}.", where="joints")
         feedback[:] = given
         if self._time == -np.inf:
             self.start(time, feedback)
@@ -330,7 +332,7 @@ class AlignController:
             return
         why = ""
         if self.drifted > limits.drift_angle:
-            why = f"drift since the tare may have turned the probe by {math.degrees(self.drifted):.1f} deg: tare"
+            why = f"drift since the tare may have turned the probe by {math.degrees(self.drifted):.1f} deg: tare again"
         elif moved > limits.travel:
             why = f"the tip is more than {1e3 * limits.travel:.0f} mm from where it first touched"
         elif float(axes[:, 2] @ self._upright) < math.cos(limits.tilt):

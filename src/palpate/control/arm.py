@@ -62,9 +62,11 @@ class Arm(Value):
             object.__setattr__(self, name, frozen(shaped(values, (n,), name)))
         axes = shaped(self.axes, (n, 3), "axes")
         if not n or self.placements.translation.shape != (n + 1, 3) or np.shape(self.revolute) != (n,):
-            raise InputError(f"an arm needs at least one joint, and with {n} joints {n + 1} placements.")
+            raise InputError(
+                f"an arm needs at least one joint, and {n} joints need {n + 1} placements and {n} values of revolute."
+            )
         length = np.linalg.norm(axes, axis=1, keepdims=True)
-        self._require(~((length[:, 0] > 0) & np.isfinite(length[:, 0])), "has no axis")
+        self._require(~((length[:, 0] > 0) & np.isfinite(length[:, 0])), "has no axis: it must be finite and not zero")
         self._require(~(self.lower < self.upper), "has an empty range: its lower limit is not below the upper one")
         self._require(~((self.speed > 0) & np.isfinite(self.speed)), "has no speed limit: it must be positive")
         self._require(~(np.asarray(self.acceleration) > 0), "has an acceleration limit that is not positive")

@@ -79,7 +79,7 @@ class ProbeFace(Value):
         z = np.asarray(axis, dtype=np.float64) / float(np.linalg.norm(axis))
         x = np.asarray(along, dtype=np.float64) - z * float(np.dot(along, z))
         if not float(np.linalg.norm(x)) > EPSILON:
-            raise GeometryError("the direction in which a face is long must not be its normal.")
+            raise GeometryError("the direction in which a face is long (along) must not be parallel to its axis.")
         x = x / float(np.linalg.norm(x))
         axes = np.column_stack([x, np.cross(z, x), z])
         facing = mesh.faces[mesh.normals @ z > -FACING]
@@ -88,7 +88,9 @@ class ProbeFace(Value):
         near: Any = cut(mesh.vertices, facing, z, (top - DEPTH) * z)
         vertices, facing = np.asarray(near[0]), np.asarray(near[1])
         if not len(facing):
-            raise GeometryError(f"nothing of the mesh looks along {np.round(z, 3).tolist()}: name its axis.")
+            raise GeometryError(
+                f"no facet of the mesh faces along {np.round(z, 3).tolist()}: state the axis of the probe."
+            )
         size = float(np.ptp(vertices @ axes[:, :2], axis=0).max()) / CELLS
         divide: Any = import_module("trimesh.remesh").subdivide_to_size
         fine: Any = divide(vertices, facing, max_edge=size, max_iter=12)

@@ -53,7 +53,9 @@ class Servo:
         if not 0 < self.period < np.inf:
             wrong.append("period")
         if wrong:
-            raise InputError(f"{wrong[0]} of a servo must be a time [s], not {getattr(self, wrong[0])}.")
+            raise InputError(
+                f"{wrong[0]} must be a time of 0 s or more (period: above 0 s), not {getattr(self, wrong[0])}."
+            )
 
     @property
     def total_delay(self) -> float:
@@ -174,7 +176,7 @@ class ServoModel:
             InputError: feedback of another number of joints.
         """
         if joints.shape != self.offset.shape:
-            raise InputError(f"feedback must be of {len(self.offset)} joints, not {joints.shape}.", where="joints")
+            raise InputError(f"feedback must have {len(self.offset)} joints, not shape {joints.shape}.", where="joints")
         off = self._apart(self._past, self._times, time, joints, self.offset, self._off)
         if not off < np.inf:
             return Feedback.ODD

@@ -61,9 +61,9 @@ class DelayedRobot(Value):
     def __post_init__(self) -> None:
         finite = all(map(math.isfinite, (self.dt, self.lag, self.smoothing)))
         if not (finite and self.dt > 0 and self.delay >= 0 and self.lag >= 0 and self.smoothing >= 0):
-            raise InputError("a loop needs dt > 0, and a delay, a lag and a smoothing of 0 or more.")
+            raise InputError("a loop needs a dt above 0, and a delay, a lag and a smoothing of 0 or more.")
         if self.order not in (1, 2):
-            raise InputError(f"a servo is of order 1 or 2 here, not {self.order}.")
+            raise InputError(f"the order of a servo must be 1 or 2, not {self.order}.")
         object.__setattr__(self, "_servo", frozen(self._discrete()))
 
     def __reduce__(self) -> tuple[object, ...]:
@@ -131,7 +131,7 @@ class Tracker:
 
     def __post_init__(self) -> None:
         if self.order not in (0, 1, 2) or not (0 < self.bandwidth < math.inf and 0 <= self.prediction < math.inf):
-            raise InputError("a tracker has order 0, 1 or 2, a bandwidth above 0 and a prediction of 0 s or more.")
+            raise InputError("a tracker needs order 0, 1 or 2, a bandwidth above 0 and a prediction of 0 s or more.")
 
     def gains(self, dt: float) -> Float[np.ndarray, " m"]:
         """Return the gains of value, rate and second derivative, (order + 1,), for a cycle of dt [s]."""

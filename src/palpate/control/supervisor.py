@@ -73,7 +73,7 @@ class Limits:
             if name != "drift" and not 0 < value < np.inf:  # NaN too
                 raise InputError(f"{name} must be positive, not {value}.", where="limits")
         if not ((drift >= 0) & np.isfinite(drift)).all():
-            raise InputError("drift must be two numbers that are not negative: N/s and N m/s.", where="limits")
+            raise InputError("drift must be two numbers of 0 or more: N/s and N m/s.", where="limits")
 
 
 class Supervisor:
@@ -92,7 +92,7 @@ class Supervisor:
             raise InputError(
                 f"the limit on force ({limits.force:g} N) must be above the wanted force ({force:g} N).",
                 where="limits",
-                hint="Leave room for what a moving surface adds: twice the wanted force is usual.",
+                hint="Leave room for the force that a moving surface adds: twice the wanted force is usual.",
             )
         self.limits, self.force = limits, force
         self.state, self.why = State.APPROACH, "nothing touched yet"

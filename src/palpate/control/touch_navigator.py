@@ -275,9 +275,9 @@ class TouchNavigator:
         way = here[2] + atan2(sum(f * sin(a) for a, f in ahead), sum(f * cos(a) for a, f in ahead))
         belief = 1.0
         if not set_.push:
-            why = "it pushes nothing" if firm else None
+            why = "pushing is switched off" if firm else None
         elif firm and known < set_.known and self._test.push is not Push.MOVES:
-            why = "it was here before"
+            why = "this place is already known as fixed"
         else:
             stands = self._test.touch(time, here[:2], (cos(way), sin(way))) is Push.STANDS
             why, belief = (Push.STANDS.value if stands else None), set_.pushed

@@ -105,15 +105,15 @@ def wrench_points(surface: Mesh, wrenches: Float[np.ndarray, "n 6"], *, alone: B
 def _why(alone: bool, newtons: float, pitch: float, met: bool) -> str:
     """Return why a wrench cannot be taken for one force; "" where it can."""
     if not np.isfinite(newtons):
-        return "no wrench at its time"
+        return "there is no wrench at its time"
     if not alone:
-        return "several touches at once have one resultant, which lies at none of them"
+        return "several touches at once have one resultant force, which acts at none of them"
     if newtons < LIGHTEST:
-        return f"{newtons:.2f} N is too light for a line of action (below {LIGHTEST:g} N)"
+        return f"{newtons:.2f} N is too light for a line of action, which needs {LIGHTEST:g} N"
     if abs(pitch) > PITCH:
         return (
-            f"F . N / |F|^2 is {1e3 * pitch:.1f} mm: a torque along the force, which no single force makes "
-            f"(above {1e3 * PITCH:g} mm)"
+            f"F . N / |F|^2 is {1e3 * pitch:.1f} mm, more than {1e3 * PITCH:g} mm: "
+            "the torque along the force is too large for a single force"
         )
     return "" if met else "the line of the force misses the link"
 
@@ -152,7 +152,7 @@ def wand_points(
             band = close & (height <= height[lowest] + 2e-5)
             points[k] = near[band].mean(axis=0)
         apart = 1e3 * float(np.linalg.norm(placed - near, axis=1).min())
-        never = f"wand and link do not meet: they are {apart:.3g} mm apart (is the wand's unit right, and its frame?)"
+        never = f"wand and link do not meet: their distance is {apart:.3g} mm (check the wand's unit and frame)"
         said.append("" if np.isfinite(points[k]).all() else never)
     nowhere = np.full((len(position), 3), np.nan)
     return Reference(points, nowhere, tuple(said), "wand tracked by motion capture")

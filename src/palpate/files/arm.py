@@ -39,14 +39,16 @@ def load_arm(
     moving = [joint for joint, _ in steps if joint.kind != "fixed"]
     names, where = tuple(joint.name for joint in moving), str(urdf)
     if not names:
-        raise InputError(f"nothing moves between links {base!r} and {sensor!r}.", where=where)
+        raise InputError(
+            f"links {base!r} and {sensor!r} have no moving joint between them: choose other links.", where=where
+        )
     _require_asked(names, joints, where)
     for joint in moving:
         if joint.mimics:
             raise InputError(
-                f"joint {joint.name!r} follows {joint.mimics!r}: it cannot be commanded by itself.",
+                f"joint {joint.name!r} follows {joint.mimics!r} and cannot be commanded by itself.",
                 where=where,
-                hint="Name a sensor link before it, or a base behind it.",
+                hint="Choose a sensor link before this joint, or a base link after it.",
             )
     places, axes = _placed(robot, steps)
     limits = np.array([[*robot.limits(joint), acceleration] for joint in moving])
@@ -55,7 +57,7 @@ def load_arm(
     try:
         return Arm(names, places, signs[:, None] * axes, turning, *limits.T)
     except InputError as problem:
-        raise InputError(problem.what, where=where, hint="Look at the joint's axis and limit.") from problem
+        raise InputError(problem.what, where=where, hint="Check the joint's <axis> and <limit>.") from problem
 
 
 def _require_asked(names: tuple[str, ...], joints: Sequence[str] | None, where: str) -> None:
@@ -67,8 +69,8 @@ def _require_asked(names: tuple[str, ...], joints: Sequence[str] | None, where: 
             raise InputError(f"there is no joint {name!r} in the chain.", where=where, hint=near(name, names))
     for name in names:
         if name not in joints:
-            raise InputError(f"joint {name!r} moves the sensor too and is not named.", where=where)
-    raise InputError("the joints are not in the order of the chain.", where=where, hint=f"It is {', '.join(names)}.")
+            raise InputError(f"joint {name!r} also moves the sensor and must be named.", where=where)
+    raise InputError("the joints are not in the order of the chain.", where=where, hint=f"Write {', '.join(names)}.")
 
 
 def _placed(robot: Urdf, steps: list[tuple[Joint, bool]]) -> tuple[Pose, np.ndarray]:

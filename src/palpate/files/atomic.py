@@ -146,7 +146,9 @@ def write_text(path: Path, text: str) -> None:
     try:
         raw = text.encode()
     except UnicodeEncodeError as problem:
-        raise InputError("cannot be written: the name of a file in it is not UTF-8.", where=str(path)) from problem
+        raise InputError(
+            "cannot be written: it would contain a file name that is not UTF-8.", where=str(path)
+        ) from problem
     with replacing(path) as temporary:
         temporary.write_bytes(raw)
 
@@ -176,9 +178,9 @@ def _clear(temporary: Path) -> None:
         return
     if strange := [file.name for file in temporary.iterdir() if file.suffix not in (".parquet", PART)]:
         raise InputError(
-            f"is in the way: a folder with {strange[0]!r}.",
+            f"is a folder with a file that Palpate did not write, {strange[0]!r}, but the output needs this path.",
             where=str(temporary),
-            hint="Remove it, or name another output.",
+            hint="Remove the folder, or name another output.",
         )
     shutil.rmtree(temporary)
 

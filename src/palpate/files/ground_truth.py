@@ -33,12 +33,12 @@ def read_ground_truth(path: Path) -> TrueSamples | TrueTouches:
         return _touches(table)
     if "time" not in table.names:
         raise InputError(
-            "is no truth: there is no column 'time', nor 'start' and 'end'.",
+            "is not a ground truth: it needs a column 'time', or columns 'start' and 'end'.",
             where=str(path),
             hint=near("time", table.names),
         )
     columns = {name: table.numbers(names, strict=True)[0] for name, names in _wanted(table).items()}
-    _require_finite(table, "an instant needs a point: leave out what has none", columns["point"])
+    _require_finite(table, "an instant needs a point (px, py, pz): remove rows without one", columns["point"])
     time = table.numbers(["time"], strict=True)[0][:, 0].copy()
     _require_finite(table, "an instant needs a time", time[:, None])
     return TrueSamples(time, columns["point"], columns.get("normal"), columns.get("force"))
@@ -71,7 +71,7 @@ def _touches(table: TextTable) -> TrueTouches:
     wrong = np.flatnonzero(~(bounds[:, 0] <= bounds[:, 1]))  # NaN too
     if len(wrong):
         table.refuse(int(wrong[0]), "a touch must start before it ends")
-    _require_finite(table, "a touch needs a point", point)
+    _require_finite(table, "a touch needs a point (px, py, pz)", point)
     labels = table.strings("label").to_list() if "label" in table.names else [None] * len(table)
     names = tuple(str(k + 1) if label is None else str(label) for k, label in enumerate(labels))
     return TrueTouches(bounds[:, 0].copy(), bounds[:, 1].copy(), point, names)

@@ -105,9 +105,9 @@ def _lock(file: Path, target: Path) -> int | None:
             holder = _holder(handle)
             os.close(handle)
             raise InputError(
-                f"is being written already (by process {holder}).",
+                f"is already being written by process {holder}.",
                 where=str(target),
-                hint="Wait until that has ended, or name another output.",
+                hint="Wait until that process has ended, or name another output.",
             ) from None
         except OSError:  # this file system has no locks
             os.close(handle)

@@ -138,7 +138,7 @@ def covariance_matrix(
     if np.abs(matrix_of_one - matrix_of_one.T).max(initial=0.0) > _ROUNDING:
         raise ValueError(f"{name} must be symmetric")
     if np.linalg.eigvalsh(matrix_of_one).min(initial=0.0) < -_ROUNDING:
-        raise ValueError(f"{name} must be positive semidefinite: some variance in it is negative")
+        raise ValueError(f"{name} must be positive semidefinite: a variance in it is negative")
     return matrix
 
 
@@ -185,7 +185,7 @@ class _Reader:
         if abs(value) <= _LARGEST:
             if value < self.said.least:
                 bound = "negative" if self.said.least == 0 else f"below {self.said.least:g}"
-                raise InputError(f"{key} must not be {bound}, as {value:g} is.", where=self.file)
+                raise InputError(f"{key} must not be {bound}, but is {value:g}.", where=self.file)
             return float(value)
         if self.said.unknown and isnan(value):
             return nan
@@ -259,7 +259,7 @@ def _leaf(hint: type[AbstractArray]) -> type:
 def _shown(value: Any) -> str:
     if isinstance(value, (list, dict)):
         return "a list" if isinstance(value, list) else "a table"
-    return "one so large" if isinstance(value, int) and abs(value) > _LARGEST else repr(value)
+    return "an integer that is too large" if isinstance(value, int) and abs(value) > _LARGEST else repr(value)
 
 
 def _options(hint: Any) -> tuple[Any, ...]:

@@ -138,7 +138,7 @@ def near(name: str, names: Iterable[str]) -> str:
     if close:
         return f"Did you mean {' or '.join(repr(match) for match in close)}?"
     shown = ", ".join(repr(other) for other in known[:12])
-    return f"There is {shown}{', ...' if len(known) > 12 else ''}." if known else ""
+    return f"Available: {shown}{', ...' if len(known) > 12 else ''}." if known else ""
 
 
 def measured(values: Iterable[float], spreads: Iterable[float], unit: str) -> str:

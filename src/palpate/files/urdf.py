@@ -91,11 +91,11 @@ class Urdf:
             with open_input(path) as file:
                 root = ElementTree.parse(file).getroot()
         except (OSError, ElementTree.ParseError, UnicodeError, ValueError) as problem:
-            raise InputError(f"is no URDF that can be read ({problem}).", where=str(path)) from problem
+            raise InputError(f"is not a URDF that can be read ({problem}).", where=str(path)) from problem
         if path.suffix == ".xacro" or any("xacro" in str(each.tag) for each in root.iter()):
             raise InputError("is written in xacro.", where=str(path), hint=_XACRO)
         if root.tag != "robot":
-            raise InputError(f"is no URDF: it describes a {root.tag!r}, not a robot.", where=str(path))
+            raise InputError(f"is not a URDF: it describes a {root.tag!r}, not a robot.", where=str(path))
         self._links = {link.get("name", ""): link for link in root.iterfind("link")}
         self._elements = root.findall("joint")
         self.joints = tuple(self._joint(joint) for joint in self._elements)
@@ -153,9 +153,10 @@ class Urdf:
         for joint, _ in found:
             if joint.kind not in (*_MOVING, "fixed"):
                 raise InputError(
-                    f"joint {joint.name!r}, between {base!r} and {sensor!r}, is {joint.kind}: no number states it.",
+                    f"joint {joint.name!r}, between {base!r} and {sensor!r}, is {joint.kind}, which "
+                    "one number cannot state.",
                     where=str(self.path),
-                    hint="Name a base behind it.",
+                    hint="Choose a base link after this joint.",
                 )
         return found
 
@@ -241,7 +242,7 @@ class Urdf:
                 return creation.cylinder(radius, length, sections=_ROUND)
             if kind.tag == "sphere":
                 return creation.icosphere(subdivisions=_HALVED, radius=self._numbers(kind, "radius", of)[0])
-        raise InputError(f"{of} has a geometry that is not one of URDF's.", where=str(self.path))
+        raise InputError(f"{of} has a geometry that is not a mesh, box, cylinder or sphere.", where=str(self.path))
 
     def resolve(self, name: str) -> Path:
         """Return the file that `package://NAME/...`, `file://...` or a path relative to the URDF names.
@@ -258,16 +259,18 @@ class Urdf:
                 raise InputError(
                     f"mesh {name!r}: package {package!r} is not found.",
                     where=str(self.path),
-                    hint=f"Say where it is: --package {package}=FOLDER, or packages in the rig's [surface].",
+                    hint=f"Name its folder: --package {package}=FOLDER, or packages in the rig's [surface].",
                 )
             files = [folder / inside for folder in folders]
         elif scheme in ("", "file"):
             files = [self.path.parent / rest]
         else:
-            raise InputError(f"mesh {name!r} is not a file.", where=str(self.path), hint="Use package:// or a path.")
+            raise InputError(
+                f"mesh {name!r} is not the address of a file.", where=str(self.path), hint="Use package:// or a path."
+            )
         found = next((file for file in files if file.is_file()), None)
         if found is None:
-            raise InputError(f"mesh {name!r} is not there: no file {files[0]}.", where=str(self.path))
+            raise InputError(f"mesh {name!r} is missing: there is no file {files[0]}.", where=str(self.path))
         return found
 
     def _folders(self, package: str) -> Iterator[Path]:
@@ -290,7 +293,7 @@ class Urdf:
         name, kind = joint.get("name", ""), joint.get("type", "fixed")
         ends = [None if end is None else end.get("link") for end in (joint.find("parent"), joint.find("child"))]
         if None in ends or not {*ends} <= {*self._links}:
-            raise InputError(f"joint {name!r} does not join two links that are there.", where=str(self.path))
+            raise InputError(f"joint {name!r} does not join two links of the URDF.", where=str(self.path))
         mimic = joint.find("mimic")
         place = self._origin(joint, of := f"joint {name!r}")
         if mimic is None:
@@ -325,7 +328,9 @@ class Urdf:
         except ValueError:
             values = np.zeros(0)
         if len(values) != wanted or not np.isfinite(values).all() or (default is None and not (values > 0).all()):
-            raise InputError(f"{key} of {of} must be {wanted} numbers, not {text!r}.", where=str(self.path))
+            raise InputError(
+                f"{key} of {of} must be {wanted} finite numbers (a size above 0), not {text!r}.", where=str(self.path)
+            )
         return values
 
 
@@ -359,7 +364,7 @@ class Kinematics:
             self._model = self._pin.buildModelFromUrdf(str(urdf.path))
         except Exception as problem:  # whatever its parser meets
             reason = " ".join(str(problem).split())[:160]
-            raise InputError(f"pinocchio cannot use it ({reason}).", where=str(urdf.path)) from problem
+            raise InputError(f"pinocchio cannot read this URDF ({reason}).", where=str(urdf.path)) from problem
         self._data = self._model.createData()
         self._frames = [self._model.getFrameId(link, self._pin.FrameType.BODY) for link in (base, sensor)]
         self._moved = [  # where it stands among pinocchio's numbers, what it follows, and how
@@ -379,9 +384,9 @@ class Kinematics:
         for k in np.flatnonzero(beyond & np.array(self._limited, dtype=bool)):
             raise InputError(
                 f"joint {self.joints[k]!r} reads up to {np.abs(values[:, k]).max():.4g}, more than a turn: "
-                "is it in degrees?",
+                "it seems to be in degrees.",
                 where=where,
-                hint="Positions of joints are in radians.",
+                hint="Write positions of joints in radians.",
             )
 
     def poses(self, values: Float[np.ndarray, "n k"]) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 3"]]:

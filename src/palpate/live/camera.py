@@ -47,9 +47,9 @@ class CameraSource:
         first = self._opened() and self._device.read()[1]
         if first is None or first is False:
             raise InputError(
-                "there is no camera, it is in use, or it may not be opened.",
+                "the camera cannot be opened: it does not exist, is in use, or is not permitted.",
                 where=f"{address}, [source] of the rig",
-                hint="Give its number (0) or device (/dev/video0); your user must be in the group `video`.",
+                hint="Write its number (0) or device (/dev/video0); your user must be in the group `video`.",
             )
         self.shape = tuple(first.shape)
         self._first: np.ndarray | None = first
@@ -76,11 +76,13 @@ class CameraSource:
         else:
             fine, frame = self._device.read()
             if not fine:
-                self._said.append(f"the camera {self._address} gives no more frames; it is opened again")
+                self._said.append(f"the camera {self._address} sends no more frames; it is being opened again")
                 self.close()
                 return 0
         if frame.shape != self.shape:
-            self._said.append(f"the camera gave an image of {frame.shape[1]} x {frame.shape[0]}, which is left out")
+            self._said.append(
+                f"the camera sent an image of another size, {frame.shape[1]} x {frame.shape[0]}, which is ignored"
+            )
             return 0
         batch.stamp[0], batch.lost[0] = time.time_ns(), 0
         batch.values[0] = frame
@@ -115,5 +117,5 @@ class CameraSource:
             return 0
         self._tried = time.monotonic()
         if self._opened():
-            self._said.append(f"the camera {self._address} is back")
+            self._said.append(f"the camera {self._address} sends frames again")
         return 0

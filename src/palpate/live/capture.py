@@ -40,7 +40,9 @@ def listen(source: RigSource, folder: Path, seconds: float = SECONDS) -> Path:
     device = source_of(source, Rig(folder=Path.cwd()).resolve())
     if device.shape != (6,):
         raise InputError(
-            "gives no wrenches.", where="--source", hint="Record a log from it, and give that file instead of --source."
+            "does not send wrenches, and nothing else can be used here.",
+            where="--source",
+            hint="Record a log from it, and give that file instead of --source.",
         )
     batch, times, values = Batch(device.shape), list[np.ndarray](), list[np.ndarray]()
     try:
@@ -54,7 +56,10 @@ def listen(source: RigSource, folder: Path, seconds: float = SECONDS) -> Path:
         device.close()
     time_, wrench = np.concatenate(times), np.concatenate(values)
     if len(time_) < 2:
-        raise InputError(f"gave no samples within {seconds:g} s.", where="--source")
+        raise InputError(
+            f"sent no samples within {seconds:g} s: check that the device is on and its address right.",
+            where="--source",
+        )
     file = folder / f"{source.kind}.csv"
     columns = {"time": time_ - time_[0], **dict(zip(WRENCH_COLUMNS, wrench.T, strict=True))}
     pl.DataFrame(columns).write_csv(file)

@@ -123,20 +123,20 @@ class CobsFrames:
         if self._damaged:
             found.append(f"{self._damaged} damaged {_plural('frame', self._damaged)}")
         if self._lost:
-            found.append(f"{self._lost} {_plural('sample', self._lost)} missing by the device's counter")
+            found.append(f"{self._lost} {_plural('sample', self._lost)} missing according to the device's counter")
         if self._foreign:
             frames = f"{self._foreign} {_plural('frame', self._foreign)} of {self._other} numbers"
-            found.append(f"{frames} passed over, as the sensor has {self._count}")
+            found.append(f"{frames} ignored, because the sensor has {self._count}")
         if self._restarts:
-            found.append("the device's counter went back: the device started again")
+            found.append("the device's counter went back: the device has restarted")
         self._damaged = self._foreign = self._restarts = self._lost = 0
         return found
 
     def awaited(self) -> str:
         """Return the reason why the bytes received gave no sample, as text for a message."""
         if self._foreign:
-            return f"frames of {self._other} numbers, where the sensor has {self._count}: is it another device?"
-        return "none of them a complete frame: is it `baud` or `framing`?"
+            return f"but in frames of {self._other} numbers, not {self._count} as the sensor has: check the device"
+        return "but no complete frame: check `baud` and `framing`"
 
 
 @takes_arrays

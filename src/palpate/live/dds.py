@@ -28,7 +28,7 @@ _PARTICIPANTS = 32  # on one machine, that find each other without multicast
 _FAST_DDS = "1.15"  # as a vendor of DDS: it describes some types differently, so readers and writers would not match
 _PORTS = 250  # of a domain, from 7400 on
 _BUFFER = 2**22  # bytes of receive buffer requested for each port; the kernel may grant less
-_OPEN = "ports of DDS are open to other machines, too: this system does not let them be kept to loopback"
+_OPEN = "other machines can reach the DDS ports too: this system cannot restrict them to loopback"
 _BLOCKED = 10_000_000  # ns that a write may wait for slow readers
 _ids = count(0x10000)  # of domains inside this process: each node has its own
 
@@ -91,7 +91,7 @@ class DdsNode:
             raise InputError(
                 f"the domain cannot be joined ({problem.msg}).",
                 where=self.where,
-                hint=f"At most {_PARTICIPANTS} can be on one machine; the interface must have an address.",
+                hint=f"Check that the interface has an address, and at most {_PARTICIPANTS} programs run here.",
             ) from problem
         self._dds = dds
         self._seen = dds.BuiltinDataReader(self._participant, dds.BuiltinTopicDcpsPublication)
@@ -173,8 +173,8 @@ class DdsNode:
 
     def _topic(self, name: str, kind: str) -> Any:
         if not re.fullmatch(r"(/[A-Za-z_][A-Za-z0-9_]*)+", ros_name(name)):
-            hint = "Letters, digits and _, in parts that / separates and no digit begins."
-            raise InputError(f"{name!r} cannot be a topic of ROS.", where=self.where, hint=hint)
+            hint = "Use letters, digits and _, in parts separated by / that do not begin with a digit."
+            raise InputError(f"{name!r} cannot be the name of a ROS topic.", where=self.where, hint=hint)
         return self._dds.Topic(self._participant, f"rt{ros_name(name)}", idl_type(kind))
 
 
@@ -283,7 +283,7 @@ def _check_interface(interface: str) -> None:
     raise InputError(
         f"there is no network interface {interface!r}.",
         where="source.interface",
-        hint=f"There are {', '.join(names)}; an address of one of them will do, and none at all stays on this machine.",
+        hint=f"Write one of {', '.join(names)}, or its address; leave it out to stay on this machine.",
     )
 
 

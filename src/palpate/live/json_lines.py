@@ -38,12 +38,12 @@ def datagram_address(to: str) -> tuple[socket.AddressFamily, Address]:
         return _unix(rest, to)
     host, _, port = rest.rpartition(":")
     if kind != UDP or not host or not port.isdecimal() or not 0 < int(port) < 2**16:
-        raise InputError("is no address for datagrams.", where=to, hint="Write udp:HOST:PORT or unix:PATH.")
+        raise InputError("is not an address for datagrams.", where=to, hint="Write udp:HOST:PORT or unix:PATH.")
     try:
         family, _, _, _, address = socket.getaddrinfo(host.strip("[]"), int(port), type=socket.SOCK_DGRAM)[0]
     except (OSError, UnicodeError) as problem:
-        reason = problem.strerror if isinstance(problem, OSError) else "no name of a host"
-        raise InputError(f"names a host that is not known ({reason}).", where=to) from problem
+        reason = problem.strerror if isinstance(problem, OSError) else "not a host name"
+        raise InputError(f"names a host that cannot be found ({reason}).", where=to) from problem
     return family, address  # pyright: ignore[reportReturnType] - of these two families an address has host and port
 
 
@@ -119,7 +119,7 @@ class JsonLines:
         if self.dropped == self._said_of or now < self._say_at:
             return []
         more, self._said_of, self._say_at = self.dropped - self._said_of, self.dropped, now + AGAIN
-        return [f"{self.to}: {more} lines were dropped, because they did not fit in; {self.sent} were sent"]
+        return [f"{self.to}: {more} lines were dropped, because the receiver was too slow; {self.sent} were sent"]
 
     def close(self) -> None:
         """Close the socket; may be called again."""

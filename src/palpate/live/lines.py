@@ -116,13 +116,13 @@ class LineFrames:
     def awaited(self) -> str:
         """Return the reason why the bytes received gave no sample, as text for a message."""
         example = f"; the last line was {self._example}" if self._example else ""
-        return f"no line of {self._wanted()} among them: is it `baud`, `framing` or `columns`{example}?"
+        return f"but no line of {self._wanted()}: check `baud`, `framing` and `columns`{example}"
 
     def _row(self, line: bytes) -> list[float] | None:
         """Return the sensor's numbers in a line; None if the line is not understood, which is counted."""
         found = numbers(line)
         if found is None:
-            return self._refuse(line, "no text")
+            return self._refuse(line, "is not text")
         if len(found) != self._width and not self._learn(len(found)):
             return self._refuse(line, f"{len(found)} numbers, not {self._wanted()}")
         self._agreeing = 0
@@ -138,7 +138,7 @@ class LineFrames:
         if not fits or (self._width is not None and self._agreeing < _AGREE):
             return False
         if self._width is not None:
-            self._changed = f"lines have {width} numbers now, no longer {self._width}"
+            self._changed = f"lines now have {width} numbers, no longer {self._width}"
         self._width = width
         return True
 

@@ -274,7 +274,7 @@ class Live:
             try:
                 self.estimator.run_into(np.zeros(1), nothing, self._rows, np.zeros(1, dtype=np.int64))
             except InputError as problem:
-                hint = "Say in [orientation] which topic of ROS 2 has poses, or leave the payload out."
+                hint = "Write in [orientation] which ROS 2 topic has poses, or remove the payload."
                 raise InputError(problem.what, where=self._where, hint=hint) from problem
             self.estimator.reset()
 
@@ -348,7 +348,7 @@ class Live:
             made = build.result()
         except InputError as problem:
             if time.monotonic() > self._quiet:
-                self._said.append(f"contacts are invalid until the start can be used: {problem}")
+                self._said.append(f"contacts are invalid, and the start is tried again: {problem}")
                 self._quiet = time.monotonic() + AGAIN
             self._start = _Window(start.length)
             return self._refused(start.joined())
@@ -375,7 +375,7 @@ class Live:
         try:
             taken = self.estimator.tare(window.recording(self.estimator.channels, self._frame))
         except InputError as problem:
-            self._said.append(f"no tare was taken, and the one before stays: {problem}")
+            self._said.append(f"the tare failed, and the previous one stays in use: {problem}")
         else:
             self._said += [taken.note, *([taken.warning] if taken.warning else [])]
 
@@ -385,7 +385,7 @@ class Live:
         clock = _offset()
         if abs(clock - self._clock) > JUMP:
             jump = (clock - self._clock) / 1e9
-            self._said.append(f"the system's clock jumped by {jump:+.3f} s, and the times of samples with it")
+            self._said.append(f"the system's clock jumped by {jump:+.3f} s, and so did the times of the samples")
             self._clock = clock
 
 
@@ -422,7 +422,9 @@ def _unseen(setup: Setup) -> Setup:
     """
     if setup.filter.kind == "zero_phase":
         hint = 'Use kind = "butterworth" or "kalman".'
-        raise InputError("zero_phase looks ahead, and a stream cannot.", where="[filter] of the rig", hint=hint)
+        raise InputError(
+            "zero_phase needs later samples, which a stream does not have yet.", where="[filter] of the rig", hint=hint
+        )
     return setup if setup.filter.rate is not None else replace(setup, filter=RigFilter())
 
 

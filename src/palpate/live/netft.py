@@ -82,15 +82,15 @@ class NetFt:
         """
         sensors = [each.kind for each in setup.sensors.values() if FORCE in each.kind.channels]
         if not sensors:
-            hint = "Add a [force_torque], or take another kind of source."
-            raise InputError("a Net F/T gives wrenches, and the rig has no [force_torque].", where="rig", hint=hint)
+            hint = "Add [force_torque] to the rig, or use another kind of source."
+            raise InputError("a Net F/T sends wrenches, but the rig has no [force_torque].", where="rig", hint=hint)
         read = sensors[0].layout(setup)
         if (known_unit(read.force_unit, FORCE_UNITS), known_unit(read.torque_unit, TORQUE_UNITS)) != ("N", "N m"):
             raise InputError(
-                f"must be N and N m, not {read.force_unit} and {read.torque_unit}: a Net F/T's samples arrive "
-                "as these.",
+                f"must be N and N m, not {read.force_unit} and {read.torque_unit}: samples of a Net F/T "
+                "are converted to these.",
                 where=f"[{sensors[0].name}] units",
-                hint='Write units = { force = "N", torque = "N m" }; the device\'s own are converted.',
+                hint='Write units = { force = "N", torque = "N m" }; the device\'s own units are converted.',
             )
         return cls(stated.address, stated.port, stated.web, stated.rate)
 
@@ -104,7 +104,7 @@ class NetFt:
         self._host = self._resolved()
         self._page = read_page(self._host, self._web, where=self._address, timeout=_PAGE)
         if not self._page.streaming:
-            hint = "Switch it on there, under Communications."
+            hint = "Enable RDT on that page, under Communications."
             raise InputError("does not send samples: RDT is disabled on its page.", where=self._address, hint=hint)
         self._begin()
         try:
@@ -178,9 +178,9 @@ class NetFt:
             found = socket.getaddrinfo(self._address, None, socket.AF_INET, socket.SOCK_DGRAM)
         except (OSError, UnicodeError) as problem:
             raise InputError(
-                f"there is no device of the name {self._address!r} in this network.",
+                f"no device named {self._address!r} is found in this network.",
                 where="[source] address",
-                hint="Give its name or its address, as 192.168.1.1.",
+                hint="Check the name, or write the address, such as 192.168.1.1.",
             ) from problem
         return str(found[0][4][0])
 
@@ -192,7 +192,9 @@ class NetFt:
         end = time.monotonic() + _FIRST
         while (now := time.monotonic()) < end:
             if now >= self._ask_at and (problem := self._ask(now)):
-                raise InputError(f"cannot be asked for samples ({problem}).", where=self._address, hint=_UNREACHED)
+                raise InputError(
+                    f"a request for samples cannot be sent ({problem}).", where=self._address, hint=_UNREACHED
+                )
             self._wait(min(end, self._ask_at) - now)
             while (seen := self._peek()) is not None:
                 if seen:
@@ -202,10 +204,9 @@ class NetFt:
                 if self._datagrams.take(1):
                     self._genuine(1)
         raise InputError(
-            f"sends no samples to this machine within {_FIRST:g} s, though its page says that it is a "
-            f"{self._page.called}.",
+            f"sends no samples to this machine within {_FIRST:g} s, although its page reports a {self._page.called}.",
             where=self._address,
-            hint=f"Does a firewall keep UDP from port {self._port} out, or is port not that of RDT?",
+            hint=f"Check that no firewall blocks UDP from port {self._port}, and that port is that of RDT.",
         )
 
     def _peek(self) -> bool | None:
@@ -227,7 +228,7 @@ class NetFt:
             self._socket.sendto(REQUEST.pack(HEADER, command, 0), (self._host, self._port))
         except OSError as problem:
             if problem.errno in (errno.EPERM, errno.EACCES):
-                return "this machine's firewall does not permit it"
+                return "this machine's firewall blocks it"
             return str(problem.strerror or problem)
         return ""
 
@@ -278,7 +279,7 @@ class NetFt:
         for new in dict.fromkeys(status[status != before].tolist()):
             if now - self._status_said.get(new, -math.inf) >= _SAID_EACH:
                 self._status_said[new] = now
-                left = "; its samples are left out (NaN) as long" if self._word.bad(np.array([new]))[0] else ""
+                left = "; samples are NaN until it clears" if self._word.bad(np.array([new]))[0] else ""
                 self._say(f"status 0x{new:08x}: {self._word.read(new)}{left}")
         if len(self._status_said) > _MOST_SAID:  # the status word takes arbitrary values
             self._status_said.clear()
@@ -293,28 +294,28 @@ class NetFt:
         self._sequence.expect_restart()
         if not self._away:
             self._away = True
-            self._say(f"no samples for {now - self._heard:.1f} s: asking it to send again, every {_ASK:g} s")
+            self._say(f"no samples for {now - self._heard:.1f} s: requesting them again every {_ASK:g} s")
         if problem and not self._unreachable:
             self._unreachable = True
-            self._say(f"cannot be asked for samples ({problem})")
+            self._say(f"a request for samples cannot be sent ({problem})")
         if not self._silent and now - self._heard >= SILENT:
             self._silent = True
             self._say(
-                f"no samples for {SILENT:g} s: is it powered and the cable in? Or has another program asked it to "
-                "send: it sends to one at a time"
+                f"no samples for {SILENT:g} s: check its power and cable, and that no other program reads it, "
+                "because it sends to only one"
             )
 
     def _back(self, now: float, restarted: bool, missing: int | None) -> None:
         """Report that samples come again or that counters restarted, and read the page again: the tool may differ."""
         if missing is None:
-            guess = f", about {(now - self._heard) * self._page.rate:.0f}" if self._page.rate and self._away else ""
-            count = f"its counters started again, so the number of missing samples is unknown{guess}"
+            guess = f" (about {(now - self._heard) * self._page.rate:.0f})" if self._page.rate and self._away else ""
+            count = f"its counters restarted, so the number of missing samples is unknown{guess}"
         else:
-            count = f"{missing} missing" + (", its counter started again" if restarted else "")
+            count = f"{missing} missing" + (", and its counter restarted" if restarted else "")
         if self._away:
-            self._say(f"samples again after {now - self._heard:.2f} s: {count}")
+            self._say(f"samples come again after {now - self._heard:.2f} s: {count}")
         elif restarted:
-            self._say(f"it started to send again, after a restart or for another program: {count}")
+            self._say(f"sending began again, after its restart or because of another program: {count}")
         if self._away or restarted:
             self._retries = 0
         self._away = self._silent = self._unreachable = False
@@ -331,15 +332,15 @@ class NetFt:
             if again:
                 self._retry_at = time.monotonic() + _RETRY
             if not again or self._retries == 1:
-                more = "it is tried again" if again else "it is not tried again"
-                self._say(f"its page cannot be read again, {more}; the counts of before are kept: {problem.what}")
+                more = "another try follows" if again else "no further try follows"
+                self._say(f"its page cannot be read again, {more}; its previous scale stays in use: {problem.what}")
             return
         before, self._page = self._page, page
         if (before.force, before.torque) != (page.force, page.torque):
             self._per_unit[:] = np.repeat([page.force, page.torque], 3)
-            self._say(f"another calibration: {page.called}, {page.scale}; before {before.called}, {before.scale}")
+            self._say(f"calibration changed: now {page.called}, {page.scale}; before {before.called}, {before.scale}")
         elif before.called != page.called:
-            self._say(f"another device of the same calibration: {page.called}, before {before.called}")
+            self._say(f"another device with the same calibration: now {page.called}, before {before.called}")
         self._word = status_word(page.product)
 
     def _counted(self) -> Iterator[str]:
@@ -359,15 +360,15 @@ class NetFt:
         if new["missing"]:
             yield f"{self._address}: missing samples: {new['missing']}, gaps: {new['gaps']}"
         if new["dropped"]:
-            yield f"{self._address}: dropped by this machine, read too late for its buffer: {new['dropped']} datagrams"
+            yield f"{self._address}: datagrams dropped by this machine, which read too slowly: {new['dropped']}"
         if new["late"]:
-            yield f"{self._address}: samples that came late, counted missing before: {new['late']}"
+            yield f"{self._address}: samples that came late, first counted as missing: {new['late']}"
         if new["repeated"]:
-            yield f"{self._address}: samples that came twice, given once: {new['repeated']}"
+            yield f"{self._address}: samples that came twice, used once: {new['repeated']}"
         if new["malformed"]:
-            yield f"{self._address}: datagrams of another length than a sample's, not read: {new['malformed']}"
+            yield f"{self._address}: datagrams without the length of a sample, ignored: {new['malformed']}"
         if new["foreign"]:
-            yield f"{self._address}: datagrams of another sender, not read: {new['foreign']}"
+            yield f"{self._address}: datagrams from another sender, ignored: {new['foreign']}"
 
     def _say(self, what: str) -> None:
         self._said.append(f"{self._address}: {what}")
@@ -377,12 +378,12 @@ class NetFt:
         pace = f", {page.rate:g} samples/s" if page.rate else ""
         self._say(f"connected to {page.called}{pace}, {page.scale}")
         if page.rate and self._rate and abs(self._rate / page.rate - 1) > 0.01:
-            hint = "set it on its page, under Communications"
-            self._say(f"sends {page.rate:g} samples/s, the rig asks for {self._rate:g}: {hint}")
+            hint = "set the rate on its page, under Communications"
+            self._say(f"sends {page.rate:g} samples/s, but the rig states {self._rate:g}: {hint}")
         rate = page.rate or self._rate
         held = f", about {2e3 * granted / _BOOKED / rate:.0f} ms of samples" if rate else ""
-        short = f", {_BUFFER >> 10} were asked for: sudo sysctl -w net.core.rmem_max={_BUFFER}"
+        short = f", less than {_BUFFER >> 10} KiB as requested: run sudo sysctl -w net.core.rmem_max={_BUFFER}"
         self._say(f"receive buffer of {granted >> 10} KiB{held}{short if granted < _BUFFER else ''}")
 
 
-_UNREACHED = "Is the cable in, and this machine in the device's network?"
+_UNREACHED = "Check the cable, and that this machine is in the device's network."

@@ -196,5 +196,5 @@ def _taken(kind: str, port: int) -> Generator[None]:
         raise InputError(
             f"{kind} port {port} cannot be used ({problem.strerror or problem}).",
             where=_HOST,
-            hint="Name another; 0 takes any that is free. Ports below 1024 are root's.",
+            hint="Name another port, or 0 for any free one; ports below 1024 need root.",
         ) from problem

@@ -20,7 +20,7 @@ __all__ = ["PAGE", "NetFtPage", "read_page"]
 PAGE = "/netftapi2.xml"
 _FORCE_UNITS: Mapping[str, float] = {**FORCE_UNITS, "klbf": FORCE_UNITS["lbf"] * 1e3}
 _MOST = 1 << 18  # bytes: the page of a Net F/T has some 10 kB
-_NOT = "Is address that of a Net F/T, and web the port of its page?"
+_NOT = "Check that address is that of a Net F/T, and web the port of its page."
 
 
 @dataclass(frozen=True)
@@ -52,11 +52,11 @@ class NetFtPage:
         """
         said = _elements(content, where)
         if missing := [name for name in ("cfgcpf", "cfgcpt", "scfgfu", "scfgtu") if not said.get(name)]:
-            raise InputError(f"is no Net F/T: its page does not say {', '.join(missing)}.", where=where, hint=_NOT)
+            raise InputError(f"is not a Net F/T: its page does not state {', '.join(missing)}.", where=where, hint=_NOT)
         force_unit, torque_unit = said["scfgfu"], said["scfgtu"]
         if known_unit(force_unit, _FORCE_UNITS) is None or known_unit(torque_unit, TORQUE_UNITS) is None:
             raise InputError(
-                f"measures in units that are not known here, {force_unit!r} and {torque_unit!r}.",
+                f"measures in units that cannot be converted, {force_unit!r} and {torque_unit!r}.",
                 where=where,
                 hint="Choose N and N-m on the page of the device, under Configurations.",
             )
@@ -103,12 +103,14 @@ def read_page(host: str, port: int, *, where: str, timeout: float) -> NetFtPage:
         raise InputError(
             f"does not answer at port {port}, where its page should be, within {timeout:g} s.",
             where=where,
-            hint="Is it powered and in this network, and no firewall between?",
+            hint="Check its power and network, and that no firewall is in between.",
         ) from problem
     except ConnectionRefusedError as problem:
-        raise InputError(f"refuses port {port}, where its page should be.", where=where, hint=_NOT) from problem
+        raise InputError(
+            f"refuses connections to port {port}, where its page should be.", where=where, hint=_NOT
+        ) from problem
     except OSError as problem:
-        hint = "Is the cable in, and this machine in the device's network?"
+        hint = "Check the cable, and that this machine is in the device's network."
         raise InputError(f"cannot be reached ({problem.strerror or problem}).", where=where, hint=hint) from problem
     return NetFtPage.parsed(_body(raw, where), where)
 
@@ -126,7 +128,7 @@ def _received(link: socket.socket, deadline: float, where: str) -> bytes:
         if not piece or _complete(raw):
             return bytes(raw)
         if len(raw) > _MOST:
-            raise InputError(f"is no Net F/T: its page is longer than {_MOST >> 10} KiB.", where=where, hint=_NOT)
+            raise InputError(f"is not a Net F/T: its page is longer than {_MOST >> 10} KiB.", where=where, hint=_NOT)
     raise TimeoutError
 
 
@@ -150,10 +152,12 @@ def _body(raw: bytes, where: str) -> bytes:
         response.begin()
         body = response.read()
     except (HTTPException, ValueError) as problem:
-        raise InputError("is no Net F/T: it does not answer as a web page does.", where=where, hint=_NOT) from problem
+        raise InputError(
+            "is not a Net F/T: its answer is not that of a web server.", where=where, hint=_NOT
+        ) from problem
     if response.status != 200:
         raise InputError(
-            f"is no Net F/T: it has no page {PAGE} (it answers {response.status}).", where=where, hint=_NOT
+            f"is not a Net F/T: it has no page {PAGE} (it answers {response.status}).", where=where, hint=_NOT
         )
     return body
 
@@ -165,7 +169,7 @@ def _elements(content: bytes, where: str) -> dict[str, str]:
             raise ValueError("a document type")
         root = ElementTree.fromstring(content)
     except (ElementTree.ParseError, ValueError, LookupError) as problem:  # the last: an unknown encoding
-        raise InputError(f"is no Net F/T: its page {PAGE} is not XML.", where=where, hint=_NOT) from problem
+        raise InputError(f"is not a Net F/T: its page {PAGE} is not XML.", where=where, hint=_NOT) from problem
     said: dict[str, str] = {}
     for each in root.iter():
         text = "".join(letter for letter in (each.text or "").strip() if letter.isprintable())
@@ -176,7 +180,9 @@ def _elements(content: bytes, where: str) -> dict[str, str]:
 def _counts(said: Mapping[str, str], name: str, where: str) -> float:
     value = _number(said[name])
     if not value > 0:
-        raise InputError(f"its page says {said[name]!r} for {name}, which is no count.", where=where, hint=_NOT)
+        raise InputError(
+            f"its page states {said[name]!r} for {name}, which is not a number of counts.", where=where, hint=_NOT
+        )
     return value
 
 

@@ -82,9 +82,9 @@ class StatusWord:
         return ((status & ~self.harmless) != 0) | (status == _ERROR)
 
     def read(self, status: int) -> str:
-        """Return the meaning of a status in words, such as "watchdog, settings"; "well" for 0."""
+        """Return the meaning of a status in words, such as "watchdog, settings"; "no error" for 0."""
         said = [self.bits.get(bit, f"bit {bit}") for bit in range(31) if status >> bit & 1]
-        return ", ".join(said) or ("an error that it does not name" if status else "well")
+        return ", ".join(said) or ("an error without details" if status else "no error")
 
 
 def status_word(product: str) -> StatusWord:

@@ -135,6 +135,6 @@ class PairedSource:
         elif now - self._heard > SILENT and not self._quiet:
             self._quiet = True
             self._said.append(
-                f"no wrench came at the times of the frames for {SILENT:g} s: are both stamped by one clock? "
-                "Forces are the skin's alone meanwhile"
+                f"no wrench has the time of a frame for {SILENT:g} s: check that both are stamped by one clock. "
+                "Until then forces come from the skin alone"
             )

@@ -124,12 +124,12 @@ class LivePoses:
             self._pending.append(self._problem or "there are no poses yet: the sensor's orientation is not known")
         if self._unread and "unread" not in self._told:
             self._told.add("unread")
-            self._pending.append("messages of poses are cut short, or of another type; they are left out")
+            self._pending.append("some messages of poses are incomplete or of another type, and are ignored")
         for name, track in self._named():
             key = f"{name} {track.restarts}"
             if track.restarts and key not in self._told:
                 self._told.add(key)
-                self._pending.append(f"the clock of the poses{name} went back; they start again")
+                self._pending.append(f"the clock of the poses{name} went back; earlier poses are discarded")
         said, self._pending = self._pending, []
         return said
 
@@ -181,7 +181,7 @@ class LivePoses:
             way = " -> ".join(self._path.frames)
             if way not in self._told:
                 self._told.add(way)
-                self._pending.append(f"the sensor's pose is that of {way} in the tree of /tf")
+                self._pending.append(f"the sensor's pose is taken from {way} in the tree of /tf")
         return self._path
 
     def _watch(self, *, found: bool, age: float = 0.0) -> None:

@@ -76,7 +76,7 @@ def _domain(to: str) -> int | None:
     if not colon:
         return None
     if not number.isdecimal() or int(number) > 232:
-        raise InputError("names no domain of ROS 2, which is a number from 0 to 232.", where=to, hint=_HINT)
+        raise InputError("does not name a domain of ROS 2, which is a number from 0 to 232.", where=to, hint=_HINT)
     return int(number)
 
 
@@ -91,7 +91,9 @@ def require_address(to: str) -> None:
     """
     kind = to.partition(":")[0]
     if kind not in _PUBLISHERS:
-        raise InputError("is nothing that contacts can be published to.", where=f"--publish {to}", hint=_HINT)
+        raise InputError(
+            "is not a destination to which contacts can be published.", where=f"--publish {to}", hint=_HINT
+        )
     if kind == ROS:
         _domain(to)
     else:

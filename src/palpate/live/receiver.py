@@ -80,7 +80,9 @@ def _opened(path: Path, form: SlotForm, recorded: bool) -> StreamBuffer:
     if path.exists():
         ring = StreamBuffer(path)
         if ring.form != form:
-            raise InputError("is of another rig or sensor.", where=str(path), hint="Remove it, or `palpate recover`.")
+            raise InputError(
+                "is from another rig or sensor.", where=str(path), hint="Remove it, or run `palpate recover`."
+            )
         lost = ring["received"] - ring["answered"]
         if lost:  # received by one that was killed before it had answered
             for _ in range(lost):

@@ -54,14 +54,14 @@ def require_record(output: Path) -> None:
             exist.
     """
     if output.suffix.lower() != ".mcap":
-        raise InputError(f"no record ends in {output.suffix!r}.", where=str(output), hint="Use .mcap.")
+        raise InputError(f"a record cannot end in {output.suffix!r}.", where=str(output), hint="Use .mcap.")
     if ring_of(output).exists() or grown(output):
         hint = f"Run `palpate recover {output}` to save it, then start the new one again."
         raise InputError("an earlier recording was interrupted.", where=str(output), hint=hint)
     if named(output, 1).exists():
-        hint = "Remove its files, or name another output."
+        hint = "Remove all files of that record, or name another output."
         raise InputError(
-            f"is the first of several files of a record: {named(output, 1)}.", where=str(output), hint=hint
+            f"belongs to an earlier record of several files: {named(output, 1)} exists.", where=str(output), hint=hint
         )
 
 
@@ -91,7 +91,7 @@ def record(ring: Path, output: Path, split: float, parent: int) -> None:
             recorder.finish()
     except InputError as problem:
         opened["recording"] = 0
-        opened.say(f"nothing is recorded any more: {problem}")
+        opened.say(f"recording has stopped: {problem}")
         raise SystemExit(1) from problem
 
 
@@ -106,7 +106,7 @@ def only_one(ring: Path) -> Generator[None]:
         try:
             fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as problem:
-            raise InputError("another process writes its record.", where=str(ring)) from problem
+            raise InputError("another process already writes its record.", where=str(ring)) from problem
         yield
 
 
@@ -214,7 +214,7 @@ class Recorder:
     def _lapped(self, count: int) -> None:
         ring = self._ring
         ring["missed"] += count
-        ring.say(f"{count} samples from sample {self.next} on are not recorded: the disk was too slow for the ring")
+        ring.say(f"{count} samples from sample {self.next} on are not recorded, because the disk was too slow")
 
     def _grown(self) -> None:
         """Store the progress in the ring, and end the file if it has reached the size at which files are split."""
@@ -257,7 +257,7 @@ class Recorder:
             except OSError:  # not even that: it stays OUTPUT.part, for `palpate recover`
                 file.close()
                 self.file = None
-        kept = f"the {self.next:,} samples until then are kept"
+        kept = f"the {self.next:,} samples before it are kept"
         self._ring.say(f"recording has stopped: {where} cannot be written ({problem.strerror}); {kept}")
 
 

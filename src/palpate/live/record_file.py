@@ -183,7 +183,7 @@ class RecordFile:
 def _require_small(growing: Path, topics: tuple[WrittenTopic, ...] | None) -> None:
     """Raise InputError if a file with an unreadable head would be overwritten, unless it is only an incomplete head."""
     if growing.exists() and (topics is None or growing.stat().st_size > _HEAD):
-        raise InputError("is not a file of `palpate live`, or nothing in it is complete.", where=str(growing))
+        raise InputError("is not a file of `palpate live`, or contains no complete data.", where=str(growing))
 
 
 def place(path: Path) -> None:

@@ -43,7 +43,9 @@ def recover(output: Path) -> str:
             return "; ".join(_alone(named(output, which)) for which in unfinished)
     if output.exists():
         return f"{output.name} is complete: there is nothing to recover"
-    raise InputError("there is nothing to recover.", where=str(output), hint="Name the file that was recorded to.")
+    raise InputError(
+        "has nothing to recover.", where=str(output), hint="Name the file that `palpate live` recorded to."
+    )
 
 
 def cut_short(file: Path) -> str:
@@ -69,34 +71,34 @@ def cut_short(file: Path) -> str:
         span = span_of(found, ring["received"]) if found is not None else None
         reached = span.end if span is not None and span.samples else ring["began"]
         more, alive = max(0, ring["received"] - reached), _alive(ring)
-    there = [f"{more:,} {'more ' if last else ''}in {path.name}"]
+    there = [f"{more:,} {'more' if last else 'samples'} in {path.name}"]
     if last is not None and span is not None:
         there.insert(0, f"{span.samples:,} samples in {part(last).name}")
     if alive:
-        return f"it is being written: {', '.join(there)}"
-    return f"writing was cut short: {', '.join(there)}; `palpate recover {output}` puts them together"
+        return f"it is still being written: {', '.join(there)}"
+    return f"writing was interrupted: {', '.join(there)}; run `palpate recover {output}` to join them"
 
 
 def _from_ring(path: Path, output: Path) -> str:
     with _opened(path) as ring:
         if _alive(ring):
-            hint = "End `palpate live`, or wait two seconds where it was killed."
-            raise InputError("is being written.", where=str(output), hint=hint)
+            hint = "End `palpate live`, or wait two seconds after it was killed."
+            raise InputError("is still being written.", where=str(output), hint=hint)
         recorder = Recorder(ring, output, np.inf)
         began = recorder.next
         unsound = _cut_unsound(ring, began)
         recorder.finish()
         if recorder.full:
             said, _ = ring.events(ring["said"] - 1)
-            raise InputError(f"{said[-1][1]}.", where=str(output), hint="Make room, and run it again.")
+            raise InputError(f"{said[-1][1]}.", where=str(output), hint="Free disk space, and run the command again.")
         received, answered, missed = ring["received"], ring["answered"], ring["missed"]
     path.unlink()
     more = max(0, received - began)
     bare = max(0, received - max(answered, began))
     without = f" ({bare:,} of them without contacts)" if bare else ""
-    missing = f"{missed:,} are missing, which the disk was too slow for" if missed else "none is missing"
+    missing = f"{missed:,} are missing, because the disk was too slow" if missed else "none is missing"
     if unsound:
-        missing += f"; {unsound:,} of the ring were torn, as by a loss of power, and were left out"
+        missing += f"; {unsound:,} in the ring were damaged, as by a loss of power, and are left out"
     return (
         f"{output.name}: {began - missed:,} samples were recorded, {more:,} more were in the ring{without}; {missing}"
     )
@@ -128,7 +130,7 @@ def _alone(path: Path) -> str:
     file = RecordFile(path, None, 0)
     file.end()
     file.place()
-    return f"{path.name}: {file.span.samples:,} samples were recorded; there is no ring with more"
+    return f"{path.name}: {file.span.samples:,} samples were recorded; there is no ring file with more samples"
 
 
 def _alive(ring: StreamBuffer) -> bool:

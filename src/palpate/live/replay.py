@@ -89,7 +89,7 @@ class Replay:
         """
         path = setup.link.folder / stated.address
         if not path.exists():
-            raise InputError("there is no such log to replay.", where=f"{path}, [source] of the rig")
+            raise InputError("the log to replay does not exist.", where=f"{path}, [source] of the rig")
         return cls(path, bare(setup.layout()), stated.speed, stated.loop)
 
     def open(self) -> None:
@@ -106,7 +106,7 @@ class Replay:
             piece = next(self._rest, None)
             if piece is None:
                 if not self.ended:
-                    self._said.append(f"{self.path.name} is at its end")
+                    self._said.append(f"{self.path.name} has been played to its end")
                 self.ended = True
                 time.sleep(timeout)
                 return 0

@@ -188,9 +188,9 @@ class RosTopics:
                         self.shape = image.shape
                         return
         raise InputError(
-            f"no image that can be read came on {self.topic.name!r} in {self._patience:g} s.",
+            f"no readable image came on {self.topic.name!r} within {self._patience:g} s.",
             where=self._node.where,
-            hint="Is the camera running? Its size is needed to begin.",
+            hint="Check that the camera is running: the size of its images is needed to begin.",
         )
 
     def _decoded(self, messages: MessageBlock) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -209,7 +209,7 @@ class RosTopics:
             if not self._unread:
                 self._unread = True
                 made = " x ".join(map(str, self.shape))
-                self._said.append(f"messages of {self.topic.name!r} that do not hold {made} numbers are left out")
+                self._said.append(f"messages of {self.topic.name!r} that do not contain {made} numbers are ignored")
             return stamps[sound], messages.time[sound], values[sound]
         return stamps, messages.time, values
 
@@ -241,9 +241,7 @@ class RosTopics:
         return (stamp if self._stamped else sent), values
 
     def _say_unstamped(self) -> None:
-        self._said.append(
-            f"messages of {self.topic.name!r} have no stamps: the times at which they were sent are taken"
-        )
+        self._said.append(f"messages of {self.topic.name!r} have no stamps: the times at which they were sent are used")
 
     def _listen(self) -> None:
         """Report once that no messages come."""

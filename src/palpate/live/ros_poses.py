@@ -99,7 +99,11 @@ class RosPoses:
         name = ros_name(self._table.topic or "")
         topic = published(name, self._node.settled(self._patience, [name]), self._node.where)
         if role(topic.kind) != "pose":
-            raise InputError(f"topic {name!r} holds {topic.kind}.", where=self._node.where, hint=POSE_KINDS)
+            raise InputError(
+                f"topic {name!r} has messages of {topic.kind}, which is not a pose.",
+                where=self._node.where,
+                hint=POSE_KINDS,
+            )
         return self._node.reader(name, topic.kind)
 
 
@@ -111,9 +115,9 @@ def wanted(orientation: RigOrientation) -> bool:
     """
     if orientation.urdf is not None:
         raise InputError(
-            "joint states are not read live.",
+            "joint states cannot be read live.",
             where="orientation.urdf",
-            hint="Name base and sensor alone: robot_state_publisher puts them on /tf.",
+            hint="Remove urdf, and name only base and sensor, which robot_state_publisher puts on /tf.",
         )
     return orientation.frames() is not None or orientation.topic not in (None, NONE)
 
@@ -126,7 +130,7 @@ def published(name: str, there: Sequence[Topic], where: str) -> Topic:
     """
     found = next((topic for topic in there if topic.name == name), None)
     if found is None:
-        seen = ", ".join(f"{topic.name} ({topic.kind})" for topic in there[:12]) or "no topic at all"
-        hint = f"Seen: {seen}. {near(name, (topic.name for topic in there)) if there else ''}".strip()
-        raise InputError(f"nobody publishes {name!r}.", where=where, hint=hint)
+        seen = ", ".join(f"{topic.name} ({topic.kind})" for topic in there[:12]) or "none"
+        hint = f"Topics that exist: {seen}. {near(name, (topic.name for topic in there)) if there else ''}".strip()
+        raise InputError(f"no node publishes {name!r}.", where=where, hint=hint)
     return found

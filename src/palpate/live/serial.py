@@ -115,7 +115,7 @@ class SerialPort:
             return cls(stated, (6,))
         if layout.images is not None or len(layout.arrays) != 1:
             raise InputError(
-                f"{setup.kind.called} does not come over a serial port.", where="source.kind", hint="Name another kind."
+                f"{setup.kind.called} cannot come over a serial port.", where="source.kind", hint="Use another kind."
             )
         return cls(stated, layout.arrays[0].shape)
 
@@ -210,12 +210,12 @@ class SerialPort:
         if gone:
             self.close()
             self._away = self._tried = time.monotonic()
-            self._say(f"the port vanished ({gone}): it is tried again every {_AGAIN:g} s.")
+            self._say(f"the port disappeared ({gone}): it is tried again every {_AGAIN:g} s.")
 
     def _clock(self) -> int:
         now = time.time_ns()
         if now < self._stamp - _BEHIND and not self._behind:
-            self._say("the clock of this computer went back: stamps count on until it has caught up.")
+            self._say("the clock of this computer went back: stamps continue from the last one until it has caught up.")
         self._behind = now < self._stamp
         return now
 
@@ -246,7 +246,7 @@ class SerialPort:
             self._say(f"{self._bytes} bytes in {now - self._noisy:.1f} s, {self._frames.awaited()}")
         elif quiet >= SILENT:
             why = f": {self._bytes} bytes came, {self._frames.awaited()}" if self._bytes else "."
-            self._say(f"no samples for {quiet:.1f} s{why if self._port else ': the port is still away.'}")
+            self._say(f"no samples for {quiet:.1f} s{why if self._port else ': the port is still missing.'}")
         else:
             return
         self._told = True
@@ -281,14 +281,14 @@ def _frames(stated: RigSource, count: int) -> Framing:
     if stated.framing == "cobs":
         if stated.columns is not None:
             raise InputError(
-                "only lines have columns.", where="source.columns", hint='Remove it, or say framing = "lines".'
+                "applies only to lines.", where="source.columns", hint='Remove it, or write framing = "lines".'
             )
         from palpate.live.cobs import CobsFrames
 
         return CobsFrames(count)
     if stated.columns is not None and len(stated.columns) != count:
         raise InputError(
-            f"names {len(stated.columns)} numbers of a line, and the sensor has {count}.", where="source.columns"
+            f"names {len(stated.columns)} numbers of a line, but the sensor has {count}.", where="source.columns"
         )
     from palpate.live.lines import LineFrames
 
@@ -299,16 +299,16 @@ def _explained(problem: Exception, stated: RigSource) -> InputError:
     """Return the error that explains why a port cannot be opened."""
     number, where = getattr(problem, "errno", None), stated.address
     if number in _NO_PORT:
-        return InputError("there is no such port.", where=where, hint=_ports())
+        return InputError("the port does not exist.", where=where, hint=_ports())
     if number in (errno.EACCES, errno.EPERM):
-        hint = "Join the group that may: `sudo usermod -aG dialout $USER`, then log in again."
-        return InputError("you may not open this port.", where=where, hint=hint)
+        hint = "Join its group: `sudo usermod -aG dialout $USER`, then log in again."
+        return InputError("you do not have permission to open this port.", where=where, hint=hint)
     if number in _BUSY:
-        return InputError("is used by another program.", where=where, hint=f"`fuser {where}` says by which.")
+        return InputError("is used by another program.", where=where, hint=f"Run `fuser {where}` to find it.")
     if number == errno.EISDIR or "could not configure port" in str(problem).lower():
-        return InputError("is no serial port.", where=where, hint=_ports())
+        return InputError("is not a serial port.", where=where, hint=_ports())
     if isinstance(problem, (ValueError, OverflowError)):
-        return InputError(f"the port does not know {stated.baud} baud.", where=where, hint="Correct source.baud.")
+        return InputError(f"the port does not support {stated.baud} baud.", where=where, hint="Correct source.baud.")
     return InputError(f"cannot be opened ({problem}).", where=where, hint=_ports())
 
 
@@ -316,4 +316,4 @@ def _ports() -> str:
     from serial.tools.list_ports import comports
 
     names = sorted(port.device for port in comports())
-    return f"There are: {', '.join(names)}." if names else "There are none: is the device plugged in?"
+    return f"Write one of: {', '.join(names)}." if names else "No port exists: check that the device is plugged in."

@@ -51,7 +51,7 @@ class SerialDevice:
             self._line, other = os.openpty()
         except (OSError, ImportError, AttributeError) as problem:
             raise InputError(
-                f"a pseudo-terminal cannot be opened ({problem}).", hint="Send as another device."
+                f"a pseudo-terminal cannot be opened ({problem}).", hint="Choose another device."
             ) from problem
         tty.setraw(other)
         name = os.ttyname(other)
@@ -109,12 +109,14 @@ class SerialDevice:
         if self._link is None:
             return
         if self._link.exists() and not self._link.is_symlink():
-            raise InputError("is a file, where a link to the port was to be.", where=str(self._link))
+            raise InputError("is a file, so that the link to the port cannot be made here.", where=str(self._link))
         try:
             self._link.unlink(missing_ok=True)
             self._link.symlink_to(name)
         except OSError as problem:
-            raise InputError(f"no link can be made here ({problem.strerror}).", where=str(self._link)) from problem
+            raise InputError(
+                f"the link to the port cannot be made ({problem.strerror}).", where=str(self._link)
+            ) from problem
 
 
 def _written(line: int, data: bytes) -> int:

@@ -142,7 +142,7 @@ class StreamBuffer:
             with path.open("r+b") as file:
                 size = os.fstat(file.fileno()).st_size
                 if size < HEAD or file.read(len(MAGIC)) != MAGIC:
-                    raise InputError("is no ring of `palpate live`.", where=str(path))
+                    raise InputError("is not a ring of `palpate live`.", where=str(path))
                 self._map = mmap.mmap(file.fileno(), 0)
         except OSError as problem:
             raise InputError(f"cannot be opened ({problem.strerror}).", where=str(path)) from problem
@@ -153,7 +153,7 @@ class StreamBuffer:
         self.form = _described(self._map, path)
         slot, count = self.form.slot(), self["slots"]
         if count < LEAST or HEAD + count * slot.itemsize > size:
-            raise InputError("is cut off: it is shorter than its head says.", where=str(path))
+            raise InputError("is incomplete: it is shorter than its head states.", where=str(path))
         self.slots = np.frombuffer(self._map, slot, count, HEAD)
         self._memory = np.frombuffer(self._map, "<i8", count * (slot.itemsize // 8), HEAD).reshape(count, -1)
         self._sentences = np.frombuffer(self._map, [("stamp", "<i8"), ("text", f"S{SENTENCE}")], SENTENCES, _SAID)

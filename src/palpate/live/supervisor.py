@@ -70,7 +70,7 @@ class WorkerSupervisor:
             why = f"was killed by signal {-code}" if code is not None and code < 0 else f"ended with code {code}"
             if len(worker.died) > AGAIN:
                 worker.given_up = True
-                said = f"the {worker.name} {why} again and again, and is given up"
+                said = f"the {worker.name} {why} too often, and is not started again"
                 ring.say(said)
                 if worker is self.workers[0]:
                     raise InputError(f"{said}.", where="palpate live")

@@ -56,7 +56,9 @@ class Fisheye:
         bad = [name for name, value in values.items() if not np.isfinite(value)]
         bad += [name for name in ("fx", "fy", "width", "height") if not values[name] > 0]
         if bad:
-            raise InputError(f"{bad[0]} = {values[bad[0]]} is no {bad[0]} of a camera.")
+            raise InputError(
+                f"{bad[0]} of a camera must be finite, and a focal length or a size positive, not {values[bad[0]]}."
+            )
 
     @classmethod
     def equidistant(cls, width: int = 640, height: int = 480) -> Fisheye:
@@ -184,14 +186,14 @@ class RingView(Value):
         for name, value in (given | {"rings": frozen(np.asarray(rings, dtype=np.float64))}).items():
             object.__setattr__(self, name, value)
         if not (np.isfinite(radius) and radius > 0):
-            raise InputError(f"radius = {radius} m is no radius of a ring.")
+            raise InputError(f"radius of a ring must be positive and finite, not {radius} m.")
         if self.angles.ndim != 1 or len(self.angles) < 3 or not np.isfinite(self.angles).all():
-            raise InputError("angles must be three or more finite numbers [rad], one a marker.")
+            raise InputError("angles must be three or more finite numbers [rad], one for each marker.")
         if pose.translation.shape != (3,) or not abs(pose.translation[2]) > 1e-6:
-            raise InputError("the camera must be one, and outside the plane of the ring.")
+            raise InputError("the pose must be of one camera, outside the plane of the ring.")
         if self.rings.ndim != 1 or not len(self.rings) or self.rings[0] != 0.0 or len(self.angles) % len(self.rings):
             raise InputError(
-                "rings must be a list of heights that begins with 0; all rings have the same number of markers."
+                "rings must be a list of heights that begins with 0, with the same number of markers in each ring."
             )
         if not (self.rings < abs(pose.translation[2])).all():
             raise InputError("every ring must be in front of the camera.")

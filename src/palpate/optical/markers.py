@@ -68,14 +68,16 @@ class MarkerColour:
 
     def __post_init__(self) -> None:
         if self.score not in SCORES:
-            raise InputError(f"{self.score!r} is no score of a pixel.", hint=f"One of {', '.join(SCORES)}.")
+            raise InputError(
+                f"the score of a pixel {self.score!r} is unknown.", hint=f"Use one of {', '.join(SCORES)}."
+            )
         for name in ("threshold", "coverage"):
             if not 0 < getattr(self, name) < 1:
-                raise InputError(f"{name} = {getattr(self, name)} must be between 0 and 1.")
+                raise InputError(f"{name} must be between 0 and 1, not {getattr(self, name)}.")
         if self.background < 0:
-            raise InputError(f"background = {self.background} px must not be negative.")
+            raise InputError(f"background must be 0 px or more, not {self.background} px.")
         if not 0 <= self.others <= 8:
-            raise InputError(f"others = {self.others} must be 0 to 8 sixteenths.")
+            raise InputError(f"others must be from 0 to 8 (sixteenths), not {self.others}.")
 
     @property
     def weights(self) -> Int[np.ndarray, " 4"]:
@@ -170,8 +172,8 @@ def find_colour(image: Image, count: int | None = None, *, background: int = 0) 
                 best, merit, seen = (score, float(kept.areas.sum()) / image[..., 0].size), this, n
     if best is None or (count is not None and seen != count):
         wanted = "markers" if count is None else f"{count} markers"
-        hint = "State the colour, or give a sharper, evenly lit frame in which nothing touches the skin."
-        raise InputError(f"no colour tells {wanted} from the skin; the best finds {seen}.", hint=hint)
+        hint = "State the colour, or use a sharper, evenly lit frame in which nothing touches the skin."
+        raise InputError(f"no colour distinguishes {wanted} from the skin; the best one finds {seen}.", hint=hint)
     return _quietest(image, MarkerColour(best[0], 0.5, min(best[1], 0.5), background), seen)
 
 

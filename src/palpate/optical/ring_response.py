@@ -73,15 +73,19 @@ class RingResponse(Value):
     def __post_init__(self) -> None:
         shape = self.coefficients.shape
         if shape[0] not in (3, 4) or shape[1] % 2 or shape[2] % 2 == 0 or shape[3] % 2 == 0:
-            raise InputError(f"coefficients must be 3 or 4 x 2 for each ring x odd x odd, not {shape}.")
+            raise InputError(f"coefficients must have shape (3 or 4, 2 for each ring, odd, odd), not {shape}.")
         if len(self.misfit) != shape[1]:
-            raise InputError(f"misfit must have {shape[1]} rows, as coefficients have, not {len(self.misfit)}.")
+            raise InputError(
+                f"misfit must have {shape[1]} rows, the second length of coefficients, not {len(self.misfit)}."
+            )
         if not (self.width > 0).all() or not (self.misfit >= 0).all() or not (self.spread >= 0).all():
-            raise InputError("width must be positive, misfit and spread not negative.")
+            raise InputError("width must be positive, and misfit and spread 0 or more.")
         if not (self.usual[1:] > 0).all() or not self.grip >= 0:
-            raise InputError("deviations of usual must be positive, grip not negative.")
+            raise InputError("deviations of usual must be positive, and grip 0 or more.")
         if not 0 <= self.dragged[0] < 1 or (self.dragged[0] and not 0 < self.dragged[1] <= self.dragged[2] < np.inf):
-            raise InputError("dragged must be a share below 1 and two deviations, positive and rising.")
+            raise InputError(
+                "dragged must be a share from 0 to below 1, then two positive deviations, the larger one last."
+            )
         tails = {"coefficients": shape[1:], "width": (2,), "misfit": (), "spread": (2,), "largest": (2,), "usual": (3,)}
         for name, tail in (tails | {"dragged": (3,), "left_out": (4,)}).items():
             object.__setattr__(self, name, frozen(getattr(self, name), tail=tail, name=name))

@@ -78,7 +78,7 @@ class GivenBody:
         """
         if path.suffix.lower() not in (".urdf", ".xacro", ".xml"):
             if link is not None or packages:
-                raise InputError("is a mesh: it has no links and no packages.", where=str(path), hint="Name a URDF.")
+                raise InputError("is a mesh, which has no links and no packages.", where=str(path), hint="Name a URDF.")
             return cls(path, *mesh_size(path))
         urdf = Urdf(path, packages)
         if link is None:
@@ -136,16 +136,18 @@ class GivenBody:
             return [f"the mesh is taken to be in {self.unit}, which makes it {self.size * 1e3:.4g} mm across"]
         said = [f"the surface is the {self.geometry} geometry of link {self.link!r}, {self.size * 1e3:.4g} mm across"]
         if not PLAUSIBLE[0] <= self.size <= PLAUSIBLE[1]:
-            said.append("that is no size of a robot's link: is the scale of its mesh right in the URDF (0.001 for mm)?")
+            said.append(
+                "that is an unusual size of a robot's link: check the scale of its mesh in the URDF (0.001 for mm)"
+            )
         if self.mounting(frame) is not None:
-            return [*said, f"where it sits in the sensor ({frame!r}) is taken from the URDF's fixed joints"]
+            return [*said, f"its place in the sensor ({frame!r}) is read from the URDF's fixed joints"]
         if not frame:
             why = "the log does not name the sensor's frame"
         elif frame not in self.urdf.links:
-            why = f"the sensor's frame {frame!r} is no link of the URDF"
+            why = f"the sensor's frame {frame!r} is not a link of the URDF"
         else:
             why = f"no fixed joints join the sensor's frame {frame!r} and link {self.link!r}"
-        return [*said, f"{why}: write where the link sits in the sensor as pose in [surface]"]
+        return [*said, f"{why}: write the link's pose in the sensor's frame as pose in [surface]"]
 
 
 def _comment(name: str) -> str:

@@ -72,7 +72,7 @@ class RigDrift:
         if not 0 <= self.weight < inf:
             raise ValueError("weight must be a force [N] that is not negative")
         if np.any(self._stated("thermal")) and self.temperature is None:
-            raise ValueError("thermal needs temperature: the column or topic of it in the log")
+            raise ValueError("thermal needs temperature, the column or topic of the log that holds it")
 
     @property
     def of_wrench(self) -> bool:
@@ -91,7 +91,7 @@ class RigDrift:
         """
         if channels == 6 and not self.of_wrench:
             raise InputError(
-                "of a force/torque sensor is { force = ..., torque = ... }.", where="drift.walk", hint=_UNITS
+                "must be { force = ..., torque = ... } for a force/torque sensor.", where="drift.walk", hint=_UNITS
             )
         return Drift(
             self._channels("walk", channels),
@@ -110,11 +110,11 @@ class RigDrift:
         stated = self._stated(name)
         if stated.size not in (1, channels):
             said = "force and torque" if isinstance(getattr(self, name), RigPair) else f"{stated.size} numbers"
-            raise InputError(f"has {said}, and the sensor has {channels} channels.", where=f"drift.{name}")
+            raise InputError(f"has {said}, but the sensor has {channels} channels.", where=f"drift.{name}")
         return np.broadcast_to(stated, (channels,)).copy()
 
 
-_UNITS = "In N/sqrt(s) and N m/sqrt(s); `palpate calibrate drift` writes it."
+_UNITS = "Write it in N/sqrt(s) and N m/sqrt(s), or let `palpate calibrate drift` write it."
 
 
 def drift_table(drift: Drift, weight: float | None = None, temperature: str | None = None) -> dict[str, Any]:

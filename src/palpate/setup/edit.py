@@ -23,7 +23,7 @@ from palpate.spatial.pose import Pose
 
 __all__ = ["update_drift", "update_offset", "update_pose"]
 
-_PLACEMENT = "m: what touches err by beside what their wrenches explain"
+_PLACEMENT = "m: the error of touches in addition to what their wrenches explain"
 _FOUND = {"walk", "warm_up", "settle", "thermal", "thermal_deviation"}  # keys of a fit: removed if it lacks them
 _COVARIANCE = "of rotation [rad] and translation [m] in the sensor's frame"
 
@@ -132,7 +132,7 @@ def _write(
         if text is not None and _reads_as(text, wanted):
             return write_text(target, text)
     raise InputError(
-        "what was found cannot be written into a rig of this form.",
+        f"the result cannot be written into [{table}] in the form that it has.",
         where=str(source),
         hint=f"Write [{table}] as one table.",
     )

@@ -96,12 +96,12 @@ def orientation_table(names: Sequence[str]) -> tuple[str, list[str]]:
     lines = ["[orientation]", f"columns = {quoted(quaternion)}   # sensor in base: x, y, z, w"]
     remarks: list[str] = []
     if position is not None and re.search(r"[\[(_ ](?:mm|cm|um|in)[\])]?$", position[0]):
-        remarks.append(f"{position[0]!r} ... are not read: positions must be metres")
+        remarks.append(f"{position[0]!r} ... are not read: positions must be in metres")
     elif position is not None:
         lines.append(f"position = {quoted(position)}   # sensor in base [m]: only for --frame base")
     if quaternion == ORIENTATION_COLUMNS:
         return "\n".join(lines) + "\n", remarks
-    remark = f"{quaternion[0]!r} ... may be the sensor's orientation: it stands in the rig as a comment"
+    remark = f"{quaternion[0]!r} ... may be the sensor's orientation: it is in the rig as a comment"
     return "\n".join(f"# {line}" for line in lines) + "\n", [remark, *remarks]
 
 

@@ -69,8 +69,8 @@ def _counted(values: Float[np.ndarray, "n 6"], fields: Mapping[str, str]) -> str
     if fields["force_unit"] != "N" or not len(known) or np.abs(known).max() < _COUNTS or (known % 1.0).any():
         return ""
     return (
-        f"all numbers of the wrench are whole, up to {np.abs(known).max():,.0f}: if they are counts, write so many "
-        'to a unit in [force_torque], as units = { force = "N/1000000", torque = "N m/1000000" }'
+        f"all numbers of the wrench are integers, up to {np.abs(known).max():,.0f}: if they are counts, write the "
+        'counts per unit in [force_torque], as units = { force = "N/1000000", torque = "N m/1000000" }'
     )
 
 
@@ -119,7 +119,9 @@ def _unit(columns: Sequence[str], kind: str, table: Mapping[str, float], content
     units = {stated: name for name in columns if (stated := contents.stated.unit(name, kind))}
     if len({_scale(unit, table, name, contents) for unit, name in units.items()}) > 1:
         both = ", ".join(f"{name!r} in {unit!r}" for unit, name in units.items())
-        raise InputError(f"one {kind} has several units: {both}.", where=str(contents.path), hint="Correct the header.")
+        raise InputError(
+            f"columns of one {kind} have different units: {both}.", where=str(contents.path), hint="Correct the header."
+        )
     unit = next(iter(units), "")
     bare, slash, count = unit.partition("/")
     return f"{known_unit(bare, table) or bare}{slash}{count}"
@@ -129,7 +131,7 @@ def _scale(unit: str, table: Mapping[str, float], name: str, contents: LogConten
     try:
         return to_si(unit, table, where=f"{contents.path}, column {name!r}")
     except InputError as problem:
-        hint = f"{problem.hint} Of counts write so many to a unit, `N/1000`, in the header or in a rig."
+        hint = f"{problem.hint} For counts, write the counts per unit, as `N/1000`, in the header or in a rig."
         raise InputError(problem.what, where=f"{contents.path}, column {name!r}", hint=hint) from None
 
 
@@ -138,11 +140,11 @@ def _said(
 ) -> list[str]:
     said: list[str] = []
     if made_up(names):
-        said.append("without names force and torque are taken in the order x, y, z, x, y, z")
+        said.append("the columns have no names, so force and torque are assumed in the order x, y, z, x, y, z")
     for name in wrench:
         unknown = re.findall(r"\(([^()]*[^()\W\d_xyz][^()]*)\)", split_unit(name)[0])
         if unknown:
-            said.append(f"{unknown[-1]!r} in {name!r} is not read as a unit: check [force_torque] units")
+            said.append(f"{unknown[-1]!r} in {name!r} is not known as a unit: check units in [force_torque]")
             break
     if whose:
         said.append(f"{wrench[0]!r} ... is the wrench {whose}: frame = {frame!r}")
@@ -151,8 +153,10 @@ def _said(
         said.append(f'{needs}; frame = "sensor" is right only while the sensor keeps the axes of the base')
     if others:
         more = "; ".join(f"{columns[0]} ... {columns[-1]}" for columns in others)
-        taken = f"{wrench[0]} ... {wrench[-1]} is taken, not {more}"
-        said.append(f"{len(others) + 1} wrenches are there: {taken}; [force_torque] columns chooses another one")
+        taken = f"{wrench[0]} ... {wrench[-1]} is used, not {more}"
+        said.append(
+            f"the log has {len(others) + 1} wrenches: {taken}; to use another one, change columns in [force_torque]"
+        )
     return said
 
 
@@ -173,5 +177,5 @@ def _acceleration_table(columns: tuple[str, ...], stated: Stated, recording: Rec
         commented(f'unit = "{unit}"', "m/s^2, g, mg"),
     ]
     named = f"{columns[0]!r} ... are taken for " if kind != "none" else f"{columns[0]!r} ... are not used: "
-    what = {"imu": "an IMU's", "motion": "the acceleration of the motion"}.get(kind, "")
+    what = {"imu": "the acceleration of an IMU", "motion": "the acceleration of the motion"}.get(kind, "")
     return "\n".join(["", *lines, ""]), f"{named}{what}{', ' if what else ''}{means[kind]}: check [acceleration] kind"

@@ -49,7 +49,7 @@ def guess_pose(survey: Survey, layout: LogLayout, body: GivenBody | None) -> Pos
     found, remarks = _tree(survey, frame)
     if found is not None:
         if joints is not None:
-            remarks.append("joint states could give it too; /tf is taken")
+            remarks.append("joint states could give the pose too; /tf is used")
         unused = [name for name in survey.poses if name]
         if unused:
             remarks.append(f"topics of poses are not used: {', '.join(unused)}")
@@ -88,7 +88,7 @@ def _tree(survey: Survey, frame: str) -> tuple[tuple[str, str] | None, list[str]
     others = f"; another base can be {', '.join(up[1:-1])}" if len(up) > 2 else ""
     said = [f"the sensor is {wrench}, the base {base!r}, the root of its tree in /tf{others} (base in [orientation])"]
     if not survey.frames.moving(up):
-        said.append(f"nothing between {base!r} and {frame!r} moves in /tf: is that the sensor's frame?")
+        said.append(f"nothing between {base!r} and {frame!r} moves in /tf: check that {frame!r} is the sensor's frame")
     return (base, frame), said
 
 
@@ -110,7 +110,7 @@ def _joints(survey: Survey, frame: str, body: GivenBody | None) -> PoseGuess | N
         f"urdf = {body.relative(body.path)}\njoints = {quoted(topic)}   # joint states\n{_OFFSET}"
     )
     said = f"the sensor is link {frame!r} of the URDF, the base its root {root!r}, the joints those of {topic!r}"
-    several = f"{len(topics)} topics move these joints: {', '.join(topics)}; the first is taken (see joints)"
+    several = f"{len(topics)} topics have states of these joints: {', '.join(topics)}; the first is used (see joints)"
     remarks = [said, *([several] if len(topics) > 1 else [])]
     return PoseGuess(LogLayout(frames=(root, frame), urdf=body.path, joints_topic=topic), text, remarks)
 
@@ -125,15 +125,15 @@ def _topic(survey: Survey, layout: LogLayout, frame: str) -> PoseGuess:
         if len(foreign) > 1:
             remarks = [f"{', '.join(foreign)} are probably not of the sensor"]
         if len(fitting) > 1:
-            remarks.append(f"{len(fitting)} topics hold poses: {', '.join(fitting)}; the first is taken")
+            remarks.append(f"{len(fitting)} topics hold poses: {', '.join(fitting)}; the first is used")
         if not survey.poses[fitting[0]].moves and survey.poses[fitting[0]].count > 1:
-            remarks.append(f"the pose on {fitting[0]!r} never moves: is it the sensor's?")
+            remarks.append(f"the pose on {fitting[0]!r} never changes: check that it is the sensor's")
         return PoseGuess(replace(layout, orientation_topic=fitting[0]), pose_table(fitting), remarks)
     if not doubts:
         return PoseGuess(layout, pose_table([]), [])
     text = f'[orientation]\ntopic = "{NONE}"                       # of poses of the sensor in the base\n'
     said = (
-        f"no topic of poses is taken: {', '.join(foreign)}; if one is of the sensor, name it as topic in [orientation]"
+        f"no topic of poses is used: {', '.join(foreign)}; if one is of the sensor, name it as topic in [orientation]"
     )
     return PoseGuess(replace(layout, orientation_topic=NONE), text, [said])
 
@@ -143,9 +143,9 @@ def _doubts(survey: Survey, name: str, frame: str) -> Iterator[str]:
     parent, child = survey.named.get(name, ("", ""))
     for what, text in (("its name", name), ("its frame", parent), ("its child frame", child)):
         if match := _OTHERS.search(text):
-            yield f"{what} says {match[0]!r}"
+            yield f"{what} contains {match[0]!r}"
             return
     if frame and child and child != frame:
-        yield f"it is of {child!r}, the wrench of {frame!r}"
+        yield f"it is of {child!r}, but the wrench is of {frame!r}"
     elif frame and parent == frame:
         yield "it is written in the sensor's own frame"

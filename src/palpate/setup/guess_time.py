@@ -75,7 +75,7 @@ def guess_time(contents: LogContents, wrench: Sequence[str]) -> TimeGuess:
     if column is None and names[:1] == ["column_1"]:
         column = names[0]  # of a table without names, or an index that has none
     if stated.rate is not None and (counter is not None or column is None):
-        remark = f"samples are taken at {stated.rate:.6g} Hz, as the log or --rate says: check [time] rate"
+        remark = f"samples are taken at {stated.rate:.6g} Hz, as the log or --rate states: check rate in [time]"
         return TimeGuess(counter or "", SAMPLES if counter else "s", stated.rate, remarks=(remark,))
     if column is None:
         return TimeGuess(counter or "", SAMPLES if counter else "s", 1.0, lacking=_lacking(names, counter))
@@ -88,7 +88,9 @@ def guess_time(contents: LogContents, wrench: Sequence[str]) -> TimeGuess:
             f"unknown unit {unit!r} of {column!r}.", where=str(contents.path), hint=f"Known: {', '.join(TIME_UNITS)}."
         )
     remark = (
-        f"times are those of {column!r}, not of the {stated.rate:.6g} Hz that are stated too" if stated.rate else ""
+        f"times are those of {column!r}; the rate of {stated.rate:.6g} Hz that is also stated is not used"
+        if stated.rate
+        else ""
     )
     return TimeGuess(column, known or "", remarks=(remark,) if remark else (), stated=stated.rate)
 
@@ -108,7 +110,7 @@ def unit_by_size(time: Float[np.ndarray, " n"], column: str) -> tuple[str, str]:
     if 3 * len(forward) < len(steps):
         most = "repeat the one before" if 2 * np.count_nonzero(steps == 0) > len(steps) else "run backwards"
         doubt = f"{column!r} may not be the time: most of its values {most}"
-        return "s", f"{doubt}; [time] column chooses another one, or leave it out and give rate, in Hz"
+        return "s", f"{doubt}; name another column in [time], or leave column out and write rate, in Hz"
     if not len(forward):
         return "s", ""
     step = float(np.median(forward))
@@ -129,9 +131,9 @@ def unit_by_size(time: Float[np.ndarray, " n"], column: str) -> tuple[str, str]:
 
 def _lacking(names: Sequence[str], counter: str | None) -> str:
     if parts := split_stamp(names):
-        return f"its times stand in two columns ({', '.join(parts)}), and one is wanted"
+        return f"its times are in two columns ({', '.join(parts)}), and one column is needed"
     if counter is not None:
         return f"{counter!r} counts the samples, and their rate is not known"
     if made_up(names):
-        return "no column is known to be the time"
-    return f"no columns look like time: {', '.join(names[:12])}"
+        return "no column is recognised as the time"
+    return f"no column looks like the time: {', '.join(names[:12])}"

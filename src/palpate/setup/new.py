@@ -75,7 +75,7 @@ def guess_sensor(
     there = _only(contents(log), topic)
     if rate is not None and there.topics:
         raise InputError(
-            "is a log of messages, which have stamps.", where=str(log), hint="--rate is for tables without times."
+            "is a log of messages, which have stamps.", where=str(log), hint="Leave --rate out: it is for tables."
         )
     if rate is not None:
         there = replace(there, stated=replace(there.stated, rate=rate))
@@ -97,7 +97,7 @@ def _only(there: LogContents, name: str | None) -> LogContents:
         raise InputError(f"there is no topic {name!r}.", where=str(there.path), hint=hint)
     if role(named.kind) not in ("wrench", "array"):
         raise InputError(
-            f"topic {name!r} holds {named.kind}, which no sensor's readings are in.",
+            f"topic {name!r} holds {named.kind}, which cannot be a sensor's readings.",
             where=str(there.path),
             hint="Wrenches are geometry_msgs/Wrench or WrenchStamped; voltages and frames are arrays or images.",
         )
@@ -134,14 +134,14 @@ def propose_rig(
     found = guess_sensor(log, body, sensor=sensor, topic=topic, rate=rate)
     if found is None:
         raise InputError(
-            f"looks like none of {', '.join(kind.called for kind in KINDS.values())}: {_listed(log)}.",
+            f"is not a log of any of {', '.join(kind.called for kind in KINDS.values())}: {_listed(log)}.",
             where=str(log),
             hint="Name columns time, fx, fy, fz, tx, ty, tz, or write the rig by hand.",
         )
     kind, guess = found
     if guess.lacking:
         raise InputError(
-            f"{guess.lacking}.", where=str(log), hint="Add --rate HZ, of the samples, if they come evenly."
+            f"{guess.lacking}.", where=str(log), hint="Add --rate HZ if the samples are evenly spaced in time."
         )
     text = "".join(_parts(log, body, kind, guess))
     _require_sound(text, folder / "rig.toml")
@@ -178,6 +178,8 @@ def _require_sound(text: str, path: Path) -> None:
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as problem:
         raise InputError(
-            f"a name of a column or of the mesh cannot stand in a rig ({problem}).", where=str(path), hint="Rename it."
+            f"a name of a column or of the mesh cannot be written in a rig ({problem}).",
+            where=str(path),
+            hint="Rename it.",
         ) from problem
     check_rig(table, path)

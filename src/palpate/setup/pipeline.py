@@ -205,11 +205,9 @@ def _fitting(there: LogContents, rig: Rig, topic: str | None) -> Setup:
         return setup.answering((together or fitting)[0])
     if fitting:
         names = ", ".join(kind.name for kind in fitting)
-        raise InputError(
-            f"could be of several sensors of the rig: {names}.", where=str(path), hint="Name one: --sensor."
-        )
-    why = "; ".join(f"{name}: no {', '.join(what[:3])}" for name, what in lacking.items())
-    raise InputError(f"has nothing for a sensor of the rig ({why}).", where=str(path))
+        raise InputError(f"fits several sensors of the rig: {names}.", where=str(path), hint="Name one with --sensor.")
+    why = " ".join(f"[{name}]: {', '.join(what[:3])}" for name, what in lacking.items())
+    raise InputError(f"fits no sensor of the rig. {why}", where=str(path))
 
 
 class SeenSamples:
@@ -387,9 +385,9 @@ def estimate(
     known = rig if isinstance(rig, Rig) or rig is None else load_rig(rig)
     known = known if mesh is None else with_mesh(known, mesh, unit)
     if known is None:
-        raise InputError("nothing says what is touched.", hint=f"Write {_LINE}.")
+        raise InputError("neither a rig nor a mesh is given.", hint=f"Write {_LINE}.")
     if mesh is None and unit is not None:
-        raise InputError("unit is of a mesh, and none is given.", hint='Write mesh="probe.stl", unit="mm".')
+        raise InputError("unit belongs to a mesh, and no mesh is given.", hint='Write mesh="probe.stl", unit="mm".')
     name = log if isinstance(log, str | PathLike) else "the log"
     with waiting(f"finding the contacts in {name}"), open_log(log, known, sensor, topic) as opened:
         pipeline = Pipeline.of(opened, frame)
@@ -404,8 +402,8 @@ def _require_pose(log: OpenedLog, head: Recording) -> None:
             raise InputError(
                 f"the base frame needs the sensor's {channel} in the base, which this log does not have.",
                 where=str(log.path),
-                hint="A table needs columns qx,qy,qz,qw and x,y,z, messages a topic of poses or the tree of /tf; other "
-                "names stand in the rig's [orientation] (columns, position, topic, base and sensor).",
+                hint="Add columns qx,qy,qz,qw and x,y,z to a table, a topic of poses or the tree of /tf to messages. "
+                "Write other names in the rig's [orientation] (columns, position, topic, base and sensor).",
             )
 
 

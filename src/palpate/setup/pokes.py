@@ -80,17 +80,19 @@ class RigPokes:
         for name in ("urdf", "start", "layout"):
             require_path(name, getattr(self, name))
         if (self.sensor is None) != (self.link is None):
-            raise ValueError("sensor and link belong together: two frames, one of them in the other")
+            raise ValueError(
+                "sensor and link must be given together: the pose is that of the frame link in the frame sensor"
+            )
         if self.urdf is not None and self.link is None:
-            raise ValueError("urdf needs sensor and link: two of its links")
+            raise ValueError("urdf needs sensor and link, the names of two of its links")
         if self.joints is not None and self.urdf is None:
-            raise ValueError("joints needs a urdf, which says what they move")
+            raise ValueError("joints needs a urdf, which states what they move")
         ways = {"sensor and link": self.link, "columns": self.columns, "topic": self.topic, "pose": self.pose}
         given = [name for name, value in ways.items() if value is not None]
         if len(given) > 1:
             raise ValueError(f"{' and '.join(given)} exclude each other: the link has one pose in the sensor's frame")
         if (self.columns is None) != (self.position is None):
-            raise ValueError("columns and position belong together: the link's orientation and its place")
+            raise ValueError("columns and position must be given together: the link's orientation and its position")
 
     def files(self, folder: Path) -> Mapping[str, Path]:
         """Return a dict, key -> path, of the files that the table names: "kinematics" (URDF), "start" and "layout"."""

@@ -202,7 +202,7 @@ class LogReader:
             while True:
                 yield self._receiver.get()
         except (EOFError, OSError) as problem:
-            raise InputError("the process that read it was ended.", where=str(path)) from problem
+            raise InputError("the process that reads this log was ended from outside.", where=str(path)) from problem
 
 
 @contextmanager

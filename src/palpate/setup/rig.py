@@ -101,7 +101,9 @@ class Rig:
         if kind.parts:
             tables = " and ".join(f"[{part}]" for part in kind.parts)
             raise InputError(
-                f"is of one sensor, and this is {kind.called}.", where="--topic", hint=f"Name topics in {tables}."
+                f"names the topic of one sensor, and this is {kind.called}.",
+                where="--topic",
+                hint=f"Write topics in the rig's {tables}.",
             )
         return self.with_sensor(kind.name, replace(self.sensors.get(kind.name, kind.table()), topic=name))
 
@@ -139,7 +141,7 @@ class Rig:
         """
         if self.source is None:
             hint = "Add a [source] with kind and address; `palpate rig new --source netft` writes one."
-            raise InputError("the rig has no [source], so there is nothing live.", where="rig", hint=hint)
+            raise InputError("the rig has no [source], from which live readings come.", where="rig", hint=hint)
         return self.source
 
     def resolve(self, sensor: SensorKind | str | None = None, head: Recording | None = None) -> Setup:
@@ -274,7 +276,7 @@ def _check_drift(stated: RigDrift, kinds: Sequence[SensorKind], sensors: Mapping
     if wanted is None:
         pair = "{ force = ..., torque = ... }"
         needs = pair if True in followed else "a number, or a list of them, in V/sqrt(s)"
-        raise InputError(f"drift.walk of [{first}] is {needs}.", where=str(path))
+        raise InputError(f"drift.walk of [{first}] must be {needs}.", where=str(path))
     if getattr(sensors.get(wanted), "drift", None) is not None:
         raise InputError(
             f"[{wanted}] drift and [drift] exclude each other: both state how the bias drifts.",

@@ -188,7 +188,7 @@ class Setup:
             raise InputError(
                 "most times repeat or are missing, so the rate that the filter needs is not known.",
                 where=head.source,
-                hint="Give the rate [Hz] in the rig's [filter], or use --filter none.",
+                hint="Write rate [Hz] in the rig's [filter], or use --filter none.",
             )
         return stated, head.rate()
 

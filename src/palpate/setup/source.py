@@ -56,15 +56,15 @@ class RigSource:
         if not self.address and self.kind != "ros2":
             raise ValueError(f"a {self.kind} needs an address")
         if not (0 < self.port < 2**16 and 0 < self.web < 2**16):
-            raise ValueError("ports lie between 1 and 65535")
+            raise ValueError("ports must be between 1 and 65535")
         if not 0 <= self.domain <= 232:
-            raise ValueError("domain must lie between 0 and 232")
+            raise ValueError("domain must be between 0 and 232")
         if self.speed < 0:
             raise ValueError("speed must not be negative; 0 is as fast as it goes")
         if self.columns is not None and (not self.columns or min(self.columns) < 0):
-            raise ValueError("columns are counted from 0")
+            raise ValueError("columns must not be negative: they are counted from 0")
         if self.wrench is not None and "replay" in (self.kind, self.wrench.kind):
-            raise ValueError("a log that is replayed has wrenches and frames of its own: leave [source.wrench] out")
+            raise ValueError("a log that is replayed has its own wrenches and frames: leave [source.wrench] out")
         require_positive(self, "rate", "baud")
 
     def text(self) -> str:

@@ -55,7 +55,7 @@ class RigPose:
     def __post_init__(self) -> None:
         if not abs(np.linalg.norm(self.quaternion_xyzw) - 1.0) <= 0.01:  # NaN too
             raise ValueError(
-                f"quaternion_xyzw {list(self.quaternion_xyzw)} is not of length 1 (the order is x, y, z, w)"
+                f"quaternion_xyzw {list(self.quaternion_xyzw)} must have length 1 (the order is x, y, z, w)"
             )
 
     def pose(self) -> Pose:
@@ -124,13 +124,13 @@ class RigSurface:
         if self.urdf is not None:
             self._require_link()
         elif self.link is not None or self.geometry is not None or self.packages:
-            raise ValueError("link, geometry and packages belong to a urdf, which is missing")
+            raise ValueError("link, geometry and packages need a urdf, which is missing")
         elif self.kind == "mesh" and self.mesh is None:
-            raise ValueError("mesh is missing: the file of the surface")
+            raise ValueError("mesh, the file of the surface, is missing")
         elif self.kind == "mesh" and self.unit not in UNITS:
             raise ValueError(f"unit of the mesh must be one of {', '.join(UNITS)}, not {self.unit!r}")
         if not 0 <= self.crease <= 180:
-            raise ValueError(f"crease must lie between 0 and 180 degrees, not {self.crease:g}")
+            raise ValueError(f"crease must be between 0 and 180 degrees, not {self.crease:g}")
         require_positive(self, "half_width")
         if not 0 < np.linalg.norm(self.normal) < inf:
             raise ValueError("normal must not be zero")
@@ -142,9 +142,9 @@ class RigSurface:
 
     def _require_link(self) -> None:
         if self.kind != "mesh" or self.mesh is not None or self.unit is not None:
-            raise ValueError("a urdf says what is touched and in which unit (m): mesh, unit and kind do not go with it")
+            raise ValueError("a urdf states what is touched and its unit (m): leave mesh, unit and kind out")
         if self.link is None:
-            raise ValueError("link is missing: which link of the urdf is touched")
+            raise ValueError("link, the link of the urdf that is touched, is missing")
         if self.geometry is not None and self.geometry not in GEOMETRIES:
             raise ValueError(f"geometry must be one of {', '.join(GEOMETRIES)}, not {self.geometry!r}")
 
@@ -195,5 +195,5 @@ class RigSurface:
         make, names = EQUATIONS[self.kind]
         lengths = {name: getattr(self, name) for name in names}
         size = make(**lengths).size
-        doubt = f"the {self.kind.replace('_', ' ')} is {size:.4g} m across: are its lengths in metres?"
+        doubt = f"the {self.kind.replace('_', ' ')} is {size:.4g} m across: check that its lengths are in metres"
         return make(**lengths, notes=() if plausible_size(size) else (doubt,))

@@ -88,7 +88,9 @@ class RigForceTorque:
         if self.frame not in ("sensor", "base"):
             raise ValueError(f"frame must be 'sensor' or 'base', not {self.frame!r}")
         if not 0 <= self.gain_error < 1:
-            raise ValueError(f"gain_error is a share of the force, at least 0 and below 1, not {self.gain_error:g}")
+            raise ValueError(
+                f"gain_error must be a share of the force, at least 0 and below 1, not {self.gain_error:g}"
+            )
         require_path("payload", self.payload)
 
 
@@ -103,7 +105,7 @@ class RigTime:
     def __post_init__(self) -> None:
         require_positive(self, "rate")
         if self.unit == SAMPLES and self.rate is None:
-            raise ValueError("a time in samples needs their rate [Hz]")
+            raise ValueError('unit = "samples" needs rate [Hz]')
 
 
 @dataclass(frozen=True)
@@ -132,13 +134,15 @@ class RigOrientation:
         require_positive(self, "max_gap")
         require_path("urdf", self.urdf)
         if (self.base is None) != (self.sensor is None):
-            raise ValueError("base and sensor belong together: two frames, one of them in the other")
+            raise ValueError(
+                "base and sensor must be given together: the pose is that of the frame sensor in the frame base"
+            )
         if self.base is not None and self.topic is not None:
             raise ValueError("topic and frames (base, sensor) exclude each other: the sensor has one pose")
         if self.urdf is not None and self.base is None:
-            raise ValueError("urdf needs base and sensor: two of its links")
+            raise ValueError("urdf needs base and sensor, the names of two of its links")
         if self.joints is not None and self.urdf is None:
-            raise ValueError("joints needs a urdf, which says what they move")
+            raise ValueError("joints needs a urdf, which states what they move")
 
     def frames(self) -> tuple[str, str] | None:
         """Return the names of the frames (base, sensor), or None if they are not named."""
@@ -192,7 +196,7 @@ class RigFilter:
             raise ValueError(f"kind must be 'none', 'kalman', 'butterworth' or 'zero_phase', not {self.kind!r}")
         require_positive(self, "q", "r", "cutoff", "rate")
         if not 1 <= self.order <= 8:
-            raise ValueError("order must lie between 1 and 8")
+            raise ValueError("order must be between 1 and 8")
 
     def filter(self) -> Kalman | Butterworth | None:
         """Return the `Kalman` or `Butterworth` filter to run, or None if `kind` is "none".
@@ -216,7 +220,7 @@ class RigThresholds:
 
     def __post_init__(self) -> None:
         if not 0 <= self.off <= self.on < inf:
-            raise ValueError(f"off ({self.off:g}) must lie between 0 and on ({self.on:g}), and on must be finite")
+            raise ValueError(f"off ({self.off:g}) must be between 0 and on ({self.on:g}), and on must be finite")
 
 
 @dataclass(frozen=True)

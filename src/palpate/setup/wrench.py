@@ -72,16 +72,20 @@ def wrench_estimator(
     )
     made = BuiltEstimator(estimator, notes=noted_filter(table, rate), settings=_facts(setup, estimator, table, rate))
     if isinstance(surface, Mesh) and surface.coverage and surface.touchable is None:
-        made.notes.append(f"{surface.coverage} cannot be reached from outside: no contacts there (inspect MESH)")
+        made.notes.append(
+            f"{surface.coverage} cannot be reached from outside: no contacts are found there (`palpate inspect MESH`)"
+        )
     if head is not None and tare is not None:
         made.tared(estimator.tare(first_seconds(head, tare)))
     if contact is None:
         made.notes.append(
-            f"a contact begins at {locator.on:.3g} N and ends at {locator.off:.3g} N, or more where payload, motion, "
-            "tare or mounting are less certain than the noise"
+            f"a contact begins at {locator.on:.3g} N and ends at {locator.off:.3g} N; both are higher where payload, "
+            "motion, tare or mounting are less certain than the noise"
         )
     if mounted and link.mount_covariance is None and sensor.noise is not None:
-        made.notes.append("where the surface sits is taken as exact in the ellipses (calibrate mounting)")
+        made.notes.append(
+            "the ellipses take the pose of the surface as exact: `palpate calibrate mounting` estimates its error"
+        )
     return made
 
 
@@ -103,7 +107,7 @@ def first_seconds(head: Recording, seconds: float) -> Recording:
     """
     known = head.time[np.isfinite(head.time)]
     if not len(known):
-        raise InputError("has no times, so its first seconds are not known.", where=head.source)
+        raise InputError("has no times, so its first seconds cannot be found.", where=head.source)
     return head.picked(head.time <= known[0] + seconds)
 
 

@@ -42,17 +42,15 @@ def wrong_acceleration(values: Float[np.ndarray, "n 3"], kind: str) -> str:
         found, unit, _ = kind_of_acceleration(values, None)
         if found == "imu":
             mend = 'kind = "imu"' if unit == "m/s^2" else f'kind = "imu" and unit = "{unit}"'
-            return f"the accelerations have gravity in them (length {length:.3g} at the median): write {mend}"
+            return f"the accelerations contain gravity (their median length is {length:.3g}): write {mend}"
         if found == "none":
-            return (
-                f'accelerations of {length:.3g} m/s^2 at the median are no motion: correct unit, or write kind = "none"'
-            )
+            return f'the median acceleration, {length:.3g} m/s^2, is not a motion: correct unit, or write kind = "none"'
     if kind == "imu" and abs(length / G - 1.0) > 3 * _NEAR:
         known, unit, _ = kind_of_acceleration(values, None)
         if known == "imu":
-            return f'the accelerations are in {unit} (length {length:.3g} at the median): write unit = "{unit}"'
+            return f'the accelerations are in {unit} (their median length is {length:.3g}): write unit = "{unit}"'
         return (
-            f"an IMU reads 9.81 m/s^2 at rest, and the accelerations have a length of {length:.3g} at the median: "
+            f"an IMU reads 9.81 m/s^2 at rest, but the median length of the accelerations is {length:.3g}: "
             'correct unit, or write kind = "motion" or "none"'
         )
     return ""

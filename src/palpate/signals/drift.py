@@ -58,13 +58,13 @@ class Drift(Value):
             each[name] = frozen(np.zeros(walks.shape) if given is None else given, name=name)
         for name, values in each.items():
             if walks.ndim != 1 or values.shape != walks.shape or not np.isfinite(values).all():
-                raise InputError(f"{name} must be {walks.size} finite numbers, one a channel", where="drift")
+                raise InputError(f"{name} must be {walks.size} finite numbers, one for each channel.", where="drift")
             if name != "thermal" and not np.all(values >= 0):
-                raise InputError(f"{name} must not be negative", where="drift")
+                raise InputError(f"{name} must not be negative.", where="drift")
             object.__setattr__(self, name, values)
         if not settling > 0:  # NaN too
-            raise InputError(f"settling must be a positive time [s], not {settling:g}", where="drift")
+            raise InputError(f"settling must be a positive time [s], not {settling:g}.", where="drift")
         if not 0 <= weight < np.inf:  # NaN too
-            raise InputError(f"weight must be a force [N] that is not negative, not {weight:g}", where="drift")
+            raise InputError(f"weight must be a force of 0 N or more, not {weight:g} N.", where="drift")
         object.__setattr__(self, "settling", float(settling))
         object.__setattr__(self, "weight", float(weight))

@@ -69,7 +69,7 @@ class Kalman:
 
     def __post_init__(self) -> None:
         if not (0 < self.q < np.inf and 0 < self.r < np.inf and LEAST_RATIO <= self.q / self.r < np.inf):  # NaN too
-            raise InputError(f"q ({self.q}) and r ({self.r}) must be positive, and q at least {LEAST_RATIO:g} r.")
+            raise InputError(f"q ({self.q}) and r ({self.r}) must be positive, and q at least {LEAST_RATIO:g} times r.")
 
     @property
     def steady_gain(self) -> float:
@@ -156,7 +156,7 @@ class Butterworth:
         if not 0 < self.cutoff < np.inf:  # NaN too
             raise InputError(f"the cut-off must be positive, not {self.cutoff} Hz.")
         if not 1 <= self.order <= 2 * MOST_SECTIONS:
-            raise InputError(f"the order must lie between 1 and {2 * MOST_SECTIONS}, not {self.order}.")
+            raise InputError(f"the order must be from 1 to {2 * MOST_SECTIONS}, not {self.order}.")
 
     def gain(self, frequency: ArrayLike, rate: float) -> Float[np.ndarray, "..."]:
         """Return the gain, at most 1, at frequencies [Hz] up to half the `rate` [Hz], in the shape of `frequency`.
@@ -242,7 +242,7 @@ class Butterworth:
         share = self.cutoff / _known(rate)
         if not share < 0.5:
             raise InputError(
-                f"a cut-off of {self.cutoff:g} Hz is not below half the rate of {rate:.6g} Hz.",
+                f"a cut-off of {self.cutoff:g} Hz is not below half the rate of the samples ({rate:.6g} Hz).",
                 hint=f"Choose less than {rate / 2:.4g} Hz, or no filter.",
             )
         if share < SLOWEST:
@@ -272,7 +272,7 @@ def _response(
 
 def _known(rate: float) -> float:
     if not 0 < rate < np.inf:  # NaN too
-        raise InputError(f"the rate of the samples must be positive, not {rate} Hz.", hint="Give it in Hz.")
+        raise InputError(f"the rate of the samples must be positive, not {rate} Hz.", hint="State the rate in Hz.")
     return rate
 
 

@@ -63,9 +63,11 @@ class Motion:
         lever: Float[np.ndarray, "3"] | None = None,
     ) -> None:
         if source not in SOURCES:
-            raise InputError(f"no source of acceleration is called {source!r}", hint=f"Known: {', '.join(SOURCES)}.")
+            raise InputError(
+                f"the source of acceleration {source!r} is unknown.", hint=f"Use one of {', '.join(SOURCES)}."
+            )
         if source == "imu" and (gravity is None or not np.isfinite(gravity).all()):
-            raise InputError("an IMU feels gravity too, and no payload says where that points.", where="acceleration")
+            raise InputError("an IMU also measures gravity, and no payload states its direction.", where="acceleration")
         self.source, self.gravity = source, gravity
         self.window = window
         self.lever = np.zeros(3) if lever is None else np.asarray(lever, dtype=np.float64)
@@ -100,15 +102,15 @@ class Motion:
         share = self._moving / self._rows
         said: list[str] = []
         if self.source == "none" and share:
-            assumed = "" if self._placed else f" (without positions, for an arm of {ARM:g} m)"
+            assumed = "" if self._placed else f" (positions are unknown: for an arm of {ARM:g} m)"
             said.append(
-                f"moving in {share:.1%} of the samples without acceleration: "
-                f"covariances widened by up to {size}{assumed}"
+                f"the sensor moved in {share:.1%} of the samples, and no acceleration is known: "
+                f"covariances were widened by up to {size}{assumed}"
             )
         elif self.source != "none" and self._largest:
-            said.append(f"accelerations from poses: covariances widened by up to {size}")
+            said.append(f"accelerations were computed from poses: covariances were widened by up to {size}")
         if said and self._span > 1.5 * self.window:
-            said.append(f"poses come slowly: motion is seen over {self._span:.2g} s, and what is quicker is not")
+            said.append(f"poses have a low rate: motion is seen over {self._span:.2g} s, and faster motion is not seen")
         if self._unknown:
             said.append(f"{self._unknown} samples near ends or gaps of the poses have no acceleration from them")
         return tuple(said)
@@ -141,7 +143,10 @@ class Motion:
                 hint="Add columns x, y, z and qx, qy, qz, qw, or name them or a topic of poses in [orientation].",
             )
         if self.source == "imu" and ORIENTATION not in has:
-            raise InputError("an IMU feels gravity too, and the log has no orientation.", where=block.source)
+            raise InputError(
+                "an IMU also measures gravity, and the log has no orientation with which to remove it.",
+                where=block.source,
+            )
 
     def _answers(self, pieces: Iterator[Float[np.ndarray, "n 8"]]) -> Iterator[Float[np.ndarray, "m 4"]]:
         """Yield acceleration and UNSTEADY, (m, 4), by chunks, with the rows around them that the windows need."""

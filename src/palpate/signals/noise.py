@@ -170,7 +170,8 @@ def wrong_noise(stated: Float[np.ndarray, "6"], seen: Float[np.ndarray, "6"]) ->
             wrong.append(f"{said:.2g} {unit} is {ratio} than the {found:.2g} {unit}")
     if not wrong:
         return ""
-    return f"the noise stated is not that of the log: {' and '.join(wrong)} seen in it; the ellipses are as wrong"
+    found = " and ".join(wrong)
+    return f"the stated noise is not that of the log: {found} in it; the ellipses are wrong in the same ratio"
 
 
 def _unheld(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "m k"]:

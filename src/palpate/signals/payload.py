@@ -88,10 +88,12 @@ class Payload(Value):
     ) -> None:
         if not 1 / LARGEST <= magnitude <= LARGEST:  # NaN too
             bounds = f"{1 / LARGEST:g} and {LARGEST:g} m/s^2"
-            raise InputError(f"magnitude of gravity must lie between {bounds}, not {magnitude}", where="payload")
+            raise InputError(f"magnitude of gravity must be between {bounds}, not {magnitude}.", where="payload")
         if mass is not None:
             if weight is not None or not mass >= 0:
-                raise InputError(f"a mass ({mass}) must be >= 0 kg, and excludes a weight", where="payload")
+                raise InputError(
+                    f"a mass ({mass}) must be >= 0 kg, and cannot be stated with a weight.", where="payload"
+                )
             weight = np.array([0.0, 0.0, -mass * magnitude])
         vars(self).update(
             weight=_finite("weight", weight, (3,)),
@@ -198,7 +200,7 @@ class Payload(Value):
             if self.weight.any() or self.covariance[:3, :3].any():
                 newtons = float(np.linalg.norm(self.weight))
                 raise InputError(
-                    f"the payload weighs {newtons:.3g} N, so the orientation of the sensor is needed",
+                    f"the payload weighs {newtons:.3g} N, so the orientation of the sensor is needed.",
                     where="payload",
                     hint="Record the orientation, or use a payload without weight (a tare).",
                 )
@@ -213,5 +215,5 @@ def _finite(
     """Return a read-only copy of this shape, zeros for None; raise an InputError at NaN and too large numbers."""
     array = frozen(np.zeros(shape) if values is None else values, tail=shape, name=name)
     if array.shape != shape or not np.all(np.abs(array) <= largest):
-        raise InputError(f"{name} must be {shape} finite numbers, at most {largest:g}", where="payload")
+        raise InputError(f"{name} must be finite numbers of shape {shape}, at most {largest:g}.", where="payload")
     return array

@@ -117,8 +117,8 @@ class Recording:
             InputError: the recording has no force or no torque.
         """
         if not {FORCE, TORQUE} <= set(self.channels):
-            there = ", ".join(self.channels) or "nothing else than the time"
-            raise InputError(f"has no force and torque; there is {there}.", where=self.source)
+            there = ", ".join(self.channels) or "only the time"
+            raise InputError(f"force and torque are needed, and there is {there}.", where=self.source)
         values = np.concatenate([self.channels[FORCE], self.channels[TORQUE]], axis=1)
         return np.where(np.abs(values) <= LARGEST, values, np.nan)
 

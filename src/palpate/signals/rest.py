@@ -38,7 +38,7 @@ class RestReading:
     def sentence(self) -> str:
         """Sentence for the user about the wrench that the tare subtracts."""
         force, torque = _sizes(self.mean)
-        return f"tare over {self.samples} samples: {force:.3g} N and {torque:.3g} N m are taken off from now on"
+        return f"tare over {self.samples} samples: {force:.3g} N and {torque:.3g} N m are subtracted from now on"
 
 
 @takes_arrays
@@ -56,9 +56,9 @@ def at_rest(wrenches: Float[np.ndarray, "n 6"], noise: Float[np.ndarray, "6 6"] 
     usable = wrenches[np.isfinite(wrenches).all(axis=1)]
     if len(usable) < FEWEST:
         raise InputError(
-            f"a tare needs at least {FEWEST} samples, and has {len(usable)} that can be used.",
+            f"a tare needs at least {FEWEST} usable samples, and has {len(usable)}.",
             where=where,
-            hint="Let the log begin unloaded, with an orientation if there is a payload; or tare over a longer time.",
+            hint="Let the log begin untouched, with an orientation if there is a payload; or tare over a longer time.",
         )
     deviation = usable.std(axis=0)
     known = estimate_noise(usable) if noise is None else np.sqrt(np.diag(noise))
@@ -79,7 +79,7 @@ def _require_less(what: str, seen: np.ndarray, allowed: np.ndarray, sigma: np.nd
         f"the sensor was not at rest during the tare: the wrench {what} {force:.3g} N and {torque:.3g} N m, "
         f"and its noise is {noise:.3g} N and {twist:.3g} N m.",
         where=where,
-        hint="Keep the robot still and untouched meanwhile, leave the tare out, or state the noise if it is larger.",
+        hint="Keep the robot still and untouched during the tare, leave the tare out, or state a larger noise.",
     )
 
 

@@ -31,7 +31,7 @@ def known_rate(rate: float | None, of: str) -> float:
         InputError: the rate is None.
     """
     if rate is None:
-        raise InputError(f"a filter needs the rate of the {of}.", hint="Give rate in Hz.")
+        raise InputError(f"a filter needs the rate of the {of}.", hint="State rate in Hz.")
     return rate
 
 
@@ -39,7 +39,7 @@ def require_forward(filter: Filter | None) -> None:
     """Raise an InputError where a filter needs later samples, and so cannot answer sample by sample."""
     if filter is not None and filter.zero_phase:
         raise InputError(
-            "a filter of zero phase looks ahead, so it cannot answer sample by sample.",
+            "a filter of zero phase needs later samples, so it cannot answer sample by sample.",
             hint="Use stream on a log, or a Butterworth filter without zero_phase.",
         )
 

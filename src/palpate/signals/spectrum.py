@@ -125,7 +125,7 @@ def propose_cutoff(found: Spectrum, unit: str = "N") -> Cutoff:
     floor = np.median(found.density[top], axis=0)
     alive = floor > 0
     if not alive.any():
-        return Cutoff(None, floor, "No cut-off: the top of the spectrum is empty, there is no noise to take off.")
+        return Cutoff(None, floor, "No cut-off: the top of the spectrum is empty, so there is no noise to remove.")
     ratio = _smoothed(found.frequency, np.mean(found.density[:, alive] / floor[alive], axis=1))
     loud = np.flatnonzero(ratio > ABOVE)
     if not len(loud):
@@ -159,7 +159,7 @@ def _usual_step(time: Float[np.ndarray, " n"]) -> float:
     steps = np.diff(known)
     usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
     if usual <= 0:
-        raise InputError("a spectrum needs times that increase.", where="time")
+        raise InputError("must increase for a spectrum.", where="time")
     return usual
 
 
@@ -170,8 +170,8 @@ def _segment(lengths: Int[np.ndarray, " k"], rate: float, count: int) -> int:
     """
     if not len(lengths):
         raise InputError(
-            f"no {SHORTEST} consecutive samples of {count} have values and even steps: a spectrum needs a steady rate.",
-            hint="Stamp samples where they are measured, not where they arrive in bursts; or give a longer log.",
+            f"a spectrum needs a steady rate, and no {SHORTEST} samples in a row (of {count}) have one.",
+            hint="Stamp samples when they are measured, not when they arrive in bursts; or use a longer log.",
         )
     ordered = np.sort(lengths)[::-1]
     half = int(ordered[np.searchsorted(np.cumsum(ordered), ordered.sum() / 2)])

@@ -301,7 +301,7 @@ def _unusable(given: dict[str, Any], plan: dict[str, _Wanted], problem: Exceptio
     if _MISFITS.search(str(problem)):
         shapes = [f"{name} {cast('np.ndarray', given[name]).shape}" for name in plan if _is_array(given.get(name))]
         numbers = [f"{name} {given[name]}" for name in plan if isinstance(given.get(name), float | int | tuple)]
-        return f"{', '.join(shapes + numbers)} cannot be computed with: {problem}." if shapes + numbers else ""
+        return f"{', '.join(shapes + numbers)} cannot be used: {problem}." if shapes + numbers else ""
     return ""
 
 

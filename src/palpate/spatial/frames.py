@@ -62,8 +62,8 @@ class FrameTree:
         meet = next((frame for frame in up if frame in down), None)
         if meet is None:
             raise InputError(
-                f"nothing joins frame {base!r} (of the tree of {down[-1]!r}) and {sensor!r} (of that of {up[-1]!r}).",
-                hint="Name frames of one tree, or record the transform between the two.",
+                f"no transform joins frame {base!r} (tree of {down[-1]!r}) and frame {sensor!r} (tree of {up[-1]!r}).",
+                hint="Name frames of one tree, or record the transform between the two trees.",
             )
         up, down = up[: up.index(meet) + 1], down[: down.index(meet) + 1]
         back = tuple((edge, True) for edge, _ in reversed(self._down(down)))
@@ -79,21 +79,24 @@ class FrameTree:
         for name in (frame, top):
             if name is not None and name not in self._parents:
                 close = difflib.get_close_matches(name, self.frames, n=6, cutoff=0.0)
-                listed = ", ".join(close) or "none at all"
+                listed = ", ".join(close) or "none"
                 raise InputError(
-                    f"there is no frame {name!r}.", hint=f"Nearest in name of {len(self.frames)}: {listed}."
+                    f"there is no frame {name!r}.",
+                    hint=f"Use one of the {len(self.frames)} frames, of which these are nearest in name: {listed}.",
                 )
         way = [frame]
         while way[-1] != top and (parents := self._parents[way[-1]]):
             if len(parents) > 1:
                 raise InputError(
                     f"frame {way[-1]!r} has {len(parents)} parents: {', '.join(parents)}.",
-                    hint="Two publishers contradict each other; name a base below it, or drop one of them.",
+                    hint="Stop one of the publishers that contradict each other, or name a base below that frame.",
                 )
             above = next(iter(parents))
             if above in way:
                 loop = " -> ".join((*way[way.index(above) :], above))
-                raise InputError(f"the frames go round in a loop: {loop}.", hint="Frames must be a tree.")
+                raise InputError(
+                    f"the frames form a loop: {loop}.", hint="Remove a transform, so that they form a tree."
+                )
             way.append(above)
         return tuple(way)
 

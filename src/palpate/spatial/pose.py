@@ -120,7 +120,10 @@ class Pose(Value):
         """
         if not np.allclose(matrix[..., 3, :], (0.0, 0.0, 0.0, 1.0), atol=1e-9):
             last = matrix[..., 3, :].tolist()
-            raise InputError(f"the last row of matrix must be 0, 0, 0, 1, not {last}.", hint="Is it transposed?")
+            raise InputError(
+                f"the last row of matrix must be 0, 0, 0, 1, not {last}.",
+                hint="Transpose it if the translation is in that row.",
+            )
         return cls(matrix[..., :3, :3], matrix[..., :3, 3])
 
     @classmethod

@@ -110,8 +110,8 @@ class PoseTrack:
     def notes(self) -> tuple[str, ...]:
         """Return notes on the number of poses left out and why, as a tuple of sentences; () where there are none."""
         said = (
-            (self.late, "are no newer than one before them and were left out"),
-            (self.unreadable, "have no stamp or no quaternion of length 1 and were left out"),
+            (self.late, "are not newer than an earlier one and were left out"),
+            (self.unreadable, "have no stamp, or a quaternion that is not of length 1, and were left out"),
         )
         return tuple(f"{count} poses {what}" for count, what in said if count)
 

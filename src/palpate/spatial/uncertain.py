@@ -33,8 +33,8 @@ def noise_covariance(noise: ArrayLike) -> Float[np.ndarray, "6 6"]:
     if array.shape != (6, 6):
         got = f"shape {array.shape}" if array.shape != (6,) else str(array.tolist())
         raise InputError(
-            f"noise must be two or six standard deviations from 0 to {LARGEST:g} or a 6 x 6 covariance, force first; "
-            f"got {got}.",
+            f"noise must be two or six standard deviations from 0 to {LARGEST:g} or a 6 x 6 covariance, force first, "
+            f"not {got}.",
             hint="Write noise=(0.02, 0.001): N, N m.",
         )
     if not np.all(np.isfinite(array)) or not np.allclose(array, array.T, rtol=1e-9, atol=1e-12 * np.abs(array).max()):

@@ -45,7 +45,7 @@ class Wrench(Value):
         set_field(self, "force", frozen(force, tail=(3,), name="force"))
         set_field(self, "torque", frozen(torque, tail=(3,), name="torque"))
         if self.force.shape != self.torque.shape:
-            raise InputError(f"force {self.force.shape} and torque {self.torque.shape} differ in shape.")
+            raise InputError(f"force {self.force.shape} and torque {self.torque.shape} must have the same shape.")
         spread = None if covariance is None else frozen(covariance, tail=(6, 6), name="covariance")
         if spread is not None:
             require_batch(spread, self.force.shape[:-1], "covariance")

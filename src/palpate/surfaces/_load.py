@@ -27,7 +27,9 @@ def load_arrays(path: Path) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "
         InputError: no such file, it cannot be read, an unknown format, or no triangle in it.
     """
     if not path.is_file():
-        raise InputError("is no regular file." if path.exists() else "no such mesh file.", where=str(path))
+        raise InputError(
+            "is not a regular file." if path.exists() else "the mesh file does not exist.", where=str(path)
+        )
     try:
         found = _binary_stl(path) if path.suffix.lower() == ".stl" else None
     except OSError as problem:
@@ -56,7 +58,9 @@ def _load_trimesh(path: Path) -> Any:
     kind = path.suffix.lower().lstrip(".")
     if kind not in trimesh.available_formats():
         raise InputError(
-            f"cannot read meshes of type {path.suffix!r}.", where=str(path), hint="Use STL, OBJ, PLY or DAE."
+            f"is of type {path.suffix!r}, which cannot be read as a mesh.",
+            where=str(path),
+            hint="Use STL, OBJ, PLY or DAE.",
         )
     logging.getLogger("trimesh").addHandler(_UNHEARD)
     try:
@@ -65,7 +69,7 @@ def _load_trimesh(path: Path) -> Any:
             return scene.to_mesh()
     except Exception as error:  # trimesh raises whatever its parsers run into
         reason = " ".join(str(error).split())[:120] or type(error).__name__
-        raise InputError(f"not a readable {kind.upper()} mesh ({reason}).", where=str(path)) from error
+        raise InputError(f"is not a readable {kind.upper()} mesh ({reason}).", where=str(path)) from error
 
 
 def arrays_of(mesh: Any, source: str) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
@@ -77,8 +81,8 @@ def arrays_of(mesh: Any, source: str) -> tuple[Float[np.ndarray, "v 3"], Int[np.
     mesh = mesh.to_mesh() if hasattr(mesh, "to_mesh") else mesh
     if not (hasattr(mesh, "vertices") and hasattr(mesh, "faces")):
         line = 'palpate.Mesh.from_trimesh(trimesh.load("probe.stl"), unit="mm")'
-        raise InputError("mesh is no trimesh.Trimesh and no trimesh.Scene.", hint=f"Write {line}.")
+        raise InputError("mesh must be a trimesh.Trimesh or a trimesh.Scene.", hint=f"Write {line}.")
     vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
     if faces.ndim != 2 or len(faces) == 0:
-        raise InputError("there is no triangle in this mesh.", where=source)
+        raise InputError("the mesh has no triangles.", where=source)
     return vertices, faces

@@ -33,26 +33,28 @@ def repair(
     finite = np.all(np.abs(points) <= _FARTHEST, axis=1)  # not NaN
     if not finite.all():
         usable = np.all(finite[triangles], axis=1)
-        notes.append(f"{np.count_nonzero(~usable)} facets with vertices that are NaN, infinite or beyond 1e12 dropped")
+        notes.append(
+            f"{np.count_nonzero(~usable)} facets with vertices that are NaN, infinite or beyond 1e12 were dropped"
+        )
         triangles = triangles[usable]
         points = np.where(finite[:, None], points, 0.0)
     if len(triangles) == 0:
-        raise GeometryError("the mesh has no facets")
+        raise GeometryError("the mesh has no facets.")
     points, triangles = _merged(points, triangles)
     triangles, dropped = _without_slivers(points, triangles)
     if dropped:
-        notes.append(f"{dropped} facets without area dropped")
+        notes.append(f"{dropped} facets without area were dropped")
     if len(triangles) == 0:
-        raise GeometryError("the mesh has no facet with an area")
+        raise GeometryError("the mesh has no facet with an area.")
     triangles, doubled = _without_doubles(triangles)
     if doubled:
-        notes.append(f"{doubled} doubled facets dropped")
+        notes.append(f"{doubled} doubled facets were dropped")
     triangles, twins, turned = _outward(points, triangles)
     if turned:
-        notes.append(f"{turned} facets turned over so that normals agree and point outward")
+        notes.append(f"{turned} facets were turned over so that normals agree and point outward")
     open_edges = int(np.count_nonzero(twins < 0))
     if open_edges and not _sheet(points, triangles):
-        notes.append(f"the mesh is not closed: {open_edges} edges have no single neighbour")
+        notes.append(f"the mesh is not closed: {open_edges} sides of facets do not have exactly one neighbour")
     return points, triangles, twins, tuple(notes)
 
 
@@ -74,12 +76,12 @@ def _sheet(points: Float[np.ndarray, "v 3"], triangles: Int[np.ndarray, "f 3"]) 
 def _checked(vertices: ArrayLike, faces: ArrayLike) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
     points, triangles = shaped(vertices, (None, 3), "vertices"), np.array(faces, order="C")
     if triangles.size == 0:
-        raise GeometryError("the mesh has no facets")
+        raise GeometryError("the mesh has no facets.")
     if triangles.ndim != 2 or triangles.shape[1] != 3 or not np.issubdtype(triangles.dtype, np.integer):
-        raise GeometryError(f"faces must be (f, 3) whole numbers, not {triangles.shape} {triangles.dtype}")
+        raise GeometryError(f"faces must be (f, 3) whole numbers, not {triangles.shape} {triangles.dtype}.")
     worst = triangles.min() if triangles.min() < 0 else triangles.max()
     if not 0 <= worst < len(points):
-        raise GeometryError(f"faces name vertex {worst}; there are {len(points)}, counted from 0")
+        raise GeometryError(f"faces name vertex {worst}, but there are {len(points)} vertices, counted from 0.")
     return points, triangles.astype(np.int64)
 
 

@@ -54,7 +54,9 @@ def build_tree(rows: Float[np.ndarray, "m 20"], sharp: int = 0) -> Tree:
 
     count = len(rows) - sharp
     if count > _MOST:
-        raise GeometryError(f"{count} patches are too many ({_MOST}); simplify the mesh or choose a region")
+        raise GeometryError(
+            f"the surface has {count} patches, more than {_MOST}: simplify the mesh or choose a region."
+        )
 
     positions = rows[:, : _bvh.KIND].reshape(-1, 3, 6)[:, :, :3]  # a view
     low, high = _box(positions[:count])

@@ -46,12 +46,12 @@ class BSplineSurface(Value):
         for axis, name in enumerate(("knots_u", "knots_v")):
             knots, degree, count = frozen(getattr(self, name)), self.degree[axis], self.control.shape[axis]
             if not 1 <= degree <= _MOST or knots.shape != (count + degree + 1,) or count <= degree:
-                raise GeometryError(f"{count} control points of degree {degree} do not go with {len(knots)} {name}")
+                raise GeometryError(f"{len(knots)} {name} do not fit {count} control points of degree {degree}.")
             if not np.all(np.diff(knots) >= 0) or not knots[degree] < knots[count]:
-                raise GeometryError(f"{name} must rise, and span something")
+                raise GeometryError(f"{name} must not decrease, and must span a range.")
             object.__setattr__(self, name, knots)
         if not np.isfinite(self.control).all():
-            raise GeometryError("control points must be finite")
+            raise GeometryError("control points must be finite.")
 
     @property
     def domain(self) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -143,9 +143,9 @@ def _breaks(breaks: ArrayLike, degree: int) -> Float[np.ndarray, " k"]:
     """Return the checked ends of spans; raise an InputError where there is no span, or the degree is not possible."""
     found = shaped(breaks, (None,), "breaks")
     if not (len(found) > 1 and np.isfinite(found).all() and (np.diff(found) > 0).all()):
-        raise InputError("breaks must be finite and increase, two at least.")
+        raise InputError("breaks must be two or more finite numbers that increase.")
     if not 1 <= degree <= _MOST:
-        raise InputError(f"degree must be one of 1 to {_MOST}, not {degree}.")
+        raise InputError(f"degree must be from 1 to {_MOST}, not {degree}.")
     return found
 
 
@@ -184,7 +184,9 @@ def greville(knots: Float[np.ndarray, " k"], degree: int) -> Float[np.ndarray, "
         InputError: the degree is not one of 1 to 5, or there are too few knots for it.
     """
     if not 1 <= degree <= min(_MOST, len(knots) - 2):
-        raise InputError(f"degree must be one of 1 to {_MOST} and suit {len(knots)} knots, not {degree}.")
+        raise InputError(
+            f"degree must be from 1 to {_MOST}, and at least 2 less than the {len(knots)} knots, not {degree}."
+        )
     inner = np.lib.stride_tricks.sliding_window_view(knots[1:-1], degree)
     return inner.mean(axis=1)
 
@@ -201,6 +203,6 @@ def basis_matrices(
     from scipy.interpolate import BSpline  # here: scipy is slow to import
 
     if not 0 <= degree < len(knots) - 1 or not (np.diff(knots) >= 0.0).all() or not knots[degree] < knots[-degree - 1]:
-        raise InputError(f"knots must not fall, and there must be more than degree + 1 of them; degree is {degree}.")
+        raise InputError(f"knots must not decrease, and more than degree + 1 of them are needed (degree is {degree}).")
     spline = BSpline(knots, np.eye(len(knots) - degree - 1), degree)
     return np.asarray(spline(places)), np.asarray(spline(places, nu=1))

@@ -45,5 +45,5 @@ def as_surface(given: SurfaceLike, unit: str | None = None) -> Surface:
         return Mesh.from_trimesh(given, unit)
     if not hasattr(given, "prepared"):
         line = 'palpate.Mesh.load("probe.stl", unit="mm")'
-        raise InputError(f"a {type(given).__name__} is no surface.", hint=f"Write {line}.")
-    raise InputError(f"unit={unit!r} is for a mesh file, and this surface is in metres.", hint="Leave unit out.")
+        raise InputError(f"a {type(given).__name__} is not a surface.", hint=f"Write {line}.")
+    raise InputError(f"unit={unit!r} is only for a mesh file: this surface is in metres.", hint="Leave unit out.")

@@ -49,7 +49,9 @@ class ImplicitSurface(Analytic):
 
     def __post_init__(self) -> None:
         if not np.all(np.subtract(self.high, self.low) > 0) or not np.all(np.isfinite([self.low, self.high])):
-            raise GeometryError(f"the box from {self.low} to {self.high} of an implicit surface has no inside")
+            raise GeometryError(
+                f"the box of an implicit surface must be finite, with low below high, not {self.low} to {self.high}."
+            )
         self._require_derivatives()
 
     @property
@@ -102,8 +104,8 @@ class ImplicitSurface(Analytic):
         points = self._entered(middle + reach * directions, -directions)
         if np.isnan(points).any() or not self.value_at(middle) < 0:
             raise GeometryError(
-                "this surface cannot be drawn: from the middle of its box it is not seen in every direction; choose "
-                "a box about a point inside it"
+                "this surface cannot be drawn: from the middle of its box it is not seen in every direction. Choose "
+                "a box about a point inside it."
             )
         return points, faces
 
@@ -130,7 +132,9 @@ class ImplicitSurface(Analytic):
         points = self._entered(np.concatenate(origins), np.concatenate(directions))
         inside = np.all((points >= low) & (points <= high), axis=1)  # NaN is not
         if not inside.any():
-            raise GeometryError("the function is zero nowhere in its box: is it negative inside, and in metres?")
+            raise GeometryError(
+                "the function is zero nowhere in its box: it must be negative inside, and its points are in metres."
+            )
         return points[inside]
 
     def _entered(self, origins: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]) -> np.ndarray:
@@ -155,9 +159,9 @@ class ImplicitSurface(Analytic):
         bends = np.stack([(after[1] - before[1]) / (2 * step) for after, before in views], axis=-1)
         size = np.abs(gradient).max()
         if not np.abs(slopes - gradient).max() < 1e-4 * size:
-            raise GeometryError("the gradient of an implicit surface is not the derivative of its value")
+            raise GeometryError("the gradient of an implicit surface is not the derivative of its value.")
         if not np.abs(bends - hessian).max() < 1e-3 * max(np.abs(hessian).max(), size / self.size):
-            raise GeometryError("the Hessian of an implicit surface is not the derivative of its gradient")
+            raise GeometryError("the Hessian of an implicit surface is not the derivative of its gradient.")
 
 
 def _unpacked(packed: bytes) -> ImplicitSurface:
@@ -197,7 +201,7 @@ def superquadric(axes: tuple[float, float, float], exponents: tuple[float, float
     from palpate.surfaces import _function
 
     if not all(0 < e <= 1 for e in exponents) or not all(0 < axis < np.inf for axis in axes):
-        raise GeometryError(f"a smooth superquadric has positive axes and exponents in (0, 1], not {axes}, {exponents}")
+        raise GeometryError(f"a superquadric needs positive axes and exponents in (0, 1], not {axes} and {exponents}.")
     functions = _function.superquadric(*axes, *exponents)
     x, y, z = (1.000001 * axis for axis in axes)  # a little room: it ends nowhere
     return ImplicitSurface(*functions, (-x, -y, -z), (x, y, z), **options)

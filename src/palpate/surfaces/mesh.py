@@ -75,7 +75,7 @@ class Mesh(Value):
                 array.flags.writeable = False
                 object.__setattr__(self, name, array)
         if self.faces.size and not 0 <= self.faces.min() <= self.faces.max() < len(self.vertices):
-            raise GeometryError(f"faces must name vertices, from 0 to {len(self.vertices) - 1}")
+            raise GeometryError(f"faces must name vertices, from 0 to {len(self.vertices) - 1}.")
 
     def __repr__(self) -> str:
         size = np.ptp(self.vertices, axis=0) if len(self.vertices) else np.zeros(3)
@@ -108,7 +108,7 @@ class Mesh(Value):
             GeometryError: nothing usable remains, or the faces are none of these vertices.
         """
         if not 0 <= crease <= pi:  # NaN too
-            raise InputError(f"crease must lie between 0 and pi [rad], not {crease:g}.", hint="Use math.radians(30).")
+            raise InputError(f"crease must be between 0 and pi [rad], not {crease:g}.", hint="Use math.radians(30).")
         crease = float(crease) if smooth else 0.0
         with _announced(np.size(faces) // 3):
             points, triangles, twins, notes = repair(vertices, faces)
@@ -119,7 +119,9 @@ class Mesh(Value):
             kept = _in_region(points, triangles, region)
             touchable = (exposed(points, triangles) if touchable is None else touchable)[kept]
             if not touchable.any():
-                raise GeometryError("no facet of the region can be reached from outside; covered = true uses them")
+                raise GeometryError(
+                    "no facet of the region can be reached from outside: set covered = true to use them."
+                )
             triangles, normals = triangles[kept], normals[kept]
             notes = (*notes, f"a region of {len(triangles)} of {len(kept)} facets is used")
         return cls(points, triangles, normals, crease, notes, touchable)
@@ -306,13 +308,13 @@ def _in_region(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
         kept = np.all((middle >= low) & (middle <= high), axis=1)
     elif array.ndim == 1 and np.issubdtype(array.dtype, np.integer):
         if len(beyond := array[(array < 0) | (array >= len(faces))]):
-            raise GeometryError(f"region names facet {beyond[0]}; there are {len(faces)}, counted from 0")
+            raise GeometryError(f"region names facet {beyond[0]}, but there are {len(faces)} facets, counted from 0.")
         kept = np.zeros(len(faces), dtype=bool)
         kept[array] = True
     else:
-        raise GeometryError("region must be two corners of a box [m] or a list of facet numbers")
+        raise GeometryError("region must be two corners of a box [m] or a list of facet numbers.")
     if not kept.any():
-        raise GeometryError("no facet lies in the region (is it in metres?)")
+        raise GeometryError("no facet is in the region: check that it is in metres.")
     return kept
 
 
@@ -334,5 +336,5 @@ def _doubts(mesh: Mesh, unit: str) -> tuple[str, ...]:
     if plausible_size(mesh.size):
         return ()
     likely = [name for name, scale in UNITS.items() if plausible_size(mesh.size / UNITS[unit] * scale)]
-    hint = f"; in {' or '.join(likely)} it would be plausible" if likely else ""
-    return (f"the mesh is {mesh.size:.4g} m across as {unit}: is the unit right{hint}?",)
+    hint = f": its size would be plausible in {' or '.join(likely)}" if likely else ""
+    return (f"the mesh is {mesh.size:.4g} m across if its unit is {unit}; check the unit{hint}",)

@@ -30,7 +30,7 @@ def plane(point: ArrayLike, normal: ArrayLike, half_width: float = 1.0) -> Mesh:
     middle, out = shaped(point, (3,), "point"), shaped(normal, (3,), "normal")
     length = np.linalg.norm(out)
     if not length > 0:
-        raise GeometryError("the normal of a plane must not be zero")
+        raise GeometryError("the normal of a plane must not be zero.")
     out = out / length
     along = np.cross(out, np.eye(3)[np.argmin(np.abs(out))])
     along /= np.linalg.norm(along)

@@ -247,4 +247,4 @@ def _grid(rows: int, columns: int, *, closed: bool) -> Int[np.ndarray, "f 3"]:
 def _require_positive(surface: Quadric, *lengths: float) -> None:
     if not all(0 < length < np.inf for length in lengths):  # NaN too
         kind, got = type(surface).__name__, ", ".join(f"{length:g}" for length in lengths)
-        raise GeometryError(f"the lengths of {kind} must be positive and finite [m], not {got}")
+        raise GeometryError(f"the lengths of {kind} must be positive and finite [m], not {got}.")

@@ -26,8 +26,8 @@ MEANING = {
     Status.OFF_SURFACE: "No point of the surface can make this wrench; the nearest is given.",
     Status.IMPLAUSIBLE: "Located, but with more friction or torsion than is allowed: do not believe the point.",
     Status.SATURATED: "A channel of the sensor is at its range, so that the force is not known.",
-    Status.INVALID: "A reading is missing, or is no number.",
-    Status.NO_POSE: "The orientation of the sensor, without which its payload cannot be taken off, is missing.",
+    Status.INVALID: "A reading is missing, or is not a number.",
+    Status.NO_POSE: "The orientation of the sensor is missing, so that its payload cannot be subtracted.",
 }
 _FEATURES = {  # as files name them, in SI -> name, how many of which unit; without a unit it is a count
     "area": ("contact area", 1e4, "cm²"),
@@ -147,7 +147,7 @@ def _place(contact: ShownContact) -> str:
 
 def _ellipse(contact: ShownContact, magnification: int) -> str:
     if not np.isfinite(contact.axes).all():
-        return NONE if not contact.located else "no noise is known"
+        return NONE if not contact.located else "the noise is not known"
     long, short = 1e3 * contact.axes
     drawn = f"drawn &times;&nbsp;{magnification}" if magnification > 1 else "drawn to scale"
     return f"{long:.2g} &times; {short:.2g} mm, {drawn}"
@@ -168,5 +168,5 @@ def comparison(scene: Scene, moment: SceneMoment) -> list[tuple[str, str]]:
         said += f", {_size(theirs):.2f} N at {place} mm"
     if theirs.located and ours.located:
         apart = 1e3 * float(np.linalg.norm(theirs.point - ours.point))
-        said += f"; {apart:.2f} mm and {float(np.linalg.norm(theirs.force - ours.force)):.2f} N apart"
+        said += f"; differs by {apart:.2f} mm and {float(np.linalg.norm(theirs.force - ours.force)):.2f} N"
     return [(scene.other.title, said)]

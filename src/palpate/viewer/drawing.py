@@ -176,7 +176,7 @@ def simpler(
         InputError: faces name vertices that do not exist, a vertex is not finite, or `most` is negative.
     """
     if faces.size and not (faces.min() >= 0 and faces.max() < len(vertices)):
-        raise InputError(f"faces must be numbers of the {len(vertices)} vertices, from 0.")
+        raise InputError(f"faces must be indices, from 0, of the {len(vertices)} vertices.")
     if most < 0 or not np.isfinite(vertices).all():  # it would never end
         raise InputError(f"most ({most}) must be 0 or more, and vertices finite.")
     used, corners = np.unique(faces, return_inverse=True)

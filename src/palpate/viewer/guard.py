@@ -21,7 +21,7 @@ LARGE = 1 << 12  # bytes of any other
 PIXELS = 1 << 26  # of a picture
 _PNG = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR"
 _REFUSED = "This page answers only at the address that its command printed.\n"
-_CLOSED = "Open the whole address that the command printed, with what follows ?token= in it.\n"
+_CLOSED = "Open the complete address that the command printed, including ?token= and the text after it.\n"
 
 
 class Request(NamedTuple):

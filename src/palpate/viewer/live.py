@@ -105,7 +105,9 @@ class LivePage(Served):
                 layer.panel(gui)
             self._force = add_curves(gui, ("force [N]",), ("#0072b2",), (-SECONDS, 0.0))
             self._figures = gui.add_html("")
-            self._tare = gui.add_button("Tare", hint="take what the sensor reads now for nothing touching it")
+            self._tare = gui.add_button(
+                "Tare", hint="use the present reading as that of no contact; nothing may touch the sensor"
+            )
             self._add_settings()
             self._sentences = gui.add_html("")
             self._legend = gui.add_html("")
@@ -206,7 +208,7 @@ def _alarm(figures: StreamFigures) -> str:
     if figures.silent <= SILENT and figures.samples:
         return ""
     for_long = f"no samples for {figures.silent:.0f} s"
-    text = f"{for_long}: what is shown is old" if figures.samples else f"{for_long}: none came yet"
+    text = f"{for_long}: the values shown are old" if figures.samples else f"{for_long}: none came yet"
     return (
         f'<div role="alert" style="margin:.5em .7em 0;padding:.35em .7em;border-radius:.4em;color:#fff;'
         f'background:{_RED};font-weight:600">{text}</div>'

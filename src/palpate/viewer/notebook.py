@@ -31,7 +31,7 @@ def table_of(contacts: Contacts) -> str:
     if len(touches):
         said.append(_table(_HEADER, _rows(touches, _SHOWN)))
     if len(touches) > _SHOWN:
-        said.append(f"<p>and {len(touches) - _SHOWN:,} touches more: contacts.touches()</p>")
+        said.append(f"<p>and {len(touches) - _SHOWN:,} more touches: contacts.touches() has all</p>")
     said += [f"<p>{escape(note)}</p>" for note in contacts.notes]
     return "<div>" + "".join(said) + "</div>"
 

@@ -100,7 +100,7 @@ class Panel:
         self._play.on_click(lambda _: self._ask("play", None))
         self._skip.on_click(lambda event: self._skipped(self._skip.value, event.client))
         picture = self._gui.add_button_group(
-            "picture", ("reset view", "save"), hint="look at the whole body; save what is seen as a file"
+            "picture", ("reset view", "save"), hint="look at the complete body; save the view as a file"
         )
         picture.on_click(lambda event: self._pictured(picture.value, event.client))
 
@@ -127,11 +127,11 @@ class Panel:
                 "heat",
                 not any(layer.covers for layer in self._scene.layers),
                 visible=self._scene.body is not None,
-                hint="where the body was touched, how long",
+                hint="show where the body was touched, and how long",
             )
             few = 0 < len(self._scene.touches) <= NUMBERED
             self._numbers = self._gui.add_checkbox(
-                "numbers", False, visible=few, hint="of the touches, where they were"
+                "numbers", False, visible=few, hint="show the numbers of the touches where they were"
             )
             self._trail = self._gui.add_slider("trail [s]", 0.0, 60.0, 0.5, 5.0)
             options = tuple(f"x {times}" for times in MAGNIFICATIONS)

@@ -36,10 +36,10 @@ def compared(run: Run, name: str, other: RunSummary) -> Run:
     kept = DownsampledRun(other.contacts, other.even)
     ours, theirs = run.kept.contacts.time, kept.contacts.time
     if not (_low(ours) <= _high(theirs) and _low(theirs) <= _high(ours)):
-        raise InputError(f"was recorded at another time than {run.log}: nothing to compare.", where=name)
+        raise InputError(f"has no time in common with {run.log}, so they cannot be compared.", where=name)
     names = (run.output, name)
     section = Section(
-        f"Beside {name}",
+        f"Compared with {name}",
         text=("Left and right, or above and below on a phone: the same pictures of both, on the same body.",),
         tables=(_figures(names, (run.summary, other), (run.kept, kept)), _touches(run.summary, other)),
         pictures=(*_over_time(names, (run.kept, kept)), *_places(run, names, kept, other)),
@@ -96,7 +96,7 @@ def _touches(run: RunSummary, other: RunSummary) -> ReportTable:
     alone = np.setdiff1d(np.arange(len(theirs)), with_whom)
     said = [f"The first {SHOWN} of {len(ours):,}."] if len(ours) > SHOWN else []
     if len(alone):
-        said.append(f"Touches of the other that are no touch here: {', '.join(str(k + 1) for k in alone[:20])}.")
+        said.append(f"Touches of the other run that have no match here: {', '.join(str(k + 1) for k in alone[:20])}.")
     header = ("touch", "start [s]", "peak [N]", "there", "peak there [N]", "apart [mm]", "later there [s]")
     return ReportTable(header, tuple(rows), " ".join(said))
 

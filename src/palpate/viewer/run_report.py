@@ -101,7 +101,7 @@ def compose(run: Run) -> Report:
         tiles=(*_tiles(run, len(touches)), *run.tiles),
         warnings=run.warnings,
         sections=tuple(section for section in sections if section),
-        footer=f"palpate {run.provenance.get('palpate', '')}. Lengths, forces and times in the units that stand beside "
+        footer=f"palpate {run.provenance.get('palpate', '')}. Lengths, forces and times in the units next to "
         "them; points and forces in the surface's frame.",
     )
 
@@ -177,7 +177,7 @@ def _over_time(kept: DownsampledRun) -> Section:
     several = len(picked) < len(found)
     drawn = plots.forces(found.time[picked], found.force[picked], found.status[picked])
     colours = "green: located, blue: ambiguous, light grey: no contact, dark grey: too light, others: see Statuses"
-    whose = "Force of the strongest contact" if several else "Force on the body, payload and bias taken off"
+    whose = "Force of the strongest contact" if several else "Force on the body, without payload and bias"
     shown = [picture(drawn, f"{whose}. Below, {colours}.")]
     if np.isfinite(kept.point).any():
         deviation = np.sqrt(np.diagonal(kept.covariance, axis1=1, axis2=2).clip(min=0))
@@ -225,7 +225,7 @@ def _statuses(run: Run) -> Section:
     counts = run.summary.statuses
     rows = "samples" if run.summary.rows <= run.summary.samples else "rows (a sample has one for each contact)"
     facts = tuple((kind.words, f"{counts[kind]:,} {rows}. {MEANING[kind]}") for kind in Status if counts[kind])
-    shares = picture(plots.statuses(counts), "What became of the samples; answered are contact and ambiguous.")
+    shares = picture(plots.statuses(counts), "Statuses of the samples; contact and ambiguous count as answered.")
     return Section("Statuses", pictures=(shares,), settings=facts)
 
 

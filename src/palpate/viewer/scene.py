@@ -337,7 +337,7 @@ class Scene:
         """
         other = replace(self.with_contacts(contacts), title=title)
         if not self._ahead(other) <= self.timeline.duration or self._ahead(other) + other.timeline.duration < 0:
-            raise InputError(f"was recorded at another time than {self.title}: nothing to compare.", where=title)
+            raise InputError(f"has no time in common with {self.title}, so they cannot be compared.", where=title)
         return replace(self, other=other)
 
     def meanwhile(self, seconds: float) -> SceneMoment | None:
@@ -461,7 +461,7 @@ def prepare(surface: Surface | None, contacts: Contacts, title: str = "", layers
         GeometryError: an implicit surface cannot be drawn as a mesh.
     """
     if not len(contacts):
-        raise InputError("there is nothing to show: no contacts, not even a sample without one.", where=title)
+        raise InputError("contains no samples, so there is nothing to show.", where=title)
     starts, touched, timeline = _sampled(contacts)
     points = contacts.point[touched]
     mesh = None if surface is None else surface.drawn()

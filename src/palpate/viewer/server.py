@@ -230,7 +230,7 @@ def _free(host: str, port: int) -> int:
                 return candidate
         except (OSError, OverflowError, UnicodeError) as problem:
             last = problem if isinstance(problem, OSError) else OSError(str(problem))
-    reason = "no such port" if last is None else last.strerror or str(last)
+    reason = "the port is not valid" if last is None else last.strerror or str(last)
     raise InputError(
         f"cannot listen there ({reason}).",
         where=f"{host}:{port}",

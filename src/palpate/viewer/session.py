@@ -104,7 +104,7 @@ class BrowserSession:
         try:
             shown = client.get_render(camera.image_height, camera.image_width, transport_format="png", timeout=30.0)
         except (RuntimeError, TimeoutError):
-            client.add_notification("No picture", "The browser made none; try again while its window is seen.")
+            client.add_notification("No picture", "The browser made no picture; try again while its window is visible.")
             return
         import imageio.v3  # comes with viser
 

@@ -233,6 +233,6 @@ def _used(code: CodeType) -> Iterator[str]:
 
 def _unknown() -> InputError:
     return InputError(
-        f"viser {viser.__version__} is built in a way that Palpate does not know: the page could not be protected.",
+        f"viser {viser.__version__} cannot be used: Palpate cannot protect its page.",
         hint="pip install 'viser==1.1.1'",
     )

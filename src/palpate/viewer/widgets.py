@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 __all__ = ["ELLIPSE", "add_curves", "along_time", "card", "dock", "name", "table", "theme"]
 
-ELLIPSE = "the 95 % ellipse of a point, drawn so many times as large"
+ELLIPSE = "magnification of the 95 % ellipse of a point"
 TARGET = "#5d6975"
 _TITLE = """<style onload="document.title='Palpate'"></style>"""  # viser names its page after itself
 _SHEET = """<style>@media (max-width: 600px) {

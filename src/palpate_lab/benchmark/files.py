@@ -73,7 +73,7 @@ class Task:
         table = self._readings[1]
         if len(table) != self.samples:
             where = str(self.folder / "readings.csv")
-            raise InputError(f"holds {len(table)} rows, and task.toml says {self.samples} samples.", where=where)
+            raise InputError(f"has {len(table)} rows, but task.toml states {self.samples} samples.", where=where)
         return iter(table)
 
     def images(self, folder: str) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
@@ -86,7 +86,7 @@ class Task:
         for path in sorted((self.folder / folder).glob("*.jpg")):
             image = cv2.imread(str(path))
             if image is None:
-                raise InputError("is no image that can be read.", where=str(path))
+                raise InputError("cannot be read as an image.", where=str(path))
             yield image
 
     def table(self, file: str) -> dict[str, Float[np.ndarray, " n"]]:
@@ -120,8 +120,8 @@ def read_benchmark(folder: Path) -> dict[str, Task]:
     """
     files = sorted(folder.glob("*/task.toml"), key=lambda path: path.parent.name)
     if not files:
-        hint = "Make one: palpate benchmark make -o FOLDER."
-        raise InputError("holds no task: no folder in it has a task.toml.", where=str(folder), hint=hint)
+        hint = "Make one with palpate benchmark make -o FOLDER."
+        raise InputError("has no task: none of its folders has a task.toml.", where=str(folder), hint=hint)
     return {file.parent.name: _task(file) for file in files}
 
 
@@ -130,7 +130,7 @@ def _task(file: Path) -> Task:
     for key, kind in _KEYS.items():
         if not isinstance(facts.get(key), kind):
             what = "text" if kind is str else "a whole number"
-            raise InputError(f"{key} is missing, or not {what}.", where=str(file))
+            raise InputError(f"{key} is missing, or is not {what}.", where=str(file))
     if facts["name"] != file.parent.name:
         raise InputError(f"has the name {facts['name']!r}, but is in the folder {file.parent.name!r}.", where=str(file))
     return Task(facts["name"], facts["kind"], file.parent, facts["samples"], facts["most"], facts)
@@ -148,7 +148,7 @@ def read_truth(task: Task) -> tuple[TrueSamples, Int[np.ndarray, " q"]]:
     rows, _ = table.numbers(("sample", *POINT, *FORCE), strict=True)
     touched = np.isfinite(rows[:, 1])
     if not touched.any():
-        raise InputError("has no contact.", where=str(table.path))
+        raise InputError("has no row with a contact.", where=str(table.path))
     known = rows[touched]
     return TrueSamples(known[:, 0], known[:, 1:4], force=known[:, 4:7]), rows[~touched, 0].astype(np.int64)
 
@@ -190,7 +190,7 @@ def read_answers(path: Path, tasks: Mapping[str, Task]) -> dict[str, Contacts]:
     numbers, _ = table.numbers(("sample", *names), strict=True)
     for row, name in enumerate(task.to_list()):
         if name not in tasks:
-            table.refuse(row, f"there is no task {name!r}. {near(str(name), tasks)}".removesuffix("."))
+            table.refuse(row, f"the task {name!r} is unknown. {near(str(name), tasks)}".removesuffix("."))
     _check_samples(table, numbers[:, 0], np.array([tasks[name].samples for name in task.to_list()]))
     _check_values(table, names, numbers[:, 1:])
     whose, found = task.to_numpy(), dict[str, Contacts]()
@@ -210,7 +210,9 @@ def _stated(table: TextTable) -> tuple[str, ...]:
     known = ("task", "sample", *ANSWER)
     for name in table.names:
         if name not in known:
-            raise InputError(f"there is no column {name!r} in answers.", where=str(table.path), hint=near(name, known))
+            raise InputError(
+                f"the column {name!r} is unknown in answers.", where=str(table.path), hint=near(name, known)
+            )
     groups = [group for group in (POINT, FORCE, COVARIANCE) if group is POINT or set(group) & set(table.names)]
     names = tuple(name for group in groups for name in group)
     table.require(("task", "sample", *names))
@@ -221,8 +223,8 @@ def _check_samples(table: TextTable, sample: Float[np.ndarray, " n"], count: Int
     wrong = np.flatnonzero(~((sample >= 0) & (sample < count) & (sample == np.round(sample))))  # NaN too
     if len(wrong):
         row = int(wrong[0])
-        said = "none" if np.isnan(sample[row]) else f"{sample[row]:g}"
-        table.refuse(row, f"sample is {said}; the task has whole numbers from 0 to {count[row] - 1}")
+        said = "nothing" if np.isnan(sample[row]) else f"{sample[row]:g}"
+        table.refuse(row, f"sample must be a whole number from 0 to {count[row] - 1}, not {said}")
 
 
 def _check_values(table: TextTable, names: Sequence[str], values: Float[np.ndarray, "n k"]) -> None:
@@ -238,8 +240,8 @@ def _check_values(table: TextTable, names: Sequence[str], values: Float[np.ndarr
         if len(bad):
             row = int(bad[0])
             field = names[which[int(np.argmin(known[row]))]]
-            rest = "leave out the row where there is no answer" if first == 0 else f"state all of a {what} or nothing"
-            table.refuse(row, f"{field} is no finite number: {rest}")
+            rest = "leave out the row if there is no answer" if first == 0 else f"state all numbers of a {what} or none"
+            table.refuse(row, f"{field} is not a finite number: {rest}")
     if set(COVARIANCE) <= set(names):
         _check_variances(table, values[:, [names.index(name) for name in COVARIANCE]])
 
@@ -249,7 +251,9 @@ def _check_variances(table: TextTable, six: Float[np.ndarray, "n 6"]) -> None:
     values = np.linalg.eigvalsh(six[rows][:, _SQUARE].reshape(-1, 3, 3))
     bad = np.flatnonzero(values[:, 0] < -_ROUNDING * np.abs(values).max(axis=1, initial=0.0))
     if len(bad):
-        table.refuse(int(rows[bad[0]]), "cxx to czz are no covariance: along some direction the variance is negative")
+        table.refuse(
+            int(rows[bad[0]]), "cxx to czz are not a covariance: along some direction the variance is negative"
+        )
 
 
 def _check_most(table: TextTable, rows: Int[np.ndarray, " k"], sample: Int[np.ndarray, " k"], task: Task) -> None:
@@ -259,5 +263,6 @@ def _check_most(table: TextTable, rows: Int[np.ndarray, " k"], sample: Int[np.nd
         row = rows[over[task.most]]
         what = "1 contact" if task.most == 1 else f"{task.most} contacts"
         table.refuse(
-            int(row), f"sample {sample[over[0]]} of {task.name} has more than {what}, which is the most at once"
+            int(row),
+            f"sample {sample[over[0]]} of {task.name} has more than {what}, the most that are possible at once",
         )

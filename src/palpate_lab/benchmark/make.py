@@ -98,7 +98,9 @@ def make_benchmark(
     wanted = tuple(only) or tuple(TASKS)
     for name in wanted:
         if name not in TASKS:
-            raise InputError(f"there is no task {name!r}.", where="benchmark", hint=f"Known: {', '.join(TASKS)}.")
+            raise InputError(
+                f"the task {name!r} is unknown.", where="benchmark", hint=f"Use one of {', '.join(TASKS)}."
+            )
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "README.txt").write_text(README, encoding="utf-8")
     for number, (name, maker) in enumerate(TASKS.items()):

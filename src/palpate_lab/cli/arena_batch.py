@@ -62,7 +62,7 @@ def _require(output: Path, seeds: int, jobs: int | None, backend: str) -> int:
     if not 1 <= seeds <= MOST:
         raise InputError(f"must be from 1 to {MOST:,}, not {seeds}.", where="--seeds")
     if output.suffix != ".html":
-        hint = "With --seeds it is a page: name it SUMMARY.html."
+        hint = "With --seeds the output is a page: name it SUMMARY.html."
         raise InputError("is not the name of a page.", where=str(output), hint=hint)
     return require_backend(backend, jobs, JOBS)
 
@@ -79,7 +79,7 @@ def read_results(path: Path) -> tuple[dict[str, object], dict[int, ArenaResult]]
     try:
         found = [from_row(ArenaResult, row) for row in rows]
     except (KeyError, TypeError) as problem:
-        raise InputError(f"does not hold {RESULTS}.", where=str(path), hint="Name another output.") from problem
+        raise InputError(f"does not contain {RESULTS}.", where=str(path), hint="Name another output.") from problem
     return settings, {result.seed: result for result in found}
 
 
@@ -96,7 +96,7 @@ def _begin(path: Path, key: dict[str, object]) -> dict[int, ArenaResult]:
         if other:
             said = ", ".join(f"{name} {there.get(name)!r} instead of {key[name]!r}" for name in other)
             hint = "Name another output, or remove it."
-            raise InputError(f"holds runs of other settings: {said}.", where=str(path), hint=hint)
+            raise InputError(f"contains runs with other settings: {said}.", where=str(path), hint=hint)
     begin_results(path, key, map(asdict, done.values()))
     return done
 

@@ -141,9 +141,12 @@ class ArenaRun:
         layout, count = settings.layout, len(settings.layout.starts)
         for fault in settings.faults:
             if fault.kind not in FAULTS or not 0 <= fault.robot < count:
-                raise InputError(f"no fault {fault.kind!r} of robot {fault.robot + 1}; there are {', '.join(FAULTS)}.")
+                raise InputError(
+                    f"the fault {fault.kind!r} of robot {fault.robot + 1} is not possible: use one of "
+                    f"{', '.join(FAULTS)}, and a robot from 1 to {count}."
+                )
         if settings.method not in METHODS:
-            raise InputError(f"no method {settings.method!r}; there are {', '.join(METHODS)}.")
+            raise InputError(f"the method {settings.method!r} is unknown: use one of {', '.join(METHODS)}.")
         require_solvable(layout, self.robot.radius)
         self.world = ArenaWorld(layout, self.robot, settings.seed)
         self.drive = DifferentialDrive(self.robot.track)

@@ -85,10 +85,14 @@ class ArenaRequest:
     def _check_fixed(self) -> None:
         """Refuse a density or another number of robots for an arena that is not random."""
         if self.density is not None:
-            raise InputError(f"the layout {self.layout!r} is not drawn.", where="--density", hint="Leave it out.")
+            raise InputError(
+                f"the layout {self.layout!r} is fixed and has no density.", where="--density", hint="Leave it out."
+            )
         there = len(self.arena(0).starts)
         if self.robots not in (None, there):
-            raise InputError(f"the layout {self.layout!r} has {there} of them.", where="--robots", hint="Leave it out.")
+            raise InputError(
+                f"the layout {self.layout!r} always has {there} robots.", where="--robots", hint="Leave it out."
+            )
 
     def arena(self, seed: int) -> ArenaLayout:
         """Return the `ArenaLayout` of a seed; only a random arena depends on it.
@@ -155,7 +159,7 @@ def command(request: ArenaRequest, seed: int) -> str:
 
 def _require_known(value: str, known: tuple[str, ...], what: str) -> None:
     if value not in known:
-        raise InputError(f"there is no {what} {value!r}.", where=f"--{what}", hint=f"Known: {', '.join(known)}.")
+        raise InputError(f"the {what} {value!r} is unknown.", where=f"--{what}", hint=f"Use one of {', '.join(known)}.")
 
 
 def _ring(rig: str | Path) -> MarkerRing:
@@ -171,7 +175,7 @@ def _ring(rig: str | Path) -> MarkerRing:
     if MarkerRingSection.name not in loaded.sensors:
         called = " and ".join(kind.called for kind in loaded.kinds)
         raise InputError(
-            f"is a rig of {called}, and robots of the arena wear rings of markers.",
+            f"is a rig of {called}, but robots of the arena wear rings of markers.",
             where=str(rig),
             hint="Name a rig with [marker_ring] and its model.",
         )

@@ -83,14 +83,14 @@ def _rows(said: object, task: Task, sample: int, name: str) -> Float[np.ndarray,
         given = np.atleast_2d(np.asarray(said, dtype=np.float64))
     except (TypeError, ValueError) as problem:
         raise InputError(
-            f"answered with {type(said).__name__}, which is no array of numbers.", where=where
+            f"answered with {type(said).__name__}, which is not an array of numbers.", where=where
         ) from problem
     if given.ndim != 2 or (given.size and given.shape[1] not in WIDTHS):
         shape = "x".join(map(str, np.shape(cast("Any", said))))
-        raise InputError(f"answered with shape {shape}; a contact has 3, 6 or 12 numbers.", where=where)
+        raise InputError(f"answered with shape {shape}, but a contact has 3, 6 or 12 numbers.", where=where)
     given = given[np.isfinite(given[:, :3]).all(axis=1)] if given.size else full
     if len(given) > task.most:
-        raise InputError(f"answered with {len(given)} contacts; there are {task.most} at most.", where=where)
+        raise InputError(f"answered with {len(given)} contacts, but at most {task.most} are possible.", where=where)
     full = np.full((len(given), WIDTHS[-1]), np.nan)
     full[:, : given.shape[1]] = given
     return full
@@ -108,14 +108,18 @@ def users(name: str) -> Entrant:
     module, _, function = name.partition(":")
     where = f"--estimator {name}"
     if not module or not function or not all(part.isidentifier() for part in (*module.split("."), function)):
-        raise InputError("is not of the form module:function.", where=where, hint="Such as --estimator mine:locate.")
+        raise InputError(
+            "is not of the form module:function.", where=where, hint="Write, for example, --estimator mine:locate."
+        )
     sys.path.insert(0, str(Path.cwd()))
     try:
         found = getattr(import_module(module), function, None)
     except ModuleNotFoundError as problem:
         if problem.name != module:
             raise InputError(f"cannot be imported: {problem}.", where=where) from problem
-        raise InputError(f"there is no module {module!r} here or installed.", where=where) from problem
+        raise InputError(
+            f"the module {module!r} is neither in the current folder nor installed.", where=where
+        ) from problem
     except Exception as problem:
         raise InputError(f"cannot be imported: {_said(problem)}.", where=where) from problem
     finally:

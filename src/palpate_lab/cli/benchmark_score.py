@@ -71,12 +71,12 @@ def benchmark_score(
 def _require(folder: Path, answers: Path | None, estimator: str | None, alone: bool, output: Path | None) -> None:
     """Check the options before any work."""
     if not folder.is_dir():
-        raise InputError("there is no such folder.", where=str(folder), hint="palpate benchmark make -o FOLDER")
+        raise InputError("is not a folder.", where=str(folder), hint="Make one with palpate benchmark make -o FOLDER.")
     if alone and answers is None and estimator is None:
-        raise InputError("leaves nobody to score.", where="--alone", hint="Add --answers or --estimator.")
+        raise InputError("leaves no estimator to score.", where="--alone", hint="Add --answers or --estimator.")
     if output is not None:
         if output.suffix.lower() not in (*PAGES, *TEXTS):
-            raise InputError("is a page or a text.", where=str(output), hint="Name it .html or .md.")
+            raise InputError("is not the name of a page or a text.", where=str(output), hint="Name it .html or .md.")
         keep_inputs(output, (answers,))
         if output.suffix.lower() in PAGES:
             require_report()

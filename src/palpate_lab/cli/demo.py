@@ -160,7 +160,7 @@ def _payload(session: Session, folder: Path) -> list[Row]:
 def _mounting(session: Session, folder: Path) -> list[Row]:
     surface, true = load_rig(folder / "rig.toml").surface, session.true
     if surface is None:
-        raise InputError("has no [surface] any more.", where=str(folder / "rig.toml"))
+        raise InputError("no longer has a [surface].", where=str(folder / "rig.toml"))
     found, covariance = surface.pose.pose(), np.array(surface.pose_covariance)
     moves = np.concatenate([-skew(found.translation), np.eye(3)], axis=1)  # what a small motion does to the origin
     place = np.sqrt(np.diag(moves @ covariance @ moves.T)).max()

@@ -47,9 +47,9 @@ def simulate_marker_ring(
     """
     require_new(output)
     if seed < 0 or (count is not None and count < 1):
-        raise InputError("seed must not be negative, and count positive.", where="--seed, --count")
+        raise InputError("seed must be 0 or more, and count 1 or more.", where="--seed, --count")
     if rings not in (1, 2, 3):
-        raise InputError(f"1 to 3 rings can be simulated, not {rings}.", where="--rings")
+        raise InputError(f"must be from 1 to 3, not {rings}.", where="--rings")
     with complete_session(output) as part, counting():
         figures = _record(part, seed, rings, touches, small, count, images)
     title(f"marker ring, unit {seed} -> {output}")

@@ -113,12 +113,14 @@ def _require_alone(*, view: bool, film: bool) -> None:
     """Refuse a page or a film of many runs."""
     for option, given in (("--view", view), ("--film", film)):
         if given:
-            raise InputError("is of one run.", where=option, hint="Leave it or --seeds out.")
+            raise InputError("is possible for one run only.", where=option, hint="Leave out this option or --seeds.")
 
 
 def _require_single(jobs: int | None, backend: str) -> None:
     if jobs is not None or backend != "processes":
-        raise InputError("is of many runs.", where="--jobs" if jobs is not None else "--backend", hint="Add --seeds N.")
+        raise InputError(
+            "is for many runs only.", where="--jobs" if jobs is not None else "--backend", hint="Add --seeds N."
+        )
 
 
 def _require_new(output: Path, film: Path | None, asked: ArenaRequest, robots: int) -> None:

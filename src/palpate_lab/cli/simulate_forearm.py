@@ -82,7 +82,7 @@ def _require(**bounds: tuple[int | float, int | float, int | float]) -> None:
     for name, (least, given, most) in bounds.items():
         if not least <= given <= most:
             option = f"--{name.replace('_', '-')}"
-            raise InputError(f"must lie between {least:g} and {most:g}, not {given:g}.", where=option)
+            raise InputError(f"must be from {least:g} to {most:g}, not {given:g}.", where=option)
 
 
 def _record(settings: ForearmSettings, folder: Path, seed: int, free: float) -> ForearmRun:

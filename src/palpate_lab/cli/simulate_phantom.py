@@ -102,7 +102,9 @@ def _require_method(method: str) -> None:
     from palpate_lab.cli.phantom_run import METHODS
 
     if method not in METHODS:
-        raise InputError(f"there is no method {method!r}.", where="--method", hint=f"Known: {', '.join(METHODS)}.")
+        raise InputError(
+            f"the method {method!r} is unknown.", where="--method", hint=f"Use one of {', '.join(METHODS)}."
+        )
 
 
 def _require_new(output: Path, film: Path | None) -> None:

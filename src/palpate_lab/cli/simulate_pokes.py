@@ -67,7 +67,7 @@ def simulate_pokes(
     if seed < 0:
         raise InputError("must not be negative.", where="--seed")
     if not 7 <= pokes <= _MOST:
-        raise InputError(f"must be 7 (one in each pose of the elbow) to {_MOST:,}.", where="--pokes")
+        raise InputError(f"must be from 7 (one in each pose of the elbow) to {_MOST:,}, not {pokes}.", where="--pokes")
     from palpate_lab.simulation import poke_session_files as files  # here: with them comes scipy
     from palpate_lab.simulation.forearm import Forearm
     from palpate_lab.simulation.poke_bench import PokeBench

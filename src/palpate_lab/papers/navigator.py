@@ -112,14 +112,18 @@ class PaperSettings:
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
             if name in _READINGS and value not in _READINGS[name]:
-                raise InputError(f"{name} is one of {', '.join(_READINGS[name])}, not {value!r}.", where="settings")
+                raise InputError(
+                    f"{name} must be one of {', '.join(_READINGS[name])}, not {value!r}.", where="settings"
+                )
             if name not in _READINGS and not 0.0 < value < math.inf:  # NaN too
                 raise InputError(f"{name} must be positive, not {value}.", where="settings")
         if max(self.alpha, self.beta, self.gamma) > 1.0:
-            raise InputError("alpha, beta and gamma are shares of the top speed, at most 1.", where="settings")
+            raise InputError(
+                "alpha, beta and gamma are shares of the top speed and must be at most 1.", where="settings"
+            )
         if self.window > self.t_t:
             raise InputError(
-                f"the speed of a touch cannot be known after t_t = {self.t_t:g} s: the window is {self.window:g} s.",
+                f"the window of {self.window:g} s must not be longer than t_t = {self.t_t:g} s.",
                 where="settings",
             )
 

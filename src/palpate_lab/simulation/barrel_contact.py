@@ -131,9 +131,9 @@ def _turned(vector: np.ndarray) -> np.ndarray:
 def _check(bodies: Sequence[Indenter], radius: float) -> None:
     for at, each in enumerate(bodies):
         if not 0.0 <= each.depth <= 0.5 * radius:
-            raise InputError(f"depth of body {at} is {each.depth} m; 0 to half the barrel's radius is possible.")
+            raise InputError(f"depth of body {at} must be from 0 to half the barrel's radius, not {each.depth} m.")
         if each.kind != "plate" and each.radius <= 0.0:
-            raise InputError(f"radius of body {at} is {each.radius} m; it must be above 0.")
+            raise InputError(f"radius of body {at} must be above 0, not {each.radius} m.")
 
 
 def _points(band: Band, bodies: Sequence[Indenter]) -> _Points:
@@ -309,7 +309,7 @@ def _balanced(
         nodal = better if turn < ROUNDS // 4 else 0.5 * (nodal + better)
     raise InputError(
         "no equilibrium of the pressing bodies was found.",
-        hint="less depth, or bodies further apart",
+        hint="Use less depth, or larger distances between the bodies.",
     )
 
 

@@ -86,7 +86,9 @@ class CellArray:
         size = np.r_[np.ones(3), np.full(3, 1.0 / np.ptp(self.position, axis=0).max())]
         values = np.linalg.eigvalsh(size[:, None] * frame * size)
         if values[0] < _STIFF_ENOUGH * values[-1]:
-            raise GeometryError("the frame turns freely about these cells: give them a twist, or a place off the line")
+            raise GeometryError(
+                "the frame can turn freely about these cells: rotate a cell, or move one out of their line."
+            )
         return loads @ np.linalg.inv(frame)
 
     def forces(self, wrench: Float[np.ndarray, "*batch 6"]) -> Float[np.ndarray, "*batch k 3"]:

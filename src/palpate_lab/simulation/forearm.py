@@ -177,7 +177,9 @@ class Forearm(Value):
             InputError: an unknown layout, or modules that overlap on the given cone.
         """
         if layout not in LAYOUTS:
-            raise InputError(f"no layout is called {layout!r}.", where="forearm", hint=f"One of {', '.join(LAYOUTS)}.")
+            raise InputError(
+                f"the layout {layout!r} is unknown.", where="forearm", hint=f"Use one of {', '.join(LAYOUTS)}."
+            )
         shape = LAYOUTS[layout]
         inner = float(-np.nanmin(shape[:, 1])) + gap / 2
         side, height = 2 * sqrt(3) * inner, 3 * inner
@@ -192,7 +194,7 @@ class Forearm(Value):
         if wide > narrow or long > cone.length:
             raise InputError(
                 f"{modules} modules in {rows} rows need {long:.3f} m along the link and {wide:.3f} m round it; "
-                f"there are {cone.length:.3f} and {narrow:.3f} m.",
+                f"the link has {cone.length:.3f} m and {narrow:.3f} m.",
                 where="forearm",
             )
         return cls(cone, shape, np.stack([s, t], axis=-1), np.where(down == 1, pi / 2, -pi / 2))
@@ -360,4 +362,4 @@ def places_near(
         kept.append(points[taken])
         if sum(map(len, kept)) >= count:
             return np.concatenate(kept)[:count]
-    raise InputError("no place of the skin is near these taxels alone.", where="pokes")
+    raise InputError("no place on the skin is near only these taxels.", where="pokes")

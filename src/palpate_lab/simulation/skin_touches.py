@@ -165,4 +165,4 @@ def _pairs(skin: Skin, rng: np.random.Generator, count: int, apart: float, reach
         kept.append(pair[np.asarray(tree.query(pair)[0]).max(axis=1) < reach])
         if sum(map(len, kept)) >= count:
             return np.concatenate(kept)[:count].reshape(-1, 3)
-    raise InputError(f"no two places of the skin are {1e3 * apart:.0f} mm apart.", where="touches")
+    raise InputError(f"no two places of the skin have a distance of {1e3 * apart:.0f} mm.", where="touches")

@@ -103,7 +103,7 @@ class Trails:
             InputError: the number of poses is not the number of robots.
         """
         if len(poses) != len(self._points):
-            raise InputError(f"poses must be of {len(self._points)} robots, not {len(poses)}.")
+            raise InputError(f"poses must have one row for each of {len(self._points)} robots, not {len(poses)} rows.")
         for points, (x, y, _) in zip(self._points, poses.tolist(), strict=True):
             if not points or (x - points[-1][0]) ** 2 + (y - points[-1][1]) ** 2 >= STEP**2:
                 points.append((x, y))

@@ -86,7 +86,7 @@ def test_a_calibration_that_is_not_sure_enough_is_warned_of() -> None:
     drawn = nominal_cells(LAYOUTS[4], 10.0, 1e-4)
     unsure = LoadCells(drawn.matrix, drawn.noise, positions=drawn.positions, covariance=0.05**2 * np.eye(36), samples=9)
     design = Design("rig", unsure, TIP, accuracy=1e-4)
-    assert any("no force reaches 0.1 mm" in words for words in warnings(design))
+    assert any("no force is located within 0.1 mm" in words for words in warnings(design))
     assert next(iter(tiles(design))).value == "none"
     assert any("calibrated" in value for _, value in compose(design).sections[-1].settings)
 

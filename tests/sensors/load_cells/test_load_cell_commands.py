@@ -109,13 +109,13 @@ def test_a_log_that_begins_touched_is_refused(folder: Path, capsys: pytest.Captu
 @pytest.mark.parametrize(
     ("rig", "said"),
     [
-        (RIG + 'model = "none.toml"\n', "there is no such file"),
+        (RIG + 'model = "none.toml"\n', "the file does not exist"),
         (RIG, "the cells are not calibrated"),
         (
             RIG + 'model = "tip.toml"\ncolumns = ["u1x", "u1y", "u1z", "u2x", "u2y", "u2z", "u3x", "u3y", "u3z"]\n',
             "has 4 cells",
         ),
-        (RIG + 'model = "tip.toml"\nwithout = [5]\n', "cell 5 is none of the 4"),
+        (RIG + 'model = "tip.toml"\nwithout = [5]\n', "cell 5 does not exist: cells are 1 to 4"),
         ('[load_cells]\nmodel = "tip.toml"\n', "needs a [surface]"),
     ],
 )

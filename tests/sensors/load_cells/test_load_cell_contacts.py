@@ -225,7 +225,7 @@ def test_voltages_of_another_width_are_refused(columns: int) -> None:
         lambda: estimator.update(0.0, np.zeros(columns)),
         lambda: estimator.update_into(0.0, np.zeros((1, 12)), estimator.empty()),
     ):
-        with pytest.raises(InputError, match="4 cells give 12 voltages a sample, and these have shape"):
+        with pytest.raises(InputError, match="4 cells need 12 voltages per sample, not voltages of shape"):
             call()
     with pytest.raises(InputError, match="rows of 22"):
         estimator.update_into(0.0, np.zeros(12), np.zeros(21))

@@ -85,7 +85,7 @@ def test_what_cannot_be_meant_is_refused() -> None:
         LoadCells(matrix[:8], np.ones(8))
     with pytest.raises(InputError, match="bias must be"):
         LoadCells(matrix, np.full(12, NOISE), bias=np.zeros(3))
-    with pytest.raises(InputError, match="without a direction"):
+    with pytest.raises(InputError, match="positive in every direction"):
         LoadCells(matrix, np.zeros(12))
     with pytest.raises(InputError, match="indentation"):
         Indentation(-1.0)
@@ -127,7 +127,7 @@ def test_zero_of_a_window_that_is_touched_is_refused() -> None:
     alone[:, 3] += np.linspace(0, 0.1, 1000)
     assert "cell 2 alone" in take_zero(cells, alone).warning
     still = touch[-1] + NOISE * rng.normal(size=(1000, 12))  # a touch that stands still
-    assert "as a touch of 1 N" in take_zero(cells, still).warning
+    assert "as under a touch of 1 N" in take_zero(cells, still).warning
 
 
 def sliding() -> np.ndarray:

@@ -55,7 +55,7 @@ def test_arrays_of_another_length_are_not_read(tmp_path: Path) -> None:
 
 def test_a_log_without_voltages_says_what_there_is(tmp_path: Path) -> None:
     bag = written(tmp_path, np.ones((5, 9)))
-    with pytest.raises(InputError, match="no topic holds wrenches; there is /cells"):
+    with pytest.raises(InputError, match="no topic holds wrenches; the log has /cells"):
         read_recording(bag)
     with pytest.raises(InputError, match="there is no topic '/other'"):
         read_recording(bag, LogLayout(wrench=None, arrays=(replace(CELLS, topic="/other"),)))

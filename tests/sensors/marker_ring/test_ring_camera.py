@@ -139,7 +139,7 @@ def test_rings_that_do_not_lie_one_round_the_other_are_said() -> None:
     view = _ring((0.0, 0.0), (0.0, 0.0, 0.04), 0.0)
     outer = view.from_plane(view.rest)
     pairs = outer.mean(axis=0) + 0.8 * (np.repeat(outer[::2], 2, axis=0) - outer.mean(axis=0))
-    with pytest.raises(InputError, match="one round the other"):
+    with pytest.raises(InputError, match="one around the other"):
         fit_rings(np.concatenate([outer, pairs]), 0.051, (0.0, -0.01), camera=LENS)
 
 

@@ -74,7 +74,7 @@ def test_each_ring_has_the_response_of_its_own_markers() -> None:
     np.testing.assert_allclose(both.misfit, np.concatenate([alone.misfit, 2.0 * alone.misfit]), rtol=1e-6)
     table, _ = both.tables(np.tile(MARKERS, 2), 8)
     np.testing.assert_allclose(table[:, 48:], 2.0 * table[:, :48], rtol=0, atol=1e-9)
-    with pytest.raises(InputError, match="1 rings of markers, this one 2"):
+    with pytest.raises(InputError, match="1 rings of markers, but this one has 2"):
         fit_response(twice, alone)
 
 
@@ -181,9 +181,9 @@ def _angle_error(response: RingResponse, judged: object) -> float:
 def test_truth_that_cannot_be_is_refused() -> None:
     """Shear of several times the force, and frames beside the truth of others."""
     made = calibrated()[1]
-    with pytest.raises(InputError, match="no friction makes more"):
+    with pytest.raises(InputError, match="friction allows at most"):
         fit_response(replace(made, shear=8.0 * made.shear))
-    with pytest.raises(InputError, match="do not move as angle, depth and force say"):
+    with pytest.raises(InputError, match="do not move as angle, depth and force state"):
         fit_response(replace(made, displacements=np.roll(made.displacements, 1, axis=0)))
 
 
@@ -198,7 +198,7 @@ def test_presses_that_say_too_little_are_refused() -> None:
     _, made = calibrated()
     with pytest.raises(InputError, match="too few"):
         fit_response(made.picked(np.arange(len(made)) < 3))
-    with pytest.raises(InputError, match="no press stands"):
+    with pytest.raises(InputError, match="has no press"):
         fit_response(made.picked(made.angle < 3.0))
 
 

@@ -209,9 +209,9 @@ def _another_skin(log: PokeLog) -> tuple[Recording, list[tuple[np.ndarray, np.nd
         (_gone, "no free motion before the first poke"),
         (_silent, "no taxel ever answers"),
         (_other_day, "have no time in common"),
-        (_no_pose, "does not say where the link is in the sensor's frame"),
+        (_no_pose, "does not state the pose of the link in the sensor's frame"),
         (_joints_missing, "no wrench has a pose of the link"),
-        (_another_skin, "of 72 taxels, and the log has 84.*CAD file of another skin"),
+        (_another_skin, "have 72 taxels, but the log has 84.*CAD file of this skin"),
     ],
 )
 def test_what_cannot_be_meant_is_a_sentence(made: object, said: str) -> None:

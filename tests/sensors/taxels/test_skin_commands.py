@@ -79,14 +79,14 @@ def test_what_cannot_be_meant_is_refused_with_a_sentence(
     Path("short.csv").write_text("time,c0,c1\n0,1,2\n")
     Path("flat.csv").write_text("force,intensity\n" + "1,5\n" * 20)
     for command, said in (
-        (["estimate", "skin_log.csv", "--rig", "other.toml", "-o", "x.csv"], "says 5 x 22"),
+        (["estimate", "skin_log.csv", "--rig", "other.toml", "-o", "x.csv"], "states 5 x 22"),
         (["estimate", "short.csv", "--rig", "rig.toml", "-o", "x.csv"], "132 cells"),
         (["evaluate", "contacts.csv", "wrench.csv"], "Add --rig"),
         (["evaluate", "contacts.csv", "wand.csv", "--rig", "rig.toml"], "Add --wand"),
         (["evaluate", "contacts.csv", "truth.csv", "-o", "r.html"], "works only where the truth is a wrench or a wand"),
         (["calibrate", "intensity", "flat.csv", "-o", "x.toml"], "same force"),
         (["calibrate", "intensity", "wrench.csv", "-o", "x.toml"], "no column 'force'"),
-        (["calibrate", "intensity", "load_cell_log.csv", "-o", "x.toml", "--sheet", "6by22"], "no size"),
+        (["calibrate", "intensity", "load_cell_log.csv", "-o", "x.toml", "--sheet", "6by22"], "be rows and columns"),
     ):
         assert main(command) == 1
         assert said in capsys.readouterr().err
@@ -129,7 +129,7 @@ def test_the_deviation_of_a_taxel_that_saturates_is_of_forces_that_it_tells(
     command = ["calibrate", "intensity", f"{tmp_path}/log.csv", "-o", f"{tmp_path}/i.toml", "--kind", "polynomial"]
     assert main(command) == 0
     said = capsys.readouterr().out
-    assert "what is there is saturated" in said
+    assert "readings there are saturated" in said
     assert float(said.split("by the fit, ")[1].split(" mN")[0]) < 100.0  # noise over slope is 25 mN
     assert main(["inspect", f"{tmp_path}/i.toml"]) == 0
     assert "polynomial of degree" in capsys.readouterr().out

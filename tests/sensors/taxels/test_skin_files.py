@@ -47,7 +47,7 @@ def test_what_is_wrong_with_curves_is_said(tmp_path: Path, change: tuple[str, st
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("[skin]\nbits = 8\n", "skin: map is missing"),
+        ("[skin]\nbits = 8\n", "skin: map or taxels is missing"),
         ("[skin]\nmap = 'm.csv'\nbits = 40\n", "bits"),
         ("[skin]\nmap = 'm.csv'\n[contacts]\non = 2\noff = 3\n", "off"),
         ("[skin]\nmap = 'm.csv'\n[contacts]\nunequal = -0.1\n", "unequal"),
@@ -71,7 +71,7 @@ def test_a_map_as_rows_of_cells_is_read_whatever_their_order(tmp_path: Path) -> 
     np.testing.assert_allclose(place.centres[1, 2], [0.02, 0.01, 0.0])
     np.testing.assert_allclose(place.pitch, (0.01, 0.01))
     path.write_text("\n".join(["row,column,x,y,z,nx,ny,nz,area", *rows[1:]]))
-    with pytest.raises(InputError, match="has 5 rows, not one for each of 2 x 3"):
+    with pytest.raises(InputError, match="has 5 rows, but needs one for each of 2 x 3"):
         read_skin_map(path)
 
 

@@ -84,7 +84,7 @@ def test_a_hard_touch_of_one_cell_is_not_taken_for_a_wrap() -> None:
 
 
 def test_frames_of_another_size_are_counted_and_named() -> None:
-    with pytest.raises(InputError, match="0 frames of 6 x 8 cells could be read of 30"):
+    with pytest.raises(InputError, match="only 0 of 30 frames have 6 x 8 cells"):
         _examined(np.full((30, 6, 8), np.nan))
 
 
@@ -96,7 +96,7 @@ def test_a_start_without_touch_is_taken_at_its_word() -> None:
 
 @pytest.mark.parametrize(
     ("rows", "given", "said"),
-    [(1, {}, "is none"), (6, {"bits": 40}, "bits"), (6, {"masked": ((6, 0),)}, "counted from 0")],
+    [(1, {}, "needs rows and columns"), (6, {"bits": 40}, "bits"), (6, {"masked": ((6, 0),)}, "counted from 0")],
 )
 def test_sheets_that_cannot_be_are_refused(rows: int, given: dict[str, object], said: str) -> None:
     place = Rolled(rows, 1 if rows == 1 else 22).layout()

@@ -79,12 +79,12 @@ def test_tables_state_their_unit(tmp_path: Path, text: str, x: float) -> None:
 @pytest.mark.parametrize(
     ("name", "text", "said"),
     [
-        ("a.txt", "[calibration]\n0 0 0 0 0\n", "line 2: is not x y z nx ny nz"),
-        ("a.txt", "name s\ntaxel2Repr (0 1)\n[calibration]\n1 0 0 0 0 0\n1 0 0 0 0 1\n1 1 1 0 0 0\n", "3 rows, and"),
-        ("a.txt", "[calibration]\n0 0 0 0 0 0\n", "holds no taxel"),
-        ("a.csv", "x,y,z\n30,1,2\n310,2,3\n", "up to 280 m apart.*mm"),
-        ("a.csv", "x,y\n1,2\n", "holds no places of taxels"),
-        ("a.csv", "x [mm],y [m],z\n1,2,3\n", "x, y, z are in mm, m, m"),
+        ("a.txt", "[calibration]\n0 0 0 0 0\n", "line 2: must be six numbers, x y z nx ny nz"),
+        ("a.txt", "name s\ntaxel2Repr (0 1)\n[calibration]\n1 0 0 0 0 0\n1 0 0 0 0 1\n1 1 1 0 0 0\n", "3 rows, but"),
+        ("a.txt", "[calibration]\n0 0 0 0 0 0\n", "has no taxels"),
+        ("a.csv", "x,y,z\n30,1,2\n310,2,3\n", "up to 280 m from each other.*mm"),
+        ("a.csv", "x,y\n1,2\n", "has no places of taxels"),
+        ("a.csv", "x [mm],y [m],z\n1,2,3\n", "x, y, z must be in one known unit, not in mm, m, m"),
         ("a.csv", "x,y,z,module\n1,2,3,0.5\n", "module must be a whole number"),
         ("a.urdf", "<robot/>", "no frames of taxels"),
         ("a.toml", 'kind = "taxels"\ntaxels = [[1.0]]', "taxels must be 1 x 15 numbers"),
@@ -150,12 +150,12 @@ def test_a_body_leaves_out_numbers_without_a_taxel_and_takes_normals_from_the_su
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("[skin]\nmap = 'a.toml'\ntaxels = 'b.txt'\n", "state one of them"),
-        ("[skin]\ntaxels = 'skin.txt'\n", "which way 23 of 23 taxels face.*mesh"),
-        ("[skin]\ncount = 84\n", "how many taxels there are, but not where"),
-        ("[skin]\ntaxels = 'skin.txt'\ncount = 5\n", "is of 37 taxels, but count = 5"),
+        ("[skin]\nmap = 'a.toml'\ntaxels = 'b.txt'\n", "exclude each other"),
+        ("[skin]\ntaxels = 'skin.txt'\n", "the normals of 23 of 23 taxels.*mesh"),
+        ("[skin]\ncount = 84\n", "the number of taxels, but not their places"),
+        ("[skin]\ntaxels = 'skin.txt'\ncount = 5\n", "has 37 taxels, but count = 5"),
         ("[skin]\ntaxels = 'skin.txt'\nmasked = [[1, 2]]\n", "numbers of taxels"),
-        (RIG + "masked = [99]\n", "taxel 99 is masked, but there are 37"),
+        (RIG + "masked = [99]\n", "masked taxel 99 does not exist: there are 37"),
     ],
 )
 def test_what_is_wrong_with_a_rig_of_taxels_is_said(tmp_path: Path, text: str, said: str) -> None:
@@ -170,7 +170,7 @@ def test_what_is_wrong_with_a_rig_of_taxels_is_said(tmp_path: Path, text: str, s
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("sensor = 'a'\n", "sensor and link belong together"),
+        ("sensor = 'a'\n", "sensor and link must be given together"),
         ("urdf = 'a.urdf'\n", "urdf needs sensor and link"),
         ("topic = '/pose'\npose = { xyz = [0, 0, 0] }\n", "topic and pose exclude each other"),
         ("threshold = -1\n", "threshold must be positive"),
@@ -208,5 +208,5 @@ def test_a_table_of_pokes_is_read_in_its_units(tmp_path: Path) -> None:
     assert pokes.configuration.tolist() == [1, 0]
     assert (pokes.taxel.tolist(), pokes.weight.tolist()) == ([0, 1], [1.0, 0.0])
     path.write_text("\n".join([HEAD, rows[0].replace("0,0,0,1,10", "0,0,0,3,10")]))
-    with pytest.raises(InputError, match=r"line 2.*not of length 1"):
+    with pytest.raises(InputError, match=r"line 2.*must have length 1"):
         read_pokes(path)

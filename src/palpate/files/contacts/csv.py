@@ -78,7 +78,7 @@ def read_csv(path: Path) -> Contacts:
     features = {name: added[:, k].copy() for k, name in enumerate(names)}
     contacts = assembled(sample, contact, candidates, _statuses(table), numbers, features, table.notes)
     if (row := pointless(contacts.estimate)) is not None:
-        table.refuse(row, "is answered, but has no point")
+        table.refuse(row, "has a status that needs a point, but has no point")
     return contacts
 
 

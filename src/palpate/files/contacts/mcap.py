@@ -181,17 +181,17 @@ def from_messages(payloads: np.ndarray, features: tuple[str, ...] = ()) -> Conta
     name = int(payloads[0, 12:16].view("<u4")[0]) if length > _NAMED else 0
     kind = layout(stamped("x" * (name - 1), _contact_fields(features))[0]) if 0 < name < length else None
     if kind is None or kind.itemsize != length:
-        raise ValueError(f"a message of {length} bytes is not of {KIND}")
+        raise ValueError(f"a message of {length} bytes is not of type {KIND}")
     rows = payloads.view(kind)[:, 0]
     if not ((rows["encoding"] == CDR) & (rows["named"] == name)).all():
-        raise ValueError(f"a message is not of {KIND}")
+        raise ValueError(f"a message is not of type {KIND}")
     status = rows["status"].astype(np.int8)
     if len(odd := np.flatnonzero((status < 0) | (status >= len(Status)))):
         raise ValueError(f"unknown status {status[odd[0]]}")
     values = {name: rows[name].copy() for name in ("point", "normal", "force", "torque", "covariance", "candidates")}
     estimate = ContactEstimate(**values, residual=np.full(len(rows), np.nan), status=status)
     if (row := pointless(estimate)) is not None:
-        raise ValueError(f"row {row} of a block is answered, but has no point")
+        raise ValueError(f"row {row} of a block has a status that needs a point, but has no point")
     added = {name: rows[f"feature {name}"].copy() for name in features}
     return Contacts(rows["sample"].copy(), rows["time"].copy(), rows["contact"].copy(), estimate, added)
 

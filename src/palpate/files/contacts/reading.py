@@ -56,7 +56,7 @@ def _folder(path: Path) -> Iterator[Contacts]:
     """Read OUTPUT.part of a Parquet file, a folder."""
     files = sorted(path.glob("*.parquet"))
     if not files:
-        raise InputError("is a folder, with no rows of contacts in it.", where=str(path))
+        raise InputError("is a folder without rows of contacts (*.parquet).", where=str(path))
     for file in files:
         yield from _parquet(file)
 
@@ -77,7 +77,7 @@ def _parquet(path: Path) -> Iterator[Contacts]:
         for start in range(0, max(count, 1), _ROWS):
             yield from_frame(rows.slice(start, _ROWS).collect())
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, ValueError, OSError) as problem:
-        raise InputError(f"is no file of contacts ({str(problem).splitlines()[0]}).", where=str(path)) from problem
+        raise InputError(f"is not a file of contacts ({str(problem).splitlines()[0]}).", where=str(path)) from problem
 
 
 def _mcap(path: Path) -> Iterator[Contacts]:
@@ -90,9 +90,9 @@ def _mcap(path: Path) -> Iterator[Contacts]:
                 yield from_messages(records, named_features(file.definitions.get(_KIND, "")))
         note = file.torn
         if not rows and _KIND not in [topic.kind for topic in file.topics()]:
-            raise InputError(f"has no topic of {KIND}.", where=str(path), hint="`palpate estimate` writes one.")
+            raise InputError(f"has no topic of type {KIND}.", where=str(path), hint="`palpate estimate` writes one.")
     except (ValueError, OSError) as problem:
-        raise InputError(f"is no file of contacts ({problem}).", where=str(path)) from problem
+        raise InputError(f"is not a file of contacts ({problem}).", where=str(path)) from problem
     if note or not rows:
         yield noted(from_frame(pl.DataFrame(schema=schema())), note)
 

@@ -159,7 +159,7 @@ class ContactsWriter:
             InputError: the file cannot be written, such as on a full disk.
         """
         if tuple(contacts.features) != self._features:
-            raise ValueError(f"contacts have features {tuple(contacts.features)}, the file {self._features}")
+            raise ValueError(f"contacts have features {tuple(contacts.features)}, but the file has {self._features}")
         if len(contacts):
             with writing(self._path):
                 self._sink.append(contacts)
@@ -174,7 +174,9 @@ def require_format(path: Path) -> None:
     """
     if path.suffix.lower() not in _SINKS:
         raise InputError(
-            f"no format of contacts ends in {path.suffix!r}.", where=str(path), hint=f"Use {', '.join(_SINKS)}."
+            f"contacts cannot be written to a file that ends in {path.suffix!r}.",
+            where=str(path),
+            hint=f"Use one of {', '.join(_SINKS)}.",
         )
 
 

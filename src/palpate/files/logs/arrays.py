@@ -68,9 +68,9 @@ class ArrayLog(ColumnLog):
         shapes = self.contents().names
         if self._layout.rate is None and self._layout.time not in shapes:
             raise InputError(
-                f"has no times ({self._layout.time!r}).",
+                f"has no array of times, {self._layout.time!r}.",
                 where=str(self.path),
-                hint="Give the rate [Hz] of the samples in the rig, or the time as an array.",
+                hint="Write the rate [Hz] of the samples in the rig, as rate in [time], or add the times as an array.",
             )
         self._columns = columns = Columns(self._layout, self.path, shapes)
         arrays = self._arrays(list(dict.fromkeys(columns.places[column][0] for column in columns.names)))
@@ -87,10 +87,11 @@ class ArrayLog(ColumnLog):
         arrays, first = self._loaded(names), names[0]
         for name, values in arrays.items():
             if not (np.issubdtype(values.dtype, np.integer) or np.issubdtype(values.dtype, np.floating)):
-                raise InputError(f"{name} holds {values.dtype}, not numbers.", where=str(self.path))
+                raise InputError(f"array {name} holds {values.dtype}, not numbers.", where=str(self.path))
             if len(values) != len(arrays[first]):
                 raise InputError(
-                    f"has {len(arrays[first])} rows of {first} for {len(values)} of {name}.", where=str(self.path)
+                    f"has {len(arrays[first])} rows of {first} and {len(values)} rows of {name}: they must agree.",
+                    where=str(self.path),
                 )
         if not len(arrays[first]):
             raise InputError("holds no samples.", where=str(self.path))
@@ -101,7 +102,7 @@ class ArrayLog(ColumnLog):
         try:
             yield
         except _DAMAGED as problem:
-            raise InputError(f"is no NumPy file that can be read ({problem}).", where=str(self.path)) from problem
+            raise InputError(f"is not a NumPy file that can be read ({problem}).", where=str(self.path)) from problem
 
 
 @runtime_checkable
@@ -149,7 +150,7 @@ class HeldLog(ArrayLog):
         single = [name for name, values in self._held.items() if not values.ndim]
         if single or not self._held:
             what = f"{single[0]!r} is a single number" if single else "there is no column"
-            raise InputError(f"{what}, and a row a sample is wanted.", where=str(self.path))
+            raise InputError(f"{what}, and one row per sample is needed.", where=str(self.path))
         return LogContents(self.path, {name: _sample(values.shape) for name, values in self._held.items()})
 
     def _loaded(self, names: Sequence[str]) -> dict[str, np.ndarray]:

@@ -33,11 +33,13 @@ def open_folder(path: Path) -> MessageFile:
     parts = sorted((file for file in files if file.suffix == ".mcap"), key=natural)
     if len({re.sub(r"_\d+$", "", part.stem) for part in parts}) > 1:
         listed = ", ".join(part.name for part in parts[:5])
-        raise InputError(f"holds MCAP files that are not one recording: {listed}.", where=str(path), hint="Name one.")
+        raise InputError(
+            f"holds MCAP files of several recordings: {listed}.", where=str(path), hint="Name one of these."
+        )
     if parts:
         return _Parts(path, [McapFile(part) for part in parts])
     if path / "metadata.yaml" not in files:
-        raise InputError("is a folder without metadata.yaml: no ROS 2 bag.", where=str(path))
+        raise InputError("is a folder without metadata.yaml, so it is not a ROS 2 bag.", where=str(path))
     return BagFile(path)
 
 
@@ -135,7 +137,7 @@ class BagFile(MessageFile):
             raise InputError(
                 f"is a bag that cannot be read ({type(problem).__name__}: {' '.join(str(problem).split())[:200]}).",
                 where=str(self.path),
-                hint="`rosbag reindex` and `ros2 bag reindex` repair a recording that was not ended.",
+                hint="Repair a recording that was not finished with `rosbag reindex` or `ros2 bag reindex`.",
             ) from problem
 
 

@@ -48,7 +48,7 @@ _POSES = (
     (ACCELERATION, ACCELERATION_COLUMNS),
 )
 SINGLE = "array"  # what the one array of an .npy is called
-_IMAGES = "They are read from a video, a folder of frames, MCAP or a bag."
+_IMAGES = "Name a video, a folder of frames, an MCAP file or a bag."
 _OTHER_NAMES = {CELLS: "frames"}  # of arrays
 
 
@@ -104,7 +104,7 @@ class Columns:
         """Return notes on the blocks so far, one sentence each: unreadable fields, odd times, an assumed rate."""
         said = tuple(note for fields in self._fields.values() for note in fields.notes()) + self._samples.notes()
         if _TIME not in self._groups:
-            return (f"samples have no times: {self._layout.rate:g} Hz is taken", *said)
+            return (f"samples have no times: a rate of {self._layout.rate:g} Hz is assumed", *said)
         return said
 
 
@@ -239,16 +239,20 @@ def _found(array: ArrayChannel, shapes: Shapes, made: Mapping[str, tuple[str, ..
 def _require_size(array: ArrayChannel, columns: Sequence[str], path: Path) -> None:
     if len(columns) == array.size:
         return
-    has = f"has {len(columns)} columns beside the time" if array.columns is None else f"names {len(columns)} columns"
+    has = (
+        f"has {len(columns)} columns in addition to the time"
+        if array.columns is None
+        else f"names {len(columns)} columns"
+    )
     raise InputError(
-        f"{has}, but {array.size} {array.name} ({array.described}) are wanted.",
+        f"{has}, but {array.size} {array.name} ({array.described}) are needed.",
         where=str(path) if array.columns is None else array.table,
         hint=_mend(array),
     )
 
 
 def _mend(array: ArrayChannel) -> str:
-    return f"Put their numbers right in the rig's [{array.table}], or name the columns there." if array.table else ""
+    return f"Correct the numbers in the rig's [{array.table}], or name the columns there." if array.table else ""
 
 
 def _require_known(wanted: Sequence[str], names: Mapping[str, object], path: Path) -> None:
@@ -258,5 +262,5 @@ def _require_known(wanted: Sequence[str], names: Mapping[str, object], path: Pat
         raise InputError(
             f"there is no column {', '.join(map(repr, missing))}.",
             where=str(path),
-            hint=f"{near(missing[0], names)} Columns are named in a rig; `palpate rig new` guesses them.".strip(),
+            hint=f"{near(missing[0], names)} Name the columns in a rig; `palpate rig new` guesses them.".strip(),
         )

@@ -85,15 +85,17 @@ class FrameFolder(ImageLog):
                 continue
             time = _column(self.path / name, self._layout)
             if time is None:
-                self._said.append(f"{name} has no column {self._layout.time!r} that can be read")
+                self._said.append(
+                    f"{name} has no readable column {self._layout.time!r}, so it is not used for the frames' times"
+                )
             elif len(time) != count:
                 self._said.append(
-                    f"{name} has {len(time):,} rows for {count:,} frames, and is not used for their times"
+                    f"{name} has {len(time):,} rows for {count:,} frames, so it is not used for their times"
                 )
             else:
                 return time
         if self._layout.rate is None:
-            self._said.append(f"frames have no times: {RATE:g} Hz is taken")
+            self._said.append(f"frames have no times: a rate of {RATE:g} Hz is assumed")
         return np.arange(count) / (self._layout.rate or RATE)
 
 

@@ -51,7 +51,7 @@ class ImageTopicLog(ImageLog):
         topic = choose_images(self.contents(), self._layout.images or ImageChannel())
         stamped = _has_stamps(self._source, topic)
         if not stamped:
-            taken = "the times at which they were recorded are taken"
+            taken = "the times at which they were recorded are used"
             self._said.append(f"messages of {topic.name!r} have no stamps: {taken}")
         yield from self._frames.blocks(self._read(cv2, topic, stamped=stamped))
 

@@ -30,7 +30,7 @@ def refuse_others(layout: LogLayout, path: Path, called: str) -> None:
     if layout.images is None or layout.wrench is not None or layout.arrays:
         wanted = [*(["a wrench"] if layout.wrench is not None else []), *(array.name for array in layout.arrays)]
         raise InputError(
-            f"is {called}, which holds images alone; requested is {' and '.join(wanted) or 'something else'}.",
+            f"is {called}, which holds only images; requested is {' and '.join(wanted) or 'something else'}.",
             where=str(path),
         )
 
@@ -96,8 +96,8 @@ class FrameBlocks:
         """Return notes on the images so far, one sentence each: lost ones, those of other sizes, odd times."""
         height, width = self._size or (0, 0)
         said = (
-            (self._lost, "could not be decoded and are black here"),
-            (self._other, f"are not {width} x {height} as the others, and are black here"),
+            (self._lost, "could not be decoded and are replaced by black ones"),
+            (self._other, f"are not {width} x {height} like the others and are replaced by black ones"),
         )
         own = [f"{len(names)} of {self.count} frames {what}: {_listed(names)}" for names, what in said if names]
         return (*own, *self._samples.notes())

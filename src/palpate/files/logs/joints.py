@@ -133,9 +133,9 @@ class JointPoses:
     def notes(self) -> tuple[str, ...]:
         """Return notes, one sentence each: how the sensor's pose was found, and which messages lack joints."""
         name, joints = self.topics[0].name, self._kinematics.joints
-        said = [f"the sensor's pose is that of the URDF at the joint states of {name!r}"]
+        said = [f"the sensor's pose is computed from the URDF and the joint states on {name!r}"]
         if not self._used and self._count:
-            said.append(f"no message of {name!r} has all of the joints {', '.join(joints)}: there is no pose")
+            said.append(f"no message of {name!r} has all of the joints {', '.join(joints)}, so there is no pose")
         elif self._lacking:
             said.append(
                 f"{self._lacking} of {self._count} messages of {name!r} have no position of {', '.join(self._lacks)}, "
@@ -144,7 +144,7 @@ class JointPoses:
         if self._unread:
             said.append(f"{self._unread} of {self._count} messages of {name!r} are cut short, or are not {JOINTS}")
         if not self._stamped:
-            said.append(f"messages of {name!r} have no stamps: the times at which they were recorded are taken")
+            said.append(f"messages of {name!r} have no stamps: the times at which they were recorded are used")
         return (*said, *self.track.notes())
 
 
@@ -160,5 +160,5 @@ def joint_topic(topics: Sequence[Topic], name: str | None, where: str) -> Topic:
         return found[0]
     listed = ", ".join(topic.name for topic in fitting) or "none"
     what = f"{len(found)} topics hold" if name is None else f"there is no topic {name!r} of"
-    hint = f"There is {listed}; name one as joints in the rig's [orientation]."
+    hint = f"Name one as joints in the rig's [orientation]; topics of joint states in the log: {listed}."
     raise InputError(f"{what} joint states.", where=where, hint=hint)

@@ -142,7 +142,11 @@ def axis_matrix(axes: tuple[str, ...], *, left_handed: bool, where: str) -> Floa
     matrix = np.zeros((3, 3))
     for row, axis in enumerate(axes):
         if not re.fullmatch(r"[-+]?[xyz]", axis):
-            raise InputError(f"{axis!r} is not an axis.", where=where, hint="Write x, y, z, or -x to flip.")
+            raise InputError(
+                f"{axis!r} is not an axis.",
+                where=where,
+                hint="Write x, y or z, or -x, -y or -z for the opposite direction.",
+            )
         matrix[row, "xyz".index(axis[-1])] = -1.0 if axis[0] == "-" else 1.0
     if len(axes) != 3 or np.linalg.matrix_rank(matrix) != 3:
         raise InputError(f"{list(axes)} does not name three different axes.", where=where)
@@ -154,5 +158,7 @@ def axis_matrix(axes: tuple[str, ...], *, left_handed: bool, where: str) -> Floa
             hint="If the driver really mirrors the wrench (or reports the reaction), declare left_handed = true.",
         )
     if left_handed and not reflected:
-        raise InputError(f"{list(axes)} is right-handed, but left_handed = true.", where=where, hint="Remove it.")
+        raise InputError(
+            f"{list(axes)} is right-handed, but left_handed = true.", where=where, hint="Remove left_handed."
+        )
     return matrix

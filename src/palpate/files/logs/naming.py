@@ -70,7 +70,7 @@ def _require_same(
                 "[time] unit" if kind == "time" else f"[{'acceleration' if kind == 'acceleration' else 'force_torque'}]"
             )
             raise InputError(
-                f"the log states {name!r} in {said!r}, and it is read as {unit!r}.",
+                f"the log states that {name!r} is in {said!r}, but it is read in {unit!r}.",
                 where=str(path),
                 hint=f"Correct the unit in the rig's {key}, or let `palpate rig new` write it.",
             )

@@ -55,7 +55,7 @@ class ParquetLog(ColumnLog):
             raise InputError(
                 f"cannot be read as Parquet ({str(problem).splitlines()[0]}).",
                 where=str(self.path),
-                hint="A Parquet file that was cut cannot be mended: its index is at the end.",
+                hint="Copy it again: a Parquet file that was cut cannot be repaired, as its index is at its end.",
             ) from problem
 
     def _blocks(self) -> Iterator[Recording]:
@@ -65,7 +65,7 @@ class ParquetLog(ColumnLog):
         self._columns = columns = Columns(self._layout, self.path, dict.fromkeys(kinds.names(), ()))
         for name in columns.names:
             if not (kinds[name].is_numeric() or kinds[name] == pl.Null or isinstance(kinds[name], pl.Datetime)):
-                raise InputError(f"column {name!r} holds no numbers but {kinds[name]}.", where=str(self.path))
+                raise InputError(f"column {name!r} holds {kinds[name]}, not numbers.", where=str(self.path))
         dates = {name for name in columns.names if isinstance(kinds[name], pl.Datetime)}
         wanted = frame.select(_number(name, date=name in dates) for name in columns.names)
         total = int(frame.select(pl.len()).collect().item())
@@ -74,7 +74,7 @@ class ParquetLog(ColumnLog):
             rows = wanted.slice(done, piece).collect()
             yield from self._cut(columns, {name: rows[name].to_numpy()[:, None] for name in columns.names}, done, total)
         if not total:
-            raise InputError("there are columns, but no rows.", where=str(self.path))
+            raise InputError("has columns, but no rows.", where=str(self.path))
 
 
 def _number(name: str, *, date: bool) -> pl.Expr:

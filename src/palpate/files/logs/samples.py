@@ -116,10 +116,10 @@ class SampleReader:
         beyond = self._beyond.total() - sum(count for _, count in arrays)
         said = (
             (infinite, f"{infinite} of {self._times.count} rows have a force or torque that is infinite or beyond 1e9"),
-            (beyond, f"{beyond} poses or accelerations are infinite or beyond 1e9 and were set aside"),
+            (beyond, f"{beyond} poses or accelerations are infinite or beyond 1e9 and were left out"),
             *((count, f"{count} rows have a {name} that is infinite or beyond 1e9") for name, count in arrays),
             *self._times.oddities(),
-            (none, f"{none} quaternions have a length far from 1 and were set aside"),
+            (none, f"{none} quaternions have a length far from 1 and were left out"),
             (far, f"{far} quaternions are not unit (by more than 1 %) and were normalised"),
         )
         return tuple(sentence for count, sentence in said if count)
@@ -190,11 +190,11 @@ class _Times:
         """Return pairs of a count and a sentence on it."""
         return (
             (self.missing, f"{self.missing} of {self.count} times are missing"),
-            (self.backwards, f"times run backwards {self.backwards} times (kept in the order of the file)"),
+            (self.backwards, f"times run backwards in {self.backwards} places (rows keep the order of the file)"),
             (self.repeated, f"{self.repeated} times repeat the one before"),
             (
                 LONG_STEP <= self._usual < np.inf and self.count > 50,
-                f"a step is {self._usual:.4g} s: if times are not seconds, say so in the rig's [time] unit",
+                f"a step between samples is {self._usual:.4g} s: if times are not in s, set unit in the rig's [time]",
             ),
             (
                 self.gaps,

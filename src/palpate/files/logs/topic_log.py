@@ -192,7 +192,7 @@ class TopicLog(Log):
         """Return notes on the file, its topics and the samples so far, one sentence each."""
         unsure, joined = self._unsure, () if self._join is None else self._join.notes()
         joined = (*joined, *(() if self._main is None else self._main.notes()))
-        several = f"{len(unsure)} topics hold poses, and none is taken: {', '.join(unsure)}; [orientation] may name one"
+        several = f"{len(unsure)} topics hold poses, and none is used: {', '.join(unsure)}; name one in [orientation]"
         return (*self._source.notes(), *([several] if unsure else []), *joined)
 
     def _chosen(self) -> dict[str, Topic]:
@@ -218,7 +218,9 @@ class TopicLog(Log):
         if self._frames is None:
             self._frames = read_frames(self._source, tree_topics(topics))
         if not self._frames.edges:
-            raise InputError("there is no tree of /tf.", where=where, hint="Name a topic of poses in [orientation].")
+            raise InputError(
+                "the log has no transforms (/tf).", where=where, hint="Name a topic of poses in [orientation]."
+            )
         return TreePoses(self._frames, *layout.frames, offset, layout.max_gap, where)
 
 
@@ -255,7 +257,7 @@ class _Stream:
         made = f"are not {self.topic.kind}" if array is None else f"do not hold {array.described} numbers"
         said = (
             (unread, f"{unread} of {self.count} messages of {name} are cut short, or {made}"),
-            (not self._stamped, f"messages of {name} have no stamps: the times at which they were recorded are taken"),
+            (not self._stamped, f"messages of {name} have no stamps: the times at which they were recorded are used"),
         )
         return tuple(sentence for there, sentence in said if there)
 
@@ -360,7 +362,7 @@ class _Join:
         if isinstance(pose, _Tracked) and self._layout.orientation_topic is None:
             said.insert(0, f"the orientation is taken from {pose.stream.topic.name!r}, the only topic of poses")
         if self._lost:
-            said.append(f"{self._lost} samples have no pose: none of their time had come {self._held} rows later")
+            said.append(f"{self._lost} samples have no pose: none for their time had arrived {self._held} rows later")
         return tuple(dict.fromkeys((*said, *self._samples.notes())))
 
     @property

@@ -66,7 +66,7 @@ def _kinds(of: str) -> str:
 
 NONE = "none"
 POSE_KINDS = (
-    f"Poses are read from {_kinds('pose')}; from the tree of /tf where the rig's [orientation] names two frames, base "
+    f"Poses are read from {_kinds('pose')}; and from the tree of /tf if the rig's [orientation] names two frames, base "
     "and sensor."
 )
 _WRENCH = _Wanted("wrench", "force_torque", f"Wrenches are read from {_kinds('wrench')}.")
@@ -91,7 +91,7 @@ def main_channel(layout: LogLayout) -> ArrayChannel | None:
     raise InputError(
         f"{names} cannot be read from one log of topics.",
         where="layout",
-        hint="Samples of several topics are not joined: write them as a table, a row a time.",
+        hint="Write them as a table with one row per time: samples of several topics are not joined.",
     )
 
 
@@ -141,7 +141,7 @@ def _required(there: LogContents, wanted: _Wanted, name: str | None) -> Topic:
         listed = ", ".join(f"{t.name} ({t.kind or 'of no type'}, {t.count:,})" for t in topics[:_SHOWN])
         held = wanted.called if wanted.array is not None else f"{wanted.called}{'es' if wanted is _WRENCH else 's'}"
         raise InputError(
-            f"no topic holds {held}; there is {listed or 'no topic at all'}.",
+            f"no topic holds {held}; the log has {listed or 'no topics'}.",
             where=str(path),
             hint=sentence(there.torn) or wanted.read,
         )
@@ -173,7 +173,7 @@ def sentence(torn: str) -> str:
 def _wanted(array: ArrayChannel) -> _Wanted:
     kinds = ", ".join(name.split("/")[1] for name in ARRAYS)
     image = ", or an Image of one channel" if len(array.shape) == 2 else ""
-    read = f"It is read from {kinds}{image}, of {array.described} numbers each."
+    read = f"Arrays are read from {kinds}{image}, of {array.described} numbers each."
     return _Wanted("array", array.table, read, array)
 
 
@@ -187,7 +187,8 @@ def _named(topics: Sequence[Topic], wanted: _Wanted, name: str | None, path: Pat
     fitting = [topic for topic in found if wanted.fits(topic)]
     if not fitting:
         raise InputError(
-            f"topic {name!r} holds {found[0].kind or 'messages of no type'} ({found[0].encoding or 'no encoding'}).",
+            f"topic {name!r} holds {found[0].kind or 'messages of no type'} ({found[0].encoding or 'no encoding'}), "
+            "which does not fit.",
             where=str(path),
             hint=wanted.read,
         )

@@ -344,12 +344,12 @@ class TreePoses:
 
     def notes(self) -> tuple[str, ...]:
         """Return notes, one sentence each: the path from base to sensor, and contradictory or unreadable transforms."""
-        said = [f"the sensor's pose is that of {' -> '.join(self.track.frames)} in the tree of /tf"]
+        said = [f"the sensor's pose is taken from {' -> '.join(self.track.frames)} in the tree of /tf"]
         if not self._needed:
-            said.append("none of these transforms moves: the sensor is taken to stand still")
+            said.append("none of these transforms changes: the sensor is assumed not to move")
         for edge in self._frames.edges:
             if edge in self._needed and self._frames.edges[edge].contradicted:
-                said.append(f"{edge[0]} -> {edge[1]} is on /tf_static, but moves on /tf, which is taken")
+                said.append(f"{edge[0]} -> {edge[1]} is on /tf_static, but changes on /tf, which is used")
         if self.unread:
-            said.append(f"{self.unread} of {self.count} messages of transforms are cut short, or are not that")
+            said.append(f"{self.unread} of {self.count} messages of transforms are cut short, or are of another type")
         return (*said, *self.track.notes())

@@ -78,7 +78,7 @@ class VideoLog(ImageLog):
         stamps = np.sort(np.array(found))
         stamps = stamps[stamps >= 0] if (stamps >= 0).any() else stamps  # others are decoded, but not shown
         if rate is None and self._layout.rate is None:
-            self._said.append(f"the video says no rate: {RATE:g} Hz is taken")
+            self._said.append(f"the video states no rate: {RATE:g} Hz is assumed")
         span = float(stamps[-1] - stamps[0]) if len(stamps) else 0.0
         torn = announced > max(len(stamps), span * (rate or RATE) + 2.5)  # Matroska says only how long it lasts
         return stamps, announced if torn else 0
@@ -167,13 +167,11 @@ def _closed(cv2: Any, path: Path, *, packed: bool) -> InputError:
         )
     if _lacks_index(path):
         return InputError(
-            "is a video without its index (moov): its recording was not ended, or the file is cut.",
+            "is a video without its index (moov): its recording was not finished, or the file is cut.",
             where=str(path),
-            hint="Copy it again; tools such as untrunc repair it; .mkv and .avi can be read up to a cut.",
+            hint="Copy it again, or repair it with a tool like untrunc; .mkv and .avi can be read up to a cut.",
         )
-    return InputError(
-        "is a video that cannot be opened: it is damaged, or of a kind that is not known.", where=str(path)
-    )
+    return InputError("is a video that cannot be opened: it is damaged, or its format is not known.", where=str(path))
 
 
 def _lacks_index(path: Path) -> bool:

@@ -85,7 +85,7 @@ class WrenchMeans:
     def notes(self) -> tuple[str, ...]:
         """Return notes on late wrenches and on rows without a wrench, one sentence each."""
         said = (
-            (self.late, f"{self.late} wrenches are no newer than one before them and were left out"),
+            (self.late, f"{self.late} wrenches have times that are not later than the one before, and were left out"),
             (self.unanswered, f"{self.unanswered} of {self.rows} rows have no wrench within {self.max_gap:g} s"),
         )
         return tuple(sentence for count, sentence in said if count)

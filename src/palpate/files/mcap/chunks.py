@@ -27,7 +27,7 @@ def inflate(content: memoryview) -> tuple[bytes, str]:
     except StructError:
         return b"", "a chunk without a complete header"
     if size > LARGEST or length > LARGEST:
-        return b"", "a chunk that says it holds more than 1 GiB"
+        return b"", "a chunk that states a size of more than 1 GiB"
     if compression not in ("", "lz4", "zstd"):
         return b"", f"a chunk whose compression {compression!r} is not known"
     packed = content[40 + named :][:length]
@@ -41,9 +41,9 @@ def inflate(content: memoryview) -> tuple[bytes, str]:
     if len(packed) < length:
         return data, "it ends within a chunk"
     if len(data) != size:
-        return data, f"a chunk of {len(data)} bytes that says it holds {size}"
+        return data, f"a chunk of {len(data)} bytes that states a size of {size}"
     if checksum and checksum != zlib.crc32(data):
-        return data, "a chunk whose checksum is another: numbers in it may be wrong"
+        return data, "a chunk whose checksum does not match: numbers in it may be wrong"
     return data, ""
 
 

@@ -89,13 +89,13 @@ class McapFile(MessageFile):
         if self._damage is not None:
             at, what = self._damage
             count = sum(self._counts.values())
-            where = f"at byte {at:,} of {self.size:,}, in what begins there"
-            self.torn = f"the file is torn {where} ({what}); {count:,} whole messages were read"
+            where = f"at byte {at:,} of {self.size:,}, in the part that begins there"
+            self.torn = f"the file is torn {where} ({what}); {count:,} complete messages were read"
 
     def notes(self) -> tuple[str, ...]:
         """Return a sentence on messages whose topic is not declared, in a tuple; () if there are none."""
         stray = sum(count for key, count in self._counts.items() if key not in self._topics)
-        return (f"{stray} messages belong to no topic that is declared",) if stray else ()
+        return (f"{stray} messages belong to topics that are not declared",) if stray else ()
 
     def _forget(self) -> None:
         self.position, self.torn = 0, ""
@@ -120,7 +120,7 @@ class McapFile(MessageFile):
                     yield from self._unpack(memoryview(held)[start : start + length], at + start - _HEAD)
                 elif stretch.last == Opcode.FOOTER:
                     if held[end:] + read_some(file, self.path, len(MAGIC)) != MAGIC:
-                        self._damaged(at + end, "the footer is not the end")
+                        self._damaged(at + end, "there is more after the footer")
                     return
             held, at, want = held[end:], at + end, PIECE
             if len(held) < _HEAD:
@@ -128,7 +128,7 @@ class McapFile(MessageFile):
             kind, length = unpack_from("<BQ", held)
             after = at + _HEAD + length
             if kind == 0 or after <= at + len(held):
-                return self._damaged(at, "what is there is no record")
+                return self._damaged(at, "it is not a valid record")
             if after > self.size:
                 if kind == Opcode.CHUNK:
                     yield from self._unpack(memoryview(held + read_some(file, self.path, LARGEST))[_HEAD:], at)

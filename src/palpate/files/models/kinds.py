@@ -64,7 +64,7 @@ def read_model(path: str | Path, holds: type[Any] | None = None) -> Any:
     if holds is None:
         if not isinstance(kind, str) or kind not in MODELS:
             known = ", ".join(repr(name) for name in MODELS)
-            raise InputError("is no model.", where=str(path), hint=f"A model states its kind: one of {known}.")
+            raise InputError("is not a model.", where=str(path), hint=f"Write its kind, one of {known}.")
     else:
         wanted, model = _model(holds)
         if kind != wanted:
@@ -91,7 +91,7 @@ def _model(holds: type[Any]) -> tuple[str, Model]:
     for kind, model in MODELS.items():
         if model.holds is holds:
             return kind, model
-    raise TypeError(f"{holds.__name__} is no model")
+    raise TypeError(f"{holds.__name__} is not a model")
 
 
 def _table(value: Any, forms: Mapping[type, TableForm], place: str, *, commented: bool = True) -> list[str]:

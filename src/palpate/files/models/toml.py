@@ -34,7 +34,7 @@ def load_toml(path: str | Path) -> dict[str, Any]:
         with TextIOWrapper(open_input(path), encoding="utf-8-sig") as file:
             text = file.read(_LARGEST + 1)
         if len(text) > _LARGEST:
-            raise InputError("is longer than 32 MB, which no TOML file of Palpate is.", where=str(path))
+            raise InputError("is larger than 32 MB, the limit of a TOML file.", where=str(path))
         return tomllib.loads(text)
     except (OSError, UnicodeDecodeError) as problem:
         raise InputError(f"cannot be read ({problem}).", where=str(path)) from problem

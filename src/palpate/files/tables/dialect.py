@@ -71,13 +71,15 @@ def find_dialect(text: bytes, path: Path) -> Dialect:
             open quote, or its commas may be decimal points or marks between thousands.
     """
     if text[:LOOKED_AT].lstrip().startswith(b"<"):
-        raise InputError("is XML or HTML, and no table.", where=str(path))
+        raise InputError("is XML or HTML, not a table.", where=str(path))
     lines = [_decoded(line) for line in _whole_lines(text)]
     filled = [k for k, line in enumerate(lines) if line.strip()]
     found = _plain(lines, filled, path) or _found(lines[:_LINES], path) or _header_only(lines, filled, path)
     if len(found.names) > _MOST:
         raise InputError(
-            f"the first line has {len(found.names):,} fields.", where=str(path), hint="It must name the columns."
+            f"the first line has {len(found.names):,} fields, which is too many.",
+            where=str(path),
+            hint="Name the columns in it.",
         )
     found = replace(found, names=tuple(name or f"column_{k + 1}" for k, name in enumerate(found.names)))
     if found.delimiter == "," and b'"' not in text[:LOOKED_AT]:
@@ -141,7 +143,7 @@ def _header_only(lines: list[str], filled: list[int], path: Path) -> Dialect:
     head = lines[filled[0]]
     delimiter = max(_DELIMITERS[:4], key=_bare(head).count)
     if delimiter not in _bare(head):
-        raise InputError("found one column only.", where=str(path), hint="Separate columns by , or ; or tab or spaces.")
+        raise InputError("has only one column.", where=str(path), hint="Separate columns by , or ; or tab or spaces.")
     return Dialect(
         delimiter, ".", tuple(_fields(head, delimiter, path, filled[0])), first=filled[0] + 1, header=filled[0]
     )
@@ -277,9 +279,9 @@ def _decimal(lines: Sequence[str], delimiter: str, first: int, path: Path) -> st
             points |= "." in text
             if _THOUSANDS.fullmatch(text):
                 raise InputError(
-                    f"{text!r} has a mark between thousands.",
+                    f"{text!r} has a separator between thousands.",
                     where=f"{path}, line {first + k + 1}",
-                    hint="Export numbers without them.",
+                    hint="Export the numbers without separators.",
                 )
             if _EITHER.fullmatch(text):
                 doubted = doubted or f"{path}, line {first + k + 1}: {text!r}"
@@ -287,8 +289,8 @@ def _decimal(lines: Sequence[str], delimiter: str, first: int, path: Path) -> st
                 commas = True
     if doubted and not commas:
         raise InputError(
-            "cannot tell whether the comma is a decimal point or parts thousands.",
+            "the comma can be a decimal point or a separator of thousands.",
             where=doubted,
-            hint="Export with decimal points, or without marks between thousands.",
+            hint="Export with decimal points, or without separators of thousands.",
         )
     return "," if commas or (delimiter != "," and not points) else "."

@@ -48,7 +48,7 @@ class Fields:
         """Raise an InputError if a column contains text and not a single number."""
         for name, (place, text) in self.unread.items():
             if name not in self._numeric:
-                raise InputError(f"no number in column {name!r}; {place} has {text!r}.", where=str(path))
+                raise InputError(f"column {name!r} has no numbers; {place} has {text!r}.", where=str(path))
 
     def notes(self) -> tuple[str, ...]:
         """Return a sentence on rows with a field that is missing or not a number, in a tuple; () if there are none."""
@@ -96,7 +96,7 @@ class RowCount:
             raise InputError(
                 f"no row has the {self._fields} fields of the header; {self._first}.",
                 where=str(path),
-                hint="Is the decimal point a comma?" if self._delimiter == "," else "",
+                hint="If decimal points are commas, separate the columns by ;." if self._delimiter == "," else "",
             )
 
     def notes(self) -> tuple[str, ...]:

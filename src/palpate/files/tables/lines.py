@@ -16,7 +16,7 @@ from palpate.files.units import near
 
 __all__ = ["complete_lines", "open_input", "read_some"]
 
-_INTO_A_FILE = "Write what it gives into a file first, and name that."
+_INTO_A_FILE = "Save its contents to a file first, and name that file."
 _WAIT = 1.5  # s that a pipe is given until its first byte
 _LONGEST = 1 << 26  # bytes of a line, beyond which a file is no text
 
@@ -39,7 +39,7 @@ def open_input(path: Path, *, pipe: bool = False) -> BufferedReader:
             return path.open("rb")
     except FileNotFoundError:
         siblings = [other.name for other in path.parent.glob("*")] if path.parent.is_dir() else []
-        raise InputError("there is no such file.", where=str(path), hint=near(path.name, siblings)) from None
+        raise InputError("the file does not exist.", where=str(path), hint=near(path.name, siblings)) from None
     except (OSError, ValueError) as problem:  # the second: a NUL in the name
         raise InputError(f"cannot be read ({problem}).", where=str(path)) from problem
     hint = "" if kind == "a folder" else _INTO_A_FILE
@@ -69,7 +69,7 @@ def complete_lines(file: BinaryIO, path: Path, size: int) -> Iterator[bytes]:
     recode = _from_utf16() if piece.startswith((b"\xff\xfe", b"\xfe\xff")) else None
     piece = piece if recode is None else recode(piece)
     if b"\0" in piece[:4096]:
-        raise InputError("is not a text file.", where=str(path), hint="A log is a CSV file here.")
+        raise InputError("is not a text file.", where=str(path), hint="Name a CSV file.")
     returns = b"\n" not in piece  # the line ends of old
     rest = b""
     while piece:
@@ -83,7 +83,7 @@ def complete_lines(file: BinaryIO, path: Path, size: int) -> Iterator[bytes]:
         if end:
             yield whole
         if len(rest) > _LONGEST:
-            raise InputError("has a line of more than 64 MB.", where=str(path), hint="A log is a CSV file here.")
+            raise InputError("has a line of more than 64 MB.", where=str(path), hint="Name a CSV file.")
 
 
 def _from_utf16() -> Callable[[bytes], bytes]:

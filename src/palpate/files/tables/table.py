@@ -140,7 +140,7 @@ class TextTable:
         there = Counter(self.names)
         for name in names:
             if there[name] > 1:
-                raise InputError(f"column {name!r} is there {there[name]} times.", where=str(self.path))
+                raise InputError(f"column {name!r} occurs {there[name]} times.", where=str(self.path))
             if not there[name]:
                 raise InputError(f"there is no column {name!r}.", where=str(self.path), hint=near(name, self.names))
 

@@ -141,8 +141,8 @@ class Errors:
         sizes = ((scale * float(self.walk[part].max()) * blocks**0.5, unit) for part, scale, unit in kinds)
         amounts = " and ".join(f"{size:.2g} {unit}" for size, unit in sizes if size > 0)
         return (
-            f"The bias drifts while the log is recorded, by about {amounts} in all, which is in the covariance. Record "
-            "the poses faster, or let the sensor warm up first.",
+            f"The bias drifts by about {amounts} in all during the log, which the covariance includes. Record the "
+            "poses faster, or let the sensor warm up first.",
         )
 
     def spread(self, gain: Float[np.ndarray, "p n 6"]) -> Float[np.ndarray, "p p"]:

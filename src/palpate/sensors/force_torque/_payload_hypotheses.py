@@ -85,7 +85,9 @@ def parts(hypothesis: str) -> tuple[str, ...]:
     unknown = [part for part in found if part not in MEANINGS]
     if unknown:
         known = ", ".join(repr(name) for name in (AS_IS, *MEANINGS))
-        raise InputError(f"no hypothesis is called {unknown[0]!r}", hint=f"Known, joined by ' + ': {known}.")
+        raise InputError(
+            f"hypothesis {unknown[0]!r} is not known.", hint=f"Use one of these, or several joined by ' + ': {known}."
+        )
     return found
 
 
@@ -169,8 +171,8 @@ def doubts(
     share = payload.residual[0] / float(np.linalg.norm(payload.weight))
     if bad and share > BAD_SHARE:
         said += (
-            f"The fit leaves {payload.residual[0]:.2g} N and {payload.residual[1]:.2g} N m, {share:.0%} of the weight, "
-            "and no known mistake explains it: was something touching, moving fast, or read with wrong units or times?",
+            f"The fit has residuals of {payload.residual[0]:.2g} N and {payload.residual[1]:.2g} N m, {share:.0%} of "
+            "the weight, and no known mistake explains them: check for touches, fast motion, and wrong units or times.",
         )
     if points_up(payload, settings):
         said += (_upward(settings, hypothesis),)
@@ -182,7 +184,7 @@ def _upward(settings: PayloadSettings, hypothesis: str) -> str:
     cause = "the base's z points down" if settings.direction is None else "that direction is wrong"
     name = compose(hypothesis, REVERSED)
     reversed_sign = f"{MEANINGS[REVERSED]} (hypothesis={name!r})"
-    return f"The weight points {against}: either {cause}, or {reversed_sign}. Poses cannot tell."
+    return f"The weight points {against}: either {cause}, or {reversed_sign}. The poses alone cannot tell which."
 
 
 def _explanation(found: list[Hypothesis], misfit_now: float) -> str:
@@ -190,9 +192,9 @@ def _explanation(found: list[Hypothesis], misfit_now: float) -> str:
     if not found or found[0].misfit * FAR_BETTER > misfit_now:
         return ""
     best = found[0]
-    meaning = " and ".join(MEANINGS[part] for part in parts(best.name)) or "taken as it is"
+    meaning = " and ".join(MEANINGS[part] for part in parts(best.name)) or "it is taken as it is"
     return (
-        f"The log fits {misfit_now / max(best.misfit, 1e-300):.0f} times better if {meaning}: it leaves "
-        f"{best.residual[0]:.2g} N and {best.residual[1]:.2g} N m. Correct it where it is read, or pass "
+        f"The log fits {misfit_now / max(best.misfit, 1e-300):.0f} times better if {meaning}: the residuals "
+        f"are then {best.residual[0]:.2g} N and {best.residual[1]:.2g} N m. Correct how the log is read, or pass "
         f"hypothesis={best.name!r}."
     )

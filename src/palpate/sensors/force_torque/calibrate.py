@@ -121,12 +121,14 @@ def settings_of(
             standard deviations or covariance.
     """
     if not (np.isfinite(magnitude) and magnitude > 0):
-        raise InputError(f"magnitude of gravity must be positive, not {magnitude}")
+        raise InputError(f"magnitude of gravity must be positive, not {magnitude}.")
     direction = None if gravity is None else np.asarray(gravity, dtype=np.float64)
     if direction is not None:
         largest = float(np.abs(direction).max(initial=0.0))
         if direction.shape != (3,) or not np.isfinite(largest) or largest == 0.0:
-            raise InputError(f"gravity must be three numbers, not all zero: {gravity}", hint="Leave it out if unknown.")
+            raise InputError(
+                f"gravity must be three numbers that are not all zero, not {gravity}.", hint="Leave it out if unknown."
+            )
         direction = direction / largest  # first: the square of 1e200 is no number
         direction = direction / np.linalg.norm(direction)
     return PayloadSettings(direction, float(magnitude), None if noise is None else noise_covariance(noise), robust)
@@ -152,7 +154,7 @@ def usable(wrenches: Wrench | ArrayLike, rotations: ArrayLike) -> tuple[np.ndarr
     _check_rotations(rotations, finite)
     if not finite.any():
         raise InputError(
-            f"none of the {len(wrenches)} rows is complete.", hint="Check the columns and the log's length."
+            f"each of the {len(wrenches)} rows lacks a number.", hint="Check the columns and the log's length."
         )
     return wrenches[finite], rotations[finite], finite
 
@@ -173,7 +175,7 @@ def validated(finite: Bool[np.ndarray, " n"], kept: Bool[np.ndarray, " m"], of: 
             f"{len(lost)} of {len(finite)} {name} hold NaN or infinity and were ignored ({name} {_listed(lost)}).",
         )
     if len(away):
-        said += (f"{len(away)} of {len(kept)} {of} lie far from the fit and were set aside ({name} {_listed(away)}).",)
+        said += (f"{len(away)} of {len(kept)} {of} are far from the fit and were set aside ({name} {_listed(away)}).",)
     return said
 
 
@@ -181,7 +183,7 @@ def _far_centre(payload: Payload) -> tuple[str, ...]:
     far = float(np.linalg.norm(payload.center_of_mass))
     if far <= FAR:
         return ()
-    return (f"The centre of mass lies {far:.3g} m from the sensor: is the unit of the torque right?",)
+    return (f"The centre of mass is {far:.3g} m from the sensor: check the unit of the torque.",)
 
 
 def _listed(rows: np.ndarray) -> str:
@@ -195,5 +197,5 @@ def _check_rotations(rotations: np.ndarray, finite: Bool[np.ndarray, " n"]) -> N
     if (skewed | mirrored).any():
         row = int(np.argmax(skewed | mirrored))
         fault = "is not orthonormal" if skewed[row] else "is a reflection (determinant -1)"
-        hint = "Are the quaternions x, y, z, w, and the axes right-handed?"
+        hint = "Check that quaternions are in the order x, y, z, w, and that the axes are right-handed."
         raise InputError(f"the rotation {fault}", where=f"row {row}", hint=hint)

@@ -110,7 +110,7 @@ def _findings(found: ClockOffset, *, columns: bool) -> list[str]:
         size, way = 1e3 * abs(found.offset), "late" if found.offset < 0 else "early"
         said.append(
             f"the orientations of this log are {size:.1f} ms {way}, "
-            "but stand in its columns, to which a rig's offset is not applied: shift them before writing the log"
+            "and a rig's offset is not applied to orientations in columns: shift them before writing the log"
         )
     if found.deviation > 2e-3:
         turning = "turn further, faster or longer to know it better"

@@ -68,10 +68,10 @@ class CalibratePayload(Calibration):
         recording = read_recording(self.log, layout)
         if ORIENTATION not in recording.channels:
             raise InputError(
-                "the log has no orientation, without which the weight cannot be told from the bias.",
+                "the log has no orientation, and without it the weight cannot be told from the bias.",
                 where=str(self.log),
-                hint="A table needs columns qx, qy, qz, qw (sensor in base), messages a topic of poses or /tf; the "
-                "rig's [orientation] names them (columns, topic, base and sensor).",
+                hint="Add columns qx, qy, qz, qw (sensor in base) to a table, or a topic of poses or /tf to messages; "
+                "name them in the rig's [orientation] (columns, topic, base and sensor).",
             )
         rotations = rotation_from_quaternion(recording.channels[ORIENTATION])
         wrenches, poses, counts = average_poses(recording.wrenches(), rotations)
@@ -112,5 +112,5 @@ def _direction(text: str) -> np.ndarray | None:
     except ValueError:
         direction = np.zeros(0)
     if direction.shape != (3,) or not direction.any():
-        raise InputError(f"--gravity {text!r} is no direction.", hint="Write x,y,z, such as 0,0,-1, or free.")
+        raise InputError(f"--gravity must be a direction, not {text!r}.", hint="Write x,y,z, like 0,0,-1, or free.")
     return direction

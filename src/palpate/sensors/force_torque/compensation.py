@@ -317,7 +317,7 @@ class Compensation:
         """
         channels = recording.channels
         if FORCE not in channels or TORQUE not in channels:
-            raise InputError("has no forces and torques.", where=recording.source)
+            raise InputError("the log has no forces and torques.", where=recording.source)
         readings = np.concatenate([channels[FORCE], channels[TORQUE]], axis=1)
         return self.kept_of(self.inputs(recording.time, readings, channels), len(recording))
 
@@ -358,7 +358,7 @@ class Compensation:
             InputError: the noise is not known.
         """
         if self.noise is None:
-            raise InputError("what follows a zero needs the noise of the sensor.", hint="State [force_torque] noise.")
+            raise InputError("following the zero needs the noise of the sensor.", hint="State noise in [force_torque].")
         count, spectrum = int(np.count_nonzero(usable)), self.sensor.spectrum
         if count not in self._left:
             left = np.full(6, 1.0 / count) if spectrum is None else spectrum.of_mean(count)
@@ -392,7 +392,7 @@ class Compensation:
             InputError: the noise is not known.
         """
         if self.noise is None:
-            raise InputError("what follows a zero needs the noise of the sensor.", hint="State [force_torque] noise.")
+            raise InputError("following the zero needs the noise of the sensor.", hint="State noise in [force_torque].")
         spread = np.zeros((6, 6))
         if self._samples is not None:
             spectrum = self.sensor.spectrum
@@ -516,7 +516,7 @@ class Compensation:
         """Return the channels of a recording that are needed, as readings."""
         channels = recording.channels
         if FORCE not in channels or TORQUE not in channels:
-            raise InputError("has no forces and torques.", where=recording.source)
+            raise InputError("the log has no forces and torques.", where=recording.source)
         acceleration = channels.get(ACCELERATION) if self._weighs else None
         unsteady = channels.get(UNSTEADY) if self._weighs else None
         return _Readings(
@@ -553,7 +553,7 @@ class Compensation:
         quaternions = channels.get(ORIENTATION)
         if quaternions is None:
             raise InputError(
-                f"there is no orientation, and {self.needs_orientation}.",
+                f"the log has no orientation, and {self.needs_orientation}.",
                 where=source,
                 hint="Add columns qx, qy, qz, qw (sensor in base), or name them, a topic of poses, or two frames of /tf"
                 " (base, sensor) in [orientation].",

@@ -59,7 +59,7 @@ def wrench_drift(
                 where=recording.source,
                 hint="Run `palpate calibrate payload` and name its file in the rig, or record the sensor at rest.",
             )
-        notes = (*notes, "no payload is named: what is found holds if the sensor did not turn")
+        notes = (*notes, "the rig names no payload: the result is valid only if the sensor did not turn")
     noise = sensor.table.noise
     found = identify_drift(
         recording.time,
@@ -79,11 +79,14 @@ def _moving(setup: Setup, recording: Recording) -> tuple[Setup, tuple[str, ...]]
         return setup, ()
     if POSITION not in recording.channels or setup.acceleration.kind == "none":
         return setup, (
-            "the arm moves, and how much it is accelerated is not known: what inertia does to the payload counts as "
-            "walk, which may be smaller than stated. Record at rest, or slowly, or with positions or accelerations",
+            "the arm moves, and its acceleration is not known: the payload's inertia counts as walk, so the walk may "
+            "be smaller than stated. Record at rest, or slowly, or with positions or accelerations",
         )
     taken = replace(setup.acceleration, from_poses=True, columns=None, topic=None)
-    said = "the arm moves: accelerations were taken from the poses ([acceleration] from_poses = true does so elsewhere)"
+    said = (
+        "the arm moves: accelerations were taken from the poses (from_poses = true in the rig's [acceleration] does "
+        "the same for other commands)"
+    )
     return replace(setup, acceleration=taken), (said,)
 
 

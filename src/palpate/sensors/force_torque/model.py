@@ -70,13 +70,13 @@ class ForceTorque(Value):
         set_field(self, "gain_error", gain_error)
         set_field(self, "drift", frozen(np.zeros(6) if drift is None else drift, tail=(6,), name="drift"))
         if not np.all((self.drift >= 0) & (self.drift <= LARGEST)):  # NaN too
-            raise InputError("drift must be six numbers that are not negative", where="force_torque")
+            raise InputError("drift must be six numbers that are not negative.", where="force_torque")
         if self.limits is not None and not np.all(self.limits > 0):  # NaN too
-            raise InputError("every limit must be positive", where="force_torque", hint="Use inf for no limit.")
+            raise InputError("every limit must be positive.", where="force_torque", hint="Use inf for no limit.")
         if frame not in FRAMES:
-            raise InputError(f"frame must be 'sensor' or 'base', not {frame!r}", where="force_torque")
+            raise InputError(f"frame must be 'sensor' or 'base', not {frame!r}.", where="force_torque")
         if not 0 <= gain_error < 1:  # NaN too
-            raise InputError(f"gain_error must be at least 0 and below 1, not {gain_error:g}", where="force_torque")
+            raise InputError(f"gain_error must be at least 0 and below 1, not {gain_error:g}.", where="force_torque")
 
     @property
     def lever(self) -> float:

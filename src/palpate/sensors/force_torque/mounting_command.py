@@ -72,7 +72,7 @@ class CalibrateMounting(Calibration):
         setup, marks = self.stated.resolve("force_torque"), self.marks
         recording = read_recording(self.log, setup.layout())
         if setup.link.stated is None:
-            raise InputError("a rig needs a [surface].", where=str(self.rig))
+            raise InputError("the rig needs a [surface]: add the mesh that was touched.", where=str(self.rig))
         surface = setup.link.surface().drawn()  # an equation as its fine mesh: evidence counts facets
         wait("preparing the surface")
         wrenches, covariances, estimator = _in_sensor(recording, setup, surface)
@@ -126,18 +126,18 @@ def _doubts(mounting: Mounting, initial: Pose, residual: float, *, payload: bool
     """Return warnings: no payload, a large residual, or a pose that moved by less than its standard deviation."""
     said: list[str] = []
     if not payload:
-        said.append("the rig names no payload: weight and bias, where they are not taken off, end up in the pose")
+        said.append("the rig names no payload: weight and bias that were not taken off falsify the pose")
     if residual > POOR:
         said.append(
             f"the touches fit {residual:.1f} times worse than they should: "
-            "look at payload, units, marks and the pose to start from before using this"
+            "check payload, units, marks and the initial pose before using the result"
         )
     moved = float(np.linalg.norm(mounting.pose.translation - initial.translation))
     sure = float(np.sqrt(np.trace(mounting.position_covariance)))
     if anywhere and moved < sure:
         said.append(
             f"the pose moved by {1e3 * moved:.2g} mm and is known to {1e3 * sure:.2g} mm: "
-            "that may be no better than the drawing; touches at known marks tell more"
+            "the pose from the drawing may be as good; touch known marks to find a better one"
         )
     return said
 
@@ -207,7 +207,7 @@ def _error(
 
 def _err_by(error: TouchError, marks: float) -> str:
     added = error.placement(marks)
-    told = f"{1e3 * error.common:.2g} mm along each tangent beside their noise of {1e3 * error.noise:.2g} mm"
+    told = f"{1e3 * error.common:.2g} mm along each tangent in addition to their noise of {1e3 * error.noise:.2g} mm"
     if not added:
         return f"{told}, no more than the {1e3 * marks:.2g} mm that marks are hit by"
     return f"{told}; {1e3 * added:.2g} mm of it is not how marks are hit, and is in the covariance (placement)"
@@ -218,12 +218,12 @@ def _presses(recording: Recording, wrenches: np.ndarray, estimator: WrenchEstima
     start, end = find_presses(recording.time, wrenches, on=on, off=off)
     if not len(start):
         raise InputError(
-            f"no press above {on:.3g} N is found.",
+            f"the log has no press above {on:.3g} N.",
             where=recording.source,
-            hint="Is the payload in the rig? See contact.",
+            hint="Name the payload in the rig, or lower the threshold (contact).",
         )
     if not np.all(start <= end):  # NaN too
-        raise InputError("times run backwards or are missing within a press.", where=recording.source)
+        raise InputError("times run backwards, or are missing, within a press.", where=recording.source)
     labels = tuple(f"press {k + 1} at {begin:.2f} s" for k, begin in enumerate(start))
     return TrueTouches(start, end, np.full((len(start), 3), np.nan), labels)
 
@@ -235,9 +235,9 @@ def _require_overlap(recording: Recording, touches: TrueTouches, source: Path) -
     if not np.any((touches.start <= last) & (touches.end >= first)):
         span = f"from {first:.3f} to {last:.3f} s" if len(known) else "without any time"
         raise InputError(
-            f"none of the {len(touches)} touches lies in the log, which is {span}.",
+            f"all {len(touches)} touches are outside the log, which is {span}.",
             where=str(source),
-            hint="Both must be on one clock, in seconds.",
+            hint="Write the times of both by one clock, in seconds.",
         )
 
 

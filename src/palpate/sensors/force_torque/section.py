@@ -200,7 +200,10 @@ def _turned(payload: Payload | None, sensor: Compensation, head: Recording) -> l
     if payload is None or sensor.motion is None or sensor.motion.source != "imu" or ORIENTATION not in head.channels:
         return []
     turned = turned_from_gravity(head.channels[ACCELERATION], head.channels[ORIENTATION], payload.gravity)
-    doubt = f"the IMU reads gravity {turned:.0f} degrees from where the orientation has it: are its axes the sensor's?"
+    doubt = (
+        f"gravity as the IMU measures it is {turned:.0f} degrees from gravity by the orientation: check that the IMU's "
+        "axes are the sensor's"
+    )
     return [doubt] if turned > _TURNED else []
 
 
@@ -287,7 +290,9 @@ def _topics_of(log: Path, contents: LogContents, body: GivenBody | None) -> Wren
     seen = survey(log) if wrenches else None
     if seen is None:
         return None
-    several = f"{len(wrenches)} topics hold wrenches: {', '.join(wrenches)}; the first is taken, --topic takes another"
+    several = (
+        f"{len(wrenches)} topics hold wrenches: {', '.join(wrenches)}; the first is taken, and --topic chooses another"
+    )
     pose = guess_pose(seen, LogLayout(wrench_topic=wrenches[0]), body)
     why = f"topic {wrenches[0]!r} holds forces and torques"
     fields = {

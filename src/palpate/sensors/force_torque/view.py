@@ -60,11 +60,14 @@ def wrench_advice(setup: Setup, *, payload: bool, filtered: bool, radius: float)
     """
     said: list[str] = []
     if not payload and setup.estimate.tare is None:
-        said.append("Identify the payload (palpate calibrate payload): its weight and the sensor's zero are still in.")
+        said.append(
+            "Identify the payload (palpate calibrate payload): the wrenches still contain its weight and the sensor's "
+            "zero."
+        )
     if setup.link.mount_covariance is None:
         said.append(
-            "Calibrate the mounting (palpate calibrate mounting): where the surface sits was taken as exact, and the "
-            "ellipses do not hold how far off it may be."
+            "Calibrate the mounting (palpate calibrate mounting): the pose of the surface was taken as exact, and the "
+            "ellipses do not include its error."
         )
     table = setup.of(ForceTorqueSection).table
     if table.noise is None:

@@ -49,11 +49,11 @@ class Agreement:
         if self._opposed > DISAGREES * self._touched:
             return (
                 f"the wrench points against what the skin feels in {self._opposed} of {self._touched} frames with a "
-                "contact: is it the reaction (axes, left_handed), or of the other end of the link?",
+                "contact: check whether it is the reaction (axes, left_handed), or that of the other end of the link",
             )
         if self._unexplained > DISAGREES * self._touched:
             return (
-                f"in {self._unexplained} of {self._touched} frames with a contact the wrench is not that of what the "
-                "skin feels: are skin map, surface.pose, clocks and units of one link?",
+                f"in {self._unexplained} of {self._touched} frames with a contact the wrench does not fit what the "
+                "skin feels: check the skin map, surface.pose, clocks and units",
             )
         return ()

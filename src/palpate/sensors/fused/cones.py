@@ -16,9 +16,10 @@ from palpate.spatial.arguments import takes_arrays
 __all__ = ["within_cones"]
 
 _WITHOUT = (
-    "contacts outside their cones of friction are left there: clarabel is not installed (pip install 'palpate[fusion]')"
+    "forces outside their cones of friction are not corrected: clarabel is not installed "
+    "(pip install 'palpate[fusion]')"
 )
-_NONE = "no forces within the cones of friction were found: those of the closed form are given"
+_NONE = "no forces within the cones of friction were found: the forces of the closed form are given"
 
 
 @takes_arrays
@@ -49,7 +50,7 @@ def within_cones(
         InputError: counts or covariances do not fit to the forces.
     """
     if counts.sum() != len(force) or [np.shape(each) for each in covariances] != [(3 * n, 3 * n) for n in counts]:
-        raise InputError(f"counts and covariances must be those of frames with {len(force)} contacts in all.")
+        raise InputError(f"counts must add up to the {len(force)} forces, and each frame needs a covariance (3n, 3n).")
     found, further, notes = force.copy(), np.zeros(len(counts)), tuple[str, ...]()
     try:
         clarabel: Any = import_module("clarabel")

@@ -95,7 +95,7 @@ class FusedEstimator(ContactEstimator):
             raise InputError(
                 "fusing a skin with wrenches needs the noise of the wrenches.",
                 where="force_torque.noise",
-                hint="State it in the rig, or use a log that begins untouched.",
+                hint="State noise in the rig's [force_torque], or use a log that begins untouched.",
             )
         super().__init__(
             (CELLS, FORCE, TORQUE, AVERAGED), (*taxels.features, *FEATURES), taxels.most + 1, mount, taxels.filter
@@ -106,7 +106,8 @@ class FusedEstimator(ContactEstimator):
         if drift is not None:
             if taxels.filter is not None and taxels.filter.zero_phase:
                 raise InputError(
-                    "the zero beside a skin is followed as samples come, and a filter of zero phase looks ahead.",
+                    "with a skin the zero is followed sample by sample, and a filter with zero_phase needs later "
+                    "samples.",
                     where="drift",
                     hint="Use a Butterworth filter without zero_phase, or none.",
                 )

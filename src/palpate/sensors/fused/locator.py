@@ -57,13 +57,13 @@ class FusionSettings:
         if not 0 < self.friction < inf:
             raise InputError(f"friction must be positive, not {self.friction:g}.")
         if not 0 <= self.tangential <= self.friction:
-            raise InputError(f"tangential ({self.tangential:g}) must lie between 0 and friction ({self.friction:g}).")
+            raise InputError(f"tangential ({self.tangential:g}) must be between 0 and friction ({self.friction:g}).")
         if not (0 <= self.gain < 1 and 0 <= self.floor < inf):
-            raise InputError("gain must lie between 0 and 1, and floor must not be negative.")
+            raise InputError("gain must be between 0 and 1, and floor must not be negative.")
         if self.turns < 0:
             raise InputError(f"turns must not be negative, not {self.turns}.")
         if not 0 < self.alarm < 0.5:
-            raise InputError(f"alarm must lie between 0 and 0.5, not {self.alarm:g}.")
+            raise InputError(f"alarm must be between 0 and 0.5, not {self.alarm:g}.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,7 +208,7 @@ class FusedLocator:
         if covariances.shape != (sensors, 6, 6) or felt.shape != (sensors, len(contacts)):
             raise InputError(
                 f"{len(contacts)} contacts and {sensors} wrenches need covariances ({sensors}, 6, 6) and carries "
-                f"({sensors}, {len(contacts)}), not {covariances.shape} and {felt.shape}"
+                f"({sensors}, {len(contacts)}), not {covariances.shape} and {felt.shape}."
             )
         return self._fused(contacts, wrenches, covariances, felt)
 
@@ -261,7 +261,7 @@ class FusedLocator:
         from palpate.sensors.fused import _kernels as _fused
 
         if counts.min(initial=0) < 0 or counts.sum() != len(contacts):
-            raise InputError(f"counts must not be negative, and sum up to the {len(contacts)} contacts.")
+            raise InputError(f"counts must not be negative, and must add up to the {len(contacts)} contacts.")
         out, spread, broken = np.zeros((len(contacts), 5)), np.zeros((len(contacts), 6)), np.zeros_like(counts)
         totals, factors = np.zeros((len(counts), 16)), np.zeros((len(counts), 6, 6))
         ends = np.cumsum(9 * counts**2)
@@ -297,7 +297,10 @@ class FusedLocator:
         spreads = shaped(spreads, (None, 3, 3), "spreads")
         counts = {len(each) for each in (points, normals, forces, deviations, spreads)}
         if len(counts) > 1:
-            raise InputError(f"points, normals, forces, deviations and spreads are of {sorted(counts)} contacts")
+            raise InputError(
+                "points, normals, forces, deviations and spreads must have equal numbers of contacts, not "
+                f"{sorted(counts)}."
+            )
         length = np.linalg.norm(normals, axis=1, keepdims=True)
         contacts = np.empty((len(points), 17))
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -305,9 +308,12 @@ class FusedLocator:
         contacts[:, :3], contacts[:, 6], contacts[:, 7] = points, forces, deviations
         contacts[:, 8:] = spreads.reshape(-1, 9)
         if not np.isfinite(contacts).all():
-            raise InputError("contacts must be finite, and normals have a length")
+            raise InputError("contacts must be finite, and normals must not be zero.")
         if (forces < 0).any() or (deviations < 0).any():
-            raise InputError("normal forces and their deviations must not be negative", hint="A force presses: > 0.")
+            raise InputError(
+                "normal forces and their deviations must not be negative.",
+                hint="Write a force that presses as positive.",
+            )
         return contacts
 
     def _room(self, count: int) -> Float[np.ndarray, " s"]:
@@ -392,7 +398,7 @@ class FusedLocator:
         """
         given = fused.given
         if not len(given.wrenches):
-            raise InputError("no wrench is finite, and without one nothing is known of unseen contacts")
+            raise InputError("at least one wrench must be finite: unseen contacts cannot be found without it.")
         k = int(np.argmin(given.p))
         return self.unseen_by(given.whitened[k].copy(), given.factors[k].copy())
 

@@ -70,7 +70,7 @@ def _build(setup: Setup) -> BuiltEstimator:
     felt, head, link = SKIN.build(setup), setup.head, setup.link
     link.surface().prepared()  # once for all logs of a rig
     if not isinstance(felt.estimator, TaxelEstimator):
-        raise InputError("is no skin of taxels.", where="skin")
+        raise InputError("must be a skin of taxels to be fused.", where="skin")
     sensor = compensation(setup, _single(head))
     known: RigFusion = setup.sensors["fusion"].table
     settings = known.settings(setup.estimate.friction)
@@ -89,7 +89,9 @@ def _build(setup: Setup) -> BuiltEstimator:
     if head is not None and tare is not None:
         made.tared(sensor.tare(first_seconds(head, tare)))
     elif tare is None:
-        made.notes.append("wrenches are taken as they are, so they must be tared: [estimate] tare = seconds")
+        made.notes.append(
+            "wrenches are taken as they are, so they must be tared: if they are not, write tare = SECONDS in [estimate]"
+        )
     return made
 
 
@@ -124,7 +126,7 @@ FUSION = SensorKind(
     guess=_guess,
     parts=("skin", "force_torque"),
     refused={
-        "method": "the skin says where contacts are",
+        "method": "contacts are located by the skin",
         "torsion": "contacts are taken as forces without a torque of their own",
         "contact": "thresholds are those of each cell: on and off in [contacts], in deviations of its noise",
     },

@@ -32,7 +32,7 @@ def check_channels(
     if still:
         raise InputError(
             f"{_listed(still)} never changes: the cell is dead, or not connected.",
-            hint="Mend it, or leave the three columns of that cell out of [load_cells] columns.",
+            hint="Repair it, or leave the three columns of that cell out of [load_cells] columns.",
         )
     if limits is not None:
         low, high = np.asarray(limits, dtype=np.float64).T
@@ -40,7 +40,7 @@ def check_channels(
         full = [name for name, part in zip(names, share, strict=True) if part > AT_RANGE]
         if full:
             raise InputError(
-                f"{_listed(full)} is at its range in {share.max():.1%} of the samples.",
+                f"{_listed(full)} is at the end of its range in {share.max():.1%} of the samples.",
                 hint="Push less hard, or correct the range in [load_cells].",
             )
     size = travel + np.sqrt(np.diag(noise))
@@ -50,7 +50,7 @@ def check_channels(
         part = odd[0][1]
         raise InputError(
             f"{_listed([name for name, _ in odd])} moves {part:.3g} times as much as the other channels: "
-            "a column in another unit (mV instead of V).",
+            "it is probably in another unit (mV instead of V).",
             hint="State its unit in [load_cells] units, or write all voltages in V.",
         )
 
@@ -61,8 +61,8 @@ def check_directions(wrenches: Float[np.ndarray, "n 6"], reference: float) -> No
     _require(
         values / np.sqrt(len(wrenches)) > max(LEAST_PUSH, AS_NOISE * reference),
         directions,
-        "the log holds too few directions, for want of {}. "
-        "Slide the ball over the whole surface in directions that cross, so that friction pulls along x and y.",
+        "the forces in the log have too few directions: {} is missing. "
+        "Slide the ball over the complete surface in directions that cross, so that friction pulls along x and y.",
     )
 
 
@@ -72,8 +72,8 @@ def check_response(white: Float[np.ndarray, "n m"], wrenches: Float[np.ndarray, 
     _require(
         values > LEAST_ANSWER,
         directions.T,
-        "the voltages do not answer to {}: "
-        "cells in line cannot tell the moment about their line. Place one cell beside it.",
+        "the voltages do not respond to {}: "
+        "cells in line cannot measure the moment about their line. Place one cell away from that line.",
     )
 
 

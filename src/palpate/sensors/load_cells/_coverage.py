@@ -79,7 +79,10 @@ def _notes(middle: np.ndarray, visits: np.ndarray, error: np.ndarray, friction: 
         f"{_place(spot)} ({1e6 * part:.0f} um)" for spot, part in zip(middle, worst, strict=True) if part > WANTED
     ]
     if unsure:
-        said.append(f"The calibration alone errs by more than {1e6 * WANTED:.0f} um around {', '.join(unsure)} at 1 N.")
+        said.append(
+            f"The calibration's own error at 1 N is above {1e6 * WANTED:.0f} um around {', '.join(unsure)}: add a path "
+            "there."
+        )
     weak = [
         f"{part:.0%} of the normal force {axis}"
         for axis, part in zip(("around", "along y"), friction, strict=True)
@@ -88,7 +91,7 @@ def _notes(middle: np.ndarray, visits: np.ndarray, error: np.ndarray, friction: 
     if weak:
         said.append(
             f"Friction was small ({', '.join(weak)}): the moment along the force, and with it the torque about the "
-            "normal, is badly known. Slide along and across."
+            "normal, is poorly known. Slide along and across."
         )
     return tuple(said)
 

@@ -50,7 +50,7 @@ class BenchLog:
         """Median time between two rows [s]; InputError if time never goes forward."""
         steps = np.diff(self.time)
         if not (steps > 0).any():
-            raise InputError("the times of the bench log never go forward.", where="time")
+            raise InputError("the times of the bench log never increase.", where="time")
         return float(np.median(steps[steps > 0]))
 
     @cached_property
@@ -212,7 +212,7 @@ def blocks_of(log: BenchLog, found: list[UnloadedStretch], least: float) -> Bloc
     if len(number) < FEWEST:
         raise InputError(
             f"only {len(number)} blocks of 10 ms are loaded by {least:g} N or more, and {FEWEST} are needed.",
-            hint="Slide the ball over the whole surface, with 1 N or more.",
+            hint="Slide the ball over the complete surface, with 1 N or more.",
         )
     time, voltages, forces, centres, torques = np.split(np.concatenate(pieces), [1, m + 1, m + 4, m + 7], axis=1)
     return Blocks(time[:, 0], number, voltages, forces, centres, torques[:, 0], size)

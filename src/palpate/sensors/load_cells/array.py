@@ -329,7 +329,7 @@ class LoadCellArray:
 
     def warnings(self) -> tuple[str, ...]:
         """Return a tuple of warnings about a missing zero, the zeros of later starts, and the faults of the cells."""
-        zero = () if self._known else ("no zero of the cells was taken: that of the calibration is used",)
+        zero = () if self._known else ("no zero of the cells was taken: the zero of the calibration is used",)
         return (*zero, *self._doubted, *(fault.text for fault in self.faults()))
 
     def faults(self) -> list[CellFault]:
@@ -369,7 +369,9 @@ class LoadCellArray:
         """Return a copy of the voltages, contiguous and writable for the compiled loops; InputError without them."""
         found = recording.channels.get(VOLTAGE)
         if found is None:
-            raise InputError("the log has no voltages.", where=recording.source, hint="Name them in [load_cells].")
+            raise InputError(
+                "the log has no voltages.", where=recording.source, hint="Name their columns or topic in [load_cells]."
+            )
         if found.shape[1:] != self._shape:
             raise InputError(_SHAPE.format(self.cells.cells, *self._shape, found.shape[1:]), where=recording.source)
         return np.array(found, dtype=np.float64, order="C")
@@ -410,7 +412,7 @@ class LoadCellArray:
         return f"LoadCellArray({self.cells!r}, {np.count_nonzero(self.sound)} of {len(self.sound)} channels sound)"
 
 
-_SHAPE = "{} cells give {} voltages a sample, and these have shape {}."
+_SHAPE = "{} cells need {} voltages per sample, not voltages of shape {}."
 
 
 def _padded(matrix: Float[np.ndarray, "n o"]) -> Float[np.ndarray, "n q"]:

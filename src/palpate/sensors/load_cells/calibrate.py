@@ -161,10 +161,11 @@ def identify_load_cells(
     drift, misfit = _unexplained(white, basis, blocks, correlation)
     if misfit > UNEXPLAINED[0] or drift > UNEXPLAINED[1]:
         raise InputError(
-            f"{misfit:.1%} of a reading and a zero that is off by {drift:.0f} times the noise are explained by no "
-            "wrench: the cells do not read one body's load.",
+            f"no wrench explains {misfit:.1%} of a reading and a zero that is off by {drift:.0f} times the noise: the "
+            "cells do not measure the load of one body.",
             where="voltages",
-            hint="Does each column stay the same cell and axis all along? Is each cell wired, and nothing loose?",
+            hint="Check that each column is the same cell and axis throughout, that all cells are wired, and that "
+            "nothing is loose.",
         )
     cells = LoadCells(
         lower @ basis @ answer.inverse,
@@ -179,7 +180,7 @@ def identify_load_cells(
     errors = {"covariance": answer.relative_covariance, "drift": drift, "misfit": misfit, "correlation": correlation}
     cells = with_changes(cells, **errors)
     covered = coverage(data, cells)
-    lost = ("The start that was given leads to a worse fit than the linear one, and was not followed.",)
+    lost = ("The start that was given leads to a worse fit than the linear start, and was not used.",)
     notes = (*doubts, *(lost if given and answer.followed == 1 else ()), *covered.notes, *left.notes)
     return LoadCellCalibration(with_changes(cells, notes=notes), data, answer, reference, covered, left)
 
@@ -190,13 +191,13 @@ def _complete(
     """Return the log's complete rows as arrays of one length; raise InputError for wrong shapes or no such row."""
     at, u, f, c = (np.asarray(part, dtype=np.float64) for part in (time, voltages, forces, centres))
     if u.ndim != 2 or u.shape[1] < 9 or u.shape[1] % 3:
-        raise InputError(f"voltages must be (n, 3 k) of at least three cells, not {u.shape}")
+        raise InputError(f"voltages must be (n, 3 k) of at least three cells, not {u.shape}.")
     if at.shape != (len(u),) or f.shape != (len(u), 3) or c.shape != (len(u), 3):
-        raise InputError(f"time, forces and centres must have a row for each of the {len(u)} voltages")
+        raise InputError(f"time, forces and centres must have a row for each of the {len(u)} voltages.")
     t = np.zeros(len(u)) if torques is None else np.asarray(torques, dtype=np.float64)
     whole: Bool[np.ndarray, " n"] = np.all(np.isfinite(np.column_stack([at, u, f, c, t])), axis=1)
     if not whole.any():
-        raise InputError("no row of the log is complete.", hint="Check the columns and the log's length.")
+        raise InputError("each row of the log lacks a number.", hint="Check the columns and the log's length.")
     return BenchLog(at[whole], u[whole], f[whole], c[whole], t[whole])
 
 
@@ -225,7 +226,7 @@ def _require_pressing(blocks: Blocks, normal: np.ndarray) -> None:
         raise InputError(
             f"the reference's force points out of the surface in {pulling:.0%} of the loaded log.",
             where="ref_fx, ref_fy, ref_fz",
-            hint="It is what the ball does to the fingertip, in the surface's frame: reverse its sign, or its axes.",
+            hint="Reverse its sign or axes: it is the force of the ball on the fingertip, in the surface's frame.",
         )
 
 
@@ -240,8 +241,8 @@ def _off_surface(blocks: Blocks, contact: np.ndarray, normal: np.ndarray, ball: 
     if -FARTHEST * ball <= middle <= (1 + FARTHEST) * ball:
         return ()
     said = (
-        f"the ball's centre lies {1e3 * middle:.2f} mm off the surface on average, and its radius is {1e3 * ball:.2g} "
-        "mm: ref_x, ref_y, ref_z are the ball's centre, in metres, in the surface's frame."
+        f"the ball's centre is {1e3 * middle:.2f} mm off the surface on average, and its radius is {1e3 * ball:.2g} "
+        "mm: ref_x, ref_y, ref_z must be the ball's centre, in metres, in the surface's frame."
     )
     if middle > NOWHERE * ball or middle < -ball:  # no ball sinks in by its radius
         raise InputError(said, where="ref_x, ref_y, ref_z")

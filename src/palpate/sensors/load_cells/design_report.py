@@ -143,11 +143,11 @@ def warnings(design: Design) -> Iterator[str]:
     if not np.isfinite(least).all():
         share = 100 * float(np.mean(~np.isfinite(least)))
         yield (
-            f"At {share:.0f} % of the surface no force reaches {1e3 * design.accuracy:g} mm: the calibration is not "
-            "sure enough there."
+            f"At {share:.0f} % of the surface no force is located within {1e3 * design.accuracy:g} mm: the calibration "
+            "is not accurate enough there."
         )
     if (design.found.largest[design.seen] < least).any():
-        yield "In places a cell is at its range before the force is large enough for the accuracy that is wanted."
+        yield "In places a cell is at the end of its range before the force is large enough for the required accuracy."
 
 
 def _maps(design: Design) -> Section:
@@ -157,7 +157,7 @@ def _maps(design: Design) -> Section:
         (
             1e3 * found.smallest(design.accuracy),
             f"force [mN] for {1e3 * design.accuracy:g} mm",
-            "The smallest force that is located so well.",
+            "The smallest force that is located within this accuracy.",
         ),
         (
             1e3 * np.hypot(found.force, found.scale * force),
@@ -192,8 +192,8 @@ def _curves(design: Design) -> Section:
     }
     drawn = maps.error_over_force(REACH, curves, design.accuracy)
     words = (
-        "The noise moves the place by so much less as the force is larger; what a calibration does not know stays. "
-        "Where it is as large as the body, the line says no more than that nothing is known."
+        "The effect of the noise on the place falls as the force grows; the error of the calibration remains. "
+        "Where the line reaches the size of the body, the place is not known."
     )
     return Section("Over the force", pictures=(picture(drawn, words),))
 
@@ -207,7 +207,9 @@ def _dead(design: Design) -> Section:
             rows.append((f"cell {cell + 1} dead", *_summary(design, design.with_cells(design.cells, every != cell))))
         except NotIdentifiable as problem:
             rows.append((f"cell {cell + 1} dead", f"no wrench: rank {problem.rank}"))
-    caption = "A dead cell still carries load; the others tell the wrench by the forward model, if they are enough."
+    caption = (
+        "A dead cell still carries load; the others determine the wrench by the forward model, if they are enough."
+    )
     return Section("With a cell less", tables=(ReportTable(_header(design), tuple(rows), caption),))
 
 

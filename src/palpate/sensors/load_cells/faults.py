@@ -142,8 +142,8 @@ def _unclear(made: Explanations, candidates: list[int], share: float) -> CellFau
     else:
         which = "one of " + ", ".join(_label(made, e) for e in candidates)
     said = (
-        f"{which} is wrong: their readings cannot tell which. Contacts are the mean of what is found without each, and "
-        "their covariances hold all of them"
+        f"{which} is wrong, and their readings cannot tell which. Contacts are the mean of those found without each, "
+        "and their covariances include all of these"
     )
     return CellFault(cells, "unclear", share, said, _channels(made, candidates))
 
@@ -178,10 +178,10 @@ def _named(
         channel = channels[int(odd[0])]
         label = names[channel] if names else f"channel {'xyz'[channel % 3]} of cell {channel // 3 + 1}"
         factor = abs(gains[odd[0]])
-        return fault("unit", f"{label} reads {factor:.3g} times what it should: is it in another unit (mV for V)?")
+        return fault("unit", f"{label} reads {factor:.3g} times what it should: check its unit (mV for V)")
     if _repeats(seen).any():
         if clipped:
-            return fault("saturated", f"{name} is saturated: it goes no further than one voltage{rest}")
+            return fault("saturated", f"{name} is saturated: it does not go beyond one voltage{rest}")
         return fault("stuck", f"{name} is stuck: it stays at one voltage whatever the load{rest}")
     off = seen - due
     if np.all(np.abs(gains - 1.0) < SAME_GAIN) or _steady(off, due):
@@ -250,11 +250,11 @@ def _still(cells: LoadCells, usable: np.ndarray, kept: np.ndarray, share: float)
         beside = [other for other in np.flatnonzero(kept) if other != cell]
         column = usable[:, 3 * cell : 3 * cell + 3]
         if moves[cell] <= STILL * moves[beside].max() or moves[cell] < 0.1:
-            return CellFault((int(cell),), "dead", share, f"cell {cell + 1} is dead, and of three none can be spared")
+            return CellFault((int(cell),), "dead", share, f"cell {cell + 1} is dead, and all three cells are needed")
         others = np.delete(usable, np.s_[3 * cell : 3 * cell + 3], axis=1)
         if _repeats(column).any() and not _repeats(others).any():
             kind = "saturated" if _leaves(column) else "stuck"
-            return CellFault((int(cell),), kind, share, f"cell {cell + 1} is {kind}, and of three none can be spared")
+            return CellFault((int(cell),), kind, share, f"cell {cell + 1} is {kind}, and all three cells are needed")
     return None
 
 
@@ -268,5 +268,5 @@ def _leaves(column: np.ndarray) -> bool:
 def _several(share: float) -> str:
     return (
         f"the cells contradict each other in {share:.1%} of the samples, and no single cell explains it: "
-        "is this the calibration of these cells, and are the columns in the order in which they were calibrated?"
+        "check that this is the calibration of these cells, and that the columns are in the order of the calibration"
     )

@@ -98,7 +98,7 @@ class LoadCells(Value):
     ) -> None:
         rows = np.shape(matrix)[0] if np.ndim(matrix) == 2 else 0
         if rows < 9 or rows % 3:
-            raise InputError(f"load cells need three rows for each of at least three cells, not {rows} rows")
+            raise InputError(f"load cells need three rows for each of at least three cells, not {rows} rows.")
         spread = np.asarray(noise, dtype=np.float64)
         every = np.tile([-np.inf, np.inf], (rows, 1))
         given: dict[str, tuple[ArrayLike, tuple[int, ...]]] = {
@@ -122,7 +122,7 @@ class LoadCells(Value):
         ):
             object.__setattr__(self, name, value)
         if not np.all(np.linalg.eigvalsh(self.noise) > 0):
-            raise InputError("noise must be a covariance without a direction that has none", where="load_cells")
+            raise InputError("noise must be a covariance that is positive in every direction.", where="load_cells")
         require_layout(self.positions)
         self.require_rank(np.ones(rows // 3, dtype=bool))
 
@@ -222,7 +222,7 @@ class LoadCells(Value):
         count = np.count_nonzero(kept)
         if count < 6:
             raise NotIdentifiable(
-                f"{count // 3} sound cells cannot tell the six numbers of a wrench; three can.",
+                f"{count // 3} sound cells cannot determine the six numbers of a wrench: at least three are needed.",
                 rank=int(count),
                 missing=("wrench",),
             )
@@ -233,7 +233,7 @@ class LoadCells(Value):
         missing = tuple(wrench_direction(row) for row in directions[~known])
         raise NotIdentifiable(
             f"the cells do not measure {' and '.join(missing)}: their readings are the same with and without it. "
-            "Cells in line cannot tell the moment about their line; place one beside it.",
+            "Cells in line cannot measure the moment about their line; place one away from that line.",
             rank=int(known.sum()),
             missing=missing,
         )
@@ -258,11 +258,11 @@ def require_layout(positions: Float[np.ndarray, "k 3"]) -> None:
     if values[0] > 0 and values[1] > IN_LINE * values[0]:
         return
     if values[0] == 0:
-        raise NotIdentifiable("all cells stand at one point, so they tell no moment.", rank=3, missing=("torque",))
+        raise NotIdentifiable("all cells are at one point, so they measure no moment.", rank=3, missing=("torque",))
     axis = named_axis(axes[0])
     raise NotIdentifiable(
-        f"all {len(positions)} cells stand in line along {axis}: no forces at points of a line have a moment about it, "
-        f"so the torque about {axis} cannot be told. Place one cell beside the line.",
+        f"all {len(positions)} cells are in line along {axis}: forces at points of a line have no moment about it, "
+        f"so the torque about {axis} cannot be measured. Place one cell away from the line.",
         rank=5,
         missing=(f"torque about {axis}",),
     )
@@ -316,5 +316,5 @@ def _shaped(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Float[np.nd
     unknown = name in ("positions", "limits")  # NaN and infinity have a meaning there
     if array.shape != shape or not (unknown or np.isfinite(array).all()):
         seen = f"shape {array.shape}" if array.shape != shape else "numbers that are not finite"
-        raise InputError(f"{name} must be {shape} finite numbers, not {seen}", where="load_cells")
+        raise InputError(f"{name} must be {shape} finite numbers, not {seen}.", where="load_cells")
     return array

@@ -83,7 +83,7 @@ class RigLoadCells:
             twice = next(name for name in self.columns if self.columns.count(name) > 1)
             raise ValueError(f"column {twice!r} is named twice")
         if not isinstance(self.units, str) and len(self.units) != len(self.columns):
-            raise ValueError(f"units must be one, or one for each of the {len(self.columns)} columns")
+            raise ValueError(f"units must be one unit, or one for each of the {len(self.columns)} columns")
         stated = [self.units] if isinstance(self.units, str) else self.units
         unknown = [unit for unit in stated if unit not in VOLT_UNITS]
         if unknown:
@@ -126,19 +126,20 @@ class RigLoadCells:
             raise InputError(
                 "the cells are not calibrated.",
                 where="load_cells.model",
-                hint="`palpate calibrate load-cells LOG --rig RIG -o fingertip.toml`, then name that file as model.",
+                hint="Run `palpate calibrate load-cells LOG --rig RIG -o fingertip.toml`, then name that file as "
+                "model.",
             )
         path = folder / self.model
         model = read_model(path, LoadCells)
         if self.columns and len(self.columns) != len(model.matrix):
             raise InputError(
-                f"names {len(self.columns)} columns, and {path.name} has {model.cells} cells.",
+                f"names {len(self.columns)} columns, but {path.name} has {model.cells} cells, of three columns each.",
                 where="load_cells.columns",
             )
         unknown = [cell for cell in self.without if not 1 <= cell <= model.cells]
         if unknown:
             raise InputError(
-                f"cell {unknown[0]} is none of the {model.cells} (counted from 1).", where="load_cells.without"
+                f"cell {unknown[0]} does not exist: cells are 1 to {model.cells}.", where="load_cells.without"
             )
         noise = float(np.sqrt(np.median(np.diag(model.noise))))
         changes: dict[str, object] = {}
@@ -159,9 +160,9 @@ class RigLoadCells:
         """
         if self.positions is None or self.sensitivity is None or self.noise is None:
             raise InputError(
-                "positions, sensitivity and noise must be stated where there is no model.",
+                "positions, sensitivity and noise must be stated when there is no model.",
                 where="load_cells",
-                hint="positions = [[x, y, z], ...] in m, sensitivity in N/V, noise in V.",
+                hint="Write positions = [[x, y, z], ...] in m, sensitivity in N/V and noise in V.",
             )
         return nominal_cells(np.array(self.positions), self.sensitivity, self.noise, self.range or inf)
 
@@ -228,7 +229,7 @@ def _least(surface: Surface, cells: LoadCells, table: RigLoadCells) -> str:
     above = surface.centre + np.array([0.0, 0.0, surface.size])
     points, normals, _ = surface.project(above[None])
     least = float(resolution(cells, points, normals).smallest(accuracy)[0])
-    return f"from {least:.2g} N a touch on the middle of the surface is located within {1e3 * accuracy:g} mm"
+    return f"a touch of {least:.2g} N or more on the middle of the surface is located within {1e3 * accuracy:g} mm"
 
 
 def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | None:
@@ -276,7 +277,7 @@ def _threes(count: int) -> bool:
     return 9 <= count <= _MOST and count % 3 == 0
 
 
-_CALIBRATED = "the calibration of the cells says what they are"
+_CALIBRATED = "the calibration of the cells states their noise"
 LOAD_CELLS = SensorKind(
     name="load_cells",
     called=LoadCellSection.called,
@@ -289,7 +290,7 @@ LOAD_CELLS = SensorKind(
     paths=("model",),
     refused={
         "payload": "the zero of the cells is taken at the start of the log, and they carry no payload",
-        "noise": f"{_CALIBRATED}; noise in V may stand in the rig's [load_cells]",
+        "noise": f"{_CALIBRATED}; to state it, write noise in V in the rig's [load_cells]",
     },
     view="palpate.sensors.load_cells.view.LoadCellView",
     drift="palpate.sensors.load_cells.drift.voltage_drift",

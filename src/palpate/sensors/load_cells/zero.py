@@ -92,7 +92,7 @@ def take_zero(cells: LoadCells, voltages: Float[np.ndarray, "n m"], where: str =
 
 
 _LIKE = (
-    "since the calibration the zero changed as a touch of {:.2g} N would change it: "
+    "since the calibration the zero changed as much as under a touch of {:.2g} N: "
     "make sure that nothing touched at the start"
 )
 

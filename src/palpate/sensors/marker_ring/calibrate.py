@@ -94,7 +94,7 @@ def calibrate_marker_ring(
         kept.append(_tracked(tracker, np.concatenate(looking.frames)))
     pixels = np.concatenate(kept)
     if len(pixels) != len(truth.angle):
-        raise InputError(f"there are {len(pixels)} frames, and {len(truth.angle)} rows of truth.", where="truth")
+        raise InputError(f"has {len(truth.angle)} rows, but needs one for each of {len(pixels)} frames.", where="truth")
     return _model(looking, pixels, truth, before, dict(provenance or {}))
 
 
@@ -123,7 +123,7 @@ class _Rest:
         count = _leading(known)
         if not count:
             raise InputError(
-                "the run does not begin untouched: no frame shows where the markers rest.",
+                "the log does not begin untouched: no frame shows where the markers rest.",
                 hint="Let the log begin with a second in which nothing touches the ring.",
             )
         still = np.concatenate(self.frames)[: min(count, _LOOKED)]
@@ -133,7 +133,7 @@ class _Rest:
         first = next((blobs for blobs in seen if len(blobs) == count), None)
         if first is None:
             raise InputError(
-                f"{len(seen[0])} markers are found in the first frame, and the rig says {count}.",
+                f"{len(seen[0])} markers are found in the first frame, but the rig states {count}.",
                 where="marker_ring.markers",
             )
         size = (still.shape[2], still.shape[1])
@@ -188,7 +188,7 @@ def _model(
 ) -> MarkerRing:
     view, colour = looking.view, looking.colour
     if view is None or colour is None:
-        raise InputError("no frame shows where the markers rest.")
+        raise InputError("no frame shows where the markers rest: an untouched frame is needed.")
     still = pixels[: _leading(truth.free)]
     spread: np.ndarray = np.nanvar(still, axis=0)
     rest, jitter = np.nanmean(still, axis=0), float(np.sqrt(np.mean(spread)))

@@ -104,8 +104,8 @@ def calibrate_board(
             corners.append(pixels.reshape(-1, 2).astype(np.float64))
             shown.append(number)
     if len(corners) < _FEWEST_BOARDS:
-        hint = f"At least {_FEWEST_BOARDS} pictures must show all {board[0]} x {board[1]} inner corners."
-        raise InputError(f"{len(corners)} of {len(images)} pictures show the board.", hint=hint)
+        hint = f"Take at least {_FEWEST_BOARDS} pictures that show all {board[0]} x {board[1]} inner corners."
+        raise InputError(f"only {len(corners)} of {len(images)} pictures show the complete board.", hint=hint)
     fit = fit_lens(corners, board, square, size)
     return replace(fit, used=tuple(shown[k] for k in fit.used), far=tuple(shown[k] for k in fit.far))
 
@@ -291,7 +291,7 @@ def fit_rings(
     pixels = np.asarray(rest_pixels, dtype=np.float64)
     rings = tuple(shaped(rings, (None,), "rings").tolist())
     if not rings or len(pixels) % len(rings):
-        raise InputError(f"{len(pixels)} markers are not as many in each of {len(rings)} rings.")
+        raise InputError(f"{len(pixels)} markers cannot be divided equally among {len(rings)} rings.")
     if len(rings) == 1:
         fitted = fit_ring_view(pixels, radius, **camera)
         return fitted.view, fitted.order
@@ -305,8 +305,10 @@ def fit_rings(
         gaps: Float[np.ndarray, " m"] = np.append(turn[1:], turn[0] + 2.0 * np.pi) - turn
         usual = 2.0 * np.pi / len(turn)
         if not (gaps.min() > 0.5 * usual and gaps.max() < 1.5 * usual):
-            said = "the rings of markers do not lie one round the other in the picture."
-            raise InputError(said, where="marker_ring.rings", hint="State the height of each ring above the first.")
+            said = "the rings of markers are not one around the other in the picture."
+            raise InputError(
+                said, where="marker_ring.rings", hint="Write in rings the height of each ring above the first."
+            )
         order.append(owned[ring][np.argsort(np.arctan2(y, x))])
         angles.append(turn)
     view = fitted.view
@@ -344,5 +346,7 @@ def _solved(view: Any, seen: np.ndarray) -> Any:
     gap = np.linalg.norm(seen - np.roll(seen, 1, axis=0), axis=1)
     if not np.sqrt(2 * solution.cost / len(seen)) < 0.25 * np.median(gap):
         missing = ("the camera's place",)
-        raise NotIdentifiable("the markers are no even ring about the middle of the picture", rank=0, missing=missing)
+        raise NotIdentifiable(
+            "the markers are not an even ring about the middle of the picture.", rank=0, missing=missing
+        )
     return solution

@@ -50,8 +50,8 @@ class CalibrateCamera(Calibration):
         """
         columns, _, rows = self.board.lower().partition("x")
         if not (columns.isdigit() and rows.isdigit() and int(columns) > 2 and int(rows) > 2):
-            hint = "Write its inner corners as 9x6."
-            raise InputError(f"{self.board!r} is no size of a board.", where="--board", hint=hint)
+            hint = "Write the numbers of its inner corners, as 9x6."
+            raise InputError(f"must be the size of a board, not {self.board!r}.", where="--board", hint=hint)
         require_positive(self.square if np.isfinite(self.square) else np.nan, "--square")
         pictures, count = _pictures(self.log)
         fit = calibrate_board([frame for _, frame in pictures], (int(columns), int(rows)), self.square)
@@ -65,7 +65,7 @@ class CalibrateCamera(Calibration):
             ],
             fit.camera,
             notes=[
-                *([f"{hidden} of {len(pictures)} pictures do not show the whole board"] if hidden else []),
+                *([f"{hidden} of {len(pictures)} pictures do not show the complete board"] if hidden else []),
                 *fit.validation.notes,
             ],
             warnings=[f"picture {pictures[k][0]} contradicts the others and is not used" for k in fit.far],

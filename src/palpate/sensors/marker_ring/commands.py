@@ -69,9 +69,11 @@ class CalibrateMarkerRing(Calibration):
                 frames = self.log / "frames"
         truth = self.truth or folder / "truth.csv"
         if not truth.is_file():
-            hint = "Give --truth CSV with angle_deg, depth_mm and force_n, a row a frame."
+            hint = "Give --truth CSV with columns angle_deg, depth_mm and force_n, and one row per frame."
             raise InputError(
-                "lacks columns that state where and how hard the ring was pressed.", where=str(truth), hint=hint
+                "does not exist, and it must state where and how hard the ring was pressed.",
+                where=str(truth),
+                hint=hint,
             )
         named = {"log": frames, "truth": truth, "rig": self.rig}
         return named if self.like is None else {**named, "like": self.like}

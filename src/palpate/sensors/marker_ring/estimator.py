@@ -94,23 +94,26 @@ class RingEstimator(ContactEstimator):
         if not len(recording) or gone:
             lost = ", ".join(map(str, gone[:5]))
             raise InputError(
-                f"markers {lost or 'of no frame'} are not seen while the rest is taken.",
+                f"markers {lost or 'of no frame'} are not seen during the tare.",
                 where=recording.source,
-                hint="Let all of the ring be in view, untouched, at the start.",
+                hint="Keep the complete ring in view, untouched, at the start of the log.",
             )
         spread: np.ndarray = np.nanvar(pixels, axis=0)
         rest, jitter = np.nanmean(pixels, axis=0), float(np.sqrt(np.mean(spread)))
         if jitter > _STEADY * self.ring.jitter:
             raise InputError(
-                f"the markers are not steady while the rest is taken: they move by {jitter:.2g} px, "
-                f"{self.ring.jitter:.2g} px in the calibration.",
+                f"the markers are not steady during the tare: they move by {jitter:.2g} px, "
+                f"and by {self.ring.jitter:.2g} px in the calibration.",
                 where=recording.source,
                 hint="Tare while nothing touches the ring.",
             )
         moved = np.linalg.norm(rest - self.ring.rest, axis=1)
         off = np.abs(moved - np.median(moved)).max() > 5.0 * self.ring.jitter
         doubt = (
-            f"markers rest up to {moved.max():.1f} px from where they were calibrated, as under a touch" if off else ""
+            f"markers rest up to {moved.max():.1f} px from where they were calibrated, as under a touch: make sure "
+            "that nothing touched them"
+            if off
+            else ""
         )
         self._know(replace(self.ring, rest=rest))
         said = (
@@ -206,7 +209,7 @@ class RingEstimator(ContactEstimator):
             FrameProblem.LOST: "show fewer than half of the markers",
             FrameProblem.BLACK: "are black",
             FrameProblem.FROZEN: "repeat the one before",
-            FrameProblem.WRONG_SIZE: "are of another size than the calibration's",
+            FrameProblem.WRONG_SIZE: "are not of the size of the calibration's",
         }
         said += [f"{count} frames {what[why]}" for why, count in self._bad.items() if count and why in what]
         return tuple(said)

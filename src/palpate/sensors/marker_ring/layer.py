@@ -38,9 +38,9 @@ def annotated(
         InputError: `rest` is not finite, `frame` is empty, or OpenCV is missing.
     """
     if not (np.abs(rest) < _FARTHEST).all():
-        raise InputError(f"rest must be finite pixels, less than {_FARTHEST:g}.")
+        raise InputError(f"rest must be finite pixels below {_FARTHEST:g}.")
     if not frame.size:
-        raise InputError("frame is empty.")
+        raise InputError("frame must have pixels, and is empty.")
     cv2 = opencv()
     picture, fine = frame.copy(), 8.0
     for before, now in zip(rest, pixels, strict=True):

@@ -56,13 +56,13 @@ class RingSettings:
 
     def __post_init__(self) -> None:
         if not 0 < self.off <= self.on < inf:
-            raise InputError(f"off ({self.off:g}) must lie between 0 and on ({self.on:g}).")
+            raise InputError(f"off ({self.off:g}) must be between 0 and on ({self.on:g}).")
         if not 0 < self.apart < 180:
-            raise InputError(f"apart must lie between 0 and 180 degrees, not {self.apart:g}.")
+            raise InputError(f"apart must be between 0 and 180 degrees, not {self.apart:g}.")
         if self.dropped < 0 or not (self.wide > 0 and self.shift >= 0 and (self.friction is None or self.friction > 0)):
-            raise InputError("dropped and shift must not be negative, friction and wide must be positive.")
+            raise InputError("dropped and shift must not be negative, and friction and wide must be positive.")
         if not (self.reach > 0 and self.speed >= 0 and self.patience >= 0):
-            raise InputError("reach must be positive, speed and patience not negative.")
+            raise InputError("reach must be positive, and speed and patience must not be negative.")
 
 
 @takes_arrays

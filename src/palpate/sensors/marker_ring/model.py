@@ -73,11 +73,13 @@ class MarkerRing(Value):
     def __post_init__(self) -> None:
         count = len(self.view.angles)
         if self.response.rings != len(self.view.rings):
-            raise InputError(f"the response is of {self.response.rings} rings, the view of {len(self.view.rings)}.")
+            raise InputError(f"the response has {self.response.rings} rings, but the view has {len(self.view.rings)}.")
         object.__setattr__(self, "rest", frozen(self.rest, tail=(2,), name="rest"))
         object.__setattr__(self, "area", frozen(self.area, name="area"))
         if self.rest.shape != (count, 2) or self.area.shape != (count,):
-            raise InputError(f"rest and area must be of {count} markers, not {self.rest.shape} and {self.area.shape}.")
+            raise InputError(
+                f"rest and area must be those of {count} markers, not {self.rest.shape} and {self.area.shape}."
+            )
         if not (self.radius > self.view.radius > 0 and self.jitter > 0):
             raise InputError("radius must be larger than that of the markers, and jitter positive.")
 

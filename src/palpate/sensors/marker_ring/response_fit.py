@@ -97,10 +97,11 @@ def fit_response(presses: RingPresses, before: RingResponse | None = None) -> Ri
     angle, _, force, _ = judged.left_out.tolist()
     if not (angle <= _ASTRAY and force <= _WRONG):  # NaN too: hardly one is found
         raise InputError(
-            f"presses that were left out are {_off(angle, force)}: the markers do not move as angle, depth and force "
-            "say.",
+            f"presses that were not fitted are {_off(angle, force)}: the markers do not move as angle, depth and force "
+            "state.",
             where="truth",
-            hint="Does every row stand beside its frame? Is angle_deg in degrees, depth_mm in mm, force_n in N?",
+            hint="Check that each row belongs to its frame, and that angle_deg is in degrees, depth_mm in mm and "
+            "force_n in N.",
         )
     return judged
 
@@ -113,22 +114,22 @@ def _off(angle: float, force: float) -> str:
 
 def _require_presses(presses: RingPresses, before: RingResponse | None) -> None:
     if len(presses) < _LEAST:
-        raise InputError(f"{len(presses)} presses are too few: the fit needs {_LEAST} at least.", where="truth")
+        raise InputError(f"{len(presses)} presses are too few: the fit needs at least {_LEAST}.", where="truth")
     if before is not None and before.rings != presses.rings:
-        raise InputError(f"the other unit has {before.rings} rings of markers, this one {presses.rings}.")
+        raise InputError(f"the other unit has {before.rings} rings of markers, but this one has {presses.rings}.")
     share = np.abs(presses.shear / presses.force)[presses.force >= np.median(presses.force)]
     steep = float(np.nanquantile(share, 0.95)) if np.isfinite(share).any() else 0.0
     if steep > _STEEPEST:
         raise InputError(
-            f"the shear is up to {steep:.1f} times the force, and no friction makes more than {_STEEPEST:g} of it.",
+            f"the shear is up to {steep:.1f} times the force, and friction allows at most {_STEEPEST:g} times.",
             where="truth",
-            hint="shear_n is in N, along rising angles; leave the column out where it was not measured.",
+            hint="Write shear_n in N, along rising angles; leave the column out if it was not measured.",
         )
     angles = np.sort(np.mod(presses.angle, 2.0 * np.pi))
     gap = np.degrees(np.diff(angles, append=angles[0] + 2.0 * np.pi).max())
     if gap > 60.0 + 60.0 * (before is not None):
         raise InputError(
-            f"no press stands in {gap:.0f} degrees of the ring.", where="truth", hint="Press all round the ring."
+            f"an arc of {gap:.0f} degrees of the ring has no press.", where="truth", hint="Press all round the ring."
         )
 
 

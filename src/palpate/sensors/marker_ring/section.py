@@ -72,10 +72,10 @@ class RigMarkerRing:
             require_path(name, getattr(self, name))
         require_positive(self, "radius", "thickness", "height", "tare")
         if self.markers is not None and self.markers < 6:
-            raise ValueError(f"markers must be 6 at least, not {self.markers}")
+            raise ValueError(f"markers must be at least 6, not {self.markers}")
         heights = np.array(self.rings, dtype=np.float64)
         if not len(heights) or heights[0] != 0 or not (np.isfinite(heights) & (np.abs(heights) < self.height)).all():
-            raise ValueError(f"rings must be heights [m] within the camera's {self.height:g}, the first 0")
+            raise ValueError(f"rings must be heights [m] below the camera's {self.height:g}, and the first must be 0")
         if len(set(self.rings)) < len(self.rings):
             raise ValueError("no two rings can have the same height")
         if self.radius is not None and self.thickness is not None and self.thickness >= self.radius:
@@ -100,7 +100,7 @@ class MarkerRingSection(SensorSection):
             raise InputError(
                 "the rig's [marker_ring] has no model.",
                 where="marker_ring.model",
-                hint="`palpate calibrate marker-ring` makes one from presses: name what it writes, model = FILE.",
+                hint="Run `palpate calibrate marker-ring` on a log of presses, then name its file: model = FILE.",
             )
         return read_model(self.link.folder / self.table.model, MarkerRing)
 
@@ -114,9 +114,10 @@ class MarkerRingSection(SensorSection):
         if table.radius is None or table.thickness is None or table.markers is None:
             lacking = [name for name in ("radius", "thickness", "markers") if getattr(table, name) is None]
             raise InputError(
-                f"does not say {' and '.join(lacking)}.",
+                f"does not state {' and '.join(lacking)}.",
                 where="marker_ring",
-                hint="Measure the ring: radius of the outer surface [m], thickness of the skin [m], number of markers.",
+                hint="Measure the ring and write radius (of the outer surface, m), thickness (of the skin, m) and "
+                "markers (their number).",
             )
         camera = None if table.camera is None else _camera(self.link.folder / table.camera)
         return RingBody(table.radius, table.thickness, table.markers, camera, table.height, rings=table.rings)
@@ -179,7 +180,7 @@ MARKER_RING = SensorKind(
         "payload": f"{_NO_WRENCH}, so no payload is in its images",
         "noise": f"{_NO_WRENCH}: the noise of the markers is found in the calibration",
         "method": "contacts are where the ring is dented: there is no line of action to locate",
-        "friction": "the ring's own contacts.friction says what shear is usual",
+        "friction": "friction in [marker_ring.contacts] states the usual shear",
         "torsion": "markers in one ring feel no torque about the normal",
         "contact": "thresholds are those of the markers: on and off in [marker_ring.contacts], in deviations of noise",
         "crease": "contacts are placed on the ring, not on a mesh",

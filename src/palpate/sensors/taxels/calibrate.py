@@ -56,7 +56,9 @@ def _identified(
     force, intensity, dropped = _sound(force, intensity)
     _require_spread(force, dropped)
     if not np.ptp(intensity) > 0:
-        raise NotIdentifiable("the reading never changes: is it the cell that was pressed?", rank=0, missing=("curve",))
+        raise NotIdentifiable(
+            "the reading never changes: check that it is that of the pressed cell.", rank=0, missing=("curve",)
+        )
     falling = bool(np.corrcoef(force, intensity)[0, 1] < 0)
     signed = -intensity if falling else intensity
     limit = _limit(force, signed, None if top is None else (-top if falling else top))
@@ -185,7 +187,10 @@ def identify_intensity(
             curves.append(replace(common, parameters=own * values, covariance=covariance))
             which[row, column] = len(curves) - 1
     if len(curves) - 1 < which.size:
-        notes.append(f"{which.size - len(curves) + 1} of {which.size} cells have no gain of their own: too few presses")
+        notes.append(
+            f"{which.size - len(curves) + 1} of {which.size} cells have no gain of their own: they were pressed too "
+            "few times"
+        )
     notes.append(f"gains of cells differ by {100 * float(np.std(gain[gain > 0])):.1f} %")
     record = {"left_out": str(left), **(provenance or {})}
     return Intensity(tuple(curves), which, provenance=record, notes=(*notes, *left.notes))
@@ -292,7 +297,7 @@ def _sound(force: np.ndarray, intensity: np.ndarray) -> tuple[np.ndarray, np.nda
     known = np.isfinite(force) & np.isfinite(intensity)
     if known.any() and float(force[known].min()) < -0.05 * float(np.ptp(force[known])):
         raise InputError(
-            "some forces are negative: a load cell that pulls, or one that was not tared.",
+            "some forces are negative: the load cell pulls, or was not tared.",
             hint="Give forces that grow as the taxel is pressed, zero without load.",
         )
     return np.maximum(force[known], 0.0), intensity[known], int(np.count_nonzero(~known))
@@ -308,7 +313,9 @@ def _require_spread(force: np.ndarray, dropped: int) -> None:
         )
     if not np.ptp(force) > 1e-6 * max(float(np.abs(force).max()), 1e-12):
         raise NotIdentifiable(
-            f"all presses have the same force ({force[0]:.3g} N): a curve needs several.", rank=1, missing=("curve",)
+            f"all presses have the same force ({force[0]:.3g} N): a curve needs several forces.",
+            rank=1,
+            missing=("curve",),
         )
 
 
@@ -343,7 +350,7 @@ def _remarks(curve: Curve, why: str = "") -> list[str]:
     if curve.falling:
         said.append("the reading falls as the force grows")
     if np.isfinite(curve.saturation):
-        said.append(f"readings stop at {curve.saturation:g}: what is there is saturated")
+        said.append(f"readings do not go beyond {curve.saturation:g}: readings there are saturated")
     if np.isfinite(curve.hysteresis):
         said.append(f"loading and unloading differ by up to {100 * curve.hysteresis:.1f} % of the span")
     return said

@@ -103,7 +103,9 @@ def _divider(
     force: np.ndarray, reading: np.ndarray, scale: float | None, reference: float | None, record: dict[str, str]
 ) -> Intensity:
     if scale is None or reference is None or not (scale > 0 and reference > 0):
-        raise InputError("a divider needs its full scale and its resistor.", hint="Add --scale 1024 --reference 10.")
+        raise InputError(
+            "a divider needs its full scale and its reference resistor.", hint="Add --scale 1024 --reference 10."
+        )
     known = np.isfinite(force) & np.isfinite(reading)
     layer = np.zeros(np.count_nonzero(known), dtype=np.int64)
     lowest = float(reading[known].min(initial=np.inf))
@@ -140,5 +142,5 @@ def _shape(text: str | None) -> tuple[int, int] | None:
         return None
     rows, _, columns = text.lower().partition("x")
     if not (rows.isdigit() and columns.isdigit() and int(rows) * int(columns)):
-        raise InputError(f"--sheet {text!r} is no size.", hint="Write rows and columns as 6x22.")
+        raise InputError(f"--sheet must be rows and columns, not {text!r}.", hint="Write them as 6x22.")
     return int(rows), int(columns)

@@ -100,7 +100,7 @@ def _best(joints: np.ndarray, force: np.ndarray, signed: np.ndarray) -> Curve:
         except InputError:  # it does not rise
             continue
     if not fits:
-        raise InputError("no two ranges that rise with force fit the log.", where="intensity")
+        raise InputError("no curve of two ranges that rises with force fits the log.", where="intensity")
     return min(fits, key=lambda fit: fit.residual)
 
 
@@ -125,11 +125,11 @@ def chosen(
     if len(choice) == 1 or curve.kind != "polynomial" or len(curve.parameters) > 1:
         return curve, ""
     if np.isinf(errors[0]):
-        reason = f"{len(force)} presses are too few to hold some out, and nothing else could be judged"
+        reason = f"{len(force)} presses are too few to leave some out, so other curves could not be judged"
     elif np.isinf(errors[1:]).all():
         reason = "no other curve rises with force"
     else:
-        reason = "it predicts presses held out best"
+        reason = "it predicts best the presses that were left out"
     return curve, f"the curve is a straight line, a polynomial of degree 1: {reason}"
 
 
@@ -143,7 +143,7 @@ def _choices(kind: str, degree: int | None, force: np.ndarray, signed: np.ndarra
     if kind == "auto":
         return [each for some in known.values() for each in some]
     if kind not in known:
-        raise InputError(f"no kind of curve is called {kind!r}.", hint=f"There is auto, {', '.join(known)}.")
+        raise InputError(f"kind of curve {kind!r} is not known.", hint=f"Use auto, {' or '.join(known)}.")
     return known[kind]
 
 

@@ -198,7 +198,10 @@ class TaxelEstimator(ContactEstimator):
         """Return notes on the body, the baselines and the frames so far, a tuple of sentences."""
         said = list(self.body.notes)
         if self.intensity is None:
-            said.append("no intensity model: a count is taken for a newton (palpate calibrate intensity makes one)")
+            said.append(
+                "there is no intensity model, so a count is taken as a newton: make one with palpate calibrate "
+                "intensity"
+            )
         if self.health is None:
             return tuple(said)
         said += [*self.health.notes, *([self._tared.note] if self._tared.note else [])]
@@ -230,11 +233,11 @@ class TaxelEstimator(ContactEstimator):
         """Use the baseline, noise and bad cells of a `Health` from now on."""
         if health.baseline.shape != (len(self.body),):
             raise InputError(
-                f"the frames examined are of {health.baseline.size} cells, the body has {self.body.named()}.",
+                f"the frames examined have {health.baseline.size} cells, but the body has {self.body.named()}.",
                 where="taxels",
             )
         if not (self.body.usable & health.good).any():
-            raise InputError("no cell is good: all are masked, dead or stuck.", where="taxels")
+            raise InputError("no cell can be used: all are masked, dead or stuck.", where="taxels")
         self.health = health
         self._frames.know(health)
         self.reset()
@@ -251,7 +254,7 @@ class TaxelEstimator(ContactEstimator):
         if known is not None:
             found = replace(found, baseline=known.baseline, noise=known.noise, frames=known.frames)
         else:
-            rest = "cells at rest are found in the log itself; a tare says when nothing touches"
+            rest = "cells at rest are found in the log itself; give a tare to state when nothing touches"
             found = replace(found, notes=(*found.notes, rest))
         self._looked = True
         self._know(found)
@@ -277,6 +280,6 @@ class TaxelEstimator(ContactEstimator):
         """Raise an InputError if the cells' baseline is not known."""
         if self.health is None:
             raise InputError(
-                "what the cells read at rest is not known.",
+                "the readings of the cells at rest are not known.",
                 hint="Give health=examine(...), or call tare with a recording in which nothing touches.",
             )

@@ -89,15 +89,15 @@ class TaxelFrames:
         if drifted.max() > self._settings.on:
             cell = self._name(int(np.argmax(drifted)))
             moved = f"{drifted.max():.0f} deviations of its noise, most at cell {cell}"
-            said.append(f"the rest of cells drifted by up to {moved}; it was followed where nothing touched")
+            said.append(f"readings at rest drifted by up to {moved}; they were followed where nothing touched")
         if self.unusable:
-            said.append(f"{self.unusable} frames could not be used (another size, or no numbers)")
+            said.append(f"{self.unusable} frames could not be used (they have another size, or no numbers)")
         wrapped = [self._name(cell) for cell in np.flatnonzero(self.wrapped).tolist()]
         if wrapped:
             cells = f"{', '.join(wrapped[:5])}{', ...' if len(wrapped) > 5 else ''}"
             said.append(
-                f"readings of {len(wrapped)} cells went over the end of the range and came out at the other "
-                f"({cells}): they were put right where it was clear"
+                f"readings of {len(wrapped)} cells wrapped around from one end of the range to the other "
+                f"({cells}): they were corrected where it was clear"
             )
         return tuple(said)
 

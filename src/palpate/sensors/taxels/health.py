@@ -79,10 +79,10 @@ def examine(recording: Recording, body: TaxelBody, *, seconds: float | None = No
     cells, time = -raw[known] if falling else raw[known], recording.time[known]
     if len(cells) < FEWEST:
         raise InputError(
-            f"{len(cells)} frames of {body.named()} could be read of {len(raw)}; "
-            f"at least {FEWEST} are needed to know the cells at rest.",
+            f"only {len(cells)} of {len(raw)} frames have {body.named()}, and at least {FEWEST} are needed to know the "
+            "cells at rest.",
             where=recording.source,
-            hint="Does the rig state rows and columns as the log has them?",
+            hint="Check that the rig states rows and columns as the log has them.",
         )
     cells, wrapped = _unwrapped(cells, body)
     rest = cells
@@ -97,7 +97,7 @@ def examine(recording: Recording, body: TaxelBody, *, seconds: float | None = No
         raise InputError(
             f"every cell keeps its value in the first {len(cells):,} frames: all cells are stuck.",
             where=recording.source,
-            hint="Are the taxels connected, and are the columns those of their readings?",
+            hint="Check that the taxels are connected, and that the columns are those of their readings.",
         )
     dead = _dead(cells - baseline, noise, still, stuck, body)
     hysteresis = _hysteresis(time, np.where(stuck | dead, 0.0, cells - baseline), noise)
@@ -110,7 +110,7 @@ def examine(recording: Recording, body: TaxelBody, *, seconds: float | None = No
     ]
     if hysteresis > LEFT:
         share = f"{100 * hysteresis:.0f} % of a reading remains {AFTER:g} s after a touch"
-        doubts.append(f"{share}: hysteresis, or slow recovery, by which forces are too large for a while")
+        doubts.append(f"{share}: after it, forces are too large for a while (hysteresis, or slow recovery)")
     baseline = -baseline if falling else baseline
     return Health(frozen(baseline), frozen(noise), dead, stuck, len(rest), tuple(notes), tuple(doubts), hysteresis)
 
@@ -132,9 +132,9 @@ def at_rest(recording: Recording, body: TaxelBody, *, falling: bool = False) -> 
         cell = int(np.argmax(np.where(restless, moved / health.noise, 0.0)))
         raise InputError(
             f"the cells were not at rest during the tare: cell {body.name(cell)} reads up to "
-            f"{np.abs(off[:, cell]).max():.3g} from its rest, and its noise is {health.noise[cell]:.2g}.",
+            f"{np.abs(off[:, cell]).max():.3g} from its rest, and its noise is only {health.noise[cell]:.2g}.",
             where=recording.source,
-            hint="Let nothing touch them meanwhile, or mask a cell that never keeps still.",
+            hint="Let nothing touch them during the tare, or mask cells that never settle.",
         )
     return health
 

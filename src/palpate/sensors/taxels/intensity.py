@@ -69,7 +69,9 @@ class Curve:
         for name in ("parameters", "covariance", "knots"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
         if self.kind not in KINDS:
-            raise InputError(f"a curve is one of {', '.join(KINDS)}, not {self.kind!r}.", where="intensity")
+            raise InputError(
+                f"kind of a curve must be one of {', '.join(KINDS)}, not {self.kind!r}.", where="intensity"
+            )
         if not self.largest > 0:
             raise InputError(f"largest force must be positive, not {self.largest:g} N.", where="intensity")
         forces = np.linspace(0.0, self.largest, 257)
@@ -77,7 +79,7 @@ class Curve:
         if not np.all(steps > 0):
             place = forces[int(np.argmin(np.where(np.isfinite(steps), steps, -np.inf)))]
             raise InputError(
-                f"the {self.kind} curve does not rise at {place:.3g} N, so an intensity there names no force.",
+                f"the {self.kind} curve does not rise at {place:.3g} N, so a reading there determines no force.",
                 where="intensity",
                 hint="Use a lower degree, kind 'monotone', or more presses around that force.",
             )
@@ -199,12 +201,12 @@ class Intensity:
     def __post_init__(self) -> None:
         object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
         if not self.curves:
-            raise InputError("there is no curve.", where="intensity")
+            raise InputError("at least one curve is needed.", where="intensity")
         if self.which is not None:
             which = np.array(self.which, dtype=np.int64)
             if which.ndim not in (1, 2) or which.min() < 0 or which.max() >= len(self.curves):
                 raise InputError(
-                    f"`which` must be curve numbers, a cell each, from 0 to {len(self.curves) - 1}.",
+                    f"`which` must give each cell the number of a curve, from 0 to {len(self.curves) - 1}.",
                     where="intensity",
                 )
             which.flags.writeable = False
@@ -227,7 +229,7 @@ class Intensity:
             return np.zeros(count, dtype=np.int64)
         if self.which.shape not in (shape, (count,)):
             here, there = (" x ".join(map(str, size)) for size in (shape, self.which.shape))
-            raise InputError(f"it was calibrated for {there} cells, not {here}.", where="intensity")
+            raise InputError(f"the model was calibrated for {there} cells, not {here}.", where="intensity")
         return self.which.ravel().copy()
 
     def tables(self) -> tuple[Float[np.ndarray, "c k"], Float[np.ndarray, " c"]]:

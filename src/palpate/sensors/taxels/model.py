@@ -81,7 +81,7 @@ class TaxelBody:
 
     def __post_init__(self) -> None:
         if self.bits is not None and not 1 <= self.bits <= 16:
-            raise InputError(f"bits must lie between 1 and 16, not {self.bits}.", where="taxels")
+            raise InputError(f"bits must be between 1 and 16, not {self.bits}.", where="taxels")
         for value in vars(self).values():
             if isinstance(value, np.ndarray):
                 value.flags.writeable = False
@@ -110,7 +110,7 @@ class TaxelBody:
         """
         rows, columns = place.rows, place.columns
         if rows * columns < 2:
-            raise InputError(f"a sheet of {rows} x {columns} cells is none.", where="taxels")
+            raise InputError(f"a sheet needs rows and columns, not {rows} x {columns} cells.", where="taxels")
         used = _columns_used(place)
         ring = _is_ring(place, used)
         row, column = (part[:, None] for part in np.divmod(np.arange(rows * columns), columns))
@@ -124,13 +124,15 @@ class TaxelBody:
         for cell in masked:
             if not (0 <= cell[0] < rows and 0 <= cell[1] < columns):
                 raise InputError(
-                    f"cell {tuple(cell)} is masked, but there are {rows} x {columns}, counted from 0.", where="taxels"
+                    f"masked cell {tuple(cell)} does not exist: the sheet has {rows} x {columns} cells, counted from "
+                    "0.",
+                    where="taxels",
                 )
             usable[cell[0] * columns + cell[1]] = False
         notes = list(place.notes)
         if used < columns:
             notes.append(
-                f"the last {columns - used} of {columns} columns lie over others and are left out: a press there is "
+                f"the last {columns - used} of {columns} columns overlap others and are left out: a press there is "
                 "felt twice"
             )
         if ring:
@@ -187,7 +189,9 @@ class TaxelBody:
         usable = np.ones(count, dtype=bool)
         for taxel in masked:
             if not 0 <= taxel < count:
-                raise InputError(f"taxel {taxel} is masked, but there are {count}, from 0.", where="taxels")
+                raise InputError(
+                    f"masked taxel {taxel} does not exist: there are {count}, counted from 0.", where="taxels"
+                )
             usable[taxel] = False
         between = _between(neighbours, away, points)
         return cls(points, outward, covered, spacing, tangents, neighbours, steps, between, usable, bits)
@@ -221,7 +225,9 @@ class TaxelBody:
         numbers = np.flatnonzero(np.isfinite(points).all(axis=1))
         for taxel in masked:
             if not 0 <= taxel < len(points):
-                raise InputError(f"taxel {taxel} is masked, but there are {len(points)}, from 0.", where="taxels")
+                raise InputError(
+                    f"masked taxel {taxel} does not exist: there are {len(points)}, counted from 0.", where="taxels"
+                )
         left = np.flatnonzero(np.isin(numbers, masked)).tolist()
         body = cls.anywhere(points[numbers], outward[numbers], bits=bits, masked=left)
         if covariance is not None:
@@ -266,7 +272,7 @@ class TaxelBody:
         cells = self.picked(recording.channels[CELLS])
         if cells.shape[1:] not in (self.shape, (len(self),)):
             size = " x ".join(map(str, cells.shape[1:]))
-            raise InputError(f"holds frames of {size} cells; the body has {self.named()}.", where=recording.source)
+            raise InputError(f"has frames of {size} cells, but the body has {self.named()}.", where=recording.source)
         rows = np.ascontiguousarray(cells).reshape(len(cells), -1).view()
         if np.nanmax(np.abs(rows), initial=0.0) > LARGEST:  # a fault of the log
             rows = np.where(np.abs(rows) <= LARGEST, rows, np.nan)
@@ -332,7 +338,7 @@ def _placed(positions: ArrayLike, normals: ArrayLike) -> tuple[Float[np.ndarray,
         raise InputError(f"positions {points.shape} and normals {outward.shape} must both be (k, 3).", where="taxels")
     length = np.linalg.norm(outward, axis=1, keepdims=True)
     if not (np.isfinite(points).all() and np.isfinite(length).all() and (length > 0).all()):
-        raise InputError("positions and normals must be numbers, and no normal 0.", where="taxels")
+        raise InputError("positions and normals must be finite, and normals must not be 0.", where="taxels")
     return points, outward / length, len(points)
 
 
@@ -346,9 +352,11 @@ def _paired(
     query: tuple[Any, Any] = tree.query(points, k=min(_NEAR, len(points)))
     far, which = query
     if not np.isfinite(far).all():
-        raise InputError("the taxels lie too far apart to know neighbours: positions are in metres.", where="taxels")
+        raise InputError(
+            "the taxels are too far from each other to have neighbours: positions must be in metres.", where="taxels"
+        )
     if (far[:, 1] == 0).any():
-        raise InputError(f"two taxels are at one place: {int(which[far[:, 1] == 0][0, 0])}.", where="taxels")
+        raise InputError(f"taxel {int(which[far[:, 1] == 0][0, 0])} is at the place of another taxel.", where="taxels")
     facing = np.einsum("kc,kjc->kj", normals, normals[which]) > 0
     near = np.sort(np.where(facing & (far > 0), far, np.inf), axis=1)[:, 1:3]  # the second and the third
     alike = np.isfinite(near).all(axis=1)

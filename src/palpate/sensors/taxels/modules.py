@@ -39,7 +39,9 @@ class ModuleLayout(Value):
         module.flags.writeable = False
         object.__setattr__(self, "module", module)
         if len(module) != len(self.places):
-            raise InputError(f"{len(self.places)} places and {len(module)} modules differ.", where="layout")
+            raise InputError(
+                f"{len(self.places)} places need {len(self.places)} module numbers, not {len(module)}.", where="layout"
+            )
 
     def __len__(self) -> int:
         return len(self.places)
@@ -57,7 +59,7 @@ class ModuleLayout(Value):
             InputError: a number of modules that is negative or above 10,000.
         """
         if not 0 <= modules <= _MOST:
-            raise InputError(f"modules must be at most {_MOST:,}, not {modules}.")
+            raise InputError(f"modules must be from 0 to {_MOST:,}, not {modules}.")
         return cls(np.tile(places, (modules, 1)), np.repeat(np.arange(modules), len(places)))
 
     @classmethod

@@ -117,13 +117,13 @@ def _checked(places: TaxelPlaces, path: Path) -> TaxelPlaces:
     """Return the places; raise an InputError if there are none, or the skin is larger than 10 m."""
     there = places.positions[places.there]
     if not len(there):
-        raise InputError("holds no taxel.", where=str(path))
+        raise InputError("has no taxels.", where=str(path))
     across = float(np.ptp(there, axis=0).max())
     if across > _LARGEST:
         raise InputError(
-            f"holds taxels that are up to {across:.3g} m apart.",
+            f"has taxels up to {across:.3g} m from each other, which is too far.",
             where=str(path),
-            hint="Are the numbers in mm? They are taken for metres; a table states another unit as x [mm].",
+            hint="Write the numbers in metres; a table may state another unit, as x [mm].",
         )
     return places
 
@@ -142,9 +142,9 @@ def _read_icub(content: bytes, path: Path) -> TaxelPlaces:
         try:
             groups = np.array([int(part) for part in match[1].split()], dtype=np.int64)
         except ValueError as problem:
-            raise InputError("taxel2Repr holds something else than whole numbers.", where=str(path)) from problem
+            raise InputError("taxel2Repr must be whole numbers.", where=str(path)) from problem
         if len(groups) < len(rows) or (groups[len(rows) :] >= 0).any():  # it may go on with numbers of no taxel
-            raise InputError(f"has {len(rows)} rows, and taxel2Repr {len(groups)} numbers.", where=str(path))
+            raise InputError(f"has {len(rows)} rows, but taxel2Repr has {len(groups)} numbers.", where=str(path))
         groups = groups[: len(rows)]
         there &= groups >= 0
     positions = np.where(there[:, None], rows[:, :3], np.nan)
@@ -167,7 +167,7 @@ def _rows(text: str, offset: int, path: Path) -> Float[np.ndarray, "k 6"]:
         except ValueError:
             values = []
         if len(values) != 6 or not np.isfinite(values).all():
-            raise InputError("is not x y z nx ny nz.", where=f"{path}, line {number}")
+            raise InputError("must be six numbers, x y z nx ny nz.", where=f"{path}, line {number}")
         found.append(values)
     return np.array(found, dtype=np.float64).reshape(-1, 6)
 
@@ -194,7 +194,7 @@ def _unit_normals(
         deep = float(np.ptp(positions[known] @ one))
         if np.abs(unit[known] - one).max() < 1e-9 and deep > _FLAT:
             said = f"all normals are ({', '.join(f'{part + 0.0:g}' for part in one)})"
-            why = f"though the taxels lie {1e3 * deep:.3g} mm deep along it: they are not used"
+            why = f"though the taxels extend {1e3 * deep:.3g} mm along it: the normals are not used"
             return np.full_like(unit, np.nan), (f"{said}, {why}",)
     return unit, ()
 
@@ -207,15 +207,16 @@ def _read_table(path: Path) -> TaxelPlaces:
     columns = {split_unit(name)[0].strip().lower(): name for name in reversed(table.names)}
     if not columns.keys() >= set(_PLACES):
         raise InputError(
-            f"holds no places of taxels: there is {', '.join(table.names[:12])}.",
+            f"has no places of taxels: its columns are {', '.join(table.names[:12])}.",
             where=str(path),
-            hint="x,y,z[,nx,ny,nz][,module], iCub's x y z nx ny nz, or a model of `palpate calibrate taxels`.",
+            hint="Give columns x,y,z[,nx,ny,nz][,module], iCub's x y z nx ny nz, or a model of `palpate calibrate "
+            "taxels`.",
         )
     stated = Stated.of_dialect(table.dialect).units
     units = [stated.get(columns[name], "") or "m" for name in _PLACES]
     if len({*units}) > 1 or units[0] not in UNITS:
-        hint = f"One of {', '.join(UNITS)}, for all three."
-        raise InputError(f"x, y, z are in {', '.join(units)}.", where=str(path), hint=hint)
+        hint = f"Write one of {', '.join(UNITS)}, the same for all three."
+        raise InputError(f"x, y, z must be in one known unit, not in {', '.join(units)}.", where=str(path), hint=hint)
     positions = UNITS[units[0]] * table.numbers([columns[name] for name in _PLACES], strict=True)[0]
     normals = np.full_like(positions, np.nan)
     if columns.keys() >= set(_NORMALS):
@@ -235,7 +236,7 @@ def _read_urdf(content: bytes, path: Path) -> TaxelPlaces:
     try:
         root = ElementTree.fromstring(b"<fragment>" + re.sub(rb"<\?xml.*?\?>", b"", content) + b"</fragment>")
     except ElementTree.ParseError as problem:
-        raise InputError(f"is no XML that can be read ({problem}).", where=str(path)) from problem
+        raise InputError(f"cannot be read as XML ({problem}).", where=str(path)) from problem
     numbered, modules = dict[int, np.ndarray](), dict[int, int]()
     for joint in root.iter("joint"):
         child, origin = joint.find("child"), joint.find("origin")
@@ -252,7 +253,7 @@ def _read_urdf(content: bytes, path: Path) -> TaxelPlaces:
                 where=str(path),
             ) from problem
     if not numbered:
-        raise InputError("holds no frames of taxels.", where=str(path), hint="They are links named ..._taxel_0, ...")
+        raise InputError("has no frames of taxels.", where=str(path), hint="Name their links ..._taxel_0, ..._taxel_1.")
     positions, normals = np.full((2, max(numbered) + 1, 3), np.nan)
     for number, (xyz, (roll, pitch, yaw)) in numbered.items():
         positions[number] = xyz

@@ -58,7 +58,9 @@ class TaxelPlaces(Value):
             if name in unknown and not given.size:
                 given = np.full((count, *tail), unknown[name])
             if given.shape != (count, *tail):
-                raise InputError(f"{name} of shape {given.shape} does not belong to {count} taxels.", where="taxels")
+                raise InputError(
+                    f"{name} must be given for each of {count} taxels, not in shape {given.shape}.", where="taxels"
+                )
             array = np.array(given, dtype=np.int64) if name in ("module", "pokes") else frozen(given)
             array.flags.writeable = False
             object.__setattr__(self, name, array)

@@ -25,7 +25,7 @@ def _taxel_places(taxels: Float[np.ndarray, "k 15"], **rest: Any) -> TaxelPlaces
     covariance[:, _UPPER[0], _UPPER[1]] = covariance[:, _UPPER[1], _UPPER[0]] = taxels[:, 9:]
     known = covariance[np.isfinite(covariance).all(axis=(1, 2))]
     if len(known) and (np.linalg.eigvalsh(known)[:, 0] < -1e-6 * np.trace(known, axis1=1, axis2=2)).any():
-        raise ValueError("some covariance of a taxel has a negative variance")
+        raise ValueError("the covariance of a taxel must not have a negative variance")
     module, pokes = whole.astype(np.int64).T
     return TaxelPlaces(taxels[:, :3], taxels[:, 3:6], covariance, module, pokes, taxels[:, 8], **rest)
 

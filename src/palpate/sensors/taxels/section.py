@@ -91,17 +91,19 @@ class RigSkin:
         for name in ("map", "taxels"):
             require_path(name, getattr(self, name))
         if self.map is not None and (self.taxels is not None or self.count is not None):
-            raise ValueError("map is of a sheet, taxels and count are of taxels anywhere: state one of them")
+            raise ValueError(
+                "map, taxels and count exclude each other: map is for a sheet, taxels and count for taxels anywhere"
+            )
         if self.map is None and self.taxels is None and self.count is None:
-            raise ValueError("map is missing: a file of where the cells of a sheet sit; or taxels, a file of taxels")
+            raise ValueError("map or taxels is missing: a file of the places of a sheet's cells, or a file of taxels")
         if self.map is None and (self.rows or self.columns):
-            raise ValueError("rows and columns are of a sheet, which needs a map")
+            raise ValueError("rows and columns are for a sheet, which needs a map")
         if self.count is not None and self.count < 1:
             raise ValueError("count must be positive")
         if any(isinstance(cell, int) == (self.map is not None) for cell in self.masked):
-            raise ValueError("masked cells are [row, column] of a sheet, and numbers of taxels")
+            raise ValueError("masked must be [row, column] of cells of a sheet, or numbers of taxels")
         if not 0 <= self.bits <= 16:
-            raise ValueError(f"bits must lie between 1 and 16, or be 0 for floats, not {self.bits}")
+            raise ValueError(f"bits must be between 1 and 16, or 0 for floats, not {self.bits}")
         require_positive(self, "rate", "tare")
 
 
@@ -121,13 +123,13 @@ class SkinSection(SensorSection):
                 states.
         """
         if self.table.map is None:
-            raise InputError("the rig's [skin] is no sheet: it has no map.", where="skin.map")
+            raise InputError("the rig's [skin] is not a sheet: it has no map.", where="skin.map")
         path = self.link.folder / self.table.map
         found = read_skin_map(path)
         rows, columns = self.table.rows or found.rows, self.table.columns or found.columns
         if (rows, columns) != (found.rows, found.columns):
             raise InputError(
-                f"maps {found.rows} x {found.columns} cells, but the rig's [skin] says {rows} x {columns}.",
+                f"maps {found.rows} x {found.columns} cells, but the rig's [skin] states {rows} x {columns}.",
                 where=str(path),
                 hint="Make the map for this sheet with palpate map skin --sheet.",
             )
@@ -149,21 +151,22 @@ class SkinSection(SensorSection):
         table, link = self.table, self.link
         if table.taxels is None:
             raise InputError(
-                "the rig's [skin] says how many taxels there are, but not where.",
+                "the rig's [skin] states the number of taxels, but not their places.",
                 where="skin.taxels",
-                hint="`palpate calibrate taxels` finds that from pokes: name what it writes, taxels = FILE.",
+                hint="Run `palpate calibrate taxels` on a log of pokes, then name its file: taxels = FILE.",
             )
         path, places = link.folder / table.taxels, self._read
         if table.count not in (None, len(places)):
-            raise InputError(f"is of {len(places)} taxels, but count = {table.count} in [skin].", where=str(path))
+            raise InputError(f"has {len(places)} taxels, but count = {table.count} in [skin].", where=str(path))
         lacking = places.there & ~np.isfinite(places.normals).all(axis=1)
         if not lacking.any():
             return places
         if link.stated is None:
             raise InputError(
-                f"does not say which way {np.count_nonzero(lacking)} of {np.count_nonzero(places.there)} taxels face.",
+                f"does not state the normals of {np.count_nonzero(lacking)} of {np.count_nonzero(places.there)} "
+                "taxels.",
                 where=str(path),
-                hint="Name the link's mesh in [surface]: its normals are taken then.",
+                hint="Name the link's mesh in [surface], from which they are then taken.",
             )
         normals = places.normals.copy()
         normals[lacking] = link.surface().project(places.positions[lacking])[1]
@@ -237,7 +240,7 @@ def _build(setup: Setup) -> BuiltEstimator:
     made = BuiltEstimator(estimator, notes=noted_filter(smooth, rate), settings=dict(vars(setup.contacts)))
     if tare is None:
         made.notes.append(
-            "cells at rest are found in the log itself; tare = seconds in [skin] says when nothing touches"
+            "cells at rest are found in the log itself; write tare = SECONDS in [skin] if nothing touches at its start"
         )
     return made
 
@@ -270,7 +273,7 @@ def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | 
         wrench=None,
         arrays=(ArrayChannel(CELLS, shape, cells, table="skin"),),
     )
-    why = f"{len(cells)} columns beside the time look like cells"
+    why = f"{len(cells)} columns in addition to the time look like cells"
     return _guessed(shape, why, layout, named, (guess.time_table(time, guess.time_unit(time)), orientation))
 
 

@@ -59,7 +59,7 @@ def trap_layout(kind: str) -> ArenaLayout:
         sides = tuple(Block(1.5, y, 0.0, (0.5, 0.5 - 0.5 * half)) for y in (0.5 - 0.5 * half, 1.5 + 0.5 * half))
         starts, goals = [[0.4, 0.6, 0.0], [0.4, 1.4, 0.0]], [[2.6, 1.4], [2.6, 0.6]]
         return ArenaLayout(_FIELD, sides, np.array(starts), np.array(goals), "trap corridor")
-    raise InputError(f'there is no trap "{kind}"', where="arena", hint=f"Choose one of {', '.join(TRAPS)}.")
+    raise InputError(f'the trap "{kind}" is unknown.', where="arena", hint=f"Choose one of {', '.join(TRAPS)}.")
 
 
 def _wall_with_gaps(x: float, *gaps: tuple[float, float]) -> tuple[Block, ...]:

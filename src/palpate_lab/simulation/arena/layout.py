@@ -42,13 +42,13 @@ class Block:
             InputError: a number is not finite, or a side, the mass or the friction is not positive.
         """
         if not all(-inf < value < inf for value in (self.x, self.y, self.turn)):
-            raise InputError(f"x, y and turn must be finite, not {self.x}, {self.y}, {self.turn}", where="block")
+            raise InputError(f"x, y and turn must be finite, not {self.x}, {self.y}, {self.turn}.", where="block")
         if not all(0.0 < side < inf for side in self.half):
-            raise InputError(f"half must be two positive lengths, not {self.half}", where="block")
+            raise InputError(f"half must be two positive lengths, not {self.half}.", where="block")
         if self.mass is not None and not 0.0 < self.mass < inf:
-            raise InputError(f"mass must be positive, or None for a fixed block, not {self.mass}", where="block")
+            raise InputError(f"mass must be positive, or None for a fixed block, not {self.mass}.", where="block")
         if not 0.0 < self.friction < inf:
-            raise InputError(f"friction must be positive, not {self.friction}", where="block")
+            raise InputError(f"friction must be positive, not {self.friction}.", where="block")
 
     @property
     def reach(self) -> float:
@@ -110,12 +110,12 @@ class ArenaLayout(Value):
         starts, goals = (np.array(values, dtype=float) for values in (self.starts, self.goals))
         if starts.ndim != 2 or starts.shape[1] != 3 or not len(starts) or goals.shape != (len(starts), 2):
             raise InputError(
-                f"starts must be (n, 3) and goals (n, 2), not {starts.shape} and {goals.shape}", where="layout"
+                f"starts must be (n, 3) and goals (n, 2), not {starts.shape} and {goals.shape}.", where="layout"
             )
         if not (np.isfinite(starts).all() and np.isfinite(goals).all()):
-            raise InputError("starts and goals must be finite", where="layout")
+            raise InputError("starts and goals must be finite.", where="layout")
         if not all(0.0 < side < inf for side in self.size):
-            raise InputError(f"size must be two positive lengths, not {self.size}", where="layout")
+            raise InputError(f"size must be two positive lengths, not {self.size}.", where="layout")
         object.__setattr__(self, "starts", frozen(starts))
         object.__setattr__(self, "goals", frozen(goals))
 

@@ -63,9 +63,9 @@ def _require_apart(layout: ArenaLayout, points: Float[np.ndarray, "n 2"], radius
     apart = np.linalg.norm(points[:, None] - points, axis=2) + 2 * radius * np.tri(len(points))
     for i, k in np.argwhere(apart < 2 * radius).tolist():
         raise InputError(
-            f"the {word}s of robots {i + 1} and {k + 1} are {apart[i, k] * 1e3:.0f} mm apart, in each other.",
+            f"the {word}s of robots {i + 1} and {k + 1} overlap, at a distance of {apart[i, k] * 1e3:.0f} mm.",
             where=_where(layout),
-            hint=f"Keep them {2e3 * radius:.0f} mm apart.",
+            hint=f"Keep a distance of at least {2e3 * radius:.0f} mm.",
         )
 
 

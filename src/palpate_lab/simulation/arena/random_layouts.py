@@ -37,10 +37,10 @@ def random_layout(seed: int, robots: int = 4, density: str = "paper") -> ArenaLa
     """
     if density not in DENSITIES:
         raise InputError(
-            f'there is no density "{density}"', where="arena", hint=f"Choose one of {', '.join(DENSITIES)}."
+            f'the density "{density}" is unknown.', where="arena", hint=f"Choose one of {', '.join(DENSITIES)}."
         )
     if robots < 1 or seed < 0:
-        raise InputError(f"an arena needs a robot and a seed of 0 or more, not {robots} and {seed}", where="arena")
+        raise InputError(f"robots must be 1 or more and seed 0 or more, not {robots} and {seed}.", where="arena")
     rng = np.random.default_rng([seed, 18])
     for _ in range(_DRAWS):
         layout = _drawn(rng, robots, DENSITIES[density], f"{density} {seed}")
@@ -52,7 +52,7 @@ def random_layout(seed: int, robots: int = 4, density: str = "paper") -> ArenaLa
             continue
         return layout
     raise InputError(
-        f"none of {_DRAWS} arenas can be solved", where=f"arena {density} {seed}", hint="Take another seed."
+        f"none of {_DRAWS} random arenas can be solved.", where=f"arena {density} {seed}", hint="Take another seed."
     )
 
 

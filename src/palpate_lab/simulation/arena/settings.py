@@ -46,6 +46,6 @@ class RobotSettings:
         """
         for name in ("radius", "mass", "track", "grip", "stiffness", "loss", "friction"):
             if not 0.0 < getattr(self, name) < inf:
-                raise InputError(f"{name} must be positive, not {getattr(self, name)}", where="robot")
+                raise InputError(f"{name} must be positive, not {getattr(self, name)}.", where="robot")
         if not 0.0 <= self.uneven < 0.5:
-            raise InputError(f"uneven must be a share from 0 to 0.5, not {self.uneven}", where="robot")
+            raise InputError(f"uneven must be a share from 0 to 0.5, not {self.uneven}.", where="robot")

@@ -48,9 +48,9 @@ def choose_renderer() -> None:
 
 def _no_picture() -> InputError:
     return InputError(
-        "nothing here can draw without a screen, neither EGL nor OSMesa.",
+        "needs EGL or OSMesa to draw without a screen, and neither works here.",
         where="--film",
-        hint="Install libegl1 or libosmesa6, or set MUJOCO_GL to what there is.",
+        hint="Install libegl1 or libosmesa6, or set MUJOCO_GL to what the system has.",
     )
 
 

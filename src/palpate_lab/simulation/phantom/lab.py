@@ -95,15 +95,15 @@ class LabSettings:
         """
         for rate in (self.sensor_rate, self.robot_rate):
             if rate < 1 or 1000 % rate:
-                raise InputError(f"a rate must divide the 1000 Hz of the physics, not {rate} Hz")
+                raise InputError(f"a rate must divide the 1000 Hz of the physics, not {rate} Hz.")
         for name in ("stiffness", "lag", "acceleration", "bandwidth"):
             if not 0.0 < getattr(self, name) < np.inf:
-                raise InputError(f"{name} must be positive, not {getattr(self, name)}")
+                raise InputError(f"{name} must be positive, not {getattr(self, name)}.")
         for name in ("loss", "friction", "shear", "force_noise", "torque_noise", "delay_cycles", "extra_delay"):
             if not 0.0 <= getattr(self, name) < np.inf:
-                raise InputError(f"{name} must not be negative, but is {getattr(self, name)}")
+                raise InputError(f"{name} must not be negative, but is {getattr(self, name)}.")
         if not 0.0 <= self.lost < 1.0:
-            raise InputError(f"lost must be a share from 0 to 1, not {self.lost}")
+            raise InputError(f"lost must be a share from 0 to 1, not {self.lost}.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,7 +246,7 @@ class PhantomLab:
             InputError: not six finite numbers.
         """
         if joints.shape != (len(LINKS),) or not np.isfinite(joints).all():
-            raise InputError(f"a command must be {len(LINKS)} finite angles, not {joints}")
+            raise InputError(f"a command must be {len(LINKS)} finite angles, not {joints}.")
         np.clip(joints, -_LIMITS, _LIMITS, out=self._newest)
 
     def step(self) -> Reading:
@@ -354,7 +354,7 @@ class PhantomLab:
             damped: np.ndarray = jacobian @ jacobian.T + 1e-3 * size * np.eye(6)
             solved: np.ndarray = np.linalg.solve(damped, error)
             data.qpos += np.clip(jacobian.T @ solved, -radians(10), radians(10))
-        raise InputError(f"the arm cannot stand over {self.settings.place}", where="moving phantom")
+        raise InputError(f"the arm cannot reach a pose over {self.settings.place}.", where="moving phantom")
 
     def _advance(self) -> None:
         """Advance the physics by one step; measurements in it belong to its beginning."""

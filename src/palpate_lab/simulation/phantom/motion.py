@@ -170,7 +170,7 @@ def _along(direction: str, profile: Profile, begin: float) -> SurfaceMotion:
         return SurfaceMotion(in_plane=profile, begin=begin)
     if direction == "out-of-plane":
         return SurfaceMotion(out_of_plane=profile, begin=begin)
-    raise InputError(f"there is no direction {direction!r}", hint="Known: vertical, in-plane, out-of-plane.")
+    raise InputError(f"the direction {direction!r} is unknown.", hint="Use vertical, in-plane or out-of-plane.")
 
 
 MOTIONS = ("still", "vertical", "in-plane", "out-of-plane", "breathing", "unplanned")
@@ -189,7 +189,7 @@ def motion(name: str, *, period: float | None = None, seed: int = 0, begin: floa
         InputError: no such motion, or a period that is not positive.
     """
     if period is not None and not 0.0 < period < np.inf:
-        raise InputError(f"a period must be a positive number of seconds, not {period:g}")
+        raise InputError(f"a period must be a positive number of seconds, not {period:g}.")
     if name == "still":
         return SurfaceMotion(begin=begin)
     if name == "breathing":
@@ -197,6 +197,6 @@ def motion(name: str, *, period: float | None = None, seed: int = 0, begin: floa
     if name == "unplanned":
         return unplanned(seed, step_at=10.0, begin=begin)
     if name not in MOTIONS:
-        raise InputError(f"there is no motion {name!r}.", hint=f"Known: {', '.join(MOTIONS)}.")
+        raise InputError(f"the motion {name!r} is unknown.", hint=f"Use one of {', '.join(MOTIONS)}.")
     amplitude = 0.010 if name == "vertical" else radians(10.0)
     return _along(name, Sine(amplitude, period or 10.0), begin)

@@ -90,7 +90,7 @@ def probe(name: str, spacing: float = 0.001) -> Probe:
         InputError: no probe of that name.
     """
     if name not in PROBES:
-        raise InputError(f"there is no probe {name!r}.", hint=f"Known: {', '.join(PROBES)}.")
+        raise InputError(f"the probe {name!r} is unknown.", hint=f"Use one of {', '.join(PROBES)}.")
     shape = PROBES[name]
     face, loop = _face(shape), _loop(shape, spacing)
     along, across = _edges(shape, spacing)

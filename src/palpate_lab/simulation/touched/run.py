@@ -125,7 +125,7 @@ def simulate_presses(
     """
     settings = settings or ForearmSettings()
     if configurations < 1 or not settle > 0:
-        raise InputError(f"there must be configurations, and time to settle, not {configurations} and {settle} s")
+        raise InputError(f"configurations must be 1 or more and settle above 0 s, not {configurations} and {settle} s.")
     touches = plan_presses(settings, rng, configurations, settle)
     seconds = settings.quiet + configurations * period(settle) + 0.1
     made = _run(replace(settings, seconds=seconds), touches, seconds, rng, watch)

@@ -97,23 +97,23 @@ class ForearmSettings:
         """
         for rate in (self.wrench_rate, self.skin_rate):
             if rate < 1 or STEP_RATE % rate:
-                raise InputError(f"a rate must divide the {STEP_RATE} Hz of the physics, not {rate} Hz")
+                raise InputError(f"a rate must divide the {STEP_RATE} Hz of the physics, not {rate} Hz.")
         if not 1 <= self.touches <= 5:
-            raise InputError(f"1 to 5 touches at once are simulated, not {self.touches}")
+            raise InputError(f"touches must be from 1 to 5, not {self.touches}.")
         for name in ("seconds", "mass", "friction", "stiffness", "modulus"):
             if not 0.0 < getattr(self, name) < inf:
-                raise InputError(f"{name} must be positive, not {getattr(self, name)}")
+                raise InputError(f"{name} must be positive, not {getattr(self, name)}.")
         for name in ("quiet", "lean", "drags", "unseen", "margin", "spacing", "force_noise", "torque_noise", "unequal"):
             if not 0.0 <= getattr(self, name) < inf:
-                raise InputError(f"{name} must not be negative, but is {getattr(self, name)}")
+                raise InputError(f"{name} must not be negative, but is {getattr(self, name)}.")
         for name in ("force", "radius"):
             least, most = getattr(self, name)
             if not 0.0 < least <= most < inf:
-                raise InputError(f"{name} must be two positive numbers, the larger one last, not {least}, {most}")
+                raise InputError(f"{name} must be two positive numbers, the larger one last, not {least}, {most}.")
         if not 0.0 < self.sheet.radius < inf:
-            raise InputError("the sheet must lie round a cylinder")
+            raise InputError("the sheet must be wrapped round a cylinder, so its radius must be positive and finite.")
         if self.unseen > 0.0 and self.bare < 0.03:
-            raise InputError("touches beside the sheet need 30 mm of bare cylinder")
+            raise InputError("touches next to the sheet (unseen) need 30 mm of bare cylinder.")
 
     @property
     def covered(self) -> float:

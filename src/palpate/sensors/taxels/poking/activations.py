@@ -125,7 +125,8 @@ class AnswerReader:
             raise InputError(
                 f"{np.count_nonzero(stuck)} of {len(stuck)} taxels answer nearly always, or never return to rest.",
                 where="frames",
-                hint="Is the threshold in the rig's [pokes] too low, or do readings fall under load (falling curves)?",
+                hint="Raise the threshold in the rig's [pokes], or name an intensity with falling curves if readings "
+                "fall under load.",
             )
         kept = ~stuck[taxel]
         fell = self._first - self._rest > FELL * self._delta
@@ -144,7 +145,7 @@ class AnswerReader:
         """Find baseline and noise in the first frames, then read these frames."""
         count = sum(len(each) for each, _ in self._head)
         if count < FEWEST:
-            raise InputError(f"has {count} frames of taxels; at least {FEWEST} are needed.", where="frames")
+            raise InputError(f"has {count} frames of taxels, and at least {FEWEST} are needed.", where="frames")
         values = np.concatenate([each for _, each in self._head])[:HEAD]
         whole = values.dtype.kind in "iu" or bool((values == np.rint(values)).all())
         cells = self._sign * values.astype(np.float64)
@@ -165,7 +166,7 @@ class AnswerReader:
 
     def _read(self, time: Float[np.ndarray, " n"], values: np.ndarray) -> None:
         if values.shape[1] != len(self._rest):
-            what = f"frames of {values.shape[1]} taxels follow frames of {len(self._rest)}."
+            what = f"a frame has {values.shape[1]} taxels, but the first frames have {len(self._rest)}."
             raise InputError(what, where="frames")
         for start in range(0, len(time), PIECE):
             piece = slice(start, min(start + PIECE, len(time)))
@@ -198,7 +199,9 @@ class AnswerReader:
             said.append(f"taxel {who} answers nearly all the time, or never returns to rest, and is left out")
         if fell.any() and not stuck.all():
             who = _listed(np.flatnonzero(fell).tolist())
-            said.append(f"the rest of taxel {who} falls after the log begins: was it touched then?")
+            said.append(
+                f"the reading at rest of taxel {who} falls after the log begins: make sure that nothing touched it then"
+            )
         if self._back:
             said.append(f"{self._back} frames of taxels are not later than those before them, and are left out")
         return said

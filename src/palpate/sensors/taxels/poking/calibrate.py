@@ -84,11 +84,11 @@ def calibrate_taxels(
         NotIdentifiable: too few pokes; the message names what cannot be known.
     """
     if method not in METHODS:
-        raise InputError(f"there is no method {method!r}.", where="method", hint=f"Use one of {', '.join(METHODS)}.")
+        raise InputError(f"{method!r} is not known.", where="method", hint=f"Use one of {', '.join(METHODS)}.")
     for name, given in (("layout", layout), ("start", start)):
         if given is not None and len(given) != pokes.taxels:
             raise InputError(
-                f"the {name} has {len(given)} taxels, the pokes are of {pokes.taxels}: it is of another skin.",
+                f"the {name} has {len(given)} taxels, but the pokes have {pokes.taxels}: it belongs to another skin.",
                 where=name,
             )
     believed = int(np.count_nonzero(pokes.weight > 0))
@@ -101,7 +101,9 @@ def calibrate_taxels(
     if method in ("taxels", "modules"):
         return _together(pokes, method == "modules", surface, start, layout, priors or Priors())
     if method == "surface" and surface is None:
-        raise InputError("this method needs the link's surface.", where="method", hint="Give one, or use 'weighted'.")
+        raise InputError(
+            "this method needs the link's surface.", where="method", hint="Give a surface, or use 'weighted'."
+        )
     return _each(pokes, method, surface)
 
 
@@ -126,7 +128,7 @@ def _each(pokes: Pokes, method: str, surface: Surface | None) -> TaxelCalibratio
     inverse = 1.0 / np.maximum(values, 1e-6 * np.maximum(values[:, -1:], 1e-12))
     covariance[rows] = np.einsum("k,kia,ka,kja->kij", variance[rows], axes, inverse, axes)
     places = TaxelPlaces(points, normals, covariance, pokes=pokes.counts())
-    doubt = "covariances are of each taxel for itself: errors that all pokes share are not in them"
+    doubt = "covariances are those of single taxels: they do not include errors that all pokes share"
     residual = np.full((len(pokes), 3), np.nan)
     used = int(np.count_nonzero(pokes.weight > 0))
     return TaxelCalibration(places, residual, used, 1.0, notes=_untouched(places), warnings=(doubt,))
@@ -161,9 +163,9 @@ def _together(
     solution = solve(pokes, units, priors, start=begun, deviations=deviations)
     if solution.noise > ASTRAY:
         raise InputError(
-            f"torques are {solution.noise:.0f} times farther off than noise explains, wherever the taxels are.",
+            f"torques are off by {solution.noise:.0f} times what noise explains, wherever the taxels are.",
             where="pokes",
-            hint="Look at axes, signs and units of the wrench, and at the link's frame in the sensor's.",
+            hint="Check axes, signs and units of the wrench, and the link's frame in the sensor's.",
         )
     left = validated(pokes, solution, priors, start=begun, deviations=deviations)
     solution = replace(solution, covariance=left.widening * solution.covariance)
@@ -202,8 +204,8 @@ def _found(pokes: Pokes, layout: ModuleLayout, surface: Surface | None) -> Units
     lacking = [str(number) for number in np.flatnonzero(count < FEWEST).tolist()]
     if lacking:
         raise NotIdentifiable(
-            f"fewer than {FEWEST} taxels answered on modules {', '.join(lacking[:NAMED])}: where they are cannot be "
-            "known. Poke them, or start from CAD.",
+            f"fewer than {FEWEST} taxels answered on modules {', '.join(lacking[:NAMED])}: their places cannot be "
+            "found. Poke them, or start from CAD.",
             rank=layout.modules - len(lacking),
             missing=tuple(f"module {number}" for number in lacking),
         )
@@ -221,7 +223,7 @@ def _require_unmirrored(pokes: Pokes, layout: ModuleLayout, surface: Surface | N
     stated, mirrored = (float(np.average(np.sum(each**2, axis=1), weights=weight * known)) for each in away)
     if mirrored < MIRRORED * stated:
         raise InputError(
-            f"the layout of the modules is mirrored: taxels lie {1e3 * stated**0.5:.1f} mm from it (rms), and "
+            f"the layout of the modules is mirrored: taxels are {1e3 * stated**0.5:.1f} mm from it (rms), and "
             f"{1e3 * mirrored**0.5:.1f} mm from the same seen from the other side.",
             where="layout",
             hint="Layouts are seen from outside: change the sign of one of their coordinates.",
@@ -298,12 +300,12 @@ def _doubts(pokes: Pokes, solution: PlacesSolution) -> tuple[str, ...]:
     said = list[str]()
     if pokes.configurations < 2:
         said.append(
-            "there is one arm configuration only: the sensor's bias and the error of the link's frame cannot be told "
-            "from a shift of all taxels; places to each other are as good as before"
+            "there is only one arm configuration: the sensor's bias and the error of the link's frame cannot be told "
+            "from a shift of all taxels; their places relative to each other are not affected"
         )
     if solution.noise > NOISIER:
         said.append(
-            f"torques are {solution.noise:.1f} times farther off than noise explains: check that one tip touched at a "
+            f"torques are off by {solution.noise:.1f} times what noise explains: check that one tip touched at a "
             "time, the link's frame, the surface and the layout of the modules"
         )
     return tuple(said)

@@ -131,7 +131,9 @@ class CalibrateTaxels(Calibration):
     def _placed(self, setup: Setup, surface: Surface | None) -> CalibrationResult:
         """Fit modules to the places of their taxels."""
         if self.method != "modules":
-            raise InputError("places of taxels can only be made better as those of modules.", where="--method")
+            raise InputError(
+                "must be modules to improve places of taxels, instead of a log of pokes.", where="--method"
+            )
         places = read_taxel_places(self.log)
         modules, said = _layout(self.layout, setup, places, None)
         found = place_modules(places, modules, surface)
@@ -156,8 +158,8 @@ def _pokes(log: Path, setup: Setup, start: TaxelPlaces | None) -> Pokes:
         covariance = None if noise is None else np.diag(noise.six() ** 2)
         return believed(read_pokes(log, threshold=table.threshold or 0.0, noise=covariance), start=start)
     if SkinSection.name not in setup.sensors:
-        hint = "Add a [skin] with count = N, or taxels = FILE, and where the log keeps their readings."
-        raise InputError("the rig does not say what the taxels of the log are.", where="rig", hint=hint)
+        hint = "Add a [skin] with count = N, or taxels = FILE, and with the place of their readings in the log."
+        raise InputError("the rig does not state the taxels of the log.", where="rig", hint=hint)
     bits, curves = setup.of(SkinSection).table.bits, setup.of(SkinSection).intensity
     search = PokeSearch(
         threshold=table.threshold,
@@ -200,13 +202,15 @@ def _layout(
         path = Path(chosen) if name is not None else setup.link.folder / chosen
         if not path.exists():
             hint = f"Use {', '.join(LAYOUTS)}, or a file of taxels."
-            raise InputError(f"there is no layout {chosen!r}.", where="layout", hint=hint)
+            raise InputError(f"{chosen!r} is not known.", where="layout", hint=hint)
         return ModuleLayout.of(read_taxel_places(path), bent=True), []
     places = LAYOUTS[chosen]
     taxels = len(start or ()) if pokes is None else pokes.taxels
     count, left = divmod(taxels, len(places))
     if left:
-        raise InputError(f"{taxels} taxels are not modules of {len(places)}, as {chosen} has them.", where="layout")
+        raise InputError(
+            f"{taxels} taxels cannot be divided into modules of {len(places)}, as in {chosen}.", where="layout"
+        )
     whole = ModuleLayout.repeated(places, count)
     there = np.ones(taxels, dtype=bool) if start is None else start.there
     if start is None and pokes is not None:
@@ -216,7 +220,7 @@ def _layout(
     kept = np.unique(module[known & (module >= 0)])
     module = np.where(known, np.searchsorted(kept, module), -1)
     absent = sorted(set(range(count)) - set(kept.tolist()))
-    said = f"modules {', '.join(map(str, absent[:12]))} never answered: they are left out, as if they were not there"
+    said = f"modules {', '.join(map(str, absent[:12]))} never answered: they are left out, as if they did not exist"
     return ModuleLayout(flat, module), [said] if absent and start is None else []
 
 
@@ -269,7 +273,7 @@ def _one_configuration(pokes: Pokes, found: TaxelCalibration) -> list[str]:
     if pokes.configurations > 1 or any("one arm configuration" in doubt for doubt in found.warnings):
         return []
     return [
-        "there is one arm configuration only: the sensor's bias and the error of the link's frame cannot be told from "
+        "there is only one arm configuration: the sensor's bias and the error of the link's frame cannot be told from "
         "a shift of all taxels"
     ]
 
@@ -277,7 +281,7 @@ def _one_configuration(pokes: Pokes, found: TaxelCalibration) -> list[str]:
 def _next(setup: Setup, output: Path, surface: Surface | None) -> list[str]:
     said = [f'name it in the rig: taxels = "{output.name}" under [skin]']
     if surface is None:
-        said.append("with the link's mesh as [surface] the taxels are known better")
+        said.append("add the link's mesh as [surface] to know the taxels better")
     if setup.pokes is not None and setup.pokes.start is None:
-        said.append("start = FILE of where they are by CAD, in [pokes], makes places absolute")
+        said.append("write start = FILE in [pokes], with their places by CAD, to make places absolute")
     return said

@@ -81,11 +81,12 @@ def compare_places(estimate: TaxelPlaces, truth: TaxelPlaces) -> TaxelErrors:
     """
     if len(estimate) != len(truth):
         raise InputError(
-            f"one is of {len(estimate)} taxels, the other of {len(truth)}: they are not of one skin.", where="taxels"
+            f"the estimate has {len(estimate)} taxels, but the truth has {len(truth)}: they must be of the same skin.",
+            where="taxels",
         )
     both = estimate.there & truth.there
     if not both.any():
-        raise InputError("no taxel has a place in both.", where="taxels")
+        raise InputError("no taxel has a place in both estimate and truth.", where="taxels")
     number = np.flatnonzero(both)
     one, other = estimate.positions[both], truth.positions[both]
     motion = _motion(one, other)

@@ -38,7 +38,7 @@ def evaluate_taxels(estimate: Path, truth: Path, output: Path | None) -> None:
     """Say how far taxels are off, and write a page."""
     if output is not None:
         if output.suffix.lower() not in (".html", ".htm"):
-            raise InputError(f"no page ends in {output.suffix!r}.", where=str(output), hint="Use .html.")
+            raise InputError(f"a page cannot be written as {output.suffix!r}.", where=str(output), hint="Use .html.")
         keep_inputs(output, (estimate, truth))
         require_report()
     try:
@@ -51,7 +51,7 @@ def evaluate_taxels(estimate: Path, truth: Path, output: Path | None) -> None:
     rows = [(name, *summary.row(1e3)) for name, summary in errors.summaries()]
     table(("[mm]", *HEADER), rows)
     if errors.lacking:
-        note([f"{errors.lacking} numbers have a taxel in one of both only, and are left out"])
+        note([f"{errors.lacking} numbers have a taxel in only one of the two, and are left out"])
     if output is not None:
         write_text(output, render(_page(f"{estimate.name} against {truth.name}", errors, facts, rows)))
 

@@ -59,14 +59,14 @@ def read_pokes(path: str | Path, *, threshold: float = 0.0, noise: Float[np.ndar
     wanted = (*WRENCH_COLUMNS, *ORIENTATION_COLUMNS, *POSITION_COLUMNS)
     for name in wanted:
         if name not in names:
-            raise InputError(f"there is no column {name!r}.", where=str(path))
+            raise InputError(f"column {name!r} is missing.", where=str(path))
     values = table.numbers([names[name] for name in wanted], strict=True)[0] * scales
     unknown = ~np.isfinite(values).all(axis=1)
     if unknown.any():
         table.refuse(int(np.argmax(unknown)), "every poke needs a wrench and a pose")
     long = np.abs(np.linalg.norm(values[:, 6:10], axis=1) - 1.0) > 0.01
     if long.any():
-        table.refuse(int(np.argmax(long)), "qx, qy, qz, qw are not of length 1")
+        table.refuse(int(np.argmax(long)), "qx, qy, qz, qw must have length 1")
     which = next((names[name] for name in _WHICH if name in names), None)
     if which is None or "configuration" not in names:
         configuration = np.zeros(len(values), dtype=np.int64)

@@ -33,7 +33,7 @@ def wrench_layout(setup: Setup) -> LogLayout:
     table, there = setup.pokes or RigPokes(), setup.sensors.get(WRENCH)
     if there is not None and there.table.frame != "sensor":
         raise InputError(
-            "wrenches of pokes must be in the sensor's frame, which the link is known in.",
+            "wrenches of pokes must be in the sensor's frame, in which the link is known.",
             where="force_torque.frame",
             hint='Log the wrench as the sensor reads it, and state frame = "sensor".',
         )

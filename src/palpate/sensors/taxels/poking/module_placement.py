@@ -38,7 +38,7 @@ def common_layout(places: TaxelPlaces, surface: Surface | None = None, *, spacin
     alike = own.module[slots].max(axis=1, keepdims=True, initial=-1)
     if not len(slots) or ((own.module[slots] != alike) & (own.module[slots] >= 0)).any():
         raise InputError(
-            "a common layout needs modules of as many taxels each, numbered one after the other.", where="layout"
+            "a common layout needs modules with equal numbers of taxels, numbered one after the other.", where="layout"
         )
     flat = own.places[slots]
     whole = flat[np.isfinite(flat).all(axis=(1, 2))]
@@ -78,13 +78,16 @@ def place_modules(
     layout = common_layout(known, surface) if layout is None else layout
     if len(layout) != len(places):
         raise InputError(
-            f"the layout has {len(layout)} taxels, the places are {len(places)}: it is of another skin.", where="layout"
+            f"the layout has {len(layout)} taxels, but there are {len(places)} places: it belongs to another skin.",
+            where="layout",
         )
     usable = places.there & (layout.module >= 0)
     count = np.bincount(layout.module[usable], minlength=layout.modules)
     if not len(count) or count.min() < FEWEST:
         few = ", ".join(map(str, np.flatnonzero(count < FEWEST).tolist()))
-        raise InputError(f"modules {few} have fewer than {FEWEST} taxels with a place.", where="places")
+        raise InputError(
+            f"modules {few} have fewer than {FEWEST} taxels with a place, which is too few.", where="places"
+        )
     units = fitted(layout, places.positions, surface)
     points, normals = units.places()
     away = np.linalg.norm(points - places.positions, axis=1)

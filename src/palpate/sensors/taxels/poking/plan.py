@@ -99,7 +99,7 @@ def candidates(
     lean = np.full(len(points), TILT) if reachable is None else np.minimum(reachable, TILT)
     rows = units.taxels[lean[units.taxels] >= 0]
     if not len(rows):
-        raise InputError("no taxel can be reached.", where="plan")
+        raise InputError("no taxel can be reached by a poke.", where="plan")
     count = len(poses.translation)
     first = np.cross(normals[rows], np.eye(3)[np.argmin(np.abs(normals[rows]), axis=1)])
     first /= np.linalg.norm(first, axis=1, keepdims=True)
@@ -170,7 +170,7 @@ def after_calibration(
     """
     if not len(places.configurations) or len(places.noise) != 6:
         raise InputError(
-            "does not say in which configurations it was made.",
+            "does not state the arm configurations in which it was made.",
             where="skin",
             hint="Plan from a .toml that palpate calibrate taxels wrote with method modules or taxels.",
         )

@@ -49,7 +49,7 @@ def plan_pokes_command(
     table = setup.pokes or RigPokes()
     keep_inputs(output, (rig, skin, *setup.files().values()))
     if not (wanted >= 0 and pokes >= 1):
-        raise InputError("wanted must not be negative, and pokes positive.", where="--wanted, --pokes")
+        raise InputError("wanted must not be negative, and pokes must be positive.", where="--wanted, --pokes")
     surface = None if setup.surface is None else setup.surface.load(setup.folder)
     places = read_taxel_places(skin)
     priors = Priors(**table.priors.stated())
@@ -79,11 +79,11 @@ def _figures(places: TaxelPlaces, plan: Plan, wanted: float) -> list[tuple[str, 
 
 def _advice(plan: Plan, wanted: float) -> list[str]:
     if plan.reached and not plan.needed:
-        return ["it is enough: no poke more is needed"]
+        return ["the pokes so far are enough: no more are needed"]
     if plan.reached:
-        return [f"{plan.needed} pokes more, and every taxel is known to {1e3 * wanted:.2f} mm"]
+        return [f"with {plan.needed} more pokes every taxel is known to {1e3 * wanted:.2f} mm"]
     gained = 1e3 * (plan.worst[0] - plan.worst[-1])
     return [
-        f"{plan.needed} pokes are not enough: they gain {gained:.2f} mm; plan more with --pokes, or poke in other "
+        f"{plan.needed} more pokes are not enough: they gain {gained:.2f} mm; plan more with --pokes, or poke in other "
         "configurations, or start from CAD"
     ]

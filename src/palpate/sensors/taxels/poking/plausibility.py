@@ -44,9 +44,9 @@ def believed(
     """
     if start is not None and len(start) != pokes.taxels:
         raise InputError(
-            f"the places to start from are of {len(start)} taxels, and the log has {pokes.taxels}.",
+            f"the places to start from have {len(start)} taxels, but the log has {pokes.taxels}.",
             where="start",
-            hint="Is it the CAD file of another skin?",
+            hint="Check that start is the CAD file of this skin.",
         )
     force = np.linalg.norm(pokes.wrench[:, :3], axis=1)
     light = force < LIGHT * np.sqrt(np.trace(pokes.noise[:3, :3]))
@@ -58,14 +58,17 @@ def believed(
     counts = (
         (light & ~silent, "rejected: their force is within its noise"),
         (silent, "rejected: no taxel answers throughout"),
-        (two & ~light, "rejected: two separate areas answer, as of two pokers at once"),
-        (doubted, "weighed down: torque along the force, about the sensor's origin, is more than one push makes"),
+        (two & ~light, "rejected: two separate areas answer, as under two pokers at once"),
+        (
+            doubted,
+            "given less weight: their torque along the force, about the sensor's origin, is too large for one push",
+        ),
         (np.zeros(0, dtype=bool) if saturated is None else saturated, "hold a taxel at the end of its range"),
     )
     said = [f"{np.count_nonzero(which)} of {len(pokes)} pokes {what}" for which, what in counts if which.any()]
     weight = weight * pitched
     if not (weight > 0).any():
-        raise InputError(f"no poke is left: {'; '.join(said)}.", where="pokes")
+        raise InputError(f"no poke remains: {'; '.join(said)}.", where="pokes")
     return replace(pokes, weight=weight, notes=(*pokes.notes, *said), noise=pokes.noise + _of_touch(pokes, weight > 0))
 
 

@@ -56,7 +56,9 @@ class Pokes(Value):
         for name, tail in shapes.items():
             array = frozen(getattr(self, name), name=name)
             if array.shape != (count, *tail):
-                raise InputError(f"{name} of shape {array.shape} does not belong to {count} pokes.", where="pokes")
+                raise InputError(
+                    f"{name} must be given for each of {count} pokes, not in shape {array.shape}.", where="pokes"
+                )
             object.__setattr__(self, name, array)
         for name in ("configuration", "starts", "taxel"):
             array = np.array(getattr(self, name), dtype=np.int64)
@@ -66,9 +68,11 @@ class Pokes(Value):
             object.__setattr__(self, name, frozen(getattr(self, name), name=name))
         whole = len(self.taxel) == len(self.response) and len(self.starts) == count + 1
         if not whole or self.starts[0] or self.starts[-1] != len(self.taxel) or len(self.configuration) != count:
-            raise InputError("answers and pokes do not belong together.", where="pokes")
+            raise InputError(
+                "starts, taxel, response and configuration must fit each other and the pokes.", where="pokes"
+            )
         if len(self.taxel) and not 0 <= self.taxel.min() <= self.taxel.max() < self.taxels:
-            raise InputError(f"an answer is of none of the {self.taxels} taxels.", where="pokes")
+            raise InputError(f"taxels of answers must be below {self.taxels}, counted from 0.", where="pokes")
 
     @classmethod
     def from_table(

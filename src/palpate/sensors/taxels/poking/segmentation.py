@@ -136,11 +136,13 @@ def _samples(
     good, said = columns[0] > later[:-1], list[str]()
     if not good.all():
         back = np.count_nonzero(~good)
-        said.append(f"{back} wrenches are not later than those before them, and are left out: did the clock jump?")
+        said.append(
+            f"{back} wrenches are not later than those before them, and are left out: check whether the clock jumped"
+        )
         columns = [each[good] for each in columns]
     time, wrench, quaternion, position = columns
     if not len(time):
-        raise InputError("has no wrench with a time.", where="wrenches")
+        raise InputError("must have at least one wrench with a time.", where="wrenches")
     if limits is not None:
         wrench = np.where((np.abs(wrench) >= limits).any(axis=1, keepdims=True), np.nan, wrench)
     quaternion = _aligned(quaternion)
@@ -165,10 +167,10 @@ def _poses(block: Recording, pose: Pose | None) -> tuple[Float[np.ndarray, "n 4"
         return np.tile(pose.quaternion(), (count, 1)), np.tile(pose.translation, (count, 1))
     if ORIENTATION not in block.channels or POSITION not in block.channels:
         raise InputError(
-            "does not say where the link is in the sensor's frame.",
+            "does not state the pose of the link in the sensor's frame.",
             where=block.source,
-            hint="Name sensor and link (frames of /tf, or links of a urdf), columns and position, or a pose in the "
-            "rig's [pokes].",
+            hint="In the rig's [pokes], name sensor and link (frames of /tf, or links of a urdf), columns and "
+            "position, or a pose.",
         )
     return block.channels[ORIENTATION], block.channels[POSITION]
 
@@ -193,9 +195,9 @@ def _stretches(answers: Activations) -> tuple[Float[np.ndarray, "p 2"], Float[np
     on = np.flatnonzero(strength > 0)
     if not len(on):
         raise InputError(
-            f"no taxel ever answers: none stands more than {answers.threshold:.3g} above its rest.",
+            f"no taxel ever answers: all readings are within {answers.threshold:.3g} of their rest.",
             where="frames",
-            hint="Give a lower threshold in the rig's [pokes], if they were touched at all.",
+            hint="Write a lower threshold in the rig's [pokes], if the taxels were touched.",
         )
     step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
     apart = (np.diff(time[on]) > max(PAUSE, 1.5 * step)) | (np.diff(time[on]) > max(GAP, 5 * step))
@@ -241,15 +243,15 @@ def _require_sense(samples: _Samples, answers: Activations, active: Float[np.nda
         )
     if not np.count_nonzero(np.diff(samples.known)):
         raise InputError(
-            "no wrench has a pose of the link in the sensor's frame.",
+            "no wrench has a pose of the link in the sensor's frame at its time.",
             where="pokes",
-            hint="Are all joints of the urdf between sensor and link in the log, or both frames in /tf?",
+            hint="Check that all joints of the urdf between sensor and link are in the log, or both frames in /tf.",
         )
     first = active[0, 0] - max(answers.time[0], begin)
     if first < SETTLE + PAUSE:
         raise InputError(
             f"there is no free motion before the first poke: a taxel answers {max(first, 0.0):.2g} s after the log "
-            "begins, so what the sensor reads untouched is not known.",
+            "begins, so the untouched reading of the sensor is not known.",
             where="pokes",
             hint=f"Record at least {SETTLE + FREE:g} s in which nothing touches.",
         )
@@ -279,7 +281,7 @@ def _free(samples: _Samples, active: Float[np.ndarray, "q 2"]) -> _Free:
     mean, count = samples.windows(spans)
     good = (count >= LEAST) & (spans[:, 1] > spans[:, 0]) & (_spread(mean) <= 1.0)
     if not good.any():
-        raise InputError("there is no free motion between pokes in which the arm stays.", where="pokes")
+        raise InputError("the arm never stays still and untouched between pokes.", where="pokes")
     return _untouched(_Free(spans[good].mean(axis=1), mean[good], count[good], gap[good], spans[good]))
 
 

@@ -104,7 +104,7 @@ def round_chart(
     else:
         point, direction = (np.asarray(part, dtype=np.float64) for part in axis)
         if not np.linalg.norm(direction) > 0:
-            raise InputError("the axis has no direction.", where="axis")
+            raise InputError("the axis must not be zero.", where="axis")
         direction = direction / np.linalg.norm(direction)
     across = np.eye(3) - np.outer(direction, direction)
     if point is None:
@@ -119,6 +119,6 @@ def round_chart(
     point = point + direction * (direction @ (origin - point))
     spoke = across @ (origin - point)
     if not np.linalg.norm(spoke) > 0:
-        raise InputError("the origin lies on the axis.", where="axis", hint="Give the axis of the link.")
+        raise InputError("the axis must not pass through the origin.", where="axis", hint="Give the axis of the link.")
     spoke /= np.linalg.norm(spoke)
     return Chart(True, point, np.stack([spoke, np.cross(spoke, direction), direction]))

@@ -73,7 +73,9 @@ def _read_csv(path: Path) -> SkinMap:
     rows, columns = (int(last) + 1 for last in place.max(axis=0))
     number = place[:, 0] * columns + place[:, 1]
     if rows * columns != len(number) or len(np.unique(number)) != len(number):
-        raise InputError(f"has {len(number)} rows, not one for each of {rows} x {columns} cells.", where=str(path))
+        raise InputError(
+            f"has {len(number)} rows, but needs one for each of {rows} x {columns} cells.", where=str(path)
+        )
     long = np.abs(np.linalg.norm(values[:, 5:8], axis=1) - 1.0) > 0.01
     if long.any():
         table.refuse(int(np.argmax(long)), "a normal must be of length 1")

@@ -56,7 +56,9 @@ def fit(
     inside = np.clip(uv, [knots[0][degree[0]], -np.inf], [knots[0][-degree[0] - 1], np.inf])
     _bspline.normal_equations(inside, points, directions, *knots, *degree, starts, spokes, band, vector)
     if not _band.solve_band(band, vector):
-        raise GeometryError("the mesh says too little of the surface there: fewer control points, or another region")
+        raise GeometryError(
+            "the mesh does not determine the surface there: use fewer control points, or another region."
+        )
     control = starts + vector.reshape(*starts.shape[:2], 1) * spokes
     if periodic:
         control = np.concatenate([control, control[:, : degree[1]]], axis=1)

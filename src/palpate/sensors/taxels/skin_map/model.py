@@ -66,7 +66,9 @@ class SkinMap:
         named = {"centres": centres, "normals": frozen(self.normals), "areas": frozen(self.areas), "overlap": overlap}
         for name, array in named.items():
             if array.shape[:2] != shape or array.ndim != (2 if name in ("areas", "overlap") else 3):
-                raise InputError(f"{name} of shape {array.shape} do not belong to {shape[0]} x {shape[1]} cells.")
+                raise InputError(
+                    f"{name} must be given for each of {shape[0]} x {shape[1]} cells, not in shape {array.shape}."
+                )
             object.__setattr__(self, name, array)
         object.__setattr__(self, "uv", frozen(self.uv, tail=(2,), name="uv"))
 

@@ -39,7 +39,7 @@ def _skin_map(
     if min(shape) < 1 or len(cells) != rows * columns:
         raise ValueError(f"cells must be {rows} x {columns} rows of 9 numbers")
     if overlap is not None and len(overlap) not in (0, len(cells)):
-        raise ValueError(f"overlap must be {len(cells)} times true or false")
+        raise ValueError(f"overlap must be {len(cells)} values true or false")
     table = cells.reshape(*shape, 9)
     if surface is not None:
         rest |= {"surface": surface, "uv": table[..., 7:]}

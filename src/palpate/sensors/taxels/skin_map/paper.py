@@ -50,7 +50,9 @@ def paper_surface(
     spokes = np.linspace(-np.pi, np.pi, 2 * m, endpoint=False)  # begins behind the sheet's origin
     offsets = cut(chart, triangles, heights, spokes).offset
     if not np.isfinite(offsets).all():
-        raise GeometryError("a section of the mesh is not complete: give heights between which all are")
+        raise GeometryError(
+            "a section of the mesh is not complete: give heights between which all sections are complete."
+        )
     closed = np.append(spokes, spokes[0] + 2 * np.pi)
     offsets = np.concatenate([offsets, offsets[:, :1]], axis=1)
     knots_u, knots_v = (open_knots(np.linspace(0.0, 1.0, count - 2)) for count in (n, len(closed)))
@@ -119,6 +121,6 @@ def paper_map(
         sheet.pitch,
         surface=surface,
         uv=uv,
-        notes=(f"the paper's way, {reading}, {counts}: cells are spread over the whole link, not unrolled",),
+        notes=(f"the paper's way, {reading}, {counts}: cells are spread over the complete link, not unrolled",),
         provenance=dict(provenance or {}),
     )

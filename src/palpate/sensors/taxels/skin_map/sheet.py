@@ -62,7 +62,7 @@ def map_skin(
     point = np.asarray(origin, dtype=np.float64)
     signed = (-sheet.size[0] if sheet.flip else sheet.size[0]), sheet.size[1]
     others = len(mesh.faces) - len(site.facets)
-    notes = (f"{others} facets of other bodies than the origin's passed over",) if others else ()
+    notes = (f"{others} facets that are not of the origin's body were left out",) if others else ()
 
     def on(here: Site) -> SkinMap:
         return mapped(shell(here, signed, mode=mode, planes=planes, control=control), sheet, point, site.heading)
@@ -90,14 +90,16 @@ def placed(mesh: Mesh, sheet: Sheet, origin: ArrayLike, heading: ArrayLike) -> S
     off = float(np.linalg.norm(foot - point))
     if off > 0.5 * min(sheet.pitch):
         raise InputError(
-            f"lies {1e3 * off:.1f} mm off the surface.",
+            f"is {1e3 * off:.1f} mm off the surface.",
             where="origin",
-            hint=f"The nearest point of the mesh is {','.join(f'{x:.5f}' for x in foot)} m; is the unit right?",
+            hint=f"Check the unit, or use the nearest point of the mesh, {','.join(f'{x:.5f}' for x in foot)} m.",
         )
     normal = normals[0] * _side(mesh, foot, normals[0])
     along = direction - normal * (direction @ normal)
     if not np.linalg.norm(along) > 1e-2 * np.linalg.norm(direction):
-        raise InputError("points along the normal of the surface.", where="heading", hint="Give one along it.")
+        raise InputError(
+            "points along the normal of the surface.", where="heading", hint="Give a direction along the surface."
+        )
     return Site(mesh, _body(mesh, facet), foot, along / np.linalg.norm(along), normal)
 
 
@@ -179,9 +181,11 @@ def fit_stretch(
     where = {cell: _vector(point, f"cell {cell}") for cell, point in known.items()}
     for row, column in where:
         if not (0 <= row < sheet.rows and 0 <= column < sheet.columns):
-            raise InputError(f"there is no cell ({row}, {column}) on a sheet of {sheet.rows} x {sheet.columns}.")
+            raise InputError(
+                f"cell ({row}, {column}) is not on the sheet of {sheet.rows} x {sheet.columns} cells, counted from 0."
+            )
     if not where:
-        raise InputError("no cell is known: stretch cannot be fitted.", where="known")
+        raise InputError("at least one known cell is needed to fit the stretch.", where="known")
     cells = tuple(np.array(list(where)).T)
     points = np.stack(list(where.values()))
 
@@ -296,11 +300,11 @@ def _notes(found: Shell, layout: LaidSheet, overlap: Bool[np.ndarray, "r c"]) ->
     covered = found.there(_cell_blocks(layout.uv))
     partly = int(np.count_nonzero(~covered.all(axis=(2, 3))))
     if partly:
-        notes.append(f"{partly} cells reach beyond the surface; there it is continued")
+        notes.append(f"{partly} cells reach beyond the surface, which is continued there")
     if overlap.any():
         notes.append(
-            f"{np.count_nonzero(overlap)} cells lie over or under another: the sheet goes round and meets itself"
+            f"{np.count_nonzero(overlap)} cells are over or under another: the sheet goes round and overlaps itself"
         )
     if abs(layout.worst) > _HELD:
-        notes.append(f"the sheet would have to stretch by {100 * layout.worst:.0f} %: does it lie on this shape?")
+        notes.append(f"the sheet would have to stretch by {100 * layout.worst:.0f} %: check that it fits on this shape")
     return tuple(notes)

@@ -162,7 +162,7 @@ def full_sections(site: Site, planes: Planes | None = None) -> tuple[Chart, Span
     chart, sections = _round(site, planes or _ANY)
     rows, _, periodic = _block(site, sections, True)
     if not periodic:
-        raise GeometryError("the link does not close about an axis")
+        raise GeometryError("the link does not close about an axis.")
     return chart, (float(sections.u[rows.start]), float(sections.u[rows.stop - 1]))
 
 
@@ -199,7 +199,7 @@ def _round(site: Site, planes: Planes) -> tuple[Chart, Sections]:
         said = f"between {1e3 * (low - shift):.1f} and {1e3 * (high - shift):.1f} mm along the axis"
         low, high = max(low, float(own[0])), min(high, float(own[-1]))
         if not low < high:
-            raise GeometryError(f"no two planes of the first family meet the link: give heights {said}")
+            raise GeometryError(f"no two planes of the first family meet the link: give heights {said}.")
     spokes = np.linspace(-np.pi, np.pi, _SPOKES, endpoint=False)
     return chart, cut(chart, triangles, np.linspace(low, high, _ROWS), spokes)
 
@@ -218,7 +218,7 @@ def _own(planes: Planes, chart: Chart) -> tuple[Places | None, Places | None]:
 def _given(values: Places) -> Places:
     array = np.asarray(values, dtype=np.float64)
     if array.ndim != 1 or len(array) < 2 or not np.isfinite(array).all():
-        raise GeometryError("each family of planes must be a list of at least two finite numbers")
+        raise GeometryError("each family of planes must be a list of at least two finite numbers.")
     return array
 
 
@@ -235,7 +235,7 @@ def _block(site: Site, sections: Sections, round_about: bool) -> tuple[slice, sl
     first, last = np.argmax(met, axis=0), len(met) - 1 - np.argmax(met[::-1], axis=0)
     long = np.where(any_met, last - first + 1, 0)
     if not any_met.any():
-        raise GeometryError("the planes miss the mesh: no two of them meet on it")
+        raise GeometryError("the planes miss the mesh: no two of them meet on it.")
     good = long >= _LEAST * np.median(long[any_met])
     if good.all():
         columns, periodic = slice(0, len(good)), True
@@ -246,7 +246,7 @@ def _block(site: Site, sections: Sections, round_about: bool) -> tuple[slice, sl
     if high - low < 3 or columns.stop - columns.start < 4:
         raise GeometryError(
             "the link cannot be cut into a grid around the sheet's origin: "
-            f"{high - low + 1} full sections of {columns.stop - columns.start} spokes"
+            f"it has {high - low + 1} complete sections of {columns.stop - columns.start} spokes there."
         )
     rows = _without_rims(slice(low, high + 1), site.normals, sections.facet[:, columns])
     return rows, columns, periodic
@@ -379,7 +379,7 @@ def _judged(normals: Points, points: Points, met: Int[np.ndarray, "n m"]) -> tup
         return "facets", "mode facets: the mesh is flat along its sections", 0.0
     sharp = float(np.quantile(turn[edges], 0.98))
     sag = length / np.count_nonzero(edges) * float(turn[edges].mean()) / 8.0
-    said = f"facets lie {1e3 * sag:.2g} mm below a smooth shape through their corners and meet by up to "
+    said = f"facets are {1e3 * sag:.2g} mm below a smooth shape through their corners and meet by up to "
     said += f"{np.degrees(sharp):.0f} deg"
     if sharp > _SHARP:
         return "facets", f"mode facets: {said}, which is an edge", sag
