@@ -59,7 +59,7 @@ def test_a_payload_that_is_not_there_is_never_overlooked(case_of: Callable[[Sens
     ("words", "said"),
     [
         (("--truth", "{truth}"), "--report"),
-        (("--report", "report.txt"), "HTML"),
+        (("--report", "report.txt"), r"must end in \.html"),
         (("--rig", "none.toml"), "the file does not exist"),
     ],
 )
