@@ -190,7 +190,7 @@ def read_answers(path: Path, tasks: Mapping[str, Task]) -> dict[str, Contacts]:
     numbers, _ = table.numbers(("sample", *names), strict=True)
     for row, name in enumerate(task.to_list()):
         if name not in tasks:
-            table.refuse(row, f"the task {name!r} is unknown. {near(str(name), tasks)}".removesuffix("."))
+            table.refuse(row, f"the task {name!r} is unknown", near(str(name), tasks))
     _check_samples(table, numbers[:, 0], np.array([tasks[name].samples for name in task.to_list()]))
     _check_values(table, names, numbers[:, 1:])
     whose, found = task.to_numpy(), dict[str, Contacts]()

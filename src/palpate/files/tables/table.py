@@ -131,9 +131,9 @@ class TextTable:
         fields.count(values, self._line)
         return values
 
-    def refuse(self, row: int, what: str) -> NoReturn:
-        """Raise an InputError that names the line of a row and gives `what` as the reason."""
-        raise InputError(f"{what}.", where=f"{self.path}, {self._line(row)}")
+    def refuse(self, row: int, what: str, hint: str = "") -> NoReturn:
+        """Raise an InputError that names the line of a row, gives `what` as the reason, and adds the hint."""
+        raise InputError(f"{what}.", where=f"{self.path}, {self._line(row)}", hint=hint)
 
     def require(self, names: Sequence[str]) -> None:
         """Raise an InputError unless each of these columns exists exactly once."""
