@@ -233,7 +233,7 @@ def test_the_command_that_shows_a_run_says_what_is_unusual() -> None:
 def test_an_arena_of_ones_own_is_read_or_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     layout = random_layout(5, 2)
     file = tmp_path / "mine.toml"
-    write_arena(file, layout, {"seed": 5, "method": "ours", "sensing": "skin", "seconds": 1.0})
+    write_arena(file, layout, {"seed": 5, "method": "ours", "sensing": "skin", "seconds": 1.0, "fault": "blind"})
     again = read_arena(file)
     assert again.blocks == layout.blocks
     assert (again.starts == layout.starts).all()

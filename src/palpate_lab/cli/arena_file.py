@@ -14,7 +14,7 @@ from palpate_lab.simulation.arena import ArenaLayout, Block
 
 __all__ = ["read_arena"]
 
-RUN = ("seed", "method", "sensing", "seconds")  # how it was run: not of the arena
+RUN = ("seed", "method", "sensing", "seconds", "fault")  # how it was run: not of the arena
 
 
 @dataclass(frozen=True, eq=False)
