@@ -154,8 +154,8 @@ def encoded(values: Float[np.ndarray, "n k"], counter: int, number: str) -> tupl
     numbers = _rounded(values, np.dtype(f"<{number}"))
     frames = list[bytes]()
     for k, row in enumerate(numbers):
-        head = _HEAD.pack(1, TYPES.index(number), len(row), (counter + k) % _WRAP)
-        frames.append(cobs.encode(head + row.tobytes() + _CHECK.pack(zlib.crc32(head + row.tobytes()))) + b"\0")
+        frame = _HEAD.pack(1, TYPES.index(number), len(row), (counter + k) % _WRAP) + row.tobytes()
+        frames.append(cobs.encode(frame + _CHECK.pack(zlib.crc32(frame))) + b"\0")
     return b"".join(frames), np.cumsum([len(frame) for frame in frames], dtype=np.int64)
 
 
