@@ -89,7 +89,7 @@ class ProbeFace(Value):
         vertices, facing = np.asarray(near[0]), np.asarray(near[1])
         if not len(facing):
             raise GeometryError(
-                f"no facet of the mesh faces along {np.round(z, 3).tolist()}: state the axis of the probe."
+                f"no facet of the mesh faces along {np.round(z, 3).tolist()}: state the axis of the probe (`axis`)."
             )
         size = float(np.ptp(vertices @ axes[:, :2], axis=0).max()) / CELLS
         divide: Any = import_module("trimesh.remesh").subdivide_to_size

@@ -149,7 +149,9 @@ class StreamBuffer:
         begin = len(_WORDS) * LINE
         self._words = np.frombuffer(self._map, "<i8", begin // 8, LINE).reshape(-1, LINE // 8)
         if self["version"] != VERSION:
-            raise InputError("was written by another version of Palpate.", where=str(path))
+            raise InputError(
+                "was written by another version of Palpate.", where=str(path), hint="Read it with that version."
+            )
         self.form = _described(self._map, path)
         slot, count = self.form.slot(), self["slots"]
         if count < LEAST or HEAD + count * slot.itemsize > size:

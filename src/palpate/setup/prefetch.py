@@ -202,7 +202,10 @@ class LogReader:
             while True:
                 yield self._receiver.get()
         except (EOFError, OSError) as problem:
-            raise InputError("the process that reads this log was ended from outside.", where=str(path)) from problem
+            raise InputError(
+                "the process that reads this log ended early: too little memory, or a crash in a library.",
+                where=str(path),
+            ) from problem
 
 
 @contextmanager

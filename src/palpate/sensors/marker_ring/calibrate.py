@@ -227,7 +227,7 @@ def _turned(ring: MarkerRing, pixels: np.ndarray, angle: np.ndarray) -> MarkerRi
     offset = float(np.angle(np.exp(1j * (angle - seen)).sum()))
     off, mirrored = (_median_off(sign * angle - seen) for sign in (1.0, -1.0))
     if off > _MIRRORED:
-        hint = "Count them anticlockwise as the camera sees the ring." if mirrored < 0.5 * off else ""
+        hint = "Count them anticlockwise as the camera sees the ring." if mirrored < 0.5 * off else "Correct them."
         raise InputError("the angles of the truth are not those at which the markers move.", where="truth", hint=hint)
     c, s = np.cos(offset), np.sin(offset)
     turn = Pose(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), np.zeros(3))

@@ -89,7 +89,11 @@ def examine(recording: Recording, body: TaxelBody, *, seconds: float | None = No
     if seconds is not None:
         rest = cells[time <= time[0] + seconds]
         if len(rest) < FEWEST:
-            raise InputError(f"{len(rest)} frames are too few to tare with ({seconds:g} s).", where=recording.source)
+            raise InputError(
+                f"a tare needs at least {FEWEST} frames, and the first {seconds:g} s have {len(rest)}.",
+                where=recording.source,
+                hint="Tare for longer.",
+            )
     baseline, noise = resting(rest, counts=body.bits is not None)
     still = np.ptp(cells, axis=0) == 0
     stuck = _stuck(baseline, still, body)
