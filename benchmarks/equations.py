@@ -10,8 +10,8 @@ import numpy as np
 import palpate
 from evidence.bodies import R
 from evidence.row import Row
-from palpate.contact.iterative import locate_iteratively
 from palpate.surfaces import Ellipsoid, _equation, _kernels
+from palpate_lab.papers.iterative import locate_iteratively
 from palpate_lab.simulation import touch_wrenches
 from palpate_lab.simulation.shapes import EllipsoidBody as Truth
 

@@ -14,9 +14,9 @@ import numpy as np
 from scipy.optimize import least_squares
 
 import palpate
-from palpate.contact.iterative import locate_iteratively
 from palpate.surfaces import Ellipsoid as EllipsoidEquation
 from palpate.surfaces import plane
+from palpate_lab.papers.iterative import locate_iteratively
 from palpate_lab.peers.wrench_peers import Answer, nearest_vertex
 from palpate_lab.simulation import EllipsoidBody, touch_wrenches
 

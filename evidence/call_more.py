@@ -71,9 +71,9 @@ def _compiled() -> None:
 
 
 def _surfaces() -> None:
-    from palpate.contact.iterative import fit_paraboloid, locate_iteratively
     from palpate.contact.locate import Locator
     from palpate.surfaces import Sphere
+    from palpate_lab.papers.iterative import fit_paraboloid, locate_iteratively
 
     mesh = Sphere(0.02).mesh(5000)
     fitted = fit_paraboloid(mesh, (0.0, 0.0, 0.02), 4e-3)

@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike
 
 from palpate.contact import Locator, Status, WrenchEstimator
 from palpate.contact.estimate import ROW
-from palpate.contact.iterative import fit_paraboloid, locate_iteratively
 from palpate.control.align import AlignController
 from palpate.sensors.force_torque.compensation import Compensation
 from palpate.surfaces.mesh import Mesh
+from palpate_lab.papers.iterative import fit_paraboloid, locate_iteratively
 
 __all__ = ["VARIANTS", "Iterative", "Late", "Uncompensated"]
 

@@ -12,7 +12,7 @@ import palpate
 from experiments.probe import assumed
 from experiments.probe.draws import Draws
 from experiments.probe.study import Case, Meshes
-from palpate.contact.iterative import PatchParaboloid, fit_paraboloid, locate_iteratively
+from palpate_lab.papers.iterative import PatchParaboloid, fit_paraboloid, locate_iteratively
 
 __all__ = ["METHODS", "Method", "methods"]
 

@@ -47,7 +47,7 @@ _LARGE = 2**19  # bytes of a surface that a core does not keep at hand
 _WRENCH, _ROW = (6,), (ROW.length,)
 _ANY = np.full(1, -1, np.int8)  # of one sample no status is known beforehand
 ON, OFF = 5.5, 3.0  # standard deviations of the force; noise alone exceeds the first once in a million samples
-METHODS = ("soft_finger", "wrench_axis")  # of a Locator; `locate` knows "iterative" too
+METHODS = ("soft_finger", "wrench_axis")
 
 
 @takes_arrays
@@ -126,8 +126,7 @@ class Locator:
 
         surface = as_surface(surface, unit)
         if method not in METHODS:
-            slow = " Only `palpate.locate` has the method iterative." if method == "iterative" else ""
-            raise InputError(f"unknown method {method!r}.", hint=f"Use one of {', '.join(METHODS)}.{slow}")
+            raise InputError(f"unknown method {method!r}.", hint=f"Use one of {', '.join(METHODS)}.")
         if not (friction > 0 and torsion >= 0):
             raise InputError(f"friction ({friction}) must be > 0 and torsion ({torsion}) >= 0.")
         if accuracy is not None and not accuracy > 0:
@@ -505,20 +504,6 @@ def _thresholds(noise: Float[np.ndarray, "6 6"] | None, on: float | None, off: f
     return float(on), float(off)
 
 
-def _iterated(
-    wrenches: Float[np.ndarray, "n 6"], surface: Surface, start: ArrayLike | None, friction: float, torsion: float
-) -> ContactEstimate:
-    """Return the estimates of the baseline method, one wrench after the other."""
-    from palpate.contact.iterative import Equation, locate_iteratively
-    from palpate.surfaces.mesh import Mesh
-
-    if not isinstance(surface, Equation | Mesh):
-        raise InputError("the method iterative needs a surface with an equation, or a mesh to which one can be fitted.")
-    found = [locate_iteratively(w, surface, start, friction=friction, torsion=torsion).estimate() for w in wrenches]
-    rows = np.empty((0, ROW.length))
-    return ContactEstimate.joined([ContactEstimate.from_rows(rows), *(one.reshaped((1,)) for one in found)])
-
-
 _KEPT = 8  # Locators of a surface that `locate` keeps, one for each method and bounds that it was called with
 _Bounds = tuple[str, float, float]
 _kept: WeakKeyDictionary[Surface, dict[_Bounds, Locator]] = WeakKeyDictionary()
@@ -572,8 +557,7 @@ def locate(
     Args:
         wrench: a `Wrench`, or six-vectors (*batch, 6), force first [N, N m].
         surface: a `Surface`, such as a `Mesh`; a mesh of trimesh; or the path of a mesh file.
-        method: "soft_finger", "wrench_axis", or "iterative" (`locate_iteratively`, the older method: slow, without a
-            covariance; on a mesh it fits a paraboloid to the touched region, or raises GeometryError).
+        method: "soft_finger" or "wrench_axis".
         friction: bound on tan(theta), theta between -force and normal.
         torsion: bound on |torque|/|F . n| [m].
         noise: standard deviations of force and torque, or of each of the six numbers, or a 6 x 6 covariance, force
@@ -585,9 +569,9 @@ def locate(
         a `ContactEstimate` with the batch's leading axes. Without any noise its covariance is NaN.
 
     Raises:
-        InputError: an unknown method, or one that does not suit the surface; wrenches, noise or previous of another
-            shape; no surface, or a mesh file that cannot be read or has no unit.
-        GeometryError: the mesh is not usable, or see `method`.
+        InputError: an unknown method; wrenches, noise or previous of another shape; no surface, or a mesh file that
+            cannot be read or has no unit.
+        GeometryError: the mesh is not usable.
     """
     surface = as_surface(surface, unit)
     if type(friction) is not float or type(torsion) is not float:
@@ -599,8 +583,6 @@ def locate(
     point = previous.point if isinstance(previous, ContactEstimate) else previous
     last = None if point is None else shaped(point, (3,), "previous")
     last = None if last is None or not np.isfinite(last).all() else last
-    if method == "iterative":
-        return _iterated(vectors.reshape(-1, 6), surface, last, friction, torsion).reshaped(vectors.shape[:-1])
     locator = _prepared(surface, (method, friction, torsion))
     if noise is not None:
         covariance = noise_covariance(noise)

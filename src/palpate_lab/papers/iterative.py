@@ -1,4 +1,4 @@
-"""Locate a contact on a surface with an equation by Levenberg-Marquardt from a first guess: the baseline method.
+"""The older papers' method, as a baseline: Levenberg-Marquardt from a first guess, on a surface with an equation.
 
 Unknown are the point p and a number k; the equations are [bicchi; probe (4); liu]
 
@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from palpate.contact.estimate import ContactEstimate, Status
+from palpate.contact.estimate import Status
 from palpate.errors import GeometryError, InputError
 from palpate.spatial._arrays import frozen, shaped
 from palpate.spatial.arguments import takes_arrays
@@ -90,19 +90,6 @@ class IterativeResult:
         """True if `residual`, the largest error of the equations, is at most 1e-6."""
         return self.residual <= CONVERGED
 
-    def estimate(self) -> ContactEstimate:
-        """Return the result as a `ContactEstimate`; covariance and residual are NaN, as this method gives none."""
-        return ContactEstimate(
-            point=self.point.copy(),
-            normal=self.normal.copy(),
-            force=self.force.copy(),
-            torque=np.array(self.torque),
-            covariance=np.full((3, 3), np.nan),
-            residual=np.array(np.nan),
-            candidates=np.array(int(self.status == Status.CONTACT)),
-            status=np.array(self.status, dtype=np.int8),
-        )
-
 
 @takes_arrays
 @dataclass(frozen=True, eq=False)
@@ -153,11 +140,10 @@ class PatchParaboloid:
 @takes_arrays
 def locate_iteratively(
     wrench: Float[np.ndarray, "6"],
-    surface: Equation | Mesh,
+    surface: Equation,
     start: ArrayLike | None = None,
     *,
     jacobian: str = "analytic",
-    radius: float | None = None,
     friction: float = 1.0,
     torsion: float = 5e-3,
 ) -> IterativeResult:
@@ -165,17 +151,14 @@ def locate_iteratively(
 
     Args:
         wrench: (6,) [N, N m] in the surface's frame, force first.
-        surface: one with an equation, or a mesh, to which a paraboloid is fitted about the start (slow: to locate many
-            wrenches in one region, call `fit_paraboloid` once and pass its result).
+        surface: one with an equation; for a mesh, the result of `fit_paraboloid`.
         start: (3,) [m] the first guess; None: the point at which the wrench axis enters, or passes nearest.
         jacobian: "analytic"; "numeric" takes differences, and needs no Hessian.
-        radius: [m] of the region of a mesh that the paraboloid is fitted to; None: a tenth of the mesh's size.
         friction: bound on tan(theta), theta between -force and normal.
         torsion: bound on |torque|/|F . n| [m].
 
     Raises:
-        InputError: another `jacobian`.
-        GeometryError: the mesh about the start does not fit a paraboloid, or `radius` is not positive.
+        InputError: another `jacobian`; or a wrench or start of another shape.
     """
     if jacobian not in ("analytic", "numeric"):
         raise InputError(f"unknown Jacobian {jacobian!r}.", hint="Use analytic or numeric.")
@@ -185,12 +168,11 @@ def locate_iteratively(
     if not np.any(force):
         return _nothing(force, Status.NO_CONTACT)
     first = _entry(surface, force, moment) if start is None else shaped(start, (3,), "start")
-    equation = fit_paraboloid(surface, first, radius) if isinstance(surface, Mesh) else surface
-    point, k, residual, evaluations = _solve(equation, force, moment, first, jacobian == "analytic")
-    slope = equation.gradient(point[None])[0]
+    point, k, residual, evaluations = _solve(surface, force, moment, first, jacobian == "analytic")
+    slope = surface.gradient(point[None])[0]
     steepness = float(np.linalg.norm(slope))
     normal, torque = slope / steepness, -k * steepness
-    within = bool(np.linalg.norm(point - equation.centre) <= equation.size / 2 * (1 + 1e-9))
+    within = bool(np.linalg.norm(point - surface.centre) <= surface.size / 2 * (1 + 1e-9))
     pressing = -float(force @ normal)
     status = Status.CONTACT
     if not (residual <= CONVERGED and within and pressing > 0):
@@ -212,13 +194,14 @@ def fit_paraboloid(mesh: Mesh, about: ArrayLike, radius: float | None = None) ->
         radius: [m] of the region; None: a tenth of the mesh's size.
 
     Raises:
+        InputError: `about` is not three numbers.
         GeometryError: the radius is not positive, the mesh turns by more than 90 degrees within the region, or the
             misfit is more than 5 % of the radius (rms).
     """
     reach = 0.1 * mesh.size if radius is None else float(radius)
     if not reach > 0:
         raise GeometryError(f"the radius of the region to fit must be positive, not {reach:g} m.")
-    origin, normals, _ = mesh.project(np.asarray(about, dtype=np.float64)[None])
+    origin, normals, _ = mesh.project(shaped(about, (3,), "about")[None])
     axes = _frame(normals[0])
     steps = np.arange(1, RINGS + 1) / RINGS * reach
     turns = np.arange(SPOKES) * (2 * np.pi / SPOKES)
@@ -272,26 +255,18 @@ def _solve(
     return start + size * (found.x[:3] - 1.0), k, float(np.max(np.abs(found.fun))), int(found.nfev)
 
 
-def _entry(surface: Equation | Mesh, force: np.ndarray, moment: np.ndarray) -> Float[np.ndarray, "3"]:
+def _entry(surface: Equation, force: np.ndarray, moment: np.ndarray) -> Float[np.ndarray, "3"]:
     """Return the point [m] at which the wrench axis first enters, to 1/64 of the surface's size, else the nearest."""
     along, middle = force / np.linalg.norm(force), surface.centre
     foot = np.cross(force, moment - np.cross(middle, force)) / (force @ force)
     points = middle + foot + np.linspace(-0.5, 0.5, ALONG)[:, None] * surface.size * along
-    heights = _heights(surface, points)
+    heights = surface.value(points)
     inward = np.flatnonzero((heights[:-1] > 0) & (heights[1:] <= 0))
     if len(inward) == 0:
         return points[int(np.argmin(np.abs(heights)))]
     before, after = int(inward[0]), int(inward[0]) + 1
     share = heights[before] / (heights[before] - heights[after])
     return points[before] + share * (points[after] - points[before])
-
-
-def _heights(surface: Equation | Mesh, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-    """Return S, or the distance to a mesh along its normal, (n,); positive outside."""
-    if not isinstance(surface, Mesh):
-        return surface.value(points)
-    nearest, normals, _ = surface.project(points)
-    return np.einsum("nk,nk->n", points - nearest, normals)
 
 
 def _monomials(local: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 6"]:
