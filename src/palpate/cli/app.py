@@ -51,16 +51,8 @@ _GROUPS = {
     "rig": "Write a rig",
 }
 _EACH = {
-    "estimate": _Command(
-        ".estimate",
-        "estimate",
-        "Estimate contacts in a log, with a rig or with a mesh alone.",
-    ),
-    "batch": _Command(
-        ".batch",
-        "batch",
-        "Estimate contacts in many logs, and write one page about them.",
-    ),
+    "estimate": _Command(".estimate", "estimate", "Estimate contacts in a log, with a rig or with a mesh alone."),
+    "batch": _Command(".batch", "batch", "Estimate contacts in many logs, and write one page about them."),
     "calibrate camera": _Command(
         "palpate.sensors.marker_ring.camera_command",
         "CalibrateCamera",
@@ -72,14 +64,10 @@ _EACH = {
         "Find the clock offset of the poses, and write it into the rig.",
     ),
     "calibrate drift": _Command(
-        ".calibrate_drift",
-        "CalibrateDrift",
-        "Find how the bias drifts, and write it into the rig.",
+        ".calibrate_drift", "CalibrateDrift", "Find how the bias drifts, and write it into the rig."
     ),
     "calibrate intensity": _Command(
-        "palpate.sensors.taxels.commands",
-        "CalibrateIntensity",
-        "Fit the curve from a taxel's reading to its force.",
+        "palpate.sensors.taxels.commands", "CalibrateIntensity", "Fit the curve from a taxel's reading to its force."
     ),
     "calibrate load-cells": _Command(
         "palpate.sensors.load_cells.commands",
@@ -111,56 +99,20 @@ _EACH = {
         "design_load_cells",
         "Draw what a layout of load cells can resolve.",
     ),
-    "evaluate": _Command(
-        ".evaluate",
-        "evaluate",
-        "Compare contacts with the ground truth.",
-    ),
-    "events": _Command(
-        ".events",
-        "events",
-        "List touches: start, end, peak force, contact point.",
-    ),
-    "inspect": _Command(
-        ".inspect",
-        "inspect",
-        "Show what is in a log, mesh, rig, model or result.",
-    ),
-    "live": _Command(
-        ".live",
-        "live",
-        "Estimate contacts in the samples of a device, live.",
-    ),
+    "evaluate": _Command(".evaluate", "evaluate", "Compare contacts with the ground truth."),
+    "events": _Command(".events", "events", "List touches: start, end, peak force, contact point."),
+    "inspect": _Command(".inspect", "inspect", "Show what is in a log, mesh, rig, model or result."),
+    "live": _Command(".live", "live", "Estimate contacts in the samples of a device, live."),
     "map skin": _Command(
-        "palpate.sensors.taxels.skin_map.commands",
-        "map_skin",
-        "Lay a flexible taxel sheet on a link's mesh.",
+        "palpate.sensors.taxels.skin_map.commands", "map_skin", "Lay a flexible taxel sheet on a link's mesh."
     ),
     "plan pokes": _Command(
-        "palpate.sensors.taxels.poking.plan_command",
-        "plan_pokes_command",
-        "Propose where to poke a skin next.",
+        "palpate.sensors.taxels.poking.plan_command", "plan_pokes_command", "Propose where to poke a skin next."
     ),
-    "recover": _Command(
-        ".recover",
-        "recover",
-        "Recover a live record after its recorder was killed.",
-    ),
-    "replay": _Command(
-        ".replay",
-        "replay",
-        "Play a log as a device, to try a set-up without one.",
-    ),
-    "view": _Command(
-        ".view",
-        "view",
-        "Show contacts on the body in a browser.",
-    ),
-    "rig new": _Command(
-        ".rig_new",
-        "rig_new",
-        "Guess a rig from a log and a mesh.",
-    ),
+    "recover": _Command(".recover", "recover", "Recover a live record after its recorder was killed."),
+    "replay": _Command(".replay", "replay", "Play a log as a device, to try a set-up without one."),
+    "view": _Command(".view", "view", "Show contacts on the body in a browser."),
+    "rig new": _Command(".rig_new", "rig_new", "Guess a rig from a log and a mesh."),
 }
 
 
@@ -242,23 +194,21 @@ def run(argv: Sequence[str]) -> None:
 
 
 def _call(called: tuple[str, ...], words: list[str], asked: bool) -> None:
-    try:
-        _parse(called, words, speaks=asked)
-    except SystemExit as leaving:
-        if asked or leaving.code != USAGE:
-            raise
-        if sentence := unknown_option(words, called, _options(called)):
-            raise SystemExit(sentence) from None
-        _parse(called, words, speaks=True)  # no command has run yet, and none will: the parser says why
-
-
-def _parse(called: tuple[str, ...], words: list[str], *, speaks: bool) -> None:
     with importing():
         import tyro  # here: lists of commands do without it
-    prog = " ".join(["palpate", *called])
-    made = tyro.cli(_EACH[" ".join(called)].load(), prog=prog, args=words[len(called) :], console_outputs=speaks)
-    if made is not None:  # a calibration: the call has set its fields
-        made.run()
+    command, prog = _EACH[" ".join(called)].load(), " ".join(["palpate", *called])
+    for speaks in (asked, True):  # first silent: no command runs where the parser refuses the call
+        try:
+            made = tyro.cli(command, prog=prog, args=words[len(called) :], console_outputs=speaks)
+        except SystemExit as leaving:
+            if speaks or leaving.code != USAGE:
+                raise
+            if sentence := unknown_option(words, called, _options(called)):
+                raise SystemExit(sentence) from None
+        else:
+            if made is not None:  # a calibration: the call has set its fields
+                made.run()
+            return
 
 
 def _complete(words: list[str]) -> None:
@@ -308,7 +258,7 @@ def _options(called: Sequence[str]) -> set[str]:
         return every
     text = io.StringIO()
     with redirect_stdout(text), suppress(SystemExit):
-        _parse(tuple(called), [*called, "--help"], speaks=True)
+        _call(tuple(called), [*called, "--help"], asked=True)
     return every | set(re.findall(r"--[a-z][\w-]*", text.getvalue()))
 
 
