@@ -7,7 +7,7 @@ import pytest
 
 from palpate.errors import InputError
 from palpate.spatial.pose import Pose
-from palpate.spatial.uncertain import inverse_pose_covariance, noise_covariance, pose_noise_on_wrench
+from palpate.spatial.uncertain import inverse_pose_covariance, noise_covariance
 
 
 def perturbed(pose: Pose, xi: np.ndarray) -> Pose:
@@ -43,30 +43,6 @@ def test_six_deviations_are_a_diagonal_and_a_covariance_is_itself() -> None:
 def test_bad_noise_is_refused_with_what_it_should_be(noise: object, word: str) -> None:
     with pytest.raises(InputError, match=word):
         noise_covariance(noise)
-
-
-def test_pose_noise_moves_a_wrench_as_finite_differences_say() -> None:
-    """For a covariance e_i e_i^T the answer is dW dW^T; central differences of 1e-5 are good to 1e-10 of 1 N, 1 m."""
-    pose, step = some_pose(), 1e-5
-    source = np.array([1.0, -2.0, 0.5, 0.1, 0.3, -0.2])
-    here = pose.wrench_matrix() @ source
-    for unit in np.eye(6):
-        ahead = perturbed(pose, step * unit).wrench_matrix() @ source
-        behind = perturbed(pose, -step * unit).wrench_matrix() @ source
-        slope = (ahead - behind) / (2 * step)
-        found = pose_noise_on_wrench(here, np.outer(unit, unit))
-        assert np.allclose(found, np.outer(slope, slope), rtol=0, atol=1e-8)
-
-
-def test_pose_noise_is_batched_and_rank_deficient_without_force() -> None:
-    wrenches = np.random.default_rng(0).normal(size=(5, 6))
-    wrenches[:, :3] = 0
-    covariance = np.diag([1e-4] * 3 + [1e-6] * 3)
-    batch = pose_noise_on_wrench(wrenches, covariance)
-    for one, wrench in zip(batch, wrenches, strict=True):
-        assert np.allclose(one, pose_noise_on_wrench(wrench, covariance), rtol=1e-12, atol=0)
-        assert np.array_equal(one[:3], np.zeros((3, 6)))  # a couple does not mind where it is, nor does no force
-        assert np.linalg.matrix_rank(one) == 2  # nor a turn about itself
 
 
 def test_the_inverse_of_an_uncertain_pose_against_dice() -> None:

@@ -8,7 +8,6 @@ from types import EllipsisType, MappingProxyType
 from typing import Any, cast
 
 import numpy as np
-from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
@@ -35,8 +34,8 @@ FLOAT, INT8, INT64 = np.dtype(np.float64), np.dtype(np.int8), np.dtype(np.int64)
 def shaped(values: ArrayLike, shape: Shape, name: str, dtype: np.dtype[Any] = FLOAT) -> np.ndarray:
     """Return `values` as compiled loops take them: of this shape and type, contiguous, aligned and writable.
 
-    The array itself where it is all that, else a copy. A loop that gets another layout is compiled again, and one that
-    gets another shape reads whatever lies behind it.
+    The array itself if it is all that, else a copy: loops are compiled again for another layout, and read beyond an
+    array of another shape.
 
     Args:
         values: numbers.
@@ -55,19 +54,31 @@ def shaped(values: ArrayLike, shape: Shape, name: str, dtype: np.dtype[Any] = FL
 
 
 def require_shape(array: np.ndarray, shape: Shape, name: str) -> None:
-    """Raise an InputError where an array does not have the required shape, written as for `shaped`."""
+    """Require a shape, written as for `shaped`.
+
+    Raises:
+        InputError: the array has another.
+    """
     if not _fits(array.shape, shape):
         raise InputError(f"{name} must have shape {_said(shape)}, not {array.shape}.")
 
 
 def require_finite(array: np.ndarray, name: str) -> None:
-    """Raise an InputError where a number is NaN or infinite: LAPACK's least squares would never end."""
+    """Require finite numbers: with others LAPACK's least squares would never end.
+
+    Raises:
+        InputError: a number is NaN or infinite.
+    """
     if not np.isfinite(array).all():
         raise InputError(f"{name} must be finite.")
 
 
 def require_batch(array: np.ndarray, batch: tuple[int, ...], name: str) -> None:
-    """Raise an InputError where matrices (..., 6, 6) cannot be broadcast to one for each of a batch."""
+    """Require matrices (..., 6, 6) that can be broadcast to one for each of a batch.
+
+    Raises:
+        InputError: they cannot.
+    """
     try:
         np.broadcast_to(array, (*batch, *array.shape[-2:]))
     except ValueError as problem:
@@ -76,13 +87,10 @@ def require_batch(array: np.ndarray, batch: tuple[int, ...], name: str) -> None:
 
 
 def require_out(out: np.ndarray, shape: Shape, name: str = "out") -> None:
-    """Raise an InputError where a compiled loop cannot write into `out`.
-
-    It must be float64 of this shape, contiguous, aligned and writable. Nothing is copied, because the caller would not
-    see the result.
+    """Require an array that a compiled loop can write into.
 
     Raises:
-        InputError: `out` is not such an array.
+        InputError: `out` is not an array of float64 and this shape, contiguous, aligned and writable.
     """
     if type(out) is np.ndarray and out.dtype == FLOAT and out.flags.carray:
         if _fits(out.shape, shape):
@@ -95,13 +103,15 @@ def require_out(out: np.ndarray, shape: Shape, name: str = "out") -> None:
     )
 
 
-def frozen(values: ArrayLike, *, tail: tuple[int, ...] = (), name: str = "array") -> Float[np.ndarray, "..."]:
-    """Return a read-only float64 copy of `values` whose last axes are `tail`, in C order whatever the order it came in.
+def frozen(
+    values: ArrayLike, *, tail: tuple[int, ...] = (), name: str = "array", dtype: np.dtype[Any] = FLOAT
+) -> np.ndarray:
+    """Return a read-only copy of `values` in C order, of this type, whose last axes are `tail`.
 
     Raises:
-        InputError: the last axes are not `tail`, or the numbers are not real.
+        InputError: the last axes are not `tail`, or the type cannot hold the numbers.
     """
-    array = _converted(values, (..., *tail), name, FLOAT)
+    array = _converted(values, (..., *tail), name, dtype)
     require_shape(array, (..., *tail), name)
     array.flags.writeable = False
     return array
@@ -131,7 +141,7 @@ def _picklable(value: Any) -> Any:
 
 
 def _converted(values: ArrayLike, shape: Shape, name: str, dtype: np.dtype[Any]) -> np.ndarray:
-    """Return a copy of the required type; raise an InputError where that type cannot hold the numbers."""
+    """Return a copy of the required type; raise an InputError if it cannot hold the numbers."""
     wanted = f"{name} must be {dtype} of shape {_said(shape)}"
     try:
         given = np.asarray(values)

@@ -1,4 +1,4 @@
-"""Read from the annotations of public functions which arrays they take, and convert the arguments to these arrays."""
+"""Convert the arguments of public functions to the arrays and numbers that their annotations require."""
 
 from __future__ import annotations
 
@@ -64,17 +64,14 @@ class _Wanted(NamedTuple):
 def takes_arrays(made: _Made) -> _Made:
     """Decorate a function, or a class for its constructor and its public methods, that is annotated by jaxtyping.
 
-    Arguments that are annotated as arrays may then be lists, tuples or anything that NumPy converts to an array, of any
-    type of real numbers, order and strides: the function gets an array of the type of the annotation, contiguous by
-    rows, and the given one if it is that already. Axes of one name have one length in all arguments. Arguments named
-    `out`, `out_covariance` and `out_total`, and `counts` in a function with `out`, are written into, and are not
-    converted.
-
-    Numbers with which a function cannot compute, as NumPy or LAPACK report it, raise an InputError that names the
-    argument that is empty or not finite, if one is.
+    Arguments annotated as arrays may then be lists, tuples or anything that NumPy converts to an array of real numbers:
+    the function gets an array of the annotated type, contiguous by rows, and the given one if it is that already. Axes
+    of one name have one length in all arguments. Arguments named `out`, `out_covariance` and `out_total`, and `counts`
+    in a function with `out`, are written into, and are not converted.
 
     Raises:
-        InputError: by the decorated call, where an argument has another shape, or is not of real numbers.
+        InputError: by the decorated call: an argument has another shape or no real numbers; or NumPy or LAPACK cannot
+            compute with the numbers, in which case the message names an argument that is empty or not finite.
     """
     return cast("_Made", _class(made) if isinstance(made, type) else _function(made, unwrap(made).__module__))
 
@@ -199,12 +196,20 @@ def _taken(wanted: _Wanted, value: Any, sizes: dict[str, _Size]) -> Any:
 
 
 def number(value: Any, name: str) -> float:
-    """Return a number of any class as a float; raise an InputError where it is no number."""
+    """Return a number of any class as a float.
+
+    Raises:
+        InputError: it is no number.
+    """
     return float(_number(value, _Wanted(name, False, (), None, ())))
 
 
 def integer(value: Any, name: str) -> int:
-    """Return a whole number of any class as an int; raise an InputError where it is no whole number."""
+    """Return a whole number of any class as an int.
+
+    Raises:
+        InputError: it is no whole number, or not below 2^62.
+    """
     if type(value) is int and abs(value) < _LARGEST:
         return value
     return int(_number(value, _Wanted(name, False, (), None, (), whole=True)))

@@ -23,7 +23,7 @@ class FrameTree:
     """Tree of frames, each with its pose in its parent.
 
     Args:
-        edges: parent, child, and T_parent_child.
+        edges: parent, child, and T_parent_child of each.
     """
 
     def __init__(self, edges: Iterable[tuple[str, str, Edge]] = ()) -> None:
@@ -47,13 +47,14 @@ class FrameTree:
         Raises:
             InputError: there is no such frame; one on the way has two parents, or is its own ancestor.
         """
-        return tuple(self._climb(frame, None))
+        return self._climb(frame, None)
 
     def path(self, base: str, sensor: str) -> FramePath:
         """Return the edges from one frame to another as a `FramePath`, by way of their nearest common ancestor.
 
         Raises:
-            InputError: no such frame, or nothing joins the two; a frame on the way with two parents, or a loop.
+            InputError: there is no such frame; nothing joins the two; one on the way has two parents, or is its own
+                ancestor.
         """
         up = self._climb(sensor, base)
         if up[-1] == base:
@@ -116,14 +117,16 @@ class FramePath:
 
     @property
     def tracks(self) -> tuple[PoseTrack, ...]:
-        """Edges that move, a tuple of `PoseTrack`."""
+        """Moving edges, a tuple of `PoseTrack`."""
         return tuple(edge for edge, _ in self.steps if isinstance(edge, PoseTrack))
 
     def at(self, time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 3"]]:
         """Return quaternions x, y, z, w (n, 4), positions (n, 3) [m] of the source in the target: T_0_1 @ T_1_2 @ ...
 
-        Each edge is interpolated between its own neighbours in time (see `PoseTrack.at`); then all are composed. NaN
-        where one of them has no answer.
+        They are at times (n,) [s]; each edge is interpolated as by `PoseTrack.at`. NaN where one has no answer.
+
+        Raises:
+            InputError: the times are not (n,) numbers.
         """
         from scipy.spatial.transform import Rotation  # here: it takes 0.1 s to import
 
@@ -149,25 +152,25 @@ class FramePath:
 
     @property
     def stamps(self) -> Float[np.ndarray, " k"]:
-        """Stamps (k,) [s] of the edge with the most poses; empty where no edge moves."""
+        """Stamps of the edge with the most poses, (k,) [s]; empty if no edge moves."""
         return max((track.stamps for track in self.tracks), key=len, default=np.zeros(0))
 
     def answerable(self, time: Float[np.ndarray, " n"]) -> int:
-        """Return the number of these times, from the first, whose answers later poses will not change."""
+        """Return how many of the times (n,) [s], from the first on, have answers that later poses will not change."""
         return min((track.answerable(time) for track in self.tracks), default=len(time))
 
     def complete(self) -> None:
-        """Mark every moving edge as complete: no more poses will come, and `answerable` counts all times."""
+        """Declare that no more poses will come: `answerable` then counts all times."""
         for track in self.tracks:
             track.complete()
 
     def forget(self, before: float) -> None:
-        """Drop the poses of each moving edge that answers at `before` [s] and later do not need."""
+        """Drop the poses that answers at `before` [s] and later do not need."""
         for track in self.tracks:
             track.forget(before)
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on the poses left out, of each moving edge, as a tuple of sentences; () where there are none."""
+        """Return how many poses of each moving edge were left out and why, a tuple of sentences; () without any."""
         names = zip(self.frames, self.frames[1:], strict=False)
         return tuple(
             f"between frames {first} and {second}: {note}"

@@ -16,14 +16,16 @@ def slerp(
 ) -> Float[np.ndarray, "*batch 4"]:
     """Return unit quaternions (*batch, 4) from `first` (share 0) to `second` (1), the shortest way at constant speed.
 
-    With a the angle between them in four dimensions (half of the rotation's), at most a quarter turn because q and -q
-    are one rotation: q = (sin((1 - u) a) q0 + sin(u a) q1) / sin a [Shoemake 1985]. The angle comes from the chords,
-    a = 2 atan2(|q1 - q0|, |q1 + q0|), which is exact for small angles, where the arc cosine of q0 . q1 is not.
+    q = (sin((1 - u) a) q0 + sin(u a) q1) / sin a [Shoemake 1985], with a half of the rotation's angle, from the chords:
+    a = 2 atan2(|q1 - q0|, |q1 + q0|). The arc cosine of q0 . q1 is not exact for small angles.
 
     Args:
-        first: (*batch, 4) x, y, z, w of any length but zero (NaN in, NaN out).
+        first: (*batch, 4) x, y, z, w of any length but zero; NaN gives NaN.
         second: the same.
-        share: (*batch,) u, between 0 and 1.
+        share: (*batch,) u; beyond 0 to 1 it extrapolates.
+
+    Raises:
+        InputError: other shapes, or batches that differ.
     """
     start, end = (q / _length(q) for q in (first, second))
     end = np.where(np.sum(start * end, axis=-1, keepdims=True) < 0, -end, end)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Int
 
-from palpate.spatial._arrays import shaped
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.interpolate import slerp
 from palpate.spatial.pose_track import SLACK, PoseTrack
@@ -22,31 +21,29 @@ class LiveTrack(PoseTrack):
     """Track of live poses, of which the newest is usually older than the requested time.
 
     Up to the newest pose it answers as `PoseTrack`. For an age t beyond it, and up to `max_gap`, the last motion goes
-    on at constant angular and linear velocity, measured over a time B that is as long as t where there are such poses
-    (and at least one spacing D of poses): a shorter one would multiply the noise of the poses by t / B.
+    on at constant angular and linear velocity, measured over a time B as long as t where there are such poses (and at
+    least one spacing D of poses): a shorter one would multiply the noise of the poses by t / B.
 
-    The error of this is given as the root mean square s(t) [rad] of the angle between the answer and the true
-    orientation: with an angular acceleration of mean square a^2 and poses whose noise is n (rms angle), the velocity of
-    the past B lags by a B / 2, so that
+    The rms angle s(t) [rad] between the answer and the true orientation is
 
         s(t)^2 = (a t (t + B) / 2)^2 + n^2 ((1 + u)^2 + u^2 - 1),   u = t / B,
 
-    without the n^2 that a pose of age 0 has, too. a and n are taken from the last poses themselves: the second
-    difference of orientations over a lag of m spacings, d_m = w_after - w_before times m D, is the error that the
-    prediction above would have had in the past with t = B = m D, and its mean square is a^2 (m D)^4 + 6 n^2. Two lags
-    (1 and 8 spacings, or fewer) give both. With `hold`, the angle itself is the error:
+    with a^2 the mean square of the angular acceleration and n the noise of a pose (rms angle), whose n^2 at age 0 is
+    not included. The last poses give a and n: the second difference of orientations over a lag of m spacings has the
+    mean square a^2 (m D)^4 + 6 n^2, and two lags (1 and 8 spacings, or fewer) give both. With `hold`,
     s^2 = (w t)^2 + (a t^2 / 2)^2 with w^2 the mean square of the angular velocity.
 
     Args:
-        offset, max_gap: see `PoseTrack`; beyond an age of `max_gap` there is no answer.
+        offset, max_gap: as of `PoseTrack`; beyond an age of `max_gap` there is no answer.
         hold: answer with the newest pose, without extrapolation.
+
+    Attributes:
+        restarts: number of times that the poses' clock went back, and the track began anew.
     """
 
     def __init__(self, offset: float = 0.0, max_gap: float = 0.25, *, hold: bool = False) -> None:
         super().__init__(offset, max_gap)
-        self._hold = hold
-        self.restarts = 0
-        """Number of times that the poses' clock went back, and the track began anew."""
+        self._hold, self.restarts = hold, 0
         self._moved: tuple[float, float, float] | None = None  # mean squares of acceleration, noise, velocity
         self._since = 0  # poses that have come since
 
@@ -57,10 +54,10 @@ class LiveTrack(PoseTrack):
         quaternion: Float[np.ndarray, "n 4"],
         position: Float[np.ndarray, "n 3"] | None = None,
     ) -> None:
-        """Add poses to the track: stamps (n,) [s], quaternions x, y, z, w (n, 4), positions (n, 3) [m] or None.
+        """Add poses as `PoseTrack.add`; stamps that go back by more than a second begin the track anew.
 
-        Poses no later than one before are left out and counted; stamps that go back by more than a second begin the
-        track anew.
+        Raises:
+            InputError: arrays of other or different shapes.
         """
         self._since += len(time)
         if len(time) and time[-1] + self.offset < self._newest - _JUMP:
@@ -81,10 +78,12 @@ class LiveTrack(PoseTrack):
     def at(self, time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 3"]]:
         """Return quaternions x, y, z, w (n, 4) and positions (n, 3) [m] at times (n,) [s].
 
-        Between poses they are interpolated, after the newest one kept or extrapolated; NaN before the first pose, in
+        They are interpolated between poses, and held or extrapolated after the newest; NaN before the first pose, in
         gaps longer than `max_gap`, and later than `max_gap` after the newest.
+
+        Raises:
+            InputError: the times are not (n,) numbers.
         """
-        time = shaped(time, (None,), "time")
         if (time > self._newest).all():  # as a rule
             answers = np.full((len(time), 7), np.nan)
             quaternion, position = answers[:, :4], answers[:, 4:]
@@ -107,11 +106,13 @@ class LiveTrack(PoseTrack):
 
     @takes_arrays
     def lag(self, time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Return the age of the newest pose (n,) [s], 0 where it is not older, and the rms angle error s (n,) [rad].
+        """Return the age of the newest pose at times (n,) [s], at least 0, and the rms angle error s, (n,) [rad].
 
-        With fewer than three poses s is NaN: nothing is known of the motion.
+        s is 0 at age 0, and else NaN with fewer than three poses.
+
+        Raises:
+            InputError: the times are not (n,) numbers.
         """
-        time = shaped(time, (None,), "time")
         age = np.maximum(time - self._newest, 0.0)
         turned = np.zeros(len(time))
         late = np.flatnonzero(age > 0)
@@ -135,8 +136,7 @@ class LiveTrack(PoseTrack):
     def _before(self, age: Float[np.ndarray, " k"]) -> np.ndarray:
         """Return the rows (k,) from which the velocity is measured: about as long before the newest as the age."""
         stamps: Float[np.ndarray, " n"] = self._rows[:, 0]
-        wanted: Float[np.ndarray, " k"] = stamps[-1] - age
-        found: Int[np.ndarray, " k"] = np.searchsorted(stamps, wanted, side="right") - 1
+        found: Int[np.ndarray, " k"] = np.searchsorted(stamps, stamps[-1] - age, side="right") - 1
         return np.clip(found, 0, len(stamps) - 2)
 
 

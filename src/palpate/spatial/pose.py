@@ -17,7 +17,11 @@ __all__ = ["Pose", "quaternion_from_rotation", "rotation_from_quaternion", "skew
 
 
 def skew(vector: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3"]:
-    """Return the matrix [v]x with [v]x u = v x u, (*batch, 3, 3)."""
+    """Return the matrix [v]x with [v]x u = v x u, (*batch, 3, 3).
+
+    Raises:
+        InputError: the last axis is not three real numbers.
+    """
     vector = shaped(vector, (..., 3), "vector")
     matrix = np.zeros((*vector.shape[:-1], 3, 3))
     x, y, z = np.moveaxis(vector, -1, 0)
@@ -28,7 +32,11 @@ def skew(vector: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3
 
 
 def rotation_from_quaternion(quaternion: Float[np.ndarray, "*batch 4"]) -> Float[np.ndarray, "*batch 3 3"]:
-    """Return rotation matrices (*batch, 3, 3) of quaternions x, y, z, w of any length but zero (NaN in, NaN out)."""
+    """Return rotation matrices (*batch, 3, 3) of quaternions x, y, z, w of any length; NaN of a zero or NaN one.
+
+    Raises:
+        InputError: the last axis is not four real numbers.
+    """
     quaternion = shaped(quaternion, (..., 4), "quaternion")
     q = quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
     vector, w = q[..., :3], q[..., 3, None, None]
@@ -43,7 +51,7 @@ def quaternion_from_rotation(rotation: Float[np.ndarray, "*batch 3 3"]) -> Float
     A matrix that is not orthonormal, such as a scaled one, counts as a rotation near it.
 
     Raises:
-        InputError: some matrix has a determinant that is not positive, such as a reflection, or is not finite.
+        InputError: a determinant is not positive, such as of a reflection; a number is not finite.
     """
     from scipy.spatial.transform import Rotation  # here: it takes 0.1 s to import
 
@@ -75,7 +83,7 @@ class Pose(Value):
         translation: (*batch, 3) [m].
 
     Raises:
-        InputError: the rotation is not one (a reflection, a scaled matrix), or there are not as many translations.
+        InputError: a rotation is not one (a reflection, a scaled matrix); the leading axes cannot be broadcast.
     """
 
     rotation: Float[np.ndarray, "*batch 3 3"]
@@ -103,7 +111,7 @@ class Pose(Value):
         """Make a `Pose` of quaternions x, y, z, w (*batch, 4) of any length, and translations (*batch, 3) [m].
 
         Raises:
-            InputError: a quaternion is zero or not finite.
+            InputError: other shapes; a quaternion is zero or not finite; both are swapped.
         """
         shapes = np.shape(quaternion_xyzw)[-1:], np.shape(translation)[-1:]
         if shapes == ((3,), (4,)):
@@ -116,7 +124,7 @@ class Pose(Value):
         """Make a `Pose` of homogeneous matrices (*batch, 4, 4), whose last row is 0, 0, 0, 1.
 
         Raises:
-            InputError: another last row, or no rotation.
+            InputError: another shape or last row; the upper left block is no rotation.
         """
         if not np.allclose(matrix[..., 3, :], (0.0, 0.0, 0.0, 1.0), atol=1e-9):
             last = matrix[..., 3, :].tolist()
@@ -127,16 +135,11 @@ class Pose(Value):
         return cls(matrix[..., :3, :3], matrix[..., :3, 3])
 
     @classmethod
-    def from_translation(cls, translation: ArrayLike) -> Pose:
-        """Make a `Pose` of a translation (*batch, 3) [m] alone."""
-        return cls(np.eye(3), translation)
-
-    @classmethod
     def from_rotation_vector(cls, rotation_vector: ArrayLike, translation: ArrayLike) -> Pose:
         """Make a `Pose` of rotation vectors, axis times angle (*batch, 3) [rad], and translations (*batch, 3) [m].
 
         Raises:
-            InputError: a rotation vector is not finite.
+            InputError: other shapes; a rotation vector is not finite.
         """
         from scipy.spatial.transform import Rotation
 
@@ -145,13 +148,13 @@ class Pose(Value):
         return cls(turns.reshape(*vector.shape, 3), translation)
 
     def quaternion(self) -> Float[np.ndarray, "*batch 4"]:
-        """Return the unit quaternion x, y, z, w with w >= 0, (*batch, 4)."""
+        """Return unit quaternions x, y, z, w with w >= 0, (*batch, 4)."""
         quaternions = quaternion_from_rotation(self.rotation)
         batch = np.broadcast_shapes(quaternions.shape[:-1], self.translation.shape[:-1])
         return np.broadcast_to(quaternions, (*batch, 4)).copy()
 
     def rotation_vector(self) -> Float[np.ndarray, "*batch 3"]:
-        """Return the rotation vector, axis times angle, (*batch, 3) [rad]."""
+        """Return rotation vectors, axis times angle, (*batch, 3) [rad]."""
         from scipy.spatial.transform import Rotation
 
         quaternions = self.quaternion()
@@ -175,7 +178,7 @@ class Pose(Value):
         return np.einsum("...ij,...j->...i", self.rotation, vectors)
 
     def wrench_matrix(self) -> Float[np.ndarray, "*batch 6 6"]:
-        """Return the matrix (*batch, 6, 6) that takes wrenches (force first) from the source to the target frame."""
+        """Return matrices (*batch, 6, 6) that take wrenches, force first, from the source to the target frame."""
         matrix = np.zeros((*self.rotation.shape[:-2], 6, 6))
         matrix[..., :3, :3] = self.rotation
         matrix[..., 3:, 3:] = self.rotation

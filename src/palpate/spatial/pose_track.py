@@ -18,20 +18,21 @@ SLACK = 1e-6  # s: seconds since 1970 are only good to a quarter of this in floa
 class PoseTrack:
     """Track of recorded poses, added in pieces as they come, which answers at any times between them.
 
-    A pose that is no newer than the newest before it, or has no stamp or no quaternion, is left out and counted. The
-    poses kept have rising stamps, and depend on the order of the poses alone, not on how they were cut into pieces.
+    A pose no newer than one before it, or without a stamp or a quaternion, is left out and counted. How the poses are
+    cut into pieces makes no difference.
 
     Args:
         offset: [s] added to the poses' stamps to put them on the wrenches' clock.
         max_gap: [s] between neighbours, beyond which there is no answer between them.
+
+    Attributes:
+        late: number of poses left out because their stamp was not newer than an earlier one.
+        unreadable: number of poses left out because stamp or quaternion was unusable.
     """
 
     def __init__(self, offset: float = 0.0, max_gap: float = 0.25) -> None:
         self.offset, self.max_gap = offset, max_gap
-        self.late = 0
-        """Number of poses left out because their stamp was not newer than an earlier one."""
-        self.unreadable = 0
-        """Number of poses left out because stamp or quaternion was unusable."""
+        self.late = self.unreadable = 0
         self._rows = np.zeros((0, 8))  # stamp, quaternion, position
         self._fresh: list[np.ndarray] = []  # pieces not yet in _rows: poses may come one by one
         self._newest = -np.inf
@@ -49,6 +50,9 @@ class PoseTrack:
             time: (n,) [s] stamps on the poses' own clock.
             quaternion: (n, 4) x, y, z, w: sensor in base.
             position: (n, 3) [m] of the sensor's origin in the base; None or NaN where it is not known.
+
+        Raises:
+            InputError: arrays of other or different shapes.
         """
         position = np.full((len(time), 3), np.nan) if position is None else position
         rows = np.column_stack([time + self.offset, quaternion, position])
@@ -62,19 +66,22 @@ class PoseTrack:
         self._fresh.append(rows[newer])
 
     def complete(self) -> None:
-        """Note that no more poses will come: `answerable` then counts all times."""
+        """Declare that no more poses will come: `answerable` then counts all times."""
         self._complete = True
 
     def answerable(self, time: Float[np.ndarray, " n"]) -> int:
-        """Return the number of these times, from the first, whose answers from `at` later poses will not change."""
+        """Return how many of the times (n,) [s], from the first on, have answers that later poses will not change."""
         open_ended = np.flatnonzero(time > self._newest)
         return len(time) if self._complete or not len(open_ended) else int(open_ended[0])
 
     def at(self, time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 3"]]:
         """Return quaternions x, y, z, w (n, 4) and positions (n, 3) [m] at times (n,) [s] on the wrenches' clock.
 
-        At a pose's own stamp it is that pose to the last bit, as recorded. Between two poses with stamps at most
-        `max_gap` after each other, the rotation turns at constant speed and the position runs straight. Otherwise NaN.
+        At a pose's stamp it is that pose to the last bit; between two at most `max_gap` apart, the rotation turns at
+        constant speed and the position runs straight; elsewhere NaN.
+
+        Raises:
+            InputError: the times are not (n,) numbers.
         """
         rows = self._gathered()
         answers = np.full((len(time), 7), np.nan)
@@ -97,18 +104,18 @@ class PoseTrack:
 
     @property
     def stamps(self) -> Float[np.ndarray, " k"]:
-        """Stamps (k,) [s] of the poses that were kept, on the wrenches' clock."""
+        """Stamps of the poses that are kept, on the wrenches' clock, (k,) [s]."""
         return self._gathered()[:, 0].copy()
 
     def forget(self, before: float) -> None:
-        """Drop the poses that answers at `before` [s, on the wrenches' clock] and later do not need."""
+        """Drop the poses that answers at `before` [s], on the wrenches' clock, and later do not need."""
         rows = self._gathered()
         first = int(np.searchsorted(rows[:, 0], before, side="right")) - 1
         if first > 0:
             self._rows = rows[first:].copy()
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on the number of poses left out and why, as a tuple of sentences; () where there are none."""
+        """Return how many poses were left out and why, a tuple of sentences; () without any."""
         said = (
             (self.late, "are not newer than an earlier one and were left out"),
             (self.unreadable, "have no stamp, or a quaternion that is not of length 1, and were left out"),
@@ -123,7 +130,11 @@ class PoseTrack:
 
 
 def sound_quaternions(quaternion: Float[np.ndarray, "n 4"]) -> Bool[np.ndarray, " n"]:
-    """Return a bool for each quaternion, (n,), True where it can be a rotation: finite, length between 0.5 and 2."""
+    """Return a mask (n,) of the quaternions (n, 4) that are finite and of a length between 0.5 and 2.
+
+    Raises:
+        InputError: the quaternions have another shape.
+    """
     quaternion = shaped(quaternion, (None, 4), "quaternion")
     with np.errstate(over="ignore", invalid="ignore"):
         length = np.sqrt(np.sum(quaternion * quaternion, axis=1))

@@ -25,7 +25,7 @@ def vector(values: ArrayLike, digits: int = 3) -> str:
     """Format numbers (n,) as text in brackets, with `digits` digits behind the point.
 
     Raises:
-        InputError: `digits` is negative.
+        InputError: `digits` is negative, or the values are not (n,) numbers.
     """
     if digits < 0:
         raise InputError(f"digits must be 0 or more, not {digits}.")
@@ -33,7 +33,7 @@ def vector(values: ArrayLike, digits: int = 3) -> str:
 
 
 def rounded(value: float, deviation: float, most: int = _DECIMALS) -> str:
-    """Format a value as text to two digits of its standard deviation, at most `most` decimals; two if unknown."""
+    """Format a value to two digits of its standard deviation, at most `most` decimals; with two if it is unknown."""
     digits = 2
     if 0.0 < deviation < np.inf:
         digits = min(max(0, 1 - int(f"{deviation:.1e}".partition("e")[2])), most)
@@ -41,18 +41,18 @@ def rounded(value: float, deviation: float, most: int = _DECIMALS) -> str:
 
 
 def uncertain(value: float, deviation: float, most: int = _DECIMALS) -> str:
-    """Format "value ± standard deviation", both rounded as by `rounded`; the value alone where none is known."""
+    """Format "value ± standard deviation", both as by `rounded`; the value alone if the deviation is unknown."""
     known = 0.0 < deviation < np.inf
     return rounded(value, deviation, most) + (f" ± {rounded(deviation, deviation, most)}" if known else "")
 
 
 def three_digits(value: float) -> str:
-    """Format a value as text to three digits; a large one to the unit, and at most six places behind the point."""
+    """Format a value to three digits, a large one to the unit, with at most six decimals."""
     return rounded(value, abs(value) / 10)
 
 
 def one_line(value: object) -> str:
-    """Format a frozen value as one line, its class and fields: small arrays in full, larger ones by shape, none empty.
+    """Format a dataclass's class and fields that are not empty on one line: large arrays by their shape.
 
     Raises:
         TypeError: the value is no instance of a dataclass.

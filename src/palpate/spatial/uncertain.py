@@ -1,4 +1,4 @@
-"""Covariances: from a user's statement of the noise, and from the uncertainty of a pose."""
+"""Covariances of wrenches from stated noise, and of inverse poses."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
 from palpate.spatial.arguments import takes_arrays
-from palpate.spatial.pose import Pose, skew
+from palpate.spatial.pose import Pose
 
-__all__ = ["inverse_pose_covariance", "noise_covariance", "pose_noise_on_wrench"]
+__all__ = ["inverse_pose_covariance", "noise_covariance"]
 
 LARGEST = 1e9  # N, N m: no sensor, and its square is a number
 
@@ -20,11 +20,12 @@ def noise_covariance(noise: ArrayLike) -> Float[np.ndarray, "6 6"]:
     """Return a 6 x 6 covariance [N, N m], force first, from a covariance or from standard deviations.
 
     Args:
-        noise: the standard deviations of force and torque, the same along each axis; of each of the six numbers; or a
-            covariance.
+        noise: (2,) standard deviations of force [N] and torque [N m] along each axis; or (6,) of each number; or a
+            covariance (6, 6).
 
     Raises:
-        InputError: none of the three shapes, not finite, not symmetric or negative.
+        InputError: another shape; a deviation that is negative or above 1e9; a covariance that is not finite, not
+            symmetric, or has a negative eigenvalue.
     """
     array = np.asarray(noise, dtype=np.float64)
     array = np.repeat(array, 3) if array.shape == (2,) else array
@@ -45,32 +46,13 @@ def noise_covariance(noise: ArrayLike) -> Float[np.ndarray, "6 6"]:
 
 
 @takes_arrays
-def pose_noise_on_wrench(
-    wrench: Float[np.ndarray, "*batch 6"], covariance: Float[np.ndarray, "6 6"]
-) -> Float[np.ndarray, "*batch 6 6"]:
-    """Return the covariance (*batch, 6, 6) [N, N m] of a wrench in the target frame that an uncertain pose causes.
-
-    Args:
-        wrench: (*batch, 6) already in the target frame, force first.
-        covariance: of (rotation vector [rad], translation [m]) of the pose T_target_source perturbed on the
-            *left*: T = exp(xi) T_mean.
-
-    To first order dF = omega x F and dM = omega x M + rho x F.
-    """
-    force, torque = skew(wrench[..., :3]), skew(wrench[..., 3:])
-    jacobian = np.zeros((*wrench.shape[:-1], 6, 6))
-    jacobian[..., :3, :3] = -force
-    jacobian[..., 3:, :3] = -torque
-    jacobian[..., 3:, 3:] = -force
-    return jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
-
-
-@takes_arrays
 def inverse_pose_covariance(pose: Pose, covariance: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "6 6"]:
-    """Return the covariance (6, 6) [rad, m] of the inverse of a pose, each perturbed on its left.
+    """Return the covariance (6, 6) of the inverse of a pose: rotation vector [rad], then translation [m].
 
-    (exp(xi) T)^-1 = exp(-Ad(T^-1) xi) T^-1, with Ad = [[R, 0], [[t]x R, R]] for (rotation, translation).
+    Both poses are perturbed on the left: (exp(xi) T)^-1 = exp(-Ad(T^-1) xi) T^-1, Ad = [[R, 0], [[t]x R, R]].
+
+    Raises:
+        InputError: the covariance has another shape.
     """
-    inverse = pose.inverse()
-    adjoint = inverse.wrench_matrix()  # the same block pattern: rotation plays force, translation plays torque
+    adjoint = pose.inverse().wrench_matrix()  # the same block pattern: rotation plays force, translation plays torque
     return adjoint @ covariance @ adjoint.T

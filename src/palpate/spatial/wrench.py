@@ -33,7 +33,7 @@ class Wrench(Value):
         covariance: (*batch, 6, 6) or (6, 6), force first [N, N m]; None when not known.
 
     Raises:
-        InputError: shapes that do not belong together.
+        InputError: force and torque have other or different shapes; the covariance cannot be broadcast to them.
     """
 
     force: Float[np.ndarray, "*batch 3"]
@@ -53,7 +53,11 @@ class Wrench(Value):
 
     @classmethod
     def from_vector(cls, vector: ArrayLike, covariance: ArrayLike | None = None) -> Wrench:
-        """Make a `Wrench` of six-vectors (*batch, 6), force first [N, N m]."""
+        """Make a `Wrench` of six-vectors (*batch, 6), force first [N, N m], and a covariance as for the class.
+
+        Raises:
+            InputError: other shapes.
+        """
         vector = shaped(vector, (..., 6), "vector")
         return cls(vector[..., :3], vector[..., 3:], covariance)
 
@@ -62,12 +66,10 @@ class Wrench(Value):
         return np.concatenate([self.force, self.torque], axis=-1)
 
     def transformed(self, pose: Pose) -> Wrench:
-        """Return the same wrench, and its covariance where known, in another frame as a `Wrench`.
+        """Return the `Wrench`, with its covariance if known, in another frame: F' = R F, M' = R M + t x (R F).
 
         Args:
-            pose: T_target_source, the pose of this wrench's frame in the target frame.
-
-        With R, t of that pose: F' = R F, M' = R M + t x (R F).
+            pose: T_target_source of rotation R and translation t: this wrench's frame in the target frame.
         """
         matrix = pose.wrench_matrix()
         vector = np.einsum("...ij,...j->...i", matrix, self.vector())
