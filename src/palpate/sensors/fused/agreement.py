@@ -1,4 +1,4 @@
-"""Check that a skin and a force/torque sensor belong together, by the share of frames in which they disagree."""
+"""Check that a skin and a force/torque sensor fit each other, by the share of frames in which they disagree."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Agreement:
         Args:
             forces: (m, 3) [N] of the contacts that the skin feels.
             frame: (m,) number of each contact's frame.
-            wrenches: (n, 6) of the frames.
+            wrenches: (n, 6) [N, N m] of the frames.
             touched: (n,) frames with a contact and a wrench.
             alarm: (n,) frames whose wrench the skin's contacts do not explain.
         """
@@ -38,12 +38,12 @@ class Agreement:
         np.add.at(total, frame, forces)
         unexplained = touched & alarm
         opposed = unexplained & (np.sum(total * wrenches[:, :3], axis=1) < 0.0)
-        self._touched += int(np.count_nonzero(touched))
-        self._unexplained += int(np.count_nonzero(unexplained))
-        self._opposed += int(np.count_nonzero(opposed))
+        self._touched += np.count_nonzero(touched)
+        self._unexplained += np.count_nonzero(unexplained)
+        self._opposed += np.count_nonzero(opposed)
 
     def warnings(self) -> tuple[str, ...]:
-        """Return a warning, one sentence, if most frames disagree; else an empty tuple."""
+        """Return one warning if more than 80 % of 50 or more frames with a contact disagree; else an empty tuple."""
         if self._touched < ENOUGH:
             return ()
         if self._opposed > DISAGREES * self._touched:

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from palpate.errors import InputError
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["within_cones"]
@@ -32,25 +31,20 @@ def within_cones(
 ) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, " n"], tuple[str, ...]]:
     """Return the forces f within the cones with the least (f - force)^T covariance^-1 (f - force), frame by frame.
 
-    With covariance = S S^T and f = force + S x it is the shortest x whose f lies in second-order cones
-    |t_i| <= friction n_i: a problem of a frame's cones, solved by clarabel.
+    With covariance = S S^T and f = force + S x, clarabel finds the shortest x whose f lies in second-order cones
+    |t_i| <= friction n_i.
 
     Args:
         force: (m, 3) [N] the best forces without cones, frame by frame.
         normals: (m, 3) outward unit normals.
-        counts: (n,) number of contacts in each frame.
-        covariances: n of (3 counts, 3 counts); one may be singular.
+        counts: (n,) number of contacts in each frame; they add up to m.
+        covariances: (3 count, 3 count) [N^2] of each frame's forces; may be singular.
         friction: bound of the tangential over the normal force.
 
     Returns:
-        Forces (m, 3) [N], the least square (n,) of each frame, and notes on failures: clarabel is not installed, or
-        found no forces.
-
-    Raises:
-        InputError: counts or covariances do not fit to the forces.
+        Forces (m, 3) [N], the least square (n,) of each frame, and notes where forces are returned unchanged because
+        clarabel is not installed or found none.
     """
-    if counts.sum() != len(force) or [np.shape(each) for each in covariances] != [(3 * n, 3 * n) for n in counts]:
-        raise InputError(f"counts must add up to the {len(force)} forces, and each frame needs a covariance (3n, 3n).")
     found, further, notes = force.copy(), np.zeros(len(counts)), tuple[str, ...]()
     try:
         clarabel: Any = import_module("clarabel")

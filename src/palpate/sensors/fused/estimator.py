@@ -51,25 +51,25 @@ class FusedEstimator(ContactEstimator):
     A reading is (k + 7,): the cells row by row, force [N] and torque [N m] as measured, NaN where there is none, and
     the number of readings of which they are the mean (1; 0: interpolated).
 
-    Each frame of the skin gives places, normals and normal forces, the wrench at that time their sum (`FusedLocator`).
-    A frame without a wrench keeps the skin's forces, with `share` 1. If the skin does not explain the wrench for 50 ms,
-    one more contact is added, of identity 0, at the place of the largest belief.
+    A frame of the skin gives places, normals and normal forces, the wrench their sum (`FusedLocator`); without a wrench
+    forces are the skin's, with `share` 1. Where the skin does not explain the wrench for 50 ms, one more contact, of
+    identity 0, is added at the place of the largest belief.
 
-    Features, after those of the skin: `share`, posterior over prior standard deviation of a contact's tangential force:
-    1 where the wrench adds no information; `bound`, 1 where its friction cone binds; `unexplained`, the probability of
-    a wrench as far from the expected one as this one, if the skin feels all; `belief` in the place of a contact, 1
-    where the skin feels it, else of all places about it; `force_xx` ... `force_zz` [N^2], the covariance of the force.
+    Features, after those of the skin: `share`, posterior over prior standard deviation of a contact's tangential force;
+    `bound`, 1 where its friction cone binds; `unexplained`, the probability of a wrench as far from the expected one,
+    if the skin feels all; `belief`, the probability of a contact's place, 1 where the skin feels it; `force_xx` ...
+    `force_zz` [N^2], the covariance of the force.
 
     Args:
         taxels: estimator of the skin; its filter smooths the wrenches too.
         sensor: sensor of wrenches.
-        fused: locator with the surface, in the surface's frame, which is the skin's too.
+        fused: locator with the surface, in the skin's frame.
         mount: T_sensor_surface.
         mount_covariance: (6, 6) of its (rotation vector [rad], translation [m]), perturbed on the left.
         drift: drift of the sensor's bias, which is followed while neither skin nor wrench shows a contact.
-        covered: whether the body is touched only on the skin, so that nothing touches where the skin feels nothing.
-        live: whether samples come live. False is for logs: in `pairs` and `stream` the bias is smoothed by samples
-            after a touch, for which blocks wait 10 minutes at most.
+        covered: whether the body is touched only on the skin.
+        live: whether samples come live. False: in `pairs` and `stream` the bias is smoothed by samples after a touch,
+            for which blocks wait 10 minutes at most.
 
     Attributes:
         kelvin: temperature of the sensor, see `WrenchEstimator`.
@@ -122,7 +122,7 @@ class FusedEstimator(ContactEstimator):
         self.reset()
 
     def reset(self) -> None:
-        """Forget earlier frames, notes and warnings; the tares are kept."""
+        """Forget earlier frames, notes and warnings, but not the tares."""
         super().reset()
         self.taxels.reset()
         self._wrenches.reset()
@@ -132,10 +132,10 @@ class FusedEstimator(ContactEstimator):
         self._frames = self._missing = 0
 
     def tare(self, recording: Recording) -> Tare:
-        """Tare the skin and the force/torque sensor with a window at rest, `reset`, and return one `Tare` of both.
+        """Tare the skin and the force/torque sensor by a recording at rest, `reset`, and return one `Tare` of both.
 
         Raises:
-            InputError: the window has too few samples, is not steady, or lacks a channel.
+            InputError: the recording has too few samples, is not steady, or lacks a channel.
         """
         wrench = self.sensor.tare(recording)
         cells = self.taxels.tare(recording)
@@ -146,18 +146,16 @@ class FusedEstimator(ContactEstimator):
     def answer(self, block: Recording, watched: bool = False) -> Answered:
         """Return the contacts of a block's frames as `Answered`, with the force [N] of each taxel if `watched`.
 
-        The filter must not use later samples.
-
         Raises:
             InputError: a channel is missing.
         """
         return next(self._rejoined(self._wrenches.forward(self._pieces([self.taxels.answer(block, watched)]))))
 
     def answers(self, blocks: Iterable[Recording], watched: bool = False) -> Iterator[Answered]:
-        """Yield the contacts of a log's blocks, from its start, each as `Answered` as soon as they are known.
+        """Yield an `Answered` for each block of a log, from its start, with each taxel's force [N] if `watched`.
 
         Raises:
-            InputError: a channel is missing.
+            InputError: a channel is missing, or the first frames do not determine the skin's baseline.
         """
         skin = self.taxels.answers(self.sensor.ready(blocks), watched)
         return self._rejoined(self._wrenches.of_log(self._pieces(skin)))
@@ -166,7 +164,8 @@ class FusedEstimator(ContactEstimator):
         """Return the `Contacts` of a block; the skin's baseline and bad cells, if unknown, are from its first frames.
 
         Raises:
-            InputError: a channel is missing or has another shape, or the filter has zero phase.
+            InputError: a channel is missing or has another shape, the first frames do not determine the baseline, or
+                the filter has zero phase.
         """
         require_forward(self.filter)
         self.taxels.look(recording)
@@ -177,7 +176,7 @@ class FusedEstimator(ContactEstimator):
         return self._wrenches.history()
 
     def notes(self) -> tuple[str, ...]:
-        """Return a tuple of notes on the frames so far, of the skin and of the wrenches, one sentence each."""
+        """Return notes on the skin, the wrenches and the frames so far, one sentence each."""
         said = [*self._noted, *self.taxels.notes(), *self._wrenches.notes()]
         if self._missing:
             said.append(
@@ -186,7 +185,7 @@ class FusedEstimator(ContactEstimator):
         return tuple(said)
 
     def warnings(self) -> tuple[str, ...]:
-        """Return a tuple of warnings of the skin, of the wrenches, and of their disagreement, one sentence each."""
+        """Return warnings of the skin, of the wrenches, and of their disagreement, one sentence each."""
         return (*self.taxels.warnings(), *self._wrenches.warnings(), *self._agreement.warnings())
 
     def _single(self, time: float, reading: ArrayLike, out: Rows, rotation: Known, acceleration: Known) -> int:

@@ -29,14 +29,12 @@ class Place(NamedTuple):
 
 
 class LastingUnseen:
-    """A search for a contact that the skin does not feel, once the wrench is unexplained for 50 ms.
-
-    The contact is put at the place of the largest belief.
+    """A search for the likeliest place of a contact that the skin does not feel, after 50 ms of unexplained wrenches.
 
     Args:
         fused: locator with the surface.
-        belief: column of the belief in the place.
-        width: width of a row.
+        belief: column of the belief in the estimator's rows.
+        width: width of the estimator's rows.
     """
 
     def __init__(self, fused: FusedLocator, belief: int, width: int) -> None:
@@ -44,7 +42,7 @@ class LastingUnseen:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the place, and the time since the wrench is unexplained."""
+        """Forget the place, and since when the wrench is unexplained."""
         self._since = self._looked = np.nan  # [s] when the wrench began to be unexplained, and its place was looked for
         self._place: Place | None = None
 
@@ -55,13 +53,13 @@ class LastingUnseen:
         usable: Bool[np.ndarray, " n"],
         fused: FusedFrames,
     ) -> dict[int, Place]:
-        """Return a dict of frame number -> `Place` of the unseen contact where it lasts; searched every 0.1 s.
+        """Return frame number -> `Place` of the unseen contact where it lasts; it is searched every 0.1 s.
 
         Args:
             time: (n,) [s].
             reporting: (n,) frames with a valid skin, and a wrench or a contact.
             usable: (n,) frames with a wrench.
-            fused: forces of the skin's contacts, with the alarm of each frame.
+            fused: forces and alarms of the frames.
         """
         found = dict[int, Place]()
         for k, now in enumerate(time.tolist()):
@@ -76,9 +74,8 @@ class LastingUnseen:
     def _persists(self, time: float, alarm: bool) -> bool:
         """Return whether the wrench has been unexplained for `PERSISTS` or longer."""
         if not alarm:
-            self._since, self._place = np.nan, None
-            return False
-        if np.isnan(self._since):
+            self.reset()
+        elif np.isnan(self._since):
             self._since = time
         return time - self._since >= PERSISTS
 

@@ -1,7 +1,7 @@
-"""Forces of several contacts: a skin gives place and normal force of each, a force/torque sensor the sum of all.
+"""Find the forces of several contacts: a skin gives place and normal force of each, a wrench the sum of all.
 
-A skin measures normal forces, with errors of a few per cent, and no tangential ones; one wrench has six numbers for all
-contacts. Together they give each contact's complete force, because friction bounds the tangential force.
+A skin measures normal forces, with errors of a few per cent, and no tangential ones. With the wrench it gives each
+contact's complete force, because friction bounds the tangential force.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
 from palpate.sensors.fused.cones import within_cones
-from palpate.sensors.fused.unseen import PUSHES, Unseen, candidates, locked, ranked
-from palpate.spatial._arrays import Value, require_finite, shaped
+from palpate.sensors.fused.unseen import PUSHES, LockedValue, Unseen, candidates, ranked
+from palpate.spatial._arrays import require_finite, shaped
 from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.surface import Surface
 
-__all__ = ["Fused", "FusedLocator", "FusionSettings", "Unseen"]
+__all__ = ["Fused", "FusedLocator", "FusionSettings"]
 
 _BINDS = 1e-6  # slack over 1 N plus the normal force below which a cone binds
 
@@ -32,15 +32,13 @@ class FusionSettings:
     """Settings of the fusion: the prior of the forces, and the rate of false alarms.
 
     Args:
-        friction: bound of a contact's tangential over its normal force.
+        friction: bound of a contact's tangential over its normal force, > 0.
         tangential: standard deviation of each of the two components of the tangential force, as a share of the normal
-            force. That of a force uniform in a disc is half the disc's radius: 0.25 stands for tangential forces of up
-            to half of the normal force.
-        gain: standard deviation of the skin's normal force, as a share of it, independent for each contact.
-        floor: [N] standard deviation that is added to that of the gain.
-        alarm: accepted share of false alarms.
-        turns: number of times that the prior and the effect of misplaced contacts, which are proportional to the
-            forces, are computed again from the forces found.
+            force, from 0 to `friction`. 0.25 is that of a force uniform in a disc of half the normal force.
+        gain: standard deviation of the skin's normal force as a share of it, in [0, 1), independent for each contact.
+        floor: [N] standard deviation of the normal force in addition to that of the gain, >= 0.
+        alarm: accepted share of false alarms, between 0 and 0.5.
+        turns: number of times that what is proportional to the forces is computed again from the forces found.
 
     Raises:
         InputError: a setting is out of its range.
@@ -67,8 +65,8 @@ class FusionSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class Given(Value):
-    """The inputs from which forces were computed; only of sensors whose wrench is finite.
+class Given(LockedValue):
+    """The inputs from which forces were computed, of the k sensors whose wrench is finite.
 
     Attributes:
         contacts: (n, 17) rows of `FusedLocator.rows`.
@@ -76,7 +74,7 @@ class Given(Value):
         covariances: (k, 6, 6) of the wrenches' noise.
         carries: (k, n) whether a sensor feels a contact.
         whitened: (k, 6) wrench less the expected one, whitened by `factors`.
-        factors: (k, 6, 6) L D L^T of the wrench's covariance.
+        factors: (k, 6, 6) L D L^T of the covariance of that difference.
         p: (k,) see `Fused`.
     """
 
@@ -88,28 +86,25 @@ class Given(Value):
     factors: Float[np.ndarray, "k 6 6"]
     p: Float[np.ndarray, " k"]
 
-    def __post_init__(self) -> None:
-        locked(self)
-
 
 @takes_arrays
 @dataclass(frozen=True, eq=False)
-class Fused(Value):
-    """Forces of contacts, and how well the wrenches fit to them.
+class Fused(LockedValue):
+    """Forces of n contacts, and how well the wrenches of k sensors fit them.
 
     Attributes:
         force: (n, 3) [N] on the body, within the cones of friction.
         covariance: (3n, 3n) [N^2] of the forces, contact by contact; not narrowed by cones.
-        share: (n,) posterior over prior standard deviation of the tangential force: 1 where the wrench adds no
+        share: (n,) posterior over prior standard deviation of the tangential force; 1 where the wrench adds no
             information.
         slack: (n,) [N] friction times the normal less the tangential force.
         bound: (n,) whether the cone of friction binds.
-        expected: (k, 6) wrenches that are expected from the skin alone.
-        surprise: (k,) squared Mahalanobis distance of the wrench from the expected one, with the covariance for the
-            forces found, and, for one sensor, of the step into the cones in addition; NaN without a wrench.
+        expected: (k, 6) [N, N m] from the skin alone; NaN without a wrench.
+        surprise: (k,) squared Mahalanobis distance of the wrench from the expected one, for one sensor with the step
+            into the cones; NaN without a wrench.
         p: (k,) share of touches without an unseen contact whose wrench is as far off; NaN without a wrench.
-        alarm: whether a contact pushes that the skin does not see.
-        given: the inputs of the computation.
+        alarm: whether a contact pushes that the skin does not feel.
+        given: inputs of the computation.
         notes: a sentence each.
     """
 
@@ -125,22 +120,15 @@ class Fused(Value):
     given: Given
     notes: tuple[str, ...] = ()
 
-    def __post_init__(self) -> None:
-        locked(self)
-
 
 class FusedFrames(NamedTuple):
-    """Forces of the contacts of many frames, frame by frame, and how well each frame's wrench fits to them.
+    """Forces of the m contacts of n frames, frame by frame, and how well each frame's wrench fits them.
 
     Attributes:
-        force: (m, 3) [N] of each contact, see `Fused`.
-        share: (m,) of each contact, see `Fused`.
-        bound: (m,) of each contact, see `Fused`.
+        force, share, bound: (m, 3) [N], (m,) and (m,), see `Fused`.
         spread: (m, 6) [N^2] covariance of each force: xx, xy, xz, yy, yz, zz.
-        p: (n,) of each frame, see `Fused`.
-        alarm: (n,) of each frame, see `Fused`.
-        whitened: (n, 6) of each frame, see `Given`.
-        factors: (n, 6, 6) of each frame, see `Given`.
+        p, alarm: (n,) each, see `Fused`.
+        whitened, factors: (n, 6) and (n, 6, 6), see `Given`; NaN without a wrench.
         notes: a sentence each.
     """
 
@@ -162,13 +150,12 @@ class FusedLocator:
     All quantities are in the surface's frame, wrenches about its origin.
 
     Args:
-        surface: surface of the body, which is searched for unseen contacts.
+        surface: surface of the body, which is searched for contacts that the skin does not feel.
         settings: settings of the fusion; None: the defaults.
-        seed: random seed of the places that are searched for unseen contacts.
     """
 
-    def __init__(self, surface: Surface, settings: FusionSettings | None = None, seed: int = 0) -> None:
-        self.surface, self.settings, self.seed = surface, settings or FusionSettings(), seed
+    def __init__(self, surface: Surface, settings: FusionSettings | None = None) -> None:
+        self.surface, self.settings = surface, settings or FusionSettings()
         set_ = self.settings
         self._settings = np.array([set_.tangential, set_.gain, set_.floor, set_.friction, set_.turns])
         self._work = dict[int, np.ndarray]()
@@ -187,23 +174,21 @@ class FusedLocator:
         """Return the forces of n contacts felt by k sensors as a `Fused`.
 
         Args:
-            points: (n, 3) [m] contact points on the skin.
-            normals: (n, 3) outward normals there.
+            points: (n, 3) [m] on the skin.
+            normals: (n, 3) outward, of any length.
             forces: (n,) [N] normal forces from the skin, >= 0.
-            deviations: (n,) [N] their standard deviations, in addition to the settings' gain and floor.
+            deviations: (n,) [N] of the forces, in addition to the settings' gain and floor.
             spreads: (n, 3, 3) [m^2] covariances of the points.
-            wrenches: (k, 6) [N, N m]; one with NaN is not used.
+            wrenches: (k, 6) [N, N m]; one that is not finite is not used.
             covariances: (k, 6, 6) of the wrenches' noise.
             carries: (k, n) whether a sensor feels a contact; None: each feels all.
 
         Raises:
-            InputError: shapes do not fit, a force or its standard deviation is negative, a number is not finite, or a
-                normal has no length.
+            InputError: shapes do not fit, a force or deviation is negative, a contact is not finite, or a normal is 0.
         """
         contacts = self.rows(points, normals, forces, deviations, spreads)
         wrenches = shaped(wrenches, (None, 6), "wrenches")
-        sensors = len(wrenches)
-        covariances = shaped(covariances, (None, 6, 6), "covariances")
+        covariances, sensors = shaped(covariances, (None, 6, 6), "covariances"), len(wrenches)
         felt = np.ones((sensors, len(contacts)), dtype=np.bool_) if carries is None else np.array(carries, np.bool_)
         if covariances.shape != (sensors, 6, 6) or felt.shape != (sensors, len(contacts)):
             raise InputError(
@@ -221,24 +206,27 @@ class FusedLocator:
         out_covariance: Float[np.ndarray, "m m"],
         out_total: Float[np.ndarray, "16"],
     ) -> int:
-        """Compute the closed form for one wrench that feels all contacts; it allocates nothing after the first n.
+        """Compute the forces without cones for one wrench that feels all contacts; allocates once for each n.
 
         Args:
             contacts: (n, 17) rows of `rows`.
-            wrench: (6,) [N, N m]; with NaN it is not used.
+            wrench: (6,) [N, N m]; not used if it is not finite.
             covariance: (6, 6) of the wrench's noise.
-            out: (n, 5) force [N], share, slack [N], written.
-            out_covariance: (3n, 3n) of the forces, written.
-            out_total: (16,) expected wrench, surprise without the cones, its degrees of freedom and variance, p of
-                these, and the wrench less the expected one, whitened; written.
+            out: (n, 5) force [N], share, slack [N]; written.
+            out_covariance: (3n, 3n) [N^2] of the forces; written.
+            out_total: (16,) expected wrench, surprise, its degrees of freedom and variance, p, and the whitened wrench
+                less the expected one; written, NaN without a wrench.
 
         Returns:
-            The number of contacts that violate their cone: `fuse` would move them into it.
+            The number of contacts outside their cone, which `fuse` would move into it.
         """
         from palpate.sensors.fused import _kernels as _fused
 
-        settings, work = self._settings, self._room(len(contacts))
-        return int(_fused.fuse_one(contacts, wrench, covariance, settings, work, out, out_covariance, out_total))
+        count = len(contacts)
+        if count not in self._work:
+            self._work[count] = np.zeros(36 + _fused.room(count, 1))
+        into = (self._work[count], out, out_covariance, out_total)
+        return int(_fused.fuse_one(contacts, wrench, covariance, self._settings, *into))
 
     def fuse_frames(
         self,
@@ -247,16 +235,16 @@ class FusedLocator:
         wrenches: Float[np.ndarray, "n 6"],
         covariances: Float[np.ndarray, "n 6 6"],
     ) -> FusedFrames:
-        """Return `FusedFrames`: forces of many frames as by `fuse`, each with one wrench that feels all its contacts.
+        """Return the forces of n frames, each as by `fuse` with one wrench that feels all its contacts, `FusedFrames`.
 
         Args:
             contacts: (m, 17) rows of `rows`, frame by frame.
             counts: (n,) number of contacts in each frame.
-            wrenches: (n, 6) [N, N m]; one with NaN is not used.
+            wrenches: (n, 6) [N, N m]; one that is not finite is not used.
             covariances: (n, 6, 6) of the wrenches' noise.
 
         Raises:
-            InputError: shapes do not fit, or the counts are not those of the contacts.
+            InputError: a count is negative, or the counts do not add up to m.
         """
         from palpate.sensors.fused import _kernels as _fused
 
@@ -276,21 +264,20 @@ class FusedLocator:
             given = (out[which, :3], contacts[which, 3:6], counts[outside], wholes)
             out[which, :3], notes = self._within(*given, off)
             totals[outside] = off
-        force, p = out[:, :3].copy(), totals[:, 9]
+        force, p, whitened = out[:, :3].copy(), totals[:, 9], totals[:, 10:].copy()
         _, bound = self._slack(force, contacts[:, 3:6])
-        whitened = totals[:, 10:].copy()
         return FusedFrames(force, out[:, 3], bound, spread, p, p < self.settings.alarm, whitened, factors, notes)
 
     @staticmethod
     def rows(
         points: ArrayLike, normals: ArrayLike, forces: ArrayLike, deviations: ArrayLike, spreads: ArrayLike
     ) -> Float[np.ndarray, "n 17"]:
-        """Return contacts (n, 17) for the compiled loops: point, unit normal, force, deviation, spread row by row.
+        """Return contacts (n, 17): point [m], unit normal, force [N], its deviation [N], spread [m^2] row by row.
 
         Arguments are those of `fuse`.
 
         Raises:
-            InputError: a force or deviation is negative, a number is not finite, or a normal has no length.
+            InputError: shapes do not fit, a force or deviation is negative, a number is not finite, or a normal is 0.
         """
         points, normals = shaped(points, (None, 3), "points"), shaped(normals, (None, 3), "normals")
         forces, deviations = shaped(forces, (None,), "forces"), shaped(deviations, (None,), "deviations")
@@ -316,14 +303,6 @@ class FusedLocator:
             )
         return contacts
 
-    def _room(self, count: int) -> Float[np.ndarray, " s"]:
-        """Return the work array of the loops, cached for the next call with the same number of contacts."""
-        from palpate.sensors.fused import _kernels as _fused
-
-        if count not in self._work:
-            self._work[count] = np.zeros(36 + _fused.room(count, 1))
-        return self._work[count]
-
     def _fused(
         self,
         contacts: Float[np.ndarray, "n 17"],
@@ -346,21 +325,12 @@ class FusedLocator:
             force, notes = self._within(force, contacts[:, 3:6], np.array([count]), [covariance], off)
         slack, bound = self._slack(force, contacts[:, 3:6])
         p = totals[:, 9].copy()
-        told = np.full((len(wrenches), 8), np.nan)
-        told[heard, :7], told[heard, 7] = totals[:, :7], p
-        return Fused(
-            force,
-            covariance,
-            out[:, 3].copy(),
-            slack,
-            bound,
-            told[:, :6].copy(),
-            told[:, 6].copy(),
-            told[:, 7].copy(),
-            bool((p * sensors < self.settings.alarm).any()),
-            Given(*given, totals[:, 10:].copy(), factors, p),
-            notes,
-        )
+        fit = np.full((len(wrenches), 10), np.nan)
+        fit[heard] = totals[:, :10]
+        alarm = bool((p * sensors < self.settings.alarm).any())
+        by_sensor = (fit[:, :6].copy(), fit[:, 6].copy(), fit[:, 9].copy())
+        inputs = Given(*given, totals[:, 10:].copy(), factors, p)
+        return Fused(force, covariance, out[:, 3].copy(), slack, bound, *by_sensor, alarm, inputs, notes)
 
     def _within(
         self,
@@ -388,13 +358,10 @@ class FusedLocator:
         return slack, slack <= _BINDS * (1.0 + np.abs(normal))
 
     def unseen(self, fused: Fused) -> Unseen:
-        """Return as `Unseen` the places of one more contact that explain the wrench, of several that of the least p.
-
-        Args:
-            fused: result of `fuse`.
+        """Return as `Unseen` the places of one more contact that explain the wrench of `fused`, of several the oddest.
 
         Raises:
-            InputError: `fused` was computed without a wrench.
+            InputError: `fused` has no finite wrench.
         """
         given = fused.given
         if not len(given.wrenches):
@@ -403,11 +370,11 @@ class FusedLocator:
         return self.unseen_by(given.whitened[k].copy(), given.factors[k].copy())
 
     def unseen_by(self, whitened: Float[np.ndarray, "6"], factor: Float[np.ndarray, "6 6"]) -> Unseen:
-        """Return as `Unseen` the places of one more contact that one wrench feels and the skin does not.
+        """Return as `Unseen` the places of one more contact that a wrench feels and the skin does not.
 
         Args:
-            whitened: (6,) wrench less the expected one, as in `FusedFrames`.
-            factor: (6, 6) by which it was whitened, as in `FusedFrames`.
+            whitened: (6,) of `FusedFrames`.
+            factor: (6, 6) of `FusedFrames`.
 
         Raises:
             InputError: a number is not finite, as in a frame without a wrench.
@@ -421,20 +388,14 @@ class FusedLocator:
         return ranked(self._places, out, self._width)
 
     def neighbours(self, fused: Fused, unseen: Unseen, place: int = 0) -> Fused:
-        """Return as `Fused` the forces of the seen contacts and, last, of an unseen one, estimated together.
-
-        Args:
-            fused: result of `fuse`.
-            unseen: result of `unseen`.
-            place: number of the place in `unseen`.
-        """
+        """Return as `Fused` the forces of the contacts of `fused` and, last, of one at index `place` of `unseen`."""
         given = fused.given
         carries = np.concatenate([given.carries, np.ones((len(given.wrenches), 1), np.bool_)], axis=1)
         contacts = np.concatenate([given.contacts, self.unseen_row(unseen, place)[None]])
         return self._fused(contacts, given.wrenches.copy(), given.covariances.copy(), carries)
 
     def unseen_row(self, unseen: Unseen, place: int = 0) -> Float[np.ndarray, "17"]:
-        """Return an unseen contact at a place as a row (17,) of `rows`, with the prior of its normal force [N]."""
+        """Return an unseen contact at an index of `unseen` as a row (17,) of `rows`: force 5.8 N, deviation 6.0 N."""
         new = np.zeros(17)
         new[:3], new[3:6] = unseen.points[place], unseen.normals[place]
         new[6], new[7] = PUSHES.mean(), PUSHES.std()
@@ -445,7 +406,7 @@ class FusedLocator:
     @cached_property
     def _places(self) -> Float[np.ndarray, "c 8"]:
         """Places (c, 8) that are searched for unseen contacts, see `candidates`."""
-        return candidates(self.surface, self.seed)
+        return candidates(self.surface)
 
     @cached_property
     def _width(self) -> float:

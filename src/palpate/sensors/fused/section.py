@@ -36,9 +36,12 @@ alarm = 0.01                         # share of touches that may be thought to h
 
 @dataclass(frozen=True)
 class RigFusion:
-    """Rig table of the prior of contacts before a wrench is used: see `palpate.sensors.fused.locator.FusionSettings`.
+    """Rig table of the fusion: `palpate.sensors.fused.locator.FusionSettings` but friction, which is [estimate]'s.
 
-    The bound of friction is that of [estimate]. `covered`: the body is touched only on the skin.
+    `covered`: the body is touched only on the skin.
+
+    Raises:
+        InputError: a key is out of its range.
     """
 
     tangential: float = 0.25
@@ -51,7 +54,7 @@ class RigFusion:
         self.settings(max(1.0, self.tangential))
 
     def settings(self, friction: float) -> FusionSettings:
-        """Return `FusionSettings` with the bound of friction, to which the prior of the tangential forces is limited.
+        """Return `FusionSettings` with this bound of friction, and `tangential` at most as large.
 
         Raises:
             InputError: friction or a key of the table is out of its range.

@@ -12,7 +12,7 @@ from palpate.spatial._arrays import Value
 from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.surface import Surface
 
-__all__ = ["PUSHES", "Unseen", "candidates", "locked"]
+__all__ = ["PUSHES", "LockedValue", "Unseen", "candidates"]
 
 PUSHES = np.geomspace(0.5, 20.0, 11)  # [N] normal forces of an unseen contact, equally likely; sd a quarter of each
 _PLACES = 1200
@@ -20,26 +20,28 @@ _FINER = 8  # points of the surface behind each place
 _HELD = 0.95
 
 
-def locked(value: Value) -> None:
-    """Make the arrays of a value read-only; they must not be shared with other objects."""
-    for each in vars(value).values():
-        if isinstance(each, np.ndarray):
-            each.flags.writeable = False
+class LockedValue(Value):
+    """A frozen dataclass that makes the arrays given to it read-only, without a copy."""
+
+    def __post_init__(self) -> None:
+        for each in vars(self).values():
+            if isinstance(each, np.ndarray):
+                each.flags.writeable = False
 
 
 @takes_arrays
 @dataclass(frozen=True, eq=False)
-class Unseen(Value):
-    """Places of one more contact that the skin does not see, the likeliest first.
+class Unseen(LockedValue):
+    """Places of one more contact that the skin does not feel, the likeliest first.
 
     Attributes:
         points: (c, 3) [m] on the surface.
-        normals: (c, 3) outward normals.
+        normals: (c, 3) outward, unit.
         forces: (c, 3) [N] of the contact if it is there.
         belief: (c,) probability of each place, given that there is one more contact.
         region: (c,) whether a place belongs to the smallest set with a probability of 95 %.
-        cluster: (c,) number of the group of neighbours to which a place of the region belongs, 0 for that of the
-            likeliest place; -1 outside.
+        cluster: (c,) number of the group of neighbouring places in the region, 0 for that of the likeliest place; -1
+            outside the region.
     """
 
     points: Float[np.ndarray, "c 3"]
@@ -49,43 +51,25 @@ class Unseen(Value):
     region: Bool[np.ndarray, " c"]
     cluster: Int[np.ndarray, " c"]
 
-    def __post_init__(self) -> None:
-        locked(self)
 
-    @property
-    def best(self) -> Int[np.ndarray, " r"]:
-        """Indices (r,) of the likeliest place of each cluster, cluster by cluster."""
-        return np.array([np.argmax(self.cluster == k) for k in range(int(self.cluster.max(initial=-1)) + 1)], np.int64)
-
-    @property
-    def share(self) -> Float[np.ndarray, " r"]:
-        """Probability (r,) of each cluster."""
-        return np.array([self.belief[self.cluster == k].sum() for k in range(int(self.cluster.max(initial=-1)) + 1)])
-
-
-def candidates(surface: Surface, seed: int, count: int = _PLACES) -> Float[np.ndarray, "c 8"]:
-    """Return places spread evenly over the parts of a surface that can be touched.
-
-    Args:
-        surface: surface of the body.
-        seed: random seed of the points.
-        count: number of places.
+def candidates(surface: Surface) -> Float[np.ndarray, "c 8"]:
+    """Return places spread evenly over the parts of a surface that can be touched, the same in each call.
 
     Returns:
-        (c, 8) points [m], outward normals, log of the share of the area that each stands for, and the standard
-        deviation [m] of that area in each direction.
+        (c, 8), c <= 1200: point [m], outward unit normal, log of the share of the area that the place stands for, and
+        the standard deviation [m] of that area in each direction.
     """
     from palpate.sensors.fused import _kernels as _fused  # compiled: loaded when first needed
 
-    rng, mesh = np.random.default_rng([seed, 2]), surface.drawn()
+    rng, mesh, count = np.random.default_rng([0, 2]), surface.drawn(), _PLACES * _FINER
     facets = np.flatnonzero(~mesh.covered)
     areas = mesh.areas[facets]
-    steps = (np.arange(count * _FINER) + rng.uniform(size=count * _FINER)) / (count * _FINER)
+    steps = (np.arange(count) + rng.uniform(size=count)) / count
     chosen = facets[np.minimum(np.searchsorted(np.cumsum(areas) / areas.sum(), steps), len(facets) - 1)]
     root, along = np.sqrt(rng.uniform(size=len(chosen))), rng.uniform(size=len(chosen))
     weights = np.stack([1.0 - root, root * (1.0 - along), root * along], axis=1)
     fine = np.einsum("nk,nki->ni", weights, mesh.vertices[mesh.faces[chosen]])
-    kept, nearest = np.zeros(count, np.int64), np.zeros(len(fine), np.int64)
+    kept, nearest = np.zeros(_PLACES, np.int64), np.zeros(len(fine), np.int64)
     _fused.spaced(fine, kept, nearest)
     points, normals, _ = surface.project(fine[kept])
     shares = np.bincount(nearest, minlength=len(kept)) / len(fine)
@@ -96,11 +80,11 @@ def candidates(surface: Surface, seed: int, count: int = _PLACES) -> Float[np.nd
 
 @takes_arrays
 def ranked(places: Float[np.ndarray, "c 8"], explained: Float[np.ndarray, "c 4"], width: float) -> Unseen:
-    """Return places in the order of belief, with the smallest set whose probability is 95 %, as `Unseen`.
+    """Return places by falling belief, with the smallest set whose probability is 95 %, as `Unseen`.
 
     Args:
-        places: (c, 8) places of `candidates`.
-        explained: (c, 4) log evidence with the share of the area, and force [N] there.
+        places: (c, 8) from `candidates`.
+        explained: (c, 4) log evidence of each place, which includes its share of the area, and force [N] there.
         width: [m] median of the places' standard deviations.
     """
     from palpate.sensors.fused import _kernels as _fused

@@ -36,7 +36,11 @@ class FusedView(TaxelView):
         return setup.answering(setup.sensors[SkinSection.name].kind)
 
     def report(self, run: Run, setup: Setup, estimator: ContactEstimator) -> Run:
-        """Return the `Run` with the skin's part, and with a section on the history of the wrenches' zero."""
+        """Return the `Run` with the skin's body and section, and one on the history of the wrenches' zero.
+
+        Raises:
+            InputError: matplotlib is not installed, or the link's surface cannot be read.
+        """
         made = cast("FusedEstimator", estimator)
         run = super().report(run, setup, made.taxels)
         return replace(
