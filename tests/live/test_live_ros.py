@@ -29,8 +29,7 @@ from palpate.live.ros2 import RosTopics
 from palpate.live.ros_device import RosDevice
 from palpate.live.ros_poses import RosPoses
 from palpate.live.ros_types import DEFINITIONS
-from palpate.live.source import Batch, Source
-from palpate.live.sources import source_of
+from palpate.live.source import Batch, Source, source_of
 from palpate.setup.rig import Rig
 from palpate.setup.source import RigSource
 from palpate.setup.tables import RigForceTorque, RigOrientation

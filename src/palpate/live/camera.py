@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import time
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike
 
-from palpate.errors import InputError, not_loaded
-from palpate.live.source import Batch
+from palpate.errors import InputError
+from palpate.live.source import Batch, drained
+from palpate.opencv import opencv
 from palpate.setup.setup import Setup
 from palpate.setup.source import RigSource
 
@@ -20,12 +20,12 @@ AGAIN = 1.0  # s between attempts to open a camera that was lost
 
 
 class CameraSource:
-    """A camera that OpenCV opens, as a source of images, which are stamped when they are read.
+    """A camera that OpenCV opens, as a `Source` of images, stamped when they are read.
 
-    The camera is opened at once: its first image gives the size of all.
+    The camera is opened at once, and its first image gives the size of all.
 
     Args:
-        address: number ("0"), device ("/dev/video0"), or a video, which is played as fast as it is read.
+        address: number ("0"), device ("/dev/video0"), or a video, played as fast as it is read.
         rate: [Hz] requested from the camera; None: its default.
 
     Raises:
@@ -36,10 +36,7 @@ class CameraSource:
     poses = False
 
     def __init__(self, address: str, rate: float | None = None) -> None:
-        try:
-            self._cv2: Any = import_module("cv2")
-        except ImportError as problem:
-            raise not_loaded(problem, "a camera needs OpenCV", "camera") from problem
+        self._cv2: Any = opencv()
         self._address, self._rate = address, rate
         self._said: list[str] = []
         self._device: Any = None
@@ -56,7 +53,7 @@ class CameraSource:
 
     @classmethod
     def of(cls, stated: RigSource, setup: Setup) -> CameraSource:
-        """Return the camera that a rig's [source] names as a `CameraSource`, already open.
+        """Return the `CameraSource` that a rig's [source] names, already open.
 
         Raises:
             InputError: OpenCV is not installed, or the camera does not exist, is in use or may not be opened.
@@ -65,10 +62,13 @@ class CameraSource:
         return cls(str(own) if own.is_file() else stated.address, stated.rate)
 
     def open(self) -> None:
-        """Do nothing: the camera is open since it was made."""
+        """Do nothing: the constructor has opened the camera."""
 
     def receive(self, batch: Batch, timeout: float) -> int:
-        """Fill a batch with one image and return 1; return 0 if none came. A lost camera is opened again."""
+        """Fill a batch with one image and return 1, or 0 if none came; open a lost camera again.
+
+        Wait for the camera's next image, or up to `timeout` [s] while the camera is lost.
+        """
         if self._first is not None:
             frame, self._first = self._first, None
         elif self._device is None:
@@ -90,8 +90,7 @@ class CameraSource:
 
     def events(self) -> list[str]:
         """Return the events since the last call, one sentence each: camera lost or back, images of another size."""
-        said, self._said = self._said, []
-        return said
+        return drained(self._said)
 
     def close(self) -> None:
         """Release the camera; may be called again."""

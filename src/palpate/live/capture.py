@@ -11,18 +11,17 @@ import polars as pl
 from palpate.errors import InputError
 from palpate.files.logs.layout import WRENCH_COLUMNS
 from palpate.files.schema import parse
-from palpate.live.source import Batch
-from palpate.live.sources import source_of
+from palpate.live.source import Batch, source_of
 from palpate.setup.rig import Rig
 from palpate.setup.source import RigSource
 
 __all__ = ["listen", "stated_source"]
 
-SECONDS = 3.0
+SECONDS = 3.0  # of listening
 
 
 def stated_source(stated: str) -> RigSource:
-    """Return the `RigSource` for a text KIND:ADDRESS, such as netft:192.168.1.1; ROS 2 needs only the kind.
+    """Return the `RigSource` for a text KIND:ADDRESS, such as netft:192.168.1.1, or ros2.
 
     Raises:
         InputError: the kind is unknown, or the address is missing.
@@ -31,23 +30,21 @@ def stated_source(stated: str) -> RigSource:
     return parse({"kind": kind, **({"address": address} if address else {})}, RigSource, file="--source")
 
 
-def listen(source: RigSource, folder: Path, seconds: float = SECONDS) -> Path:
-    """Write the wrenches that a source gives within `seconds` [s] to a CSV file in a folder, and return its path.
+def listen(source: RigSource, folder: Path) -> Path:
+    """Write the wrenches that a source gives within 3 s to a CSV file in a folder, and return its path.
 
     Raises:
         InputError: the source cannot be opened, does not give wrenches, or gives fewer than two samples.
+        OSError: the file cannot be written, or the source cannot be read.
     """
     device = source_of(source, Rig(folder=Path.cwd()).resolve())
     if device.shape != (6,):
-        raise InputError(
-            "does not send wrenches, and nothing else can be used here.",
-            where="--source",
-            hint="Record a log from it, and give that file instead of --source.",
-        )
+        hint = "Record a log from it, and give that file instead of --source."
+        raise InputError("does not send wrenches, and nothing else can be used here.", where="--source", hint=hint)
     batch, times, values = Batch(device.shape), list[np.ndarray](), list[np.ndarray]()
     try:
         device.open()
-        end = time.monotonic() + seconds
+        end = time.monotonic() + SECONDS
         while time.monotonic() < end:
             count = device.receive(batch, 0.1)
             times.append(batch.stamp[:count] / 1e9)
@@ -56,10 +53,8 @@ def listen(source: RigSource, folder: Path, seconds: float = SECONDS) -> Path:
         device.close()
     time_, wrench = np.concatenate(times), np.concatenate(values)
     if len(time_) < 2:
-        raise InputError(
-            f"sent no samples within {seconds:g} s: check that the device is on and its address right.",
-            where="--source",
-        )
+        hint = "Check that the device is on and its address right."
+        raise InputError(f"sent fewer than two samples within {SECONDS:g} s.", where="--source", hint=hint)
     file = folder / f"{source.kind}.csv"
     columns = {"time": time_ - time_[0], **dict(zip(WRENCH_COLUMNS, wrench.T, strict=True))}
     pl.DataFrame(columns).write_csv(file)

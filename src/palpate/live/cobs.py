@@ -42,13 +42,11 @@ _WRAP = 1 << 32  # of the counter
 
 
 class CobsFrames:
-    """A decoder of COBS frames that turns bytes, fed in any pieces, into samples; only damaged frames are lost.
+    """A decoder of COBS frames, fed as bytes in any pieces, into samples; only damaged frames are lost.
 
     Args:
         count: number of values in a sample.
     """
-
-    unit = "frame"
 
     def __init__(self, count: int) -> None:
         longest = max(12 + 8 * count, _LEAST)
@@ -58,11 +56,11 @@ class CobsFrames:
         self._damaged = self._foreign = self._other = self._restarts = self._lost = 0
 
     def feed(self, data: bytes) -> None:
-        """Append bytes as they were read from the port."""
+        """Append bytes of the port, in pieces of any size."""
         self._rest += data
 
     def take(self, values: Float[np.ndarray, "n k"], lost: Int[np.ndarray, " n"]) -> int:
-        """Decode as many of the samples fed as fit into the arrays, and return their number.
+        """Decode as many samples as fit into the arrays, and return their number.
 
         Args:
             values: (n, count), filled from the first row on.
@@ -81,7 +79,7 @@ class CobsFrames:
         return found
 
     def _sample(self, encoded: bytes) -> tuple[np.ndarray, int] | None:
-        """Return the numbers of a frame and the number of samples missing before it, or None if it is no sample."""
+        """Return a frame's numbers and the number of samples missing before it; None if it is no sample."""
         try:
             frame = cobs.decode(encoded) if len(encoded) <= self._longest else b""
             version, code, count, counter = _HEAD.unpack_from(frame)
@@ -110,15 +108,15 @@ class CobsFrames:
         return max(0, ahead - 1)
 
     def waiting(self) -> int:
-        """Return the number of frame ends in the bytes fed and not decoded yet."""
+        """Return the number of ends of frames in the bytes not decoded yet."""
         return self._rest.count(0)
 
     def forget(self) -> None:
-        """Discard the bytes fed so far, as after a broken connection; the counter is kept."""
+        """Discard the bytes fed so far, as after a broken connection, but keep the counter."""
         self._rest, self._joined = b"", False
 
     def faults(self) -> list[str]:
-        """Return texts on faults since the last call or []: damaged frames, missing samples, other frames, restarts."""
+        """Return texts on faults since the last call: damaged or other frames, missing samples, restarts; else []."""
         found: list[str] = []
         if self._damaged:
             found.append(f"{self._damaged} damaged {_plural('frame', self._damaged)}")
@@ -133,7 +131,7 @@ class CobsFrames:
         return found
 
     def awaited(self) -> str:
-        """Return the reason why the bytes received gave no sample, as text for a message."""
+        """Return the reason why the bytes fed gave no sample, as a clause for a message."""
         if self._foreign:
             return f"but in frames of {self._other} numbers, not {self._count} as the sensor has: check the device"
         return "but no complete frame: check `baud` and `framing`"
@@ -141,15 +139,12 @@ class CobsFrames:
 
 @takes_arrays
 def encoded(values: Float[np.ndarray, "n k"], counter: int, number: str) -> tuple[bytes, Int[np.ndarray, " n"]]:
-    """Encode samples as frames.
+    """Return samples as bytes of frames, and the index (n,) at which each frame ends.
 
     Args:
-        values: (n, k), one row a frame; for a type of integers they are rounded and clipped.
+        values: (n, k), a row for each frame; for a type of integers they are rounded and clipped, and NaN becomes 0.
         counter: counter of the first sample.
         number: type of the numbers, one of `TYPES`.
-
-    Returns:
-        The bytes, and (n,) the index in them at which each frame ends.
     """
     numbers = _rounded(values, np.dtype(f"<{number}"))
     frames = list[bytes]()

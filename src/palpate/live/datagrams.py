@@ -66,13 +66,17 @@ class _Control(ctypes.Structure):
 class Datagrams:
     """A reader of datagrams from a UDP socket of IPv4, which fills the same arrays again in each call.
 
+    Args:
+        receiver: the socket, which is set not to block.
+        slots: structured dtype of a datagram's bytes.
+        size: number of datagrams read at once, at most.
+
     Attributes:
-        slot: (size,) of a structured dtype: the bytes of each datagram, as far as a slot holds them.
+        slot: (size,) of the dtype: the bytes of each datagram, as far as a slot holds them.
         length: (size,) number of bytes of each, at most a slot's.
         sender: (size,) address of each sender, as `packed_address` returns it.
-        stamp: (size,) int64 [ns] since 1970: arrival of each at the kernel; the time of the read if the kernel gives no
-            stamp.
-        dropped: number of datagrams that the kernel dropped so far because the buffer was full; 0 if it does not count.
+        stamp: (size,) int64 [ns] since 1970: arrival of each at the kernel; the time of the read without its stamp.
+        dropped: number of datagrams that the kernel dropped because the buffer was full; 0 if it does not count.
     """
 
     def __init__(self, receiver: socket.socket, slots: np.dtype[np.void], size: int) -> None:
@@ -83,20 +87,16 @@ class Datagrams:
         self.sender: UInt64[np.ndarray, " n"] = np.zeros(size, dtype=np.uint64)
         self.stamp: Int[np.ndarray, " n"] = np.zeros(size, dtype=np.int64)
         self.dropped = 0
-        self._many: _Many | None = _Many(self) if sys.platform == "linux" else None
+        self._many: _Many | None = _Many(self, receiver) if sys.platform == "linux" else None
 
     def take(self, most: int) -> int:
-        """Read up to `most` waiting datagrams into the attributes, without waiting, and return their number.
+        """Read up to `most` waiting datagrams into the attributes, and return their number; 0: none waits.
 
         Raises:
             OSError: the socket cannot be read.
         """
         most = min(most, len(self.slot))
         return self._many.take(self, most) if self._many is not None else self._one_by_one(most)
-
-    def fileno(self) -> int:
-        """Return the file descriptor of the socket."""
-        return self._socket.fileno()
 
     def _one_by_one(self, most: int) -> int:
         whole = self.slot.view(np.uint8).data
@@ -113,12 +113,12 @@ class Datagrams:
 class _Many:
     """A reader by Linux's recvmmsg, which takes all waiting datagrams in one call."""
 
-    def __init__(self, owner: Datagrams) -> None:
+    def __init__(self, owner: Datagrams, receiver: socket.socket) -> None:
         from palpate.live import _stream  # compiled: loaded when first needed
 
-        size = len(owner.slot)
-        self._headers, self._controls = _rows(_Header, size), _rows(_Control, size)
-        self._vectors = _rows(_Vector, size)
+        self._socket, size = receiver, len(owner.slot)
+        self._headers, self._controls = np.zeros(size, dtype=_Header), np.zeros(size, dtype=_Control)
+        self._vectors = np.zeros(size, dtype=_Vector)
         self._vectors["base"], self._vectors["size"] = _each(owner.slot), owner.slot.dtype.itemsize
         self._names = np.zeros((size, _ADDRESS // 8), dtype=np.uint64)
         message: np.ndarray = self._headers["message"]
@@ -134,13 +134,11 @@ class _Many:
         self._at = self._headers.ctypes.data
         self._stamps = _stream.stamped
         self._stamped(owner, 0)  # compiles
-        receiver = socket.socket(fileno=os.dup(owner.fileno()))
-        with receiver:
-            receiver.setsockopt(socket.SOL_SOCKET, _TIMESTAMPNS, 1)
-            receiver.setsockopt(socket.SOL_SOCKET, _RXQ_OVFL, 1)
+        for option in (_TIMESTAMPNS, _RXQ_OVFL):
+            receiver.setsockopt(socket.SOL_SOCKET, option, 1)
 
     def take(self, owner: Datagrams, most: int) -> int:
-        count = int(self._call(owner.fileno(), self._at, most, _DONTWAIT, None))
+        count = int(self._call(self._socket.fileno(), self._at, most, _DONTWAIT, None))
         if count < 0:
             number = ctypes.get_errno()
             if number in (errno.EAGAIN, errno.EINTR):
@@ -158,30 +156,26 @@ class _Many:
 
 
 def packed_address(address: tuple[str, int]) -> int:
-    """Return a numeric IPv4 address and port as an integer: the first 8 bytes of Linux's sockaddr_in."""
+    """Return a numeric IPv4 address and port as an integer: the first 8 bytes of Linux's sockaddr_in.
+
+    Raises:
+        OSError: the address is not numeric.
+    """
     raw = struct.pack("=H", socket.AF_INET) + struct.pack(">H", address[1]) + socket.inet_aton(address[0])
     return int.from_bytes(raw, sys.byteorder)
 
 
 def ask_buffer(receiver: socket.socket, size: int) -> int:
-    """Request a receive buffer of `size` bytes, beyond the system's limit if that is permitted.
+    """Request a receive buffer of `size` bytes, beyond the system's limit if permitted, and return the bytes granted.
 
-    Returns:
-        The number of bytes granted; on Linux half of the kernel's figure, which includes as much for bookkeeping.
+    On Linux this is half of the kernel's figure, which includes as much for bookkeeping.
     """
-    if sys.platform == "linux":
-        try:
-            receiver.setsockopt(socket.SOL_SOCKET, _RCVBUFFORCE, size)
-        except PermissionError:  # of root alone
-            receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, size)
-        return receiver.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2
-    receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, size)
-    return receiver.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
-
-
-def _rows(kind: type[ctypes.Structure], size: int) -> np.ndarray:
-    """Return an array (size,) of a C structure, filled with zeros."""
-    return np.zeros(size, dtype=np.dtype((np.void, kind)))
+    linux = sys.platform == "linux"
+    try:
+        receiver.setsockopt(socket.SOL_SOCKET, _RCVBUFFORCE if linux else socket.SO_RCVBUF, size)
+    except PermissionError:  # beyond the limit, of root alone
+        receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, size)
+    return receiver.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // (2 if linux else 1)
 
 
 def _each(rows: np.ndarray) -> UInt64[np.ndarray, " n"]:

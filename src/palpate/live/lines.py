@@ -41,17 +41,14 @@ _SHOWN = 60  # characters of a line in a message
 
 
 class LineFrames:
-    """A decoder of lines that turns bytes, fed in any pieces, into samples.
+    """A decoder of lines, fed as bytes in any pieces, into samples.
 
     Args:
         count: number of values in a sample.
         columns: indices of the sample's values among the numbers of a line, from 0; None: the last `count` numbers.
     """
 
-    unit = "line"
-
     def __init__(self, count: int, columns: tuple[int, ...] | None = None) -> None:
-        self.longest = 32 * count
         self._count, self._columns = count, columns
         self._lines: deque[bytes] = deque()
         self._rest = b""
@@ -62,7 +59,7 @@ class LineFrames:
         self._changed = ""
 
     def feed(self, data: bytes) -> None:
-        """Append bytes of the port, in pieces of any size, and split them into lines for `take` to decode.
+        """Append bytes of the port, in pieces of any size.
 
         The first line is discarded, as its beginning may be missing; so are 64 KiB without an end of line, as a fault.
         """
@@ -76,14 +73,11 @@ class LineFrames:
             self.forget()
 
     def take(self, values: Float[np.ndarray, "n k"], lost: Int[np.ndarray, " n"]) -> int:
-        """Decode as many of the samples fed as fit into `values`.
+        """Decode as many samples as fit into the arrays, and return their number.
 
         Args:
             values: (n, count), filled from the first row on.
-            lost: (n,), set to 0, because no number of a line is known to be a counter.
-
-        Returns:
-            The number of samples.
+            lost: (n,), set to 0 for each, because no number of a line is known to be a counter.
         """
         rows: list[list[float]] = []
         while self._lines and len(rows) < len(values):
@@ -96,7 +90,7 @@ class LineFrames:
         return len(rows)
 
     def waiting(self) -> int:
-        """Return the number of lines fed and not decoded yet."""
+        """Return the number of lines not decoded yet."""
         return len(self._lines)
 
     def forget(self) -> None:
@@ -105,7 +99,7 @@ class LineFrames:
         self._joined = False
 
     def faults(self) -> list[str]:
-        """Return texts on faults since the last call, or []: lines not understood, a changed count of numbers."""
+        """Return texts on faults since the last call: lines not understood, a changed count of numbers; else []."""
         found = [self._changed] if self._changed else []
         if self._strange:
             lines = "1 line" if self._strange == 1 else f"{self._strange} lines"
@@ -114,12 +108,12 @@ class LineFrames:
         return found
 
     def awaited(self) -> str:
-        """Return the reason why the bytes received gave no sample, as text for a message."""
+        """Return the reason why the bytes fed gave no sample, as a clause for a message."""
         example = f"; the last line was {self._example}" if self._example else ""
         return f"but no line of {self._wanted()}: check `baud`, `framing` and `columns`{example}"
 
     def _row(self, line: bytes) -> list[float] | None:
-        """Return the sensor's numbers in a line; None if the line is not understood, which is counted."""
+        """Return the sensor's numbers in a line; count the line and return None if it is not understood."""
         found = numbers(line)
         if found is None:
             return self._refuse(line, "is not text")
@@ -156,7 +150,7 @@ class LineFrames:
 
 
 def numbers(line: bytes) -> list[float] | None:
-    """Return the numbers of a line as floats; labels, units and decimal commas may be in it. None if it is not text."""
+    """Return the numbers of a line, which may have labels, units and decimal commas; None if it is not text."""
     if line.translate(None, _TEXT):
         return None
     if not line.isascii():
@@ -173,14 +167,11 @@ def numbers(line: bytes) -> list[float] | None:
 
 @takes_arrays
 def printed(values: Float[np.ndarray, "n k"], counter: int) -> tuple[bytes, Int[np.ndarray, " n"]]:
-    """Format samples as lines of the counter and the numbers, which read back to the same bits.
+    """Return samples as bytes of lines, and the index (n,) at which each line ends; they read back to the same bits.
 
     Args:
-        values: (n, k), one row for each line.
-        counter: counter of the first sample.
-
-    Returns:
-        The bytes, and (n,) the index in them at which each line ends.
+        values: (n, k), a row for each line.
+        counter: number at the start of the first line; it grows by 1 a line, modulo 2^32.
     """
     lines = [
         ",".join([str((counter + k) % 2**32), *map(repr, row)]).encode() + b"\r\n"

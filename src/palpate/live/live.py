@@ -24,8 +24,7 @@ from palpate.files.logs.samples import SampleReader
 from palpate.files.logs.topics import LIVE_BOTH
 from palpate.live.replay import Replay
 from palpate.live.ros_poses import RosPoses
-from palpate.live.source import BATCH, Batch, Source
-from palpate.live.sources import source_of
+from palpate.live.source import BATCH, Batch, Source, drained, source_of
 from palpate.live.stream_buffer import SlotForm, StreamBuffer
 from palpate.setup.built import BuiltEstimator
 from palpate.setup.rig import Rig, load_rig
@@ -218,8 +217,7 @@ class Live:
 
     def events(self) -> list[str]:
         """Return the events since the last call, one sentence each."""
-        said, self._said = self._said, []
-        return said
+        return drained(self._said)
 
     def tare(self) -> None:
         """Take a tare over the next second, or the rig's time; `events` reports whether it was taken.

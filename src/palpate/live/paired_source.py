@@ -12,8 +12,7 @@ from numpy.typing import DTypeLike
 from palpate.files.logs.decoding import seconds
 from palpate.files.logs.samples import SampleReader
 from palpate.files.logs.wrench_means import WrenchMeans
-from palpate.live.source import SILENT, Batch, Source
-from palpate.live.sources import source_of
+from palpate.live.source import SILENT, Batch, Source, drained, source_of
 from palpate.setup.setup import Setup
 from palpate.setup.source import RigSource
 from palpate.setup.tables import RigOrientation
@@ -86,8 +85,7 @@ class PairedSource:
 
     def events(self) -> list[str]:
         """Return sentences on events of both devices since the last call, and on samples without wrenches."""
-        said, self._said = self._said, []
-        return [*said, *self._frames.events(), *self._wrenches.events()]
+        return [*drained(self._said), *self._frames.events(), *self._wrenches.events()]
 
     def close(self) -> None:
         """Disconnect from both devices."""

@@ -14,7 +14,7 @@ from numpy.typing import DTypeLike
 from palpate.errors import InputError
 from palpate.files.logs import open_log
 from palpate.files.logs.layout import LogLayout
-from palpate.live.source import Batch
+from palpate.live.source import Batch, drained
 from palpate.setup.setup import Setup
 from palpate.setup.source import RigSource
 from palpate.signals.recording import ACCELERATION, AVERAGED, FORCE, IMAGE, ORIENTATION, POSITION, TORQUE, Recording
@@ -23,17 +23,17 @@ __all__ = ["Replay", "bare", "values_of"]
 
 
 def bare(layout: LogLayout) -> LogLayout:
-    """Return the `LogLayout` with numbers as they are recorded: units and axes are not converted."""
+    """Return a `LogLayout` that leaves numbers as they are recorded, with their units and axes."""
     arrays = tuple(replace(array, scale=1.0) for array in layout.arrays)
     units = {"force_unit": "N", "torque_unit": "N m", "acceleration_unit": "m/s^2"}
     return replace(layout, arrays=arrays, axes=("x", "y", "z"), left_handed=False, **units)
 
 
 def values_of(recording: Recording) -> np.ndarray:
-    """Return the readings of a recording, (n, ...), in its units: wrenches, force first; or its only array or image.
+    """Return the readings of a recording, (n, ...), in its units: wrenches (n, 6), force first; or its array or images.
 
-    If the recording has an array and wrenches, each row holds the flat array, the wrench, and the number of readings
-    that the wrench is the mean of, if recorded.
+    Of an array with wrenches, each row holds the flat array, the wrench, and, if recorded, the number of readings in
+    the mean of the wrench.
     """
     channels = recording.channels
     beside = (FORCE, TORQUE, ORIENTATION, POSITION, ACCELERATION, AVERAGED)
@@ -46,20 +46,19 @@ def values_of(recording: Recording) -> np.ndarray:
 
 
 class Replay:
-    """A log as a source that gives its samples one after the other.
+    """A log as a `Source`, which gives its samples at their times.
 
-    Stamps are the log's times; samples whose times are missing, repeat or run backwards come at once. The end of the
-    log is reported; with `loop` the log begins again, and the times continue.
+    Stamps are the log's times; samples whose times are missing, repeat or run backwards come at once.
 
     Args:
-        path: the path of the log.
+        path: the log.
         layout: the layout of the log; a `bare` one gives numbers as they are recorded.
-        speed: 1: as recorded; 0: as fast as samples are taken.
-        loop: begin again at the end.
+        speed: factor of the speed of the recording; 0: as fast as samples are taken.
+        loop: begin again at the end, with times that continue.
 
     Attributes:
         ended: whether the log is at its end and no more samples come.
-        patient: whether samples wait until they are received (speed 0), as a device's samples do not.
+        patient: whether samples wait until they are received (speed 0).
 
     Raises:
         InputError: the log cannot be read, or holds no samples.
@@ -82,7 +81,7 @@ class Replay:
 
     @classmethod
     def of(cls, stated: RigSource, setup: Setup) -> Replay:
-        """Return a `Replay` of the log that a rig's [source] names, its numbers as recorded.
+        """Return the `Replay` of the log that a rig's [source] names, with numbers as recorded.
 
         Raises:
             InputError: the log is missing, cannot be read, or holds no samples.
@@ -126,16 +125,15 @@ class Replay:
         return count
 
     def events(self) -> list[str]:
-        """Return a list with a sentence on the log's end, once; else []."""
-        said, self._said = self._said, []
-        return said
+        """Return the sentence on the end of the log once; else []."""
+        return drained(self._said)
 
     def close(self) -> None:
-        """Stop the replay; no more samples come."""
+        """End the replay: no more samples come."""
         self._rest, self._held = iter(()), None
 
     def _due(self, times: Float[np.ndarray, " n"], timeout: float) -> int:
-        """Return the number of the next samples that are due, after a wait for the first of up to `timeout` [s]."""
+        """Return how many of the next samples are due; wait up to `timeout` [s] for the first."""
         if not self._speed:
             return len(times)
         waiting = (float(np.nan_to_num(times[0])) - self._first) / self._speed - (time.monotonic() - self._begun)

@@ -1,32 +1,47 @@
-"""The protocol of sources of live samples, which fill batches and report what went wrong."""
+"""Sources of live samples: their protocol, the batch that they fill, and the source that a rig states."""
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from collections.abc import MutableSequence
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Int
 from numpy.typing import DTypeLike
 
-__all__ = ["BATCH", "Batch", "Source"]
+from palpate.calls import by_name
+
+if TYPE_CHECKING:
+    from palpate.setup.setup import Setup
+    from palpate.setup.source import RigSource
+
+__all__ = ["BATCH", "SOURCES", "Batch", "Source", "drained", "source_of"]
+
+SOURCES = {
+    "netft": "palpate.live.netft.NetFt",
+    "serial": "palpate.live.serial.SerialPort",
+    "ros2": "palpate.live.ros2.RosTopics",
+    "camera": "palpate.live.camera.CameraSource",
+    "replay": "palpate.live.replay.Replay",
+}
+"""Kind of [source] in a rig -> the class, whose `of` makes a source. A new row serves every command."""
 
 BATCH = 1024  # samples that a source gives at once, at most
 SILENT = 5.0  # s without a sample, after which a source reports it
 
 
 class Batch:
-    """Arrays for samples of a source, which fills the same arrays again in each call.
+    """Arrays for samples, which a source fills again in each call.
 
     Attributes:
-        stamp: (size,) int64 [ns] since 1970: time of each sample, as its message or log states it; else its arrival,
-            stamped by the kernel if possible.
-        arrived: int64 [ns] since 1970: arrival of each sample, if it differs from `stamp`; None: it does not.
+        stamp: (size,) int64 [ns] since 1970: time of each sample by its message or log, else its arrival.
+        arrived: int64 [ns] since 1970: arrival of each sample; None: `stamp` is the arrival.
         lost: (size,) int64 number of samples missing just before each, by the device's counter; 0 without a counter.
-        values: (size, *shape) as a log of the same rig holds them: a wrench force first, in the rig's units and axes.
-        orientation: (size, 4) quaternion x, y, z, w of the sensor in the base; NaN if the source knows none.
+        values: (size, *shape) as in a log of the same rig: a wrench force first, in the rig's units and axes.
+        orientation: (size, 4) quaternion x, y, z, w of the sensor in the base; NaN if unknown.
         turned: (size,) [rad] rms error of the orientation because of its age; 0: it is up to date.
-        position: (size, 3) [m] of the sensor in the base; NaN if the source knows none.
-        acceleration: (size, 3) of the sensor in its own frame, in the rig's unit; NaN if the source knows none.
+        position: (size, 3) [m] of the sensor in the base; NaN if unknown.
+        acceleration: (size, 3) of the sensor in its own frame, in the rig's unit; NaN if unknown.
     """
 
     def __init__(self, shape: tuple[int, ...], size: int = BATCH, dtype: DTypeLike = np.float64) -> None:
@@ -52,7 +67,7 @@ class Source(Protocol):
     Attributes:
         shape: shape of one sample: (6,) for a wrench.
         dtype: type of its numbers: float64, or uint8 for images.
-        poses: whether `receive` also fills orientation, position and acceleration, as far as they are known.
+        poses: whether `receive` also fills orientation, position and acceleration.
     """
 
     shape: tuple[int, ...]
@@ -68,10 +83,10 @@ class Source(Protocol):
         ...
 
     def receive(self, batch: Batch, timeout: float) -> int:
-        """Fill a batch with all waiting samples that it has room for; wait up to `timeout` [s] for the first.
+        """Fill a batch with waiting samples and return their number; wait up to `timeout` [s] for the first.
 
         Returns:
-            The number of samples; 0 if none came, or a connection was lost and is not restored yet.
+            The number of samples; 0 if none came, as while a lost connection is not restored.
         """
         ...
 
@@ -82,3 +97,24 @@ class Source(Protocol):
     def close(self) -> None:
         """Disconnect and leave the device as it was found; may be called again, or without `open`."""
         ...
+
+
+def source_of(stated: RigSource, setup: Setup) -> Source:
+    """Return the source that a rig's [source] states, not opened yet; a camera is opened at once.
+
+    Args:
+        stated: the [source].
+        setup: the link and its sensors; a combined sensor gets a source that pairs the samples of its parts.
+
+    Raises:
+        InputError: the source does not fit the sensor, or cannot be made as the table states.
+    """
+    paired = setup.kind.parts and stated.kind != "replay"
+    return by_name("palpate.live.paired_source.PairedSource" if paired else SOURCES[stated.kind]).of(stated, setup)
+
+
+def drained(sentences: MutableSequence[str]) -> list[str]:
+    """Return a copy of a list of sentences, and clear the list itself."""
+    taken = list(sentences)
+    sentences.clear()
+    return taken
