@@ -60,7 +60,8 @@ def _filters(rng: np.random.Generator) -> None:
     kalman = Kalman()
     kalman.gain(np.array([1.0, 5.0]), 100.0)
     kalman.delay(np.array([1.0, 5.0]), 100.0)
-    BothWays(Butterworth(10.0).recursion(100.0), 100.0).push(time, np.full(400, -1, np.int8), rng.normal(size=(400, 6)))
+    item = None, time, np.full(400, -1, np.int8), rng.normal(size=(400, 6))
+    list(BothWays(Butterworth(10.0).recursion(100.0), 100.0).through([item]))
     spectrum(time, rng.normal(size=(400, 3)))
 
 

@@ -52,12 +52,10 @@ def filtered(
     """Samples and the share of the noise in them, filtered in pieces of `cut`; those with a status are left out."""
     cut, recursion = cut or len(time), made.recursion(RATE)
     if made.zero_phase:
-        both = BothWays(recursion, RATE)
-        for start in range(0, len(time), cut):
-            piece = slice(start, start + cut)
-            both.push(time[piece], status[piece], values[piece].copy())
-        both.finish()
-        return both.take(both.ready)
+        pieces = [slice(start, start + cut) for start in range(0, len(time), cut)]
+        items = [(None, time[piece], status[piece], values[piece].copy()) for piece in pieces]
+        _, made_of, kept = zip(*BothWays(recursion, RATE).through(items), strict=True)
+        return np.concatenate(made_of)[status < 0], np.concatenate(kept)[status < 0]
     forward, out, shares = Forward(recursion, RATE), values.copy(), []
     for start in range(0, len(time), cut):
         piece = slice(start, start + cut)

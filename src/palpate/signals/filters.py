@@ -1,4 +1,4 @@
-"""Filters of a wrench, and the meaning of their settings in Hz and ms."""
+"""Filters of a signal, and the meaning of their settings in Hz and ms."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ class Recursion:
         sections: (s, 6) second-order sections b0 b1 b2 1 a1 a2; empty for a filter of gains.
         start: (s, 2) state of the sections after an endless input of 1.
         gains: (m,) y += gain (x - y), by age; the last one stays.
-        share: (k,) variance of the output for white noise of variance 1 on the input, by age; the last one stays.
-        response: (l,) to an impulse, until it has settled, of a filter that can run backward too; empty for the others.
+        share: (k,) share of white noise's variance that remains, by age; the last one stays.
+        response: (l,) to an impulse, until it has settled; empty for a filter that cannot run backward.
     """
 
     sections: Float[np.ndarray, "s 6"]
@@ -45,15 +45,14 @@ class Recursion:
 @takes_arrays
 @dataclass(frozen=True)
 class Kalman:
-    """The filter of `probe`: identity transition, each axis separately.
+    """A Kalman filter of a random walk, each axis separately, as `probe` has it.
 
     With rho = q/r and P_0 = 1 at the first sample, the prior P' = P + rho, the gain K = P'/(P' + 1) and
 
         y_k = y_{k-1} + K (x_k - y_{k-1}),   P = (1 - K)^2 P' + K^2 = K   (Joseph's form)
 
-    settle at K = (sqrt(rho^2 + 4 rho) - rho)/2: a first-order low-pass. P times the noise of a reading is the
-    covariance carried on. It is right for the filter's model, a contact that follows a random walk with a variance of
-    rho times that noise per sample; where the contact does not change, it is 2 - K times too large.
+    settle at K = (sqrt(rho^2 + 4 rho) - rho)/2: a first-order low-pass. The covariance carried on is P times the noise
+    of a reading; for a contact that does not change it is 2 - K times too large.
 
     Args:
         q: variance of one step of the contact.
@@ -73,53 +72,53 @@ class Kalman:
 
     @property
     def steady_gain(self) -> float:
-        """Gain K, 0 to 1, long after the start."""
+        """Gain K, from 0 to 1, long after the start."""
         rho = self.q / self.r
         return 2.0 / (1.0 + float(np.sqrt(1.0 + 4.0 / rho)))  # the same without a difference of near equals
 
     def gain(self, frequency: ArrayLike, rate: float) -> Float[np.ndarray, "..."]:
-        """Return the magnitude, at most 1, of the steady filter at frequencies [Hz], in their shape, for a `rate` [Hz].
+        """Return the steady filter's gain, at most 1, at frequencies [Hz], in their shape, for samples at `rate` [Hz].
 
         Raises:
-            InputError: `rate` is not positive.
+            InputError: `rate` is not positive and finite.
         """
         k, w = self.steady_gain, _angle(frequency, rate)
         return np.asarray(k / np.sqrt(k * k + 2.0 * (1.0 - k) * (1.0 - np.cos(w))))
 
     def delay(self, frequency: ArrayLike, rate: float) -> Float[np.ndarray, "..."]:
-        """Return the group delay [s] of the steady filter at frequencies [Hz], in their shape, for a `rate` [Hz].
+        """Return the steady filter's group delay [s] at frequencies [Hz], in their shape, for samples at `rate` [Hz].
 
         Raises:
-            InputError: `rate` is not positive.
+            InputError: `rate` is not positive and finite.
         """
         k, w = self.steady_gain, _angle(frequency, rate)
         fall = 1.0 - np.cos(w)
         return np.asarray((1.0 - k) * (k - fall) / (k * k + 2.0 * (1.0 - k) * fall) / rate)
 
     def bandwidth(self, rate: float) -> float:
-        """Return the frequency [Hz] at which the steady filter's gain is -3 dB, 2 (1 - cos w) = rho, for a rate [Hz].
+        """Return the frequency [Hz] at which the steady filter's gain is -3 dB: 2 (1 - cos w) = rho.
 
-        If the gain is above -3 dB at every frequency, return half the rate.
+        It is half the `rate` [Hz] if the gain is larger everywhere.
 
         Raises:
-            InputError: `rate` is not positive.
+            InputError: `rate` is not positive and finite.
         """
         half_sine = np.sqrt(self.q / self.r) / 2.0
         return _known(rate) * float(np.arcsin(min(1.0, half_sine))) / np.pi
 
     def describe(self, rate: float) -> str:
-        """Return a sentence about the filter: its settings, and its cut-off [Hz] and delay [ms] at `rate` [Hz].
+        """Return a sentence with the filter's settings, and its cut-off [Hz] and delay [ms] at `rate` [Hz].
 
         Raises:
-            InputError: `rate` is not positive.
+            InputError: `rate` is not positive and finite.
         """
         return f"Kalman, q {self.q:.3g}, r {self.r:.3g}: at {rate:.6g} Hz a low-pass at {_says(self, rate)}"
 
     def recursion(self, rate: float) -> Recursion:
-        """Return the `Recursion` that runs this filter; it is the same at every rate [Hz].
+        """Return the `Recursion` that runs this filter; it is the same at every `rate` [Hz].
 
         Raises:
-            InputError: `rate` is not positive.
+            InputError: `rate` is not positive and finite.
         """
         _known(rate)
         rho, gains = self.q / self.r, [1.0]
@@ -141,8 +140,7 @@ class Butterworth:
     Args:
         cutoff: [Hz] where the gain of one pass is -3 dB.
         order: 1 to 8.
-        zero_phase: filter forward and backward: no delay, the gain squared. Only for a recorded log: it needs later
-            samples.
+        zero_phase: filter forward and backward, for a recorded log only: no delay, the gain squared.
 
     Raises:
         InputError: a cut-off that is not positive and finite, or an order that is not 1 to 8.
@@ -159,10 +157,10 @@ class Butterworth:
             raise InputError(f"the order must be from 1 to {2 * MOST_SECTIONS}, not {self.order}.")
 
     def gain(self, frequency: ArrayLike, rate: float) -> Float[np.ndarray, "..."]:
-        """Return the gain, at most 1, at frequencies [Hz] up to half the `rate` [Hz], in the shape of `frequency`.
+        """Return the gain, at most 1, at frequencies [Hz] up to half the `rate` [Hz], in their shape.
 
         Raises:
-            InputError: the cut-off is not below half the rate, or is below 1e-5 of it.
+            InputError: the cut-off is not from 1e-5 to below half of the rate, or the rate is not positive.
         """
         u = np.tan(_angle(frequency, rate) / 2) / np.tan(np.pi * self._checked(rate))
         return np.asarray((1.0 + u ** (2 * self.order)) ** (-1.0 if self.zero_phase else -0.5))
@@ -170,10 +168,8 @@ class Butterworth:
     def delay(self, frequency: ArrayLike, rate: float) -> Float[np.ndarray, "..."]:
         """Return the group delay [s], -d(phase)/dw, at frequencies [Hz], in their shape; 0 for zero phase.
 
-        It is summed pole by pole; all zeros lie at -1, half a sample each.
-
         Raises:
-            InputError: the cut-off is not below half the rate, or is below 1e-5 of it.
+            InputError: the cut-off is not from 1e-5 to below half of the `rate` [Hz], or the rate is not positive.
         """
         w = _angle(frequency, rate)
         if self.zero_phase:
@@ -182,30 +178,30 @@ class Butterworth:
         return np.asarray((self.order / 2 + np.sum((turned / (1 - turned)).real, axis=-1)) / rate)
 
     def bandwidth(self, rate: float) -> float:
-        """Return the -3 dB point [Hz]: the cut-off, or less where the filter passes twice.
+        """Return the frequency [Hz] of -3 dB: the cut-off, or less for zero phase.
 
         Raises:
-            InputError: the cut-off is not below half the rate, or is below 1e-5 of it.
+            InputError: the cut-off is not from 1e-5 to below half of the `rate` [Hz], or the rate is not positive.
         """
         cutoff = self._checked(rate)
         u = (2**0.5 - 1) ** (0.5 / self.order) if self.zero_phase else 1.0
         return rate / np.pi * float(np.arctan(u * np.tan(np.pi * cutoff)))
 
     def describe(self, rate: float) -> str:
-        """Return a sentence about the filter: its settings, and its cut-off [Hz] and delay [ms] at `rate` [Hz].
+        """Return a sentence with the filter's settings, and its cut-off [Hz] and delay [ms] at `rate` [Hz].
 
         Raises:
-            InputError: the cut-off is not below half the rate, or is below 1e-5 of it.
+            InputError: the cut-off is not from 1e-5 to below half of the rate, or the rate is not positive.
         """
         twice = ", forward and backward" if self.zero_phase else ""
         settings = f"Butterworth, order {self.order}, {self.cutoff:.3g} Hz{twice}"
         return f"{settings}: at {rate:.6g} Hz a low-pass at {_says(self, rate)}"
 
     def recursion(self, rate: float) -> Recursion:
-        """Return the `Recursion` that runs this filter at a rate [Hz].
+        """Return the `Recursion` that runs this filter at a `rate` [Hz].
 
         Raises:
-            InputError: the cut-off is not below half the rate, or is below 1e-5 of it.
+            InputError: the cut-off is not from 1e-5 to below half of the rate, or the rate is not positive.
         """
         sections = self._sections(rate)
         start = np.stack([1.0 - sections[:, 0], sections[:, 2] - sections[:, 5]], axis=1)  # 1 in, 1 out, for ever
@@ -220,8 +216,7 @@ class Butterworth:
     def _sections(self, rate: float) -> Float[np.ndarray, "s 6"]:
         """Return b0 b1 b2 1 a1 a2 of each pair of poles, gain 1 at rest; a single pole makes a first-order section.
 
-        The result is that of scipy.signal.butter (and is tested against it), without the time and memory of importing
-        SciPy.
+        The sections are those of scipy.signal.butter, without importing SciPy.
         """
         sections: list[list[float]] = []
         for pole in self._poles(rate)[: (self.order + 1) // 2]:  # the others are their conjugates

@@ -1,4 +1,4 @@
-"""Run a filter over a stream of wrenches or cells: forward as they come, or forward and backward a little later."""
+"""Run a filter over a stream of samples: forward as they come, or forward and backward a little later."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ T = TypeVar("T")
 
 
 def known_rate(rate: float | None, of: str) -> float:
-    """Return the rate [Hz] of samples to filter; `of` names the samples.
+    """Return a rate [Hz] that is known; `of` names the samples in the message.
 
     Raises:
         InputError: the rate is None.
@@ -36,7 +36,11 @@ def known_rate(rate: float | None, of: str) -> float:
 
 
 def require_forward(filter: Filter | None) -> None:
-    """Raise an InputError where a filter needs later samples, and so cannot answer sample by sample."""
+    """Check that a filter, if there is one, needs no later samples.
+
+    Raises:
+        InputError: it is of zero phase.
+    """
     if filter is not None and filter.zero_phase:
         raise InputError(
             "a filter of zero phase needs later samples, so it cannot answer sample by sample.",
@@ -45,13 +49,13 @@ def require_forward(filter: Filter | None) -> None:
 
 
 class Forward:
-    """A filter that runs forward over samples as they come; the result does not depend on how the stream is cut.
+    """A filter that runs forward over samples as they come, however the stream is cut.
 
-    It starts afresh where time steps back, or forward by more than 5 periods and 0.05 s. Samples with a status of 0 or
-    more are skipped. Samples in between count as evenly spaced.
+    It starts afresh where time steps back, or forward by more than 5 periods and 0.05 s; other samples count as evenly
+    spaced. Samples with a status of 0 or more are skipped.
 
     Args:
-        recursion: of a filter at a rate.
+        recursion: filter at this rate.
         rate: [Hz] of the samples.
         width: number of values in a sample.
     """
@@ -68,22 +72,25 @@ class Forward:
 
     @property
     def parts(self) -> tuple[object, ...]:
-        """Arguments of `_filters.smooth` after the samples, without the ages."""
+        """Tuple of the arguments of `_filters.smooth` between the samples and the ages."""
         return (*self._made, self._gap, self._clock, self._state)
 
     def reset(self) -> None:
-        """Forget all samples: the next one counts as the first."""
+        """Forget all samples."""
         self._clock[:] = -1.0, np.nan
 
     def __call__(self, time: Float[np.ndarray, " n"], status: Int8[np.ndarray, " n"], values: Values) -> np.ndarray:
-        """Filter samples whose status is below 0, in place; return ages (n,), 0 at a start, -1 for the others."""
+        """Filter samples (n, width) whose status is below 0, in place.
+
+        Return their ages (n,), int64: the number of samples since the filter started, -1 for the others.
+        """
         age = np.empty(len(values), dtype=np.int64)
         self._smooth(time, status, values, *self.parts, age)
         return age
 
     @takes_arrays
     def starts(self, time: Float[np.ndarray, " n"], status: Int8[np.ndarray, " n"]) -> np.ndarray:
-        """Return the ages (n,) that samples will have, without filtering them."""
+        """Return the ages (n,), int64, that samples would get, without filtering them."""
         clock, state = self._clock.copy(), self._state.copy()
         age = self(time, status, np.zeros((len(time), self._state.shape[1])))
         self._clock[:], self._state[:] = clock, state
@@ -91,32 +98,30 @@ class Forward:
 
     @takes_arrays
     def share(self, age: np.ndarray) -> Float[np.ndarray, " n"]:
-        """Return the share of the noise's variance that remains at each age, (n,); meaningless for skipped samples."""
+        """Return the share (n,) of white noise's variance that remains at each age; meaningless for age -1."""
         return self.shares[np.minimum(age, len(self.shares) - 1)]
 
     @takes_arrays
-    def repeated(self, value: Float[np.ndarray, " _"], count: int) -> Values:
-        """Filter one sample (width,) `count` times in a row, and return the outputs (count, width), in its unit.
-
-        The filter's state advances by `count` samples.
-        """
-        values = np.repeat(value[None], count, axis=0)
-        self(np.full(count, np.nan), np.full(count, -1, np.int8), values)
+    def gapless(self, values: Values) -> Values:
+        """Filter samples (n, width) that all count as evenly spaced, in place, and return them."""
+        self(np.full(len(values), np.nan), np.full(len(values), -1, np.int8), values)
         return values
 
 
 class BothWays:
     """A filter that runs forward and backward, as if the first and last sample of a run had been there for ever.
 
-    A run ends where the forward filter starts afresh. Its samples are filtered backward in segments counted from its
-    first, each begun a settled response later, so that nothing depends on how the stream was cut; memory is flat.
+    A run ends where `Forward` starts afresh. It is filtered backward in segments counted from its first sample, each
+    begun a settled response later, so that results do not depend on how the stream is cut and memory is bounded.
 
     With r the autocorrelation of the forward response, sample k of a run 0 ... e is the sum of r_{k-i} x_i, the first
     and last x carrying all of the weight beyond them: a share of sum r^2 + edge(k) + edge(e - k) of the noise remains,
     edge(m) = (sum of r_j, j >= m)^2 - (sum of r_j^2, j >= m).
 
     Args:
-        recursion, rate, width: see `Forward`.
+        recursion: filter at this rate.
+        rate: [Hz] of the samples.
+        width: number of values in a sample.
     """
 
     def __init__(self, recursion: Recursion, rate: float, width: int = 6) -> None:
@@ -144,68 +149,53 @@ class BothWays:
         """Filter items in their order, and yield each once all of its samples are filtered.
 
         Args:
-            items: anything, with the times, statuses and values of its samples; those whose status is below 0 are
-                filtered in place.
+            items: anything, with the times (n,) [s], statuses (n,) and values (n, width) of its samples; those whose
+                status is below 0 are filtered in place.
 
         Yields:
-            the same item, its values, and the share of the noise's variance that remains in each sample.
+            the same item, its values (n, width), and the share (n,) of white noise's variance that remains.
         """
         waiting = deque[tuple[T, Status, Values]]()
         for what, time, status, values in items:
-            self.push(time, status, values)
+            self._push(time, status, values)
             waiting.append((what, status, values))
             yield from self._served(waiting)
-        self.finish()
+        self._finish()
         yield from self._served(waiting)
 
     def _served(self, waiting: deque[tuple[T, Status, Values]]) -> Iterator[tuple[T, Values, Numbers]]:
-        while waiting and self.ready >= np.count_nonzero(waiting[0][1] < 0):
+        while waiting and sum(map(len, self._done)) >= np.count_nonzero(waiting[0][1] < 0):
             what, status, values = waiting.popleft()
             good, share = status < 0, np.ones(len(status))
-            values[good], share[good] = self.take(int(np.count_nonzero(good)))
+            count, done = int(np.count_nonzero(good)), np.concatenate(self._done)
+            values[good], share[good] = done[:count, :-1], done[:count, -1]
+            self._done = [done[count:]]
             yield what, values, share
 
-    def push(self, time: Float[np.ndarray, " n"], status: Int8[np.ndarray, " n"], values: Values) -> None:
-        """Add samples, in the order of time, to those to filter; `take` returns them filtered.
-
-        Args:
-            time: (n,) [s]; a gap begins a new run.
-            status: (n,) below 0 for a sample to filter; the others are ignored.
-            values: (n, width) of the samples, not changed.
-        """
+    def _push(self, time: np.ndarray, status: np.ndarray, values: Values) -> None:
+        """Add samples to those to filter, without changing them."""
         good = status < 0
         time, status, values = time[good], status[good], values[good]
         for part in np.split(np.arange(len(time)), np.flatnonzero(self._forward.starts(time, status) == 0)):
             if len(part):
                 self._extend(time[part], status[part], values[part])
 
-    def finish(self) -> None:
-        """End the run: no more samples of it come, and all of them can be taken."""
+    def _finish(self) -> None:
+        """End the run, as no more samples of it come."""
         if not self._parts:
             return
         rows = np.concatenate(self._parts)
-        after = self._forward.repeated(self._last, self._settled)
+        after = self._forward.gapless(np.repeat(self._last[None], self._settled, axis=0))
         done = self._reversed(np.concatenate([rows, after]))[: len(rows)]
         left = np.arange(len(rows))[::-1]
         share = np.ones(1) if self._emitted + len(rows) == 1 else self._share(len(rows)) + self._edges(left)
         self._add(done, share)
         self._parts, self._emitted = [], 0
 
-    @property
-    def ready(self) -> int:
-        """Number of filtered samples that can be taken."""
-        return sum(map(len, self._done))
-
-    def take(self, count: int) -> tuple[Values, Float[np.ndarray, " n"]]:
-        """Return the next `count` filtered samples: values (n, width) and the share of the noise that remains (n,)."""
-        done = self._done[0] if len(self._done) == 1 else np.concatenate(self._done)
-        self._done = [done[count:]]
-        return done[:count, :-1], done[:count, -1]
-
     def _extend(self, time: np.ndarray, status: np.ndarray, values: Values) -> None:
         """Add samples of one run."""
         if self._forward.starts(time[:1], status[:1])[0] == 0:
-            self.finish()
+            self._finish()
         self._last = values[-1].copy()
         self._forward(time, status, values)
         self._parts.append(values)
@@ -224,9 +214,7 @@ class BothWays:
     def _reversed(self, rows: Values) -> Values:
         """Return rows filtered from the last to the first."""
         self._backward.reset()
-        turned = rows[::-1].copy()
-        self._backward(np.zeros(len(rows)), np.full(len(rows), -1, np.int8), turned)
-        return turned[::-1]
+        return self._backward.gapless(rows[::-1].copy())[::-1]
 
     def _share(self, count: int) -> Float[np.ndarray, " n"]:
         """Return the noise's share in the next `count` samples of the run, far from its end."""

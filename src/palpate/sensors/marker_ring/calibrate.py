@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from palpate.errors import InputError
-from palpate.optical.fisheye import RingView
 from palpate.optical.markers import Blobs, FrameProblem, MarkerColour, MarkerTracker, find_blobs, find_colour
 from palpate.optical.ring_response import RingResponse
 from palpate.sensors.marker_ring.calibrate_camera import fit_rings
@@ -76,72 +76,45 @@ def calibrate_marker_ring(
             response, or OpenCV is missing.
         NotIdentifiable: the markers at rest are no even ring about the middle of the image.
     """
-    looking, kept = _Rest(body), list[np.ndarray]()
-    tracker: MarkerTracker | None = None
-    first = 0
-    for block in blocks:
-        frames, free = block.channels[IMAGE], truth.free[first : first + len(block)]
-        first += len(block)
-        if tracker is None:
-            ended = looking.add(frames, free)
-            if not ended:
-                continue
-            tracker = looking.tracker()
-            frames = np.concatenate(looking.frames)
-        kept.append(_tracked(tracker, frames))
-    if tracker is None:
-        tracker = looking.tracker()
-        kept.append(_tracked(tracker, np.concatenate(looking.frames)))
-    pixels = np.concatenate(kept)
+    images, first = (block.channels[IMAGE] for block in blocks), list[np.ndarray]()
+    free = truth.free[:0]
+    for frames in images:
+        first.append(frames)
+        free = truth.free[: sum(map(len, first))]
+        if not free.all() or len(free) >= _LOOKED:
+            break
+    start = np.concatenate(first)
+    tracker, area = _at_rest(start[: min(_leading(free), _LOOKED)], body)
+    pixels = np.concatenate([_tracked(tracker, frames) for frames in chain([start], images)])
     if len(pixels) != len(truth.angle):
         raise InputError(f"has {len(truth.angle)} rows, but needs one for each of {len(pixels)} frames.", where="truth")
-    return _model(looking, pixels, truth, before, dict(provenance or {}))
+    return _model(body.radius, tracker, area, pixels, truth, before, dict(provenance or {}))
 
 
-@dataclass
-class _Rest:
-    """The first images, collected until enough untouched ones show where the markers rest."""
+def _at_rest(still: UInt8[np.ndarray, "n h w 3"], body: RingBody) -> tuple[MarkerTracker, Float[np.ndarray, " m"]]:
+    """Return a tracker for the first image, and the markers' areas at rest, from untouched images.
 
-    body: RingBody
-    frames: list[UInt8[np.ndarray, "n h w 3"]] = field(default_factory=list[np.ndarray])
-    free: list[np.ndarray] = field(default_factory=list[np.ndarray])
-    colour: MarkerColour | None = None
-    view: RingView | None = None
-    rest: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
-    area: np.ndarray = field(default_factory=lambda: np.zeros(0))
-
-    def add(self, frames: np.ndarray, free: np.ndarray) -> bool:
-        """Add images with the mask of untouched ones; return whether the untouched start is over, or long enough."""
-        self.frames.append(frames)
-        self.free.append(free)
-        known = np.concatenate(self.free)
-        return bool(np.count_nonzero(known[: _leading(known)]) >= _LOOKED or not known.all())
-
-    def tracker(self) -> MarkerTracker:
-        """Return a tracker that is ready for the first image; raise InputError if the markers at rest are not found."""
-        known = np.concatenate(self.free)
-        count = _leading(known)
-        if not count:
-            raise InputError(
-                "the log does not begin untouched: no frame shows where the markers rest.",
-                hint="Let the log begin with a second in which nothing touches the ring.",
-            )
-        still = np.concatenate(self.frames)[: min(count, _LOOKED)]
-        count = self.body.markers * len(self.body.rings)
-        self.colour = self.body.colour or _colour(still, count)
-        seen = [find_blobs(frame, self.colour) for frame in still]
-        first = next((blobs for blobs in seen if len(blobs) == count), None)
-        if first is None:
-            raise InputError(
-                f"{len(seen[0])} markers are found in the first frame, but the rig states {count}.",
-                where="marker_ring.markers",
-            )
-        size = (still.shape[2], still.shape[1])
-        inner = self.body.radius - self.body.thickness
-        camera = {"camera": self.body.camera, "height": self.body.height, "size": size}
-        self.view, order = fit_rings(first.pixels, inner, self.body.rings, **camera)
-        self.rest, self.area = _usual(seen, first.pixels[order])
-        return MarkerTracker(self.view, self.colour, self.rest, self.area)
+    Raises:
+        InputError: there are no untouched images, or the markers are not found in them.
+    """
+    if not len(still):
+        raise InputError(
+            "the log does not begin untouched: no frame shows where the markers rest.",
+            hint="Let the log begin with a second in which nothing touches the ring.",
+        )
+    count = body.markers * len(body.rings)
+    colour = body.colour or _colour(still, count)
+    seen = [find_blobs(frame, colour) for frame in still]
+    first = next((blobs for blobs in seen if len(blobs) == count), None)
+    if first is None:
+        raise InputError(
+            f"{len(seen[0])} markers are found in the first frame, but the rig states {count}.",
+            where="marker_ring.markers",
+        )
+    camera = {"camera": body.camera, "height": body.height, "size": (still.shape[2], still.shape[1])}
+    view, order = fit_rings(first.pixels, body.radius - body.thickness, body.rings, **camera)
+    rest, area = _usual(seen, first.pixels[order])
+    return MarkerTracker(view, colour, rest, area), area
 
 
 def _colour(still: UInt8[np.ndarray, "n h w 3"], markers: int) -> MarkerColour:
@@ -184,11 +157,14 @@ def _tracked(tracker: MarkerTracker, frames: np.ndarray) -> np.ndarray:
 
 
 def _model(
-    looking: _Rest, pixels: np.ndarray, truth: RingTruth, before: RingResponse | None, provenance: dict[str, str]
+    radius: float,
+    tracker: MarkerTracker,
+    area: Float[np.ndarray, " m"],
+    pixels: Float[np.ndarray, "n m 2"],
+    truth: RingTruth,
+    before: RingResponse | None,
+    provenance: dict[str, str],
 ) -> MarkerRing:
-    view, colour = looking.view, looking.colour
-    if view is None or colour is None:
-        raise InputError("no frame shows where the markers rest: an untouched frame is needed.")
     still = pixels[: _leading(truth.free)]
     spread: np.ndarray = np.nanvar(still, axis=0)
     rest, jitter = np.nanmean(still, axis=0), float(np.sqrt(np.mean(spread)))
@@ -196,10 +172,11 @@ def _model(
     rows = np.asarray(truth.pressed & (seen >= 0.6 * len(rest)), dtype=bool)
     if not rows.any():
         raise InputError("no frame shows the markers and has an angle, depth and force: check the times of the truth.")
-    body = looking.body
-    each = 2 * len(view.rings)
-    nothing = RingResponse(np.zeros((3, each, 1, 1)), np.ones(2), np.zeros((each, 1)), np.zeros(2), np.zeros(2))
-    plain = MarkerRing(body.radius, view, colour, rest, looking.area, max(jitter, 1e-3), nothing)
+    rings = len(tracker.view.rings)
+    nothing = RingResponse(
+        np.zeros((3, 2 * rings, 1, 1)), np.ones(2), np.zeros((2 * rings, 1)), np.zeros(2), np.zeros(2)
+    )
+    plain = MarkerRing(radius, tracker.view, tracker.colour, rest, area, max(jitter, 1e-3), nothing)
     turned = _turned(plain, pixels[rows], truth.angle[rows])
     presses = RingPresses(
         truth.angle[rows],
@@ -209,11 +186,10 @@ def _model(
         turned.displacements(pixels[rows]),
         turned.view.angles,
         turned.noise(),
-        len(view.rings),
+        rings,
     )
-    response = fit_response(presses, before)
     used = f"{np.count_nonzero(rows)} of {np.count_nonzero(truth.pressed)} pressed frames were used"
-    return MarkerRing(body.radius, turned.view, colour, rest, looking.area, plain.jitter, response, (used,), provenance)
+    return replace(turned, response=fit_response(presses, before), notes=(used,), provenance=provenance)
 
 
 def _turned(ring: MarkerRing, pixels: np.ndarray, angle: np.ndarray) -> MarkerRing:
@@ -231,10 +207,8 @@ def _turned(ring: MarkerRing, pixels: np.ndarray, angle: np.ndarray) -> MarkerRi
         raise InputError("the angles of the truth are not those at which the markers move.", where="truth", hint=hint)
     c, s = np.cos(offset), np.sin(offset)
     turn = Pose(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), np.zeros(3))
-    view = RingView(
-        ring.view.camera, turn @ ring.view.pose, ring.view.radius, ring.view.angles + offset, ring.view.rings
-    )
-    return MarkerRing(ring.radius, view, ring.colour, ring.rest, ring.area, ring.jitter, ring.response)
+    view = replace(ring.view, pose=turn @ ring.view.pose, angles=ring.view.angles + offset)
+    return replace(ring, view=view)
 
 
 def _median_off(angles: np.ndarray) -> float:

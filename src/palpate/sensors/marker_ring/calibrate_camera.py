@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,13 +13,12 @@ from palpate.calibration.validation import Validation, cross_validate, pseudo_in
 from palpate.errors import InputError, NotIdentifiable
 from palpate.opencv import opencv
 from palpate.optical.fisheye import Fisheye, RingView
-from palpate.spatial._arrays import Value, frozen, shaped
+from palpate.spatial._arrays import shaped
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
 
-__all__ = ["BoardFit", "RingFit", "calibrate_board", "fit_lens", "fit_ring_view", "fit_rings"]
+__all__ = ["BoardFit", "calibrate_board", "fit_lens", "fit_ring_view", "fit_rings"]
 
-HEIGHT = 0.04  # m, of the camera above the ring, where nothing better is known
 _FACING = np.diag([1.0, -1.0, -1.0])  # x_c = x, y_c = -y, z_c = -z
 _FEWEST_BOARDS = 3
 _FAR, _FAR_PIXELS = 4.0, 1.0  # times the usual rms of a picture, and px: one with a larger rms is omitted
@@ -48,48 +47,14 @@ class BoardFit:
     validation: Validation
 
 
-@dataclass(frozen=True, eq=False, init=False)
-class RingFit(Value):
-    """The pose of the camera, and the places of the markers at rest.
-
-    Attributes:
-        view: view with the measured angle of every marker.
-        order: (m,) index, in the given pixels, of marker i; marker 0 is the one nearest to angle 0.
-        plane: (m, 2) measured rest positions [m], in that order: they contain the irregularities of the ring.
-        start: angle at which the even ring begins [rad].
-        residual: rms of a marker's distance from an even ring [px].
-        covariance: (6, 6) of the tilts about x and y [rad], the place x, y, z [m] and the start angle [rad]; with
-            `focal_fitted`, z is replaced by the logarithm of the focal length.
-        focal_fitted: whether the focal length was fitted and the height kept.
-    """
-
-    view: RingView
-    order: Int[np.ndarray, " m"]
-    plane: Float[np.ndarray, "m 2"]
-    start: float
-    residual: float
-    covariance: Float[np.ndarray, "6 6"]
-    focal_fitted: bool
-
-    @takes_arrays
-    def __init__(self, view: RingView, order: np.ndarray, plane: np.ndarray, **rest: Any) -> None:
-        order = np.array(order, dtype=np.int64)
-        order.flags.writeable = False
-        rest["covariance"] = frozen(rest["covariance"], tail=(6, 6))
-        for name, value in {"view": view, "order": order, "plane": frozen(plane, tail=(2,)), **rest}.items():
-            object.__setattr__(self, name, value)
-
-
 @takes_arrays
-def calibrate_board(
-    images: Sequence[UInt8[np.ndarray, "h w 3"]], board: tuple[int, int] = (9, 6), square: float = 0.01
-) -> BoardFit:
+def calibrate_board(images: Sequence[UInt8[np.ndarray, "h w 3"]], board: tuple[int, int], square: float) -> BoardFit:
     """Fit a lens to pictures of a chessboard; return a `BoardFit`.
 
     Args:
         images: pictures of one size; those that do not show the complete board are skipped.
         board: inner corners, columns and rows.
-        square: side of a square [m]; only the place of the board depends on it.
+        square: side of a square [m].
 
     Raises:
         InputError: fewer than three pictures show the board, they do not determine a lens, or OpenCV is missing.
@@ -97,7 +62,7 @@ def calibrate_board(
     cv2 = opencv()
     corners, shown, size = list[np.ndarray](), list[int](), (0, 0)
     for number, image in enumerate(images):
-        grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image
+        grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         size = grey.shape[::-1]
         found, pixels = cv2.findChessboardCornersSB(grey, board)
         if found:
@@ -220,36 +185,34 @@ def fit_ring_view(
     radius: float,
     *,
     camera: Fisheye | None = None,
-    height: float = HEIGHT,
+    height: float = 0.04,
     size: tuple[int, int] = (640, 480),
-) -> RingFit:
-    """Return the `RingFit` of the camera's pose above evenly spaced markers to their places at rest in the picture.
+) -> tuple[RingView, Int[np.ndarray, " m"]]:
+    """Fit the camera's pose to the markers of one even ring at rest; return the `RingView` and an index.
 
-    Tilt, offset, height and start angle are fitted by least squares of pixels against the even ring; the camera's turn
-    about the axis keeps its nominal value, because the ring's x axis is defined by the camera's. Irregularities of the
-    markers remain in the measured rest positions. For one ring only: `fit_rings` is for markers at several heights.
+    The index (m,) is that of each marker of the view in `rest_pixels`; marker 0 is the one nearest to angle 0. The
+    view's angles are measured, so that they contain the irregularities of the ring.
 
-    One flat ring does not separate the focal length from the height: without a `camera` an equidistant lens with its
-    middle in the picture's middle is used, `height` is kept and the focal length fitted.
+    One flat ring does not separate the focal length from the height: without a `camera`, an equidistant lens about the
+    picture's middle is taken, whose focal length is fitted, and `height` is kept. The ring's x axis is the camera's.
 
     Args:
         rest_pixels: (m, 2) all markers of the ring, in any order.
         radius: radius of the ring of markers [m].
-        camera: the lens, as calibrated with a board; None: not known.
+        camera: the calibrated lens; None: not known.
         height: height of the camera above the ring [m]: a guess, or kept without a `camera`.
-        size: width and height of the picture, if no camera is given.
+        size: width and height of the picture [px], used without a `camera`.
 
     Raises:
         InputError: there are fewer than six markers, or some are not finite.
         NotIdentifiable: the pixels are not those of an even ring about the picture's middle.
     """
-    pixels = np.asarray(rest_pixels, dtype=np.float64)
-    if pixels.ndim != 2 or len(pixels) < 6 or pixels.shape[1] != 2 or not np.isfinite(pixels).all():
+    if len(rest_pixels) < 6 or not np.isfinite(rest_pixels).all():
         raise InputError("rest_pixels must be six or more finite pixels (m, 2).")
     lens, focal_fitted = camera or Fisheye.equidistant(*size), camera is None
-    even = 2 * np.pi * np.arange(len(pixels)) / len(pixels)
-    order, start = _around(pixels, even)
-    seen = pixels[order]
+    even = 2 * np.pi * np.arange(len(rest_pixels)) / len(rest_pixels)
+    order, start = _around(rest_pixels, even)
+    seen = rest_pixels[order]
 
     def view(x: np.ndarray) -> RingView:
         tilt = Pose.from_rotation_vector([x[0], x[1], 0.0], np.zeros(3)).rotation
@@ -258,24 +221,18 @@ def fit_ring_view(
         bent = replace(lens, fx=lens.fx * focal, fy=lens.fy * focal)
         return RingView(bent, Pose(_FACING @ tilt, place), radius, even + start + x[5])
 
-    solution = _solved(view, seen)
-    fitted = view(solution.x)
-    places = fitted.to_plane(seen)
-    measured = replace_angles(fitted, np.arctan2(places[:, 1], places[:, 0]))
-    scale = np.diag([1, 1, height, height, 1 if focal_fitted else fitted.pose.translation[2], 1])
-    freedom = max(2 * len(seen) - 6, 1)
-    jacobian: np.ndarray = solution.jac
-    spread = scale @ np.linalg.pinv(jacobian.T @ jacobian) @ scale * (2 * solution.cost / freedom)
-    residual = float(np.sqrt(2 * solution.cost / len(seen)))
-    found = {"residual": residual, "covariance": spread, "focal_fitted": focal_fitted}
-    return RingFit(measured, order, places, start=start + float(solution.x[5]), **found)
+    fitted = view(_solved(view, seen))
+    x, y = fitted.to_plane(seen).T
+    return RingView(fitted.camera, fitted.pose, radius, np.arctan2(y, x)), order
 
 
 @takes_arrays
 def fit_rings(
     rest_pixels: Float[np.ndarray, "m 2"], radius: float, rings: Sequence[float], **camera: Any
 ) -> tuple[RingView, Int[np.ndarray, " m"]]:
-    """Return the `RingView` of several rings, fitted to the first, and each marker's index (m,) in the pixels, by ring.
+    """Fit the camera's pose to the first of several rings; return the `RingView` of all, and an index.
+
+    The index (m,) is that of each marker of the view, ring by ring, in `rest_pixels`.
 
     Args:
         rest_pixels: (m, 2) markers, the same number of each ring, in any order.
@@ -284,40 +241,31 @@ def fit_rings(
         camera: camera, height and size, see `fit_ring_view`.
 
     Raises:
-        InputError: fewer than six markers in a ring, pixels that are not finite, or the rings have different numbers of
-            markers, or do not lie one round the other in the picture.
+        InputError: a ring has fewer than six markers, pixels are not finite, or the rings have different numbers of
+            markers or do not lie one around the other in the picture.
         NotIdentifiable: the first ring is no even ring about the picture's middle.
     """
-    pixels = np.asarray(rest_pixels, dtype=np.float64)
-    rings = tuple(shaped(rings, (None,), "rings").tolist())
-    if not rings or len(pixels) % len(rings):
+    pixels, rings = rest_pixels, shaped(rings, (None,), "rings")
+    if not len(rings) or len(pixels) % len(rings):
         raise InputError(f"{len(pixels)} markers cannot be divided equally among {len(rings)} rings.")
     if len(rings) == 1:
-        fitted = fit_ring_view(pixels, radius, **camera)
-        return fitted.view, fitted.order
+        return fit_ring_view(pixels, radius, **camera)
     inmost = np.split(np.argsort(np.linalg.norm(pixels - pixels.mean(axis=0), axis=1)), len(rings))
     owned = dict(zip(np.argsort(rings).tolist(), inmost, strict=True))  # the nearer, the larger in the picture
-    fitted = fit_ring_view(pixels[owned[0]], radius, **camera)
-    order, angles = [owned[0][fitted.order]], [fitted.view.angles]
+    view, first = fit_ring_view(pixels[owned[0]], radius, **camera)
+    order, angles = [owned[0][first]], [view.angles]
     for ring in range(1, len(rings)):
-        x, y = fitted.view.to_plane(pixels[owned[ring]], np.asarray(rings, dtype=np.float64)[ring : ring + 1]).T
+        x, y = view.to_plane(pixels[owned[ring]], rings[ring : ring + 1]).T
         turn: Float[np.ndarray, " m"] = np.sort(np.arctan2(y, x))
         gaps: Float[np.ndarray, " m"] = np.append(turn[1:], turn[0] + 2.0 * np.pi) - turn
         usual = 2.0 * np.pi / len(turn)
         if not (gaps.min() > 0.5 * usual and gaps.max() < 1.5 * usual):
             said = "the rings of markers are not one around the other in the picture."
-            raise InputError(
-                said, where="marker_ring.rings", hint="Write in rings the height of each ring above the first."
-            )
+            hint = "Write in rings the height of each ring above the first."
+            raise InputError(said, where="marker_ring.rings", hint=hint)
         order.append(owned[ring][np.argsort(np.arctan2(y, x))])
         angles.append(turn)
-    view = fitted.view
     return RingView(view.camera, view.pose, radius, np.concatenate(angles), rings), np.concatenate(order)
-
-
-def replace_angles(view: RingView, angles: Float[np.ndarray, " m"]) -> RingView:
-    """Return the `RingView` with other angles (m,) [rad] of the markers at rest."""
-    return RingView(view.camera, view.pose, view.radius, angles)
 
 
 def _around(pixels: np.ndarray, even: np.ndarray) -> tuple[np.ndarray, float]:
@@ -334,7 +282,8 @@ def _around(pixels: np.ndarray, even: np.ndarray) -> tuple[np.ndarray, float]:
     return order, float(np.arctan2(np.sin(gap).mean(), np.cos(gap).mean()))
 
 
-def _solved(view: Any, seen: np.ndarray) -> Any:
+def _solved(view: Callable[[np.ndarray], RingView], seen: np.ndarray) -> np.ndarray:
+    """Return the parameters of the view that fits the markers best by least squares of pixels."""
     from scipy.optimize import least_squares  # here: it takes a while to import
 
     def residual(x: np.ndarray) -> np.ndarray:
@@ -345,8 +294,6 @@ def _solved(view: Any, seen: np.ndarray) -> Any:
     solution = least_squares(residual, np.zeros(6), bounds=(-bounds, bounds), x_scale=[0.1] * 6)
     gap = np.linalg.norm(seen - np.roll(seen, 1, axis=0), axis=1)
     if not np.sqrt(2 * solution.cost / len(seen)) < 0.25 * np.median(gap):
-        missing = ("the camera's place",)
-        raise NotIdentifiable(
-            "the markers are not an even ring about the middle of the picture.", rank=0, missing=missing
-        )
-    return solution
+        said, missing = "the markers are not an even ring about the middle of the picture.", ("the camera's place",)
+        raise NotIdentifiable(said, rank=0, missing=missing)
+    return solution.x
