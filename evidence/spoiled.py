@@ -29,7 +29,7 @@ from palpate.sensors.load_cells.calibrate import identify_load_cells
 from palpate.sensors.marker_ring.calibrate_camera import fit_lens
 from palpate.sensors.marker_ring.locator import RingLocator
 from palpate.sensors.marker_ring.response_fit import RingPresses, fit_response
-from palpate.sensors.taxels.calibrate import identify_curve
+from palpate.sensors.taxels.calibrate import identify_intensity
 from palpate.sensors.taxels.modules import ModuleLayout
 from palpate.sensors.taxels.poking import calibrate_taxels
 from palpate.sensors.taxels.poking.pokes import Pokes
@@ -89,7 +89,8 @@ def _real() -> Iterator[Row]:
     force, reading, *_, block = taxel_force_runs(folder)
     runs = np.split(np.arange(len(force)), np.flatnonzero(np.diff(block) < 0) + 1)
     for name, run in zip(("10 kOhm", "bare", "thin"), runs, strict=True):
-        curves = [identify_curve(force[half], reading[half], kind="monotone") for half in np.array_split(run, 2)]
+        halves = np.array_split(run, 2)
+        curves = [identify_intensity(force[half], reading[half], kind="monotone").curves[0] for half in halves]
         at = np.linspace(0.1, 0.9, 5) * min(curve.largest for curve in curves)
         spread = np.sum([(curve.deviation(at) * curve.slope(at)) ** 2 for curve in curves], axis=0)
         square = float(np.mean((curves[0].intensity(at) - curves[1].intensity(at)) ** 2 / spread))
@@ -380,7 +381,8 @@ def _curve() -> Iterator[Spoiled]:
         def made(rng: np.random.Generator) -> float:
             force = 6.0 * (1.0 - np.cos(2.0 * np.pi * np.arange(800) / 80.0))
             force, counts = spoil(force, reading(force) + rng.normal(size=800), rng)
-            curve, at = identify_curve(force, counts, kind="polynomial", degree=3), np.linspace(2.0, 11.0, 10)
+            curve = identify_intensity(force, counts, kind="polynomial", degree=3).curves[0]
+            at = np.linspace(2.0, 11.0, 10)
             error = curve.intensity(at) - (reading(at) - reading(np.zeros(1)))
             return float(np.mean((error / (curve.deviation(at) * curve.slope(at))) ** 2))
 
@@ -396,7 +398,8 @@ def _curve() -> Iterator[Spoiled]:
 def _bent(rng: np.random.Generator) -> float:
     """Fit a polynomial of degree 2 to readings of one."""
     force = 6.0 * (1.0 - np.cos(2.0 * np.pi * np.arange(800) / 80.0))
-    curve, at = identify_curve(force, 7.0 + 40.0 * force - force**2 + rng.normal(size=800), degree=2), np.array([6.0])
+    reading, at = 7.0 + 40.0 * force - force**2 + rng.normal(size=800), np.array([6.0])
+    curve = identify_intensity(force, reading, degree=2).curves[0]
     error = curve.intensity(at) - 40.0 * at + at**2
     return float(np.mean((error / (curve.deviation(at) * curve.slope(at))) ** 2))
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import InputError, NotIdentifiable
-from palpate.sensors.taxels.calibrate import identify_curve, identify_intensity, identify_resistive, tells
+from palpate.sensors.taxels.calibrate import identify_intensity, identify_resistive, tells
 
 
 def _pressed(force: np.ndarray, noise: float = 1.0, seed: int = 1) -> np.ndarray:
@@ -18,7 +18,7 @@ def _pressed(force: np.ndarray, noise: float = 1.0, seed: int = 1) -> np.ndarray
 
 def test_a_polynomial_is_found_within_its_own_deviations() -> None:
     force = np.linspace(0.0, 12.0, 300)
-    curve = identify_curve(force, _pressed(force), kind="polynomial", degree=2)
+    curve = identify_intensity(force, _pressed(force), kind="polynomial", degree=2).curves[0]
     off = (curve.parameters - [30.0, -0.6]) / np.sqrt(np.diag(curve.covariance))
     assert np.abs(off).max() < 4.0
     assert curve.residual == pytest.approx(1.0, rel=0.15)
@@ -28,7 +28,7 @@ def test_a_polynomial_is_found_within_its_own_deviations() -> None:
 def test_every_kind_predicts_forces_that_it_has_not_seen(kind: str) -> None:
     """To 0.15 N: five times the fit's deviation of 0.03 N, and the chord of twelve knots."""
     force = np.linspace(0.0, 12.0, 400)
-    curve = identify_curve(force, _pressed(force), kind=kind)
+    curve = identify_intensity(force, _pressed(force), kind=kind).curves[0]
     fresh = np.linspace(0.3, 11.7, 50)
     assert np.abs(curve.force(_pressed(fresh, 0.0) - 7.0) - fresh).max() < 0.15
 
@@ -37,7 +37,7 @@ def test_two_ranges_are_joined_where_they_meet() -> None:
     rng = np.random.default_rng(2)
     force = np.linspace(0.0, 15.0, 600)
     reading = 5.0 + 100.0 * np.minimum(force, 1.2) + 7.0 * np.maximum(force - 1.2, 0.0)
-    curve = identify_curve(force, reading + rng.standard_normal(600))
+    curve = identify_intensity(force, reading + rng.standard_normal(600)).curves[0]
     assert curve.kind == "two_range"
     assert curve.joint == pytest.approx(1.2, abs=0.05)
     gap = curve.intensity(np.array([curve.joint - 1e-9, curve.joint + 1e-9]))
@@ -47,7 +47,7 @@ def test_two_ranges_are_joined_where_they_meet() -> None:
 def test_readings_at_the_end_of_the_range_are_left_out_and_named() -> None:
     force = np.linspace(0.0, 12.0, 300)
     cut = np.minimum(_pressed(force), 200.0)
-    curve = identify_curve(force, cut, kind="polynomial", degree=2)
+    curve = identify_intensity(force, cut, kind="polynomial", degree=2).curves[0]
     assert curve.saturation == 200.0
     assert curve.parameters[0] == pytest.approx(30.0, rel=0.03)
 
@@ -57,7 +57,7 @@ def test_a_taxel_that_saturates_below_its_noise_is_measured_to_there(kind: str) 
     """Flat from 5 N on: the range to within a knot, forces below to 0.15 N, and readings up there are saturated."""
     force = np.linspace(0.0, 20.0, 600)
     noise = np.random.default_rng(8).standard_normal(600)
-    curve = identify_curve(force, 7.0 + 40.0 * np.minimum(force, 5.0) + noise, kind=kind)
+    curve = identify_intensity(force, 7.0 + 40.0 * np.minimum(force, 5.0) + noise, kind=kind).curves[0]
     assert curve.largest == pytest.approx(5.0, abs=1.0)
     assert curve.saturation == pytest.approx(207.0, abs=10.0)
     assert curve.saturation < 207.0
@@ -81,7 +81,7 @@ def test_loading_and_unloading_that_differ_are_reported() -> None:
     up = np.linspace(0.0, 10.0, 200)
     force = np.concatenate([up, up[::-1]])
     reading = 20.0 * force + np.where(np.arange(400) < 200, 0.0, 10.0 * np.sin(np.pi * force / 10.0))
-    curve = identify_curve(force, reading, kind="polynomial", degree=3)
+    curve = identify_intensity(force, reading, kind="polynomial", degree=3).curves[0]
     assert curve.hysteresis == pytest.approx(10.0 / 200.0, rel=0.15)
 
 
@@ -101,11 +101,11 @@ def test_each_cell_has_its_gain() -> None:
 
 def test_what_cannot_be_determined_is_said() -> None:
     with pytest.raises(NotIdentifiable, match="too few"):
-        identify_curve(np.arange(4.0), np.arange(4.0))
+        identify_intensity(np.arange(4.0), np.arange(4.0))
     with pytest.raises(NotIdentifiable, match="same force"):
-        identify_curve(np.full(50, 2.0), np.arange(50.0))
+        identify_intensity(np.full(50, 2.0), np.arange(50.0))
     with pytest.raises(InputError, match="negative"):
-        identify_curve(np.linspace(-5.0, 5.0, 50), np.linspace(0.0, 100.0, 50))
+        identify_intensity(np.linspace(-5.0, 5.0, 50), np.linspace(0.0, 100.0, 50))
 
 
 def test_a_resistive_sheet_gives_its_resistances_back() -> None:
@@ -140,7 +140,7 @@ def test_real_taxels_are_predicted_better_than_by_the_published_parameters(share
 def test_beyond_its_data_a_cubic_goes_on_by_its_last_slope() -> None:
     """The slope is the cubic's derivative at the largest force; back from counts it is a chord of 2048 knots."""
     force = np.linspace(0.0, 8.0, 400)
-    curve = identify_curve(force, 60.0 * force / (1.0 + 0.1 * force), kind="polynomial", degree=3)
+    curve = identify_intensity(force, 60.0 * force / (1.0 + 0.1 * force), kind="polynomial", degree=3).curves[0]
     beyond = np.linspace(8.0, 40.0, 9)
     slope = float(np.polyder(np.poly1d([*curve.parameters[::-1], 0.0]))(8.0))
     np.testing.assert_allclose(np.diff(curve.intensity(beyond)) / np.diff(beyond), np.full(8, slope), rtol=1e-5)

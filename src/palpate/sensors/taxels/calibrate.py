@@ -15,44 +15,20 @@ from palpate.sensors.taxels.curve_kinds import FEWEST, chosen
 from palpate.sensors.taxels.intensity import Curve, Intensity
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["identify_curve", "identify_intensity", "identify_resistive", "tells"]
+__all__ = ["identify_intensity", "identify_resistive", "tells"]
 
 BLOCKS = 20  # of rows, assigned in turn to the parts of the cross-validation
 _FLAT = 0.1  # of the slope below it: a curve that rises less to its end saturates
 
 
-@takes_arrays
-def identify_curve(
-    force: Float[np.ndarray, " n"],
-    intensity: Float[np.ndarray, " n"],
-    *,
-    kind: str = "auto",
-    degree: int | None = None,
-    top: float | None = None,
-) -> Curve:
-    """Fit one `Curve` I - I0 = f(F) by least squares in the intensity: the load cell is the more accurate sensor.
-
-    The unloaded intensity I0 is fitted too but not returned: on a sheet it is each cell's baseline. Rows at the end of
-    the sensor's range are excluded, and so are those beyond the force at which the curve goes flat.
-
-    Args:
-        force: (n,) [N], not negative.
-        intensity: (n,) raw.
-        kind: kind of `Curve` but "resistive", or "auto": the one that predicts unseen blocks best.
-        degree: of the polynomial; None: the best of 1 to 5, in the same way.
-        top: raw reading at the end of the range (255); None: found where readings stop rising.
-
-    Raises:
-        NotIdentifiable: too few rows, forces that hardly differ, or readings that never change.
-        InputError: negative forces, an unknown kind, or a fit that does not rise with force.
-    """
-    return _identified(force, intensity, kind, degree, top)[0]
-
-
 def _identified(
     force: Float[np.ndarray, " n"], intensity: Float[np.ndarray, " n"], kind: str, degree: int | None, top: float | None
 ) -> tuple[Curve, str, Validation]:
-    """Return the curve of `identify_curve`, the reason if it is a straight line by choice, and its cross-validation."""
+    """Return the curve I - I0 = f(F), the reason if it is a straight line by choice, and its cross-validation.
+
+    It is fitted by least squares in the intensity: the load cell is the more accurate sensor. Rows at the end of the
+    sensor's range are excluded, and so are those beyond the force at which the curve goes flat.
+    """
     force, intensity, dropped = _sound(force, intensity)
     _require_spread(force, dropped)
     if not np.ptp(intensity) > 0:
@@ -97,7 +73,7 @@ def _left_out(curve: Curve, force: Float[np.ndarray, " n"], signed: Float[np.nda
 
 @takes_arrays
 def tells(curve: Curve, force: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-    """Return a bool for each force [N], (n,), True where one reading determines it better than largest / sqrt(12)."""
+    """Return bools (n,), whether one reading determines each force [N] better than `curve.largest` / sqrt(12)."""
     return curve.deviation(force, curve.residual) < curve.largest / np.sqrt(12.0)
 
 
@@ -141,18 +117,19 @@ def identify_intensity(
     top: float | None = None,
     provenance: Mapping[str, str] | None = None,
 ) -> Intensity:
-    """Fit the `Intensity` of a sheet: one curve shape for all cells, and a separate gain for each pressed cell.
+    """Return the `Intensity` of a sheet, I = I0_k + g_k f(F) for cell k: one curve f, and a gain g_k for each cell.
 
-    I = I0_k + g_k f(F) for cell k: shape and gains are fitted in turn, so that forty presses a cell are enough.
+    The unloaded readings I0_k are fitted too but not returned. Rows that are not finite, at the end of the sensor's
+    range, or beyond the force at which the curve goes flat are excluded. Forty presses a cell are enough.
 
     Args:
-        force: (n,) [N], as for `identify_curve`.
+        force: (n,) [N], not negative.
         intensity: (n,) raw.
         cell: (n, 2) row and column of the pressed cell; None: one curve is fitted for all cells.
         shape: rows and columns of the sheet; None: up to the largest row and column that were pressed.
-        kind: of the curve, as for `identify_curve`.
-        degree: of a polynomial.
-        top: raw reading at the end of the range.
+        kind: of `Curve` but "resistive", or "auto": the one that predicts unseen presses best.
+        degree: of a polynomial; None: the best of 1 to 5, in the same way.
+        top: raw reading at the end of the range; None: found where readings stop rising.
         provenance: origin of the log.
 
     Raises:
@@ -235,7 +212,7 @@ def identify_resistive(
     layer: Int[np.ndarray, " n"],
     floor: float = 0.0,
 ) -> tuple[Curve, ...]:
-    """Fit a sheet of resistive taxels: reading = max(floor, s (1 - R / (2 S / F + R_i))), S common, R_i of each layer.
+    """Fit resistive taxels: reading = max(floor, s (1 - R / (2 S / F + R_i))), S common, R_i of each layer.
 
     Rows that are not finite are left out.
 
@@ -244,11 +221,11 @@ def identify_resistive(
         reading: (n,) of the ADC, falling with force.
         scale: s, the reading without load.
         reference: (n,) R of the divider, in any unit of resistance, which is also the unit of S/F and R_i.
-        layer: (n,) index of the layer, from 0, which selects R_i for each row.
+        layer: (n,) index of each row's layer, from 0.
         floor: the lowest reading.
 
     Returns:
-        A tuple with one `Curve` for each layer, with the reference of its rows; the covariance is that of (S, R_i).
+        One `Curve` for each layer, with the parameters (S, R_i) and their covariance.
 
     Raises:
         NotIdentifiable: too few rows, or forces that hardly differ.
@@ -345,7 +322,7 @@ def _hysteresis(curve: Curve, force: np.ndarray, signed: np.ndarray) -> float:
     return max(found) / span if found and span > 0 else float("nan")
 
 
-def _remarks(curve: Curve, why: str = "") -> list[str]:
+def _remarks(curve: Curve, why: str) -> list[str]:
     said = [why] if why else []
     if curve.falling:
         said.append("the reading falls as the force grows")

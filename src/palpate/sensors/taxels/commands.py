@@ -20,7 +20,6 @@ from palpate.sensors.taxels.intensity import Curve, Intensity
 __all__ = ["CalibrateIntensity"]
 
 _PLATEAU = 5  # readings alike at the lower end: that is where they stop
-_KIND = Literal["auto", "polynomial", "two_range", "monotone", "resistive"]
 
 
 @dataclass(frozen=True)
@@ -45,7 +44,7 @@ class CalibrateIntensity(Calibration):
 
     log: Log
     output: Output
-    kind: Annotated[_KIND, arg(metavar="NAME")] = "auto"
+    kind: Annotated[Literal["auto", "polynomial", "two_range", "monotone", "resistive"], arg(metavar="NAME")] = "auto"
     degree: Annotated[int | None, arg(metavar="N", help_behavior_hint="")] = None
     bits: Annotated[int | None, arg(metavar="N", help_behavior_hint="")] = None
     unit: Annotated[str, arg(metavar="UNIT")] = "N"
@@ -54,10 +53,11 @@ class CalibrateIntensity(Calibration):
     reference: Scalar = None
 
     def identify(self) -> CalibrationResult:
-        """Fit the curve, and the gains of cells, to the presses of the log; return a `CalibrationResult`.
+        """Return the `CalibrationResult` of the presses of the log, with their `Intensity`.
 
         Raises:
-            InputError: a bad log, unit or option, or a curve that does not rise with force.
+            InputError: a log that cannot be read, an unknown unit, an option that does not fit, or a curve that does
+                not rise with force.
             NotIdentifiable: the presses do not determine a curve.
         """
         force, intensity, cell = _presses(self.log, to_si(self.unit, FORCE_UNITS, where="--unit"))
@@ -107,17 +107,10 @@ def _divider(
             "a divider needs its full scale and its reference resistor.", hint="Add --scale 1024 --reference 10."
         )
     known = np.isfinite(force) & np.isfinite(reading)
-    layer = np.zeros(np.count_nonzero(known), dtype=np.int64)
     lowest = float(reading[known].min(initial=np.inf))
     floor = lowest if np.count_nonzero(reading[known] <= lowest) >= _PLATEAU else 0.0
-    curves = identify_resistive(
-        force[known],
-        reading[known],
-        scale=scale,
-        reference=np.full(len(layer), reference),
-        layer=layer,
-        floor=floor,
-    )
+    references, layer = np.full(len(force), reference), np.zeros(len(force), dtype=np.int64)
+    curves = identify_resistive(force, reading, scale=scale, reference=references, layer=layer, floor=floor)
     half, series = curves[0].parameters.tolist()
     said = f"2 x {half:.4g} / F in the taxel, {series:.4g} in series, in the unit of the reference"
     return Intensity(curves, provenance=record, notes=(said,))

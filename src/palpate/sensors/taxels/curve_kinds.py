@@ -17,7 +17,6 @@ __all__ = ["FEWEST", "chosen"]
 FEWEST = 8  # rows that a curve needs
 _DEGREES = (1, 2, 3, 4, 5)
 _FOLDS = 5
-_Matrix = Callable[[np.ndarray], np.ndarray]
 _Make = Callable[[np.ndarray, np.ndarray], Curve]
 
 
@@ -26,7 +25,7 @@ class _Linear:
     """A kind of curve that is linear in its parameters and in the unloaded intensity, which is fitted too."""
 
     kind: str
-    design: _Matrix
+    design: Callable[[np.ndarray], np.ndarray]
     fields: Mapping[str, object]
     rising: bool = False
 
@@ -112,7 +111,7 @@ def chosen(
 
     Args:
         kind: of `Curve` but "resistive", or "auto".
-        degree: of a polynomial; None: the best.
+        degree: of a polynomial; None: the best of 1 to 5.
         force: (n,) [N].
         signed: (n,) readings that grow with the force.
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.errors import InputError
-from palpate.spatial._arrays import frozen
+from palpate.spatial._arrays import Value, frozen
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["KINDS", "Curve", "Intensity"]
@@ -22,34 +22,30 @@ _KNOTS = 2048  # of a curve as a table: linear between them, finer than 16 bits 
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """Intensity above the unloaded intensity as a function of force, I = f(F), and its inverse [skin map, 3.1].
-
-    With the parameters p of each kind, F in newtons and I in counts above (or below) the unloaded intensity:
+    """Intensity above (or below) the unloaded one [counts] as a function of force [N], I = f(F) [skin map, 3.1].
 
     | kind | f(F) |
     |---|---|
     | `polynomial` | p1 F + p2 F^2 + ...: the paper's |
-    | `two_range` | p1 F + p2 F^2 below the force `joint`, and above it a line of slope p3 that continues the curve |
+    | `two_range` | p1 F + p2 F^2 below the force `joint`, and above it a line of slope p3 |
     | `monotone` | linear between the `knots` of force, where it is p1, p2, ... |
-    | `resistive` | full scale s of an ADC on a divider: s R / (2 p1 / F + p2), falling where the reading falls; \
-    R = `reference`, s = `scale`; 2 p1/F is the resistance of the sensor's two contacts, p2 the one in series with them
-    |
+    | `resistive` | s R / (2 p1 / F + p2): an ADC of full `scale` s on a divider with a `reference` R; 2 p1/F is the \
+    resistance of the sensor's two contacts, p2 the one in series with them |
 
     Args:
         kind: one of `KINDS`.
         parameters: (p,).
         covariance: (p, p) of the parameters.
         largest: [N] up to which the curve was measured; it must rise up to there.
-        saturation: raw intensity at the end of the sensor's range; NaN where the log did not reach it.
+        saturation: raw intensity at the end of the sensor's range; NaN where it is not known.
         falling: the raw reading falls as the force grows.
         joint: [N] of `two_range`; knots: [N] of `monotone`; reference, scale: of `resistive`.
-        residual: rms residual of the fit, in counts.
-        hysteresis: largest difference between loading and unloading at one force, as a share of the span; NaN where the
-            log does not determine it.
+        residual: rms residual of the fit [counts].
+        hysteresis: largest difference between loading and unloading at one force, as a share of the span; NaN where it
+            is not known.
 
     Raises:
-        InputError: an unknown kind, a largest force that is not positive, or a curve that does not rise with force, so
-            that an intensity does not determine the force.
+        InputError: an unknown kind, a largest force that is not positive, or a curve that does not rise with force.
     """
 
     kind: str
@@ -86,19 +82,20 @@ class Curve:
 
     @property
     def name(self) -> str:
-        """Return the kind of the curve as text, with the degree of a polynomial."""
+        """Return the kind of the curve, with the degree of a polynomial."""
         return f"polynomial of degree {len(self.parameters)}" if self.kind == "polynomial" else self.kind
 
     def intensity(self, force: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
         """Return the counts above the unloaded reading, positive under load, for forces [N], of the same shape.
 
-        The curve continues with its first slope below 0 N, and with its last slope beyond the largest measured force.
+        Below 0 N the curve continues with its first slope, beyond the largest measured force with its last.
         """
-        pushed = np.maximum(force, 0.0)
-        return self._rising(pushed) + np.minimum(force, 0.0) * self._first_slope()
+        step = np.array([1e-6 * self.largest])
+        first_slope = float(self._rising(self.parameters, step)[0] / step[0])
+        return self._rising(self.parameters, np.maximum(force, 0.0)) + np.minimum(force, 0.0) * first_slope
 
     def force(self, intensity: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
-        """Return the forces [N] for counts above the unloaded reading, in the same shape; end slopes continue."""
+        """Return the forces [N] for counts above the unloaded reading, of the same shape; end slopes continue."""
         counts, forces = self.table()
         found = np.interp(intensity, counts, forces)
         last = (forces[-1] - forces[-2]) / (counts[-1] - counts[-2])
@@ -113,7 +110,7 @@ class Curve:
         return even, np.interp(even, counts, grid)
 
     def deviation(self, force: Float[np.ndarray, "*batch"], noise: float = 0.0) -> Float[np.ndarray, "*batch"]:
-        """Return the standard deviation [N] of each force found from an intensity, by covariance and noise [counts].
+        """Return the standard deviation [N] of each force [N] found from an intensity with a noise [counts].
 
         Var F = (J C J^T + noise^2) / f'(F)^2, J the derivative of f by its parameters.
         """
@@ -123,10 +120,11 @@ class Curve:
 
     def jacobian(self, force: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch p"]:
         """Return the derivatives of the intensity [counts] by the parameters, (..., p), at forces (...) [N]."""
-        steps = np.maximum(np.abs(self.parameters), 1e-9) * 1e-6
+        pushed, values = np.maximum(force, 0.0), self.parameters
+        steps = np.maximum(np.abs(values), 1e-9) * 1e-6
         columns = [
-            (self._moved(k, step).intensity(force) - self._moved(k, -step).intensity(force)) / (2 * step)
-            for k, step in enumerate(steps)
+            (self._rising(values + step, pushed) - self._rising(values - step, pushed)) / (2 * step[k])
+            for k, step in enumerate(np.diag(steps))
         ]
         return np.stack(columns, axis=-1)
 
@@ -135,61 +133,38 @@ class Curve:
         step = 1e-6 * self.largest
         return (self.intensity(force + step) - self.intensity(force - step)) / (2 * step)
 
-    def _moved(self, which: int, step: float) -> _Loose:
-        return _Loose(self, np.where(np.arange(len(self.parameters)) == which, step, 0.0))
+    def _rising(self, parameters: Float[np.ndarray, " p"], force: np.ndarray) -> np.ndarray:
+        """Return f(F) [counts] for F >= 0 with these parameters, linear beyond the largest force."""
+        largest, step = self.largest, 1e-6 * self.largest
+        last, before = self._measured(parameters, np.array([largest, largest - step])).tolist()
+        beyond = np.maximum(force - largest, 0.0) * (last - before) / step
+        return self._measured(parameters, np.minimum(force, largest)) + beyond
 
-    def _first_slope(self) -> float:
-        step = 1e-6 * self.largest
-        return float(self._rising(np.array([step]))[0] / step)
-
-    def _rising(self, force: np.ndarray) -> np.ndarray:
-        return rising(self, self.parameters, force)
-
-
-@dataclass(frozen=True)
-class _Loose:
-    """A curve with its parameters moved a little, for derivatives."""
-
-    curve: Curve
-    by: np.ndarray
-
-    def intensity(self, force: np.ndarray) -> np.ndarray:
-        return rising(self.curve, self.curve.parameters + self.by, np.maximum(force, 0.0))
-
-
-def rising(curve: Curve, parameters: Float[np.ndarray, " p"], force: np.ndarray) -> np.ndarray:
-    """Return f(F) [counts] for F >= 0 with other parameters than the curve's own, linear beyond the largest force."""
-    largest, step = curve.largest, 1e-6 * curve.largest
-    last, before = _measured(curve, parameters, np.array([largest, largest - step])).tolist()
-    beyond = np.maximum(force - largest, 0.0) * (last - before) / step
-    return _measured(curve, parameters, np.minimum(force, largest)) + beyond
-
-
-def _measured(curve: Curve, parameters: Float[np.ndarray, " p"], force: np.ndarray) -> np.ndarray:
-    if curve.kind == "polynomial":
-        return force * np.polynomial.polynomial.polyval(force, parameters)
-    if curve.kind == "two_range":
-        low = np.minimum(force, curve.joint)
-        return parameters[0] * low + parameters[1] * low**2 + parameters[2] * (force - low)
-    if curve.kind == "monotone":
-        return np.interp(force, np.append(0.0, curve.knots), np.append(0.0, parameters))
-    return curve.scale * curve.reference * force / (2.0 * parameters[0] + parameters[1] * force)
+    def _measured(self, parameters: Float[np.ndarray, " p"], force: np.ndarray) -> np.ndarray:
+        if self.kind == "polynomial":
+            return force * np.polynomial.polynomial.polyval(force, parameters)
+        if self.kind == "two_range":
+            low = np.minimum(force, self.joint)
+            return parameters[0] * low + parameters[1] * low**2 + parameters[2] * (force - low)
+        if self.kind == "monotone":
+            return np.interp(force, np.append(0.0, self.knots), np.append(0.0, parameters))
+        return self.scale * self.reference * force / (2.0 * parameters[0] + parameters[1] * force)
 
 
 @takes_arrays
 @dataclass(frozen=True, eq=False)
-class Intensity:
+class Intensity(Value):
     """The curves of all cells of a skin.
 
     Args:
         curves: one for all cells, or several.
         which: (rows, columns), or (k,), the index of each cell's curve; None: the first for all.
-        unit: unit of an intensity, for messages: "counts".
+        unit: unit of an intensity in messages.
         provenance: origin of the calibration.
         notes: notes for the user, one sentence each.
 
     Raises:
-        InputError: no curve, an index of no curve, or some curves that fall with force and some that rise.
+        InputError: no curve, an index of no curve, `which` of another shape, or curves of which some fall with force.
     """
 
     curves: tuple[Curve, ...]
@@ -214,12 +189,8 @@ class Intensity:
         if len({curve.falling for curve in self.curves}) > 1:
             raise InputError("all curves must rise with force, or all fall.", where="intensity")
 
-    def __reduce__(self) -> tuple[type[Intensity], tuple[object, ...]]:
-        """Return constructor and arguments for pickle and deep copy, with `provenance` as a dict."""
-        return Intensity, (self.curves, self.which, self.unit, dict(self.provenance), self.notes)
-
     def numbers(self, shape: tuple[int, ...]) -> Int[np.ndarray, " k"]:
-        """Return the index of each cell's curve, (k,), for a sheet of shape (rows, columns), or for (k,) taxels.
+        """Return the index of each cell's curve, (k,), for a frame of `shape` (rows, columns) or (k,).
 
         Raises:
             InputError: the curves were calibrated for another shape.
@@ -233,6 +204,6 @@ class Intensity:
         return self.which.ravel().copy()
 
     def tables(self) -> tuple[Float[np.ndarray, "c k"], Float[np.ndarray, " c"]]:
-        """Return forces [N] at evenly spaced counts (c, 2048), a row for each curve, and the step in counts (c,)."""
+        """Return the force [N] of each curve at evenly spaced counts from 0, (c, 2048), and the step in counts (c,)."""
         tables = [curve.table() for curve in self.curves]
         return np.stack([forces for _, forces in tables]), np.array([counts[1] for counts, _ in tables])

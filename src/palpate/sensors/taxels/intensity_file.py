@@ -36,7 +36,7 @@ def _intensity_keys(intensity: Intensity) -> dict[str, Any]:
 
 
 def of_intensity(intensity: Intensity) -> Lines:
-    """Return a list of (name, text) pairs on a model: curves, range, residual, saturation and hysteresis."""
+    """Return (name, text) pairs on a model: curves, range and residual, and where known saturation and hysteresis."""
     curves, which = intensity.curves, intensity.which
     kinds = ", ".join(dict.fromkeys(curve.name for curve in curves))
     sheet = "the same for all cells" if which is None else f"for {' x '.join(map(str, which.shape))} cells"
