@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from palpate.errors import InputError, NotIdentifiable
+from palpate.errors import InputError
 from palpate.sensors.load_cells._log import UnloadedStretch
-from palpate.sensors.load_cells.model import wrench_direction
+from palpate.sensors.load_cells.model import require_directions
 
 __all__ = ["check_channels", "check_directions", "check_response"]
 
@@ -25,9 +27,18 @@ def check_channels(
     limits: ArrayLike | None,
     names: tuple[str, ...],
 ) -> None:
-    """Raise InputError if a channel never moves, is at its range, or has another unit than the others."""
-    middle = np.mean([rest.voltage for rest in found], axis=0)
-    travel = np.median(np.abs(voltages - middle), axis=0)
+    """Require that every channel of a bench log moves within its range, in the unit of the others.
+
+    Args:
+        voltages: (n, m) [V].
+        found: unloaded stretches of the log.
+        noise: (m, m) covariance of a reading.
+        limits: (m, 2) range of each channel [V]; None: not known.
+        names: names of the channels, for messages.
+
+    Raises:
+        InputError: a channel never moves, is at its range, or has another unit.
+    """
     still = [name for name, span in zip(names, np.ptp(voltages, axis=0), strict=True) if span == 0]
     if still:
         raise InputError(
@@ -43,22 +54,26 @@ def check_channels(
                 f"{_listed(full)} is at the end of its range in {share.max():.1%} of the samples.",
                 hint="Push less hard, or correct the range in [load_cells].",
             )
-    size = travel + np.sqrt(np.diag(noise))
+    middle = np.mean([rest.voltage for rest in found], axis=0)
+    size = np.median(np.abs(voltages - middle), axis=0) + np.sqrt(np.diag(noise))
     ratio = size / np.median(size)
-    odd = [(name, part) for name, part in zip(names, ratio, strict=True) if not 1 / ODD < part < ODD]
+    odd = {name: part for name, part in zip(names, ratio, strict=True) if not 1 / ODD < part < ODD}
     if odd:
-        part = odd[0][1]
         raise InputError(
-            f"{_listed([name for name, _ in odd])} moves {part:.3g} times as much as the other channels: "
+            f"{_listed(odd)} moves {next(iter(odd.values())):.3g} times as much as the other channels: "
             "it is probably in another unit (mV instead of V).",
             hint="State its unit in [load_cells] units, or write all voltages in V.",
         )
 
 
 def check_directions(wrenches: Float[np.ndarray, "n 6"], reference: float) -> None:
-    """Raise NotIdentifiable if wrenches, torques over `LENGTH`, do not span six directions; name those missing."""
+    """Require that wrenches (n, 6), torques over `LENGTH`, span six directions; `reference` is their noise [N].
+
+    Raises:
+        NotIdentifiable: they do not; it names the missing directions.
+    """
     _, values, directions = np.linalg.svd(wrenches, full_matrices=False)
-    _require(
+    require_directions(
         values / np.sqrt(len(wrenches)) > max(LEAST_PUSH, AS_NOISE * reference),
         directions,
         "the forces in the log have too few directions: {} is missing. "
@@ -67,9 +82,13 @@ def check_directions(wrenches: Float[np.ndarray, "n 6"], reference: float) -> No
 
 
 def check_response(white: Float[np.ndarray, "n m"], wrenches: Float[np.ndarray, "n 6"]) -> None:
-    """Raise NotIdentifiable if the whitened voltages (n, m) do not respond to a direction of the wrench."""
+    """Require that whitened voltages (n, m) respond to every direction of the wrenches (n, 6).
+
+    Raises:
+        NotIdentifiable: they do not; it names the directions.
+    """
     directions, values, _ = np.linalg.svd(np.linalg.lstsq(wrenches, white)[0])
-    _require(
+    require_directions(
         values > LEAST_ANSWER,
         directions.T,
         "the voltages do not respond to {}: "
@@ -77,12 +96,5 @@ def check_response(white: Float[np.ndarray, "n m"], wrenches: Float[np.ndarray, 
     )
 
 
-def _require(known: Bool[np.ndarray, "6"], directions: Float[np.ndarray, "6 6"], said: str) -> None:
-    if known.all():
-        return
-    missing = tuple(wrench_direction(row) for row in directions[~known])
-    raise NotIdentifiable(said.format("; ".join(missing)), rank=int(known.sum()), missing=missing)
-
-
-def _listed(names: list[str]) -> str:
+def _listed(names: Iterable[str]) -> str:
     return "column " + ", ".join(map(repr, names))

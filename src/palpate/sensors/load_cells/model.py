@@ -13,22 +13,12 @@ from numpy.typing import ArrayLike
 
 from palpate.contact.indentation import Indentation
 from palpate.errors import InputError, NotIdentifiable
-from palpate.signals.recording import REFERENCE, VOLTAGE
+from palpate.signals.recording import VOLTAGE
 from palpate.spatial._arrays import Value, frozen
 from palpate.spatial.arguments import takes_arrays
-from palpate.spatial.pose import skew
 from palpate.spatial.shown import one_line
 
-__all__ = [
-    "REFERENCE",
-    "VOLTAGE",
-    "LoadCells",
-    "named_axis",
-    "require_layout",
-    "single_wrench_map",
-    "with_changes",
-    "wrench_direction",
-]
+__all__ = ["VOLTAGE", "LoadCells", "require_directions", "require_layout", "with_changes"]
 
 LENGTH = 0.01  # m: a torque of 1 N at this arm counts as much as 1 N where ranks are judged
 FLATTEST = 1e-3  # of the largest singular value: below it a direction of the wrench is not measured
@@ -40,29 +30,28 @@ IN_LINE = 0.02  # of the layout's extent: cells nearer to one line than this can
 class LoadCells(Value):
     """k three-axis cells under a rigid frame read u = C w + b + noise, w the wrench on the frame [load cells, (1)-(8)].
 
-    The paper sums the cells' own forces, w = sum (f_i, l_i x f_i) with f_i = S_i (u_i - b_i). Under a rigid frame the
-    3 k voltages span six dimensions only: C is determined by a calibration, the S_i and l_i are not. A dead cell still
-    carries load, so the sums without it are wrong; C without its three rows is not.
+    The paper sums the cells' own forces, w = sum (f_i, l_i x f_i) with f_i = S_i (u_i - b_i). Under a rigid frame a
+    calibration determines C, but not the S_i and l_i. A dead cell still carries load: the sums without it are wrong, C
+    without its three rows is not.
 
     Args:
         matrix: (3 k, 6) C [V/N, V/(N m)], force first, about the origin of the surface's frame.
-        noise: (3 k, 3 k) covariance or (3 k,) standard deviations of one reading [V].
-        limits: (3 k, 2) lowest and highest voltage; None: not known.
-        covariance: (36, 36) of the relative error E, row by row: the true matrix is C (I + E). One E serves every
-            subset of cells.
-        positions: (k, 3) [m] of the cells, NaN where not known.
+        noise: (3 k, 3 k) covariance [V^2] or (3 k,) standard deviations [V] of one reading.
+        limits: (3 k, 2) [V] lowest and highest reading; None: not known.
+        covariance: (36, 36) of the relative error E, row by row: the true matrix is C (I + E); None: 0.
+        positions: (k, 3) [m] of the cells, NaN where not known; None: all.
         indentation: law of the soft layer on the frame; None: rigid.
-        bias: (3 k,) b [V] as it was in the calibration, with which later ones are compared.
+        bias: (3 k,) [V] b in the calibration, with which later ones are compared; None: 0.
         drift: standard deviation of the bias's drift after the zero was taken, over that of a reading's noise.
         misfit: share of a reading's whitened length that C does not explain, in addition to noise.
-        correlation: number of samples of this sensor that count as one independent sample.
+        correlation: number of samples that count as one independent sample.
         samples: number of samples of the calibration.
         provenance: origin of the calibration.
         notes: facts about the calibration, one sentence each.
 
     Raises:
         InputError: a shape is wrong, a number is not finite, or the noise is not positive definite.
-        NotIdentifiable: the matrix or the positions do not determine a wrench.
+        NotIdentifiable: the matrix does not determine a wrench, or all cells lie on one line.
     """
 
     matrix: Float[np.ndarray, "m 6"]
@@ -100,35 +89,25 @@ class LoadCells(Value):
         if rows < 9 or rows % 3:
             raise InputError(f"load cells need three rows for each of at least three cells, not {rows} rows.")
         spread = np.asarray(noise, dtype=np.float64)
-        every = np.tile([-np.inf, np.inf], (rows, 1))
-        given: dict[str, tuple[ArrayLike, tuple[int, ...]]] = {
-            "matrix": (matrix, (rows, 6)),
-            "noise": (np.diag(spread**2) if spread.ndim == 1 else spread, (rows, rows)),
-            "limits": (every if limits is None else limits, (rows, 2)),
-            "covariance": (np.zeros((36, 36)) if covariance is None else covariance, (36, 36)),
-            "positions": (np.full((rows // 3, 3), np.nan) if positions is None else positions, (rows // 3, 3)),
-            "bias": (np.zeros(rows) if bias is None else bias, (rows,)),
-        }
-        for name, (values, shape) in given.items():
-            object.__setattr__(self, name, _shaped(name, values, shape))
-        for name, value in (
-            ("indentation", indentation),
-            ("drift", float(drift)),
-            ("misfit", float(misfit)),
-            ("correlation", float(correlation)),
-            ("samples", int(samples)),
-            ("provenance", MappingProxyType(dict(provenance or {}))),
-            ("notes", tuple(notes)),
-        ):
-            object.__setattr__(self, name, value)
+        vars(self).update(
+            matrix=_shaped("matrix", matrix, (rows, 6)),
+            noise=_shaped("noise", np.diag(spread**2) if spread.ndim == 1 else spread, (rows, rows)),
+            limits=_shaped("limits", limits, (rows, 2), [-np.inf, np.inf]),
+            covariance=_shaped("covariance", covariance, (36, 36)),
+            positions=_shaped("positions", positions, (rows // 3, 3), np.nan),
+            indentation=indentation,
+            bias=_shaped("bias", bias, (rows,)),
+            drift=float(drift),
+            misfit=float(misfit),
+            correlation=float(correlation),
+            samples=int(samples),
+            provenance=MappingProxyType(dict(provenance or {})),
+            notes=tuple(notes),
+        )
         if not np.all(np.linalg.eigvalsh(self.noise) > 0):
             raise InputError("noise must be a covariance that is positive in every direction.", where="load_cells")
         require_layout(self.positions)
         self.require_rank(np.ones(rows // 3, dtype=bool))
-
-    def __reduce__(self) -> tuple[Any, tuple[dict[str, Any]]]:
-        """Return how to unpickle the cells, with read-only arrays and mappings again."""
-        return _remade, ({**vars(self), "provenance": dict(self.provenance)},)
 
     @property
     def cells(self) -> int:
@@ -136,7 +115,7 @@ class LoadCells(Value):
         return len(self.matrix) // 3
 
     def channels(self, sound: Bool[np.ndarray, " some"] | None = None) -> Bool[np.ndarray, " m"]:
-        """Return a mask (3 k,) of the channels of sound cells (k,); a mask of channels is returned as is; None: all."""
+        """Return the mask (3 k,) of the channels of sound cells (k,); of all for None; a mask (3 k,) as it is."""
         if sound is not None and len(sound) == len(self.matrix):
             return sound
         return np.repeat(np.ones(self.cells, dtype=bool) if sound is None else sound, 3)
@@ -144,15 +123,15 @@ class LoadCells(Value):
     def inverse(
         self, sound: Bool[np.ndarray, " some"] | None = None
     ) -> tuple[Float[np.ndarray, "6 m"], Float[np.ndarray, "6 6"], Float[np.ndarray, "r m"]]:
-        """Return the map from readings u - b to wrenches, by generalised least squares from the sound channels.
+        """Return the map from readings to wrenches by generalised least squares, its covariance, and what no wrench is.
 
         Args:
             sound: (k,) cells or (3 k,) channels to use; None: all.
 
         Returns:
-            A (6, 3 k) [N/V, N m/V] with w = A (u - b) and zeros for the others; P (6, 6), the covariance of w from the
-            noise of one reading; and Q (r, 3 k), the combinations of unit variance that no wrench can make, six fewer
-            than channels.
+            A (6, 3 k) [N/V, N m/V] with w = A (u - b), 0 for unused channels; P (6, 6), the covariance of w from the
+            noise of one reading; and Q (r, 3 k) [1/V], the combinations of unit variance that no wrench makes, r the
+            number of used channels less 6.
 
         Raises:
             NotIdentifiable: the sound channels do not determine a wrench.
@@ -171,7 +150,7 @@ class LoadCells(Value):
     def wrenches(
         self, readings: Float[np.ndarray, "*batch m"], sound: Bool[np.ndarray, " some"] | None = None
     ) -> tuple[Float[np.ndarray, "*batch 6"], Float[np.ndarray, "*batch 6 6"]]:
-        """Return wrenches (*batch, 6) [N, N m], and covariances (*batch, 6, 6) of noise, drift and calibration.
+        """Return wrenches (*batch, 6) [N, N m] and their covariances (*batch, 6, 6) from noise, drift and calibration.
 
         Args:
             readings: (*batch, 3 k) [V], u - b.
@@ -185,9 +164,9 @@ class LoadCells(Value):
         return found, (1.0 + self.drift**2) * covariance + self.calibration_covariance(found)
 
     def calibration_covariance(self, wrenches: Float[np.ndarray, "*batch 6"]) -> Float[np.ndarray, "*batch 6 6"]:
-        """Return the covariance (*batch, 6, 6) of the error E w of wrenches [N, N m] by the calibration.
+        """Return the covariance (*batch, 6, 6) of the calibration's error E w in wrenches [N, N m].
 
-        It is common to all samples of a contact; E is that of `LoadCells`.
+        All samples of a contact share this error.
         """
         blocks = self.covariance.reshape(6, 6, 6, 6)
         return np.einsum("iajb,...a,...b->...ij", blocks, wrenches, wrenches)
@@ -195,13 +174,13 @@ class LoadCells(Value):
     def chi_square(
         self, readings: Float[np.ndarray, "*batch m"], sound: Bool[np.ndarray, " some"] | None = None
     ) -> Float[np.ndarray, "*batch"]:
-        """Return the residual (*batch,) of a wrench fitted to readings, squared and in units of its variance.
+        """Return the chi-square (*batch,) of readings, the squared residual of a fitted wrench over its variance.
 
-        It has a chi-square distribution; its degrees of freedom are the number of sound channels (3 k for all) less 6.
-        The variance is that of noise, drift and the calibrated misfit, which grows with the load.
+        Its degrees of freedom are the number of used channels less 6. The variance is that of noise, drift and the
+        misfit under load.
 
         Args:
-            readings: (*batch, 3 k) [V], with the biases subtracted.
+            readings: (*batch, 3 k) [V], u - b.
             sound: (k,) cells or (3 k,) channels to use; None: all.
 
         Raises:
@@ -215,7 +194,11 @@ class LoadCells(Value):
         return left / (1.0 + self.drift**2 + self.misfit**2 * size / len(rest)) if len(rest) else left
 
     def require_rank(self, sound: Bool[np.ndarray, " some"]) -> None:
-        """Raise NotIdentifiable if the sound cells (k,) or channels (3 k,) do not determine a wrench."""
+        """Require that the sound cells (k,) or channels (3 k,) determine a wrench.
+
+        Raises:
+            NotIdentifiable: they do not; it names the directions that they do not measure.
+        """
         kept = self.channels(sound)
         scaled = self.matrix[kept] / np.sqrt(np.diag(self.noise))[kept, None]
         scaled = scaled * [1.0, 1.0, 1.0, LENGTH, LENGTH, LENGTH]
@@ -227,15 +210,11 @@ class LoadCells(Value):
                 missing=("wrench",),
             )
         _, values, directions = np.linalg.svd(scaled)
-        known = values > FLATTEST * values[0]
-        if known.all():
-            return
-        missing = tuple(wrench_direction(row) for row in directions[~known])
-        raise NotIdentifiable(
-            f"the cells do not measure {' and '.join(missing)}: their readings are the same with and without it. "
+        require_directions(
+            values > FLATTEST * values[0],
+            directions,
+            "the cells do not measure {}: their readings are the same with and without it. "
             "Cells in line cannot measure the moment about their line; place one away from that line.",
-            rank=int(known.sum()),
-            missing=missing,
         )
 
     def __repr__(self) -> str:
@@ -244,12 +223,13 @@ class LoadCells(Value):
 
 @takes_arrays
 def require_layout(positions: Float[np.ndarray, "k 3"]) -> None:
-    """Raise NotIdentifiable if all cells lie on one line or at one point.
-
-    Forces at points of a line have no moment about it: sum l_i x f_i spans two dimensions only [load cells, (4)].
+    """Require that cells do not all lie on one line: forces there have no moment about it [load cells, (4)].
 
     Args:
-        positions: (k, 3) [m]; rows of NaN are not known, and nothing is checked then.
+        positions: (k, 3) [m]; nothing is checked if one is not finite.
+
+    Raises:
+        NotIdentifiable: all cells lie on one line or at one point.
     """
     if not np.isfinite(positions).all():
         return
@@ -259,7 +239,7 @@ def require_layout(positions: Float[np.ndarray, "k 3"]) -> None:
         return
     if values[0] == 0:
         raise NotIdentifiable("all cells are at one point, so they measure no moment.", rank=3, missing=("torque",))
-    axis = named_axis(axes[0])
+    axis = _named_axis(axes[0])
     raise NotIdentifiable(
         f"all {len(positions)} cells are in line along {axis}: forces at points of a line have no moment about it, "
         f"so the torque about {axis} cannot be measured. Place one cell away from the line.",
@@ -268,20 +248,34 @@ def require_layout(positions: Float[np.ndarray, "k 3"]) -> None:
     )
 
 
-@takes_arrays
-def wrench_direction(direction: Float[np.ndarray, "6"]) -> str:
-    """Return a direction (6,), force and torque / 0.01 m, in words, such as "force along x with torque about z"."""
+def require_directions(known: Bool[np.ndarray, "6"], directions: Float[np.ndarray, "6 6"], problem: str) -> None:
+    """Require that all six directions of the wrench are known.
+
+    Args:
+        known: mask (6,) of the directions.
+        directions: (6, 6), a direction per row: force, and torque / 0.01 m.
+        problem: message, with {} in place of the missing directions.
+
+    Raises:
+        NotIdentifiable: a direction is not known.
+    """
+    if not known.all():
+        missing = tuple(_wrench_direction(row) for row in directions[~known])
+        raise NotIdentifiable(problem.format(" and ".join(missing)), rank=int(known.sum()), missing=missing)
+
+
+def _wrench_direction(direction: Float[np.ndarray, "6"]) -> str:
+    """Return a direction (6,) of `require_directions` in words, such as "force along x with torque about z"."""
     force, torque = direction[:3], direction[3:]
     parts = [
-        f"{word} {named_axis(part)}"
+        f"{word} {_named_axis(part)}"
         for word, part in (("force along", force), ("torque about", torque))
         if np.linalg.norm(part) > 0.3 * np.linalg.norm(direction)
     ]
     return " with ".join(parts)
 
 
-@takes_arrays
-def named_axis(axis: Float[np.ndarray, "3"]) -> str:
+def _named_axis(axis: Float[np.ndarray, "3"]) -> str:
     """Return an axis (3,) as text: "x", "y" or "z" within 11 degrees, else as "(0.71, 0.71, 0.00)"."""
     unit = axis / np.linalg.norm(axis)
     largest = int(np.abs(unit).argmax())
@@ -291,30 +285,22 @@ def named_axis(axis: Float[np.ndarray, "3"]) -> str:
     return "(" + ", ".join(f"{value:.2f}" for value in unit + 0.0) + ")"
 
 
-@takes_arrays
-def single_wrench_map(position: Float[np.ndarray, "3"]) -> Float[np.ndarray, "6 3"]:
-    """Return (I; [l]x), (6, 3), which maps a cell's force at its position l to a wrench."""
-    return np.concatenate([np.eye(3), skew(position)])
-
-
 def with_changes(cells: LoadCells, **changes: Any) -> LoadCells:
-    """Return new `LoadCells`, the same but for some fields.
+    """Return new `LoadCells` with some fields changed.
 
     Raises:
         InputError: a value is none that `LoadCells` takes.
-        NotIdentifiable: a new matrix or new positions do not determine a wrench.
+        NotIdentifiable: a new matrix does not determine a wrench, or new positions lie on one line.
     """
-    return _remade(vars(cells) | changes)
+    return LoadCells(**(vars(cells) | changes))
 
 
-def _remade(fields: dict[str, Any]) -> LoadCells:
-    return LoadCells(fields.pop("matrix"), fields.pop("noise"), **fields)
-
-
-def _shaped(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Float[np.ndarray, "..."]:
-    array = frozen(values)
-    unknown = name in ("positions", "limits")  # NaN and infinity have a meaning there
-    if array.shape != shape or not (unknown or np.isfinite(array).all()):
+def _shaped(
+    name: str, values: ArrayLike | None, shape: tuple[int, ...], unknown: ArrayLike = 0.0
+) -> Float[np.ndarray, "..."]:
+    """Return a read-only array of this shape, `unknown` for None; raise an InputError at another shape or NaN."""
+    array = frozen(np.full(shape, unknown) if values is None else values)
+    if array.shape != shape or not (name in ("positions", "limits") or np.isfinite(array).all()):  # there NaN, inf mean
         seen = f"shape {array.shape}" if array.shape != shape else "numbers that are not finite"
         raise InputError(f"{name} must be {shape} finite numbers, not {seen}.", where="load_cells")
     return array

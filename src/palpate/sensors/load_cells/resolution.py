@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
-from palpate.sensors.load_cells.model import LoadCells, single_wrench_map
+from palpate.sensors.load_cells.model import LoadCells
 from palpate.spatial._arrays import shaped
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import skew
@@ -143,7 +143,7 @@ def nominal_cells(
         NotIdentifiable: the positions do not determine a wrench.
     """
     places = shaped(positions, (None, 3), "positions")
-    maps = np.concatenate([single_wrench_map(place) for place in places], axis=1)
+    maps = np.concatenate([np.concatenate([np.eye(3), skew(place)]) for place in places], axis=1)
     balance = maps @ maps.T
     if np.linalg.cond(balance / np.outer(_ARMS, _ARMS)) > _FLAT:
         shares = np.zeros((maps.shape[1], 6))  # LoadCells names the missing direction
