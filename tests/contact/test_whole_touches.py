@@ -14,8 +14,7 @@ from palpate.signals import Recording
 from palpate.signals.payload import Payload
 from palpate.signals.recording import FORCE, TORQUE
 from palpate.spatial.pose import Pose
-from palpate.surfaces.mesh import Mesh
-from palpate.surfaces.plane import plane
+from palpate.surfaces.mesh import Mesh, plane
 from palpate_lab.simulation import BumpySphere, contact_wrenches
 
 NOISE = np.array([0.02] * 3 + [1e-4] * 3)

@@ -13,7 +13,7 @@ import pytest
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import Status
 from palpate.errors import InputError
-from palpate.surfaces.plane import plane
+from palpate.surfaces.mesh import plane
 from palpate.viewer.captions import comparison
 from palpate.viewer.marker import Marker, fade
 from palpate.viewer.scene import LARGE, SMALL, Scene, prepare, rim

@@ -14,7 +14,7 @@ from palpate.contact.ellipse import ellipse
 from palpate.contact.estimate import CHI2_95, Status
 from palpate.errors import InputError
 from palpate.spatial.shown import uncertain
-from palpate.surfaces.plane import plane
+from palpate.surfaces.mesh import plane
 from palpate.viewer.captions import MEANING, caption
 from palpate.viewer.heat import PALETTE, colours, density, refined
 from palpate.viewer.marker import facing

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import polars as pl
 
     from palpate.contact.events import Events
-    from palpate.surfaces.given import SurfaceLike
+    from palpate.surfaces.surface import SurfaceLike
 
 __all__ = ["Contacts"]
 

@@ -16,7 +16,7 @@ from palpate.spatial._arrays import FLOAT, INT64, Value, shaped
 from palpate.spatial.pose import Pose
 
 if TYPE_CHECKING:
-    from palpate.surfaces.given import SurfaceLike
+    from palpate.surfaces.surface import SurfaceLike
 
 __all__ = ["CHI2_95", "ROW", "ContactEstimate", "Status"]
 

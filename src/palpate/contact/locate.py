@@ -35,8 +35,7 @@ from palpate.spatial.arguments import number, takes_arrays
 from palpate.spatial.shown import vector
 from palpate.spatial.uncertain import noise_covariance
 from palpate.spatial.wrench import Wrench
-from palpate.surfaces.given import SurfaceLike, as_surface
-from palpate.surfaces.surface import Surface
+from palpate.surfaces.surface import Surface, SurfaceLike, as_surface
 
 __all__ = ["METHODS", "Candidates", "Locator", "locate"]
 

@@ -26,7 +26,7 @@ from palpate.signals.wrench_sensor import Placement, Tare, UnloadedSensor, Wrenc
 from palpate.signals.zero_filter import ZeroHistory
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
-from palpate.surfaces.given import SurfaceLike
+from palpate.surfaces.surface import SurfaceLike
 
 __all__ = ["WrenchEstimator"]
 

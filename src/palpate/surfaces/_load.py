@@ -34,9 +34,7 @@ def load_arrays(path: Path) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "
         found = _binary_stl(path) if path.suffix.lower() == ".stl" else None
     except OSError as problem:
         raise InputError(f"cannot be read ({problem.strerror}).", where=str(path)) from problem
-    if found is not None:
-        return found
-    return arrays_of(_load_trimesh(path), str(path))
+    return found or arrays_of(_load_trimesh(path), str(path))
 
 
 def _binary_stl(path: Path) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]] | None:

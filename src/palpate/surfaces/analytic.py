@@ -39,11 +39,11 @@ class Analytic(Value, ABC):
     @property
     @abstractmethod
     def box(self) -> Float[np.ndarray, "2 3"]:
-        """Corners of the box around the surface, along its own axes, (2, 3) [m]."""
+        """Lowest and highest corner of the box around the surface, along its own axes, (2, 3) [m]."""
 
     @property
     def ends(self) -> Float[np.ndarray, "2 3"]:
-        """Least and largest coordinates of the cut-off surface, along its own axes, (2, 3) [m]; else infinite."""
+        """Least and largest coordinates of the cut-off surface, along its own axes, (2, 3) [m]; infinite if uncut."""
         return frozen([[-np.inf] * 3, [np.inf] * 3])
 
     @abstractmethod
@@ -52,12 +52,12 @@ class Analytic(Value, ABC):
     ) -> tuple[Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3 3"]]:
         """Return f (*batch,), gradient (*batch, 3), Hessian (*batch, 3, 3) at points (*batch, 3) [m] on its own axes.
 
-        As `_equation.evaluate`, in NumPy; units are that of f, per m and per m^2.
+        Their units are that of f, per m and per m^2.
         """
 
     @abstractmethod
     def equation(self) -> Any:
-        """Return the equation for compiled loops: coefficients (10,) in unit size, or a compiled function of points."""
+        """Return the equation for compiled loops: coefficients (10,) in unit size, or a compiled function."""
 
     @abstractmethod
     def chart(self, count: int) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"]]:
@@ -68,7 +68,7 @@ class Analytic(Value, ABC):
         """
 
     def samples(self) -> Float[np.ndarray, "n 3"]:
-        """Return points all over it, (n, 3) [m], within its ends, along its own axes: first guesses at the nearest."""
+        """Return points all over it within its ends, along its own axes, (n, 3) [m]: first guesses at the nearest."""
         return self.chart(SAMPLES)[0]
 
     @property
@@ -82,23 +82,20 @@ class Analytic(Value, ABC):
         return float(np.linalg.norm(self.box[1] - self.box[0]))
 
     def value(self, points: ArrayLike) -> Float[np.ndarray, "*batch"]:
-        """Return the equation's left side f (*batch,) at points (*batch, 3) [m]: negative inside, 0 on the surface."""
+        """Return f (*batch,) at points (*batch, 3) [m]: negative inside, 0 on the surface."""
         return self.evaluate(self._own(points))[0]
 
     def gradient(self, points: ArrayLike) -> Float[np.ndarray, "*batch 3"]:
-        """Return the gradient of the surface's equation f at points (*batch, 3) [m], (*batch, 3), unit of f per metre.
-
-        It points outward and is not normalised.
-        """
+        """Return the gradient of f at points (*batch, 3) [m], outward, (*batch, 3) [unit of f per m]."""
         return self.pose.rotate(self.evaluate(self._own(points))[1])
 
     def hessian(self, points: ArrayLike) -> Float[np.ndarray, "*batch 3 3"]:
-        """Return the Hessian of f at points (*batch, 3) [m], (*batch, 3, 3), unit of f per square metre."""
+        """Return the Hessian of f at points (*batch, 3) [m], (*batch, 3, 3) [unit of f per m^2]."""
         rotation = self.pose.rotation
         return rotation @ self.evaluate(self._own(points))[2] @ rotation.T
 
     def transformed(self, pose: Pose) -> Analytic:
-        """Return the same surface, of the same class, in another frame; pose is T_target_frame."""
+        """Return the same surface, of the same class, in another frame; `pose` is T_target_frame."""
         return replace(self, pose=pose @ self.pose)
 
     def project(
@@ -106,7 +103,10 @@ class Analytic(Value, ABC):
     ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], Int[np.ndarray, " n"]]:
         """Return closest points (n, 3) [m] to points (n, 3), outward unit normals (n, 3) there, facets (n,), all -1.
 
-        Closest points are within its ends. Both are NaN for a point that is NaN or infinite.
+        Points and normals are NaN for a point that is NaN or infinite.
+
+        Raises:
+            InputError: the points have another shape.
         """
         from palpate.surfaces import _equation
 
@@ -119,10 +119,10 @@ class Analytic(Value, ABC):
         return closest, self.pose.rotate(out[:, 3:]), np.full(len(points), -1)
 
     def mesh(self, facets: int = 5000) -> Mesh:
-        """Return a `Mesh` of about `facets` triangles with their corners on the surface, to draw it.
+        """Return a `Mesh` of about `facets` triangles with their corners on the surface.
 
         Raises:
-            GeometryError: an implicit surface is not seen from the middle of its box in every direction.
+            GeometryError: as `chart`.
         """
         points, faces = self.chart(max(3, round((facets / 2) ** 0.5)))
         return Mesh.from_arrays(self.pose.apply(points), faces)
@@ -136,7 +136,7 @@ class Analytic(Value, ABC):
         return self.mesh()
 
     def plot(self) -> Any:
-        """Return a `Drawing` that a notebook shows, and that a pointer turns.
+        """Return a `Drawing` that a notebook shows and a pointer turns.
 
         Raises:
             GeometryError: an implicit surface is not seen from the middle of its box in every direction.
@@ -144,7 +144,11 @@ class Analytic(Value, ABC):
         return by_name("palpate.viewer.drawing.Drawing").of(self)
 
     def prepared(self) -> CompiledSurface:
-        """Return the `CompiledSurface` for the compiled loops; made, and the loops compiled, on the first call."""
+        """Return the `CompiledSurface` for the compiled loops, built on the first call.
+
+        Raises:
+            InputError: an implicit surface: numba is not installed.
+        """
         return self._prepared
 
     @functools.cached_property

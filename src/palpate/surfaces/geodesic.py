@@ -18,31 +18,32 @@ Vectors = Float[np.ndarray, "n 3"]
 
 
 @takes_arrays
-def walk(surface: Surface, starts: Vectors, ways: Vectors, *, steps: int = STEPS) -> tuple[Vectors, Vectors, Vectors]:
+def walk(surface: Surface, starts: Vectors, ways: Vectors) -> tuple[Vectors, Vectors, Vectors]:
     """Return the ends of walks along geodesics.
 
     Args:
         surface: any.
         starts: (n, 3) [m] on it.
-        ways: (n, 3) [m] direction, in the tangent plane or nearly so, and length of each walk.
-        steps: of a walk.
+        ways: (n, 3) [m] direction, nearly in the tangent plane, and length of each walk.
 
     Returns:
         Points [m], outward unit normals, and the unit directions in which walks arrive (NaN for a walk of no length),
         (n, 3) each.
+
+    Raises:
+        InputError: starts and ways are not (n, 3) each.
     """
     length = np.linalg.norm(ways, axis=1, keepdims=True)
     with np.errstate(invalid="ignore", divide="ignore"):
         heading = np.where(length > 0, ways / length, np.nan)
     points, normals, _ = surface.project(starts)
-    for _ in range(steps):
+    for _ in range(STEPS):
         ahead = _along(heading, normals)
-        reached = points + np.nan_to_num(ahead) * length / steps
-        onto, outward, _ = surface.project(reached)
+        onto, outward, _ = surface.project(points + np.nan_to_num(ahead) * length / STEPS)
         chord = np.linalg.norm(onto - points, axis=1, keepdims=True)  # a step in the tangent plane comes out too short
         with np.errstate(invalid="ignore", divide="ignore"):
-            share = np.clip(np.where(chord > 0, length / steps / chord, 1.0), 1.0, LONGER)  # at a rim no step gets on
-        onto, outward, _ = surface.project(points + np.nan_to_num(ahead) * length / steps * share)
+            share = np.clip(np.where(chord > 0, length / STEPS / chord, 1.0), 1.0, LONGER)  # at a rim no step gets on
+        onto, outward, _ = surface.project(points + np.nan_to_num(ahead) * length / STEPS * share)
         heading = _turned(ahead, normals, outward)
         points, normals = onto, outward
     return points, normals, _along(heading, normals)

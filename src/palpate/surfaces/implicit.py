@@ -27,8 +27,8 @@ _LINES = 20  # along each side of the box, three ways and back: to look for a su
 class ImplicitSurface(Analytic):
     """A surface f(p) = 0 from functions of a point p (3,) [m] along its own axes, in arithmetic that numba compiles.
 
-    They need to be smooth where the surface is, and negative inside. Contacts are found from where the wrench axis
-    enters the surface; on a body that is not convex, others that a pitch makes elsewhere are not looked for.
+    f is negative inside and smooth where the surface is. Contacts are found from where the wrench axis enters the
+    surface; on a body that is not convex, a pitch can make others elsewhere, which are not found.
 
     Attributes:
         value_at: f(p), a number.
@@ -37,7 +37,8 @@ class ImplicitSurface(Analytic):
         low, high: corners of the box in which the surface lies, and at which it ends [m].
 
     Raises:
-        GeometryError: nothing of the surface is in the box, or the derivatives are not those of the value.
+        GeometryError: the box is not finite or has no volume; nothing of the surface is in it; the derivatives are not
+            those of the value.
         InputError: numba is not installed, or cannot compile a function.
     """
 
@@ -67,9 +68,9 @@ class ImplicitSurface(Analytic):
     def evaluate(
         self, points: Float[np.ndarray, "*batch 3"]
     ) -> tuple[Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3 3"]]:
-        """Compute value (*batch,), gradient (*batch, 3) and Hessian (*batch, 3, 3) at points (*batch, 3) [m].
+        """Return f (*batch,), gradient (*batch, 3), Hessian (*batch, 3, 3) at points (*batch, 3) [m] on its own axes.
 
-        Points are along its own axes; the functions themselves are called, one point at a time.
+        The functions are called one point at a time.
         """
         batch = points.shape[:-1]
         flat = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3)
@@ -85,7 +86,7 @@ class ImplicitSurface(Analytic):
         return _unpacked, (cloudpickle.dumps(super().__reduce__()),)
 
     def equation(self) -> Any:
-        """Return the three functions compiled into one by numba: it writes the results at a point (3,) into (10,).
+        """Return the three functions compiled into one, which writes the results at a point (3,) into (10,).
 
         Raises:
             InputError: numba is not installed, or cannot compile a function.
@@ -110,25 +111,19 @@ class ImplicitSurface(Analytic):
         return points, faces
 
     def samples(self) -> Float[np.ndarray, "n 3"]:
-        """Return the points where a lattice of lines first enters the surface, from six sides, (n, 3) [m]."""
+        """Return the points where a lattice of lines enters the surface, from six sides, (n, 3) [m]."""
         return self._on_lattice
 
     @functools.cached_property
     def _on_lattice(self) -> Float[np.ndarray, "m 3"]:
         low, high = self.box
         origins, directions = list[Any](), list[Any]()
+        between = low + ((np.arange(_LINES) + 0.5) / _LINES)[:, None] * (high - low)
         for axis in range(3):
-            others = [k for k in range(3) if k != axis]
-            shares = (np.arange(_LINES) + 0.5) / _LINES
-            start = np.empty((_LINES, _LINES, 3))
-            start[..., others[0]] = (low + shares[:, None] * (high - low))[:, None, others[0]]
-            start[..., others[1]] = (low + shares[:, None] * (high - low))[None, :, others[1]]
-            start = start.reshape(-1, 3)
-            for end, sign in ((low[axis], 1.0), (high[axis], -1.0)):
-                begin = start.copy()
-                begin[:, axis] = end
-                origins.append(begin)
-                directions.append(np.broadcast_to(sign * np.eye(3)[axis], begin.shape))
+            for end, sign in ((low, 1.0), (high, -1.0)):
+                sides = [end[k : k + 1] if k == axis else between[:, k] for k in range(3)]
+                origins.append(np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3))
+                directions.append(np.broadcast_to(sign * np.eye(3)[axis], origins[-1].shape))
         points = self._entered(np.concatenate(origins), np.concatenate(directions))
         inside = np.all((points >= low) & (points <= high), axis=1)  # NaN is not
         if not inside.any():
@@ -138,7 +133,7 @@ class ImplicitSurface(Analytic):
         return points[inside]
 
     def _entered(self, origins: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]) -> np.ndarray:
-        """Return the points where lines first enter the surface, (n, 3) [m]; NaN where they do not."""
+        """Return the points where lines first enter the surface, (n, 3) [m]; NaN if they do not."""
         from palpate.surfaces import _equation
 
         middle, scale = self.box.mean(axis=0), 0.5 * self.size
@@ -149,12 +144,10 @@ class ImplicitSurface(Analytic):
         return out * scale + middle
 
     def _require_derivatives(self) -> None:
-        """Raise a GeometryError where gradient or Hessian differ from central differences at points of the surface."""
+        """Compare gradient and Hessian with central differences; raise a GeometryError if they differ."""
         points, step = self._on_lattice[::37], 1e-5 * self.size
-        value, gradient, hessian = self.evaluate(points)
-        del value
-        moves = step * np.eye(3)
-        views = [(self.evaluate(points + move), self.evaluate(points - move)) for move in moves]
+        _, gradient, hessian = self.evaluate(points)
+        views = [(self.evaluate(points + move), self.evaluate(points - move)) for move in step * np.eye(3)]
         slopes = np.stack([(after[0] - before[0]) / (2 * step) for after, before in views], axis=-1)
         bends = np.stack([(after[1] - before[1]) / (2 * step) for after, before in views], axis=-1)
         size = np.abs(gradient).max()
@@ -195,7 +188,7 @@ def superquadric(axes: tuple[float, float, float], exponents: tuple[float, float
         options: `pose` and `notes`.
 
     Raises:
-        GeometryError: exponents at which it has edges, or axes that are not positive.
+        GeometryError: exponents outside (0, 1], or axes that are not positive and finite.
         InputError: numba is not installed.
     """
     from palpate.surfaces import _function

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from palpate.calls import by_name, called_as
 from palpate.errors import GeometryError, InputError
-from palpate.spatial._arrays import Value, frozen, shaped
+from palpate.spatial._arrays import FLOAT, INT64, Value, frozen, shaped
 from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces._edges import sharp_edges
 from palpate.surfaces._exposure import exposed
@@ -30,7 +30,7 @@ from palpate.waiting import waiting
 if TYPE_CHECKING:
     from palpate.spatial.pose import Pose
 
-__all__ = ["UNITS", "Mesh", "plausible_size"]
+__all__ = ["UNITS", "Mesh", "plane", "plausible_size"]
 
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 _OF_TRIMESH = {"meters": "m", "centimeters": "cm", "millimeters": "mm", "microns": "um", "inches": "in"}
@@ -57,6 +57,10 @@ class Mesh(Value):
         crease: [rad]; facets that meet by less are smooth across their edge; 0 is faceted.
         notes: repairs and warnings, a sentence each.
         touchable: (f,) which facets give contacts; None: those that can be reached from outside (`covered`).
+
+    Raises:
+        InputError: arrays of other shapes or types.
+        GeometryError: faces name vertices that do not exist.
     """
 
     vertices: Float[np.ndarray, "v 3"]
@@ -67,13 +71,10 @@ class Mesh(Value):
     touchable: Bool[np.ndarray, " f"] | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "vertices", frozen(self.vertices, tail=(3,), name="vertices"))
-        object.__setattr__(self, "corner_normals", frozen(self.corner_normals, tail=(3, 3), name="corner_normals"))
-        for name in ("faces", "touchable"):
+        kinds = {"vertices": FLOAT, "corner_normals": FLOAT, "faces": INT64, "touchable": np.dtype(np.bool_)}
+        for name, dtype in kinds.items():
             if getattr(self, name) is not None:
-                array = np.array(getattr(self, name), order="C")
-                array.flags.writeable = False
-                object.__setattr__(self, name, array)
+                object.__setattr__(self, name, frozen(getattr(self, name), name=name, dtype=dtype))
         if self.faces.size and not 0 <= self.faces.min() <= self.faces.max() < len(self.vertices):
             raise GeometryError(f"faces must name vertices, from 0 to {len(self.vertices) - 1}.")
 
@@ -92,20 +93,21 @@ class Mesh(Value):
         region: ArrayLike | None = None,
         covered: bool = False,
     ) -> Mesh:
-        """Make a `Mesh` from vertices [m] and faces, repaired where that is safe.
+        """Make a `Mesh` from vertices and faces, repaired where that is safe.
 
         Args:
             vertices: (v, 3) [m].
-            faces: (f, 3) vertex numbers.
+            faces: (f, 3) vertex numbers, from 0.
             smooth: False is the same as crease = 0.
-            crease: [rad].
-            region: facets to keep: their numbers (k,), or a box ((x0, y0, z0), (x1, y1, z1)) [m] that must contain a
-                facet's middle. The normals come from the complete mesh, so a region's rim is as smooth as it was.
-            covered: facets that cannot be reached from outside give contacts too; so do those of a list.
+            crease: [rad], 0 to pi.
+            region: facets to keep: their numbers (k,), or corners (2, 3) [m] of a box that must contain their middles.
+                Normals are those of the complete mesh.
+            covered: facets that cannot be reached from outside give contacts too; those of a list always do.
 
         Raises:
-            InputError: vertices of another shape, or a crease that is no angle.
-            GeometryError: nothing usable remains, or the faces are none of these vertices.
+            InputError: vertices are not (v, 3) numbers; the crease is not from 0 to pi.
+            GeometryError: faces are not (f, 3) whole numbers of these vertices; no facet with an area; a region of
+                another form, without facets, or with none that can be reached.
         """
         if not 0 <= crease <= pi:  # NaN too
             raise InputError(f"crease must be between 0 and pi [rad], not {crease:g}.", hint="Use math.radians(30).")
@@ -136,8 +138,8 @@ class Mesh(Value):
             options: `smooth`, `crease`, `region`, `covered` as in `from_arrays`; facets are numbered as trimesh does.
 
         Raises:
-            InputError: no unit, an unknown one, or nothing that has vertices and faces.
-            GeometryError: nothing usable in it.
+            InputError: no unit or an unknown one; nothing that has vertices and faces.
+            GeometryError: as `from_arrays`.
         """
         from palpate.surfaces._load import arrays_of
 
@@ -151,12 +153,12 @@ class Mesh(Value):
 
         Args:
             path: the file.
-            unit: of the file's numbers: m, cm, mm, um or in. It must be given, because most files do not state it.
+            unit: required, of the file's numbers: m, cm, mm, um or in.
             options: `smooth`, `crease`, `region` and `covered` as in `from_arrays`; facets are numbered as in the file.
 
         Raises:
-            InputError: no such file, no unit, an unknown one or a file that is not a mesh.
-            GeometryError: nothing usable in it.
+            InputError: no such file, or one that is not a mesh; no unit or an unknown one.
+            GeometryError: as `from_arrays`.
         """
         from palpate.surfaces._load import load_arrays
 
@@ -213,19 +215,19 @@ class Mesh(Value):
 
     @functools.cached_property
     def bodies(self) -> int:
-        """Number of bodies, each of facets that are connected over their edges."""
+        """Number of bodies: groups of facets that are connected over their edges."""
         return bodies(self.faces)
 
     @functools.cached_property
     def open_edges(self) -> int:
-        """Number of edges without a single neighbour; a mesh without any is watertight."""
+        """Number of sides of facets that do not have exactly one neighbour; 0: the mesh is watertight."""
         return int(np.count_nonzero(half_edge_twins(self.faces) < 0))
 
     @functools.cached_property
     def covered(self) -> Bool[np.ndarray, " f"]:
-        """True for each facet that gives no contacts, (f,): without `touchable`, those not reached from outside.
+        """Mask of the facets that give no contacts, (f,); without `touchable`, those that no finger can reach.
 
-        They are found on first use, by rays and a ball of a fifth of the body's size (`_exposure`).
+        They are found on first use, by rays and a ball of a fifth of the body's size.
         """
         found = ~(exposed(self.vertices, self.faces) if self.touchable is None else self.touchable)
         found.flags.writeable = False
@@ -233,7 +235,7 @@ class Mesh(Value):
 
     @property
     def coverage(self) -> str:
-        """Number of covered facets, and their share of the area, in words; "" where no facet is covered."""
+        """Number of covered facets and their share of the area, in words; "" if there is none."""
         count = np.count_nonzero(self.covered)
         share = self.areas[self.covered].sum() / self.areas.sum()
         return f"{count:,} of {len(self.faces):,} facets ({share:.0%} of the area)" if count else ""
@@ -241,23 +243,28 @@ class Mesh(Value):
     @functools.cached_property
     def _tree(self) -> Tree:
         with _announced(len(self.faces)):
-            return self._built()
-
-    def _built(self) -> Tree:
-        split = Split.of(self.vertices, self.faces, self.corner_normals, self.covered)
-        sharp = sharp_edges(split)
-        rows = build_patches(self.faces, split, len(sharp))
-        count = len(sharp)
-        rows[len(rows) - count :] = sharp
-        del split, sharp  # memory that the tree needs
-        return build_tree(rows, count)
+            split = Split.of(self.vertices, self.faces, self.corner_normals, self.covered)
+            sharp = sharp_edges(split)
+            count = len(sharp)
+            rows = build_patches(self.faces, split, count)
+            rows[len(rows) - count :] = sharp
+            del split, sharp  # memory that the tree needs
+            return build_tree(rows, count)
 
     def tree(self) -> Tree:
-        """Return the search tree of the patches as a `Tree`; built (and its loops compiled) on the first call."""
+        """Return the search tree of the patches as a `Tree`, built on the first call.
+
+        Raises:
+            GeometryError: more than 8,388,608 patches.
+        """
         return self._tree
 
     def prepared(self) -> CompiledSurface:
-        """Return the tree as a `CompiledSurface` for the compiled loops; built on the first call."""
+        """Return the `CompiledSurface` for the compiled loops, built on the first call.
+
+        Raises:
+            GeometryError: more than 8,388,608 patches.
+        """
         tree = self._tree
         return CompiledSurface((tree.nodes, tree.corners), tree.centre, tree.scale, bool(tree.nodes[-1, 10, 0] >= 0))
 
@@ -266,7 +273,7 @@ class Mesh(Value):
         return self
 
     def plot(self) -> Any:
-        """Return a `Drawing` that a notebook shows, and that a pointer turns."""
+        """Return a `Drawing` that a notebook shows and a pointer turns."""
         return by_name("palpate.viewer.drawing.Drawing").of(self)
 
     def project(
@@ -275,6 +282,9 @@ class Mesh(Value):
         """Return closest points (n, 3) [m] to points (n, 3), outward unit normals there (n, 3) and facet numbers (n,).
 
         Normals are interpolated where smooth. NaN, NaN and -1 for a point that is NaN or infinite.
+
+        Raises:
+            InputError: the points have another shape.
         """
         from palpate.surfaces import _bvh, _nearest
 
@@ -289,9 +299,35 @@ class Mesh(Value):
         return both[:, :3] * tree.scale + tree.centre, normals, facets.astype(np.int64)
 
     def transformed(self, pose: Pose) -> Mesh:
-        """Return the same mesh in another frame as a `Mesh`; pose is T_target_mesh."""
+        """Return the same `Mesh` in another frame; `pose` is T_target_mesh."""
         vertices, normals = pose.apply(self.vertices), pose.rotate(self.corner_normals)
         return replace(self, vertices=vertices, corner_normals=normals, touchable=~self.covered)
+
+
+@called_as("palpate.plane([0, 0, 0], [0, 0, 1])")
+@takes_arrays
+def plane(point: ArrayLike, normal: ArrayLike, half_width: float = 1.0) -> Mesh:
+    """Make a square `Mesh` of two facets through `point` [m], pressed on its `normal` side.
+
+    Args:
+        point: (3,) its middle [m].
+        normal: (3,) outward, of any length but zero.
+        half_width: [m]; beyond it a wrench is OFF_SURFACE.
+
+    Raises:
+        InputError: point or normal is not three finite numbers.
+        GeometryError: the normal or the half-width is zero.
+    """
+    middle, out = shaped(point, (3,), "point"), shaped(normal, (3,), "normal")
+    length = np.linalg.norm(out)
+    if not length > 0:
+        raise GeometryError("the normal of a plane must not be zero.")
+    out = out / length
+    along = np.cross(out, np.eye(3)[np.argmin(np.abs(out))])
+    along /= np.linalg.norm(along)
+    across = np.cross(out, along)
+    corners = [middle + half_width * (i * along + j * across) for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    return Mesh.from_arrays(corners, [[0, 1, 2], [0, 2, 3]])
 
 
 def _announced(facets: int) -> AbstractContextManager[None]:
@@ -327,7 +363,7 @@ def _require_unit(unit: str | None, source: str) -> float:
 
 
 def plausible_size(size: float) -> bool:
-    """Return whether a size [m] is that of a touched body: from 2 mm (a fingertip) to 5 m (a robot)."""
+    """Return whether a size is that of a touched body: from 2 mm (a fingertip) to 5 m (a robot)."""
     return 2e-3 <= size <= 5.0
 
 

@@ -29,7 +29,7 @@ class Quadric(Analytic):
     def evaluate(
         self, points: Float[np.ndarray, "*batch 3"]
     ) -> tuple[Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3 3"]]:
-        """Compute p'A p + 2 b'p + c (*batch,), gradient 2 (A p + b) (*batch, 3) and Hessian 2 A (*batch, 3, 3).
+        """Return p'A p + 2 b'p + c (*batch,), gradient 2 (A p + b) (*batch, 3) and Hessian 2 A (*batch, 3, 3).
 
         Points (*batch, 3) [m] are along its own axes.
         """
@@ -39,7 +39,7 @@ class Quadric(Analytic):
         return np.asarray(value), 2.0 * (half + linear), np.broadcast_to(2.0 * square, (*points.shape, 3))
 
     def equation(self) -> Float[np.ndarray, "10"]:
-        """Return the form in q, p = scale q + middle of the box, divided by its largest coefficient, (10,)."""
+        """Return the coefficients (10,) of the form in q, p = scale q + middle of the box; the largest is 1 or -1."""
         square, linear, constant = self.form()
         middle, scale = self.box.mean(axis=0), 0.5 * self.size
         flat = square[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)]
@@ -81,6 +81,9 @@ class Ellipsoid(_Oval):
 
     Attributes:
         axes: half-lengths a, b, c [m].
+
+    Raises:
+        GeometryError: a length is not positive and finite.
     """
 
     axes: tuple[float, float, float]
@@ -97,6 +100,9 @@ class Sphere(_Oval):
 
     Attributes:
         radius: [m].
+
+    Raises:
+        GeometryError: the radius is not positive and finite.
     """
 
     radius: float
@@ -126,13 +132,13 @@ class _Tube(Quadric):
 
     @property
     def box(self) -> Float[np.ndarray, "2 3"]:
-        """Corners of the box, as long and as wide as the tube, (2, 3) [m]."""
+        """Lowest and highest corner of the box around the tube, along its own axes, (2, 3) [m]."""
         a, b = self.halves()
         return frozen([[-a, -self.half_length, 0.0 if self.upper else -b], [a, self.half_length, b]])
 
     @property
     def ends(self) -> Float[np.ndarray, "2 3"]:
-        """Ends along y, and the middle plane z = 0 where there is only the upper half, (2, 3) [m]."""
+        """Least and largest coordinates, (2, 3) [m]: -+half_length along y, z >= 0 of an upper half, else infinite."""
         least = 0.0 if self.upper else -np.inf
         return frozen([[-np.inf, -self.half_length, least], [np.inf, self.half_length, np.inf]])
 
@@ -155,6 +161,9 @@ class EllipticCylinder(_Tube):
         b: half-axis along z [m].
         half_length: [m] along y.
         upper: only its half with z >= 0, such as a fingertip's.
+
+    Raises:
+        GeometryError: a length is not positive and finite.
     """
 
     a: float
@@ -176,6 +185,9 @@ class Cylinder(_Tube):
         radius: [m].
         half_length: [m] along y.
         upper: only its half with z >= 0.
+
+    Raises:
+        GeometryError: a length is not positive and finite.
     """
 
     radius: float
@@ -195,6 +207,9 @@ class Paraboloid(Quadric):
     Attributes:
         radii: of curvature at the apex, r_x and r_y [m].
         height: [m].
+
+    Raises:
+        GeometryError: a length is not positive and finite.
     """
 
     radii: tuple[float, float]
@@ -209,20 +224,17 @@ class Paraboloid(Quadric):
 
     @property
     def box(self) -> Float[np.ndarray, "2 3"]:
-        """Corners of the box from the rim to the apex, (2, 3) [m]."""
+        """Lowest and highest corner of the box from the rim to the apex, (2, 3) [m]."""
         x, y = np.sqrt(2.0 * self.height * np.array(self.radii))
         return frozen([[-x, -y, -self.height], [x, y, 0.0]])
 
     @property
     def ends(self) -> Float[np.ndarray, "2 3"]:
-        """Limits of the surface along its own axes, least then largest, (2, 3) [m]: z >= -height, else infinite."""
+        """Least and largest coordinates along its own axes, (2, 3) [m]: z >= -height, else infinite."""
         return frozen([[-np.inf, -np.inf, -self.height], [np.inf, np.inf, np.inf]])
 
     def chart(self, count: int) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"]]:
-        """Return points (n, 3) [m] on the surface, along its axes, and triangles (f, 3) between them: indices, outward.
-
-        The points form a grid of 2 `count` angles about the z axis and `count` + 1 levels, from the rim to the apex.
-        """
+        """Return points (n, 3) [m] at 2 `count` angles and `count` + 1 levels, and triangles (f, 3) between them."""
         turn, out = np.meshgrid(_around(2 * count), np.linspace(1.0, 0.0, count + 1), indexing="ij")
         x, y = (np.sqrt(2.0 * self.height * radius) * out for radius in self.radii)
         points = np.stack([x * np.cos(turn), y * np.sin(turn), -self.height * out**2], axis=-1)

@@ -18,7 +18,7 @@ from jaxtyping import Float, Int, UInt8
 from palpate.calls import by_name, called_as
 from palpate.errors import InputError
 from palpate.spatial.arguments import takes_arrays
-from palpate.surfaces.given import SurfaceLike, as_surface
+from palpate.surfaces.surface import SurfaceLike, as_surface
 
 __all__ = ["Drawing", "Mark", "Specks", "simpler"]
 

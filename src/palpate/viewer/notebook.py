@@ -13,7 +13,7 @@ from palpate.contact.ellipse import ellipse
 from palpate.contact.estimate import ContactEstimate
 from palpate.contact.events import Events
 from palpate.contact.touch_finder import find_touches
-from palpate.surfaces.given import SurfaceLike
+from palpate.surfaces.surface import SurfaceLike
 from palpate.viewer.drawing import Drawing, Mark
 
 __all__ = ["drawing_of_estimates", "drawing_of_touches", "marks_of", "table_of"]
