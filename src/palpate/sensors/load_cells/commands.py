@@ -57,7 +57,7 @@ class CalibrateLoadCells(Calibration):
             indentation=table.indentation,
             options=CalibrationOptions(
                 ball=table.ball / 2.0,
-                positions=table.places(),
+                positions=table.positions,
                 limits=table.limits(cells),
                 noise=None if table.noise is None else np.full(3 * cells, table.noise),
                 names=table.names(cells),

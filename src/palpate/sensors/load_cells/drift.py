@@ -26,7 +26,7 @@ COMMENTS = {
 def voltage_drift(
     setup: Setup, recording: Recording, temperature: Float[np.ndarray, " n"] | None, window: float
 ) -> SensorDrift:
-    """Return the drift of the used cells' voltages as a `SensorDrift`; an excluded cell gets the drift of the others.
+    """Return the drift of the cells' voltages [V] as a `SensorDrift`; an excluded cell gets the drift of the others.
 
     Args:
         setup: setup of the cells.
@@ -39,12 +39,12 @@ def voltage_drift(
             or times that run backwards.
         NotIdentifiable: the cells that are used do not determine a wrench.
     """
-    table, cells = setup.of(LoadCellSection).table, setup.of(LoadCellSection).cells
-    sound = cells.channels(~np.isin(np.arange(cells.cells) + 1, table.without))
+    section = setup.of(LoadCellSection)
+    cells, sound = section.cells, section.cells.channels(section.used)
     voltages = recording.channels[VOLTAGE]
     beyond = (voltages <= cells.limits[:, 0]) | (voltages >= cells.limits[:, 1])
     picked = np.where(beyond, np.nan, voltages)[:, sound]
-    names = [name for name, used in zip(table.names(cells.cells), sound, strict=True) if used]
+    names = np.array(section.table.names(cells.cells))[sound].tolist()
     noise = np.sqrt(np.diag(cells.noise))[sound]
     found = identify_drift(recording.time, picked, noise, temperature, names=names, window=window).spread(sound)
     forces = cells.inverse(sound)[0][:3]

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
+from jaxtyping import Bool
 
 from palpate.errors import InputError
 from palpate.files.logs import LogContents
@@ -55,10 +56,13 @@ class RigLoadCells:
     `model` is the file of `palpate calibrate load-cells`; `columns` are three per cell, or `topic` has arrays of as
     many numbers; `units` are theirs (one, or one each). Known beforehand, for a calibration or a design: `positions`
     [m] of the cells in the surface's frame, `noise` [V] of a reading, `range` [V], `sensitivity` [N/V]. `drift` [V] is
-    that of the bias within a session; `without` names bad cells, counted from 1; `accuracy` [m] is the one wanted: less
-    certain contacts are too_light.
+    that of the bias within a session; `without` names bad cells, counted from 1; contacts less certain than `accuracy`
+    [m] are too_light.
     For a calibration: `reference` columns of force [N] on the fingertip and of the ball's centre [m], the `ball`'s
     diameter [m], and `indentation`, true where the surface is soft.
+
+    Raises:
+        ValueError: a number, a unit or the columns cannot be those of load cells.
     """
 
     model: str | None = None
@@ -91,80 +95,16 @@ class RigLoadCells:
         require_positive(self, "noise", "range", "sensitivity", "drift", "accuracy", "ball")
 
     def names(self, cells: int) -> tuple[str, ...]:
-        """Return a tuple of the names of the columns: u1x, u1y, u1z, u2x, ... where the rig names none."""
+        """Return the names of the columns, (3 k,): u1x, u1y, u1z, u2x, ... where the rig names none."""
         return self.columns or tuple(f"u{cell + 1}{axis}" for cell in range(cells) for axis in "xyz")
 
-    def count(self, model: LoadCells | None = None) -> int:
-        """Return the number of cells: that of the model, the columns or the positions; else 4, as in the paper."""
-        if model is not None:
-            return model.cells
+    def count(self) -> int:
+        """Return the number of cells without a model: that of the columns or the positions; else 4, as in the paper."""
         return len(self.columns) // 3 or (len(self.positions) if self.positions else 4)
-
-    def volts(self, cells: int) -> tuple[float, ...]:
-        """Return a tuple of the size in V of each column's unit, (3 k,): 0.001 for mV."""
-        units = [self.units] * (3 * cells) if isinstance(self.units, str) else self.units
-        return tuple(VOLT_UNITS[unit] for unit in units)
-
-    def places(self) -> np.ndarray | None:
-        """Return the cells' positions (k, 3) [m]; None if the rig does not state them."""
-        return None if self.positions is None else np.array(self.positions)
 
     def limits(self, cells: int) -> np.ndarray | None:
         """Return the channels' limits (3 k, 2) [V]; None if the rig does not state the range."""
         return None if self.range is None else np.tile([-self.range, self.range], (3 * cells, 1))
-
-    def cells(self, folder: Path) -> LoadCells:
-        """Return the calibrated `LoadCells`; range, drift and noise that the rig states replace those of the model.
-
-        Args:
-            folder: folder of the rig, from which the model's path counts.
-
-        Raises:
-            InputError: no model is named, its file cannot be read, or it does not fit the rig.
-        """
-        if self.model is None:
-            raise InputError(
-                "the cells are not calibrated.",
-                where="load_cells.model",
-                hint="Run `palpate calibrate load-cells LOG --rig RIG -o fingertip.toml`, then name that file as "
-                "model.",
-            )
-        path = folder / self.model
-        model = read_model(path, LoadCells)
-        if self.columns and len(self.columns) != len(model.matrix):
-            raise InputError(
-                f"names {len(self.columns)} columns, but {path.name} has {model.cells} cells, of three columns each.",
-                where="load_cells.columns",
-            )
-        unknown = [cell for cell in self.without if not 1 <= cell <= model.cells]
-        if unknown:
-            raise InputError(
-                f"cell {unknown[0]} does not exist: cells are 1 to {model.cells}.", where="load_cells.without"
-            )
-        noise = float(np.sqrt(np.median(np.diag(model.noise))))
-        changes: dict[str, object] = {}
-        if self.range is not None:
-            changes["limits"] = self.limits(model.cells)
-        if self.drift is not None:
-            changes["drift"] = self.drift / noise
-        if self.noise is not None:
-            changes["noise"] = np.full(len(model.matrix), self.noise)
-        return with_changes(model, **changes) if changes else model
-
-    def nominal(self) -> LoadCells:
-        """Return `LoadCells` predicted from positions, sensitivity and noise.
-
-        Raises:
-            InputError: positions, sensitivity or noise are not stated.
-            NotIdentifiable: the positions do not determine a wrench.
-        """
-        if self.positions is None or self.sensitivity is None or self.noise is None:
-            raise InputError(
-                "positions, sensitivity and noise must be stated when there is no model.",
-                where="load_cells",
-                hint="Write positions = [[x, y, z], ...] in m, sensitivity in N/V and noise in V.",
-            )
-        return nominal_cells(np.array(self.positions), self.sensitivity, self.noise, self.range or inf)
 
 
 class LoadCellSection(SensorSection):
@@ -179,41 +119,86 @@ class LoadCellSection(SensorSection):
         """Calibrated `LoadCells`; range, drift and noise that the rig states replace the model's own.
 
         Raises:
-            InputError: the rig names no model, or the model cannot be read or does not fit the rig.
+            InputError: the rig names no model, the file cannot be read, or the model does not fit the rig.
         """
-        return self.table.cells(self.link.folder)
+        table = self.table
+        if table.model is None:
+            raise InputError(
+                "the cells are not calibrated.",
+                where="load_cells.model",
+                hint="Run `palpate calibrate load-cells LOG --rig RIG -o fingertip.toml`, then name that file as "
+                "model.",
+            )
+        path = self.link.folder / table.model
+        model = read_model(path, LoadCells)
+        if table.columns and len(table.columns) != len(model.matrix):
+            raise InputError(
+                f"names {len(table.columns)} columns, but {path.name} has {model.cells} cells, of three columns each.",
+                where="load_cells.columns",
+            )
+        unknown = [cell for cell in table.without if not 1 <= cell <= model.cells]
+        if unknown:
+            raise InputError(
+                f"cell {unknown[0]} does not exist: cells are 1 to {model.cells}.", where="load_cells.without"
+            )
+        noise = float(np.sqrt(np.median(np.diag(model.noise))))
+        stated = {
+            "limits": table.limits(model.cells),
+            "drift": None if table.drift is None else table.drift / noise,
+            "noise": None if table.noise is None else np.full(len(model.matrix), table.noise),
+        }
+        return with_changes(model, **{name: value for name, value in stated.items() if value is not None})
+
+    @property
+    def used(self) -> Bool[np.ndarray, " k"]:
+        """Mask (k,) of the calibrated cells that the rig does not exclude.
+
+        Raises:
+            InputError: as for `cells`.
+        """
+        return ~np.isin(np.arange(self.cells.cells) + 1, self.table.without)
 
     def nominal(self) -> LoadCells:
-        """Return the calibrated `LoadCells`, or those predicted from positions, sensitivity and noise without a model.
+        """Return the calibrated `LoadCells`, or without a model those predicted from positions, sensitivity and noise.
 
         Raises:
             InputError: the model cannot be read or does not fit the rig, or there is none and a prediction lacks a key.
             NotIdentifiable: the positions do not determine a wrench.
         """
-        return self.cells if self.table.model is not None else self.table.nominal()
+        table = self.table
+        if table.model is not None:
+            return self.cells
+        if table.positions is None or table.sensitivity is None or table.noise is None:
+            raise InputError(
+                "positions, sensitivity and noise must be stated when there is no model.",
+                where="load_cells",
+                hint="Write positions = [[x, y, z], ...] in m, sensitivity in N/V and noise in V.",
+            )
+        return nominal_cells(table.positions, table.sensitivity, table.noise, table.range or inf)
 
 
 def load_cells_layout(setup: Setup, *, bench: bool = False) -> LogLayout:
     """Return the `LogLayout` of a log with voltages and poses; with `bench`, of a bench log, with the reference too.
 
     Raises:
-        InputError: the rig has no [load_cells], or its model cannot be read or does not fit.
+        InputError: the rig has no [load_cells]; or, without `bench`, its model cannot be read or does not fit.
     """
-    frame = setup.of(LoadCellSection)
-    table = frame.table
-    count = table.count(None if bench or table.model is None else frame.cells)
+    section = setup.of(LoadCellSection)
+    table = section.table
+    count = table.count() if bench or table.model is None else section.cells.cells
     names = table.names(count)
-    arrays = [ArrayChannel(VOLTAGE, (len(names),), names, table.topic, table.volts(count), table="load_cells")]
+    units = [table.units] * len(names) if isinstance(table.units, str) else table.units
+    volts = tuple(VOLT_UNITS[unit] for unit in units)
+    arrays = [ArrayChannel(VOLTAGE, (len(names),), names, table.topic, volts, table="load_cells")]
     if bench:
         arrays.append(ArrayChannel(REFERENCE_CHANNEL, (6,), table.reference, table="load_cells"))
     return LogLayout(wrench=None, arrays=tuple(arrays), **setup.common)
 
 
 def _build(setup: Setup) -> BuiltEstimator:
-    table, cells = setup.of(LoadCellSection).table, setup.of(LoadCellSection).cells
-    tare = setup.estimate.tare or START
-    sound = ~np.isin(np.arange(cells.cells) + 1, table.without)
-    array = LoadCellArray(cells, sound, names=table.names(cells.cells), seconds=tare)
+    section, tare = setup.of(LoadCellSection), setup.estimate.tare or START
+    table, cells = section.table, section.cells
+    array = LoadCellArray(cells, section.used, names=table.names(cells.cells), seconds=tare)
     soft = {"indentation": cells.indentation, "accuracy": table.accuracy}
     drift = setup.followed(len(cells.matrix))
     made = wrench_estimator(setup, array, tare=tare, mounted=False, drift=drift, **soft)
@@ -277,7 +262,6 @@ def _threes(count: int) -> bool:
     return 9 <= count <= _MOST and count % 3 == 0
 
 
-_CALIBRATED = "the calibration of the cells states their noise"
 LOAD_CELLS = SensorKind(
     name="load_cells",
     called=LoadCellSection.called,
@@ -290,7 +274,8 @@ LOAD_CELLS = SensorKind(
     paths=("model",),
     refused={
         "payload": "the zero of the cells is taken at the start of the log, and they carry no payload",
-        "noise": f"{_CALIBRATED}; to state it, write noise in V in the rig's [load_cells]",
+        "noise": "the calibration of the cells states their noise; to state it, write noise in V in the rig's "
+        "[load_cells]",
     },
     view="palpate.sensors.load_cells.view.LoadCellView",
     drift="palpate.sensors.load_cells.drift.voltage_drift",
