@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Generator, Iterable, Mapping
+from collections.abc import Callable, Collection, Generator, Iterable, Mapping
+from contextlib import closing
 from dataclasses import dataclass, replace
+from itertools import chain, islice
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Int
@@ -14,10 +17,12 @@ from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["MessageBlock", "MessageFile", "Topic", "merged"]
 
+Found = TypeVar("Found")
+
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic: its name, the type of its messages, `encoding`, cdr (ROS 2) or ros1, and `count`, 0 if unknown."""
+    """A topic: its name, the type of its messages, their encoding, cdr (ROS 2) or ros1, and count, 0 if unknown."""
 
     name: str
     kind: str
@@ -30,7 +35,7 @@ class Topic:
 
 
 def merged(topics: Iterable[Topic]) -> list[Topic]:
-    """Return a list of topics in which those that differ only in their count are one, with the sum of the counts."""
+    """Return topics in which those that differ only in their count are one, with the sum of the counts."""
     counts: dict[Topic, int] = {}
     for topic in topics:
         key = replace(topic, count=0)
@@ -59,7 +64,7 @@ class MessageBlock:
     length: Int[np.ndarray, " n"]
 
     def of(self, topic: Topic) -> MessageBlock:
-        """Return a `MessageBlock` of the messages of one topic that have its type."""
+        """Return the messages of one topic that have its type."""
         mask = np.zeros(len(self.topic), dtype=bool)
         for key, other in self.topics.items():
             if other.same(topic):
@@ -84,7 +89,7 @@ class Watched:
         self.position, self.torn = 0, ""
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on what was read so far, one sentence each, for readers of the results."""
+        """Return notes on what was read so far, one sentence each."""
         return ()
 
 
@@ -99,7 +104,7 @@ class MessageFile(Watched, ABC):
 
     @abstractmethod
     def topics(self) -> list[Topic]:
-        """Return all declared topics, a list with one `Topic` per name and type, with their message counts.
+        """Return all declared topics, one per name and type, with their message counts.
 
         Raises:
             InputError: the file cannot be read, or needs a library that is not installed.
@@ -112,3 +117,26 @@ class MessageFile(Watched, ABC):
         Raises:
             InputError: the file cannot be read, or needs a library that is not installed.
         """
+
+    def first(self, topic: Topic, read: Callable[[MessageBlock], Found | None]) -> Found | None:
+        """Return the first result of `read`, called with blocks of messages of a topic, that is not None; else None.
+
+        Raises:
+            InputError: the file cannot be read, or needs a library that is not installed.
+        """
+        with closing(self.messages([topic.name])) as pieces:
+            return next((found for piece in pieces if (found := read(piece.of(topic))) is not None), None)
+
+    def has_stamps(self, topic: Topic, read: Callable[[MessageBlock], Iterable[int]]) -> bool:
+        """Return True unless the first two stamps of a topic are all 0; one may be, as a clock may begin at 0.
+
+        Args:
+            topic: of the file.
+            read: returns the stamps [ns] in a block of messages of the topic that can be read.
+
+        Raises:
+            InputError: the file cannot be read, or needs a library that is not installed.
+        """
+        with closing(self.messages([topic.name])) as pieces:
+            found = list(islice(chain.from_iterable(read(piece.of(topic)) for piece in pieces), 2))
+        return any(found) or not found

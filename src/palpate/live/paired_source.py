@@ -61,7 +61,7 @@ class PairedSource:
             )  # poses come beside the pair
             both.append(source_of(replace(source, wrench=None), alone))
         limits = None if layout.wrench_range is None else SampleReader(layout, Path()).recorded(layout.wrench_range)
-        return cls(both[0], both[1], WrenchMeans(0.0, layout.max_gap, limits))
+        return cls(both[0], both[1], WrenchMeans(layout.max_gap, limits))
 
     def open(self) -> None:
         """Connect to both devices; raise InputError if one cannot be opened."""

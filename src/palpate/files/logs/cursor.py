@@ -83,14 +83,6 @@ class Cursor:
         whole = part[:, 0].view(np.int32) if self._cdr else part[:, 0]
         return whole.astype(np.int64) * 10**9 + part[:, 1].astype(np.int64), *self.text()
 
-    def gap(self, which: int, at: int, size: int) -> int:
-        """Return the number of padding bytes from `at` to the next aligned number of this size, in one message."""
-        return (int(self._origin[which]) - at) % size if self._cdr else 0
-
-    def little(self, which: int) -> bool:
-        """Return True if the numbers of message `which`, an index from 0, are little-endian."""
-        return bool(self._little[which])
-
     def picked(self, which: Int[np.ndarray, " k"]) -> Cursor:
         """Return a cursor at the same positions in a selection of the messages."""
         other = copy(self)

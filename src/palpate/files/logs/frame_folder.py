@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,7 @@ _BAG = (".mcap", ".db3")
 
 
 def holds_frames(path: Path) -> bool:
-    """Return True if a folder contains images and no bag."""
+    """Return True if a folder contains images and no bag; False if it cannot be read."""
     try:
         names = [file.name.lower() for file in path.iterdir()]
     except OSError:
@@ -38,9 +37,13 @@ def holds_frames(path: Path) -> bool:
 
 
 class FrameFolder(ImageLog):
-    """A log in a folder of image files, one sample each.
+    """A log in a folder of image files, one sample each, in the natural order of their names.
 
-    Times are a column of `times.csv`, or else of `truth.csv`, in the folder, if it has as many rows; else k / rate.
+    Times are a column of `times.csv` in the folder, or else of `truth.csv`, if it has as many rows; else k / rate.
+
+    Raises:
+        OSError: the folder cannot be read.
+        InputError: the layout is invalid.
     """
 
     def __init__(self, path: Path, layout: LogLayout) -> None:
@@ -49,7 +52,7 @@ class FrameFolder(ImageLog):
         super().__init__(path, sum(file.stat().st_size for file in self._files), layout)
 
     def contents(self) -> LogContents:
-        """Return `LogContents` with the number, formats and size of the images; only the first readable one is decoded.
+        """Return the number and the formats of the images, and the size of the first readable one.
 
         Raises:
             InputError: OpenCV is not installed.
@@ -66,10 +69,10 @@ class FrameFolder(ImageLog):
         """Yield the images as recordings.
 
         Raises:
-            InputError: no image is readable, the layout requests anything else than images, or OpenCV is not installed.
+            InputError: no image is readable, the layout requests anything but images, or OpenCV is not installed.
         """
         cv2 = self._begin("a folder of frames")
-        yield from self._frames.blocks(self._read(cv2, self._times()))
+        yield from self._recordings(self._read(cv2, self._times()))
 
     def _read(self, cv2: Any, times: Float[np.ndarray, " n"]) -> Iterator[Frame]:
         for time, file in zip(times.tolist(), self._files, strict=True):
@@ -85,24 +88,21 @@ class FrameFolder(ImageLog):
                 continue
             time = _column(self.path / name, self._layout)
             if time is None:
-                self._said.append(
-                    f"{name} has no readable column {self._layout.time!r}, so it is not used for the frames' times"
-                )
+                has = f"no readable column {self._layout.time!r}, so it is not used for the frames' times"
             elif len(time) != count:
-                self._said.append(
-                    f"{name} has {len(time):,} rows for {count:,} frames, so it is not used for their times"
-                )
+                has = f"{len(time):,} rows for {count:,} frames, so it is not used for their times"
             else:
                 return time
+            self._said.append(f"{name} has {has}")
         if self._layout.rate is None:
             self._said.append(f"frames have no times: a rate of {RATE:g} Hz is assumed")
         return np.arange(count) / (self._layout.rate or RATE)
 
 
 def _column(file: Path, layout: LogLayout) -> Float[np.ndarray, " n"] | None:
-    alone = replace(layout, wrench=None, arrays=(), images=None, rate=None, orientation=None, position=None)
+    alone = LogLayout(time=layout.time, time_unit=layout.time_unit, wrench=None)
     try:
-        return np.concatenate([block.time for block in CsvLog(file, replace(alone, acceleration=None)).blocks()])
+        return np.concatenate([block.time for block in CsvLog(file, alone).blocks()])
     except InputError:
         return None
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -15,24 +14,22 @@ from palpate.files.logs.images import Frame, ImageLog
 from palpate.files.logs.layout import ImageChannel, LogLayout
 from palpate.files.logs.log import LogContents
 from palpate.files.logs.topics import choose_images
-from palpate.files.messages import MessageFile, Topic
+from palpate.files.messages import MessageBlock, MessageFile, Topic
 from palpate.opencv import opencv
 from palpate.signals.recording import Recording
 
 __all__ = ["ImageTopicLog", "first_size"]
 
-_FIRST = 2  # stamps that say whether a topic has any: a clock may begin at 0
-
 
 class ImageTopicLog(ImageLog):
-    """The images of a topic as a log; times are the stamps of the headers, or of the recorder if these are all 0."""
+    """The images of one topic as a log; times are the headers' stamps, or the recorder's if these are all 0."""
 
     def __init__(self, path: Path, layout: LogLayout, source: MessageFile) -> None:
         super().__init__(path, source.size, layout)
         self._source = source
 
     def contents(self) -> LogContents:
-        """Return `LogContents` with the topics of the log, its duration and any damage.
+        """Return the topics of the log, its duration and any damage.
 
         Raises:
             InputError: the log cannot be read.
@@ -44,19 +41,19 @@ class ImageTopicLog(ImageLog):
         """Yield the images as recordings.
 
         Raises:
-            InputError: no topic fits, no image can be decoded, the layout requests anything else than images, or OpenCV
-                is not installed.
+            InputError: the log cannot be read; no topic fits, or several do; no image can be decoded; the layout
+                requests anything but images; or OpenCV is not installed.
         """
         cv2 = self._begin("a log of topics that is read for images")
         topic = choose_images(self.contents(), self._layout.images or ImageChannel())
-        stamped = _has_stamps(self._source, topic)
+        stamped = self._source.has_stamps(topic, lambda messages: _stamps(messages, topic))
         if not stamped:
             taken = "the times at which they were recorded are used"
             self._said.append(f"messages of {topic.name!r} have no stamps: {taken}")
-        yield from self._frames.blocks(self._read(cv2, topic, stamped=stamped))
+        yield from self._recordings(self._read(cv2, topic, stamped=stamped))
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on the file and its images so far, one sentence each."""
+        """Return notes on the file and the images read so far, one sentence each."""
         return (*self._source.notes(), *super().notes())
 
     def _read(self, cv2: Any, topic: Topic, *, stamped: bool) -> Iterator[Frame]:
@@ -77,22 +74,16 @@ def first_size(source: MessageFile, topic: Topic) -> tuple[int, int, int] | None
     """Return height, width and channels of the first readable image of a topic; None if it has none.
 
     Raises:
-        InputError: OpenCV is not installed.
+        InputError: the file cannot be read, or OpenCV is not installed.
     """
     cv2 = opencv()
-    with closing(source.messages([topic.name])) as pieces:
-        for piece in pieces:
-            for message in image_messages(piece.of(topic), topic):
-                if (size := message.size(cv2)) is not None:
-                    return size
-    return None
+
+    def size(messages: MessageBlock) -> tuple[int, int, int] | None:
+        sizes = (message.size(cv2) for message in image_messages(messages, topic))
+        return next((each for each in sizes if each is not None), None)
+
+    return source.first(topic, size)
 
 
-def _has_stamps(source: MessageFile, topic: Topic) -> bool:
-    found: list[int] = []
-    with closing(source.messages([topic.name])) as pieces:
-        for piece in pieces:
-            found += [each.stamp for each in image_messages(piece.of(topic), topic) if each.stamp is not None]
-            if len(found) >= _FIRST:
-                break
-    return any(found[:_FIRST]) or not found
+def _stamps(messages: MessageBlock, topic: Topic) -> Iterator[int]:
+    return (message.stamp for message in image_messages(messages, topic) if message.stamp is not None)

@@ -16,7 +16,7 @@ from palpate.files.logs.samples import SampleReader
 from palpate.opencv import opencv
 from palpate.signals.recording import IMAGE, Recording
 
-__all__ = ["Frame", "FrameBlocks", "ImageLog", "decoded", "refuse_others"]
+__all__ = ["Frame", "ImageLog", "decoded", "refuse_others", "to_bgr"]
 
 ROWS = 32  # frames of a block, or fewer if they are large
 BYTES = 1 << 26  # of a block
@@ -26,7 +26,16 @@ Frame = tuple[float, np.ndarray | None, str]  # time [s], image (None: it could 
 
 
 def refuse_others(layout: LogLayout, path: Path, called: str) -> None:
-    """Raise an InputError if the layout requests a wrench or arrays, or no images."""
+    """Raise an error if the layout requests a wrench or arrays, or no images.
+
+    Args:
+        layout: of the log.
+        path: of the log, for the message.
+        called: what the log is, such as "a video", for the message.
+
+    Raises:
+        InputError: it does.
+    """
     if layout.images is None or layout.wrench is not None or layout.arrays:
         wanted = [*(["a wrench"] if layout.wrench is not None else []), *(array.name for array in layout.arrays)]
         raise InputError(
@@ -36,7 +45,10 @@ def refuse_others(layout: LogLayout, path: Path, called: str) -> None:
 
 
 def to_bgr(image: np.ndarray) -> UInt8[np.ndarray, "height width 3"] | None:
-    """Return uint8 (height, width, 3): grey repeated, alpha dropped, the upper 8 of 16 bits; None for other types."""
+    """Return an image as uint8 (height, width, 3): grey repeated, alpha dropped, the upper 8 of 16 bits.
+
+    None if its numbers are not uint8 or uint16.
+    """
     if image.dtype.kind != "u" or image.dtype.itemsize > 2:
         return None
     if image.dtype.itemsize == 2:
@@ -46,12 +58,14 @@ def to_bgr(image: np.ndarray) -> UInt8[np.ndarray, "height width 3"] | None:
 
 
 def decoded(cv2: Any, raw: bytes, *, as_stored: bool = False) -> np.ndarray | None:
-    """Decode the bytes of a JPEG, PNG, BMP, TIFF or WebP file; return None if that fails.
+    """Return the image in a JPEG, PNG, BMP, TIFF or WebP file; None if it cannot be decoded.
+
+    It is uint8 (height, width, 3), blue, green, red.
 
     Args:
-        cv2: OpenCV.
-        raw: the bytes.
-        as_stored: keep the number of channels and the type, rather than return (height, width, 3) of uint8.
+        cv2: the module of OpenCV.
+        raw: bytes of the file.
+        as_stored: keep the type and the number of channels; grey is (height, width).
     """
     if not raw:
         return None
@@ -62,19 +76,45 @@ def decoded(cv2: Any, raw: bytes, *, as_stored: bool = False) -> np.ndarray | No
         return None
 
 
-class FrameBlocks:
-    """Builder of the recordings of one log of images, which also counts irregular ones.
+class ImageLog(Log):
+    """Base class of the logs that consist of images.
 
     An image that could not be decoded, or whose size differs from that of the first decoded one, becomes zeros.
     """
 
-    def __init__(self, layout: LogLayout, path: Path) -> None:
-        self._samples, self._path = SampleReader(layout, path), path
-        self._size: tuple[int, int] | None = None
-        self._lost, self._other = list[str](), list[str]()
-        self.count = 0
+    def __init__(self, path: Path, size: int, layout: LogLayout) -> None:
+        super().__init__(path, size)
+        self._layout = layout
+        self._restart()
 
-    def blocks(self, frames: Iterable[Frame]) -> Iterator[Recording]:
+    @property
+    def lost(self) -> int:
+        """Number of images read so far that could not be decoded, or differ in size from the others."""
+        return len(self._lost) + len(self._other)
+
+    def notes(self) -> tuple[str, ...]:
+        """Return notes on the images read so far, one sentence each: lost ones, those of other sizes, odd times."""
+        height, width = self._size or (0, 0)
+        said = (
+            (self._lost, "could not be decoded and are replaced by black ones"),
+            (self._other, f"are not {width} x {height} like the others and are replaced by black ones"),
+        )
+        own = [f"{len(names)} of {self._count} frames {what}: {_listed(names)}" for names, what in said if names]
+        return (*self._said, *own, *self._samples.notes())
+
+    def _restart(self) -> None:
+        self._samples = SampleReader(self._layout, self.path)
+        self._size: tuple[int, int] | None = None
+        self._said, self._lost, self._other = list[str](), list[str](), list[str]()
+        self._count, self.position, self.torn = 0, 0, ""
+
+    def _begin(self, called: str) -> Any:
+        """Check the layout, reset what was counted, and return the module of OpenCV."""
+        refuse_others(self._layout, self.path, called)
+        self._restart()
+        return opencv()
+
+    def _recordings(self, frames: Iterable[Frame]) -> Iterator[Recording]:
         """Yield all images, in their order, as recordings with `IMAGE` (n, height, width, 3).
 
         Raises:
@@ -82,25 +122,15 @@ class FrameBlocks:
         """
         held: list[tuple[float, np.ndarray | None]] = []
         for time, image, name in frames:
-            self.count += 1
+            self._count += 1
             held.append((time, self._fitting(image, name)))
             if self._size is not None and len(held) >= self._rows:
                 yield from self._cut(held)
                 held = []
         if self._size is None:
-            what = f"none of its {self.count} frames can be decoded" if self.count else "it holds no frames"
-            raise InputError(f"{what}.", where=str(self._path))
+            what = f"none of its {self._count} frames can be decoded" if self._count else "it holds no frames"
+            raise InputError(f"{what}.", where=str(self.path))
         yield from self._cut(held)
-
-    def notes(self) -> tuple[str, ...]:
-        """Return notes on the images so far, one sentence each: lost ones, those of other sizes, odd times."""
-        height, width = self._size or (0, 0)
-        said = (
-            (self._lost, "could not be decoded and are replaced by black ones"),
-            (self._other, f"are not {width} x {height} like the others and are replaced by black ones"),
-        )
-        own = [f"{len(names)} of {self.count} frames {what}: {_listed(names)}" for names, what in said if names]
-        return (*own, *self._samples.notes())
 
     def _fitting(self, image: np.ndarray | None, name: str) -> np.ndarray | None:
         image = None if image is None else to_bgr(image)
@@ -112,11 +142,6 @@ class FrameBlocks:
             self._other.append(name)
             return None
         return image
-
-    @property
-    def lost(self) -> int:
-        """Number of images so far that are zeros, because they were lost or have another size."""
-        return len(self._lost) + len(self._other)
 
     @property
     def _rows(self) -> int:
@@ -132,29 +157,6 @@ class FrameBlocks:
                 if image is not None:
                     row[:] = image
             yield self._samples.block(np.array([time for time, _ in part]), {IMAGE: images})
-
-
-class ImageLog(Log):
-    """Base class of the logs that consist of images."""
-
-    def __init__(self, path: Path, size: int, layout: LogLayout) -> None:
-        super().__init__(path, size)
-        self._layout, self._frames, self._said = layout, FrameBlocks(layout, path), list[str]()
-
-    @property
-    def lost(self) -> int:
-        """Number of images so far that could not be decoded, or differ in size from the others."""
-        return self._frames.lost
-
-    def notes(self) -> tuple[str, ...]:
-        """Return the notes on the images read so far, one sentence each."""
-        return (*self._said, *self._frames.notes())
-
-    def _begin(self, called: str) -> Any:
-        """Check the layout, reset what was counted, and return the module of OpenCV."""
-        refuse_others(self._layout, self.path, called)
-        self._frames, self._said, self.position, self.torn = FrameBlocks(self._layout, self.path), [], 0, ""
-        return opencv()
 
 
 def _listed(names: Sequence[str]) -> str:

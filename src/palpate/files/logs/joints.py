@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from struct import unpack_from
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -43,7 +42,7 @@ def joint_positions(messages: MessageBlock, topic: Topic, wanted: Sequence[str])
         if not len(left):
             break
         first = left[0]
-        names, size = _listed(cursor, int(first), int(count[first]), int(end[first]))
+        names, size = _listed(cursor.picked(left[:1]), int(count[first]))
         fits = (count[left] == count[first]) & (cursor.at[left] + size <= end[left])
         block = taken(cursor.data, cursor.at[left], size, fits)
         same = fits & (block == block[0]).all(axis=1)
@@ -67,8 +66,8 @@ def joint_positions(messages: MessageBlock, topic: Topic, wanted: Sequence[str])
 
 
 def joint_stamps(messages: MessageBlock, topic: Topic) -> Int[np.ndarray, " n"]:
-    """Return the stamps (k,) [ns] of the k messages of a topic that can be read."""
-    stamp, _, sound, _ = joint_positions(messages.of(topic), topic, ())
+    """Return the stamps [ns] of those messages of a topic, (k,), that can be read."""
+    stamp, _, sound, _ = joint_positions(messages, topic, ())
     return stamp[sound]
 
 
@@ -76,26 +75,22 @@ def joint_names(messages: MessageBlock, topic: Topic) -> list[str]:
     """Return the names of the joints in the first readable message; an empty list if no message is readable."""
     cursor = Cursor(messages, topic.encoding)
     cursor.stamp()
-    count, end = cursor.number(), messages.start + messages.length
-    for k in np.flatnonzero(cursor.sound & (count <= _MOST)).tolist():
-        if (names := _listed(cursor, k, int(count[k]), int(end[k]))[0]) is not None:
+    count = cursor.number()
+    for k in np.flatnonzero(cursor.sound & (count <= _MOST)):
+        if (names := _listed(cursor.picked(np.array([k])), int(count[k]))[0]) is not None:
             return names
     return []
 
 
-def _listed(cursor: Cursor, which: int, count: int, end: int) -> tuple[list[str] | None, int]:
-    """Return the joint names in one message and the bytes they take; None if they extend beyond `end`."""
-    at, names, start = int(cursor.at[which]), list[str](), int(cursor.at[which])
+def _listed(cursor: Cursor, count: int) -> tuple[list[str] | None, int]:
+    """Return the joint names in the one message of a cursor and the bytes they take; None if it is cut."""
+    names, start = list[str](), int(cursor.at[0])
     for _ in range(count):
-        at += cursor.gap(which, at, 4)
-        if at + 4 > end:
+        (at,), (length,) = cursor.text()
+        if not cursor.sound[0]:
             return None, 0
-        length = unpack_from("<I" if cursor.little(which) else ">I", cursor.data, at)[0]
-        at += 4 + length
-        if at > end:
-            return None, 0
-        names.append(cursor.data[at - length : at].rstrip(b"\0").decode(errors="replace"))
-    return names, at - start
+        names.append(cursor.data[at : at + length].rstrip(b"\0").decode(errors="replace"))
+    return names, int(cursor.at[0]) - start
 
 
 class JointPoses:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -136,11 +135,7 @@ def survey(path: Path) -> Survey | None:
 
 
 def _shape(source: MessageFile, topic: Topic) -> tuple[int, ...] | None:
-    with closing(source.messages([topic.name])) as pieces:
-        for piece in pieces:
-            if (shape := shape_of(piece.of(topic), topic)) is not None:
-                return shape
-    return None
+    return source.first(topic, lambda messages: shape_of(messages, topic))
 
 
 def missing(there: LogContents, layout: LogLayout) -> list[str]:

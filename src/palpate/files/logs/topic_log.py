@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import closing
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -23,7 +21,6 @@ from palpate.files.logs.wrench_means import WrenchMeans
 from palpate.files.messages import MessageBlock, MessageFile, Topic
 from palpate.files.urdf import Kinematics, Urdf
 from palpate.signals.recording import ACCELERATION, AVERAGED, ORIENTATION, POSITION, TEMPERATURE, Recording
-from palpate.spatial.frames import FramePath
 from palpate.spatial.pose_track import PoseTrack
 
 __all__ = ["TopicLog"]
@@ -32,29 +29,6 @@ BLOCK = 1 << 13  # rows, of few numbers each
 BESIDE = 7  # numbers behind an array in a live record: the wrench, and of how many readings it is the mean
 TEMPERATURE_GAP = 60.0  # s: it changes slowly
 HELD = 1 << 16  # rows that wait for a pose; a topic that fell silent must not hold the others for ever
-
-
-@runtime_checkable
-class PoseSource(Protocol):
-    """A source of the sensor's poses: a topic, the tree of /tf, or joint states."""
-
-    @property
-    def topics(self) -> tuple[Topic, ...]:
-        """Topics that must be read."""
-        ...
-
-    @property
-    def track(self) -> PoseTrack | FramePath:
-        """Track of the poses added so far, to be interpolated."""
-        ...
-
-    def add(self, messages: MessageBlock) -> None:
-        """Add the poses in a block of messages."""
-        ...
-
-    def notes(self) -> tuple[str, ...]:
-        """Return notes on irregular poses, one sentence each."""
-        ...
 
 
 class TopicLog(Log):
@@ -72,8 +46,8 @@ class TopicLog(Log):
         """Yield the samples as recordings in SI.
 
         Raises:
-            InputError: a topic is missing or empty, several could be meant, or the frames, URDF or pinocchio that poses
-                need are missing.
+            InputError: the file cannot be read; a topic is missing or empty, or several could be meant; the frames,
+                URDF or pinocchio that poses need are missing.
         """
         join, wanted = self._started()
         for messages in self._pieces(wanted):
@@ -84,7 +58,7 @@ class TopicLog(Log):
         """Yield times (n,) [s] and frames (n, k) of taxels, in their stored type where possible.
 
         Raises:
-            InputError: a topic is missing, or several could be meant.
+            InputError: as `blocks` does.
         """
         main = self._as_stored()
         if main is None:
@@ -94,13 +68,13 @@ class TopicLog(Log):
             yield main.stored(messages)
 
     def merged_with(self, frames: Log) -> Iterator[Recording | Stored]:
-        """Yield the samples of this log and the frames of another reader of the same file, in one pass where possible.
+        """Yield the `blocks` of this log and the `stored` of `frames`, the same file in another layout.
 
-        Each item is either a `Recording` from `blocks` of this log or (times [s], frames) from `stored` of `frames`;
-        they are not paired. In one pass the two kinds take turns, otherwise the recordings come first.
+        Items are recordings, or pairs of times (n,) [s] and frames (n, k). They alternate if one pass is possible,
+        else the recordings come first.
 
         Raises:
-            InputError: something that one of the layouts requests is missing.
+            InputError: the file cannot be read, or lacks something that one of the layouts requests.
         """
         main = frames._as_stored() if isinstance(frames, TopicLog) else None
         if main is None:
@@ -134,34 +108,37 @@ class TopicLog(Log):
             array = replace(array, shape=(array.size + BESIDE,))
         main = _Stream(chosen.get("both") or chosen["main"], self._source, array)
         poses = self._poses(chosen, layout.offset)
-        tracks = {} if poses is None else {"pose": poses}
-        if "acceleration" in chosen:
-            stream = _Stream(chosen["acceleration"], self._source)
-            gap = 0.0 if stream.topic.name == LIVE_ACCELERATION else layout.max_gap
-            tracks["acceleration"] = _Tracked(stream, PoseTrack(0.0, gap), still=True)
-        if "temperature" in chosen:
-            slow = PoseTrack(0.0, TEMPERATURE_GAP)
-            tracks["temperature"] = _Tracked(_Stream(chosen["temperature"], self._source), slow, still=True)
-        wrenches = _Beside(_Stream(chosen["wrench"], self._source), layout) if "wrench" in chosen else None
-        self._join = join = _Join(main, tracks, SampleReader(layout, self.path), layout, wrenches)
-        wanted = {main.topic.name, *(topic.name for track in tracks.values() for topic in track.topics)}
-        wanted |= set() if wrenches is None else {wrenches.stream.topic.name}
-        return join, wanted
+        sources = {} if poses is None else {"pose": poses}
+        if (topic := chosen.get("acceleration")) is not None:
+            gap = 0.0 if topic.name == LIVE_ACCELERATION else layout.max_gap
+            sources["acceleration"] = self._tracked(topic, PoseTrack(0.0, gap))
+        if (topic := chosen.get("temperature")) is not None:
+            sources["temperature"] = self._tracked(topic, PoseTrack(0.0, TEMPERATURE_GAP))
+        samples = SampleReader(layout, self.path)
+        if (topic := chosen.get("wrench")) is not None:
+            limits = None if layout.wrench_range is None else samples.recorded(layout.wrench_range)
+            sources["wrench"] = self._tracked(topic, WrenchMeans(layout.max_gap, limits))
+        self._join = join = _Join(main, sources, samples, layout)
+        return join, {main.topic.name, *(topic.name for source in sources.values() for topic in source.topics)}
+
+    def _tracked(self, topic: Topic, track: PoseTrack | WrenchMeans) -> _Tracked:
+        return _Tracked(_Stream(topic, self._source), track)
 
     def _ended(self, join: _Join) -> Iterator[Recording]:
         """Yield the remaining samples; raise an InputError if there were none at all."""
         yield from join.finish()
         if not join.rows:
-            name = join.topic.name
-            raise InputError(f"topic {name!r} has no messages.", where=str(self.path), hint=sentence(self.torn))
+            what = f"topic {join.main.topic.name!r} has no messages."
+            raise InputError(what, where=str(self.path), hint=sentence(self.torn))
 
     def poses(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k 7"]]:
-        """Return stamps (k,) [s] as recorded, without the layout's offset, and positions [m] and quaternions, (k, 7).
+        """Return stamps (k,) [s] without the layout's offset, and poses (k, 7): position [m], quaternion x, y, z, w.
 
         From the tree of /tf they are taken at the stamps of the most frequent transform.
 
         Raises:
-            InputError: no topic holds poses, or the frames, URDF or pinocchio that they need are missing.
+            InputError: the file cannot be read, no topic holds poses, or the frames, URDF or pinocchio that they need
+                are missing.
         """
         poses = self._poses(self._chosen(), 0.0)
         if poses is None:
@@ -200,20 +177,18 @@ class TopicLog(Log):
         self._unsure = doubtful(there.topics, self._layout)
         return choose(there, self._layout)
 
-    def _poses(self, chosen: dict[str, Topic], offset: float) -> PoseSource | None:
+    def _poses(self, chosen: dict[str, Topic], offset: float) -> _Source | None:
         """Return the source of the sensor's poses that the layout selects, or None."""
-        layout, where = self._layout, str(self.path)
-        if "pose" in chosen and chosen["pose"].name == LIVE_POSE:  # at the readings' own stamps, and nowhere between
-            return _Tracked(_Stream(chosen["pose"], self._source), PoseTrack(0.0, 0.0))
+        layout, where, track = self._layout, str(self.path), PoseTrack(offset, self._layout.max_gap)
+        pose = chosen.get("pose")
+        if pose is not None and pose.name == LIVE_POSE:  # at the readings' own stamps, and nowhere between
+            return self._tracked(pose, PoseTrack(0.0, 0.0))
         if layout.frames is None:
-            if "pose" not in chosen:
-                return None
-            return _Tracked(_Stream(chosen["pose"], self._source), PoseTrack(offset, layout.max_gap))
+            return None if pose is None else self._tracked(pose, track)
         topics = self._source.topics()
         if layout.urdf is not None:
             topic = joint_topic(topics, layout.joints_topic, where)
-            stamped = _has_stamps(self._source, topic, lambda messages: joint_stamps(messages, topic))
-            track = PoseTrack(offset, layout.max_gap)
+            stamped = self._source.has_stamps(topic, lambda messages: joint_stamps(messages, topic))
             return JointPoses(topic, Kinematics(Urdf(layout.urdf), *layout.frames), track, stamped=stamped)
         if self._frames is None:
             self._frames = read_frames(self._source, tree_topics(topics))
@@ -231,7 +206,7 @@ class _Stream:
         self.topic, self._array = topic, array
         self._shape = () if array is None else array.shape
         self.count = self.unread = 0
-        self._stamped = has_header(topic.kind) and _has_stamps(source, topic, self._stamps)
+        self._stamped = has_header(topic.kind) and source.has_stamps(topic, self._stamps)
 
     def read(self, messages: MessageBlock) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n k"]]:
         """Return times (n,) [s] and numbers (n, k) of the topic; NaN where a message is cut or of another form."""
@@ -262,84 +237,52 @@ class _Stream:
         return tuple(sentence for there, sentence in said if there)
 
     def _stamps(self, messages: MessageBlock) -> Int[np.ndarray, " n"]:
-        stamps, _, sound = decode(messages.of(self.topic), self.topic, self._shape)
+        stamps, _, sound = decode(messages, self.topic, self._shape)
         return stamps[sound]
 
 
-def _has_stamps(source: MessageFile, topic: Topic, read: Callable[[MessageBlock], Int[np.ndarray, " n"]]) -> bool:
-    """Check whether one of the first two readable stamps is not 0: a clock may begin at 0."""
-    found = np.empty(0, dtype=np.int64)
-    with closing(source.messages([topic.name])) as pieces:
-        for messages in pieces:
-            found = np.concatenate([found, read(messages)])
-            if len(found) > 1:
-                break
-    return bool(found[:2].any()) or not len(found)
-
-
 class _Tracked:
-    """The poses, accelerations or temperatures of one topic, interpolated between messages."""
+    """The poses, accelerations, temperatures or wrenches of one topic, to be taken at the times of rows."""
 
-    def __init__(self, stream: _Stream, track: PoseTrack, *, still: bool = False) -> None:
-        self.stream, self.track, self._still = stream, track, still
-        self.topics = (stream.topic,)
+    def __init__(self, stream: _Stream, track: PoseTrack | WrenchMeans) -> None:
+        self.stream, self.track, self.topics = stream, track, (stream.topic,)
 
     def add(self, messages: MessageBlock) -> None:
         """Add the messages of the topic in a block to the track."""
         time, values = self.stream.read(messages)
-        if self._still:  # as positions, which are interpolated linearly
+        if isinstance(self.track, WrenchMeans):
+            self.track.add(time, values)
+        elif values.shape[1] == 7:
+            self.track.add(time, values[:, 3:], values[:, :3])
+        else:  # as positions, which are interpolated linearly
             three = np.broadcast_to(values, (len(time), 3))
             self.track.add(time, np.tile([0.0, 0.0, 0.0, 1.0], (len(time), 1)), three)
-        else:
-            self.track.add(time, values[:, 3:], values[:, :3])
 
     def notes(self) -> tuple[str, ...]:
         """Return notes on unreadable messages and on those that the track dropped."""
         return (*self.stream.notes(), *self.track.notes())
 
 
-class _Beside:
-    """The wrenches of one topic, averaged about the rows of another."""
-
-    def __init__(self, stream: _Stream, layout: LogLayout) -> None:
-        limits = None if layout.wrench_range is None else SampleReader(layout, Path()).recorded(layout.wrench_range)
-        self.stream, self.track = stream, WrenchMeans(0.0, layout.max_gap, limits)
-
-    def add(self, messages: MessageBlock) -> None:
-        """Add the wrenches in a block of messages."""
-        self.track.add(*self.stream.read(messages))
-
-    def notes(self) -> tuple[str, ...]:
-        """Return notes on unreadable and late wrenches."""
-        return (*self.stream.notes(), *self.track.notes())
+_Source = _Tracked | JointPoses | TreePoses
 
 
 class _Join:
     """A join that delays rows until poses, accelerations and wrenches around their time have arrived."""
 
-    def __init__(
-        self,
-        main: _Stream,
-        sources: Mapping[str, PoseSource],
-        samples: SampleReader,
-        layout: LogLayout,
-        wrenches: _Beside | None = None,
-    ) -> None:
-        self._main, self._sources, self._samples, self._layout = main, sources, samples, layout
-        self._wrenches = wrenches
+    def __init__(self, main: _Stream, sources: Mapping[str, _Source], samples: SampleReader, layout: LogLayout) -> None:
+        self.main, self._sources, self._samples, self._layout = main, sources, samples, layout
         array = main_channel(layout)
         self._name, self._width = ("wrench", 6) if array is None else (array.name, array.size)
         width = self._width
         self._block, self._held = rows_at_once(BLOCK, width), rows_at_once(HELD, width, 8 * NUMBERS)
-        self._tracks = {role: source.track for role, source in sources.items()}
         self._time, self._values = list[np.ndarray](), list[np.ndarray]()  # of rows that wait
         self._fresh = self.rows = self._lost = 0
 
     def take(self, messages: MessageBlock) -> Iterator[Recording]:
         """Add a block of messages, and yield the rows that are now complete."""
-        for source in (*self._sources.values(), *self._beside):
+        for source in self._sources.values():
             source.add(messages)
-        time, values = self._main.read(messages)
+        time, values = self.main.read(messages)
         self._time.append(time)
         self._values.append(values)
         self._fresh += len(time)
@@ -349,15 +292,14 @@ class _Join:
 
     def finish(self) -> Iterator[Recording]:
         """Yield the remaining rows, once there are no more messages."""
-        for track in self._all:
-            track.complete()
+        for source in self._sources.values():
+            source.track.complete()
         if self._time:
             yield from self._release(complete=True)
 
     def notes(self) -> tuple[str, ...]:
         """Return notes on all streams and on samples without a pose, one sentence each."""
-        said = [note for source in (*self._sources.values(), *self._beside) for note in source.notes()]
-        said = [*self._main.notes(), *said]
+        said = [note for source in (self.main, *self._sources.values()) for note in source.notes()]
         pose = self._sources.get("pose")
         if isinstance(pose, _Tracked) and self._layout.orientation_topic is None:
             said.insert(0, f"the orientation is taken from {pose.stream.topic.name!r}, the only topic of poses")
@@ -365,22 +307,9 @@ class _Join:
             said.append(f"{self._lost} samples have no pose: none for their time had arrived {self._held} rows later")
         return tuple(dict.fromkeys((*said, *self._samples.notes())))
 
-    @property
-    def topic(self) -> Topic:
-        """Topic of the rows."""
-        return self._main.topic
-
-    @property
-    def _beside(self) -> tuple[_Beside, ...]:
-        return () if self._wrenches is None else (self._wrenches,)
-
-    @property
-    def _all(self) -> tuple[PoseTrack | FramePath | WrenchMeans, ...]:
-        return (*self._tracks.values(), *(beside.track for beside in self._beside))
-
     def _release(self, *, complete: bool) -> Iterator[Recording]:
-        time, values = _joined(self._time), _joined(self._values)
-        ready = min((track.answerable(time) for track in self._all), default=len(time))
+        time, values = np.concatenate(self._time), np.concatenate(self._values)
+        ready = min((source.track.answerable(time) for source in self._sources.values()), default=len(time))
         if not complete and len(time) - ready > self._held:
             self._lost += len(time) - self._held - ready
             ready = len(time) - self._held
@@ -391,8 +320,8 @@ class _Join:
             self.rows += len(time[piece])
             yield self._samples.block(time[piece], {**self._rows(values[piece]), **self._others(time[piece])})
         oldest = float(np.min(time, initial=np.inf, where=np.isfinite(time)))
-        for track in self._all if np.isfinite(oldest) else ():
-            track.forget(oldest)
+        for source in self._sources.values() if np.isfinite(oldest) else ():
+            source.track.forget(oldest)
 
     def _rows(self, values: Float[np.ndarray, "n k"]) -> dict[str, np.ndarray]:
         """Return the readings; those of a live record with a wrench are split into array, wrench and count."""
@@ -403,16 +332,13 @@ class _Join:
 
     def _others(self, time: Float[np.ndarray, " n"]) -> dict[str, Float[np.ndarray, "n _"]]:
         found: dict[str, np.ndarray] = {}
-        for role, track in self._tracks.items():
-            quaternion, position = track.at(time)
+        for role, source in self._sources.items():
+            if isinstance(source.track, WrenchMeans):
+                found[WRENCH], found[AVERAGED] = source.track.means(time)
+                continue
+            quaternion, position = source.track.at(time)
             if role == "pose":
                 found |= {ORIENTATION: quaternion, POSITION: position}
             else:
                 found |= {ACCELERATION: position} if role == "acceleration" else {TEMPERATURE: position[:, :1].copy()}
-        for beside in self._beside:
-            found[WRENCH], found[AVERAGED] = beside.track.means(time)
         return found
-
-
-def _joined(pieces: list[np.ndarray]) -> np.ndarray:
-    return pieces[0] if len(pieces) == 1 else np.concatenate(pieces)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from itertools import count, pairwise
 from struct import Struct
 from struct import error as StructError
@@ -173,17 +173,10 @@ def _bytes(data: bytes, at: Int[np.ndarray, " n"], width: int) -> np.ndarray:
 
 def _in_order(pieces: list[Transforms]) -> Transforms:
     """Join transforms and sort them by message, in the order within each."""
-    message = _joined([piece.message for piece in pieces])
-    order = np.argsort(message, kind="stable")
-    parent, child, stamp = (
-        _joined([getattr(piece, name) for piece in pieces])[order] for name in ("parent", "child", "stamp")
-    )
-    values = np.concatenate([np.zeros((0, 7)), *(piece.values for piece in pieces)])[order]
-    return Transforms(parent, child, stamp, message[order], values)
-
-
-def _joined(pieces: list[np.ndarray]) -> np.ndarray:
-    return np.concatenate([np.zeros(0, dtype=np.int64), *pieces])
+    pieces = [Transforms(*np.zeros((4, 0), dtype=np.int64), np.zeros((0, 7))), *pieces]
+    joined = [np.concatenate([getattr(piece, each.name) for piece in pieces]) for each in fields(Transforms)]
+    order = np.argsort(joined[3], kind="stable")
+    return Transforms(*(values[order] for values in joined))
 
 
 @takes_arrays
@@ -314,18 +307,15 @@ class TreePoses:
             self.track: FramePath = frames.tree(offset, max_gap).path(base, sensor)
         except InputError as problem:
             raise InputError(problem.what, where=where, hint=problem.hint) from problem
-        self._needed = self._tracks()
-        self.topics = tuple(topic for topic in frames.topics if not _static(topic)) if self._needed else ()
-        self.count = self.unread = 0
-        self._names = dict[str, int]()
-
-    def _tracks(self) -> Mapping[tuple[str, str], PoseTrack]:
         names = pairwise(self.track.frames)
-        return {
+        self._needed: Mapping[tuple[str, str], PoseTrack] = {
             ((second, first) if inverted else (first, second)): edge
             for (first, second), (edge, inverted) in zip(names, self.track.steps, strict=True)
             if isinstance(edge, PoseTrack)
         }
+        self.topics = tuple(topic for topic in frames.topics if not _static(topic)) if self._needed else ()
+        self.count = self.unread = 0
+        self._names = dict[str, int]()
 
     def add(self, messages: MessageBlock) -> None:
         """Add the transforms in a block of messages to the tracks of moving edges."""

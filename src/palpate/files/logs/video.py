@@ -28,23 +28,26 @@ _ROUNDED = 1e-3  # s: to which Matroska rounds its stamps
 
 
 def is_video(first: bytes) -> bool:
-    """Return whether the first bytes of a file are those of a video."""
+    """Return True if the first bytes of a file, twelve or more, are those of a video."""
     riff = first[:4] == b"RIFF" and first[8:11] == b"AVI"
     return riff or first[:4] == b"\x1aE\xdf\xa3" or first[4:8] in _BOXES
 
 
 class VideoLog(ImageLog):
-    """A log in a video file; each frame in it is a sample, even one that cannot be decoded.
+    """A log in a video file, one sample per frame, even for one that cannot be decoded.
 
-    A first pass counts the frames and reads their stamps, without decoding. Times are k / rate by the layout's rate, or
-    else by the file's if its stamps agree with that, or else the stamps (for a variable rate).
+    Times are k / rate by the layout's rate; else by the file's, if its stamps agree with that; else the stamps.
+
+    Raises:
+        OSError: the file does not exist.
+        InputError: the layout is invalid.
     """
 
     def __init__(self, path: Path, layout: LogLayout) -> None:
         super().__init__(path, path.stat().st_size, layout)
 
     def contents(self) -> LogContents:
-        """Return `LogContents` with size, frame count, rate and codec, as the file's header announces them.
+        """Return size, frame count, rate and codec, as the file's header announces them.
 
         Raises:
             InputError: the video cannot be opened, or OpenCV is not installed.
@@ -59,12 +62,12 @@ class VideoLog(ImageLog):
         """Yield the frames as recordings.
 
         Raises:
-            InputError: no frame can be decoded, the layout requests anything else than images, or OpenCV is not
-                installed.
+            InputError: the video cannot be opened, no frame can be decoded, the layout requests anything but images, or
+                OpenCV is not installed.
         """
         cv2 = self._begin("a video")
         stamps, announced = self._stamps(cv2)
-        yield from self._frames.blocks(self._decoded(cv2, stamps))
+        yield from self._recordings(self._decoded(cv2, stamps))
         if announced:
             self.torn = f"the video is cut short: it announces {announced:,} frames and holds {len(stamps):,}"
 

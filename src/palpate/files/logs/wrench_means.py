@@ -14,22 +14,19 @@ SLACK = 1e-6  # s: seconds since 1970 are only good to a quarter of this
 
 @takes_arrays
 class WrenchMeans:
-    """Wrenches that are added in pieces, and averaged about the times of rows, for example frames of a skin, in order.
+    """Wrenches that are added in pieces, and averaged about the times of rows, such as frames of a skin, in order.
 
-    The mean of a row is over the readings within half a step of the rows to either side of it, so that all are used
-    once and the mean belongs to the row's own time. If there are none, as for a sensor slower than the rows, the wrench
-    is interpolated linearly between its neighbours. Results do not depend on how rows or wrenches are cut into pieces.
+    The mean of a row is over the readings within half a step to either side of it, so that each is used once. If there
+    are none, the wrench is interpolated linearly between its neighbours. How rows or wrenches are cut into pieces makes
+    no difference.
 
     Args:
-        offset: [s] added to the wrenches' stamps to put them on the rows' clock.
         max_gap: [s] largest gap between neighbours that is interpolated, and the longest step between rows.
         limits: (6,) as recorded, at which a reading is saturated: a mean that includes it is replaced by it.
     """
 
-    def __init__(
-        self, offset: float = 0.0, max_gap: float = 0.25, limits: Float[np.ndarray, "6"] | None = None
-    ) -> None:
-        self.offset, self.max_gap = offset, max_gap
+    def __init__(self, max_gap: float = 0.25, limits: Float[np.ndarray, "6"] | None = None) -> None:
+        self.max_gap = max_gap
         self.late = self.unanswered = self.rows = 0
         self._limits = np.full(6, np.inf) if limits is None else limits
         self._kept, self._fresh = np.zeros((0, 7)), list[np.ndarray]()
@@ -38,8 +35,8 @@ class WrenchMeans:
         self._step = 0.0  # between rows, the last that was no gap
 
     def add(self, time: Float[np.ndarray, " n"], wrenches: Float[np.ndarray, "n 6"]) -> None:
-        """Add readings; one without a stamp or a number, or not newer than all before, is dropped."""
-        stamped = np.column_stack([time + self.offset, wrenches])
+        """Add readings (n, 6) at times (n,) [s]; one that is not finite, or not newer than all before, is dropped."""
+        stamped = np.column_stack([time, wrenches])
         stamped = stamped[np.isfinite(stamped).all(axis=1)]
         reached = np.maximum.accumulate(np.append(self._newest, stamped[:, 0]))
         newer = stamped[:, 0] > reached[:-1]
@@ -52,14 +49,14 @@ class WrenchMeans:
         self._complete = True
 
     def answerable(self, time: Float[np.ndarray, " n"]) -> int:
-        """Return the number of the next rows whose means future readings cannot change."""
+        """Return how many of the next rows, at times (n,) [s], have means that future readings cannot change."""
         waits = np.flatnonzero(time + self._halves(time)[0] > self._newest)
         return len(time) if self._complete or not len(waits) else int(waits[0])
 
     def means(self, time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 1"]]:
-        """Return the wrenches of the next rows (n, 6) as recorded, NaN if unknown, and the readings averaged (n, 1).
+        """Return the wrenches of the next rows, at times (n,) [s], and the number of readings averaged in each, (n, 1).
 
-        The number of readings is 0 if the wrench was interpolated or is unknown.
+        Wrenches are (n, 6) as recorded, NaN if unknown; the number is 0 if one was interpolated or is unknown.
         """
         halves, self._step = self._halves(time)
         known = time[np.isfinite(time)]
@@ -76,7 +73,7 @@ class WrenchMeans:
         return made, counts[:, None].astype(np.float64)
 
     def forget(self, before: float) -> None:
-        """Drop readings that rows at `before` [s] and later do not need."""
+        """Drop the readings that rows at `before` [s] and later do not need."""
         kept = self._gathered()
         first = int(np.searchsorted(kept[:, 0], before - self.max_gap - SLACK)) - 1
         if first > 0:
@@ -97,8 +94,7 @@ class WrenchMeans:
             passed = now - last
             if 0 < passed <= self.max_gap + SLACK:
                 step = passed
-            if now == now:  # no NaN
-                last = now
+            last = last if np.isnan(now) else now
             halves[k] = step / 2
         return halves, step
 
@@ -121,18 +117,14 @@ class WrenchMeans:
         self, time: Float[np.ndarray, " n"], stamps: Float[np.ndarray, " k"], values: Float[np.ndarray, "k 6"]
     ) -> Float[np.ndarray, "n 6"]:
         """Interpolate linearly between the neighbours of each row; NaN over gaps longer than `max_gap`."""
-        made = np.full((len(time), 6), np.nan)
-        if not len(stamps):
-            return made
-        after = np.clip(np.searchsorted(stamps, time, side="left"), 1, max(len(stamps) - 1, 1))
-        if len(stamps) == 1:
-            return made
+        if len(stamps) < 2:
+            return np.full((len(time), 6), np.nan)
+        after = np.clip(np.searchsorted(stamps, time, side="left"), 1, len(stamps) - 1)
         gap = stamps[after] - stamps[after - 1]
         share = (time - stamps[after - 1]) / gap
         near = (share >= 0) & (share <= 1) & (gap <= self.max_gap + SLACK)
         line = values[after - 1] + share[:, None] * (values[after] - values[after - 1])
-        made[near] = line[near]
-        return made
+        return np.where(near[:, None], line, np.nan)
 
     def _gathered(self) -> Float[np.ndarray, "k 7"]:
         if self._fresh:
