@@ -108,11 +108,12 @@ def test_several_contacts_are_one_line_the_strongest_first(
 
 
 def test_the_newest_goes_out_at_the_rate_and_a_change_of_status_at_once(
-    opened: Callable[..., JsonLines], udp: socket.socket
+    opened: Callable[..., JsonLines], udp: socket.socket, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """At 1 kHz, in blocks of 5 ms, 10 ms a line; samples 23 and 24 alone are no contact, the last of a block waits."""
     now = [0.0]
-    sender = opened(_to(udp), rate=100.0, clock=lambda: now[0])
+    monkeypatch.setattr("palpate.live.json_lines.monotonic", lambda: now[0])
+    sender = opened(_to(udp), rate=100.0)
     statuses = [Status.NO_CONTACT if k in (23, 24) else Status.CONTACT for k in range(40)]
     whole = _at([1e-3 * k for k in range(40)], statuses)
     for begin in range(0, 40, 5):
@@ -156,11 +157,14 @@ def test_where_nobody_listens_nothing_happens_and_who_comes_late_is_served(
     assert nobody.dropped == 0
 
 
-def test_a_listener_that_does_not_read_is_not_waited_for(opened: Callable[..., JsonLines], tmp_path: Path) -> None:
+def test_a_listener_that_does_not_read_is_not_waited_for(
+    opened: Callable[..., JsonLines], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     now = [0.0]
+    monkeypatch.setattr("palpate.live.json_lines.monotonic", lambda: now[0])
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listener:
         listener.bind(str(tmp_path / "contacts"))
-        sender = opened(f"unix:{tmp_path / 'contacts'}", rate=0.0, clock=lambda: now[0])
+        sender = opened(f"unix:{tmp_path / 'contacts'}", rate=0.0)
         sender.publish(touches(0, 2000))
         assert sender.sent + sender.dropped == 2000
         assert sender.dropped > 0

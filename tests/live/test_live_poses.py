@@ -199,17 +199,21 @@ NOWHERE, STRAIGHT = np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])
 
 @pytest.mark.parametrize("oldest", ["first", "last"])
 def test_the_oldest_edge_has_the_age_and_what_edges_may_have_turned_adds_as_squares(oldest: str) -> None:
-    """Held edges that turn about z by 1 and 2 rad/s, the newest of them 20 and 50 ms before the sample."""
-    poses = LivePoses(("a", "c"), hold=True)
+    """Edges that turn about z, faster and faster, the newest of them 20 and 50 ms before the sample."""
+    poses, squares = LivePoses(("a", "c")), 0.0
     ages = [50, 20] if oldest == "first" else [20, 50]  # ms
     for (parent, child), speed, age in zip((("a", "b"), ("b", "c")), (1.0, 2.0), ages, strict=True):
         ms = np.arange(-400, -age + 1, 10)
-        turned = Rotation.from_rotvec(np.outer(1e-3 * ms * speed, [0.0, 0.0, 1.0])).as_quat()
+        turned = Rotation.from_rotvec(np.outer((1e-3 * ms) ** 2 * speed, [0.0, 0.0, 1.0])).as_quat()
+        alone = LiveTrack()
+        alone.add((ms + 400) / 1e3, turned, np.zeros((len(ms), 3)))
+        squares += alone.lag(np.full(1, 0.4))[1].item() ** 2
         rows = [(START + int(each) * 10**6, parent, child, NOWHERE, q) for each, q in zip(ms, turned, strict=True)]
         poses.add(_tree("/tf", rows))
     found = poses.at(np.array([START]))
     assert found.age[0] == pytest.approx(0.05)
-    assert found.turned[0] == pytest.approx(np.hypot(1e-3 * ages[0], 2e-3 * ages[1]), rel=1e-6)
+    assert squares > 1e-8
+    assert found.turned[0] ** 2 == pytest.approx(squares, rel=1e-6)
 
 
 def test_transforms_without_stamps_are_of_when_they_were_sent() -> None:

@@ -39,7 +39,7 @@ def ros_name(name: str) -> str:
 
 
 def _cyclone() -> SimpleNamespace:
-    """Return the public names of cyclonedds' modules in one namespace.
+    """Return the public names of cyclonedds' modules as one namespace.
 
     Raises:
         InputError: cyclonedds is not installed.
@@ -55,11 +55,14 @@ def _cyclone() -> SimpleNamespace:
 
 
 class DdsNode:
-    """A participant in a domain, with its own configuration, independent of files and environment variables.
+    """A participant in a domain, configured without files and environment variables.
 
     Args:
         domain: number of the domain, as ROS_DOMAIN_ID.
-        interface: name or address of the network interface; "" stays on this machine: loopback, without multicast.
+        interface: name or address of the network interface; "": loopback only, without multicast.
+
+    Attributes:
+        where: words for the domain in errors.
     """
 
     def __init__(self, domain: int = 0, interface: str = "") -> None:
@@ -75,7 +78,7 @@ class DdsNode:
         """Join the domain.
 
         Returns:
-            A sentence if the ports of this process could not be restricted to the loopback interface, else "".
+            A sentence if the process's ports could not be restricted to the loopback interface as asked; else "".
 
         Raises:
             InputError: cyclonedds is not installed, the interface does not exist, or too many participants are on it.
@@ -95,12 +98,10 @@ class DdsNode:
             ) from problem
         self._dds = dds
         self._seen = dds.BuiltinDataReader(self._participant, dds.BuiltinTopicDcpsPublication)
-        if self.interface:
-            return ""
-        return _keep_to_loopback(self.domain, before)
+        return "" if self.interface else _keep_to_loopback(self.domain, before)
 
     def close(self) -> None:
-        """Leave the domain and end the node's readers and writers; may be called again."""
+        """Leave the domain and end its readers and writers; may be called again."""
         for end in self._ends:
             end.entity = end.waiting = None
         self._ends = []
@@ -115,9 +116,10 @@ class DdsNode:
             topic: name as in ROS.
             kind: type of the messages.
             reliable: request lost messages again, from publishers that offer it; else all publishers are heard, and
-                messages that the network loses are only counted.
+                lost messages are only counted.
             latched: also request messages that were published before (/tf_static).
-            depth: most messages that wait; beyond it the newest are lost and counted, or with `reliable` the oldest.
+            depth: most messages that wait; beyond it the newest are lost and counted; with `reliable` or `latched` the
+                oldest are lost.
 
         Raises:
             InputError: the topic's name is not valid in ROS, or the type is unknown.
@@ -135,7 +137,13 @@ class DdsNode:
         return made
 
     def writer(self, topic: str, kind: str, *, latched: bool = False, depth: int = 100) -> Writer:
-        """Return a reliable `Writer` to one topic; `latched` keeps the last `depth` messages for later readers.
+        """Return a reliable `Writer` to one topic of the open node.
+
+        Args:
+            topic: name as in ROS.
+            kind: type of the messages.
+            latched: keep the last `depth` messages for later readers.
+            depth: most messages that wait for slow readers.
 
         Raises:
             InputError: the topic's name is not valid in ROS, or the type is unknown.
@@ -150,7 +158,7 @@ class DdsNode:
         return made
 
     def topics(self) -> list[Topic]:
-        """Return a `Topic` for each topic of ROS published now, sorted by name; `count` is its number of publishers."""
+        """Return the topics of ROS published now, sorted by name; `count` is their number of publishers."""
         state = self._dds
         alive = state.SampleState.Any | state.ViewState.Any | state.InstanceState.Alive
         condition = state.ReadCondition(self._seen, alive)
@@ -162,7 +170,7 @@ class DdsNode:
         return [Topic(*key, "cdr", publishers) for key, publishers in sorted(found.items())]
 
     def settled(self, patience: float, names: Sequence[str] = ()) -> list[Topic]:
-        """Return the published topics, as `topics` does, once all `names` are among them, or after `patience` [s]."""
+        """Return `topics` once all `names` are among them, or after `patience` [s]; without names after that time."""
         deadline = time.monotonic() + patience
         while True:
             there = self.topics()
@@ -179,14 +187,14 @@ class DdsNode:
 
 
 class _End:
-    """A reader or a writer, which can be used while its node is open."""
+    """A reader or a writer of an open node."""
 
     def __init__(self, entity: Any, dds: Any) -> None:
         self.entity, self.waiting, self._dds = entity, None, dds
 
 
 class DdsReader(_End):
-    """A reader of one topic, whose messages are bytes.
+    """A reader of one topic, of messages as bytes.
 
     Attributes:
         topic: name and type of the topic.
@@ -201,11 +209,11 @@ class DdsReader(_End):
         self._lost = 0
 
     def wait(self, timeout: float) -> bool:
-        """Wait up to `timeout` [s] for a message, and return whether there is one."""
+        """Return whether a message waits; wait up to `timeout` [s] for one."""
         return self.waiting.wait(round(max(timeout, 0.0) * 1e9)) > 0
 
     def take(self, limit: int = DEPTH) -> MessageBlock:
-        """Return up to `limit` waiting messages as a `MessageBlock`: bytes (CDR), and the times [ns] of sending."""
+        """Return up to `limit` waiting messages: a `MessageBlock` of bytes (CDR) and times [ns] of sending."""
         samples = [sample for sample in self.entity.take(limit) if sample.sample_info.valid_data]
         length = np.array([len(sample.data) for sample in samples], dtype=np.int64)
         sent = np.array([sample.sample_info.source_timestamp for sample in samples], dtype=np.int64)
@@ -214,7 +222,7 @@ class DdsReader(_End):
         return MessageBlock(data, {0: self.topic}, np.zeros(len(samples), dtype=np.int64), sent, start, length)
 
     def lost(self) -> int:
-        """Return the number of messages since the last call that the network lost or that had no room."""
+        """Return the number of messages lost since the last call, by the network or for lack of room."""
         total = self.entity.get_sample_lost_status().total_count + self.entity.get_sample_rejected_status().total_count
         self._lost, before = total, self._lost
         return total - before
@@ -226,14 +234,14 @@ class DdsReader(_End):
 
 
 class Writer(_End):
-    """A writer to one topic, whose messages are bytes."""
+    """A writer of messages, as bytes, to one topic."""
 
     def __init__(self, entity: Any, dds: Any, made: Any) -> None:
         super().__init__(entity, dds)
         self._made = made
 
     def write(self, data: bytes) -> bool:
-        """Send one message; return False if readers were too slow to take it within 10 ms.
+        """Send one message, and return True; False if slow readers did not take it within 10 ms.
 
         Raises:
             DDSException: cyclonedds cannot send it for another reason.
@@ -253,7 +261,7 @@ class Writer(_End):
 
 
 def _configuration(domain: int, interface: str) -> str:
-    """Return the XML configuration for cyclonedds; the domain's id inside the process differs from its network id."""
+    """Return cyclonedds' configuration as XML."""
     local = not interface
     key = "address" if local or _is_address(interface) else "name"
     peers = f'<Peers><Peer address="{LOOPBACK}"/></Peers>' if local else ""
@@ -272,7 +280,7 @@ def _is_address(text: str) -> bool:
 
 
 def _check_interface(interface: str) -> None:
-    """Raise InputError unless this machine has the network interface, by name or address; "" is allowed."""
+    """Raise InputError unless this machine has the interface, by name or address, or it is ""."""
     names = [name for _, name in socket.if_nameindex()]
     if not interface or interface in names:
         return
@@ -288,7 +296,7 @@ def _check_interface(interface: str) -> None:
 
 
 def _sockets() -> dict[str, int]:
-    """Return the sockets of this process, name -> file descriptor; none if the system has no /proc."""
+    """Return the sockets of this process, name -> file descriptor; {} without /proc."""
     folder, found = Path("/proc/self/fd"), dict[str, int]()
     for name in os.listdir(folder) if folder.is_dir() else ():
         with suppress(FileNotFoundError):  # that of the folder itself
@@ -297,14 +305,14 @@ def _sockets() -> dict[str, int]:
 
 
 def _keep_to_loopback(domain: int, before: Collection[str]) -> str:
-    """Close the ports of a domain to other interfaces than loopback: cyclonedds opens them to all in any case.
+    """Close a domain's ports to other interfaces than loopback, because cyclonedds opens them to all.
 
     Args:
         domain: number of the domain.
         before: names of this process's sockets to leave as they are.
 
     Returns:
-        A sentence if the system does not allow it, else "".
+        A sentence if the system does not allow it; else "".
     """
     option = getattr(socket, "SO_BINDTODEVICE", None)
     names = [name for _, name in socket.if_nameindex() if name.startswith("lo")]

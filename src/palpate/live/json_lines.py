@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from time import monotonic
 from typing import Any
 
@@ -25,7 +25,7 @@ Address = str | tuple[str, int] | tuple[str, int, int, int]
 
 
 def datagram_address(to: str) -> tuple[socket.AddressFamily, Address]:
-    """Return (family, address) of the socket to send to; the address is a path, or (host, port), with IPv6 longer.
+    """Return (family, address) of the socket to send to; the address is a path, or (host, port, ...).
 
     Args:
         to: "udp:HOST:PORT" or "unix:PATH".
@@ -64,14 +64,12 @@ class JsonLines:
     ```
 
     `contacts` are those that have a place, the strongest first, each with the sensor's features in SI; `status` is that
-    of the strongest, or says why there is none. The publisher never waits: lines that the network or a slow listener
-    cannot take are dropped and counted; without a listener nothing is sent.
+    of the strongest, or says why there is none. Lines that the network or a slow listener cannot take are dropped.
 
     Args:
         to: "udp:HOST:PORT" or "unix:PATH", a datagram socket that the listener makes.
-        rate: [Hz] at most; the newest sample is sent, and any sample that changes the status or the identities is sent
-            at once. 0: every sample.
-        clock: function that returns the time [s] for the rate.
+        rate: [Hz] at most, of the newest samples; one that changes the status or the identities is sent at once. 0:
+            every sample.
 
     Attributes:
         sent: number of lines sent.
@@ -81,12 +79,12 @@ class JsonLines:
         InputError: the address is not valid.
     """
 
-    def __init__(self, to: str, rate: float = 100.0, clock: Callable[[], float] = monotonic) -> None:
+    def __init__(self, to: str, rate: float = 100.0) -> None:
         family, self._address = datagram_address(to)
         self.to, self.sent, self.dropped = to, 0, 0
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
-        self._period, self._clock = 1.0 / rate if rate else 0.0, clock
+        self._period = 1.0 / rate if rate else 0.0
         self._due = self._say_at = -np.inf
         self._said_of = 0
         self._state: tuple[object, ...] | None = None
@@ -96,7 +94,7 @@ class JsonLines:
         """Send those samples that are due at the rate.
 
         Args:
-            contacts: the contacts of the next samples, in order; without any, a sample that waited for the rate goes.
+            contacts: the contacts of the next samples, in order; may be empty, to send a sample that waited.
         """
         for one, last in _each(contacts, every=not self._period):
             state = (*one.status.tolist(), *one.identity.tolist())
@@ -105,17 +103,17 @@ class JsonLines:
                 self._state, self._waiting = state, None
             elif last:
                 self._waiting = one
-        if self._waiting is not None and self._clock() >= self._due:
+        if self._waiting is not None and monotonic() >= self._due:
             self._send(self._waiting)
             self._waiting = None
 
     def tare_requested(self) -> bool:
-        """Return False: listeners cannot request a tare, because datagrams go one way."""
+        """Return False, because listeners cannot request a tare."""
         return False
 
     def events(self) -> list[str]:
-        """Return a list with a sentence on lines dropped since the last one, every 10 s at most; else []."""
-        now = self._clock()
+        """Return a sentence on the lines dropped since the last one, every 10 s at most; else []."""
+        now = monotonic()
         if self.dropped == self._said_of or now < self._say_at:
             return []
         more, self._said_of, self._say_at = self.dropped - self._said_of, self.dropped, now + AGAIN
@@ -126,7 +124,7 @@ class JsonLines:
         self._socket.close()
 
     def _send(self, contacts: Contacts) -> None:
-        self._due = self._clock() + self._period
+        self._due = monotonic() + self._period
         line = json.dumps(_object(contacts), allow_nan=False, separators=(",", ":")).encode() + b"\n"
         try:
             self._socket.sendto(line, self._address)

@@ -19,10 +19,10 @@ from numpy.typing import DTypeLike
 from palpate.errors import InputError
 from palpate.files.units import FORCE_UNITS, TORQUE_UNITS, known_unit
 from palpate.live.datagrams import Datagrams, ask_buffer, packed_address
-from palpate.live.netft_page import read_page
+from palpate.live.netft_page import UNREACHED, read_page
 from palpate.live.netft_status import status_word
 from palpate.live.sequence import SequenceCounters
-from palpate.live.source import BATCH, SILENT, Batch
+from palpate.live.source import BATCH, SILENT, Batch, drained
 from palpate.signals.recording import FORCE
 
 if TYPE_CHECKING:
@@ -34,14 +34,7 @@ __all__ = ["BIAS", "REQUEST", "SAMPLE", "START", "STOP", "NetFt"]
 REQUEST = struct.Struct(">HHI")  # 0x1234, a command, number of samples (0: without end)
 HEADER, STOP, START, BIAS = 0x1234, 0, 2, 0x42
 SAMPLE = np.dtype([("rdt", ">u4"), ("ft", ">u4"), ("status", ">u4"), ("counts", ">i4", 6)])
-_SLOTS = np.dtype(
-    {
-        "names": ["rdt", "ft", "status", "counts"],
-        "formats": [">u4", ">u4", ">u4", (">i4", 6)],
-        "offsets": [0, 4, 8, 12],
-        "itemsize": 64,  # more than a sample, so that a longer datagram is noticed
-    }
-)
+_SLOTS = np.dtype([*SAMPLE.descr, ("rest", "V28")])  # longer than a sample, so that a longer datagram is noticed
 _BUFFER = 4 << 20  # bytes of receive buffer to ask for: more than a second at the fastest rate
 _BOOKED = 832  # bytes that Linux books in twice the buffer for each datagram
 _ASK = 0.5  # s without a sample between requests to the device to send
@@ -49,19 +42,20 @@ _FIRST, _PAGE, _PAGE_AGAIN = 2.0, 2.0, 0.3  # s to wait: for the first sample; f
 _RETRY, _RETRIES = 2.0, 5  # s between tries to read the page after a reconnection, and how many
 _SAID_EACH = 1.0  # s between two sentences of one kind
 _MOST_SAID = 200
+_MISSING, _GAPS = "missing samples", "gaps"  # as counted in sentences
 
 
 class NetFt:
-    """A Net F/T as a `palpate.live.source.Source`.
+    """A Net F/T as a `palpate.live.source.Source` of wrenches in N and N m.
 
-    Values are in N and N m, whatever units the device is set to, about the origin and in the axes that it is set to.
-    Samples whose status marks them as invalid are NaN.
+    Wrenches are about the origin and in the axes that the device is set to. Samples whose status marks them as invalid
+    are NaN.
 
     Args:
         address: name or IPv4 address.
         port: UDP port of its samples (RDT).
         web: TCP port of its page (HTTP).
-        rate: [Hz] at which samples are expected; None: the rate on the device's page.
+        rate: [Hz] expected; a page that states another is reported. None: the page's rate.
     """
 
     shape: tuple[int, ...] = (6,)
@@ -115,9 +109,9 @@ class NetFt:
         self._say_connected()
 
     def receive(self, batch: Batch, timeout: float) -> int:
-        """Fill a batch and return how many samples came; request a silent device to start again every 0.5 s.
+        """Fill a batch and return how many samples came; wait up to `timeout` [s] for the first.
 
-        Wait up to `timeout` [s] for the first sample.
+        A silent device is requested to start again every 0.5 s.
 
         Raises:
             OSError: the socket cannot be read.
@@ -136,14 +130,12 @@ class NetFt:
             self._wait(min(deadline, self._ask_at) - now)
 
     def events(self) -> list[str]:
-        """Return the events since the last call, one sentence each; counts of frequent events come once a second."""
+        """Return the events since the last call, one sentence each; frequent ones are counted, once a second."""
         now = time.monotonic()
         if self._close and now >= self._tell_at and (told := list(self._counted())):
             self._said.extend(told)
             self._tell_at = now + _SAID_EACH
-        said = list(self._said)
-        self._said.clear()
-        return said
+        return drained(self._said)
 
     def close(self) -> None:
         """Request the device to stop, and close the socket; may be called again."""
@@ -159,7 +151,7 @@ class NetFt:
         self._granted = ask_buffer(self._socket, _BUFFER)
         self._datagrams = Datagrams(self._socket, _SLOTS, BATCH)
         slot = self._datagrams.slot  # views are made once: making one costs as much as a sample
-        self._rdt, self._ft, self._status, self._raw = (slot[name] for name in _SLOTS.names or ())
+        self._rdt, self._ft, self._status, self._raw = (slot[name] for name in SAMPLE.names or ())
         self._peer = packed_address((self._host, self._port))
         self._poll = select.poll()
         self._poll.register(self._socket, select.POLLIN)
@@ -185,16 +177,16 @@ class NetFt:
         return str(found[0][4][0])
 
     def _await_first(self) -> None:
-        """Request samples until one of the device waits; other datagrams before it are read and counted.
+        """Request samples until one of the device waits; read and count other datagrams before it.
 
-        Raise InputError if none comes within 2 s, or a request cannot be sent.
+        Raises:
+            InputError: none comes within 2 s, or a request cannot be sent.
         """
         end = time.monotonic() + _FIRST
         while (now := time.monotonic()) < end:
             if now >= self._ask_at and (problem := self._ask(now)):
-                raise InputError(
-                    f"a request for samples cannot be sent ({problem}).", where=self._address, hint=_UNREACHED
-                )
+                what = f"a request for samples cannot be sent ({problem})."
+                raise InputError(what, where=self._address, hint=UNREACHED)
             self._wait(min(end, self._ask_at) - now)
             while (seen := self._peek()) is not None:
                 if seen:
@@ -344,31 +336,22 @@ class NetFt:
         self._word = status_word(page.product)
 
     def _counted(self) -> Iterator[str]:
-        """Yield sentences on frequent events (missing, dropped, late, repeated, other datagrams) not reported yet."""
+        """Yield sentences on frequent events not reported yet, such as missing samples."""
         sequence = self._sequence
         now = {
-            "missing": sequence.missing,
-            "gaps": sequence.gaps,
-            "dropped": self._datagrams.dropped,
-            "late": sequence.late,
-            "repeated": sequence.repeated,
-            "malformed": self._malformed,
-            "foreign": self._foreign,
+            _MISSING: sequence.missing,
+            _GAPS: sequence.gaps,
+            "datagrams dropped by this machine, which read too slowly": self._datagrams.dropped,
+            "samples that came late, first counted as missing": sequence.late,
+            "samples that came twice, used once": sequence.repeated,
+            "datagrams without the length of a sample, ignored": self._malformed,
+            "datagrams from another sender, ignored": self._foreign,
         }
-        new = {name: count - self._told.get(name, 0) for name, count in now.items()}
-        self._told = now
-        if new["missing"]:
-            yield f"{self._address}: missing samples: {new['missing']}, gaps: {new['gaps']}"
-        if new["dropped"]:
-            yield f"{self._address}: datagrams dropped by this machine, which read too slowly: {new['dropped']}"
-        if new["late"]:
-            yield f"{self._address}: samples that came late, first counted as missing: {new['late']}"
-        if new["repeated"]:
-            yield f"{self._address}: samples that came twice, used once: {new['repeated']}"
-        if new["malformed"]:
-            yield f"{self._address}: datagrams without the length of a sample, ignored: {new['malformed']}"
-        if new["foreign"]:
-            yield f"{self._address}: datagrams from another sender, ignored: {new['foreign']}"
+        new = {what: count - self._told.get(what, 0) for what, count in now.items()}
+        self._told, gaps = now, new.pop(_GAPS)
+        for what, count in new.items():
+            if count:
+                yield f"{self._address}: {what}: {count}" + (f", {_GAPS}: {gaps}" if what == _MISSING else "")
 
     def _say(self, what: str) -> None:
         self._said.append(f"{self._address}: {what}")
@@ -384,6 +367,3 @@ class NetFt:
         held = f", about {2e3 * granted / _BOOKED / rate:.0f} ms of samples" if rate else ""
         short = f", less than {_BUFFER >> 10} KiB as requested: run sudo sysctl -w net.core.rmem_max={_BUFFER}"
         self._say(f"receive buffer of {granted >> 10} KiB{held}{short if granted < _BUFFER else ''}")
-
-
-_UNREACHED = "Check the cable, and that this machine is in the device's network."

@@ -28,24 +28,22 @@ _WORD = 1 << 32
 
 
 class NetFtDevice:
-    """A simulated Net F/T; see `palpate.live.device.Device`.
+    """A simulated Net F/T, see `palpate.live.device.Device`, for several listeners, while the real one has one.
 
-    The commands for realtime streaming (2), stop (0) and bias (0x42) are obeyed, for several listeners at once, while
-    the real device has one; other commands are ignored. A value that is NaN, or beyond 2147 N or N m, is sent with the
-    status of a saturated transducer.
+    It obeys the commands for realtime streaming (2), stop (0) and bias (0x42). A value that is NaN, or beyond 2147 N or
+    N m, is sent with the status of a saturated transducer.
 
     Args:
         port: UDP port of the samples; 0: any free port.
         web: TCP port of the page; 0: any free port.
         rate: [Hz] that the page states.
-        serial: serial number of the calibration that the page states.
 
     Attributes:
         port, web: the ports in use, once the device is open.
     """
 
-    def __init__(self, port: int = 0, web: int = 0, *, rate: float = 7000.0, serial: str = "FT00000") -> None:
-        self.port, self.web, self._rate, self._serial = port, web, rate, serial
+    def __init__(self, port: int = 0, web: int = 0, *, rate: float = 7000.0) -> None:
+        self.port, self.web, self._rate = port, web, rate
         self._lock = threading.Lock()
         self._listeners: dict[tuple[str, int], list[int]] = {}  # address -> samples sent, samples asked for
         self._measured = 0  # samples so far
@@ -68,7 +66,7 @@ class NetFtDevice:
         return f'[source]\nkind = "netft"\naddress = "{_HOST}"\nport = {self.port}\nweb = {self.web}\n'
 
     def send(self, stamp: Int[np.ndarray, " n"], values: Float[np.ndarray, "n k"]) -> int:
-        """Send samples now to all listeners, and return the largest number sent to one; 0 if nobody listens.
+        """Send samples to all listeners, and return the largest number sent to one; 0 if nobody listens.
 
         Args:
             stamp: ignored, because a Net F/T sends no stamps.
@@ -152,8 +150,8 @@ class NetFtDevice:
         """Return the part of the page that clients read, as XML."""
         said = {
             "prodname": "Palpate stand-in for a Net F/T",
-            "setserial": self._serial,
-            "cfgcalsn": self._serial,
+            "setserial": "FT00000",
+            "cfgcalsn": "FT00000",
             "cfgcpf": f"{_PER_UNIT}",
             "cfgcpt": f"{_PER_UNIT}",
             "scfgfu": "N",
@@ -189,7 +187,7 @@ def _answers(page: bytes) -> type[BaseHTTPRequestHandler]:
 
 @contextmanager
 def _taken(kind: str, port: int) -> Generator[None]:
-    """Raise an `InputError` in place of an OSError, for a port that cannot be used."""
+    """Raise an InputError in place of an OSError, for a port that cannot be used."""
     try:
         yield
     except OSError as problem:

@@ -1,4 +1,4 @@
-"""Read the page that a Net F/T serves: its counts per unit, units, rate and name."""
+"""Read the page that a Net F/T serves: its counts per N and N m, units, rate and name."""
 
 from __future__ import annotations
 
@@ -15,23 +15,24 @@ from xml.etree import ElementTree
 from palpate.errors import InputError
 from palpate.files.units import FORCE_UNITS, TORQUE_UNITS, known_unit, to_si
 
-__all__ = ["PAGE", "NetFtPage", "read_page"]
+__all__ = ["PAGE", "UNREACHED", "NetFtPage", "read_page"]
 
 PAGE = "/netftapi2.xml"
 _FORCE_UNITS: Mapping[str, float] = {**FORCE_UNITS, "klbf": FORCE_UNITS["lbf"] * 1e3}
 _MOST = 1 << 18  # bytes: the page of a Net F/T has some 10 kB
 _NOT = "Check that address is that of a Net F/T, and web the port of its page."
+UNREACHED = "Check the cable, and that this machine is in the device's network."
 
 
 @dataclass(frozen=True)
 class NetFtPage:
-    """The values of a Net F/T's page that concern the calibration in use.
+    """What a Net F/T's page states of the calibration in use.
 
     Attributes:
         force, torque: counts per N and per N m.
         units: units of force and torque that the device is set to.
-        rate: [Hz] at which it sends samples; None: the page does not give it.
-        product, serial: name of the product and serial number of the transducer's calibration; may be empty.
+        rate: [Hz] at which it sends samples; None: not stated.
+        product, serial: name of the product and serial number of the calibration; may be empty.
         streaming: whether sending of samples (RDT) is switched on.
     """
 
@@ -45,14 +46,14 @@ class NetFtPage:
 
     @classmethod
     def parsed(cls, content: bytes, where: str) -> NetFtPage:
-        """Return the values of a page's XML as a `NetFtPage`; `where` names the device in errors.
+        """Return the `NetFtPage` of a page's XML; `where` names the device in errors.
 
         Raises:
             InputError: it is not the page of a Net F/T, or its counts or units are not valid.
         """
         said = _elements(content, where)
         if missing := [name for name in ("cfgcpf", "cfgcpt", "scfgfu", "scfgtu") if not said.get(name)]:
-            raise InputError(f"is not a Net F/T: its page does not state {', '.join(missing)}.", where=where, hint=_NOT)
+            raise _foreign(f"its page does not state {', '.join(missing)}", where)
         force_unit, torque_unit = said["scfgfu"], said["scfgtu"]
         if known_unit(force_unit, _FORCE_UNITS) is None or known_unit(torque_unit, TORQUE_UNITS) is None:
             raise InputError(
@@ -73,23 +74,23 @@ class NetFtPage:
 
     @property
     def called(self) -> str:
-        """Words for the device in a sentence: product and calibration."""
+        """Product and calibration, in words for a sentence."""
         return (self.product or "Net F/T") + (f", calibration {self.serial}" if self.serial else "")
 
     @property
     def scale(self) -> str:
-        """Words for the counts per N and per N m and the units in a sentence."""
+        """Counts per N and per N m, and the units, in words for a sentence."""
         return f"{self.force:.9g} counts per N and {self.torque:.9g} per N m (it is set to {' and '.join(self.units)})"
 
 
 def read_page(host: str, port: int, *, where: str, timeout: float) -> NetFtPage:
-    """Read the page of a Net F/T over HTTP, and return its values as a `NetFtPage`.
+    """Read the page of a Net F/T over HTTP, and return its `NetFtPage`.
 
     Args:
         host: name or address of the device.
         port: TCP port of its page.
         where: name of the device in errors.
-        timeout: [s] for the complete exchange.
+        timeout: [s] for the whole exchange.
 
     Raises:
         InputError: the device cannot be reached, does not answer in time, or is no Net F/T.
@@ -106,19 +107,25 @@ def read_page(host: str, port: int, *, where: str, timeout: float) -> NetFtPage:
             hint="Check its power and network, and that no firewall is in between.",
         ) from problem
     except ConnectionRefusedError as problem:
-        raise InputError(
-            f"refuses connections to port {port}, where its page should be.", where=where, hint=_NOT
-        ) from problem
+        what = f"refuses connections to port {port}, where its page should be."
+        raise InputError(what, where=where, hint=_NOT) from problem
     except OSError as problem:
-        hint = "Check the cable, and that this machine is in the device's network."
-        raise InputError(f"cannot be reached ({problem.strerror or problem}).", where=where, hint=hint) from problem
+        what = f"cannot be reached ({problem.strerror or problem})."
+        raise InputError(what, where=where, hint=UNREACHED) from problem
     return NetFtPage.parsed(_body(raw, where), where)
+
+
+def _foreign(why: str, where: str) -> InputError:
+    """Return the error of a device that is no Net F/T."""
+    return InputError(f"is not a Net F/T: {why}.", where=where, hint=_NOT)
 
 
 def _received(link: socket.socket, deadline: float, where: str) -> bytes:
     """Return all bytes until the server closes or the answer is complete.
 
-    Raise TimeoutError at the deadline [s], or InputError if the answer is too long.
+    Raises:
+        TimeoutError: it is not complete by the deadline [s].
+        InputError: it is too long.
     """
     raw = bytearray()
     while (left := deadline - time.monotonic()) > 0:
@@ -128,7 +135,7 @@ def _received(link: socket.socket, deadline: float, where: str) -> bytes:
         if not piece or _complete(raw):
             return bytes(raw)
         if len(raw) > _MOST:
-            raise InputError(f"is not a Net F/T: its page is longer than {_MOST >> 10} KiB.", where=where, hint=_NOT)
+            raise _foreign(f"its page is longer than {_MOST >> 10} KiB", where)
     raise TimeoutError
 
 
@@ -152,13 +159,9 @@ def _body(raw: bytes, where: str) -> bytes:
         response.begin()
         body = response.read()
     except (HTTPException, ValueError) as problem:
-        raise InputError(
-            "is not a Net F/T: its answer is not that of a web server.", where=where, hint=_NOT
-        ) from problem
+        raise _foreign("its answer is not that of a web server", where) from problem
     if response.status != 200:
-        raise InputError(
-            f"is not a Net F/T: it has no page {PAGE} (it answers {response.status}).", where=where, hint=_NOT
-        )
+        raise _foreign(f"it has no page {PAGE} (it answers {response.status})", where)
     return body
 
 
@@ -169,7 +172,7 @@ def _elements(content: bytes, where: str) -> dict[str, str]:
             raise ValueError("a document type")
         root = ElementTree.fromstring(content)
     except (ElementTree.ParseError, ValueError, LookupError) as problem:  # the last: an unknown encoding
-        raise InputError(f"is not a Net F/T: its page {PAGE} is not XML.", where=where, hint=_NOT) from problem
+        raise _foreign(f"its page {PAGE} is not XML", where) from problem
     said: dict[str, str] = {}
     for each in root.iter():
         text = "".join(letter for letter in (each.text or "").strip() if letter.isprintable())
@@ -180,9 +183,8 @@ def _elements(content: bytes, where: str) -> dict[str, str]:
 def _counts(said: Mapping[str, str], name: str, where: str) -> float:
     value = _number(said[name])
     if not value > 0:
-        raise InputError(
-            f"its page states {said[name]!r} for {name}, which is not a number of counts.", where=where, hint=_NOT
-        )
+        what = f"its page states {said[name]!r} for {name}, which is not a number of counts."
+        raise InputError(what, where=where, hint=_NOT)
     return value
 
 

@@ -1,4 +1,4 @@
-"""Decode the status word of ATI's Ethernet sensors: the meaning of each bit, and the bits that leave values valid.
+"""Decode the status word of ATI's Ethernet sensors.
 
 The bits are those of ATI's manuals 9620-05-NET FT (Net F/T) and 9610-05-Ethernet Axia (Axia); the two differ.
 """
@@ -78,7 +78,7 @@ class StatusWord:
     harmless: int
 
     def bad(self, status: Int[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-        """Return (n,) bool, True where the values are invalid: a harmful bit is set, or bit 31 (error) alone."""
+        """Return whether the values of each sample are invalid, (n,): a harmful bit is set, or bit 31 (error) alone."""
         return ((status & ~self.harmless) != 0) | (status == _ERROR)
 
     def read(self, status: int) -> str:

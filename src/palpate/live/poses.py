@@ -13,7 +13,7 @@ from palpate.errors import InputError
 from palpate.files.logs.decoding import decode, seconds
 from palpate.files.logs.transforms import TREES, transforms
 from palpate.files.messages import MessageBlock, Topic
-from palpate.live.source import SILENT, Batch
+from palpate.live.source import SILENT, Batch, drained
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.frames import FramePath, FrameTree
 from palpate.spatial.live_track import LiveTrack
@@ -32,7 +32,7 @@ class Posed(NamedTuple):
     Attributes:
         quaternion: (n, 4) x, y, z, w; NaN if the pose is not known.
         position: (n, 3) [m].
-        age: (n,) [s] age of the latest pose before the sample; 0 if poses before and after it are known.
+        age: (n,) [s] age of the latest pose before the sample; 0 between two poses.
         turned: (n,) [rad] rms error of the orientation because of its age, see `LiveTrack`.
     """
 
@@ -42,39 +42,30 @@ class Posed(NamedTuple):
     turned: Float[np.ndarray, " n"]
 
     def into(self, batch: Batch) -> None:
-        """Write the poses to the first n samples of a batch; accelerations become NaN."""
+        """Write the poses to the first n samples of a batch, with accelerations of NaN and unknown `turned` of 0."""
         count = len(self.age)
         batch.orientation[:count], batch.position[:count] = self.quaternion, self.position
         batch.acceleration[:count], batch.turned[:count] = np.nan, np.nan_to_num(self.turned)
 
 
 class LivePoses:
-    """Poses of the sensor that grow with each message, and can be requested at any time without waiting.
+    """Poses of the sensor, which grow with each message.
 
     Transforms of /tf are composed edge by edge: each edge is interpolated between its neighbours in time, or
     extrapolated as by `LiveTrack`; transforms of /tf_static are constant. The age is that of the oldest edge on the
-    path, and the squared errors of the edges' angles are added.
+    path; the squared errors of the edges' angles are added.
 
     Args:
         frames: base and sensor in the tree of /tf; None: messages are poses of the sensor in the base.
         offset: [s] added to the stamps of the poses to put them on the samples' clock.
-        max_gap: [s] largest age, and largest gap between poses, at which a pose is returned.
-        hold: poses are kept constant instead of extrapolated.
+        max_gap: [s] largest age of a pose, and largest gap between poses, at which it is used.
     """
 
-    def __init__(
-        self,
-        frames: tuple[str, str] | None = None,
-        offset: float = 0.0,
-        max_gap: float = 0.25,
-        *,
-        hold: bool = False,
-    ) -> None:
+    def __init__(self, frames: tuple[str, str] | None = None, offset: float = 0.0, max_gap: float = 0.25) -> None:
         self._frames = None if frames is None else (frames[0].removeprefix("/"), frames[1].removeprefix("/"))
-        self._made = (offset, max_gap, hold)
-        self._kept = max_gap + _KEPT
+        self._offset, self._max_gap = offset, max_gap
         self._origin: int | None = None  # ns: doubles of seconds since then are good to 1e-12 s, since 1970 to 2e-7 s
-        self._track = self._new()  # of a topic of poses
+        self._track = LiveTrack(offset, max_gap)  # of a topic of poses
         self._edges: dict[tuple[str, str], LiveTrack] = {}
         self._tree = FrameTree()
         self._path = None if frames else FramePath(("base", "sensor"), ((self._track, False),))
@@ -87,7 +78,10 @@ class LivePoses:
         self._pending: list[str] = []
 
     def add(self, messages: MessageBlock) -> None:
-        """Add messages of one topic, poses or transforms; a stamp of 0 is replaced by the time of sending."""
+        """Add messages of one topic, poses or transforms; the time of sending replaces a stamp of 0.
+
+        Messages that cannot be read are ignored, which `events` reports.
+        """
         if not len(messages.time):
             return
         topic = next(iter(messages.topics.values()))
@@ -101,7 +95,7 @@ class LivePoses:
 
     @takes_arrays
     def at(self, stamp: Int[np.ndarray, " n"]) -> Posed:
-        """Return the sensor's poses at times (n,) [ns] of samples as a `Posed`; NaN where they are not known."""
+        """Return the sensor's poses at times (n,) [ns] of samples; NaN where they are not known."""
         if (path := self._way()) is None:
             nothing = np.full((len(stamp), 9), np.nan)
             self._watch(found=False)
@@ -130,18 +124,13 @@ class LivePoses:
             if track.restarts and key not in self._told:
                 self._told.add(key)
                 self._pending.append(f"the clock of the poses{name} went back; earlier poses are discarded")
-        said, self._pending = self._pending, []
-        return said
-
-    def _new(self) -> LiveTrack:
-        offset, max_gap, hold = self._made
-        return LiveTrack(offset, max_gap, hold=hold)
+        return drained(self._pending)
 
     def _grow(self, track: LiveTrack, stamps: Int[np.ndarray, " k"], values: Float[np.ndarray, "k 7"]) -> None:
         if self._origin is None and len(stamps):
             self._origin = int(stamps[0])
         track.add(seconds(stamps - (self._origin or 0)), values[:, 3:], values[:, :3])
-        track.forget(track.newest - self._kept)
+        track.forget(track.newest - self._max_gap - _KEPT)
 
     def _add_transforms(self, messages: MessageBlock, topic: Topic) -> None:
         rows, sound = transforms(messages, topic, self._names)
@@ -153,7 +142,7 @@ class LivePoses:
                 self._hold(edge, rows.values[which])
                 continue
             if edge not in self._edges:
-                self._edges[edge] = self._new()
+                self._edges[edge] = LiveTrack(self._offset, self._max_gap)
                 self._tree.add(*edge, self._edges[edge])
                 self._path = None
             elif self._path is not None and not self._needed.issuperset(edge):

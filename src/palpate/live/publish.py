@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable
 from math import inf
 from pathlib import Path
 from time import sleep
@@ -19,7 +18,6 @@ from palpate.setup.source import RigSource
 
 __all__ = ["Publisher", "open_publisher", "publish", "require_address"]
 
-ROS = "ros2"
 RATE = 100.0  # Hz
 POLL = 0.005  # s
 MOST = 4096  # slots that are read at once
@@ -31,7 +29,7 @@ class Publisher(Protocol):
     """A protocol of publishers, which send contacts to listeners and never wait for them."""
 
     def publish(self, contacts: Contacts) -> object:
-        """Publish the contacts of the next samples, in order; without any, send samples that waited for the rate."""
+        """Publish the contacts of the next samples, in order; without any, one that waited for the rate."""
         ...
 
     def tare_requested(self) -> bool:
@@ -47,31 +45,8 @@ class Publisher(Protocol):
         ...
 
 
-def _ros(to: str, form: SlotForm, source: RigSource | None, rate: float) -> Publisher:
-    from palpate.live.publish_ros import RosPublisher  # here: it needs cyclonedds
-
-    domain = _domain(to)
-    if domain is None:
-        domain = 0 if source is None else source.domain
-    interface = "" if source is None else source.interface
-    made = RosPublisher(form.frame, form.features, rate=rate or inf, domain=domain, interface=interface)
-    made.open()
-    return made
-
-
-def _json(to: str, form: SlotForm, source: RigSource | None, rate: float) -> Publisher:
-    return JsonLines(to, rate)
-
-
-_PUBLISHERS: dict[str, Callable[[str, SlotForm, RigSource | None, float], Publisher]] = {
-    ROS: _ros,
-    "udp": _json,
-    "unix": _json,
-}
-
-
 def _domain(to: str) -> int | None:
-    """Return the number of the domain in "ros2:DOMAIN", or None for "ros2"; raise InputError if it is not valid."""
+    """Return the domain of "ros2:DOMAIN", or None for "ros2"; raise InputError if it is not valid."""
     _, colon, number = to.partition(":")
     if not colon:
         return None
@@ -81,7 +56,7 @@ def _domain(to: str) -> int | None:
 
 
 def require_address(to: str) -> None:
-    """Check an address to publish to, before any process starts.
+    """Check an address to publish to.
 
     Args:
         to: "ros2", "ros2:DOMAIN", "udp:HOST:PORT" or "unix:PATH".
@@ -89,19 +64,18 @@ def require_address(to: str) -> None:
     Raises:
         InputError: the address has another form, or its host or folder does not exist.
     """
-    kind = to.partition(":")[0]
-    if kind not in _PUBLISHERS:
-        raise InputError(
-            "is not a destination to which contacts can be published.", where=f"--publish {to}", hint=_HINT
-        )
-    if kind == ROS:
-        _domain(to)
-    else:
-        datagram_address(to)
+    match to.partition(":")[0]:
+        case "ros2":
+            _domain(to)
+        case "udp" | "unix":
+            datagram_address(to)
+        case _:
+            what = "is not a destination to which contacts can be published."
+            raise InputError(what, where=f"--publish {to}", hint=_HINT)
 
 
 def open_publisher(to: str, form: SlotForm, source: RigSource | None = None, rate: float = RATE) -> Publisher:
-    """Return an open `Publisher` to an address: a `RosPublisher` or `JsonLines`.
+    """Return an open `RosPublisher` or `JsonLines` to an address.
 
     Args:
         to: the address, see `require_address`.
@@ -113,13 +87,19 @@ def open_publisher(to: str, form: SlotForm, source: RigSource | None = None, rat
         InputError: the address is not valid, cyclonedds is not installed, or the domain of ROS 2 cannot be joined.
     """
     require_address(to)
-    return _PUBLISHERS[to.partition(":")[0]](to, form, source, rate)
+    if not to.startswith("ros2"):
+        return JsonLines(to, rate)
+    from palpate.live.publish_ros import RosPublisher  # here: it needs cyclonedds
+
+    domain, interface = (0, "") if source is None else (source.domain, source.interface)
+    stated = _domain(to)
+    made = RosPublisher(form.frame, form.features, rate or inf, domain if stated is None else stated, interface)
+    made.open()
+    return made
 
 
 def publish(ring: Path, to: str, rig: Path, parent: int, rate: float = RATE) -> None:
     """Publish the contacts of a ring from now on, until it says stop or the parent is gone; the target of a process.
-
-    If the address cannot be used, the reason is stored in the ring, and the process exits with 1.
 
     Args:
         ring: file of the ring.
@@ -130,6 +110,7 @@ def publish(ring: Path, to: str, rig: Path, parent: int, rate: float = RATE) -> 
 
     Raises:
         InputError: the ring cannot be opened.
+        SystemExit: with 1, if the rig or the address cannot be used; the ring stores the reason.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C and says stop
     read = StreamBuffer(ring)

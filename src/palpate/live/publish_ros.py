@@ -10,6 +10,7 @@ from palpate.files.contacts.mcap import ContactMessages
 from palpate.files.mcap.writer import MESSAGE
 from palpate.live.dds import DdsNode, DdsReader, Writer
 from palpate.live.ros_messages import Cdr
+from palpate.live.source import drained
 from palpate.spatial.pose import quaternion_from_rotation
 
 __all__ = ["TARE", "TOPICS", "RosPublisher"]
@@ -43,24 +44,20 @@ class RosPublisher:
     silent while no contact is located. `/palpate/contact/contacts` (palpate_msgs/ContactArray) has every row of a
     sample, also the row of a sample without a contact; `/palpate/contact/markers` is for viewers, 30 times a second.
 
-    A message on `/palpate/tare` (std_msgs/Empty) requests a tare. It is no service, because a client of Fast DDS finds
-    its answer by the "related sample identity" sent with a message, which cyclonedds neither shows for a request nor
-    writes to an answer.
+    A message on `/palpate/tare` (std_msgs/Empty) requests a tare.
 
     Args:
         frame_id: name of the frame of the contacts.
         features: names of the features that every contact has.
         rate: [Hz] of messages at most, by the contacts' times.
-        domain, interface: domain and network interface, see `DdsNode`.
+        domain: number of the domain.
+        interface: network interface, see `DdsNode`.
     """
 
+    # The tare is no service: a client of Fast DDS finds its answer by the "related sample identity" of a message, which
+    # cyclonedds neither shows for a request nor writes to an answer.
     def __init__(
-        self,
-        frame_id: str,
-        features: tuple[str, ...] = (),
-        rate: float = 100.0,
-        domain: int = 0,
-        interface: str = "",
+        self, frame_id: str, features: tuple[str, ...] = (), rate: float = 100.0, domain: int = 0, interface: str = ""
     ) -> None:
         self._frame_id, self._features = frame_id, features
         self._messages = ContactMessages(frame_id, features)
@@ -83,14 +80,7 @@ class RosPublisher:
         self._tare = self._node.reader(TARE, "std_msgs/Empty", reliable=True, depth=10)
 
     def publish(self, contacts: Contacts) -> int:
-        """Publish those samples that are due at the rate.
-
-        Args:
-            contacts: the contacts of the next samples, in the order of their times.
-
-        Returns:
-            The number of samples published.
-        """
+        """Publish those of the next samples, in order, that are due at the rate, and return their number."""
         first = np.flatnonzero(np.diff(contacts.sample, prepend=contacts.sample[:1] - 1))
         due = self._due.of(contacts.time[first])
         ends = np.append(first[1:], len(contacts))
@@ -103,12 +93,11 @@ class RosPublisher:
         return self._tare is not None and len(self._tare.take().time) > 0
 
     def events(self) -> list[str]:
-        """Return the events since the last call, one sentence each, such as dropped messages."""
+        """Return the events since the last call, one sentence each, such as the number of dropped messages."""
         if self._dropped:
             self._said.append(f"{self._dropped} messages to ROS 2 were dropped: a reader is too slow")
             self._dropped = 0
-        said, self._said = self._said, []
-        return said
+        return drained(self._said)
 
     def close(self) -> None:
         """Leave the domain; may be called again."""
@@ -135,7 +124,7 @@ class RosPublisher:
             self._dropped += 1
 
     def _array(self, everything: np.ndarray, rows: Contacts) -> bytes:
-        """Return a ContactArray as bytes: each contact as in a file, then the features of all."""
+        """Return a ContactArray (bytes, CDR): each contact as in a file, then the features of all."""
         head = _payload(everything[:1])
         named = int(everything["named"][0])
         start = _HEADER + named
@@ -154,7 +143,7 @@ class RosPublisher:
 
 
 class _Due:
-    """A limiter of the rate, which selects times at least a period from each other."""
+    """A selector of times at least a period from each other."""
 
     def __init__(self, rate: float) -> None:
         self._period, self._next = 1.0 / rate, -np.inf
@@ -171,7 +160,7 @@ class _Due:
 
 
 def markers(contacts: Contacts, stamp: int, frame_id: str) -> bytes:
-    """Return a MarkerArray as bytes (CDR): it deletes earlier markers, and draws an arrow and 95 % ellipsoid a contact.
+    """Return a MarkerArray (bytes, CDR) that replaces earlier markers: an arrow and a 95 % ellipsoid a contact.
 
     Args:
         contacts: rows of one sample; answered contacts with a place and a finite force are drawn.
@@ -222,7 +211,7 @@ def _marker(
 
 
 def _ellipsoid(covariance: Float[np.ndarray, "3 3"]) -> tuple[Float[np.ndarray, "4"], Float[np.ndarray, "3"]]:
-    """Return quaternion (4,) and diameters (3,) [m] of the 95 % ellipsoid; a small ball for an unknown covariance."""
+    """Return quaternion (4,) x, y, z, w and diameters (3,) [m] of the 95 % ellipsoid; a small ball if it is unknown."""
     if not np.isfinite(covariance).all():
         return np.array([0.0, 0.0, 0.0, 1.0]), np.full(3, _SMALLEST)
     variance, axes = np.linalg.eigh(covariance)
@@ -232,5 +221,5 @@ def _ellipsoid(covariance: Float[np.ndarray, "3 3"]) -> tuple[Float[np.ndarray, 
 
 
 def _payload(record: np.ndarray) -> bytes:
-    """Return the message in a record of an MCAP file as bytes, without the record's head."""
+    """Return the message in a record of an MCAP file as bytes."""
     return record.tobytes()[MESSAGE.itemsize :]

@@ -20,9 +20,8 @@ from palpate.files.logs.log import LogContents
 from palpate.files.logs.topics import NONE, choose, choose_images, main_channel
 from palpate.files.messages import MessageBlock, Topic
 from palpate.live.dds import DEPTH, DdsNode, DdsReader, ros_name
-from palpate.live.poses import Posed
 from palpate.live.ros_poses import RosPoses, published, wanted
-from palpate.live.source import SILENT, Batch
+from palpate.live.source import SILENT, Batch, drained
 from palpate.opencv import opencv
 
 if TYPE_CHECKING:
@@ -40,9 +39,9 @@ _PLAIN = 0x100  # the bytes 0 and 1: CDR, little-endian
 
 
 class RosTopics:
-    """A topic of ROS 2 as a source: wrenches, arrays or images, as the rig's sensor reads them.
+    """A topic of ROS 2 as a `Source`: wrenches, arrays or images, as the rig's sensor reads them.
 
-    Times are the stamps of the headers; if messages have no header, or only stamps of 0, the times of sending.
+    Times are the stamps of the headers; without headers, or with stamps of 0, the times of sending.
 
     Args:
         layout: layout of a log of the same rig, which may name the topic and gives the shape of a sample.
@@ -52,7 +51,9 @@ class RosTopics:
 
     Attributes:
         topic: the topic that is read, once open.
-        posed: poses of the sensor at the samples of the last batch, with age and possible error; None: there are none.
+
+    Raises:
+        InputError: the sensor reads several arrays.
     """
 
     def __init__(self, layout: LogLayout, node: DdsNode, poses: RosPoses | None = None, patience: float = 3.0) -> None:
@@ -62,7 +63,6 @@ class RosTopics:
         self.dtype: DTypeLike = np.uint8 if layout.images else np.float64
         self.poses = poses is not None
         self.topic = Topic("", "", "cdr")
-        self.posed: Posed | None = None
         self._reader: DdsReader | None = None
         self._said: list[str] = []
         self._stamped: bool | None = None  # whether headers have stamps; None: not known yet
@@ -70,13 +70,12 @@ class RosTopics:
         self._missed = 0
         self._unread = False
         self._alike: _Alike | None = None
-        self._clock = _Clock()
-        self._heard: float | None = None
-        self._quiet = False
+        self._last: tuple[int, int] | None = None  # stamp of the newest sample, and when [ns] it came
+        self._heard, self._quiet = 0.0, False
 
     @classmethod
     def of(cls, stated: RigSource, setup: Setup) -> RosTopics:
-        """Return the `RosTopics` of the sensor, in the domain that the [source] names, not opened yet.
+        """Return the `RosTopics` of a rig's sensor, in the domain that its [source] names, not opened yet.
 
         Raises:
             InputError: the rig takes poses from joint states, which are not read live, or the sensor reads several
@@ -103,9 +102,9 @@ class RosTopics:
         self._heard = time.monotonic()
 
     def receive(self, batch: Batch, timeout: float) -> int:
-        """Write waiting samples, and the sensor's poses at their times, into a batch; return the number of samples.
+        """Fill a batch with waiting samples and the sensor's poses at their times, and return how many samples came.
 
-        It waits up to `timeout` [s] for the first sample; 0: none came.
+        Wait up to `timeout` [s] for the first.
         """
         if self._reader is None or not self._reader.wait(timeout):
             self._listen()
@@ -122,16 +121,14 @@ class RosTopics:
         batch.arrived = np.full(count, time.time_ns())
         batch.lost[0], self._missed = self._missed, 0
         if self._poses is not None:
-            self.posed = self._poses.at(stamp)
-            self.posed.into(batch)
-        if count < len(batch) and (jumped := self._clock.jumped(int(stamp[-1]))):
+            self._poses.at(stamp).into(batch)
+        if count < len(batch) and (jumped := self._jumped(int(stamp[-1]))):
             self._said.append(f"the stamps of {self.topic.name!r} jumped by {jumped:+.3g} s")
         return count
 
     def events(self) -> list[str]:
         """Return the events of topic and poses since the last call, one sentence each."""
-        said, self._said = self._said, []
-        return said if self._poses is None else [*said, *self._poses.events()]
+        return drained(self._said) + ([] if self._poses is None else self._poses.events())
 
     def close(self) -> None:
         """Leave the domain; may be called again."""
@@ -245,8 +242,7 @@ class RosTopics:
 
     def _listen(self) -> None:
         """Report once that no messages come."""
-        silent = 0.0 if self._heard is None else time.monotonic() - self._heard
-        if silent > SILENT and not self._quiet and self._reader is not None:
+        if self._reader is not None and not self._quiet and time.monotonic() - self._heard > SILENT:
             self._quiet = True
             who = self._reader.publishers
             end = f"{who} publish it" if who > 1 else "one node publishes it" if who else "nobody publishes it now"
@@ -254,32 +250,22 @@ class RosTopics:
 
     def _hear(self) -> None:
         now = time.monotonic()
-        if self._quiet and self._heard is not None:
+        if self._quiet:
             self._quiet = False
             self._said.append(f"messages on {self.topic.name!r} again, after {now - self._heard:.1f} s")
         self._heard = now
 
-
-class _Clock:
-    """A check that compares stamps of samples with the time that has passed between them."""
-
-    def __init__(self) -> None:
-        self._last: tuple[int, int] | None = None
-
-    def jumped(self, stamp: int) -> float:
-        """Return the jump [s] of the stamps since the last sample; 0.0 if it is at most `_JUMP`."""
-        now, last = time.monotonic_ns(), self._last
-        self._last = (stamp, now)
-        if last is None:
-            return 0.0
-        jump = (stamp - last[0] - (now - last[1])) / 1e9
+    def _jumped(self, stamp: int) -> float:
+        """Return the jump [s] of the stamps against this machine's clock; 0.0 if it is at most `_JUMP`."""
+        now = time.monotonic_ns()
+        before, then = self._last or (stamp, now)
+        self._last = stamp, now
+        jump = (stamp - before - (now - then)) / 1e9
         return jump if abs(jump) > _JUMP else 0.0
 
 
 class _Alike:
-    """A decoder of wrenches that differ from a first one in stamp and numbers only, as a sensor's frame keeps its name.
-
-    It takes 10 us instead of the 200 us of the general decoder.
+    """A quick decoder of wrenches that differ from a first one in stamp and numbers only.
 
     Args:
         message: bytes that begin with a valid message.

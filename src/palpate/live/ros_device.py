@@ -10,27 +10,23 @@ from palpate.live.ros_messages import array_message, image_message, stamped
 
 __all__ = ["RosDevice"]
 
+_FRAME = "sensor"  # that headers name
+
 
 class RosDevice:
-    """A simulated driver: six numbers are published as WrenchStamped, three colours as Image, else Float64MultiArray.
+    """A simulated driver of WrenchStamped, Image or Float64MultiArray; see `palpate.live.device.Device`.
+
+    Headers name the frame "sensor".
 
     Args:
         topic: topic to publish.
         shape: shape of one sample: (6,) for a wrench, (height, width, 3) for an image, any other for an array.
-        domain, interface: domain and network interface, see `DdsNode`.
-        frame_id: frame that headers name.
+        domain: number of the domain; the network interface is loopback.
     """
 
-    def __init__(
-        self,
-        topic: str = "/wrench",
-        shape: tuple[int, ...] = (6,),
-        domain: int = 0,
-        interface: str = "",
-        frame_id: str = "sensor",
-    ) -> None:
-        self._topic, self._shape, self._frame_id = topic, shape, frame_id
-        self._node = DdsNode(domain, interface)
+    def __init__(self, topic: str = "/wrench", shape: tuple[int, ...] = (6,), domain: int = 0) -> None:
+        self._topic, self._shape = topic, shape
+        self._node = DdsNode(domain)
         self._writer: Writer | None = None
 
     @property
@@ -49,10 +45,8 @@ class RosDevice:
         """
         self._node.open()
         self._writer = self._node.writer(self._topic, self.kind, depth=1000)
-        lines = ["[source]", 'kind = "ros2"', f"domain = {self._node.domain}"]
-        if self._node.interface:
-            lines.append(f'interface = "{self._node.interface}"')
-        return "\n".join([*lines, f'# and topic = "{ros_name(self._topic)}" in the table of the sensor', ""])
+        topic = f'# and topic = "{ros_name(self._topic)}" in the table of the sensor'
+        return f'[source]\nkind = "ros2"\ndomain = {self._node.domain}\n{topic}\n'
 
     def send(self, stamp: Int[np.ndarray, " n"], values: Float[np.ndarray, "n k"]) -> int:
         """Publish samples, and return how many were sent; 0 if nobody listens.
@@ -73,8 +67,8 @@ class RosDevice:
     def _messages(self, stamp: Int[np.ndarray, " n"], values: Float[np.ndarray, "n k"]) -> list[bytes]:
         kind = self.kind
         if kind == "geometry_msgs/WrenchStamped":
-            return stamped(self._frame_id, stamp, values)
+            return stamped(_FRAME, stamp, values)
         samples = values.reshape(-1, *self._shape)
         if kind == "sensor_msgs/Image":
-            return [image_message(int(at), self._frame_id, one) for at, one in zip(stamp, samples, strict=True)]
+            return [image_message(int(at), _FRAME, one) for at, one in zip(stamp, samples, strict=True)]
         return [array_message(one) for one in samples]

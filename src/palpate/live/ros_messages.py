@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from struct import Struct
 
 import numpy as np
@@ -17,37 +16,41 @@ _HEAD = b"\0\1\0\0"  # plain, little-endian
 
 
 class Cdr:
-    """A writer of one message from front to back; numbers are aligned to their size, counted from the fifth byte."""
+    """A writer of one message from front to back; numbers are aligned to their size, from the fifth byte on."""
 
     def __init__(self) -> None:
         self._data = bytearray(_HEAD)
 
     def align(self, size: int) -> Cdr:
-        """Append zeros up to a multiple of `size` bytes, and return the writer."""
+        """Append zeros up to a multiple of `size` bytes after the first four, and return the writer."""
         self._data += bytes(-(len(self._data) - len(_HEAD)) % size)
         return self
 
     def numbers(self, code: str, *values: float | int) -> Cdr:
-        """Append aligned numbers of one type, a letter of `struct`, and return the writer."""
+        """Append aligned numbers of one type, a letter of `struct`, and return the writer.
+
+        Raises:
+            struct.error: a number does not fit the type.
+        """
         packed = Struct(f"<{len(values)}{code}")
         self.align(packed.size // max(len(values), 1) or 1)
         self._data += packed.pack(*values)
         return self
 
     def text(self, text: str) -> Cdr:
-        """Append a string with its length, and return the writer."""
+        """Append a string after its length, and return the writer."""
         raw = text.encode() + b"\0"
         self.numbers("I", len(raw))
         self._data += raw
         return self
 
     def header(self, stamp: int, frame_id: str) -> Cdr:
-        """Append a std_msgs/Header of a stamp [ns] and the name of a frame, and return the writer."""
+        """Append a std_msgs/Header, its stamp in ns, and return the writer."""
         self.numbers("i", stamp // 10**9).numbers("I", stamp % 10**9)
         return self.text(frame_id)
 
     def raw(self, data: bytes) -> Cdr:
-        """Append bytes as they are, such as numbers of an array, and return the writer."""
+        """Append bytes as they are, and return the writer."""
         self._data += data
         return self
 
@@ -58,7 +61,7 @@ class Cdr:
 
 @takes_arrays
 def stamped(frame_id: str, stamp: Int[np.ndarray, " n"], values: Float[np.ndarray, "n k"]) -> list[bytes]:
-    """Return n messages (a list of bytes, CDR) of a header and k doubles, such as WrenchStamped or PoseStamped.
+    """Return n messages (bytes, CDR) of a header and k doubles, such as WrenchStamped or PoseStamped.
 
     Args:
         frame_id: name of the frame.
@@ -75,29 +78,24 @@ def stamped(frame_id: str, stamp: Int[np.ndarray, " n"], values: Float[np.ndarra
 
 
 @takes_arrays
-def array_message(values: np.ndarray, names: Sequence[str] = ("rows", "columns")) -> bytes:
-    """Return the bytes (CDR) of a Float64MultiArray message of one sample.
-
-    Args:
-        values: the sample, of any shape.
-        names: names of the axes, used if `values` has as many axes.
-    """
+def array_message(values: np.ndarray) -> bytes:
+    """Return the bytes (CDR) of a Float64MultiArray of one sample of any shape."""
+    names = ["rows", "columns"] if values.ndim == 2 else [f"axis {axis}" for axis in range(values.ndim)]
     message = Cdr().numbers("I", values.ndim)
-    for axis, size in enumerate(values.shape):
-        message.text(names[axis] if values.ndim == len(names) else f"axis {axis}")
-        message.numbers("I", size, int(np.prod(values.shape[axis:])))
+    for axis, name in enumerate(names):
+        message.text(name).numbers("I", values.shape[axis], int(np.prod(values.shape[axis:])))
     message.numbers("I", 0, values.size)
     return message.align(8).raw(np.ascontiguousarray(values, dtype="<f8").tobytes()).done()
 
 
 @takes_arrays
 def image_message(stamp: int, frame_id: str, image: np.ndarray) -> bytes:
-    """Return the bytes (CDR) of an Image message, encoded as bgr8 or mono8.
+    """Return the bytes (CDR) of an Image, encoded as bgr8 or mono8.
 
     Args:
         stamp: time [ns].
         frame_id: name of the frame.
-        image: (height, width, 3) uint8 in the order blue, green, red, or (height, width) uint8 in grey.
+        image: (height, width, 3) uint8 as blue, green, red, or (height, width) uint8 in grey.
 
     Raises:
         InputError: the image has neither two nor three axes.

@@ -14,6 +14,7 @@ from palpate.files.messages import Topic
 from palpate.files.units import near
 from palpate.live.dds import DdsNode, DdsReader, ros_name
 from palpate.live.poses import LivePoses, Posed
+from palpate.live.source import drained
 from palpate.setup.source import RigSource
 from palpate.setup.tables import RigOrientation
 
@@ -27,9 +28,12 @@ class RosPoses:
     """A reader of the topic of poses, or of /tf and /tf_static, that a rig's [orientation] names.
 
     Args:
-        orientation: the [orientation]; it names a topic, or base and sensor.
-        node: node in the domain; its owner opens and closes it.
+        orientation: the [orientation], which names a topic, or base and sensor.
+        node: node in the domain, which its owner opens and closes.
         patience: [s] to wait for the topic to be announced.
+
+    Attributes:
+        poses: the poses received so far.
     """
 
     def __init__(self, orientation: RigOrientation, node: DdsNode, patience: float = 3.0) -> None:
@@ -44,25 +48,24 @@ class RosPoses:
         """Return a `RosPoses` with its own node; None if the rig names no topic or frames.
 
         Args:
-            orientation: the [orientation].
-            source: the [source], whose domain is joined; None: domain 0 on this machine.
+            orientation: the rig's [orientation].
+            source: the rig's [source], whose domain is joined; None: domain 0 on this machine.
 
         Raises:
             InputError: the rig takes poses from joint states, which are not read live.
         """
         if not wanted(orientation):
             return None
-        node = DdsNode(*((0, "") if source is None else (source.domain, source.interface)))
-        made = cls(orientation, node)
-        made._own = node
+        made = cls(orientation, DdsNode() if source is None else DdsNode(source.domain, source.interface))
+        made._own = made._node
         return made
 
     def open(self) -> None:
         """Begin to listen to the topics.
 
         Raises:
-            InputError: cyclonedds is not installed, the domain cannot be joined, nobody publishes the topic, or it does
-                not hold poses.
+            InputError: cyclonedds is not installed, the domain cannot be joined, nobody publishes the topic, or it has
+                messages of another type.
         """
         if self._own is not None and (said := self._own.open()):
             self._said.append(said)
@@ -79,15 +82,14 @@ class RosPoses:
             raise
 
     def at(self, stamp: Int[np.ndarray, " n"]) -> Posed:
-        """Return the sensor's poses at times (n,) [ns] of samples as a `Posed`, from all messages received so far."""
+        """Return the sensor's poses at times (n,) [ns] of samples, from all messages received so far."""
         for reader in reversed(self._readers):  # static transforms first
             self.poses.add(reader.take())
         return self.poses.at(stamp)
 
     def events(self) -> list[str]:
         """Return the events since the last call, one sentence each, such as poses that are too old."""
-        said, self._said = [*self._said, *self.poses.events()], []
-        return said
+        return [*drained(self._said), *self.poses.events()]
 
     def close(self) -> None:
         """Stop listening; may be called again."""
@@ -99,34 +101,28 @@ class RosPoses:
         name = ros_name(self._table.topic or "")
         topic = published(name, self._node.settled(self._patience, [name]), self._node.where)
         if role(topic.kind) != "pose":
-            raise InputError(
-                f"topic {name!r} has messages of {topic.kind}, which is not a pose.",
-                where=self._node.where,
-                hint=POSE_KINDS,
-            )
+            what = f"topic {name!r} has messages of {topic.kind}, which is not a pose."
+            raise InputError(what, where=self._node.where, hint=POSE_KINDS)
         return self._node.reader(name, topic.kind)
 
 
 def wanted(orientation: RigOrientation) -> bool:
-    """Return whether a rig's [orientation] names a topic of poses or frames, which are read live.
+    """Return whether a rig's [orientation] names a topic of poses or frames.
 
     Raises:
         InputError: it takes poses from joint states, which are not read live.
     """
     if orientation.urdf is not None:
-        raise InputError(
-            "joint states cannot be read live.",
-            where="orientation.urdf",
-            hint="Remove urdf, and name only base and sensor, which robot_state_publisher puts on /tf.",
-        )
+        hint = "Remove urdf, and name only base and sensor, which robot_state_publisher puts on /tf."
+        raise InputError("joint states cannot be read live.", where="orientation.urdf", hint=hint)
     return orientation.frames() is not None or orientation.topic not in (None, NONE)
 
 
 def published(name: str, there: Sequence[Topic], where: str) -> Topic:
-    """Return the `Topic` of this name from the published topics `there`.
+    """Return the topic of this name among the published topics `there`.
 
     Raises:
-        InputError: nobody publishes it; `where` is named as the place.
+        InputError: nobody publishes it; the place is `where`.
     """
     found = next((topic for topic in there if topic.name == name), None)
     if found is None:

@@ -1,4 +1,4 @@
-"""Find missing, late and repeated samples and restarts of a Net F/T by the two counters in each sample."""
+"""Find missing, late and repeated samples and restarts of a Net F/T by the two counters of each sample."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Int
 
-__all__: list[str] = []  # for this package alone
+__all__ = ["SequenceCounters"]
 
 _ROUND = 1 << 32
 _LATE = 4096  # positions behind the last within which a sample is late or repeated, not the first of another count
@@ -23,9 +23,9 @@ class SequenceCounters:
     Attributes:
         gaps, missing: number of gaps, and of samples missing in them.
         late: number of samples that were counted missing and arrived later.
-        repeated: number of samples that arrived twice; the second is dropped.
+        repeated: number of samples dropped because they arrived twice.
         restarts: number of restarts of `rdt`.
-        unknown: number of these restarts at which `ft` restarted too, so that the number of missing samples is unknown.
+        unknown: number of restarts of both counters, after which the number of missing samples is unknown.
     """
 
     def __init__(self) -> None:
@@ -36,22 +36,19 @@ class SequenceCounters:
         self._expected = False
 
     def expect_restart(self) -> None:
-        """Note that the device was requested to start again: if `rdt` falls next, that is a restart."""
+        """Note that the device was requested to start again: a fall of `rdt` is a restart then."""
         self._expected = True
 
     def follow(
         self, rdt: list[int], ft: list[int], stamp: list[int], lost: Int[np.ndarray, " room"]
     ) -> list[int] | None:
-        """Follow the counters through one block of samples, in order of arrival; in lists, as most blocks hold one.
+        """Follow the counters through a block of samples, and return the indices of those to keep; None: all.
 
         Args:
-            rdt: counter of sent samples, for each sample.
-            ft: counter of measured samples, for each sample.
-            stamp: [ns] of arrival of each sample.
-            lost: filled from its start: number of samples missing before each that is kept.
-
-        Returns:
-            Indices of the samples to keep; None: all.
+            rdt: counter of sent samples, for each sample in order of arrival; not empty.
+            ft: counter of measured samples, for each.
+            stamp: [ns] arrival of each.
+            lost: filled from its start with the number of samples missing before each that is kept.
         """
         last, first, count = self._last, rdt[0], len(rdt)
         if (last is None or first == (last[0] + 1) % _ROUND) and rdt == list(range(first, first + count)):
