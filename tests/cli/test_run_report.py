@@ -131,10 +131,10 @@ def test_settings_are_those_of_the_rig() -> None:
 
 def test_load_cells_say_which_are_left_out_and_what_is_wrong() -> None:
     cells = nominal_cells(LAYOUTS[4], 10.0, 1e-4)
-    found = load_cells(cells, excluded=(3,), notes=("zero from the first 2 s",), faults=("cell 3 is dead",))
+    found = load_cells(cells, excluded=(3,), warnings=("no zero was taken", "cell 3 is dead"))
     assert dict(found.settings)["left out"] == "cell 3"
     assert dict(found.settings)["noise"].startswith("0.1 mV")
-    assert found.points[:2] == ("zero from the first 2 s", "cell 3 is dead")
+    assert found.points[:2] == ("no zero was taken", "cell 3 is dead")
 
 
 def _two_at_once() -> Contacts:

@@ -23,18 +23,17 @@ AZIMUTHS = 12  # directions of a force with friction, the worst of which counts
 @takes_arrays
 @dataclass(frozen=True)
 class Resolution:
-    """Root mean square errors at n points, in three dimensions, of a force that presses there.
+    """Root mean square errors of touches at n points, of position and force in three dimensions.
 
-    The cells' noise moves the point by an amount inverse to the force; the calibration's error moves it by the same
-    amount for every force: e(F)^2 = (noise/F)^2 + calibration^2.
+    The position error under a force F is e, e^2 = (noise/F)^2 + calibration^2.
 
     Attributes:
         noise: (n,) [m N] position error from the noise of readings and bias, times the force.
         calibration: (n,) [m] position error from the calibration.
         force: (n,) [N] error of the force vector from the noise.
         scale: (n,) error of the force vector from the calibration, as a share of the force.
-        torque: (n,) [N m] error of the torque about the normal from the noise; NaN for contacts without one.
-        largest: (n,) [N] pressing force at which the first cell leaves its range; inf where no range is known.
+        torque: (n,) [N m] error of the torque about the normal from the noise; NaN for contacts without torque.
+        largest: (n,) [N] force at which the first cell leaves its range; inf where no range is known.
     """
 
     noise: Float[np.ndarray, " n"]
@@ -65,23 +64,21 @@ def resolution(
     points: Float[np.ndarray, "n 3"],
     normals: Float[np.ndarray, "n 3"],
     *,
-    forces: Float[np.ndarray, "n 3"] | None = None,
     friction: float = 0.0,
     tare: float = np.inf,
     soft: bool = True,
     sound: Bool[np.ndarray, " k"] | None = None,
 ) -> Resolution:
-    """Return the `Resolution` over a surface, to first order; with friction, in the worst direction of the force.
+    """Return the `Resolution` over a surface, to first order in the errors.
 
     Args:
         cells: calibrated, or `nominal_cells`; their drift since the bias was taken counts too.
         points: (n, 3) [m] of the surface.
         normals: (n, 3) outward unit normals.
-        forces: (n, 3) that press there, of any length; None: against the normals, with `friction`.
-        friction: tangent of the angle between force and normal.
+        friction: tangent of the angle between force and normal; the worst direction counts.
         tare: number of independent readings that the bias was taken from.
         soft: whether a contact may have a torque about the normal; if not, F . M = 0 is used.
-        sound: (k,) the cells that answer; None: all. The others still carry load.
+        sound: mask (k,) of the cells that answer; None: all. The others still carry load.
 
     Raises:
         InputError: `tare` is not positive, or `friction` is negative.
@@ -90,11 +87,11 @@ def resolution(
     if not (tare > 0 and friction >= 0):  # NaN too
         raise InputError("tare must be positive, and friction not negative.")
     spread = (1.0 + 1.0 / tare + cells.drift**2) * cells.inverse(sound)[1]
-    pushes = _directions(normals, friction) if forces is None else [forces]
+    pushes = _directions(normals, friction)
     units = [push / np.linalg.norm(push, axis=1, keepdims=True) for push in pushes]
-    worst = [_at(cells, points, normals, unit, spread, soft) for unit in units]
-    largest = _largest(cells, worst, cells.channels(sound))
-    return Resolution(*(np.max([one[k] for one in worst], axis=0) for k in range(5)), largest=largest)
+    *errors, readings = zip(*(_at(cells, points, normals, unit, spread, soft) for unit in units), strict=True)
+    largest = _largest(cells, np.array(readings), cells.channels(sound))
+    return Resolution(*(np.max(error, axis=0) for error in errors), largest=largest)
 
 
 @takes_arrays
@@ -103,13 +100,18 @@ def position_slope(
     normal: Float[np.ndarray, "*batch 3"],
     force: Float[np.ndarray, "*batch 3"],
 ) -> Float[np.ndarray, "*batch 4 6"]:
-    """Return the derivative of a soft finger's point and torque by the wrench, for a contact with zero torque.
+    """Return the derivative of a soft finger's contact point and torque by the wrench, at zero torque.
 
     M = p x F + tau n gives with m = dM - p x dF, the change of the moment about the point,
 
         dtau = m . F/(n . F),    dp = Q F x (m - dtau n)/|F|^2,    Q = 1 - F n'/(F . n)
 
     as dp lies in the tangent plane.
+
+    Args:
+        point: (*batch, 3) [m] p.
+        normal: (*batch, 3) n, the outward unit normal there.
+        force: (*batch, 3) [N] F.
 
     Returns:
         (*batch, 4, 6) d(p, tau)/d(F, M) [m/N, 1/N; m, 1].
@@ -127,19 +129,19 @@ def position_slope(
 def nominal_cells(
     positions: ArrayLike, sensitivity: float, noise: float, limit: float = np.inf, *, drift: float = 0.0
 ) -> LoadCells:
-    """Return `LoadCells` of equal cells that are not built yet: springs of equal stiffness, without cross-coupling.
+    """Return the `LoadCells` of a layout: springs of equal stiffness, without cross-coupling.
 
     The frame's balance gives f_i = B_i' (sum B_j B_j')^-1 w with B_i = (1; [l_i]x).
 
     Args:
-        positions: (k, 3) [m].
+        positions: (k, 3) [m] of at least three cells.
         sensitivity: [N/V] of every axis.
         noise: [V] standard deviation of a reading.
         limit: [V] range of a reading, to either side.
         drift: [V] standard deviation of the bias's drift after it was taken.
 
     Raises:
-        InputError: sensitivity or noise is 0.
+        InputError: sensitivity or noise is 0, or there are fewer than three positions.
         NotIdentifiable: the positions do not determine a wrench.
     """
     places = shaped(positions, (None, 3), "positions")
@@ -149,21 +151,17 @@ def nominal_cells(
         shares = np.zeros((maps.shape[1], 6))  # LoadCells names the missing direction
     else:
         shares = np.linalg.solve(balance, maps).T
-    channels = len(shares)
-    limits = np.tile([-limit, limit], (channels, 1))
-    spread = np.full(channels, noise)
+    limits, spread = np.tile([-limit, limit], (len(shares), 1)), np.full(len(shares), noise)
     return LoadCells(shares / sensitivity, spread, limits=limits, positions=places, drift=drift / noise)
 
 
 _ARMS = np.array([1.0, 1.0, 1.0, 0.01, 0.01, 0.01])  # m: lengths of a fingertip
 _FLAT = 1e12
 
-_Part = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-
 
 def _at(
     cells: LoadCells, points: np.ndarray, normals: np.ndarray, force: np.ndarray, spread: np.ndarray, soft: bool
-) -> _Part:
+) -> tuple[np.ndarray, ...]:
     """Return the first five fields of `Resolution` for a force of 1 N at each point, and its readings (n, 3 k)."""
     slope = position_slope(points, normals, force)
     place = slope[:, :3]
@@ -197,11 +195,12 @@ def _directions(normals: np.ndarray, friction: float) -> list[np.ndarray]:
     ]
 
 
-def _largest(cells: LoadCells, parts: list[_Part], kept: Bool[np.ndarray, " m"]) -> Float[np.ndarray, " n"]:
-    """Return the force (n,) [N] at which the first sound channel leaves its range, starting from the bias."""
-    room = np.stack([cells.bias - cells.limits[:, 0], cells.limits[:, 1] - cells.bias], axis=1)
-    least = [np.where(part[5] < 0, room[:, 0], room[:, 1]) / np.maximum(np.abs(part[5]), 1e-300) for part in parts]
-    return np.min(np.array(least)[..., kept], axis=(0, 2))
+def _largest(
+    cells: LoadCells, readings: Float[np.ndarray, "d n m"], kept: Bool[np.ndarray, " m"]
+) -> Float[np.ndarray, " n"]:
+    """Return the force (n,) [N] at which the first sound channel leaves its range, from readings of 1 N [V]."""
+    room = np.where(readings < 0, cells.bias - cells.limits[:, 0], cells.limits[:, 1] - cells.bias)
+    return np.min((room / np.maximum(np.abs(readings), 1e-300))[..., kept], axis=(0, 2))
 
 
 def _rms(covariance: np.ndarray) -> np.ndarray:
