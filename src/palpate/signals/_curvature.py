@@ -1,8 +1,8 @@
 """Compute second derivatives of sampled paths, and their noise, with a parabola through the parts of a window.
 
 The window is cut into nine parts; the path is averaged over each, and a parabola goes through the nine averages by
-least squares [Savitzky and Golay 1964]. Nine is enough to tell noise from curvature, averages cost the same at any
-rate, and they are right where rows repeat or interpolate slower poses: parts are made longer than their period.
+least squares [Savitzky and Golay 1964]. Where rows repeat or interpolate slower poses, parts are made longer than the
+period of the poses.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class WindowSettings:
     """Window settings that are fixed for a log.
 
     Attributes:
-        step: the usual time from row to row [s].
+        step: usual time from row to row [s].
         part: rows of a part.
         longest: rows of the longest part.
     """
@@ -48,13 +48,13 @@ class WindowSettings:
 
 @dataclass(frozen=True)
 class Curvature:
-    """Second derivatives of a path, row by row; every length is the norm over the columns.
+    """Second derivatives of a path, row by row.
 
     Attributes:
-        value: (n, k) second derivative; NaN where no window is near.
-        noise: (n,) standard deviation of its length, from the residuals of the parabola.
+        value: (n, k) second derivative [unit of the path/s^2]; NaN where no window is near.
+        noise: (n,) standard deviation of its norm over the columns, from the residuals of the parabola.
         usual: median of `noise`.
-        borrowed: (n,) where the window of a row is incomplete and the nearest complete one answers.
+        borrowed: (n,) True where a row's window is incomplete and the nearest complete one answers.
         half: rows to either side of a window's middle.
     """
 
@@ -66,12 +66,12 @@ class Curvature:
 
 
 def settings_of(time: Float[np.ndarray, " n"], window: float, scale: float, most: int) -> WindowSettings:
-    """Return the window settings of a log, from its first rows.
+    """Return the `WindowSettings` of a log, from its first rows.
 
     Args:
         time: (n,) [s] of the first rows.
-        window: [s] that the usual window lasts.
-        scale: factor of `window` up to which windows may reach.
+        window: [s] of the usual window.
+        scale: longest window over the usual one, unless 1 s is longer.
         most: rows that a window may have.
     """
     steps = np.diff(time)
@@ -89,14 +89,14 @@ def curvature(
     part: int,
     factor: float = 1.0,
 ) -> Curvature:
-    """Compute the second derivatives of the columns of `path` at each row's time.
+    """Compute the second derivatives of the columns of `path` at each row's time, as a `Curvature`.
 
     Args:
-        time: (n,) [s], nearly evenly spaced; a window that is uneven gives no answer.
+        time: (n,) [s]; an uneven window gives no answer.
         path: (n, k); NaN where it is not known.
-        settings: see `settings_of`.
-        part: rows of a part, odd.
-        factor: of the noise, see `part_of`.
+        settings: from `settings_of`.
+        part: rows of a part, odd, from `part_of`.
+        factor: of the noise, from `part_of`.
     """
     half = (PARTS * part - 1) // 2
     value, noise = np.full(path.shape, np.nan), np.full(len(path), np.nan)
@@ -147,29 +147,29 @@ def _nearest(whole: Bool[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
 
 
 def part_of(period: float, settings: WindowSettings, scale: float = 1.0, periods: float = 2.0) -> tuple[int, float]:
-    """Return the rows of a part, at least some periods of the poses long, and the factor of the noise.
+    """Return the rows of a part, odd, and the factor of the noise, 1 or more.
 
-    Interpolated noise is alike over one period: with fewer than two periods in a part, the parabola fits some of the
-    noise, and the residual is too small. The factor of the noise makes up for that.
+    With fewer than two periods of interpolated poses in a part, the parabola fits some of their noise; the factor makes
+    up for that.
 
     Args:
-        period: rows from pose to pose, see `pose_period`.
-        settings: see `settings_of`.
+        period: rows from pose to pose, from `pose_period`.
+        settings: from `settings_of`.
         scale: factor of the settings' window.
-        periods: least number of periods of the poses in a part.
+        periods: least number of periods in a part.
     """
     part = min(_odd(max(scale * settings.part, periods * period)), settings.longest)
     return part, max(1.0, 2.0 * period / part) ** 0.5
 
 
 def pose_period(poses: Float[np.ndarray, "n 8"], settings: WindowSettings) -> float:
-    """Return the rows from pose to pose, found by the kinks of rows that interpolate slower poses, or repeat them.
+    """Return the number of rows from pose to pose, by the kinks of rows that interpolate or repeat slower poses.
 
-    0 where too few kinks show: then every row is a pose, or nothing moves.
+    It is 0 where every row is a pose, or nothing moves.
 
     Args:
         poses: (n, 8) time, quaternion and position, row by row.
-        settings: see `settings_of`.
+        settings: from `settings_of`.
     """
     time, quaternion, position = poses[:, 0], poses[:, 1:5], poses[:, 5:]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):

@@ -1,4 +1,4 @@
-"""Tell whether recorded accelerations contain gravity, as an IMU's do, or only the motion."""
+"""Determine whether recorded accelerations contain gravity, as an IMU's do, or only the motion."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _SCALES = {"m/s^2": 1.0, "g": G, "mg": 1e-3 * G}
 
 @takes_arrays
 def kind_of_acceleration(values: Float[np.ndarray, "n 3"], unit: str | None) -> tuple[str, str, float]:
-    """Return the kind of accelerations ("imu", "motion" or "none" of both), their unit, and their median length in it.
+    """Return the kind of accelerations ("imu", "motion" or "none"), their unit, and their median length in it.
 
     Args:
         values: (n, 3) [m/s^2] where the unit is known, else as recorded.
-        unit: as recorded; None: m/s^2, g or mg, whichever makes the length that of gravity.
+        unit: "m/s^2", "g" or "mg", as recorded; None: whichever makes the length that of gravity, else m/s^2.
     """
     length, steady = _length(values)
     if unit is not None:
@@ -36,7 +36,12 @@ def kind_of_acceleration(values: Float[np.ndarray, "n 3"], unit: str | None) -> 
 
 @takes_arrays
 def wrong_acceleration(values: Float[np.ndarray, "n 3"], kind: str) -> str:
-    """Return why accelerations [m/s^2] are not of this kind, and how to correct the rig; "" where they may be."""
+    """Return why accelerations (n, 3) [m/s^2] cannot be of a kind, and how to correct the rig; "" where they can.
+
+    Args:
+        values: (n, 3) [m/s^2].
+        kind: "imu" or "motion"; nothing is wrong with any other.
+    """
     length, _ = _length(values)
     if kind == "motion":
         found, unit, _ = kind_of_acceleration(values, None)
@@ -60,7 +65,13 @@ def wrong_acceleration(values: Float[np.ndarray, "n 3"], kind: str) -> str:
 def turned_from_gravity(
     values: Float[np.ndarray, "n 3"], quaternions: Float[np.ndarray, "n 4"], gravity: Float[np.ndarray, "3"]
 ) -> float:
-    """Return the median angle [degrees] between an IMU's readings and those at rest, -R^T g; 0: nothing is known."""
+    """Return the median angle [degrees] between an IMU's readings and those at rest, -R^T g; 0 without finite rows.
+
+    Args:
+        values: (n, 3) [m/s^2] in the sensor frame.
+        quaternions: (n, 4) x, y, z, w: sensor in base.
+        gravity: (3,) [m/s^2] in the base.
+    """
     known = np.isfinite(values).all(axis=1) & np.isfinite(quaternions).all(axis=1) & quaternions.any(axis=1)
     if not known.any():
         return 0.0

@@ -14,14 +14,14 @@ LONGEST = 1 / 4  # of the series: beyond it a correlation is not known
 
 @takes_arrays
 def correlation_time(values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"]:
-    """Return the integrated correlation time of each column [samples], (k,), at least 1.
+    """Return the integrated correlation time (k,) of each column, in samples, at least 1.
 
     The variance of a mean of n samples is the variance of one sample, times this time, over n. With rho the
     autocorrelation,
 
         tau = 1 + 2 sum rho(t),  t = 1 ... T,
 
-    summed to the first T where rho(2t) + rho(2t + 1) is not positive [Geyer 1992]: beyond it there is only noise.
+    summed to the first T where rho(2t) + rho(2t + 1) is not positive [Geyer 1992].
 
     Args:
         values: (n, k) residuals; a column that never changes has 1.

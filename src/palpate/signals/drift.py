@@ -20,20 +20,20 @@ __all__ = ["Drift"]
 class Drift(Value):
     """A sensor's drift: a random walk of the zero, a rate that decays during warm-up, and an error of the payload.
 
-    In each of m channels the zero b and its rate r follow db = r dt + walk dW and dr = -r / settling dt, where r has
-    the standard deviation `warm_up` at the start. Channels are those that the sensor reads: the six of a wrench [N, N
-    m], or voltages.
+    In each of m channels, those of a wrench [N, N m] or voltages, the zero b and its rate r follow db = r dt + walk dW
+    and dr = -r / settling dt.
 
     Args:
         walk: (m,) standard deviation of the random walk after one second, in the channel's unit over sqrt(s).
         warm_up: (m,) standard deviation of the rate at the start, in the channel's unit over s; None: 0, no warm-up.
         settling: [s] in which the rate falls to 1/e; inf: it stays.
-        weight: [N] standard deviation of the payload's weight from the one that is compensated; 0: it is known.
+        weight: [N] standard deviation of the payload's weight from the one that is compensated.
         thermal: (m,) change per kelvin, where a temperature is read; None: 0.
         thermal_deviation: (m,) standard deviation of `thermal`; None: 0.
 
     Raises:
-        InputError: an argument is negative (`thermal` may be), no number, or of another size.
+        InputError: an argument other than `thermal` is negative, an array is not of m finite numbers, or `settling` is
+            not positive.
     """
 
     walk: Float[np.ndarray, " m"]

@@ -19,10 +19,7 @@ __all__ = ["Motion"]
 
 SOURCES = ("none", "poses", "motion", "imu")
 CHUNK = 8192  # rows worked on at a time, counted from the first of the log: answers know nothing of its blocks
-SCALES = (
-    0.5,
-    1.5,
-)  # times the window, in which an arm is seen to move: long ones see slow motion, short ones quick motion
+SCALES = (0.5, 1.5)  # times the window, to see an arm move: long ones see slow motion, short ones quick motion
 SEEN = 4.0  # times the standard deviation of the acceleration's length: at rest less than one in a million windows
 ARM = 0.5  # m from the sensor to where the arm turns, where only orientations are recorded
 UNKNOWN = 10.0  # m/s^2: about 1 g, for the rows where the acceleration should be known and is not
@@ -39,15 +36,14 @@ class Motion:
     | motion | as recorded, plus that of the lever, R c | of the added part |
     | imu | as recorded, a specific force: f + R^T g, plus that of the lever, R c | of the added part |
 
-    Derivatives are those of a parabola through nine parts of a window, see `palpate.signals._curvature`. Near the ends
-    of the log and of gaps, the nearest acceleration is kept, with a standard deviation as large as itself; where there
-    is none, it is 0 and UNSTEADY about 1 g. Motion of the arm is detected in windows of half and of one and a half
-    times the length.
+    Derivatives are those of a parabola through nine parts of a window. Near the ends of the log and of gaps, the
+    nearest acceleration is kept, with a standard deviation as large as itself; where there is none, it is 0 and
+    UNSTEADY about 1 g.
 
     Args:
-        source: where the acceleration comes from, one of the table.
+        source: one of the table.
         window: [s] over which paths are fitted. A swing at f loses (pi f window)^2 / 14 of its acceleration.
-        gravity: (3,) [m/s^2] in the base; an IMU needs it (`Payload.gravity`).
+        gravity: (3,) [m/s^2] in the base, which an IMU needs (`Payload.gravity`).
         lever: (3,) [m] c, the payload's centre of mass in the sensor's frame; None: the sensor's origin.
 
     Raises:
@@ -75,9 +71,9 @@ class Motion:
         self._forget()
 
     def stream(self, blocks: Iterator[Recording]) -> Iterator[Recording]:
-        """Yield the same rows with ACCELERATION and UNSTEADY; with source "none", UNSTEADY alone.
+        """Yield the same blocks with ACCELERATION (n, 3) and UNSTEADY (n, 1); with source "none", UNSTEADY alone.
 
-        Blocks are cut as they were given, and are delayed by up to 16,384 rows.
+        A block comes up to 16,384 rows late.
 
         Raises:
             InputError: the channels that the source needs are missing.
@@ -95,7 +91,7 @@ class Motion:
             yield self._with_channels(block, ready)
 
     def notes(self, mass: float | None = None) -> tuple[str, ...]:
-        """Return a tuple of notes on the rows so far, one sentence each; in newtons where the mass [kg] is given."""
+        """Return notes on the rows so far, one sentence each; in newtons if the payload's mass [kg] is given."""
         if not self._rows:
             return ()
         size = f"{self._largest:.2g} m/s^2" if mass is None else f"{mass * self._largest:.2g} N"

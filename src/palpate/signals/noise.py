@@ -1,11 +1,11 @@
-"""Estimate the noise of a log from the log itself: standard deviation of a reading, and its spectrum."""
+"""Estimate the noise of a log: standard deviation of a reading, and its spectrum."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from palpate.errors import InputError
 from palpate.signals.filters import Filter
@@ -47,8 +47,7 @@ class NoiseSpectrum(Value):
     def of_corner(cls, corner: float, rate: float) -> NoiseSpectrum:
         """Return the `NoiseSpectrum` of white plus 1/f noise of density 1 + corner/f, the same in six channels.
 
-        Like every `NoiseSpectrum` it has frequencies in cycles per sample, here from 10^-6 to 1/2, and shares of the
-        variance that sum to 1, so that it has no absolute level.
+        Its frequencies are from 10^-6 to 1/2 cycles per sample.
 
         Args:
             corner: [Hz] where white and 1/f noise are equal.
@@ -65,17 +64,17 @@ class NoiseSpectrum(Value):
         return cls(middle, np.repeat(power[:, None] / power.sum(), 6, axis=1))
 
     def kept(self, made: Filter, rate: float) -> Float[np.ndarray, " c"]:
-        """Return the share of each channel's variance that a settled filter keeps at a `rate` [Hz], (c,).
+        """Return the share (c,) of each channel's variance that a settled filter keeps for samples at `rate` [Hz].
 
         It is the sum of power |H|^2, H the filter's gain.
 
         Raises:
-            InputError: the filter's cut-off does not fit the rate.
+            InputError: the rate is not positive, or the filter's cut-off does not fit it.
         """
         return made.gain(self.frequency * rate, rate) ** 2 @ self.power
 
     def of_mean(self, count: int) -> Float[np.ndarray, " c"]:
-        """Return the share of each channel's variance in the mean of `count` samples (Dirichlet's kernel, squared)."""
+        """Return the share (c,) of each channel's variance in the mean of `count` samples (Dirichlet's kernel)."""
         angle = np.pi * np.maximum(self.frequency, 1e-12)
         return (np.sin(count * angle) / (count * np.sin(angle))) ** 2 @ self.power
 
@@ -99,12 +98,11 @@ class Noise(Value):
 
 @takes_arrays
 def estimate_noise(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"] | None:
-    """Return standard deviations of one reading in the quiet parts of a log, (k,); None for under ten finite samples.
+    """Return the standard deviation (k,) of one reading in the quiet parts of a log; None for under ten finite samples.
 
-    The log is cut into windows of 32 samples, each less its own straight line, so that slow motion does not count. The
-    quietest tenth of them begin; those of at most 2.5 times their mean variance join them, until none does: so contacts
-    are left out and noise is not, and choosing the quietest causes no bias. Changes slower than a window are not in it
-    (`rest_noise`). A reading is never better than its resolution q allows, q / sqrt(12).
+    The log is cut into windows of 32 samples, each less its own straight line: slower changes do not count, other than
+    in `rest_noise`. Quiet are the quietest tenth of them, and those of at most 2.5 times the mean variance of the quiet
+    ones. With a resolution q, the answer is q / sqrt(12) or more.
 
     Args:
         readings: (n, 6) [N, N m] as logged, or other readings (n, k).
@@ -121,9 +119,8 @@ def rest_noise(readings: Float[np.ndarray, "n k"], *, wander: bool = True) -> No
     """Return the `Noise` of a log where it rests at one level; None where it hardly does.
 
     Rest is where every channel is quiet (`estimate_noise`) and within 5 standard deviations of the level before,
-    starting from the commonest level: a constant press is quiet, but at another level. Periodograms [welch] of the
-    parts at rest give the noise within a segment; the variance of the segments' means is the drift from one to the
-    other, and stands at frequency 0: no filter removes it, and no tare.
+    starting from the commonest level. Periodograms [welch] of the parts at rest give the noise within a segment; the
+    variance of the segments' means is drift, and stands at frequency 0: no filter removes it.
 
     The error of a reading of resolution q that hardly moves is the same in every sample; of its variance q^2/12, sum
     over k of q^2/(2 pi^2 k^2) exp(-4 pi^2 k^2 s^2/q^2) stays so under noise of standard deviation s, and stands at 0
@@ -131,8 +128,8 @@ def rest_noise(readings: Float[np.ndarray, "n k"], *, wander: bool = True) -> No
 
     Args:
         readings: (n, 6) [N, N m] as logged, or other readings (n, k), evenly spaced.
-        wander: count drift of the zero too. False where the zero is followed: each segment is then taken less its
-            straight line, and its mean does not matter.
+        wander: count drift of the zero, too. False where the zero is followed: each segment is then taken less its
+            straight line.
     """
     usable = readings[np.isfinite(readings).all(axis=1)]
     if len(usable) < 2 * WINDOW:
@@ -149,7 +146,9 @@ def rest_noise(readings: Float[np.ndarray, "n k"], *, wander: bool = True) -> No
     waves = np.fft.rfft(left * taper[:, None], axis=1)[:, 1:]
     density = 2.0 * np.mean(np.abs(waves) ** 2, axis=0) / (length * np.sum(taper**2))
     density[-1] /= 2.0  # at half the rate two sides are one
-    within, between = density.sum(axis=0), _wander(middle[:, 0], density) if wander else density[0] / 2.0
+    within, between = density.sum(axis=0), density[0] / 2.0  # at least, by 1/f noise below the lowest bin
+    if wander:
+        between = np.maximum(middle[:, 0].var(axis=0, ddof=1), between)
     stays = _stuck(within, resolution)
     total = np.maximum(within + between, resolution**2 / 12.0)
     moves = np.where(within > 0, np.maximum(total - between - stays, 0.0) / np.where(within > 0, within, 1.0), 0.0)
@@ -161,7 +160,7 @@ def rest_noise(readings: Float[np.ndarray, "n k"], *, wander: bool = True) -> No
 
 @takes_arrays
 def wrong_noise(stated: Float[np.ndarray, "6"], seen: Float[np.ndarray, "6"]) -> str:
-    """Return a sentence where stated standard deviations of a wrench differ by a factor of 2 from a log's, or ""."""
+    """Return a sentence if stated standard deviations (6,) of a wrench differ twofold from those of a log, else ""."""
     wrong: list[str] = []
     for part, unit in ((slice(0, 3), "N"), (slice(3, 6), "N m")):
         said, found = (float(np.sqrt(np.mean(values[part] ** 2))) for values in (stated, seen))
@@ -181,17 +180,10 @@ def _unheld(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "m k"]:
     return readings[:: min(max(held, 1), MOST_HELD)]
 
 
-def _windows(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "w l k"]:
-    """Cut readings into as many complete windows as there are; a short log gets shorter windows."""
-    length = int(np.clip(len(readings) // 20, min(FEWEST, len(readings)), WINDOW))
-    count = len(readings) // length
-    return readings[: count * length].reshape(count, length, readings.shape[1])
-
-
 def _straightened(windows: Float[np.ndarray, "w l k"]) -> Float[np.ndarray, "w l k"]:
     """Subtract from each window its straight line."""
-    line: Float[np.ndarray, "l 1"] = np.ones((windows.shape[1], 1))
-    line = np.cumsum(line, axis=0) - (len(line) + 1) / 2
+    length = windows.shape[1]
+    line: Float[np.ndarray, "l 1"] = np.arange(1.0, length + 1.0)[:, None] - (length + 1) / 2
     slope: Float[np.ndarray, "w k"] = np.einsum("lz,wlk->wk", line, windows) / float(np.einsum("lz,lz->", line, line))
     return windows - windows.mean(axis=1, keepdims=True) - slope[:, None] * line
 
@@ -199,9 +191,11 @@ def _straightened(windows: Float[np.ndarray, "w l k"]) -> Float[np.ndarray, "w l
 def _judged(
     readings: Float[np.ndarray, "n k"],
 ) -> tuple[Float[np.ndarray, "w l k"], Float[np.ndarray, "w k"], Bool[np.ndarray, "w k"]]:
-    """Return windows, their variances, and where they are noise alone: in all channels, or else in each."""
-    windows = _windows(readings)
-    variance = np.sum(_straightened(windows) ** 2, axis=1) / (windows.shape[1] - 2)
+    """Return complete windows, their variances, and where they are noise alone: in all channels, or else in each."""
+    length = int(np.clip(len(readings) // 20, min(FEWEST, len(readings)), WINDOW))  # shorter in a short log
+    count = len(readings) // length
+    windows = readings[: count * length].reshape(count, length, readings.shape[1])
+    variance = np.sum(_straightened(windows) ** 2, axis=1) / (length - 2)
     least = np.maximum(resolution_of(readings) ** 2 / 12.0, 1e-30)
     quiet = np.stack([_quiet(column) for column in (variance + least).T], axis=1)
     whole = np.all(quiet, axis=1, keepdims=True)
@@ -228,7 +222,7 @@ def _deviation(
 
 @takes_arrays
 def resolution_of(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"]:
-    """Return for each column the step of which all differences are multiples, (k,); 0 where there is none."""
+    """Return the step (k,) of which all differences in a column are multiples; 0 where there is none."""
     return np.array([_step(np.unique(column)) for column in readings.T])
 
 
@@ -256,7 +250,7 @@ def _resting(
         return resting, windows.shape[1]
     some = np.arange(0, len(among), max(1, len(among) // 400))
     near = [np.count_nonzero(np.abs(level[among[some]] - level[among[k]]).max(axis=1) <= 1.0) for k in some]
-    start = int(some[int(np.argmax(np.array(near)))])
+    start = int(some[np.argmax(near)])
     for order in (among[start:], among[start::-1]):  # a wander is followed, step by step
         last = level[among[start]]
         for k in order:
@@ -271,28 +265,14 @@ def _segments(
     readings: Float[np.ndarray, "n k"], resting: Bool[np.ndarray, " w"], window: int
 ) -> Float[np.ndarray, "s l k"] | None:
     """Return stretches of rest, all of the longest length of which there are enough; None if there are too few."""
-    edges = np.diff(np.concatenate([[0], resting.astype(np.int8), [0]]))
-    starts, ends = np.flatnonzero(edges == 1) * window, np.flatnonzero(edges == -1) * window
+    rests = window * np.flatnonzero(np.diff(resting, prepend=False, append=False)).reshape(-1, 2)  # start, end
     length = LONGEST
-    while length > window // 2 and np.sum((ends - starts) // length) < SEGMENTS:
+    while length > window // 2 and np.sum(np.diff(rests) // length) < SEGMENTS:
         length //= 2
-    first = _first(starts, ends, length)
+    first = [k for start, end in rests.tolist() for k in range(start, end - length + 1, length)]
     if len(first) < 2 or length < FEWEST:
         return None
     return np.stack([readings[k : k + length] for k in first])
-
-
-def _first(starts: Int[np.ndarray, " r"], ends: Int[np.ndarray, " r"], length: int) -> Int[np.ndarray, " s"]:
-    counts = (ends - starts) // length
-    before = np.repeat(np.cumsum(counts) - counts, counts)
-    each: Int[np.ndarray, " s"] = np.repeat(starts, counts)
-    return each + length * (np.arange(len(before)) - before)
-
-
-def _wander(means: Float[np.ndarray, "s k"], density: Float[np.ndarray, "l k"]) -> Float[np.ndarray, " k"]:
-    """Return the variance of the segments' means, and no less than that of 1/f noise below the lowest bin."""
-    seen = means.var(axis=0, ddof=1)
-    return np.maximum(seen, density[0] / 2.0)
 
 
 def _stuck(within: Float[np.ndarray, " k"], resolution: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:

@@ -1,4 +1,4 @@
-"""The payload of a force/torque sensor, whose share is subtracted from a reading to get the contact."""
+"""The payload of a force/torque sensor, which is subtracted from a reading to get the contact."""
 
 from __future__ import annotations
 
@@ -40,24 +40,22 @@ class Payload(Value):
         F_s = R^T w + f0 + F_contact
         M_s = c x (R^T w) + m0 + M_contact
 
-    Poses determine the weight only; mass is the weight over a stated |g|.
-
     Args:
-        weight: (3,) [N] of the payload, in the base frame; None: by `mass`, along -z, or 0.
+        weight: (3,) [N] of the payload, in the base frame; None: by `mass`, or 0.
         force_bias: (3,) [N], in the sensor frame; None: 0.
         center_of_mass: (3,) [m], in the sensor frame; None: 0.
         torque_bias: (3,) [N m], in the sensor frame; None: 0.
-        covariance: (12, 12) of weight, force_bias, center_of_mass, torque_bias in this order. Finite; rank deficient
-            where a value was given (gravity's direction).
+        covariance: (12, 12) of weight, force_bias, center_of_mass, torque_bias in this order; None: 0.
         magnitude: of gravity [m/s^2].
-        residual: (2,) rms of the fit's force [N] and torque [N m], per axis.
+        residual: (2,) rms of the fit's force [N] and torque [N m], per axis; None: 0.
         samples: number of wrenches used.
         provenance: origin of the payload: input hashes, version, options.
         notes: remarks on the fit for the user, one sentence each.
         mass: [kg] in place of the weight, in a base whose z axis points up.
 
     Raises:
-        InputError: numbers that no payload has, or a weight and a mass.
+        InputError: an array has another shape or numbers that are not finite, the magnitude is not positive, the mass
+            is negative, or a weight and a mass are given.
     """
 
     weight: Float[np.ndarray, "3"]
@@ -110,10 +108,10 @@ class Payload(Value):
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Payload:
-        """Read a `Payload` that `save` or `palpate calibrate payload` wrote.
+        """Read a `Payload` from a file of `save` or `palpate calibrate payload`.
 
         Raises:
-            InputError: the file does not exist, or is not a payload.
+            InputError: the file cannot be read, or is not a payload.
         """
         return by_name("palpate.files.models.read_model")(path, cls)
 
@@ -137,7 +135,7 @@ class Payload(Value):
 
     @property
     def mass(self) -> float:
-        """Mass [kg]: the weight over `magnitude`."""
+        """Mass [kg], the weight over `magnitude`."""
         return float(np.linalg.norm(self.weight)) / self.magnitude
 
     @property
@@ -153,26 +151,24 @@ class Payload(Value):
         rotations: Float[np.ndarray, "*batch 3 3"] | None,
         accelerations: Float[np.ndarray, "*batch 3"] | None = None,
     ) -> tuple[Float[np.ndarray, "*batch 6"], Float[np.ndarray, "*batch 6 6"]]:
-        """Return the contact's share of a reading, and the covariance that the payload's uncertainty adds to it.
+        """Return the wrench of the contact alone, and the covariance that the payload's uncertainty adds to it.
 
-        Newton for the payload, which gravity, the contact and the sensor (by -F_s) push: m a = m g + F_contact - F_s.
-        So an accelerated payload weighs u = R^T w - m a, and
+        An accelerated payload weighs u = R^T w - m a, so that
 
             F_contact = F_s - f0 - u,    M_contact = M_s - m0 - c x u.
 
-        `a` should be the acceleration of the payload's centre. The sensor's origin is taken for it, and the payload's
-        own rotational inertia is left out: off by m (alpha x c + omega x (omega x c)) in force.
+        For the acceleration of the payload's centre that of the sensor's origin is taken, and its rotational inertia is
+        left out: the force is off by m (alpha x c + omega x (omega x c)).
 
         Args:
             wrenches: (*batch, 6) [N, N m] in the sensor frame.
-            rotations: (*batch, 3, 3), sensor in base; a NaN in one gives a NaN wrench. None for a payload without
-                weight only (a tare).
-            accelerations: (*batch, 3) [m/s^2] of the sensor's origin in the sensor frame, without gravity: the reading
-                of an accelerometer, plus g. None: at rest. Beyond 1e9 it gives a NaN wrench.
+            rotations: (*batch, 3, 3), sensor in base; a NaN in one gives a NaN wrench. None: the payload has no weight.
+            accelerations: (*batch, 3) [m/s^2] of the sensor's origin in the sensor frame, without gravity; None: at
+                rest. Beyond 1e9 it gives a NaN wrench.
 
         Returns:
-            Wrenches (*batch, 6) in the sensor frame and covariances (*batch, 6, 6). The error of the bias and weight
-            is the same in every sample: averaging samples does not reduce it.
+            Wrenches (*batch, 6) in the sensor frame and covariances (*batch, 6, 6), whose error is common to all
+            samples: averaging does not reduce it.
 
         Raises:
             InputError: no rotations for a payload that weighs something.

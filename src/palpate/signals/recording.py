@@ -68,15 +68,16 @@ class Recording:
     without a copy, others are copied.
 
     Args:
-        time: (n,) [s], as recorded: it may repeat, run backwards or be NaN; nothing is sorted or dropped.
-        channels: name -> (n, ...), SI. A value that could not be read is NaN. Names used across Palpate are the
-            constants of this module; a sensor with its own channels names them itself.
+        time: (n,) [s], as recorded: it may repeat, run backwards or be NaN.
+        channels: name -> (n, ...), SI; NaN where a value could not be read. Names used across Palpate are the constants
+            of this module.
         frame: the frame in which force and torque are written, "sensor" or "base".
         source: where it came from, for messages and provenance.
         notes: remarks for a reader of the results (a gap, unsorted times), one sentence each.
 
     Raises:
-        InputError: a channel does not have one row for each time, or does not have the shape that its name requires.
+        InputError: a channel is not of real numbers, does not have one row for each time, or does not have the shape
+            that its name requires.
     """
 
     time: Float[np.ndarray, " n"]
@@ -111,7 +112,7 @@ class Recording:
         return len(self.time)
 
     def wrenches(self) -> Float[np.ndarray, "n 6"]:
-        """Return force [N] and torque [N m] side by side, (n, 6); NaN where a value is infinite or beyond `LARGEST`.
+        """Return force [N] and torque [N m], (n, 6); NaN where a value is infinite or beyond `LARGEST`.
 
         Raises:
             InputError: the recording has no force or no torque.
@@ -123,12 +124,12 @@ class Recording:
         return np.where(np.abs(values) <= LARGEST, values, np.nan)
 
     def picked(self, rows: slice | Bool[np.ndarray, " n"]) -> Recording:
-        """Return a new `Recording` of the samples that a slice or a mask (n,) picks."""
+        """Return the `Recording` of the samples that a slice or a mask (n,) picks."""
         channels = {name: sealed(values[rows], own=True, dtype=values.dtype) for name, values in self.channels.items()}
         return replace(self, time=sealed(self.time[rows], own=True), channels=channels)
 
     def rate(self) -> float | None:
-        """Return the samples per second [Hz], from the forward steps that are no gaps; None where there is none."""
+        """Return the rate [Hz] by the mean forward step, without gaps; None if time never increases."""
         steps = np.diff(self.time)
         steps = steps[steps > 0]
         if not len(steps):
@@ -145,7 +146,7 @@ class Recording:
 def split_channels(names: Sequence[str], readings: np.ndarray) -> dict[str, np.ndarray]:
     """Split readings (n, ...) into a dict of name -> channel (n, ...), such as force and torque from (n, 6).
 
-    A channel whose name does not fix its width, such as cells, gets the columns that the others leave.
+    One channel whose name does not fix its width, such as cells, gets the columns that the others leave.
     """
     if len(names) == 1:
         return {names[0]: readings}
@@ -163,11 +164,11 @@ def _dtype(name: str, values: ArrayLike) -> DTypeLike:
 def sealed(
     values: ArrayLike, *, own: bool = False, dtype: DTypeLike = np.float64
 ) -> Float[np.ndarray, "..."] | UInt8[np.ndarray, "..."]:
-    """Return a read-only array, contiguous by rows: `values` itself where it is one, else a copy.
+    """Return a read-only array, contiguous by rows: `values` itself if it is one, else a copy.
 
     Args:
         values: numbers.
-        own: nothing else refers to `values`, so that it need not be copied for being writable.
+        own: nothing else refers to `values`, so that a writable array is sealed without a copy.
         dtype: of the array.
 
     Raises:

@@ -36,22 +36,22 @@ class RestReading:
 
     @property
     def sentence(self) -> str:
-        """Sentence for the user about the wrench that the tare subtracts."""
+        """Sentence on the wrench that a tare subtracts."""
         force, torque = _sizes(self.mean)
         return f"tare over {self.samples} samples: {force:.3g} N and {torque:.3g} N m are subtracted from now on"
 
 
 @takes_arrays
 def at_rest(wrenches: Float[np.ndarray, "n 6"], noise: Float[np.ndarray, "6 6"] | None, where: str) -> RestReading:
-    """Return the `RestReading`, the mean, of wrenches that stand still: their scatter is noise, and both halves agree.
+    """Return the mean of wrenches at rest, as a `RestReading`.
 
     Args:
-        wrenches: (n, 6) compensated; NaN where a sample is unusable.
-        noise: covariance of one reading; None: estimated from the wrenches (`estimate_noise`).
+        wrenches: (n, 6) [N, N m] compensated; NaN where a sample is unusable.
+        noise: covariance of one reading; None: estimated from the wrenches.
         where: source of the wrenches, for messages.
 
     Raises:
-        InputError: fewer than 10 usable samples, or the sensor was not at rest.
+        InputError: fewer than 10 usable samples; or they scatter more than noise, or their halves differ.
     """
     usable = wrenches[np.isfinite(wrenches).all(axis=1)]
     if len(usable) < FEWEST:

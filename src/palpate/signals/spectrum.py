@@ -36,7 +36,7 @@ class Spectrum:
         rate: [Hz] of the samples.
         samples: number of samples used.
         segments: number of periodograms averaged.
-        stretches: number of pieces of even steps without NaN that they came from.
+        stretches: number of stretches, of even steps and without NaN, that were used.
     """
 
     frequency: Float[np.ndarray, " k"]
@@ -53,10 +53,10 @@ class Cutoff:
     """A cut-off frequency proposed from a spectrum.
 
     Attributes:
-        frequency: [Hz]; None where no filter is proposed.
+        frequency: [Hz]; None: no filter is proposed.
         floor: (c,) [unit^2/Hz] of the noise in each channel.
         sentence: the finding in words.
-        settings: the filters with this cut-off, a sentence each, where the channels are forces.
+        settings: a sentence on each filter with this cut-off, where the channels are forces; else ().
     """
 
     frequency: float | None
@@ -69,14 +69,14 @@ class Cutoff:
 def spectrum(time: Float[np.ndarray, " n"], values: Float[np.ndarray, "n c"]) -> Spectrum:
     """Compute the `Spectrum` of all channels, from stretches with even steps and without NaN [welch].
 
-    Nothing is resampled: interpolation is a filter, and would colour the very floor that is looked for.
+    Nothing is resampled, as interpolation would colour the floor of the noise.
 
     Args:
         time: (n,) [s].
-        values: (n, c) in their unit; NaN where there is none; values beyond `LARGEST` count as NaN.
+        values: (n, c); values beyond `LARGEST` count as NaN.
 
     Raises:
-        InputError: no stretch is long enough: the log is short, or its rate is uneven; or no time step is positive.
+        InputError: no stretch has 32 samples, or no time step is positive.
     """
     from scipy.signal import welch
 
@@ -100,13 +100,12 @@ def spectrum(time: Float[np.ndarray, " n"], values: Float[np.ndarray, "n c"]) ->
 
 @takes_arrays
 def steady_stretches(time: Float[np.ndarray, " n"], values: Float[np.ndarray, "n c"], step: float) -> Iterator[slice]:
-    """Yield slices of 32 samples or more, all values finite, and all steps within 50 % of the usual `step` [s]."""
+    """Yield slices of 32 samples or more with finite values and steps within 50 % of the usual `step` [s]."""
     good = np.isfinite(time) & np.isfinite(values).all(axis=1)
     joined = good[1:] & good[:-1] & (np.abs(np.diff(time) - step) <= EVEN * step)
-    edges = np.diff(np.concatenate([[False], joined, [False]]).astype(np.int8))
-    for start, end in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True):
+    for start, end in np.flatnonzero(np.diff(joined, prepend=False, append=False)).reshape(-1, 2).tolist():
         if end + 1 - start >= SHORTEST:
-            yield slice(int(start), int(end) + 1)
+            yield slice(start, end + 1)
 
 
 def propose_cutoff(found: Spectrum, unit: str = "N") -> Cutoff:
@@ -117,8 +116,8 @@ def propose_cutoff(found: Spectrum, unit: str = "N") -> Cutoff:
     none is proposed.
 
     Args:
-        found: from `spectrum`, usually of force channels [N].
-        unit: of the channels; settings of filters are given for forces [N].
+        found: from `spectrum`.
+        unit: of the channels; settings of filters are given for "N".
     """
     nyquist = found.rate / 2
     top = (found.frequency >= TOP[0] * nyquist) & (found.frequency <= TOP[1] * nyquist)
@@ -132,17 +131,14 @@ def propose_cutoff(found: Spectrum, unit: str = "N") -> Cutoff:
         return Cutoff(None, floor, "No cut-off: the spectrum is white, no frequency stands out of the noise.")
     edge = float(found.frequency[min(loud[-1] + 1, len(ratio) - 1)])
     if edge > HIGHEST * found.rate:
-        return Cutoff(None, floor, _too_fast(edge, found.rate))
+        said = (
+            f"No cut-off: the signal stands above the noise up to {edge:.3g} Hz, more than a fifth of the rate "
+            f"({found.rate:.4g} Hz); or the log has been filtered before and shows no floor."
+        )
+        return Cutoff(None, floor, said)
     noise = float(floor[alive].mean()) * nyquist
     said = f"Above {edge:.3g} Hz there is noise only, {noise**0.5:.3g} {unit} in each reading."
     return Cutoff(edge, floor, said, _settings(edge, found.rate, noise) if unit == "N" else ())
-
-
-def _too_fast(edge: float, rate: float) -> str:
-    return (
-        f"No cut-off: the signal stands above the noise up to {edge:.3g} Hz, more than a fifth of the rate "
-        f"({rate:.4g} Hz); or the log has been filtered before and shows no floor."
-    )
 
 
 def _settings(cutoff: float, rate: float, noise: float) -> tuple[str, ...]:

@@ -21,7 +21,7 @@ __all__ = ["Measured", "Placement", "Tare", "UnloadedSensor", "WrenchSensor", "s
 
 @runtime_checkable
 class Measured(Protocol):
-    """Samples as wrenches; a sensor may keep more in it that its covariances need."""
+    """Samples as wrenches; a sensor may add what its covariances need."""
 
     @property
     def time(self) -> Float[np.ndarray, " n"]:
@@ -47,9 +47,9 @@ class Tare:
     Attributes:
         note: a sentence.
         warning: why it may be wrong, or "".
-        touch: (6,) in the sensor's frame, the wrench that a steady contact would need for the tare to have subtracted
-            it; None: no contact explains it.
-        least: [N] below this force, a contact is not worth a warning.
+        touch: (6,) wrench in the sensor's frame of the steady contact that the tare may have subtracted; None: no
+            contact explains it.
+        least: force [N] below which such a contact is not worth a warning.
     """
 
     note: str
@@ -60,7 +60,7 @@ class Tare:
 
 @takes_arrays
 class Placement:
-    """Place of the surface on the sensor, in the form that the compiled loops take.
+    """Place of the surface on the sensor, in the form that compiled loops take.
 
     Args:
         mount: T_sensor_surface.
@@ -68,7 +68,7 @@ class Placement:
 
     Attributes:
         matrix: (6, 6) takes wrenches from the sensor's frame to the surface's.
-        factor: (q, 6) root of the covariance of T_surface_sensor (rotation vector, translation): factor' factor.
+        factor: (q, 6) S with S^T S the covariance of T_surface_sensor.
     """
 
     def __init__(self, mount: Pose, covariance: Float[np.ndarray, "6 6"] | None = None) -> None:
@@ -80,19 +80,19 @@ class Placement:
 
 @runtime_checkable
 class WrenchSensor(Protocol):
-    """A wrench sensor in two steps, `measure` and `place`, so that a filter can stand between them.
+    """A wrench sensor in two steps, `measure` and `place`, with a filter between them.
 
-    Each step is the same to the last bit however samples are cut into blocks.
+    Results do not depend on how samples are cut into blocks.
     """
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Tuple of the names of the channels that a recording must have."""
+        """Names of the channels that a recording must have."""
         ...
 
     @property
     def noise(self) -> Float[np.ndarray, "6 6"] | None:
-        """Usual covariance (6, 6) of a wrench in the sensor's frame, from which thresholds follow; None: not known."""
+        """Usual covariance (6, 6) of a wrench in the sensor's frame; None: not known."""
         ...
 
     def smoothed_by(self, filter: Filter | None, rate: float | None, share: float) -> None:
@@ -106,11 +106,11 @@ class WrenchSensor(Protocol):
         ...
 
     def ready(self, blocks: Iterable[Recording]) -> Iterator[Recording]:
-        """Yield the same rows, with the channels that need later samples, such as accelerations from poses."""
+        """Yield the same rows with added channels that need later samples, such as accelerations from poses."""
         ...
 
     def measure(self, recording: Recording) -> Measured:
-        """Return the samples of a block as `Measured`, wrenches (n, 6) with statuses.
+        """Return the samples of a block as `Measured`.
 
         Raises:
             InputError: a channel is missing or has another shape.
@@ -120,7 +120,14 @@ class WrenchSensor(Protocol):
     def single(
         self, time: float, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None
     ) -> Measured:
-        """Return one live sample as `Measured`, a wrench (1, 6); valid until the next call."""
+        """Return one live sample as `Measured`, valid until the next call.
+
+        Args:
+            time: [s].
+            reading: values of `channels`, one after the other.
+            rotation: (3, 3), sensor in base; None: not known.
+            acceleration: (3,) [m/s^2] in the sensor's frame; None: not known.
+        """
         ...
 
     def place(
@@ -131,13 +138,13 @@ class WrenchSensor(Protocol):
         Args:
             measured: from `measure` or `single`.
             wrenches: (n, 6) of it, filtered or not.
-            share: (n,) or (1,) of the variance of a reading's noise that the filter kept.
+            share: (n,) or (1,) share of the noise's variance that the filter kept.
             placement: of the surface.
         """
         ...
 
     def tare(self, recording: Recording) -> Tare:
-        """Subtract this recording's reading from now on, in place of an earlier tare, and return a `Tare`.
+        """Subtract a recording's mean from now on, in place of an earlier tare, and return a `Tare`.
 
         Raises:
             InputError: the sensor is not at rest.
@@ -149,26 +156,26 @@ class WrenchSensor(Protocol):
         ...
 
     def notes(self) -> tuple[str, ...]:
-        """Return a tuple of notes on the samples so far, one sentence each."""
+        """Return notes on the samples so far, one sentence each."""
         ...
 
     def warnings(self) -> tuple[str, ...]:
-        """Return a tuple of warnings, one sentence each: a dead cell, a zero that looks like a contact."""
+        """Return warnings, one sentence each, such as of a dead cell."""
         ...
 
 
 @runtime_checkable
 class UnloadedSensor(Protocol):
-    """A sensor that becomes a sensor of wrenches when nothing is mounted on it, such as a `ForceTorque`."""
+    """A sensor that becomes a `WrenchSensor` when nothing is mounted on it, such as a `ForceTorque`."""
 
     def unloaded(self) -> WrenchSensor:
-        """Return the sensor without a payload, to be tared, as a `WrenchSensor`."""
+        """Return a `WrenchSensor` without a payload, to be tared."""
         ...
 
 
 @takes_arrays
 def square_root(covariance: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "r n"]:
-    """Return S (r, n) with S^T S the covariance (n, n), of rank r in units in which its diagonal is 1."""
+    """Return S (r, n) with S^T S the covariance (n, n); r is its rank in units in which its diagonal is 1."""
     scale = np.sqrt(np.diag(covariance))
     scale = np.where(scale > 0, scale, 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))

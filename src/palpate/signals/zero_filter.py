@@ -30,7 +30,7 @@ __all__ = [
 
 
 class ZeroStatus(IntEnum):
-    """Use of a window by the filter of the zero; stored as int8."""
+    """Use of a window by the filter of the zero."""
 
     FREE = 0  # nothing touched: used, or waiting to be
     HELD = 1  # touched, or it may be
@@ -43,9 +43,9 @@ class Free(NamedTuple):
     """Readings less payload and inertia, which without contact are the zero.
 
     Attributes:
-        value: (n, m) in the channels' units; NaN where a reading is none, or saturated.
+        value: (n, m) in the channels' units; NaN where a reading is missing or saturated.
         regressor: (n, m, q) error of the channels where each of q coefficients is off by one.
-        full: True where a channel was at its range.
+        full: True if a channel was at its range.
     """
 
     value: Float[np.ndarray, "n m"]
@@ -70,7 +70,7 @@ class ZeroState(NamedTuple):
 
 @runtime_checkable
 class FollowedSensor(Protocol):
-    """A wrench sensor whose zero can be followed; it keeps the readings of a window as rows (n, k) for `free`."""
+    """A wrench sensor of m channels whose zero can be followed."""
 
     live_inputs: Float[np.ndarray, " _"]
     """Inputs of one live sample."""
@@ -91,13 +91,13 @@ class FollowedSensor(Protocol):
         ...
 
     def free(self, kept: Float[np.ndarray, "n k"]) -> Free:
-        """Return the channels' readings less payload and inertia, the zero if there is no contact, as a `Free`."""
+        """Return the readings of kept rows less payload and inertia, as a `Free`."""
         ...
 
     def window_noise(
         self, kept: Float[np.ndarray, "n k"], usable: Bool[np.ndarray, " n"]
     ) -> tuple[Float[np.ndarray, "m m"], Float[np.ndarray, "m m"]]:
-        """Return covariances (m, m) of a window's mean: of noise, and of errors that more windows do not average."""
+        """Return two covariances (m, m) of a window's mean: of noise, and of errors common to all windows."""
         ...
 
     def as_wrench(
@@ -111,7 +111,7 @@ class FollowedSensor(Protocol):
         ...
 
     def follow(self, state: ZeroState | None) -> None:
-        """Subtract this zero from now on, with its covariance in every wrench; None: the sensor's own again."""
+        """Subtract a zero from now on, and add its covariance to that of every wrench; None: the sensor's own zero."""
         ...
 
 
@@ -119,11 +119,11 @@ class ZeroWindow(NamedTuple):
     """Mean of some 0.1 s of readings, which is the zero if there is no contact.
 
     Attributes:
-        time: [s], the mean.
+        time: mean [s].
         value: (m,) in the channels' units.
         regressor: (m, q), see `Free`.
-        noise: (m, m) covariance of the value that more windows average.
-        stays: (m, m) covariance of the value that they do not.
+        noise: (m, m) covariance of the value, independent from window to window.
+        stays: (m, m) covariance of the value that is common to all windows.
     """
 
     time: float
@@ -134,13 +134,14 @@ class ZeroWindow(NamedTuple):
 
 
 class FilterStep(NamedTuple):
-    """Step of the filter over a window, kept for the smoother.
+    """Step of the filter over a window, kept for `smoothed`.
 
     Attributes:
         number: of the window.
-        state, covariance: predicted, before the window was used.
-        turn: F, from the node before.
-        gained: of a window that was used: H' S^-1 y, H' S^-1 H and I - K H; None: it was not.
+        state: (n,) predicted, before the window was used.
+        covariance: (n, n) of this state.
+        turn: (n, n) F, from the step before.
+        gained: H' S^-1 y, H' S^-1 H and I - K H of a window that was used; None: it was not.
     """
 
     number: int
@@ -159,7 +160,10 @@ class ZeroFilter:
 
     Args:
         drift: of the m channels.
-        coefficients: (q,) prior standard deviations of the errors that are the same in every window.
+        coefficients: (q,) prior standard deviations of the coefficients.
+
+    Raises:
+        InputError: `coefficients` is not an array of q numbers.
     """
 
     def __init__(self, drift: Drift, coefficients: Float[np.ndarray, " q"]) -> None:
@@ -180,7 +184,7 @@ class ZeroFilter:
         covariance: Float[np.ndarray, "m m"],
         regressor: Float[np.ndarray, "m q"] | None = None,
     ) -> None:
-        """Set time, state and covariance to the zero of a tare, b + h c, which determines neither c nor rates.
+        """Set time, state and covariance to those of a tare, which determines b + h c only.
 
         Args:
             time: [s] of the tare.
@@ -202,26 +206,30 @@ class ZeroFilter:
             self.covariance[m:k, :m] = -both.T
 
     def predicted(self, time: float) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]:
-        """Return state and covariance predicted for a time [s]; unchanged where time runs back.
+        """Return state (n,) and covariance (n, n) predicted for a time [s]; unchanged if it is earlier than the last.
 
-        The state (n,) is zero, coefficients and, if the sensor warms up, rates; the covariance is (n, n).
+        The state is zero, coefficients and, if the sensor warms up, rates.
         """
         state, covariance, _ = self._predicted(time)
         return state, covariance
 
     def at(self, time: float) -> ZeroState:
-        """Return the zero and its coefficients, predicted for a time [s], as a `ZeroState`."""
+        """Return the `ZeroState` predicted for a time [s]."""
         return self.known_of(*self.predicted(time))
 
     def known_of(self, state: Float[np.ndarray, " n"], covariance: Float[np.ndarray, "n n"]) -> ZeroState:
-        """Return the `ZeroState`, without the rates, of a state (n,) and covariance (n, n) of the filter."""
+        """Return the `ZeroState` of a state (n,) and covariance (n, n) of the filter."""
         m, k = self.channels, self.known
         return ZeroState(state[:m].copy(), state[m:k].copy(), covariance[:k, :k].copy())
 
     def expected(
         self, time: float, regressor: Float[np.ndarray, "m q"]
     ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m m"]]:
-        """Return the predicted mean (m,) of a window at a time [s], and its covariance (m, m) without the noise."""
+        """Return the predicted mean (m,) of a window at a time [s], and its covariance (m, m) without the noise.
+
+        Raises:
+            InputError: the regressors do not have shape (m, q).
+        """
         state, covariance = self.predicted(time)
         seen = self._seen(regressor)
         if not regressor.shape[1]:
@@ -236,7 +244,11 @@ class ZeroFilter:
         return FilterStep(number, state, covariance, turn, None)
 
     def update(self, window: ZeroWindow, number: int = 0) -> FilterStep:
-        """Move the filter to a window without contact and use it; return the `FilterStep`."""
+        """Move the filter to a window without contact and use it; return the `FilterStep`.
+
+        Raises:
+            InputError: the window's regressors do not have shape (m, q).
+        """
         node = self.advance(window.time, number)
         seen = self._seen(window.regressor)
         noise = window.noise + window.stays
@@ -249,7 +261,7 @@ class ZeroFilter:
         return node._replace(gained=(back @ left, back @ seen, keeps))
 
     def widen(self, covariance: Float[np.ndarray, "m m"]) -> None:
-        """Add a covariance (m, m) to the zero's, after a jump of the zero."""
+        """Add a covariance (m, m) to that of the zero, after a jump."""
         m = self.channels
         self.covariance = self.covariance.copy()
         self.covariance[:m, :m] += covariance
@@ -286,15 +298,18 @@ class ZeroFilter:
 def smoothed(
     nodes: Sequence[FilterStep], count: int | None = None
 ) -> Iterator[tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]]:
-    """Yield (state (n,), covariance (n, n)) of steps given all later ones too, from the last of `count` to the first.
+    """Yield state (n,) and covariance (n, n) of each step given all later ones, too, from the last to the first.
 
-    The modified Bryson-Frazier form of the fixed-interval smoother [Bierman 1977], which inverts no covariance of the
-    state, so that one that is known exactly does no harm:
+    The modified Bryson-Frazier form of the fixed-interval smoother [Bierman 1977]:
 
         x_s = x - P l,    P_s = P - P L P,
 
     with l <- (I - K H)' l - H' S^-1 y and L <- (I - K H)' L (I - K H) + H' S^-1 H where a window was used, and
-    l <- F' l, L <- F' L F from node to node backwards, from 0 after the last.
+    l <- F' l, L <- F' L F from step to step backwards, from 0 after the last.
+
+    Args:
+        nodes: steps in the order of time.
+        count: number of the first steps to yield; None: all.
     """
     wanted = len(nodes) if count is None else count
     size = len(nodes[-1].state) if nodes else 0
@@ -320,7 +335,7 @@ class ZeroHistory(Value):
     Attributes:
         time: (n,) [s].
         zero: (n, m) in the channels' units.
-        deviation: (n, m) standard deviation of the zero, in the channels' units.
+        deviation: (n, m) its standard deviation.
         coefficient: (n, q).
         status: (n,) `ZeroStatus` as int8.
     """
