@@ -31,8 +31,8 @@ __all__ = ["FEATURES", "TaxelEstimator"]
 FEATURES = ("area", "load", "peak", "pressure", "axis_long", "axis_short", "angle", "cells")
 """Area [m^2] of the pressed cells; load [N], the sum of the cells' forces along their own normals, on a curved body
 more than the force; pressure on one cell at most [Pa], and mean [Pa]; standard deviations of the pressure along its
-principal axes [m]; angle of the long axis [rad], from the direction of rising rows towards that of rising columns, or
-anticlockwise from `TaxelBody.tangents`; number of cells."""
+principal axes [m]; angle of the long axis [rad], from rising rows towards rising columns, or anticlockwise from
+`TaxelBody.tangents`; number of cells."""
 HEAD = 2048  # frames from which rest, noise and faults are taken
 _ROWS = 1024  # of a piece of answers
 
@@ -47,20 +47,19 @@ _ROWS = 1024  # of a piece of answers
 class TaxelEstimator(ContactEstimator):
     """An estimator of contacts in frames of taxel readings; baseline, identities and filter go on between frames.
 
-    A reading is raw, rows x columns or one for each taxel; another size, or too many readings that are not finite,
-    gives the status INVALID. Orientation and acceleration make no difference.
+    A frame is raw readings, rows x columns or one for each taxel; another size, or too many readings that are not
+    finite, gives the status INVALID. Orientation and acceleration make no difference.
 
-    A cell's baseline, which follows drift while nothing touches the cell, is subtracted from its reading, and the
-    difference is turned into force before anything is summed. Contacts are connected cells; one whose pressure has two
-    peaks with a saddle between them is two contacts, which share its cells by a mixture of two round Gaussians. The
-    place on a sheet is the centroid, divided by the sum of the forces [skin map, (1) corrected], on the map between
-    cell centres. For taxels anywhere it is the middle of a round Gaussian that is fitted to their readings, so that an
-    edge of the skin or a hole does not pull it, lifted onto the body. Its covariance includes that of the taxels'
-    positions, where the body has one, as if the errors in a contact were equal. The force is the sum over the cells,
-    each along its own normal; the torque about the normal is NaN, because cells feel no shear. SATURATED: located, but
-    the force is a lower bound.
+    A cell's force is that of its reading less its baseline, which follows drift while nothing touches the cell.
+    Contacts are connected cells; one whose pressure has two peaks with a saddle between them is two contacts, a mixture
+    of two round Gaussians. The place on a sheet is the centroid, divided by the sum of the forces [skin map, (1)
+    corrected], on the map between cell centres; for taxels anywhere it is the middle of a round Gaussian fitted to
+    their readings, lifted onto the body, which an edge of the skin or a hole does not pull. Its covariance includes
+    that of the taxels' positions, where the body has one, as if the errors in a contact were equal. The force is the
+    sum over the cells, each along its own normal; the torque about the normal is NaN, because cells feel no shear.
+    SATURATED: located, but the force is a lower bound.
 
-    The features are `FEATURES`, and on a sheet `row` and `column` between cell centres, which have integers.
+    The features are `FEATURES`, and on a sheet `row` and `column`, integers at cell centres.
 
     Baseline, noise and bad cells are those of `health`, or found in the first 2,048 frames that `run`, `pairs` or
     `stream` are given; `tare` sets the baseline, and `update` needs it or `health`.
@@ -98,9 +97,8 @@ class TaxelEstimator(ContactEstimator):
         self._tared, self._looked = Tare("", ""), health is not None
         self._ahead = filter is not None and filter.zero_phase
         self._recursion = None if filter is None else filter.recursion(known_rate(rate, "frames"))
-        forward = None
-        if self._recursion is not None and not self._ahead:
-            forward = Forward(self._recursion, known_rate(rate, "frames"), len(body))
+        steps = None if self._ahead else self._recursion
+        forward = None if steps is None else Forward(steps, known_rate(rate, "frames"), len(body))
         self._frames = TaxelFrames(body, intensity, self.settings, forward, filtered=filter is not None)
         self._one = np.zeros(1), np.zeros((1, len(body))), np.zeros(1, dtype=np.int64)
         if health is not None:
@@ -118,27 +116,27 @@ class TaxelEstimator(ContactEstimator):
 
     @property
     def force(self) -> Float[np.ndarray, "*cells"]:
-        """Return each cell's force [N] in the last frame (`body.shape`), no thresholds; a view that the next writes."""
+        """Return each cell's force [N] in the last frame (`body.shape`), a view that the next frame overwrites."""
         return self._frames.force.reshape(self.body.shape)
 
     @property
     def rest(self) -> tuple[Float[np.ndarray, "*cells"], Float[np.ndarray, "*cells"]]:
-        """Return each cell's baseline [counts] now and its standard deviation, 0 if `walk` is 0; each `body.shape`."""
+        """Return each cell's baseline [counts] and its standard deviation, 0 if `walk` is 0; each of `body.shape`."""
         rest, deviation = self._frames.rest
         return rest.reshape(self.body.shape), deviation.reshape(self.body.shape)
 
     @property
     def label(self) -> Int[np.ndarray, "*cells"]:
-        """Return each cell's area index in the last frame (`body.shape`), from 1; 0: none, negative: the area's rim."""
+        """Return each cell's area in the last frame (`body.shape`), from 1; 0: none, negative: the area's rim."""
         return self._frames.label.reshape(self.body.shape)
 
     @property
     def wrapped(self) -> Int[np.ndarray, "*cells"]:
-        """Return the number of times that each cell's reading passed an end of its range, integers (`body.shape`)."""
+        """Return the number of times that each cell's reading passed an end of its range (`body.shape`)."""
         return self._frames.wrapped.reshape(self.body.shape)
 
     def tare(self, recording: Recording) -> Tare:
-        """Take each cell's mean reading in a recording as its baseline from now on; return a `Tare`: note, warning.
+        """Take each cell's mean reading in a recording as its baseline from now on; return a `Tare`.
 
         Raises:
             InputError: too few frames, no readings of these taxels, or cells that do not keep still.
@@ -154,7 +152,7 @@ class TaxelEstimator(ContactEstimator):
     ) -> Answered:
         """Return the contacts of a block's frames as `Answered`, with each taxel's force (n, k) [N] if `watched`.
 
-        `filtered`: readings, statuses and shares of the noise from a zero-phase filter; None: not used.
+        `filtered`: readings, statuses and shares of the noise from a filter of zero phase.
 
         Raises:
             InputError: the block has no readings of these taxels.
@@ -171,7 +169,7 @@ class TaxelEstimator(ContactEstimator):
         return Answered(block, np.concatenate(parts), counts, forces if watched else None)
 
     def answers(self, blocks: Iterable[Recording], watched: bool = False) -> Iterator[Answered]:
-        """Yield an `Answered` for each block of a log; unknown baselines and bad cells are found in its first frames.
+        """Yield an `Answered` for each block of a log; baseline and bad cells not known come from its first frames.
 
         Raises:
             InputError: too few frames, every cell stuck, or no readings of these taxels.
@@ -195,7 +193,7 @@ class TaxelEstimator(ContactEstimator):
         return super().run(recording)
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on the body, the baselines and the frames so far, a tuple of sentences."""
+        """Return notes on the body, the baselines and the frames so far, one sentence each."""
         said = list(self.body.notes)
         if self.intensity is None:
             said.append(
@@ -208,7 +206,7 @@ class TaxelEstimator(ContactEstimator):
         return (*said, *self._frames.notes(self.health))
 
     def warnings(self) -> tuple[str, ...]:
-        """Return warnings, a tuple of sentences: dead or stuck cells, or a tare that looks like a touch."""
+        """Return warnings of dead or stuck cells, or of a tare that looks like a touch, one sentence each."""
         found = () if self.health is None else self.health.warnings
         return (*found, self._tared.warning) if self._tared.warning else found
 
@@ -243,10 +241,10 @@ class TaxelEstimator(ContactEstimator):
         self.reset()
 
     def look(self, recording: Recording) -> None:
-        """Find unknown baselines, noise and bad cells in the first frames of a log, once, and set `health` from them.
+        """Set `health` from the first frames of a log, once; a baseline and noise that are known stay.
 
         Raises:
-            InputError: too few frames, or every cell is stuck.
+            InputError: too few frames, every cell stuck, or no readings of these taxels.
         """
         if self._looked or not len(recording) or (self.health is not None and len(recording) < FEWEST):
             return
@@ -277,7 +275,11 @@ class TaxelEstimator(ContactEstimator):
         return (block, status), block.time, status, values
 
     def require_rest(self) -> None:
-        """Raise an InputError if the cells' baseline is not known."""
+        """Check that the cells' baseline is known.
+
+        Raises:
+            InputError: there is neither `health` nor a tare.
+        """
         if self.health is None:
             raise InputError(
                 "the readings of the cells at rest are not known.",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from types import ModuleType
 
 import numpy as np
@@ -27,8 +26,11 @@ class TaxelFrames:
         body: the places of the cells.
         intensity: converts readings to forces; None: one count is taken for 1 N.
         settings: of the contact search.
-        forward: the filter of the readings; None: none, or readings arrive filtered.
-        filtered: true if any filter is used.
+        forward: the filter of the readings; None: none, or one of zero phase.
+        filtered: whether any filter is used.
+
+    Raises:
+        InputError: the intensity model is of another number of cells.
     """
 
     def __init__(
@@ -41,8 +43,8 @@ class TaxelFrames:
         filtered: bool,
     ) -> None:
         from palpate.contact import _track  # compiled: loaded when first needed
-        from palpate.sensors.taxels import _kernels as _taxels
 
+        kernels = self._kernels
         self._health: Health | None = None
         self._settings, self._forward, self._filtered = settings, forward, filtered
         self._gains = (_UNKNOWN if intensity is None else _CALIBRATED) if settings.unequal is None else settings.unequal
@@ -60,11 +62,11 @@ class TaxelFrames:
         self._table = (*tables, max(body.columns, 1))
         self._usable, self._name = body.usable, body.name
         self._clock = np.zeros(2)
-        self._zeros = np.zeros((_taxels.SLOTS, count)), np.zeros((_taxels.SLOTS, 3)), np.full(2, np.nan)
+        self._zeros = np.zeros((kernels.SLOTS, count)), np.zeros((kernels.SLOTS, 3)), np.full(2, np.nan)
         self._turn = 0.0 if body.bits is None else body.top + 1.0
-        self._numbers = np.ones((_taxels.NUMBERS, count))
-        self._whole = np.zeros((_taxels.WHOLE, count), dtype=np.int64)
-        self._numbers[_taxels.LIMIT], self._whole[_taxels.CURVE] = limits[which], which
+        self._numbers = np.ones((kernels.NUMBERS, count))
+        self._whole = np.zeros((kernels.WHOLE, count), dtype=np.int64)
+        self._numbers[kernels.LIMIT], self._whole[kernels.CURVE] = limits[which], which
         self._tracks = np.full((_track.TRACKS, _track.TRACK), -1.0), np.ones(1, dtype=np.int64)
         self._unfiltered = np.zeros((1, count)), np.zeros(1, dtype=np.int8), np.zeros(0)
         self.no_forces = np.zeros((0, count))
@@ -72,26 +74,26 @@ class TaxelFrames:
 
     @property
     def _kernels(self) -> ModuleType:
-        from palpate.sensors.taxels import _kernels as _taxels  # no attribute: a module cannot be pickled
+        from palpate.sensors.taxels import _kernels  # no attribute: a module cannot be pickled
 
-        return _taxels
+        return _kernels
 
     def know(self, health: Health) -> None:
-        """Use the baseline, noise and bad cells of a `Health` with at least one good cell, from the next `reset` on."""
+        """Use the baseline, noise and bad cells of a `Health` from the next `reset` on."""
         self._health = health
         self._whole[self._kernels.GOOD], self._numbers[self._kernels.NOISE] = self._usable & health.good, health.noise
         self._same = self._fixed()
 
     def notes(self, health: Health) -> tuple[str, ...]:
-        """Return notes: how baselines drifted from `health`, unusable frames and wrapped readings, a sentence each."""
+        """Return a sentence each on baselines that drifted from `health`, unusable frames and wrapped readings."""
         said = list[str]()
         drifted = np.abs(self.rest[0] - health.baseline) / health.noise
         if drifted.max() > self._settings.on:
             cell = self._name(int(np.argmax(drifted)))
             moved = f"{drifted.max():.0f} deviations of its noise, most at cell {cell}"
             said.append(f"readings at rest drifted by up to {moved}; they were followed where nothing touched")
-        if self.unusable:
-            said.append(f"{self.unusable} frames could not be used (they have another size, or no numbers)")
+        if self._clock[1]:
+            said.append(f"{self._clock[1]:.0f} frames could not be used (they have another size, or no numbers)")
         wrapped = [self._name(cell) for cell in np.flatnonzero(self.wrapped).tolist()]
         if wrapped:
             cells = f"{', '.join(wrapped[:5])}{', ...' if len(wrapped) > 5 else ''}"
@@ -119,7 +121,7 @@ class TaxelFrames:
 
     @property
     def force(self) -> Float[np.ndarray, " k"]:
-        """Return the force (k,) [N] on each cell in the last frame, as a view that the next frame overwrites."""
+        """Return each cell's force (k,) [N] in the last frame, as a view that the next frame overwrites."""
         return self._numbers[self._kernels.FORCE]
 
     @property
@@ -134,13 +136,8 @@ class TaxelFrames:
 
     @property
     def wrapped(self) -> Int[np.ndarray, " k"]:
-        """Return the number of times (k,) that each cell's reading passed one end of its range to the other."""
+        """Return the number of times (k,) that each cell's reading passed an end of its range."""
         return self._whole[self._kernels.WRAPPED]
-
-    @property
-    def unusable(self) -> int:
-        """Return the number of frames that had another size or no numbers."""
-        return int(self._clock[1])
 
     def run(
         self,
@@ -151,22 +148,21 @@ class TaxelFrames:
         forces: Float[np.ndarray, "_ k"],
         filtered: tuple[np.ndarray, ...] | None = None,
     ) -> tuple[int, int]:
-        """Find the contacts of as many frames as there is room for.
+        """Find the contacts of as many frames as `out` has room for.
 
         Args:
             time: (n,) [s].
             raw: (n, k) readings.
-            out: rows to write into; written.
+            out: rows of contacts; written.
             counts: (n,) number of rows of each frame; written.
             forces: (n, k) [N] of each cell; written. `no_forces`: not requested.
-            filtered: readings, statuses and shares of the noise, where a filter of zero phase was used.
+            filtered: readings, statuses and shares of the noise from a filter of zero phase; None: not used.
 
         Returns:
             The number of frames that were processed, and the number of their rows.
         """
-        loop: Callable[..., tuple[int, int]] = self._kernels.frames
         values = self._unfiltered if filtered is None else filtered
-        return loop(_constant(time), _constant(raw), *values, *self._same, out, counts, forces)
+        return self._kernels.frames(_constant(time), _constant(raw), *values, *self._same, out, counts, forces)
 
     def prepare(self, raw: Float[np.ndarray, "n k"]) -> tuple[Float[np.ndarray, "n k"], np.ndarray]:
         """Return unwrapped readings (n, k) [counts] for a filter of zero phase, and each frame's status (n,), int8."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -15,7 +15,7 @@ from palpate.signals.wrench_sensor import Tare
 from palpate.spatial._arrays import frozen
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Health", "at_rest", "examine", "resting", "tared"]
+__all__ = ["Health", "examine", "resting", "tared"]
 
 SCATTER = 4.0  # times the noise, in a tare
 FEWEST = 8  # frames from which a cell can be judged
@@ -34,14 +34,14 @@ class Health:
     """Baseline and noise of the cells, and which of them are bad.
 
     Attributes:
-        baseline: (k,) reading without a touch.
-        noise: (k,) standard deviation of the reading without a touch.
+        baseline: (k,) reading without a touch [counts].
+        noise: (k,) standard deviation of that reading.
         dead: (k,) true for cells that are silent between neighbours that are pressed.
         stuck: (k,) true for cells at one value that differs from the baseline of the others.
         frames: number of frames from which the baseline was taken.
         notes, warnings: one sentence each.
-        hysteresis: share of a reading's height that remains `AFTER` seconds after a touch (median over releases); NaN
-            where the start of the log has none.
+        hysteresis: share of a reading's height that remains 0.5 s after a touch (median over releases); NaN where the
+            log has none.
     """
 
     baseline: Float[np.ndarray, " k"]
@@ -49,24 +49,23 @@ class Health:
     dead: Bool[np.ndarray, " k"]
     stuck: Bool[np.ndarray, " k"]
     frames: int = 1_000
-    notes: tuple[str, ...] = field(default=())
-    warnings: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
     hysteresis: float = float("nan")
 
     @property
     def good(self) -> Bool[np.ndarray, " k"]:
-        """Return a bool for each cell, (k,), True where it is neither dead nor stuck."""
+        """Return bools (k,), whether each cell is neither dead nor stuck."""
         return ~(self.dead | self.stuck)
 
 
 def examine(recording: Recording, body: TaxelBody, *, seconds: float | None = None, falling: bool = False) -> Health:
-    """Return the `Health` of a body's cells, baseline, noise and faults, from a log's start; it may contain touches.
+    """Return the `Health` of a body's cells from a log's start, which may contain touches.
 
-    The baseline of a cell is where its readings crowd at their unloaded end: touches beyond `CLOSE` standard deviations
-    of it do not matter.
+    The baseline of a cell is where its readings crowd at their unloaded end.
 
     Args:
-        recording: at least `FEWEST` frames.
+        recording: at least 8 frames.
         body: the body that was recorded.
         seconds: time at the start in which nothing was touched; None: not known.
         falling: readings fall under load.
@@ -119,12 +118,8 @@ def examine(recording: Recording, body: TaxelBody, *, seconds: float | None = No
     return Health(frozen(baseline), frozen(noise), dead, stuck, len(rest), tuple(notes), tuple(doubts), hysteresis)
 
 
-def at_rest(recording: Recording, body: TaxelBody, *, falling: bool = False) -> Health:
-    """Return the `Health` of every cell, baseline and noise, from a recording in which nothing touches.
-
-    Raises:
-        InputError: no readings of this body, too few frames, every cell stuck, or cells that do not keep still.
-    """
+def _at_rest(recording: Recording, body: TaxelBody, falling: bool) -> Health:
+    """Return the `Health` of every cell from a recording in which nothing touches; raise if cells do not keep still."""
     health = examine(recording, body, seconds=np.inf, falling=falling)
     raw = body.readings(recording)
     off = raw[np.isfinite(raw).all(axis=1)] - health.baseline
@@ -146,7 +141,7 @@ def at_rest(recording: Recording, body: TaxelBody, *, falling: bool = False) -> 
 def tared(
     recording: Recording, body: TaxelBody, before: Health | None, *, pressed: float, falling: bool = False
 ) -> tuple[Health, Tare]:
-    """Return the `Health` after a tare, and the `Tare`, which has a warning where it could have been a touch.
+    """Return the `Health` after a tare, and the `Tare`, which has a warning where cells look touched.
 
     Args:
         recording: steady and untouched.
@@ -158,7 +153,7 @@ def tared(
     Raises:
         InputError: no readings of this body, too few frames, every cell stuck, or cells that do not keep still.
     """
-    rest = at_rest(recording, body, falling=falling)
+    rest = _at_rest(recording, body, falling)
     noise = float(np.median(rest.noise))
     said = f"tare over {rest.frames} frames: cells rest at {np.median(rest.baseline):.3g}, with noise of {noise:.2g}"
     usual = np.median(rest.baseline) if before is None else before.baseline
@@ -195,7 +190,12 @@ def _hysteresis(
 def resting(
     cells: Float[np.ndarray, "n k"], *, counts: bool
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """Return mean and standard deviation, (k,) each, in a reading's unit, of those near each cell's lower end."""
+    """Return mean and standard deviation, (k,) each [counts], of the readings near each cell's lower end.
+
+    Args:
+        cells: (n, k) readings that rise under load.
+        counts: readings are integers, whose noise is at least that of rounding.
+    """
     steps = np.abs(np.diff(cells, axis=0))
     low = np.quantile(cells, 0.1, axis=0)
     rough = np.maximum(np.median(steps, axis=0) / 0.954, 1.0 if counts else 1e-12 + 1e-6 * np.ptp(cells))

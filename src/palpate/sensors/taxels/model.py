@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -14,7 +14,7 @@ from palpate.calls import called_as
 from palpate.errors import InputError
 from palpate.sensors.taxels.skin_map.model import SkinMap
 from palpate.signals.recording import CELLS, LARGEST, Recording
-from palpate.spatial._arrays import shaped
+from palpate.spatial._arrays import Value, shaped
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["TaxelBody"]
@@ -36,8 +36,8 @@ _COVERED = 0.93  # squared spacings that a cell covers: 0.87 on a lattice of tri
 )
 @takes_arrays
 @dataclass(frozen=True, eq=False)
-class TaxelBody:
-    """Cells of a sheet, row by row, or taxels anywhere on a body, in the body's own frame.
+class TaxelBody(Value):
+    """Cells of a sheet, row by row, or taxels anywhere on a body, in the body's frame.
 
     Made by `sheet`, `anywhere` and `placed`.
 
@@ -50,14 +50,17 @@ class TaxelBody:
             tangent plane, the first along `tangents`.
         between: (k, m, 2) the cells that lie between a cell and a neighbour across a corner; -1 where the two touch.
         usable: (k,) false where a cell is masked or, on a sheet, overlaps other cells.
-        bits: 1 to 16 for integer readings; None: readings are floats and cannot wrap around.
+        bits: 1 to 16 for integer readings; None: readings are floats.
         rows, columns: size of a sheet; 0 for taxels anywhere.
         grid: (rows + 4, columns + 4, 6) positions and normals of a sheet, with two more cells at each end; None else.
         turn: number of columns after which a sheet closes to a ring; 0: never.
         notes: notes for the user, a sentence each.
-        numbers: (k,) index of each taxel among the readings of a frame; None: the taxels are all of them, in order.
+        numbers: (k,) index of each taxel among the readings of a frame; None: all readings, in order.
         frame: number of readings in a frame if `numbers` is given.
         covariance: (k, 3, 3) [m^2] of the positions, 0 where it is not known; None: not known for any taxel.
+
+    Raises:
+        InputError: bits outside 1 to 16.
     """
 
     positions: Float[np.ndarray, "k 3"]
@@ -86,23 +89,19 @@ class TaxelBody:
             if isinstance(value, np.ndarray):
                 value.flags.writeable = False
 
-    def __reduce__(self) -> tuple[type[TaxelBody], tuple[object, ...]]:
-        """Return constructor and arguments for copy and pickle, so that the arrays of a copy are read-only too."""
-        return TaxelBody, tuple(vars(self).values())
-
     def __len__(self) -> int:
         return len(self.positions)
 
     @classmethod
     @takes_arrays
     def sheet(cls, place: SkinMap, *, bits: int | None = 8, masked: Sequence[tuple[int, int]] = ()) -> TaxelBody:
-        """Make the `TaxelBody` of a sheet on a link: a cell has eight neighbours, also over the seam of a ring.
+        """Return the `TaxelBody` of a sheet on a link: a cell has eight neighbours, also over the seam of a ring.
 
-        Columns that overlap others are not used, because two layers feel one press there.
+        Columns that overlap others are not used.
 
         Args:
-            place: map of the sheet, with the place of each cell.
-            bits: number of bits of a reading; None: readings are floats.
+            place: map of the sheet.
+            bits: of a reading; None: readings are floats.
             masked: (row, column) of each cell that must not be used.
 
         Raises:
@@ -155,7 +154,7 @@ class TaxelBody:
         bits: int | None = None,
         masked: Sequence[int] = (),
     ) -> TaxelBody:
-        """Make a `TaxelBody` of taxels anywhere: neighbours are close along it, their normals within 90 degrees.
+        """Return the `TaxelBody` of taxels anywhere: neighbours are close along it, their normals within 90 degrees.
 
         Angles count from the direction from the first taxel to the last.
 
@@ -164,14 +163,16 @@ class TaxelBody:
             normals: (k, 3) outward, of any length.
             areas: (k,) [m^2] that each taxel senses; None: as on a lattice.
             reach: [m] largest distance between neighbours; None: 1.6 times the local spacing of the taxels.
-            bits: number of bits of a reading; None: readings are floats.
+            bits: of a reading; None: readings are floats.
             masked: indices of taxels that must not be used.
 
         Raises:
-            InputError: shapes or numbers that cannot be, a masked taxel that does not exist, or two taxels at one
-                place.
+            InputError: fewer than two taxels, two at one place, a position that is not finite, a normal that is 0, an
+                area that is not positive, arrays that do not fit, a masked taxel that does not exist, or bits outside 1
+                to 16.
         """
-        points, outward, count = _placed(positions, normals)
+        points, outward = _placed(positions, normals)
+        count = len(points)
         spacing, pairs = _paired(points, outward, reach)
         both = np.concatenate([pairs, pairs[:, ::-1]])
         both = both[np.lexsort((both[:, 1], both[:, 0]))]
@@ -186,14 +187,7 @@ class TaxelBody:
         covered = _COVERED * spacing**2 if areas is None else np.array(areas, dtype=np.float64)
         if covered.shape != (count,) or not (covered > 0).all():
             raise InputError(f"areas must be {count} positive numbers.", where="taxels")
-        usable = np.ones(count, dtype=bool)
-        for taxel in masked:
-            if not 0 <= taxel < count:
-                raise InputError(
-                    f"masked taxel {taxel} does not exist: there are {count}, counted from 0.", where="taxels"
-                )
-            usable[taxel] = False
-        between = _between(neighbours, away, points)
+        between, usable = _between(neighbours, away, points), _unmasked(count, masked)
         return cls(points, outward, covered, spacing, tangents, neighbours, steps, between, usable, bits)
 
     @classmethod
@@ -207,13 +201,13 @@ class TaxelBody:
         bits: int | None = None,
         masked: Sequence[int] = (),
     ) -> TaxelBody:
-        """Make a `TaxelBody` as `anywhere` does, but skip readings without a taxel, whose positions are NaN.
+        """Return a `TaxelBody` as `anywhere` does, without readings whose positions are NaN, which have no taxel.
 
         Args:
             positions: (n, 3) [m], a row for each reading of a frame.
             normals: (n, 3) outward.
             covariance: (n, 3, 3) [m^2] of the positions, NaN where it is not known.
-            bits: number of bits of a reading; None: readings are floats.
+            bits: of a reading; None: readings are floats.
             masked: indices of readings that must not be used.
 
         Raises:
@@ -223,25 +217,20 @@ class TaxelBody:
         points = shaped(positions, (None, 3), "positions")
         outward = shaped(normals, points.shape, "normals")
         numbers = np.flatnonzero(np.isfinite(points).all(axis=1))
-        for taxel in masked:
-            if not 0 <= taxel < len(points):
-                raise InputError(
-                    f"masked taxel {taxel} does not exist: there are {len(points)}, counted from 0.", where="taxels"
-                )
-        left = np.flatnonzero(np.isin(numbers, masked)).tolist()
-        body = cls.anywhere(points[numbers], outward[numbers], bits=bits, masked=left)
+        left_out = np.flatnonzero(~_unmasked(len(points), masked)[numbers]).tolist()
+        body = cls.anywhere(points[numbers], outward[numbers], bits=bits, masked=left_out)
         if covariance is not None:
             body = replace(body, covariance=_known(np.asarray(covariance, dtype=np.float64)[numbers]))
         return body if len(numbers) == len(points) else replace(body, numbers=numbers, frame=len(points))
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Return the shape of a frame: (rows, columns) of a sheet, or (k,), without readings that have no taxel."""
+        """Return the shape of a frame without readings that have no taxel: (rows, columns) of a sheet, or (k,)."""
         return (self.rows, self.columns) if self.rows else (len(self),)
 
     @property
     def top(self) -> float:
-        """Return the largest possible reading, 2^bits - 1 [counts]; inf for floats."""
+        """Return the largest possible reading [counts]; inf for floats."""
         return np.inf if self.bits is None else 2.0**self.bits - 1.0
 
     def name(self, cell: int) -> str:
@@ -254,15 +243,13 @@ class TaxelBody:
         return f"{self.rows} x {self.columns} cells" if self.rows else f"{len(self)} taxels"
 
     def picked(self, frames: np.ndarray) -> np.ndarray:
-        """Return frames (..., n) as (..., k), without readings that have no taxel; other sizes are unchanged."""
+        """Return frames (..., n) without readings that have no taxel, (..., k); other sizes are unchanged."""
         if self.numbers is None or frames.shape[-1:] != (self.frame,):
             return frames
         return frames[..., self.numbers]
 
     def readings(self, recording: Recording) -> Float[np.ndarray, "n k"]:
-        """Return a recording's readings (n, k), a row for each frame: C-contiguous for compiled loops, and read-only.
-
-        Readings above the largest plausible number become NaN.
+        """Return a recording's readings (n, k), a row for each frame, read-only; implausibly large ones are NaN.
 
         Raises:
             InputError: the recording has no readings of taxels, or its frames have another size.
@@ -310,13 +297,10 @@ def _is_ring(place: SkinMap, used: int) -> bool:
 def _padded(place: SkinMap, used: int, ring: bool) -> Float[np.ndarray, "r c 6"]:
     """Extend centres and normals by two cells at each end: over the seam of a ring, else by a parabola."""
     values = np.concatenate([place.centres, place.normals], axis=2)
-    columns = (
-        np.concatenate([values[:, used - 2 : used], values[:, :used], values[:, :2]], axis=1)
-        if ring
-        else _continued(_continued(values.swapaxes(0, 1)))
-    )
-    if not ring:
-        columns = columns.swapaxes(0, 1)
+    if ring:
+        columns = np.concatenate([values[:, used - 2 : used], values[:, :used], values[:, :2]], axis=1)
+    else:
+        columns = _continued(_continued(values.swapaxes(0, 1))).swapaxes(0, 1)
     return np.ascontiguousarray(_continued(_continued(columns)))
 
 
@@ -331,15 +315,23 @@ def _continued(values: Float[np.ndarray, "n k 6"]) -> Float[np.ndarray, "m k 6"]
     return np.concatenate([before[None], values, after[None]])
 
 
-def _placed(positions: ArrayLike, normals: ArrayLike) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"], int]:
-    """Return positions [m], unit normals and the number of taxels; raise an InputError if they do not agree."""
+def _unmasked(count: int, masked: Sequence[int]) -> Bool[np.ndarray, " k"]:
+    """Return whether each taxel is not masked; raise an InputError if a masked one does not exist."""
+    for taxel in masked:
+        if not 0 <= taxel < count:
+            raise InputError(f"masked taxel {taxel} does not exist: there are {count}, counted from 0.", where="taxels")
+    return ~np.isin(np.arange(count), masked)
+
+
+def _placed(positions: ArrayLike, normals: ArrayLike) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]]:
+    """Return positions [m] and unit normals; raise an InputError if they do not fit each other."""
     points, outward = np.array(positions, dtype=np.float64), np.array(normals, dtype=np.float64)
     if points.ndim != 2 or points.shape[1:] != (3,) or points.shape != outward.shape or len(points) < 2:
         raise InputError(f"positions {points.shape} and normals {outward.shape} must both be (k, 3).", where="taxels")
     length = np.linalg.norm(outward, axis=1, keepdims=True)
     if not (np.isfinite(points).all() and np.isfinite(length).all() and (length > 0).all()):
         raise InputError("positions and normals must be finite, and normals must not be 0.", where="taxels")
-    return points, outward / length, len(points)
+    return points, outward / length
 
 
 def _paired(
@@ -349,8 +341,7 @@ def _paired(
     from scipy.spatial import cKDTree  # here: scipy is slow to import
 
     tree = cKDTree(points)
-    query: tuple[Any, Any] = tree.query(points, k=min(_NEAR, len(points)))
-    far, which = query
+    far, which = cast("tuple[Any, Any]", tree.query(points, k=min(_NEAR, len(points))))
     if not np.isfinite(far).all():
         raise InputError(
             "the taxels are too far from each other to have neighbours: positions must be in metres.", where="taxels"
@@ -387,10 +378,8 @@ def _between(
     across = ((away[:, :, None] - away[:, None]) ** 2).sum(axis=3)  # from neighbour to neighbour
     round_about = square[:, None, :] + across + np.where(np.eye(neighbours.shape[1], dtype=bool), np.inf, 0.0)
     nearest = np.argsort(round_about, axis=2, kind="stable")[:, :, :2]
-    found = (
-        np.take_along_axis(round_about, nearest, axis=2)
-        <= _CROSSED * np.where(square == np.inf, 0.0, square)[..., None]
-    )
+    limit = _CROSSED * np.where(square == np.inf, 0.0, square)[..., None]
+    found = np.take_along_axis(round_about, nearest, axis=2) <= limit
     cells = np.take_along_axis(np.broadcast_to(neighbours[:, None], round_about.shape), nearest, axis=2)
     cells = np.where(found, cells, cells[..., :1])
     return np.where(found[..., :1], cells, -1)
