@@ -181,4 +181,4 @@ def _counted(units: Units, start: bool, pokes: int) -> tuple[int, int, float]:
         needed.append(high)
     goal = float(np.mean(goals))
     plan = plan_pokes(units, known(np.zeros(0, dtype=np.int64)), options, wanted=goal, pokes=pokes)
-    return int(np.mean(needed)), plan.needed, goal
+    return int(np.mean(needed)), len(plan.chosen), goal

@@ -124,8 +124,8 @@ def test_the_derivative_of_places_is_that_of_moved_units(skin: Forearm, link: Me
     for surface in (link, None):
         for units in (fitted(skin.layout, skin.places.positions, surface), single(skin.places.positions, surface)):
             move = 1e-5 * RNG(8).normal(size=(len(units), units.freedom))
-            step = np.einsum("kif,kf->ki", units.jacobian(), move[units.layout.module])
-            ends = [units.moved(sign * move).places()[0] for sign in (1.0, -1.0)]
+            step = np.einsum("kif,kf->ki", units.jacobian, move[units.layout.module])
+            ends = [units.moved(sign * move).places[0] for sign in (1.0, -1.0)]
             # facets of 2 mm: a place's derivative jumps by the angle between them, 0.065 rad
             np.testing.assert_allclose((ends[0] - ends[1]) / 2, step, atol=3e-6 if surface is not None else 1e-9)
             np.testing.assert_allclose(units.moved(move).away(units), move, atol=1e-7)
@@ -134,7 +134,7 @@ def test_the_derivative_of_places_is_that_of_moved_units(skin: Forearm, link: Me
 def test_a_flat_module_keeps_its_lengths_on_a_developable_link(skin: Forearm, link: Mesh) -> None:
     units = fitted(skin.layout, skin.places.positions, link)
     # the mesh's chords lie up to 17 um inside the cone
-    np.testing.assert_allclose(units.places()[0], skin.places.positions, atol=4e-5)
+    np.testing.assert_allclose(units.places[0], skin.places.positions, atol=4e-5)
 
 
 def test_modules_bent_on_their_link_are_as_long_as_laid_flat() -> None:
@@ -188,7 +188,7 @@ def test_derivatives_do_not_hold_what_a_contact_is_off_by(skin: Forearm, link: M
     seen = seen_among(charted(session.pokes, units), learned(charted(session.pokes, units)))
     pokes = replace(session.pokes, noise=np.diag([0.0, 0.0, 0.0, 2e-4, 2e-4, 2e-4]))
     other = replace(pokes, wrench=pokes.wrench + 0.02 * rng.normal(size=(60, 6)) * [0, 0, 0, 1, 1, 1])
-    first, second = (solving._linear(each, units, units.jacobian(), seen, none) for each in (pokes, other))
+    first, second = (solving._linear(each, units, units.jacobian, seen, none) for each in (pokes, other))
     assert np.abs(first.residual - second.residual).max() > 0.01
     for name in ("by_unit", "by_point"):
         np.testing.assert_allclose(getattr(first, name), getattr(second, name), atol=1e-12)
@@ -207,7 +207,7 @@ def test_torque_along_the_force_is_friction_once_bias_and_cross_talk_are_known(
     told, plain = list[float](), solving._twist
     monkeypatch.setattr(solving, "_twist", lambda *given: told.append(plain(*given)) or told[-1])
     for known in (none, true):
-        solving._linear(session.pokes, units, units.jacobian(), seen, known)
+        solving._linear(session.pokes, units, units.jacobian, seen, known)
     noise = 0.1 * 0.015 / float(np.median(session.force))  # a tenth of what torques scatter: what 400 pokes tell
     assert told[0] > 2.5e-3
     assert told[1] < np.hypot(friction.std(), np.sqrt(10.0) * noise) < 0.7e-3
@@ -237,7 +237,7 @@ def test_a_plan_looks_at_taxels_that_are_nearly_the_worst(skin: Forearm, link: M
     before = known_after(units, options, np.zeros(len(options.taxel)), priors, 2, units.each(3e-3, 0.09))
     wanted, alone = 2.3e-3, before.copy()
     taxel = np.arange(2 * 24).reshape(24, 2)
-    by, greedy = units.jacobian(), 0
+    by, greedy = units.jacobian, 0
     while True:
         traces = np.einsum("kif,kfg,kig->k", by, alone[taxel[:, :, None], taxel[:, None]], by)
         worst = int(traces.argmax())
@@ -249,7 +249,7 @@ def test_a_plan_looks_at_taxels_that_are_nearly_the_worst(skin: Forearm, link: M
         alone, greedy = alone - spread[best].T @ inverse[best] @ spread[best], greedy + 1
     plan = plan_pokes(units, before, options, wanted=wanted, pokes=200)
     assert plan.reached
-    assert 24 < plan.needed <= greedy
+    assert 24 < len(plan.chosen) <= greedy
 
 
 def test_the_response_model_says_where_pokes_were_and_how_well(skin: Forearm, link: Mesh) -> None:

@@ -118,10 +118,10 @@ def test_spreads_are_those_of_all_places_at_once() -> None:
     root = rng.standard_normal((6 * units, 6 * units)) * np.tile([1e-3] * 3 + [5e-2] * 3, units)
     covariance = root.T @ root
     full = np.zeros((3 * units * taxels, 6 * units))
-    for k, by in enumerate(made.jacobian()):
+    for k, by in enumerate(made.jacobian):
         unit = layout.module[k]
         full[3 * k : 3 * k + 3, 6 * unit : 6 * unit + 6] = by
-    points = made.places()[0]
+    points = made.places[0]
     turns = np.stack([np.cross(axis, points).ravel() for axis in np.eye(3)], axis=1)
     rigid = np.linalg.qr(np.column_stack([np.tile(np.eye(3), (len(points), 1)), turns]))[0]
     left = full - rigid @ (rigid.T @ full)

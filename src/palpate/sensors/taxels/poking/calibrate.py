@@ -219,7 +219,7 @@ def _require_unmirrored(pokes: Pokes, layout: ModuleLayout, surface: Surface | N
     if np.bincount(layout.module[known], minlength=layout.modules).min() < FEWEST:
         return
     ways = layout, ModuleLayout(layout.places * [1.0, -1.0], layout.module)
-    away = [np.nan_to_num(fitted(way, points, surface, weight).places()[0] - points) for way in ways]
+    away = [np.nan_to_num(fitted(way, points, surface, weight).places[0] - points) for way in ways]
     stated, mirrored = (float(np.average(np.sum(each**2, axis=1), weights=weight * known)) for each in away)
     if mirrored < MIRRORED * stated:
         raise InputError(
@@ -232,7 +232,7 @@ def _require_unmirrored(pokes: Pokes, layout: ModuleLayout, surface: Surface | N
 
 def _placed(pokes: Pokes, solution: PlacesSolution) -> TaxelPlaces:
     units = solution.units
-    points, normals = units.places()
+    points, normals = units.places
     if units.surface is None:
         normals = np.where(np.isfinite(points), normals, np.nan)
     absolute, relative = spreads(units, solution.covariance)
@@ -263,7 +263,7 @@ def spreads(
     Both are NaN for taxels without a place.
     """
     rows, size = units.taxels, units.freedom
-    points, by = units.places()[0][rows], units.jacobian()[rows]
+    points, by = units.places[0][rows], units.jacobian[rows]
     unit = units.layout.module[rows]
     known = covariance[: len(units) * size, : len(units) * size]
     blocks = known.reshape(len(units), size, len(units), size)[unit, :, unit, :]

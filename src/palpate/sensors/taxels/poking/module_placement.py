@@ -89,7 +89,7 @@ def place_modules(
             f"modules {few} have fewer than {FEWEST} taxels with a place, which is too few.", where="places"
         )
     units = fitted(layout, places.positions, surface)
-    points, normals = units.places()
+    points, normals = units.places
     away = np.linalg.norm(points - places.positions, axis=1)
     made = replace(
         places,

@@ -39,8 +39,8 @@ class PossiblePokes:
 
     Attributes:
         point: (c, 3) [m] and direction: (c, 3) of the force on the body, unit, in the link's frame.
-        configuration: (c,) of the arm; taxel: (c,) the poked taxel.
-        rows: (c, 3, p) derivative of the whitened torque by the unknowns: units, then `Nuisances.vector`.
+        configuration: (c,) index of the arm's configuration; taxel: (c,) index of the poked taxel.
+        rows: (c, 3, p) derivatives of the whitened torque by the unknowns: units, then `Nuisances.vector`.
     """
 
     point: Vectors
@@ -56,99 +56,67 @@ class Plan:
     """The next pokes, and the accuracy that they give.
 
     Attributes:
-        chosen: (m,) indices of candidates, in order; worst: (m + 1,) [m] largest standard deviation of a taxel before
-            and after each.
-        reached: true if the wanted accuracy is reached; needed: number of planned pokes.
+        chosen: (m,) indices of candidates, in order.
+        worst: (m + 1,) [m] largest standard deviation of a taxel, before the first poke and after each.
+        reached: true if the wanted accuracy is reached.
     """
 
     chosen: Int[np.ndarray, " m"]
     worst: Float[np.ndarray, " m1"]
     reached: bool
 
-    @property
-    def needed(self) -> int:
-        """Return the number of pokes in the plan."""
-        return len(self.chosen)
-
 
 @takes_arrays
-def candidates(
-    units: Units,
-    poses: Pose,
-    noise: Float[np.ndarray, "6 6"],
-    *,
-    reachable: Float[np.ndarray, " k"] | None = None,
-    nuisances: Nuisances | None = None,
-    force: float = FORCE,
-) -> PossiblePokes:
-    """Return `PossiblePokes` on each taxel, along its normal and leaning to four sides, in each configuration.
+def candidates(units: Units, poses: Pose, noise: Float[np.ndarray, "6 6"]) -> PossiblePokes:
+    """Return `PossiblePokes` of 10 N on each taxel, along its normal and 20 degrees to four sides, in each pose.
 
     Args:
         units: places of the taxels.
         poses: (d,) T_sensor_link of the configurations.
         noise: covariance of a wrench.
-        reachable: (k,) [rad] largest lean of a poke on a taxel; negative: it cannot be reached. None: 20 degrees for
-            all of them.
-        nuisances: known errors; None: none.
-        force: [N].
 
     Raises:
-        InputError: no taxel can be reached.
+        InputError: no taxel has a place, or the noise is not positive definite.
     """
-    points, normals = units.places()
-    lean = np.full(len(points), TILT) if reachable is None else np.minimum(reachable, TILT)
-    rows = units.taxels[lean[units.taxels] >= 0]
+    points, normals = units.places
+    rows = units.taxels
     if not len(rows):
-        raise InputError("no taxel can be reached by a poke.", where="plan")
+        raise InputError("no taxel has a place to poke.", where="plan", hint="Plan from a skin with taxels.")
     count = len(poses.translation)
     first = np.cross(normals[rows], np.eye(3)[np.argmin(np.abs(normals[rows]), axis=1)])
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     second = np.cross(normals[rows], first)
-    aside = np.tan(lean[rows])[:, None] * np.stack([0 * first, first, -first, second, -second])  # (5, r, 3)
-    ways = -normals[rows] + aside
+    ways = -normals[rows] + np.tan(TILT) * np.stack([0 * first, first, -first, second, -second])  # (5, r, 3)
     ways = ways / np.linalg.norm(ways, axis=2, keepdims=True)
     taxel = np.tile(rows, 5 * count)
     direction = np.tile(ways.reshape(-1, 3), (count, 1))
     configuration: Int[np.ndarray, " c"] = np.repeat(np.arange(count), 5 * len(rows))
-    return _with_rows(units, poses, noise, nuisances, points[taxel], direction, configuration, taxel, force)
-
-
-def _with_rows(
-    units: Units,
-    poses: Pose,
-    noise: Float[np.ndarray, "6 6"],
-    nuisances: Nuisances | None,
-    point: Vectors,
-    direction: Vectors,
-    configuration: Int[np.ndarray, " c"],
-    taxel: Int[np.ndarray, " c"],
-    force: float,
-) -> PossiblePokes:
+    point = points[taxel]
     turn, origin = poses.rotation[configuration], poses.translation[configuration]
-    known = Nuisances.none(len(poses.translation)) if nuisances is None else nuisances
-    pressed = force * np.einsum("nij,nj->ni", turn, direction)
+    pressed = FORCE * np.einsum("nij,nj->ni", turn, direction)
     torque = np.cross(np.einsum("nij,nj->ni", turn, point) + origin, pressed)
     many = len(point)
     alike = (np.arange(many + 1), taxel, np.ones(many), len(units.layout), noise, np.ones(many), np.zeros(many))
     pokes = Pokes(np.concatenate([pressed, torque], axis=1), turn, origin, configuration, *alike)
-    said = predicted(pokes, point, known)
+    return PossiblePokes(point, direction, configuration, taxel, _rows(units, pokes, point, count))
+
+
+def _rows(units: Units, pokes: Pokes, point: Vectors, configurations: int) -> Float[np.ndarray, "c 3 p"]:
+    """Return the derivatives of the whitened torque of pokes at points by all unknowns."""
+    none = Nuisances.none(configurations)
+    said = predicted(pokes, point, none)
     read = np.eye(6)[3:] - said.by_wrench
-    spread = read @ noise @ np.swapaxes(read, 1, 2) + PLACED**2 * said.by_point @ np.swapaxes(said.by_point, 1, 2)
+    spread = read @ pokes.noise @ np.swapaxes(read, 1, 2)
+    spread = spread + PLACED**2 * said.by_point @ np.swapaxes(said.by_point, 1, 2)
     root = np.swapaxes(np.linalg.cholesky(np.linalg.inv(spread)), 1, 2)
-    size, count = len(units) * units.freedom, len(known.frames)
-    rows = np.zeros((many, 3, size + 12 * count + 42))
-    each = np.arange(many)[:, None]
-    unit = units.layout.module[taxel][:, None] * units.freedom + np.arange(units.freedom)
-    own = root @ (said.by_point @ units.jacobian()[taxel])
-    d = 6 * configuration[:, None] + np.arange(6)
-    by = root @ said.by_nuisance
-    at = {0: (size + d), 6: size + 6 * count + np.arange(6)[None], 12: size + 6 * count + 6 + d}
-    for axis in range(3):
-        rows[each, axis, unit] = own[:, axis]
-        for start, columns in at.items():
-            rows[each, axis, columns] = by[:, axis, start : start + 6]
-        rows[:, axis, -36:] = by[:, axis, 18:]
-    return PossiblePokes(point, direction, configuration, taxel, rows)
+    size = len(units) * units.freedom
+    rows = np.zeros((len(point), 3, size + len(none.vector())))
+    each, axes = np.ogrid[: len(point), :3]
+    unit = units.layout.module[pokes.taxel][:, None] * units.freedom + np.arange(units.freedom)
+    shared = size + Nuisances.columns(pokes.configuration, configurations)
+    rows[each[..., None], axes[..., None], unit[:, None]] = root @ (said.by_point @ units.jacobian[pokes.taxel])
+    rows[each[..., None], axes[..., None], shared[:, None]] = root @ said.by_nuisance
+    return rows
 
 
 def after_calibration(
@@ -156,17 +124,17 @@ def after_calibration(
 ) -> tuple[Units, Float[np.ndarray, "p p"], PossiblePokes]:
     """Return `Units`, covariance (p, p) of all unknowns, and `PossiblePokes`, from the result of a calibration.
 
-    The pokes themselves are not stored: each counts as one along the normal or leaning, on the taxel that it touched
-    most, spread over the configurations of the arm by the number of pokes in each.
+    The pokes themselves are not stored: each counts as equal parts of the candidates on the taxel that it touched, in
+    each configuration by its share of all pokes.
 
     Args:
         places: a result of `calibrate_taxels` by modules or single taxels.
         surface: as in the calibration.
-        priors: the same.
-        start: true if it began from CAD.
+        priors: as in the calibration.
+        start: true if the calibration began from CAD.
 
     Raises:
-        InputError: the result does not state its configurations and noise.
+        InputError: the result does not state its configurations and noise, or has no taxels.
     """
     if not len(places.configurations) or len(places.noise) != 6:
         raise InputError(
@@ -196,9 +164,15 @@ def known_after(
     configurations: int,
     deviations: Float[np.ndarray, " f"] | None = None,
 ) -> Float[np.ndarray, "p p"]:
-    """Return the covariance (p, p) of all unknowns under the priors, after candidate i was poked `made[i]` times.
+    """Return the covariance (p, p) of all unknowns, of units, then `Nuisances.vector`, under the priors and some pokes.
 
-    The p unknowns are those of the units, then `Nuisances.vector`; `made` is (c,), for the c candidates of `options`.
+    Args:
+        units: as for `candidates`.
+        options: the c candidates.
+        made: (c,) number of pokes at each candidate, which need not be whole.
+        priors: of the errors.
+        configurations: number of them.
+        deviations: (f,) [m, rad] prior standard deviations of a unit's unknowns; None: nothing is known.
     """
     rows = options.rows[made > 0] * np.sqrt(made[made > 0])[:, None, None]
     flat = rows.reshape(-1, options.rows.shape[2])
@@ -214,27 +188,25 @@ def plan_pokes(
     *,
     wanted: float = 0.0,
     pokes: int = 50,
-    seed: int = 0,
 ) -> Plan:
     """Choose pokes one after the other, each to reduce the worst taxels' covariances most; return a `Plan`.
 
-    By the worst one alone a poke would ignore others, nearly as bad, which many pokes improve, too. So each taxel above
-    `wanted` counts, by the power `KEEN` of its variance over the largest.
+    Each taxel above `wanted` counts by a power of its variance over the largest, as a poke also improves others that
+    are nearly as bad as the worst.
 
     Args:
         units: places of the taxels.
-        covariance: of all unknowns, as `PlacesSolution.covariance` or `known_after` has it.
+        covariance: (p, p) of all unknowns, as `known_after` returns it.
         options: possible pokes.
         wanted: [m] largest standard deviation (root of the trace) of a taxel that is good enough.
-        pokes: largest number of pokes.
-        seed: of the random subset that is examined for each poke if there are many candidates.
+        pokes: largest number of pokes, at most 2000.
     """
     taxels, size = units.taxels, units.freedom
     unit = units.layout.module[taxels]
     columns = unit[:, None] * size + np.arange(size)
-    by = units.jacobian()[taxels]
+    by = units.jacobian[taxels]
     square = np.swapaxes(by, 1, 2) @ by
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     known: Float[np.ndarray, "p p"] = covariance.copy()
     chosen, worst = list[int](), [0.0]
     for turn in range(min(pokes, MOST) + 1):
@@ -247,7 +219,7 @@ def plan_pokes(
         few = np.arange(len(options.taxel))
         if len(few) > LOOKED:
             own = units.layout.module[options.taxel] == unit[j]
-            few = np.unique(np.concatenate([few[own], rng.choice(few, LOOKED, replace=False)]))
+            few = np.union1d(few[own], rng.choice(few, LOOKED, replace=False))
         rows = options.rows[few]
         spread: Float[np.ndarray, "c 3 p"] = rows @ known  # (c, 3, p)
         seen: Float[np.ndarray, "c 3 3"] = spread @ np.swapaxes(rows, 1, 2) + np.eye(3)

@@ -12,7 +12,6 @@ from palpate.console.options import Output
 from palpate.errors import InputError
 from palpate.files.atomic import keep_inputs, write_text
 from palpate.sensors.taxels.place_formats import read_taxel_places
-from palpate.sensors.taxels.places import TaxelPlaces
 from palpate.sensors.taxels.poking import Priors
 from palpate.sensors.taxels.poking.plan import Plan, PossiblePokes, after_calibration, plan_pokes
 from palpate.setup import load_rig
@@ -20,15 +19,13 @@ from palpate.setup.pokes import RigPokes
 
 __all__ = ["plan_pokes_command"]
 
-RigArgument = Annotated[Positional[Path], arg(metavar="RIG")]
-File = Annotated[Path, arg(metavar="FILE")]
-_COLUMNS = ("configuration", "taxel", "x", "y", "z", "dx", "dy", "dz", "worst")
+_COLUMNS = "configuration,taxel,x,y,z,dx,dy,dz,worst"
 
 
 def plan_pokes_command(
-    rig: RigArgument,
+    rig: Annotated[Positional[Path], arg(metavar="RIG")],
     /,
-    skin: File,
+    skin: Annotated[Path, arg(metavar="FILE")],
     output: Output,
     wanted: Annotated[float, arg(metavar="X")] = 2e-3,
     pokes: Annotated[int, arg(metavar="N")] = 100,
@@ -44,6 +41,9 @@ def plan_pokes_command(
             the largest deviation [m] after it.
         wanted: largest deviation of a taxel (root of the trace) that is good enough [m].
         pokes: largest number of pokes to plan.
+
+    Raises:
+        InputError: a file that cannot be read or written, a number out of range, or a skin that states no pokes.
     """
     setup = load_rig(rig)
     table = setup.pokes or RigPokes()
@@ -57,8 +57,15 @@ def plan_pokes_command(
     plan = plan_pokes(units, known, options, wanted=wanted, pokes=pokes)
     _write(output, options, plan)
     title(f"{rig} -> {output}")
-    lines(_figures(places, plan, wanted))
-    note(_advice(plan, wanted))
+    more = len(plan.chosen)
+    lines(
+        [
+            ("so far", f"{places.configurations[:, 7].sum():.0f} pokes in {len(places.configurations)} configurations"),
+            ("worst taxel", f"{1e3 * plan.worst[0]:.2f} mm now, {1e3 * plan.worst[-1]:.2f} mm after {more} pokes"),
+            ("wanted", f"{1e3 * wanted:.2f} mm"),
+        ]
+    )
+    note([_advice(plan, wanted)])
 
 
 def _write(path: Path, options: PossiblePokes, plan: Plan) -> None:
@@ -69,21 +76,13 @@ def _write(path: Path, options: PossiblePokes, plan: Plan) -> None:
     write_text(path, "\n".join([*rows, ""]))
 
 
-def _figures(places: TaxelPlaces, plan: Plan, wanted: float) -> list[tuple[str, str]]:
-    return [
-        ("so far", f"{places.configurations[:, 7].sum():.0f} pokes in {len(places.configurations)} configurations"),
-        ("worst taxel", f"{1e3 * plan.worst[0]:.2f} mm now, {1e3 * plan.worst[-1]:.2f} mm after {plan.needed} pokes"),
-        ("wanted", f"{1e3 * wanted:.2f} mm"),
-    ]
-
-
-def _advice(plan: Plan, wanted: float) -> list[str]:
-    if plan.reached and not plan.needed:
-        return ["the pokes so far are enough: no more are needed"]
+def _advice(plan: Plan, wanted: float) -> str:
+    more = len(plan.chosen)
     if plan.reached:
-        return [f"with {plan.needed} more pokes every taxel is known to {1e3 * wanted:.2f} mm"]
+        enough = f"with {more} more pokes every taxel is known to {1e3 * wanted:.2f} mm"
+        return enough if more else "the pokes so far are enough: no more are needed"
     gained = 1e3 * (plan.worst[0] - plan.worst[-1])
-    return [
-        f"{plan.needed} more pokes are not enough: they gain {gained:.2f} mm; plan more with --pokes, or poke in other "
+    return (
+        f"{more} more pokes are not enough: they gain {gained:.2f} mm; plan more with --pokes, or poke in other "
         "configurations, or start from CAD"
-    ]
+    )

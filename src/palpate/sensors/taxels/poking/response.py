@@ -85,7 +85,7 @@ class PokePlaces:
         Args:
             units: modules or single taxels as they lie now; the places follow from those of the taxels that answered.
         """
-        places, normals = units.places()
+        places, normals = units.places
         axes = tangents(units, normals, self.origin)
         there = np.nan_to_num(places)[np.maximum(self.taxels, 0)]
         points = np.einsum("nw,nwc->nc", self.shares, there) + np.einsum("nca,na->nc", axes, self.second)
@@ -222,7 +222,7 @@ def charted(pokes: Pokes, units: Units) -> LocalTaxels:
     """
     from scipy.spatial import cKDTree
 
-    places, normals = units.places()
+    places, normals = units.places
     known = np.flatnonzero(np.isfinite(places).all(axis=1) & np.isfinite(normals).all(axis=1))
     count, width = len(pokes), min(NEAR, len(known))
     placed = np.zeros(pokes.taxels, dtype=bool)

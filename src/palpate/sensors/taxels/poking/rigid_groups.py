@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from palpate.sensors.taxels.modules import ModuleLayout
 from palpate.spatial.arguments import takes_arrays
@@ -14,7 +14,7 @@ from palpate.spatial.pose import Pose, skew
 from palpate.surfaces.geodesic import walk
 from palpate.surfaces.surface import Surface
 
-__all__ = ["Units", "fitted", "frame_about", "single"]
+__all__ = ["Units", "fitted", "frame_about", "placed", "single"]
 
 _STEP = np.array([2e-5, 2e-5, 1e-3])  # m, m, rad: of the differences that stand for derivatives
 _ROUNDS = 25  # of the fit of modules to places
@@ -35,9 +35,9 @@ class Units:
     middle's x, y, z [m] and a rotation vector [rad] about it. Single taxels do not turn: two or three.
 
     Attributes:
-        layout: flat places of taxels on their units.
+        layout: flat places of the taxels on their units.
         centre: (u, 3) [m]; frame: (u, 3, 3), columns heading, across, outward.
-        surface: on which they lie; None: none.
+        surface: on which they lie; None: they are free in space.
     """
 
     layout: ModuleLayout
@@ -68,12 +68,9 @@ class Units:
         """Return the indices of the taxels that have a place, (t,)."""
         return np.flatnonzero((self.layout.module >= 0) & np.isfinite(self.layout.places).all(axis=1))
 
+    @cached_property
     def places(self) -> tuple[Vectors, Vectors]:
         """Return positions (k, 3) [m] and outward normals (k, 3); NaN for a taxel without a unit."""
-        return self._places
-
-    @cached_property
-    def _places(self) -> tuple[Vectors, Vectors]:
         rows = self.taxels
         unit, flat = self.layout.module[rows], self.layout.places[rows]
         points, normals = np.full((2, len(self.layout), 3), np.nan)
@@ -88,30 +85,22 @@ class Units:
     def moved(self, by: Float[np.ndarray, "u f"]) -> Units:
         """Return `Units` that are moved by their unknowns, (u, f) [m, rad]."""
         if self.surface is None:
-            centre = self.centre + by[:, :3]
+            moved = replace(self, centre=self.centre + by[:, :3])
             if self.alone:
-                return replace(self, centre=centre)
-            return replace(
-                self, centre=centre, frame=Pose.from_rotation_vector(by[:, 3:], by[:, :3]).rotation @ self.frame
-            )
+                return moved
+            return replace(moved, frame=Pose.from_rotation_vector(by[:, 3:], by[:, :3]).rotation @ self.frame)
         ways = np.einsum("uij,uj->ui", self.frame[:, :, :2], by[:, :2])
         centre, normals, heading = walk(self.surface, self.centre, ways)
-        still = ~np.asarray(np.isfinite(heading).all(axis=1), dtype=bool)
-        turned = np.arctan2(by[:, 1], by[:, 0])  # the heading arrives as it left, turned against the way it went
-        if not self.alone:
-            turned = turned - by[:, 2]
-        along = np.where(still[:, None], self.frame[:, :, 0], heading)
-        angle = np.where(still, 0.0 if self.alone else -by[:, 2], turned)
-        frame = frame_about(normals, along)
+        moved = np.asarray(np.isfinite(heading).all(axis=1), dtype=bool)
+        frame = frame_about(normals, np.where(moved[:, None], heading, self.frame[:, :, 0]))
+        # the heading arrives as it left, turned against the way it went
+        angle = np.where(moved, np.arctan2(by[:, 1], by[:, 0]), 0.0) - (0.0 if self.alone else by[:, 2])
         first = np.cos(angle)[:, None] * frame[:, :, 0] - np.sin(angle)[:, None] * frame[:, :, 1]
         return replace(self, centre=centre, frame=frame_about(normals, first))
 
+    @cached_property
     def jacobian(self) -> Float[np.ndarray, "k 3 f"]:
         """Return derivatives of each taxel's place by its unit's unknowns, (k, 3, f); 0 for a taxel without a unit."""
-        return self._jacobian
-
-    @cached_property
-    def _jacobian(self) -> Float[np.ndarray, "k 3 f"]:
         found = np.zeros((len(self.layout), 3, self.freedom))
         rows = self.taxels
         unit = self.layout.module[rows]
@@ -120,10 +109,10 @@ class Units:
             return found
         if self.surface is None:
             found[rows, :, :3] = np.eye(3)
-            found[rows, :, 3:] = -skew(self.places()[0][rows] - self.centre[unit])
+            found[rows, :, 3:] = -skew(self.places[0][rows] - self.centre[unit])
             return found
         steps = np.concatenate([np.diag(_STEP), -np.diag(_STEP)])  # all at once: a walk costs by the call
-        ends = self._repeated(6).moved(np.repeat(steps, len(self), axis=0)).places()[0].reshape(6, -1, 3)[:, rows]
+        ends = self._repeated(6).moved(np.repeat(steps, len(self), axis=0)).places[0].reshape(6, -1, 3)[:, rows]
         found[rows] = np.moveaxis((ends[:3] - ends[3:]) / (2.0 * _STEP)[:, None, None], 0, 2)
         return found
 
@@ -132,9 +121,7 @@ class Units:
         shift = np.repeat(np.arange(times), len(self.layout)) * len(self)
         module = np.tile(self.layout.module, times)
         layout = ModuleLayout(np.tile(self.layout.places, (times, 1)), np.where(module >= 0, module + shift, -1))
-        return replace(
-            self, layout=layout, centre=np.tile(self.centre, (times, 1)), frame=np.tile(self.frame, (times, 1, 1))
-        )
+        return Units(layout, np.tile(self.centre, (times, 1)), np.tile(self.frame, (times, 1, 1)), self.surface)
 
     def away(self, start: Units) -> Float[np.ndarray, "u f"]:
         """Return the unknowns (u, f) [m, rad] by which each unit has moved from a start, to first order."""
@@ -168,9 +155,8 @@ def frame_about(normals: Vectors, along: Vectors) -> Float[np.ndarray, "k 3 3"]:
 def single(places: Vectors, surface: Surface | None, outward: Vectors | None = None) -> Units:
     """Return `Units`, one for each taxel with a place; `outward` (k, 3) are its normals without a surface."""
     rows = np.flatnonzero(np.isfinite(places).all(axis=1))
-    module = np.full(len(places), -1)
-    module[rows] = np.arange(len(rows))
-    flat = np.where((module >= 0)[:, None], 0.0, np.full((len(places), 2), np.nan))
+    module, flat = np.full(len(places), -1), np.full((len(places), 2), np.nan)
+    module[rows], flat[rows] = np.arange(len(rows)), 0.0
     centre, normals = places[rows], np.tile([0.0, 0.0, 1.0], (len(rows), 1)) if outward is None else outward[rows]
     if surface is not None and len(rows):
         centre, normals, _ = surface.project(centre)
@@ -178,30 +164,30 @@ def single(places: Vectors, surface: Surface | None, outward: Vectors | None = N
     return Units(ModuleLayout(flat, module), centre, frame, surface)
 
 
+def placed(layout: ModuleLayout, places: Vectors) -> Bool[np.ndarray, " k"]:
+    """Return a bool (k,) for each taxel, True if it is on a module and both places of it are known."""
+    known = np.isfinite(places).all(axis=1) & np.isfinite(layout.places).all(axis=1)
+    return np.asarray(known & (layout.module >= 0), dtype=bool)
+
+
 @takes_arrays
 def fitted(
     layout: ModuleLayout, places: Vectors, surface: Surface | None, weights: Float[np.ndarray, " k"] | None = None
 ) -> Units:
-    """Fit the positions and orientations of modules to the places of their taxels by least squares.
+    """Fit modules to the places of their taxels by least squares; return them as `Units`.
 
     Args:
-        layout: flat places of the taxels on their modules; each module must have three taxels or more with a known
-            place, which is not checked.
+        layout: flat places of the taxels; three or more of each module must have a place, which is not checked.
         places: (k, 3) [m] of the taxels, NaN if not known.
-        surface: surface on which the modules are laid; None: they are free in space.
+        surface: on which the modules are laid; None: they are free in space.
         weights: (k,) of the places; None: equal.
-
-    Returns:
-        `Units` with the `centre` (u, 3) [m] and the `frame` (u, 3, 3) of each module.
     """
-    known = np.isfinite(places).all(axis=1) & np.isfinite(layout.places).all(axis=1) & (layout.module >= 0)
-    share = np.where(known, 1.0 if weights is None else np.maximum(weights, 0.0), 0.0)
+    share = np.where(placed(layout, places), 1.0 if weights is None else np.maximum(weights, 0.0), 0.0)
     units = _start(layout, places, surface, share)
     matrix, far, before = np.zeros(0), True, np.inf
     for _ in range(_ROUNDS):
-        gap = np.nan_to_num(places - units.places()[0])
-        matrix = units.jacobian() if far else matrix
-        step = _solved(units, matrix, gap, share)
+        matrix = units.jacobian if far else matrix
+        step = _solved(units, matrix, np.nan_to_num(places - units.places[0]), share)
         units, longest = units.moved(step), float(np.abs(step).max(initial=0.0))
         far = longest > _FAR
         if longest < _STILL or _CIRCLING[1] * before < longest < _CIRCLING[0]:

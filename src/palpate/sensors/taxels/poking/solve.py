@@ -1,6 +1,6 @@
 """Solve for taxels, or the modules that carry them, and the errors of sensor and robot, from all pokes in one fit.
 
-The most likely values under the priors are found by Gauss-Newton steps whose weights fall for pokes that fit badly; the
+Gauss-Newton steps find the most likely values under the priors, with less weight for pokes that fit badly; the
 covariance is the inverse of the information at the end.
 """
 
@@ -40,9 +40,9 @@ class PlacesSolution:
     """The best fit of units and errors to all pokes.
 
     Attributes:
-        units: their places; nuisances: the errors; response: model of the taxels' response, None for single ones.
-        covariance: of all unknowns, units one after the other, then `Nuisances.vector`; 0 for those not estimated.
-        residual: (n, 3) [N m] measured minus predicted; weight: (n,) of each poke, 0: not used.
+        units: their places; nuisances: the errors; response: of the taxels, None for single ones.
+        covariance: (p, p) of all unknowns: units, then `Nuisances.vector`; 0 for those not estimated.
+        residual: (n, 3) [N m] torques, measured minus predicted; weight: (n,) of each poke, 0: not used.
         noise: ratio of the residuals to their covariance.
     """
 
@@ -83,29 +83,29 @@ def solve(
         units: initial values.
         priors: of the nuisances.
         start: prior places of the units; None: nothing is known.
-        deviations: (freedom,) [m, rad] prior standard deviations from the start along each unknown.
+        deviations: (f,) [m, rad] prior standard deviations of a unit's unknowns from the start; None: nothing is known.
     """
-    nuisances = Nuisances.none(max(pokes.configurations, 1))
-    before = Before(units, start, deviations, Nuisances.deviations(priors, max(pokes.configurations, 1)))
+    count = max(pokes.configurations, 1)
+    nuisances, before = Nuisances.none(count), Before(units, start, deviations, Nuisances.deviations(priors, count))
     chart = None if units.alone else charted(pokes, units)
     response = None if chart is None else learned(chart)
     seen = centred(pokes, units) if chart is None or response is None else seen_among(chart, response)
-    size, by_place = len(units) * units.freedom, units.jacobian()
+    size, by_place = len(units) * units.freedom, units.jacobian
     for turn in range(_STEPS):
         if turn % _FRESH == 0:
-            by_place = units.jacobian()
+            by_place = units.jacobian
         linear = _linear(pokes, units, by_place, seen, nuisances)
         weight, noise = _weights(pokes, seen, linear)
-        step = before.step(*_all(linear, weight / noise**2, units, pokes, priors), units, nuisances)
+        step = before.step(*_equations(linear, weight / noise**2, units, pokes, priors), units, nuisances)
         by = step[:size].reshape(len(units), -1)
         share = 1.0 / max(float(np.abs(by / units.each(*_LONGEST)).max(initial=1.0)), 1.0)
         units, nuisances = units.moved(share * by), nuisances.moved(share * step[size:])
         if share == 1.0 and np.abs(by[:, :2]).max(initial=0.0) < _STILL:
             break
-    linear = _linear(pokes, units, units.jacobian(), seen, nuisances)
+    linear = _linear(pokes, units, units.jacobian, seen, nuisances)
     weight, noise = _weights(pokes, seen, linear)
     told = _worth(weight, pokes.weight) * weight / noise**2
-    covariance = before.covariance(_all(linear, told, units, pokes, priors)[0])
+    covariance = before.covariance(_equations(linear, told, units, pokes, priors)[0])
     if chart is not None:
         covariance = covariance + _shared(linear, told, pokes, units, seen, covariance, DENSER / chart.spacing)
     return PlacesSolution(units, nuisances, response, covariance, linear.residual, weight, noise)
@@ -122,30 +122,29 @@ def validated(
 ) -> Validation:
     """Return the `Validation`: torques of each half of the pokes against the prediction from the other half.
 
-    Compare by the squared distance within which 80 % are, as some pokes fit badly and hardly count.
+    Ratios are of the 80 % quantiles of squared residuals, as some pokes fit badly. Without a usable half the
+    `Validation` is empty.
 
     Args:
         pokes: of all configurations.
-        solution: of all pokes; the halves begin there.
-        priors: of the nuisances.
-        start: prior places of the units; None: nothing is known.
+        solution: of all pokes, from which the fits of both halves begin.
+        priors: as for `solve`.
+        start: as for `solve`.
         deviations: as for `solve`.
     """
     half = np.arange(len(pokes)) * HALVES // max(len(pokes), 1) % 2 == 0
     squares, count = list[float](), 0
-    size, freedom = len(solution.units), solution.units.freedom
     for left in (half, ~half):
         rest = replace(pokes, weight=np.where(left, 0.0, pokes.weight))
         found = solve(rest, solution.units, priors, start=start, deviations=deviations)
-        seen = centred(pokes, found.units)
-        if found.response is not None:
-            seen = seen_among(charted(pokes, found.units), found.response)
-        linear = _linear(pokes, found.units, found.units.jacobian(), seen, found.nuisances)
+        response = found.response
+        seen = centred(pokes, found.units) if response is None else seen_among(charted(pokes, found.units), response)
+        linear = _linear(pokes, found.units, found.units.jacobian, seen, found.nuisances)
         used = np.asarray(left & (pokes.weight > 0) & seen.found & np.isfinite(linear.residual).all(axis=1), dtype=bool)
         rows, root = _roots(linear, used / found.noise**2)
         if not len(rows):
             continue
-        lines, columns, _ = _lines(linear, rows, root, size, freedom, pokes)
+        lines, columns = _lines(linear, rows, root, found.units, pokes)
         lines = np.where(columns[:, None] >= 0, lines, 0.0)
         known = found.covariance[columns[:, :, None], columns[:, None]]
         spread = np.eye(3) + lines @ known @ np.swapaxes(lines, 1, 2)
@@ -204,20 +203,19 @@ class Before:
     def step(
         self, square: np.ndarray, right: np.ndarray, units: Units, nuisances: Nuisances
     ) -> Float[np.ndarray, " p"]:
-        """Return the step (p,) to the most likely values of units, then nuisances, each in its own unit."""
-        away = np.zeros(len(self.units)) if self.start is None else units.away(self.start).ravel()
+        """Return the step (p,) to the most likely values of units, then nuisances, from J' W J and J' W r."""
+        away = np.zeros_like(self.units) if self.start is None else units.away(self.start).ravel()
         gap = np.concatenate([self.units * away, self.nuisances * nuisances.vector()])
         matrix, wanted = self._raised(square), (right - gap)[self.free]
         found = np.zeros(len(right))
-        found[self.free] = (
-            np.linalg.solve(matrix, wanted)  # a poke hangs on several
-            if units.alone
-            else eliminated(matrix, wanted, len(units), units.freedom)
-        )
+        if units.alone:  # a poke depends on several
+            found[self.free] = np.linalg.solve(matrix, wanted)
+        else:
+            found[self.free] = eliminated(matrix, wanted, len(units), units.freedom)
         return found
 
     def covariance(self, square: np.ndarray) -> Float[np.ndarray, "p p"]:
-        """Return the covariance of all unknowns (p, p), 0 for those not estimated."""
+        """Return the covariance (p, p) of all unknowns for J' W J (p, p); 0 for those not estimated."""
         found = np.zeros_like(square)
         found[np.ix_(self.free, self.free)] = np.linalg.inv(self._raised(square))
         return found
@@ -225,21 +223,23 @@ class Before:
     def _raised(self, square: np.ndarray) -> np.ndarray:
         matrix = square + np.diag(np.concatenate([self.units, self.nuisances]))
         matrix = matrix[np.ix_(self.free, self.free)]
-        scale = np.diag(matrix).copy()
-        return matrix + np.diag(1e-12 * scale)
+        return matrix + np.diag(1e-12 * np.diag(matrix))
 
 
 @takes_arrays
 def eliminated(
     matrix: Float[np.ndarray, "p p"], right: Float[np.ndarray, " p"], units: int, size: int
 ) -> Float[np.ndarray, " p"]:
-    """Solve matrix x = right for x (p,): eliminate each unit, as none touches another, then solve for shared unknowns.
+    """Return the solution x (p,) of matrix x = right, where no unit is coupled to another but by shared unknowns.
 
     Args:
-        matrix: positive; units of `size` unknowns each come first.
-        right: of the equations.
+        matrix: (p, p) positive definite, units first.
+        right: (p,).
         units: number of units.
         size: number of unknowns of each.
+
+    Raises:
+        InputError: a singular matrix.
     """
     rows, each = slice(None, units * size), np.arange(units)
     own = matrix[rows, rows].reshape(units, size, units, size)[each, :, each]
@@ -320,25 +320,18 @@ def _square(residual: Float[np.ndarray, "n 3"], spread: Float[np.ndarray, "n 3 3
     return found
 
 
-def _normal(
-    linear: _Linear, weight: Float[np.ndarray, " n"], units: int, freedom: int, pokes: Pokes
+def _equations(
+    linear: _Linear, weight: Float[np.ndarray, " n"], units: Units, pokes: Pokes, priors: Priors
 ) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
-    """Return J' W J and J' W r of the pokes that count."""
+    """Return J' W J and J' W r of the pokes that count, and of the priors between single taxels."""
     from palpate.sensors.taxels.poking._normal_equations import add_squares  # compiled: loaded when first needed
 
     rows, root = _roots(linear, weight)
-    values, columns, size = _lines(linear, rows, root, units, freedom, pokes)
-    square, vector = np.zeros((size, size)), np.zeros(size)
-    residual = np.einsum("nij,nj->ni", root, linear.residual[rows])
-    add_squares(values, residual, columns, square, vector)
-    return np.triu(square) + np.triu(square, 1).T, vector
-
-
-def _all(
-    linear: _Linear, weight: Float[np.ndarray, " n"], units: Units, pokes: Pokes, priors: Priors
-) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
-    """Return J' W J and J' W r of the pokes, and of the priors between single taxels."""
-    square, right = _normal(linear, weight, len(units), units.freedom, pokes)
+    values, columns = _lines(linear, rows, root, units, pokes)
+    right = np.zeros(len(units) * units.freedom + 12 * max(pokes.configurations, 1) + 42)
+    square = np.zeros((len(right), len(right)))
+    add_squares(values, np.einsum("nij,nj->ni", root, linear.residual[rows]), columns, square, right)
+    square = np.triu(square) + np.triu(square, 1).T
     more, along = tied(units, priors)
     square[: len(more), : len(more)] += more
     right[: len(along)] += along
@@ -358,22 +351,16 @@ def _lines(
     linear: _Linear,
     rows: Int[np.ndarray, " r"],
     root: Float[np.ndarray, "r 3 3"],
-    units: int,
-    freedom: int,
+    units: Units,
     pokes: Pokes,
-) -> tuple[Float[np.ndarray, "r 3 l"], Int[np.ndarray, "r l"], int]:
-    """Return the whitened lines of J, the columns of their entries, -1: none, and the number of columns."""
-    size, count = units * freedom, max(pokes.configurations, 1)
+) -> tuple[Float[np.ndarray, "r 3 l"], Int[np.ndarray, "r l"]]:
+    """Return the whitened lines of J, and the columns of their entries, -1: none."""
     by_unit = np.einsum("nij,nwjf->niwf", root, linear.by_unit[rows]).reshape(len(rows), 3, -1)
     values = np.concatenate([by_unit, root @ linear.by_nuisance[rows]], axis=2)
     unit = linear.unit[rows][..., None]
-    where = np.where(unit >= 0, unit * freedom + np.arange(freedom), -1).reshape(len(rows), -1)
-    d = 6 * pokes.configuration[rows][:, None]
-    common = size + 6 * count  # where each begins in `Nuisances.vector`
-    bias, cross = common + 6, common + 6 + 6 * count
-    own = [size + d + np.arange(6), np.full_like(d, common) + np.arange(6), bias + d + np.arange(6)]
-    own.append(np.full_like(d, cross) + np.arange(36))
-    return values, np.concatenate([where, *own], axis=1), cross + 36
+    own = np.where(unit >= 0, unit * units.freedom + np.arange(units.freedom), -1).reshape(len(rows), -1)
+    shared = Nuisances.columns(pokes.configuration[rows], max(pokes.configurations, 1))
+    return values, np.concatenate([own, len(units) * units.freedom + shared], axis=1)
 
 
 def _shared(
@@ -393,12 +380,12 @@ def _shared(
     at each taxel.
     """
     rows, root = _roots(linear, weight)
-    values, columns, size = _lines(linear, rows, root, len(units), units.freedom, pokes)
-    axes = tangents(units, units.places()[1], seen.origin[rows])
+    values, columns = _lines(linear, rows, root, units, pokes)
+    axes = tangents(units, units.places[1], seen.origin[rows])
     beside = root @ linear.by_point[rows] @ axes @ seen.covariance[rows]  # (r, 3, 2)
     along = np.einsum("ril,ria->rla", values, beside)
     used, taxel = np.unique(seen.origin[rows], return_inverse=True)
-    first, freedom = len(units) * units.freedom, units.freedom
+    first, freedom, size = len(units) * units.freedom, units.freedom, len(covariance)
     wide = freedom + size - first  # a taxel's lines touch its own unit, and what all share
     local, sound = np.where(columns < first, columns % freedom, columns - first + freedom), columns >= 0
     own = units.layout.module[used][:, None] * freedom + np.arange(freedom)

@@ -11,10 +11,10 @@ that of all configurations and that of this one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from palpate.sensors.taxels.poking.pokes import Pokes
 from palpate.sensors.taxels.poking.priors import Priors
@@ -48,20 +48,21 @@ class Nuisances(Value):
 
     def vector(self) -> Float[np.ndarray, " q"]:
         """Return all errors in one vector (12 d + 42,): frames, common, bias [m, rad; N, N m], cross-talk by rows."""
-        parts = (self.frames, self.common, self.bias, self.cross_talk)
-        return np.concatenate([np.ravel(part) for part in parts])
+        return np.concatenate([part.ravel() for part in vars(self).values()])
 
     def moved(self, by: Float[np.ndarray, " q"]) -> Nuisances:
         """Return `Nuisances` with a vector (q,), in the order of `vector`, added."""
-        count = 6 * len(self.frames)
-        ends = np.cumsum([count, 6, count])
-        frames, common, bias, cross = np.split(by, ends)
-        return replace(
-            self,
-            frames=self.frames + frames.reshape(-1, 6),
-            common=self.common + common,
-            bias=self.bias + bias.reshape(-1, 6),
-            cross_talk=self.cross_talk + cross.reshape(6, 6),
+        own = list[np.ndarray](vars(self).values())
+        added = np.split(by, np.cumsum([part.size for part in own])[:-1])
+        return Nuisances(*(part + more.reshape(part.shape) for part, more in zip(own, added, strict=True)))
+
+    @staticmethod
+    def columns(configuration: Int[np.ndarray, " n"], configurations: int) -> Int[np.ndarray, "n 54"]:
+        """Return the indices (n, 54) in `vector` of the errors in `Predicted.by_nuisance`, for pokes in these (n,)."""
+        own, common, six = 6 * configuration[:, None], 6 * configurations, np.arange(6)
+        alike = np.zeros_like(own) + common
+        return np.concatenate(
+            [own + six, alike + six, alike + 6 + own + six, alike + 6 + common + np.arange(36)], axis=1
         )
 
     @staticmethod
@@ -96,7 +97,11 @@ class Predicted:
 
 @takes_arrays
 def predicted(pokes: Pokes, points: Float[np.ndarray, "n 3"], nuisances: Nuisances) -> Predicted:
-    """Return the torque of pokes at points (n, 3) [m] of the link, and its derivatives, as `Predicted`."""
+    """Return the torque of pokes at points (n, 3) [m] of the link, and its derivatives, as `Predicted`.
+
+    Raises:
+        InputError: another number of points than pokes, or a cross-talk by which I + C is singular.
+    """
     d, cross = pokes.configuration, nuisances.cross_talk
     error, bias = nuisances.frames[d] + nuisances.common, nuisances.bias[d]
     turn = Pose.from_rotation_vector(error[:, 3:], error[:, :3])
