@@ -1,46 +1,33 @@
-"""Named mistakes in how a log's wrenches and rotations were recorded, and the correction of each.
+"""Doubts about an identified payload: known mistakes in the log that explain its residuals, or residuals of no reason.
 
-The residual distinguishes the frame of the wrenches, the swap of y and z (it makes the sensor left-handed, which no
-rotation undoes) and the direction of the rotations. In the force alone, wrenches in the base frame and inverse
-rotations look the same, with weight and bias exchanged; the torque distinguishes them.
-
-The residual does not distinguish the sign. Reversing force and torque reverses the weight and keeps the centre, so it
-shows only as a weight that points up: against the given gravity, or else against a base whose z points up. Reversing
-the torque alone mirrors the centre, and turning sensor or rotations by a fixed rotation (two axes flipped, the
-mounting) turns weight or centre: no set of poses can show any of these.
+The residual distinguishes mistakes of orientation, frame and axes. It does not distinguish the sign. Reversing force
+and torque reverses the weight and keeps the centre, so it shows only as a weight that points up: against the given
+gravity, or else against a base whose z points up. Reversing the torque alone mirrors the centre: no set of poses can
+show it. Mistakes that explain a log equally well are named together, the simplest first.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError, NotIdentifiable
+from palpate.sensors.force_torque._payload_mistakes import MISTAKES, REVERSED, compose, corrected, mistake_of, parts
 from palpate.sensors.force_torque._payload_rank import check_noise
+from palpate.sensors.force_torque._payload_search import FAR, fitted, likely, search, upward
 from palpate.sensors.force_torque._payload_solve import PayloadSettings, PayloadSolution, rms, solve
 from palpate.signals.payload import Payload
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["AS_IS", "Hypothesis", "corrected", "diagnose", "doubts"]
+__all__ = ["Hypothesis", "diagnose", "doubts", "is_bad", "mistaken"]
 
-AS_IS = "as is"
-BASE = "base frame"
-SWAPPED = "y and z swapped"
-REVERSED = "sign reversed"
-INVERSE = "inverse rotations"
-MEANINGS = {
-    BASE: "the wrenches are written in the base frame",
-    SWAPPED: "y and z of force and torque are swapped",
-    REVERSED: "the sensor reports the reaction",
-    INVERSE: "the rotations are base in sensor",
-}
-SWAP = [0, 2, 1, 3, 5, 4]
 BAD_NOISE = 5.0  # residuals above so many times the stated noise,
 BAD_SHARE = 0.05  # and above this share of the weight, or of the torque's variation, are doubted: good rigs leave 1-3 %
+WORST_SHARE = 0.2  # of the weight: residuals above it are those of no payload
 BAD_LEFT_OUT = 0.2  # or more than this share of the samples set aside
+ALIKE, ALIKE_COST = 1.2, 0.3  # misfits within this factor, and costs, name a mistake as well
 FAR_BETTER = 3.0  # an explanation must reduce the misfit by this
 
 
@@ -52,8 +39,7 @@ class Hypothesis:
     Attributes:
         name: name that `identify_payload(..., hypothesis=name)` takes.
         residual: (2,) rms of force [N] and torque [N m] per axis, over every sample, the ones set aside too.
-        misfit: geometric mean of the force and the torque that four samples in five stay within. With noise unknown the
-            likelihood compares hypotheses by this mean, which needs no length to add newtons and newton-metres.
+        misfit: geometric mean of the rms of force [N] and torque [N m] over the samples that fit best, four in five.
         payload: payload that is identified if the hypothesis is true.
     """
 
@@ -63,83 +49,77 @@ class Hypothesis:
     payload: Payload
 
 
-def _names() -> list[str]:
-    """Return every combination that residuals distinguish, simplest first; the sign is added later."""
-    choices = product(("", BASE), ("", SWAPPED), ("", INVERSE))
-    return sorted((compose(*choice) for choice in choices), key=lambda name: len(parts(name)))
-
-
-def compose(*hypotheses: str) -> str:
-    """Join several names into one, in the order of `MEANINGS`."""
-    given = {part for name in hypotheses for part in parts(name)}
-    return " + ".join(part for part in MEANINGS if part in given) or AS_IS
-
-
-def parts(hypothesis: str) -> tuple[str, ...]:
-    """Return the simple names in a name such as "base frame + sign reversed".
-
-    Raises:
-        InputError: a simple name is not known.
-    """
-    found = tuple(part.strip() for part in hypothesis.split("+") if part.strip() not in ("", AS_IS))
-    unknown = [part for part in found if part not in MEANINGS]
-    if unknown:
-        known = ", ".join(repr(name) for name in (AS_IS, *MEANINGS))
-        raise InputError(
-            f"hypothesis {unknown[0]!r} is not known.", hint=f"Use one of these, or several joined by ' + ': {known}."
-        )
-    return found
-
-
-def corrected(
-    wrenches: Float[np.ndarray, "n 6"], rotations: Float[np.ndarray, "n 3 3"], hypothesis: str
-) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 3 3"]]:
-    """Return wrenches in the sensor frame and rotations of the sensor in the base if the hypothesis is true.
-
-    "base frame + y and z swapped": the driver swapped in the sensor frame, then the log was rotated; this is undone in
-    the reverse order.
-    """
-    told = parts(hypothesis)
-    if INVERSE in told:
-        rotations = rotations.swapaxes(-1, -2)
-    if BASE in told:
-        wrenches = np.einsum("nji,nkj->nki", rotations, wrenches.reshape(-1, 2, 3)).reshape(-1, 6)
-    if SWAPPED in told:
-        wrenches = wrenches[:, SWAP]
-    return (-wrenches if REVERSED in told else wrenches), rotations
-
-
 def diagnose(
     wrenches: Float[np.ndarray, "n 6"], rotations: Float[np.ndarray, "n 3 3"], settings: PayloadSettings
 ) -> list[Hypothesis]:
-    """Return the hypotheses under which the log determines a payload, best fit first.
-
-    Each has the sign with which the weight points down.
-    """
+    """Return the hypotheses that explain the log as well as the best, the simplest first."""
     found: list[Hypothesis] = []
-    for name in _names():
+    for each in likely(search(wrenches, rotations, settings.direction)):
         try:
-            solution = solve(*corrected(wrenches, rotations, name), settings)
-            if points_up(solution.payload, settings):
-                name = compose(name, REVERSED)
-                solution = solve(*corrected(wrenches, rotations, name), settings)
+            solution = solve(*corrected(wrenches, rotations, each.name), settings)
         except NotIdentifiable:
             continue
-        found.append(Hypothesis(name, rms(solution.residuals), misfit(solution), solution.payload))
-    return sorted(found, key=lambda hypothesis: hypothesis.misfit)
+        found.append(Hypothesis(each.name, rms(solution.residuals), each.misfit, solution.payload))
+    return found
 
 
-def misfit(solution: PayloadSolution) -> float:
-    """Return the misfit of a `Hypothesis`: a quantile over all samples, so setting samples aside cannot improve it."""
-    lengths = np.linalg.norm(solution.residuals.reshape(-1, 2, 3), axis=2)
-    return float(np.sqrt(np.prod(np.quantile(lengths, 0.8, axis=0))))
+def mistaken(
+    wrenches: Float[np.ndarray, "n 6"],
+    rotations: Float[np.ndarray, "n 3 3"],
+    hypothesis: str,
+    settings: PayloadSettings,
+) -> InputError | None:
+    """Return the error that names the mistake by which a log fits far better than under `hypothesis`; None if none."""
+    now = fitted(*corrected(wrenches, rotations, hypothesis), settings.direction)
+    found = likely(search(wrenches, rotations, settings.direction))
+    if now is None or not found or found[0].name == hypothesis:
+        return None
+    best, better = found[0], now.misfit / found[0].misfit
+    alike = [each for each in found if each.cost <= best.cost + ALIKE_COST and each.misfit <= ALIKE * best.misfit][:3]
+    what = "; or, as well, if ".join(_meaning(each.name) for each in alike)
+    if better >= FAR_BETTER:
+        return InputError(f"the log fits {better:.0f} times better if {what}.", hint=_mend(best.name))
+    if now.lever > FAR and best.lever <= FAR:
+        return InputError(
+            f"the centre of mass is {now.lever:.3g} m from the sensor, unless {what}.", hint=_mend(best.name)
+        )
+    return None
 
 
-def points_up(payload: Payload, settings: PayloadSettings) -> bool:
-    """Return whether the weight points against gravity: as given, or else within 60 degrees of the base's +z."""
-    if settings.direction is not None:
-        return float(payload.weight @ settings.direction) < 0
-    return float(payload.weight[2]) > 0.5 * float(np.linalg.norm(payload.weight))
+def _meaning(name: str) -> str:
+    return " and ".join(mistake_of(part).meaning for part in parts(name)) or "it is taken as it is"
+
+
+def _mend(name: str) -> str:
+    """Return the settings that correct how the log is read."""
+    settings: dict[str, list[str]] = {}
+    for found in map(mistake_of, parts(name)):
+        settings.setdefault(found.table, []).append(found.rig)
+    lines = " and ".join(f"{', '.join(lines)} in [{table}]" for table, lines in settings.items())
+    return f"Write {lines} of the rig, or pass hypothesis={name!r}."
+
+
+def doubts(
+    solution: PayloadSolution, hypothesis: str, wrenches: np.ndarray, rotations: np.ndarray, settings: PayloadSettings
+) -> tuple[str, ...]:
+    """Return warnings about a fit under `hypothesis`; wrenches and rotations are those of the log, not corrected.
+
+    Raises:
+        NotIdentifiable: the residual hides the weight.
+    """
+    payload = solution.payload
+    used = corrected(wrenches, rotations, hypothesis)[1][solution.kept]
+    check_noise(used, settings.direction, payload.weight, solution.noise)
+    said: tuple[str, ...] = ()
+    share = payload.residual[0] / float(np.linalg.norm(payload.weight))
+    if is_bad(solution, wrenches, settings) and share > BAD_SHARE:
+        said += (
+            f"The fit has residuals of {payload.residual[0]:.2g} N and {payload.residual[1]:.2g} N m, {share:.0%} of "
+            "the weight, and no known mistake explains them: check for touches, fast motion, and wrong units or times.",
+        )
+    if upward(payload.weight, settings.direction):
+        said += (_upward(settings, hypothesis),)
+    return said
 
 
 def is_bad(solution: PayloadSolution, wrenches: Float[np.ndarray, "n 6"], settings: PayloadSettings) -> bool:
@@ -151,50 +131,13 @@ def is_bad(solution: PayloadSolution, wrenches: Float[np.ndarray, "n 6"], settin
     variation = float(np.std(wrenches[:, 3:], axis=0).max())
     share = BAD_SHARE * np.array([np.linalg.norm(solution.payload.weight), variation])
     left = solution.payload.residual > np.maximum(BAD_NOISE * stated, share)
-    return bool(left.any() or solution.kept.mean() < 1.0 - BAD_LEFT_OUT)
-
-
-def doubts(
-    solution: PayloadSolution, hypothesis: str, wrenches: np.ndarray, rotations: np.ndarray, settings: PayloadSettings
-) -> tuple[str, ...]:
-    """Return warnings about a fit under `hypothesis`; wrenches and rotations are those of the log, not corrected.
-
-    Raises:
-        NotIdentifiable: the residual hides the weight, and no hypothesis explains that.
-    """
-    payload, bad = solution.payload, is_bad(solution, wrenches, settings)
-    if bad and (mistake := _explanation(diagnose(wrenches, rotations, settings), misfit(solution))):
-        return (mistake,)
-    used = corrected(wrenches, rotations, hypothesis)[1][solution.kept]
-    check_noise(used, settings.direction, payload.weight, solution.noise)
-    said: tuple[str, ...] = ()
-    share = payload.residual[0] / float(np.linalg.norm(payload.weight))
-    if bad and share > BAD_SHARE:
-        said += (
-            f"The fit has residuals of {payload.residual[0]:.2g} N and {payload.residual[1]:.2g} N m, {share:.0%} of "
-            "the weight, and no known mistake explains them: check for touches, fast motion, and wrong units or times.",
-        )
-    if points_up(payload, settings):
-        said += (_upward(settings, hypothesis),)
-    return said
+    far = float(np.linalg.norm(solution.payload.center_of_mass)) > FAR
+    return bool(left.any() or far or solution.kept.mean() < 1.0 - BAD_LEFT_OUT)
 
 
 def _upward(settings: PayloadSettings, hypothesis: str) -> str:
     against = "up in the base (z)" if settings.direction is None else "against the given gravity"
     cause = "the base's z points down" if settings.direction is None else "that direction is wrong"
     name = compose(hypothesis, REVERSED)
-    reversed_sign = f"{MEANINGS[REVERSED]} (hypothesis={name!r})"
+    reversed_sign = f"{MISTAKES[REVERSED].meaning} (hypothesis={name!r})"
     return f"The weight points {against}: either {cause}, or {reversed_sign}. The poses alone cannot tell which."
-
-
-def _explanation(found: list[Hypothesis], misfit_now: float) -> str:
-    """Return a sentence that names the hypothesis that fits far better than the present one, or ""."""
-    if not found or found[0].misfit * FAR_BETTER > misfit_now:
-        return ""
-    best = found[0]
-    meaning = " and ".join(MEANINGS[part] for part in parts(best.name)) or "it is taken as it is"
-    return (
-        f"The log fits {misfit_now / max(best.misfit, 1e-300):.0f} times better if {meaning}: the residuals "
-        f"are then {best.residual[0]:.2g} N and {best.residual[1]:.2g} N m. Correct how the log is read, or pass "
-        f"hypothesis={best.name!r}."
-    )

@@ -111,8 +111,8 @@ def _noise_refusal(weight: np.ndarray, noise: float, count: int, rank: int) -> N
     return NotIdentifiable(
         f"a weight of {newtons:.2g} N is too small for the residuals of the fit ({noise:.2g} N in one of "
         f"{count} readings) and these poses: a direction of weight or force bias is not known to {MAX_SHARE:.0%} of "
-        "it. Turn further, about two axes, or average more samples; if the sensor carries nothing, use a payload "
-        "without weight (a tare).",
+        "it. Turn further, about two axes, or average more samples; if the sensor carries nothing, or its driver "
+        "compensates for gravity already, use a payload without weight (a tare).",
         rank=rank,
         missing=("weight", "force_bias", "center_of_mass"),
     )

@@ -10,8 +10,10 @@ from jaxtyping import Bool
 from numpy.typing import ArrayLike
 
 from palpate.calls import called_as
-from palpate.errors import InputError
-from palpate.sensors.force_torque._payload_hypotheses import AS_IS, Hypothesis, corrected, diagnose, doubts
+from palpate.errors import InputError, NotIdentifiable
+from palpate.sensors.force_torque._payload_hypotheses import WORST_SHARE, Hypothesis, diagnose, doubts, is_bad, mistaken
+from palpate.sensors.force_torque._payload_mistakes import AS_IS, corrected
+from palpate.sensors.force_torque._payload_search import FAR
 from palpate.sensors.force_torque._payload_solve import PayloadSettings, judged, solve
 from palpate.signals.payload import STANDARD_GRAVITY, Payload
 from palpate.signals.recording import LARGEST
@@ -22,8 +24,6 @@ from palpate.spatial.uncertain import noise_covariance
 from palpate.spatial.wrench import Wrench
 
 __all__ = ["Hypothesis", "diagnose_payload", "identify_payload"]
-
-FAR = 1.0  # m from the sensor: no tool has its centre of mass farther away
 
 
 @called_as("palpate.identify_payload(wrenches, quaternions)")
@@ -37,6 +37,7 @@ def identify_payload(
     noise: ArrayLike | None = None,
     robust: bool = True,
     hypothesis: str = AS_IS,
+    unchecked: bool = False,
     of: str = "samples",
     provenance: Mapping[str, str] | None = None,
 ) -> Payload:
@@ -62,6 +63,8 @@ def identify_payload(
         robust: set samples aside that lie 5 robust standard deviations from the fit, and list them in the notes.
         hypothesis: a name that `diagnose_payload` gave; the log is corrected for it before the fit. Later wrenches must
             be corrected in the same way before `Payload.compensate`.
+        unchecked: return the payload also of a log that a known mistake explains far better, or that leaves more than
+            20 % of the weight; notes say so.
         of: name of a row in messages: "samples", or "poses" where each is a mean.
         provenance: kept in the payload, in addition to the options used here.
 
@@ -70,15 +73,26 @@ def identify_payload(
 
     Raises:
         NotIdentifiable: the poses cannot separate the parameters; names which, and the pose to add.
-        InputError: a shape is wrong, a row is not a rotation, no row is complete, or an option is invalid.
+        InputError: a shape is wrong, a row is not a rotation, no row is complete, or an option is invalid; unless
+            `unchecked`, a known mistake explains the log far better, or the residual is more than 20 % of the weight.
     """
     settings = replace(settings_of(gravity, magnitude, noise, robust=robust), of=of)
     wrenches, rotations, finite = usable(wrenches, rotations)
     undone = corrected(wrenches, rotations, hypothesis)
-    solution = solve(*undone, settings)
+    try:
+        solution = solve(*undone, settings)
+        doubtful = doubts(solution, hypothesis, wrenches, rotations, settings)
+    except NotIdentifiable:
+        if (mistake := mistaken(wrenches, rotations, hypothesis, settings)) is not None:
+            raise mistake from None
+        raise
+    wrong = mistaken(wrenches, rotations, hypothesis, settings) if is_bad(solution, wrenches, settings) else None
+    wrong = wrong or _unexplained(solution.payload)
+    if wrong is not None and not unchecked:
+        raise wrong
     payload, left = judged(solution, *undone, settings)
-    doubtful = doubts(solution, hypothesis, wrenches, rotations, settings)
-    notes = (*validated(finite, solution.kept, of), *payload.notes, *doubtful, *_far_centre(payload))
+    wrongs = () if wrong is None else (f"{str(wrong)[0].upper()}{str(wrong)[1:]}",)
+    notes = (*validated(finite, solution.kept, of), *payload.notes, *doubtful, *wrongs, *_far_centre(payload))
     options = {
         "gravity": "free" if gravity is None else "given",
         "robust": str(robust).lower(),
@@ -98,10 +112,10 @@ def diagnose_payload(
     noise: ArrayLike | None = None,
     robust: bool = True,
 ) -> list[Hypothesis]:
-    """Return a list of each `Hypothesis` under which the log determines a payload, best fit first; [] if none does.
+    """Return a list of each `Hypothesis` that explains the log as well as the best, the simplest first; [] if none.
 
     Arguments are those of `identify_payload`. The sign of each hypothesis is the one under which the weight points down
-    (see `palpate.sensors.force_torque._payload_hypotheses` for the mistakes that can be distinguished).
+    (see `palpate.sensors.force_torque._payload_mistakes` for the mistakes).
 
     Raises:
         InputError: no row is complete, a row is not a rotation, or an option is invalid.
@@ -177,6 +191,17 @@ def validated(finite: Bool[np.ndarray, " n"], kept: Bool[np.ndarray, " m"], of: 
     if len(away):
         said += (f"{len(away)} of {len(kept)} {of} are far from the fit and were set aside ({name} {_listed(away)}).",)
     return said
+
+
+def _unexplained(payload: Payload) -> InputError | None:
+    """Return the error that says that the log is no payload's; None where it leaves little."""
+    share = payload.residual[0] / float(np.linalg.norm(payload.weight))
+    if share <= WORST_SHARE:
+        return None
+    return InputError(
+        f"the fit leaves {payload.residual[0]:.2g} N, {share:.0%} of the weight, and no known mistake explains it.",
+        hint="Check for touches, fast motion, and wrong units or times; or pass unchecked=True (--force).",
+    )
 
 
 def _far_centre(payload: Payload) -> tuple[str, ...]:

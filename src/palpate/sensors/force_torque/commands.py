@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -17,18 +16,11 @@ from palpate.files.logs.layout import LogLayout
 from palpate.sensors.force_torque.calibrate import identify_payload
 from palpate.sensors.force_torque.files import of_payload
 from palpate.sensors.force_torque.poses import average_poses
-from palpate.signals.payload import STANDARD_GRAVITY, Payload
+from palpate.signals.payload import STANDARD_GRAVITY
 from palpate.signals.recording import ORIENTATION
 from palpate.spatial.pose import rotation_from_quaternion
 
 __all__ = ["CalibratePayload"]
-
-_HINTS = {
-    "base frame": 'frame = "base" under [force_torque] in the rig, or --base-frame here',
-    "y and z swapped": 'axes = ["x", "z", "y"] and left_handed = true under [force_torque] in the rig',
-    "sign reversed": 'axes = ["-x", "-y", "-z"] and left_handed = true under [force_torque] in the rig',
-    "inverse rotations": "the log must hold the sensor in the base: negate qx, qy, qz",
-}
 
 
 @dataclass(frozen=True)
@@ -46,6 +38,7 @@ class CalibratePayload(Calibration):
         gravity: its direction in the base as x,y,z (0,0,-1 when z points up), or free: identified too.
         magnitude: of gravity [m/s^2].
         base_frame: the wrenches are written in the base frame (a rig says it as frame = "base").
+        force: write the payload although a known mistake explains the log better, or the fit leaves much of the weight.
     """
 
     replaces = "force_torque.payload"
@@ -55,6 +48,7 @@ class CalibratePayload(Calibration):
     gravity: Annotated[str, arg(metavar="X,Y,Z")] = "free"
     magnitude: Annotated[float, arg(metavar="X")] = STANDARD_GRAVITY
     base_frame: Annotated[bool, FlagCreatePairsOff] = False
+    force: Annotated[bool, FlagCreatePairsOff] = False
 
     def identify(self) -> CalibrationResult:
         """Average the poses at rest, and return a `CalibrationResult` with the payload that is fitted to them.
@@ -82,6 +76,7 @@ class CalibratePayload(Calibration):
             gravity=_direction(self.gravity),
             magnitude=self.magnitude,
             hypothesis="base frame" if self.base_frame or layout.frame == "base" else "as is",
+            unchecked=self.force,
             of="poses" if averaged else "samples",
             provenance=self.record(gravity=self.gravity),
         )
@@ -94,14 +89,7 @@ class CalibratePayload(Calibration):
             ],
             payload,
             notes=[*recording.notes, *payload.notes],
-            hints=_hints(payload),
         )
-
-
-def _hints(payload: Payload) -> list[str]:
-    """Return the rig's setting that corrects the log, for each hypothesis that the payload's notes name."""
-    named = {name for text in payload.notes for name in re.findall(r"hypothesis='([^']*)'", text)}
-    return [hint for name, hint in _HINTS.items() if any(name in hypothesis for hypothesis in named)]
 
 
 def _direction(text: str) -> np.ndarray | None:
