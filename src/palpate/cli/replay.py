@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -78,7 +77,7 @@ def replay(
 def _layout(log: Path, rig: Path | None) -> LogLayout:
     """Return the layout of the log: in SI units, along the axes that it was recorded in."""
     if rig is not None:
-        return replace(load_rig(rig).layout(), axes=("x", "y", "z"), left_handed=False)
+        return load_rig(rig).layout().as_recorded()
     guessed = guess_sensor(log)
     if guessed is None:
         raise InputError("is not recognised as a log.", where=str(log), hint="Add --rig, to state how it is read.")

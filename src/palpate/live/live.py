@@ -136,6 +136,7 @@ class Live:
         self._poses = None if self.source.poses else RosPoses.of(rig.orientation, rig.source)
         self._posed = self.source.poses or self._poses is not None
         layout = self.setup.layout()
+        layout.require_live()
         self._samples, self._frame = SampleReader(layout, Path("the stream")), layout.frame
         self.estimator = _unseen(self.setup).prepared().estimator  # what is slow, before samples come
         size = max(1, min(BATCH, NUMBERS // prod(self.source.shape)))

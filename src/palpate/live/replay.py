@@ -26,7 +26,7 @@ def bare(layout: LogLayout) -> LogLayout:
     """Return a `LogLayout` that leaves numbers as they are recorded, with their units and axes."""
     arrays = tuple(replace(array, scale=1.0) for array in layout.arrays)
     units = {"force_unit": "N", "torque_unit": "N m", "acceleration_unit": "m/s^2"}
-    return replace(layout, arrays=arrays, axes=("x", "y", "z"), left_handed=False, **units)
+    return replace(layout.as_recorded(), arrays=arrays, **units)
 
 
 def values_of(recording: Recording) -> np.ndarray:

@@ -8,6 +8,7 @@ from math import inf
 import numpy as np
 from jaxtyping import Float
 
+from palpate.files.logs.orientation import SensorPose
 from palpate.files.schema import INFINITE
 from palpate.files.units import ACCELERATION_UNITS, SAMPLES, known_unit
 from palpate.signals.filters import Butterworth, Kalman
@@ -70,14 +71,23 @@ class RigNoise(RigPair):
 
 @dataclass(frozen=True)
 class RigForceTorque:
-    """The [force_torque] of a rig: the wrench's columns, units and axes in the log, and the sensor's properties."""
+    """The [force_torque] of a rig: the wrench's columns, units and meaning in the log, and the sensor's properties.
+
+    `acts_on` is "body", or "environment" where the wrench is what the robot does to the world; `frame` and
+    `torque_frame` are "sensor" or "base", and `reference` is the point of the torque: "sensor", "base" (their origins),
+    or a point [m] in the sensor's frame. `torque_axes` and `torque_frame` are those of the force if they are not given.
+    """
 
     columns: Six = ("fx", "fy", "fz", "tx", "ty", "tz")
     topic: str | None = None
     units: RigUnits = field(default_factory=RigUnits)
     axes: tuple[str, str, str] = ("x", "y", "z")
     left_handed: bool = False
+    torque_axes: tuple[str, str, str] | None = None
+    acts_on: str = "body"
     frame: str = "sensor"
+    torque_frame: str | None = None
+    reference: str | Three = "sensor"
     noise: RigNoise | None = None
     range: RigPair | None = None
     gain_error: float = 0.0
@@ -85,8 +95,20 @@ class RigForceTorque:
     payload: str | None = None
 
     def __post_init__(self) -> None:
-        if self.frame not in ("sensor", "base"):
-            raise ValueError(f"frame must be 'sensor' or 'base', not {self.frame!r}")
+        for name in ("frame", "torque_frame"):
+            if (frame := getattr(self, name)) not in ("sensor", "base", *((None,) if name == "torque_frame" else ())):
+                raise ValueError(f"{name} must be 'sensor' or 'base', not {frame!r}")
+        if self.acts_on not in ("body", "environment"):
+            raise ValueError(f"acts_on must be 'body' or 'environment', not {self.acts_on!r}")
+        if self.acts_on == "environment" and all(axis.startswith("-") for axis in self.axes):
+            raise ValueError(
+                "acts_on = 'environment' and axes that are all reversed undo each other: state one of them"
+            )
+        if isinstance(self.reference, str) and self.reference not in ("sensor", "base"):
+            raise ValueError(
+                f"reference must be 'sensor', 'base', or a point [x, y, z] in m in the sensor's frame, such as of a "
+                f"flange or a TCP, not {self.reference!r}"
+            )
         if not 0 <= self.gain_error < 1:
             raise ValueError(
                 f"gain_error must be a share of the force, at least 0 and below 1, not {self.gain_error:g}"
@@ -112,7 +134,11 @@ class RigTime:
 class RigOrientation:
     """The [orientation] of a rig: the sensor's pose in the base.
 
-    It comes from columns (quaternion x, y, z, w; position [m]), a topic of poses, or two frames. With the `topic`
+    It comes from columns (orientation in the given `form`, position [m]), a topic of poses, or two frames. The `form`
+    is "quaternion" (x, y, z, w), "quaternion_wxyz", "matrix_rows" or "matrix_columns" (9 or 16 numbers, row by row or
+    column by column), "rotation_vector", or Euler angles, such as "euler_xyz" (about fixed axes) or "euler_ZYX_deg"
+    (moving axes, in degrees). `inverse` says that poses are those of the base in the sensor, and `sensor_rotation` is
+    the quaternion x, y, z, w of the sensor in the frame that is logged, such as of a flange. With the `topic`
     "none" no poses are read. `base` and `sensor` are frames of /tf, or links of a `urdf` that the joint states of the
     topic `joints` move.
 
@@ -120,7 +146,10 @@ class RigOrientation:
     between poses more than `max_gap` [s] apart.
     """
 
-    columns: tuple[str, str, str, str] | None = None
+    columns: tuple[str, ...] | None = None
+    form: str = "quaternion"
+    inverse: bool = False
+    sensor_rotation: Four | None = None
     position: tuple[str, str, str] | None = None
     topic: str | None = None
     base: str | None = None
@@ -133,6 +162,11 @@ class RigOrientation:
     def __post_init__(self) -> None:
         require_positive(self, "max_gap")
         require_path("urdf", self.urdf)
+        numbers = SensorPose(self.form).numbers
+        if self.columns is not None and len(self.columns) not in numbers:
+            raise ValueError(f"columns of form {self.form!r} must be {' or '.join(map(str, numbers))} names")
+        if self.sensor_rotation is not None and not abs(np.linalg.norm(self.sensor_rotation) - 1.0) <= 0.01:
+            raise ValueError("sensor_rotation must be a quaternion x, y, z, w of length 1")
         if (self.base is None) != (self.sensor is None):
             raise ValueError(
                 "base and sensor must be given together: the pose is that of the frame sensor in the frame base"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import prod
 from pathlib import Path
 
@@ -89,9 +89,17 @@ class LogLayout:
         force_unit, torque_unit: see `palpate.files.units`.
         axes: recorded axes that are the sensor's x, y, z; "-x" flips. Applied to force and to torque alike.
         left_handed: declares that `axes` is a reflection: the driver reported a left-handed wrench, or the reaction.
+        torque_axes: as `axes`, of the torque; None: those of the force. They may be a reflection.
+        acts_on: "body", or "environment" where the recorded wrench is what the robot does to the world.
         frame: "sensor" or "base", of the recorded wrench.
+        torque_frame: as `frame`, of the torque; None: that of the force.
+        reference: point about which the torque is recorded: "sensor" (its origin), "base" (its origin), or a point
+            [m] in the sensor's frame, such as of a flange or a TCP.
         wrench_range: of each channel as recorded, in SI; a reading at it is saturated, which an average must not hide.
-        orientation: quaternion x, y, z, w of the sensor in the base. None: qx, qy, qz, qw where the log has them.
+        orientation: columns of the orientation, in `orientation_form`. None: qx, qy, qz, qw where the log has them.
+        orientation_form: see `palpate.files.logs.orientation`.
+        inverse: whether the orientation, and the position, are those of the base in the sensor.
+        sensor_rotation: quaternion x, y, z, w of the sensor in the frame whose orientation is logged.
         position: of the sensor in the base [m]. None: x, y, z where the log has them.
         acceleration: of the sensor in its own frame. None: ax, ay, az where the log has them.
         acceleration_unit: see `palpate.files.units`.
@@ -116,9 +124,16 @@ class LogLayout:
     torque_unit: str = "N m"
     axes: tuple[str, ...] = ("x", "y", "z")
     left_handed: bool = False
+    torque_axes: tuple[str, ...] | None = None
+    acts_on: str = "body"
     frame: str = "sensor"
+    torque_frame: str | None = None
+    reference: str | tuple[float, float, float] = "sensor"
     wrench_range: tuple[float, ...] | None = None
     orientation: tuple[str, ...] | None = None
+    orientation_form: str = "quaternion"
+    inverse: bool = False
+    sensor_rotation: tuple[float, ...] = ()
     position: tuple[str, ...] | None = None
     acceleration: tuple[str, ...] | None = None
     acceleration_unit: str = "m/s^2"
@@ -132,12 +147,39 @@ class LogLayout:
     offset: float = 0.0
     max_gap: float = 0.25
 
+    @property
+    def moves_torque(self) -> bool:
+        """True if the torque must be rotated or moved to the sensor's origin before it is used."""
+        return self.torque_frame not in (None, self.frame) or self.reference != "sensor"
 
-def axis_matrix(axes: tuple[str, ...], *, left_handed: bool, where: str) -> Float[np.ndarray, "3 3"]:
+    def as_recorded(self) -> LogLayout:
+        """Return the layout with wrenches as they are recorded: along the log's axes, about its point of reference."""
+        plain = LogLayout()
+        names = ("axes", "left_handed", "torque_axes", "acts_on", "torque_frame", "reference")
+        return replace(self, **{name: getattr(plain, name) for name in names})
+
+    def require_live(self) -> None:
+        """Check that a live stream can be read so: its poses and torques are taken as they come.
+
+        Raises:
+            InputError: the orientation has another form, or the torque another frame or point of reference.
+        """
+        posed = (self.orientation_form, self.inverse, self.sensor_rotation) != ("quaternion", False, ())
+        if posed or self.moves_torque:
+            keys = "form, inverse or sensor_rotation" if posed else "torque_frame or reference"
+            raise InputError(
+                f"{keys} in the rig's [{'orientation' if posed else 'force_torque'}] are for logs, not live streams.",
+                where="[source]",
+                hint="Convert the stream at its source, or record it and run `palpate estimate`.",
+            )
+
+
+def axis_matrix(axes: tuple[str, ...], *, left_handed: bool | None, where: str) -> Float[np.ndarray, "3 3"]:
     """Return the signed permutation (3, 3) that takes recorded components to the sensor's x, y, z.
 
     Raises:
-        InputError: the axes are not three different ones, or `left_handed` does not match their handedness.
+        InputError: the axes are not three different ones, or `left_handed` does not match their handedness; None is
+            either.
     """
     matrix = np.zeros((3, 3))
     for row, axis in enumerate(axes):
@@ -151,7 +193,7 @@ def axis_matrix(axes: tuple[str, ...], *, left_handed: bool, where: str) -> Floa
     if len(axes) != 3 or np.linalg.matrix_rank(matrix) != 3:
         raise InputError(f"{list(axes)} does not name three different axes.", where=where)
     reflected = np.linalg.det(matrix) < 0
-    if reflected and not left_handed:
+    if reflected and left_handed is False:
         raise InputError(
             f"{list(axes)} turns a right-handed frame into a left-handed one.",
             where=where,

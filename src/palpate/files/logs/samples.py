@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from palpate.errors import InputError
 from palpate.files.logs.layout import ArrayChannel, LogLayout, axis_matrix
+from palpate.files.logs.orientation import SensorPose
 from palpate.files.units import ACCELERATION_UNITS, FORCE_UNITS, TORQUE_UNITS, to_si
 from palpate.signals.recording import (
     ACCELERATION,
@@ -19,11 +21,13 @@ from palpate.signals.recording import (
     IMAGE,
     LARGEST,
     ORIENTATION,
+    POSITION,
     TORQUE,
     Recording,
     sealed,
 )
 from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.pose import rotation_from_quaternion
 
 __all__ = ["NUMBERS", "WRENCH", "SampleReader", "rows_at_once"]
 
@@ -45,14 +49,25 @@ class SampleReader:
 
     def __init__(self, layout: LogLayout, path: Path) -> None:
         axes = axis_matrix(layout.axes, left_handed=layout.left_handed, where="axes")
-        picked = np.argmax(np.abs(axes), axis=1)
-        signs = axes[np.arange(3), picked]
+        turning = (
+            axes
+            if layout.torque_axes is None
+            else axis_matrix(layout.torque_axes, left_handed=None, where="torque_axes")
+        )
+        picked = np.argmax(np.abs([axes, turning]), axis=2)
+        signs = np.take_along_axis(np.array([axes, turning]), picked[:, :, None], axis=2)[:, :, 0]
         force = to_si(layout.force_unit, FORCE_UNITS, where="units.force")
         torque = to_si(layout.torque_unit, TORQUE_UNITS, where="units.torque")
-        self._picked, self._factors = np.append(picked, 3 + picked), np.append(force * signs, torque * signs)
+        sign = -1.0 if layout.acts_on == "environment" else 1.0
+        self._picked = np.append(picked[0], 3 + picked[1])
+        self._factors = sign * np.append(force * signs[0], torque * signs[1])
         self._as_it_is = bool(np.array_equal(self._picked, np.arange(6)) and (self._factors == 1.0).all())
         self._acceleration = to_si(layout.acceleration_unit, ACCELERATION_UNITS, where="acceleration.unit")
         self._frame, self._source, self._arrays = layout.frame, path.name, layout.arrays
+        self._layout, self._pose = (
+            layout,
+            SensorPose(layout.orientation_form, inverse=layout.inverse, sensor_rotation=layout.sensor_rotation),
+        )
         self._images, self._both = layout.images is not None, bool(layout.arrays) and layout.wrench is not None
         self._times = _Times()
         self._beyond = Counter[str]()  # name of a channel -> rows with a number that is a fault
@@ -76,8 +91,12 @@ class SampleReader:
         apart = (WRENCH, IMAGE, *(array.name for array in self._arrays))
         bounded = [name for name in read if name not in apart]
         channels |= {name: self._bounded(name, read[name]) for name in bounded}
+        if ORIENTATION in channels and not self._pose.plain:
+            channels |= self._posed(channels)
         if ORIENTATION in channels:
             channels[ORIENTATION] = self._sound(channels[ORIENTATION])
+        if self._layout.moves_torque and TORQUE in channels:
+            channels[TORQUE] = self._torque(channels)
         if ACCELERATION in channels and self._acceleration != 1.0:
             channels[ACCELERATION] = self._acceleration * channels[ACCELERATION]
         for array in self._arrays:
@@ -119,7 +138,10 @@ class SampleReader:
             (beyond, f"{beyond} poses or accelerations are infinite or beyond 1e9 and were left out"),
             *((count, f"{count} rows have a {name} that is infinite or beyond 1e9") for name, count in arrays),
             *self._times.oddities(),
-            (none, f"{none} quaternions have a length far from 1 and were left out"),
+            (
+                none,
+                f"{none} orientations are no rotations (length far from 1, not orthonormal) and were left out",
+            ),
             (far, f"{far} quaternions are not unit (by more than 1 %) and were normalised"),
         )
         return tuple(sentence for count, sentence in said if count)
@@ -140,6 +162,40 @@ class SampleReader:
         if not np.abs(made).max(initial=0.0) <= LARGEST:  # NaN too
             self._infinite += int(np.count_nonzero((np.abs(made) > LARGEST).any(axis=1)))
         return made
+
+    def _posed(self, channels: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Return the pose of the sensor in the base, as channels, from the logged one."""
+        quaternion, position = self._pose.convert(channels[ORIENTATION], channels.get(POSITION))
+        lost = np.isnan(quaternion).any(axis=1) & np.isfinite(channels[ORIENTATION]).all(axis=1)
+        self._none += int(np.count_nonzero(lost))
+        return {ORIENTATION: quaternion} | ({} if position is None else {POSITION: position})
+
+    def _torque(self, channels: Mapping[str, np.ndarray]) -> Float[np.ndarray, "n 3"]:
+        """Return the torque about the sensor's origin, in the frame of the force.
+
+        Raises:
+            InputError: it needs poses, and the log has none.
+        """
+        force, torque, reference = channels[FORCE], channels[TORQUE], self._layout.reference
+        based = self._frame == "base"
+        turned = self._layout.torque_frame not in (None, self._frame)
+        needed = [ORIENTATION] if turned or based != (reference == "base") else []
+        needed += [POSITION] if reference == "base" else []
+        if missing := [name for name in needed if name not in channels]:
+            raise InputError(
+                f"a torque in another frame or about another point than the sensor's needs the {missing[0]}.",
+                where=self._source,
+                hint="Name it in the rig's [orientation].",
+            )
+        rotation = rotation_from_quaternion(channels[ORIENTATION]) if ORIENTATION in needed else np.eye(3)[None]
+        if turned:
+            torque = np.einsum("nij,nj->ni" if based else "nji,nj->ni", rotation, torque)
+        if reference == "sensor":
+            return torque
+        point = -channels[POSITION] if reference == "base" else np.array([reference])  # in the base, in the sensor
+        if based != (reference == "base"):
+            point = np.einsum("nij,nj->ni" if based else "nji,nj->ni", rotation, point)
+        return torque + np.cross(point, force)
 
     def _bounded(self, name: str, values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
         """Replace numbers beyond `LARGEST`, which are faults of the file, by NaN, and count their rows."""

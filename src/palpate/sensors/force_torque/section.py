@@ -89,7 +89,11 @@ def _layout(setup: Setup) -> LogLayout:
         torque_unit=wrench.units.torque,
         axes=wrench.axes,
         left_handed=wrench.left_handed,
+        torque_axes=wrench.torque_axes,
+        acts_on=wrench.acts_on,
         frame=wrench.frame,
+        torque_frame=wrench.torque_frame,
+        reference=wrench.reference,
         wrench_topic=wrench.topic,
         **setup.common,
     )
@@ -240,6 +244,8 @@ def _motion(setup: Setup, head: Recording | None) -> Motion | None:
 def _check(table: RigForceTorque | None, path: Path) -> None:
     wrench = table or RigForceTorque()
     axis_matrix(wrench.axes, left_handed=wrench.left_handed, where=f"{path}: force_torque.axes")
+    if wrench.torque_axes is not None:
+        axis_matrix(wrench.torque_axes, left_handed=None, where=f"{path}: force_torque.torque_axes")
     to_si(wrench.units.force, FORCE_UNITS, where=f"{path}: force_torque.units.force")
     to_si(wrench.units.torque, TORQUE_UNITS, where=f"{path}: force_torque.units.torque")
 
