@@ -20,7 +20,7 @@ from palpate.files.models import read_provenance
 from palpate.setup import Rig
 from palpate.setup.guess import topics_of
 from palpate.setup.kinds import KINDS
-from palpate.setup.names import orientation_columns
+from palpate.setup.makers import named_pose
 from palpate.setup.new import guess_sensor
 from palpate.setup.setup import Setup
 from palpate.signals.noise import estimate_noise
@@ -207,8 +207,8 @@ def _orientation(kept: Recording, there: LogContents) -> str:
         lost = ~np.isfinite(kept.channels[ORIENTATION]).all(axis=1)
         where = "" if POSITION in kept.channels else ", without a position"
         return f"present{where}" + (f", missing in {percent(lost.mean())}" if lost.any() else "")
-    guess = orientation_columns(list(there.names))
-    return "none" if guess is None else f"perhaps {', '.join(guess)}"
+    guess = named_pose(list(there.names))
+    return "none" if guess is None else f"perhaps {', '.join(guess.orientation)} ({guess.form})"
 
 
 def _say_ranges(kept: Recording, ranges: _Ranges) -> None:

@@ -12,7 +12,7 @@ from palpate.files.logs.decoding import role
 from palpate.files.logs.layout import ORIENTATION_COLUMNS
 from palpate.files.logs.topics import RESULTS
 from palpate.files.units import TIME_UNITS, known_unit, split_unit
-from palpate.setup.names import orientation_columns, position_columns
+from palpate.setup.makers import named_pose
 from palpate.surfaces.mesh import UNITS, Mesh
 
 __all__ = [
@@ -88,20 +88,22 @@ def pose_table(topics: Sequence[str]) -> str:
 def orientation_table(names: Sequence[str]) -> tuple[str, list[str]]:
     """Return the [orientation] of a rig for columns as TOML text, and a list of remarks to check.
 
-    It is commented out unless the columns are named qx, qy, qz, qw.
+    It is commented out unless the columns are named qx, qy, qz, qw, or as a maker names them.
     """
-    quaternion, position = orientation_columns(names), position_columns(names)
-    if quaternion is None:
+    found = named_pose(names)
+    if found is None:
         return '# [orientation]\n# columns = ["qx", "qy", "qz", "qw"]   # sensor in base: a payload needs it\n', []
-    lines = ["[orientation]", f"columns = {quoted(quaternion)}   # sensor in base: x, y, z, w"]
-    remarks: list[str] = []
-    if position is not None and re.search(r"[\[(_ ](?:mm|cm|um|in)[\])]?$", position[0]):
-        remarks.append(f"{position[0]!r} ... are not read: positions must be in metres")
-    elif position is not None:
-        lines.append(f"position = {quoted(position)}   # sensor in base [m]: only for --frame base")
-    if quaternion == ORIENTATION_COLUMNS:
+    quaternion = found.form == "quaternion"
+    lines = ["[orientation]", f"columns = {quoted(found.orientation)}   # sensor in base{': x, y, z, w' * quaternion}"]
+    lines += [] if quaternion else [f"form = {quoted(found.form)}"]
+    remarks = [found.remark] if found.remark else []
+    if found.position and re.search(r"[\[(_ ](?:mm|cm|um|in)[\])]?$", found.position[0]):
+        remarks.append(f"{found.position[0]!r} ... are not read: positions must be in metres")
+    elif found.position:
+        lines.append(f"position = {quoted(found.position)}   # sensor in base [m]: only for --frame base")
+    if found.orientation == ORIENTATION_COLUMNS or (found.sure and not quaternion):
         return "\n".join(lines) + "\n", remarks
-    remark = f"{quaternion[0]!r} ... may be the sensor's orientation: it is in the rig as a comment"
+    remark = f"{found.orientation[0]!r} ... may be the sensor's orientation: it is in the rig as a comment"
     return "\n".join(f"# {line}" for line in lines) + "\n", [remark, *remarks]
 
 

@@ -17,7 +17,8 @@ from palpate.files.tables.stated import Stated
 from palpate.files.units import ACCELERATION_UNITS, FORCE_UNITS, TORQUE_UNITS, known_unit, split_unit, to_si
 from palpate.setup.guess import commented, orientation_table, quoted
 from palpate.setup.guess_time import TimeGuess, guess_time
-from palpate.setup.names import acceleration_columns, made_up, orientation_columns, wrench_frame, wrenches
+from palpate.setup.makers import NamedWrench, named_pose, named_wrench
+from palpate.setup.names import acceleration_columns, made_up, wrenches
 from palpate.signals.acceleration import kind_of_acceleration
 from palpate.signals.recording import ACCELERATION, Recording
 
@@ -88,11 +89,13 @@ def columns_guess(log: Path, contents: LogContents) -> WrenchColumns | None:
     time = guess_time(contents, wrench)
     force = _unit(wrench[:3], "force", FORCE_UNITS, contents)
     torque = _unit(wrench[3:], "torque", TORQUE_UNITS, contents)
-    frame, whose = wrench_frame(wrench)
+    meaning = named_wrench(wrench)
     orientation, remarks = orientation_table(names)
     fields = {"wrench": f"columns = {quoted(wrench)}", "force_unit": force or "N", "orientation": orientation}
-    fields |= {"frame": frame} | ({"torque_unit": torque} if torque else {})
-    remarks = [*_said(wrench, others, whose, frame, names), *remarks]
+    fields |= {"frame": meaning.frame} | ({"torque_unit": torque} if torque else {})
+    if settings := meaning.settings:
+        fields["meaning"] = "".join(f"{key} = {quoted(value)}\n" for key, value in settings.items())
+    remarks = [*_said(wrench, others, meaning, names), *remarks]
     acceleration = acceleration_columns([name for name in names if name not in wrench]) or ()
     layout = LogLayout(
         time=time.column or "time",
@@ -101,7 +104,8 @@ def columns_guess(log: Path, contents: LogContents) -> WrenchColumns | None:
         wrench=wrench,
         force_unit=force or "N",
         torque_unit=torque or "N m",
-        frame=frame,
+        frame=meaning.frame,
+        acts_on=meaning.acts_on,
         acceleration=acceleration or None,
         acceleration_unit=_acceleration_unit(acceleration, contents.stated) or "m/s^2",
     )
@@ -136,7 +140,7 @@ def _scale(unit: str, table: Mapping[str, float], name: str, contents: LogConten
 
 
 def _said(
-    wrench: Sequence[str], others: Sequence[Sequence[str]], whose: str, frame: str, names: Sequence[str]
+    wrench: Sequence[str], others: Sequence[Sequence[str]], meaning: NamedWrench, names: Sequence[str]
 ) -> list[str]:
     said: list[str] = []
     if made_up(names):
@@ -146,9 +150,13 @@ def _said(
         if unknown:
             said.append(f"{unknown[-1]!r} in {name!r} is not known as a unit: check units in [force_torque]")
             break
-    if whose:
-        said.append(f"{wrench[0]!r} ... is the wrench {whose}: frame = {frame!r}")
-    if frame == "base" and orientation_columns(names) is None:
+    if meaning.whose:
+        settings = {"frame": meaning.frame, **meaning.settings}
+        stated = ", ".join(f"{key} = {value!r}" for key, value in settings.items())
+        said.append(f"{wrench[0]!r} ... is the wrench {meaning.whose}: {stated}")
+    if meaning.unknown:
+        said.append(meaning.unknown)
+    if meaning.frame == "base" and named_pose(names) is None:
         needs = "a wrench in the base frame needs the sensor's orientation (columns qx, qy, qz, qw)"
         said.append(f'{needs}; frame = "sensor" is right only while the sensor keeps the axes of the base')
     if others:

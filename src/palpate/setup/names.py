@@ -17,7 +17,6 @@ __all__ = [
     "split_stamp",
     "time_column",
     "wrench_columns",
-    "wrench_frame",
     "wrenches",
 ]
 
@@ -54,15 +53,10 @@ _COUNTER = re.compile(
     r"^(?:.*[\W_])?(?:samples?|seq|sequence|index|idx|counter|count|frame|packet|no|nr|n|#)\.?$", re.I
 )
 _PARTS = re.compile(r"^(?P<head>.*?)(?P<part>secs?|seconds?|nsecs?|nanosecs?|nanoseconds?)$", re.IGNORECASE)
-_FRAMES = (  # pattern of names that tell a wrench's frame, the frame, and the words for a remark
-    (r"O_F_ext_hat_K", "base", "of a Franka arm in its base frame O"),
-    (r"K_F_ext_hat_K", "sensor", "of a Franka arm in its stiffness frame K, which is taken as the sensor's"),
-    (r"actual_TCP_force", "base", "of a UR arm at its tool, along the axes of its base"),
-)
 
 
 def wrenches(names: Sequence[str]) -> list[tuple[str, ...]]:
-    """Return a list of wrenches, each the names of six columns, force first; those in the sensor's frame come first."""
+    """Return a list of wrenches, six columns each, force first; measured ones, and those in no base, come first."""
     found: list[tuple[str, ...]] = []
     if set(WRENCH_COLUMNS) <= set(names):
         found.append(WRENCH_COLUMNS)
@@ -76,20 +70,12 @@ def wrenches(names: Sequence[str]) -> list[tuple[str, ...]]:
     if made_up(names) and len(names) % 6 < 2:
         first = len(names) % 6
         found += [tuple(names[k : k + 6]) for k in range(first, len(names), 6)]
-    return sorted(dict.fromkeys(found), key=lambda six: (wrench_frame(six)[0] == "base", bool(_DERIVED.search(six[0]))))
+    return sorted(dict.fromkeys(found), key=lambda six: (six[0].startswith("O_"), bool(_DERIVED.search(six[0]))))
 
 
 def wrench_columns(names: Sequence[str]) -> tuple[str, ...] | None:
     """Return the names of the six columns, force first, of the first complete wrench, or None if there is none."""
     return next(iter(wrenches(names)), None)
-
-
-def wrench_frame(columns: Sequence[str]) -> tuple[str, str]:
-    """Return the frame of a wrench by its column names, "sensor" or "base", and words on the robot they name, or ""."""
-    for pattern, frame, said in _FRAMES:
-        if re.search(pattern, columns[0], re.IGNORECASE):
-            return frame, said
-    return "sensor", ""
 
 
 def time_column(names: Sequence[str]) -> str | None:

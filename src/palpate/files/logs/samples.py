@@ -12,6 +12,7 @@ from jaxtyping import Float
 from palpate.errors import InputError
 from palpate.files.logs.layout import ArrayChannel, LogLayout, axis_matrix
 from palpate.files.logs.orientation import SensorPose
+from palpate.files.logs.stuck import StuckWrenches
 from palpate.files.units import ACCELERATION_UNITS, FORCE_UNITS, TORQUE_UNITS, to_si
 from palpate.signals.recording import (
     ACCELERATION,
@@ -69,7 +70,7 @@ class SampleReader:
             SensorPose(layout.orientation_form, inverse=layout.inverse, sensor_rotation=layout.sensor_rotation),
         )
         self._images, self._both = layout.images is not None, bool(layout.arrays) and layout.wrench is not None
-        self._times = _Times()
+        self._times, self._stuck = _Times(), StuckWrenches()
         self._beyond = Counter[str]()  # name of a channel -> rows with a number that is a fault
         self._infinite = self._none = self._far = 0
 
@@ -84,13 +85,16 @@ class SampleReader:
         time = np.where(np.abs(time) <= LATEST, time, np.nan)
         channels: dict[str, np.ndarray] = {}
         if WRENCH in read:
-            wrenches = self._wrenches(read[WRENCH])
+            stuck = self._stuck.find(time, read[WRENCH])
+            wrenches = np.where(stuck[:, None], np.nan, self._wrenches(read[WRENCH]))
             channels = {FORCE: wrenches[:, :3].copy(), TORQUE: wrenches[:, 3:].copy()}
             if self._both and AVERAGED not in read:
                 channels[AVERAGED] = np.ones((len(time), 1))
         apart = (WRENCH, IMAGE, *(array.name for array in self._arrays))
         bounded = [name for name in read if name not in apart]
         channels |= {name: self._bounded(name, read[name]) for name in bounded}
+        if not self._times.count and {FORCE, ORIENTATION} <= channels.keys():
+            self._require_one_stream(channels)
         if ORIENTATION in channels and not self._pose.plain:
             channels |= self._posed(channels)
         if ORIENTATION in channels:
@@ -144,7 +148,7 @@ class SampleReader:
             ),
             (far, f"{far} quaternions are not unit (by more than 1 %) and were normalised"),
         )
-        return tuple(sentence for count, sentence in said if count)
+        return (*self._stuck.notes(), *(sentence for count, sentence in said if count))
 
     def _scaled(self, array: ArrayChannel, values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n ..."]:
         """Return an array channel in SI; counts of taxels may exceed `LARGEST`."""
@@ -162,6 +166,16 @@ class SampleReader:
         if not np.abs(made).max(initial=0.0) <= LARGEST:  # NaN too
             self._infinite += int(np.count_nonzero((np.abs(made) > LARGEST).any(axis=1)))
         return made
+
+    def _require_one_stream(self, channels: Mapping[str, np.ndarray]) -> None:
+        """Raise an InputError where rows have either a wrench or an orientation: two streams, one below the other."""
+        measured, posed = (np.isfinite(channels[name]).all(axis=1) for name in (FORCE, ORIENTATION))
+        if measured.any() and posed.any() and not (measured & posed).any():
+            raise InputError(
+                "holds two streams: no row has both a wrench and an orientation.",
+                where=self._source,
+                hint="Interpolate the orientations at the wrenches' times, or write both to an MCAP file as topics.",
+            )
 
     def _posed(self, channels: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Return the pose of the sensor in the base, as channels, from the logged one."""

@@ -55,12 +55,24 @@ units = {{ force = "{force_unit}", torque = "{torque_unit}" }}{torque_remark}
 axes = ["x", "y", "z"]               # which logged axis is the sensor's x, y, z; "-x" flips
 # left_handed = true                 # if axes has to mirror: a driver that swaps two axes, or reports the reaction
 frame = "{frame}"                     # "sensor", or "base", which needs an orientation
-{unsure}noise = {{ force = {force_noise}, torque = {torque_noise} }}   # of one reading: from the log
+{meaning}{unsure}noise = {{ force = {force_noise}, torque = {torque_noise} }}   # of one reading: from the log
 # range = {{ force = 200, torque = 10 }}     # of the sensor: a reading at it is saturated
 # payload = "payload.toml"           # written by: palpate calibrate payload
 
 {orientation}{acceleration}"""
-_USUAL = {"time": "", "force_unit": "N", "torque_remark": "", "frame": "sensor", "unsure": "", "acceleration": ""}
+_MEANING = """\
+# acts_on = "environment"            # if the wrench is what the robot does to the world
+# reference = [0, 0, 0.1]            # m in the sensor's frame: the point of the torque, if not its origin; or "base"
+"""
+_USUAL = {
+    "time": "",
+    "force_unit": "N",
+    "torque_remark": "",
+    "frame": "sensor",
+    "meaning": _MEANING,
+    "unsure": "",
+    "acceleration": "",
+}
 
 
 class ForceTorqueSection(SensorSection):

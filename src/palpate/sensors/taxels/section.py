@@ -27,7 +27,8 @@ from palpate.sensors.taxels.skin_map.model import SkinMap
 from palpate.setup import guess
 from palpate.setup.body import GivenBody
 from palpate.setup.built import BuiltEstimator, Guess
-from palpate.setup.names import orientation_columns, position_columns, time_column, wrench_columns
+from palpate.setup.makers import pose_columns
+from palpate.setup.names import time_column, wrench_columns
 from palpate.setup.setup import SensorKind, SensorSection, Setup
 from palpate.setup.tables import require_path, require_positive
 from palpate.setup.wrench import first_seconds, noted_filter
@@ -260,7 +261,7 @@ def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | 
         return _of_array(name, _sheet(shape))
     there = list(contents.names)
     time = time_column(there)
-    known = {time, *(orientation_columns(there) or ()), *(position_columns(there) or ())}
+    known = {time, *pose_columns(there)}
     cells = tuple(name for name in there if name not in known)
     if time is None or len(cells) < FEWEST or wrench_columns(there) is not None:
         return None
@@ -284,7 +285,7 @@ def guess_with_wrench(log: Path, contents: LogContents) -> Guess | None:
         return _of_topic(log, replace(contents, topics=arrays)) if arrays else None
     there = list(contents.names)
     known = {time_column(there), *(wrench_columns(there) or ())}
-    known |= {*(orientation_columns(there) or ()), *(position_columns(there) or ())}
+    known |= pose_columns(there)
     kinds = Counter(_NUMBERS.sub("#", name) for name in there if name not in known)
     alike, count = kinds.most_common(1)[0] if kinds else ("", 0)
     if count < FEWEST or "#" not in alike:
