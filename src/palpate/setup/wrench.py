@@ -7,14 +7,17 @@ from typing import Any
 import numpy as np
 
 from palpate.contact.locate import Locator
+from palpate.contact.plausibility import lines_of_action
 from palpate.contact.wrench_estimator import WrenchEstimator
 from palpate.errors import InputError
 from palpate.setup.built import BuiltEstimator
+from palpate.setup.guess import PLAUSIBLE
 from palpate.setup.setup import Setup
 from palpate.setup.tables import RigFilter
 from palpate.signals.drift import Drift
-from palpate.signals.recording import Recording
+from palpate.signals.recording import FORCE, TORQUE, Recording
 from palpate.signals.wrench_sensor import WrenchSensor
+from palpate.spatial.pose import Pose
 from palpate.surfaces import Mesh
 
 __all__ = ["first_seconds", "noted_filter", "wrench_estimator"]
@@ -45,6 +48,8 @@ def wrench_estimator(
         GeometryError: the file of the surface has no usable surface.
     """
     surface, link, head = setup.link.surface(), setup.link, setup.head
+    if isinstance(surface, Mesh) and head is not None:
+        _require_size(surface, link.name, link.mount if mounted else Pose.identity(), head)
     surface.prepared()  # once for all logs of a rig
     settings, contact = setup.estimate, setup.estimate.contact
     locator = Locator(
@@ -87,6 +92,20 @@ def wrench_estimator(
             "the ellipses take the pose of the surface as exact: `palpate calibrate mounting` estimates its error"
         )
     return made
+
+
+def _require_size(mesh: Mesh, name: str, mount: Pose, head: Recording) -> None:
+    """Raise an InputError where a mesh has no usual size and the log's wrenches do not fit it: its unit is wrong."""
+    if PLAUSIBLE[0] <= mesh.size <= PLAUSIBLE[1] or not {FORCE, TORQUE} <= head.channels.keys():
+        return
+    wrenches = head.wrenches()
+    changes = wrenches - np.nanmedian(wrenches, axis=0) if np.isfinite(wrenches).any() else wrenches
+    if lines_of_action(changes, mount.apply(mesh.centre), 10 * mesh.size):
+        raise InputError(
+            f"is {1e3 * mesh.size:.3g} mm across, and the wrenches of the log do not fit a body of this size.",
+            where=name,
+            hint="Correct its unit (unit in [surface], --unit), or the unit of the torques.",
+        )
 
 
 def noted_filter(table: RigFilter, rate: float | None) -> list[str]:
