@@ -15,6 +15,7 @@ FEWEST = 100  # rows without which nothing is said
 SHORTEST = 10  # rows of a stretch that does not change,
 LONGER = 20.0  # and how many times the usual number of rows between two changes it must last
 TURNS = 0.4  # share of second differences that change their sign: 2/3 of white noise, few of a signal without noise
+FINE = 3.0  # quanta of a channel in its usual step
 NOISY = 3  # channels with noise, without which a log is made up and may stand still
 
 
@@ -108,6 +109,19 @@ def _usual(wrench: Float[np.ndarray, "n 6"], same: Bool[np.ndarray, " n"]) -> fl
 
 
 def _dead(wrench: Float[np.ndarray, "n 6"]) -> dict[int, float]:
+    """Return the channels that never change, and their values, where others resolve their noise."""
     known = wrench[np.isfinite(wrench).all(axis=1)]
-    constant = np.flatnonzero((known == known[:1]).all(axis=0))
-    return {int(channel): float(known[0, channel]) for channel in constant}
+    constant = (known == known[:1]).all(axis=0)
+    found: dict[int, float] = {}
+    for kind in (slice(0, 3), slice(3, 6)):
+        alike = known[:, kind][:, ~constant[kind]]
+        if _resolved(alike if alike.shape[1] else known[:, ~constant]):
+            channels = np.arange(6)[kind][constant[kind]]
+            found |= {int(channel): float(known[0, channel]) for channel in channels}
+    return found
+
+
+def _resolved(values: Float[np.ndarray, "n k"]) -> bool:
+    """Return whether the usual step of each channel is several of its quanta: a coarse channel may rest by chance."""
+    steps = np.abs(np.diff(values, axis=0))
+    return all(np.median(each) > FINE * each[each > 0].min(initial=np.inf) for each in steps.T)

@@ -59,7 +59,7 @@ class Explanation:
     @property
     def cost(self) -> float:
         """Sum of the costs of its mistakes, 0.0 without any."""
-        return sum(mistake_of(part).cost for part in parts(self.name))
+        return sum((mistake_of(part).cost for part in parts(self.name)), 0.0)
 
 
 @dataclass(frozen=True)

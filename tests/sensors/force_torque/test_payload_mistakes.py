@@ -1,0 +1,143 @@
+"""A mistake in a payload's log is named, with outliers in it, and its name undoes it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import palpate
+from palpate.cli import main
+from palpate.errors import InputError, NotIdentifiable
+from palpate.sensors.force_torque._payload_mistakes import AS_IS, MISTAKES, REVERSED, turned
+from palpate.sensors.force_torque._payload_search import likely, search
+
+WEIGHT, CENTRE = np.array([0.0, 0.0, -9.0]), np.array([0.02, -0.03, 0.05])
+MIRROR, SWAP = np.diag([-1.0, 1.0, 1.0]), np.eye(3)[[0, 2, 1]]
+
+
+def log(count: int, seed: int, turn: Rotation | None = None) -> tuple[np.ndarray, np.ndarray, Rotation]:
+    """Return forces, torques and logged rotations of poses, two of which were touched."""
+    rng = np.random.default_rng(seed)
+    flange = Rotation.random(count, random_state=rng)
+    weights = (flange if turn is None else flange * turn).inv().apply(WEIGHT)
+    force = weights + [5.0, -2.0, 8.0] + rng.normal(size=(count, 3)) * 0.07
+    torque = np.cross(CENTRE, weights) + [0.3, -0.2, 0.1] + rng.normal(size=(count, 3)) * 0.004
+    touched = rng.choice(count, 2, replace=False)
+    force[touched] += rng.normal(size=(2, 3)) * 5.0
+    torque[touched] += rng.normal(size=(2, 3)) * 0.5
+    return force, torque, flange
+
+
+def as_logged(name: str, force: np.ndarray, torque: np.ndarray, flange: Rotation) -> tuple[np.ndarray, np.ndarray]:
+    """Return wrenches and rotation matrices as a log with the mistake has them, written without the code under test."""
+    if name == "inverse rotations":
+        flange = flange.inv()
+    if name == "w first":
+        flange = Rotation.from_quat(flange.as_quat()[:, [3, 0, 1, 2]])
+    if name.startswith("base frame"):
+        force = force if "(torque)" in name else flange.apply(force)
+        torque = torque if "(force)" in name else flange.apply(torque)
+    for word, matrix in (("x mirrored", MIRROR), ("y and z swapped", SWAP)):
+        if word in name:
+            force = force if "(torque)" in name else force @ matrix
+            torque = torque if "(force)" in name else torque @ matrix
+    if name == REVERSED:
+        force, torque = -force, -torque
+    if name == "torque in N mm":
+        torque = 1e3 * torque
+    return np.concatenate([force, torque], axis=1), flange.as_matrix()
+
+
+NAMES = [
+    AS_IS,
+    *(name for name in MISTAKES if name[:8] in ("x mirror", "y and z ") or ("and" not in name and "irr" not in name)),
+]
+
+
+@pytest.mark.parametrize("count", [24, 8])
+@pytest.mark.parametrize("name", NAMES)
+def test_a_mistake_is_named_in_spite_of_outliers(name: str, count: int) -> None:
+    wrenches, rotations = as_logged(name, *log(count, seed=count))
+    assert likely(search(wrenches, rotations, None))[0].name == name
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if name not in (AS_IS, REVERSED)])
+def test_the_name_undoes_the_mistake(name: str) -> None:
+    wrenches, rotations = as_logged(name, *log(24, 5))
+    with pytest.raises(InputError) as caught:
+        palpate.identify_payload(wrenches, rotations)
+    assert f"hypothesis={name!r}" in caught.value.hint
+    assert MISTAKES[name].rig in caught.value.hint
+    payload = palpate.identify_payload(wrenches, rotations, hypothesis=name)
+    np.testing.assert_allclose(payload.weight, WEIGHT, atol=0.1)  # 0.07 N / sqrt 22 seven times over
+    np.testing.assert_allclose(payload.center_of_mass, CENTRE, atol=1e-3)
+
+
+def test_unchecked_returns_a_payload_with_the_mistake_in_its_notes() -> None:
+    wrenches, rotations = as_logged("torque in N mm", *log(24, 5))
+    payload = palpate.identify_payload(wrenches, rotations, unchecked=True)
+    assert any("unless the torque is in N mm" in note for note in payload.notes)
+
+
+def test_a_turned_flange_is_found_to_a_degree() -> None:
+    turn = Rotation.from_rotvec(np.radians([20.0, -30.0, 40.0]))
+    force, torque, flange = log(24, 9, turn)
+    wrenches, rotations = np.concatenate([force, torque], axis=1), flange.as_matrix()
+    best = likely(search(wrenches, rotations, None))[0]
+    found = np.radians([float(part) for part in best.name.split("(")[1].split(")")[0].split(",")])
+    assert np.degrees((Rotation.from_rotvec(found) * turn.inv()).magnitude()) < 1.0
+    with pytest.raises(InputError, match=r"the sensor is turned by .* sensor_rotation = "):
+        palpate.identify_payload(wrenches, rotations)
+    np.testing.assert_allclose(
+        palpate.identify_payload(wrenches, rotations, hypothesis=best.name).weight, WEIGHT, atol=0.1
+    )
+    assert turned(np.degrees(found)) == best.name
+
+
+def test_a_mistake_is_named_before_advice_on_poses() -> None:
+    wrenches, rotations = as_logged("x mirrored", *log(24, 2))
+    with pytest.raises(InputError, match="x is mirrored in force and torque") as caught:
+        palpate.identify_payload(wrenches, rotations)
+    assert not isinstance(caught.value, NotIdentifiable)
+
+
+def test_residuals_of_no_reason_are_refused_unless_forced() -> None:
+    force, torque, flange = log(24, 3)
+    force += np.random.default_rng(1).normal(size=force.shape) * 3.0
+    with pytest.raises(InputError, match="no known mistake explains it"):
+        palpate.identify_payload(np.concatenate([force, torque], axis=1), flange.as_matrix())
+
+
+@pytest.mark.parametrize(
+    ("case", "said"),
+    [
+        ("ok", ""),
+        ("tilted_base", ""),
+        ("tared_first", ""),
+        ("about_tcp", ""),
+        ("drift3N", ""),
+        ("mirror_x_both", 'axes = ["-x", "y", "z"] and left_handed = true'),
+        ("mirror_x_force_only", 'torque_axes = ["x", "y", "z"]'),
+        ("swap_yz", 'axes = ["x", "z", "y"]'),
+        ("quat_inverse", "inverse = true"),
+        ("quat_wxyz_in_xyzw", 'form = "quaternion_wxyz"'),
+        ("base_both", 'frame = "base"'),
+        ("base_force_tool_torque", 'torque_frame = "sensor"'),
+        ("flange_45deg", "turned by 45.1 degrees"),
+        ("flange_90deg", "turned by 90.1 degrees"),
+        ("nmm", 'torque = "N mm"'),
+        ("compensated", "compensates for gravity already"),
+    ],
+)
+def test_real_poses_with_a_common_mistake(shared: Path, tmp_path: Path, capsys, case: str, said: str) -> None:
+    given = shared / "cases" / "ft" / "payload_frames" / f"{case}.csv"
+    if not given.exists():
+        pytest.skip("no such case here")
+    output = tmp_path / "payload.toml"
+    code = main(["calibrate", "payload", str(given), "-o", str(output)])
+    assert (code == 0) is (said == "")
+    assert output.exists() is (said == "")
+    assert said in capsys.readouterr().err
