@@ -37,13 +37,14 @@ class CalibrationOptions:
     """Settings of a calibration of load cells, and facts that are not in the log.
 
     Attributes:
-        ball: radius of the ball [m].
-        positions: (k, 3) [m] of the cells, NaN where not known: checked, and kept.
-        limits: (3 k, 2) range of each channel [V].
-        noise: (3 k,) or (3 k, 3 k) of one reading; None: estimated from the unloaded stretches.
+        ball: [m] radius of the ball.
+        positions: (k, 3) [m] of the cells, NaN where not known; None: all.
+        limits: (3 k, 2) [V] range of each channel; None: not known.
+        noise: (3 k,) standard deviations [V] or (3 k, 3 k) covariance [V^2] of one reading; None: estimated from the
+            unloaded stretches.
         least: [N] lighter touches are omitted.
-        start: (6, 3 k) a map from voltages to wrenches to start from, in addition to the linear least squares; if it
-            leads to a worse fit, it is not used, and a note states that.
+        start: (6, 3 k) map from voltages to wrenches, a start in addition to the linear least squares; if it leads to a
+            worse fit, it is not used, and a note states that.
         robust: whether residuals beyond three standard deviations count less.
         names: names of the channels, for messages.
         provenance: kept in the model.
@@ -68,10 +69,10 @@ class LoadCellCalibration:
     """Calibrated load cells, and how well they explain the log they come from.
 
     Attributes:
-        cells: the model.
+        cells: the model, with notes.
         touches: the blocks of the log that were used, with the reference's force and contact.
         fit: the fit to `touches`, with its residuals.
-        reference_noise: [N] of one reading of the reference, unloaded.
+        reference_noise: [N] standard deviation of one unloaded reading of the reference.
         coverage: parts of the surface and directions of force that the log contains.
         validation: errors of touches that a fit had not seen, over those expected.
     """
@@ -82,11 +83,6 @@ class LoadCellCalibration:
     reference_noise: float
     coverage: CalibratedRegion
     validation: Validation
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Tuple of notes on the calibration for its user, one sentence each."""
-        return self.cells.notes
 
     @property
     def rms(self) -> tuple[float, float, float]:
@@ -110,12 +106,11 @@ def identify_load_cells(
 ) -> LoadCellCalibration:
     """Identify C, its covariance and the noise from voltages, a reference force and a ball's position [load cells, D].
 
-    A global linear least squares, then the paper's nonlinear one on wrench and contact, with the moment along the
-    force in addition (see `palpate.sensors.load_cells._fit`). The bias is taken in every unloaded stretch.
-    Samples are averaged over blocks of 10 ms, and blocks count as the independent ones that their correlation leaves.
+    A linear least squares, then the paper's nonlinear one on wrench and contact, with the moment along the force in
+    addition, on means over 10 ms. The bias is taken in every unloaded stretch.
 
     Args:
-        time: (n,) [s]; a gap begins a new run.
+        time: (n,) [s]; a gap begins a new run. Rows with a number that is not finite are omitted.
         voltages: (n, 3 k) [V], cell by cell.
         forces: (n, 3) [N] of the ball on the fingertip, in the surface's frame.
         centres: (n, 3) [m] of the ball's centre there; the contact is the point of the surface nearest to it.
@@ -128,9 +123,11 @@ def identify_load_cells(
         A `LoadCellCalibration`; C is the `matrix` of its `cells`.
 
     Raises:
-        InputError: a shape is wrong, the log does not begin unloaded, a channel never moves or has another unit, the
-            ball does not press, or no wrench explains the readings.
-        NotIdentifiable: the log does not contain a direction of the wrench, or the cells do not measure it.
+        InputError: a shape is wrong, the log does not begin unloaded or has too few touches, a channel never moves, is
+            at its range or has another unit, the ball is far from the surface or does not press, or no wrench explains
+            the readings.
+        NotIdentifiable: the log does not contain a direction of the wrench or the law of indentation, or the cells do
+            not measure a direction.
     """
     log, names = _complete(time, voltages, forces, centres, torques), options.names
     if options.positions is not None:
@@ -171,14 +168,16 @@ def identify_load_cells(
         lower @ basis @ answer.inverse,
         stated,
         limits=options.limits,
+        covariance=answer.relative_covariance,
         positions=options.positions,
         indentation=answer.indentation,
         bias=np.mean([rest.voltage for rest in found], axis=0),
+        drift=drift,
+        misfit=misfit,
+        correlation=correlation,
         samples=len(log.time),
         provenance=options.provenance,
     )
-    errors = {"covariance": answer.relative_covariance, "drift": drift, "misfit": misfit, "correlation": correlation}
-    cells = with_changes(cells, **errors)
     covered = coverage(data, cells)
     lost = ("The start that was given leads to a worse fit than the linear start, and was not used.",)
     notes = (*doubts, *(lost if given and answer.followed == 1 else ()), *covered.notes, *left.notes)

@@ -68,7 +68,7 @@ class CalibrateLoadCells(Calibration):
             _figures(found),
             found.cells,
             notes=recording.notes,
-            warnings=found.notes,
+            warnings=found.cells.notes,
             next=[f'name it in the rig: model = "{self.output.name}" under [load_cells]'],
         )
 
