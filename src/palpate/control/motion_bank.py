@@ -24,16 +24,15 @@ RATES = (0.1, 0.3, 10.0)  # 1/s: a smooth motion becomes another, a jump begins,
 class MotionBank:
     """A bank of Kalman filters on each of several series, combined by likelihood; no period or shape is assumed.
 
-    Each filter assumes a second derivative driven by white noise of a different density, from slow motions to fast
-    ones; in the last, which is for jumps, the value is driven by such noise as well. A motion may change from one
-    filter to another at any time: each begins a step from the mixture of all, by their probabilities before it
-    (interacting multiple models, Blom and Bar-Shalom 1988 [bar-shalom]). Prediction is by the mixture.
+    Each filter assumes a second derivative driven by white noise of another density, from slow motions to fast ones; in
+    the last, for jumps, the value is driven by noise as well. Each begins a step from the mixture of all, by their
+    probabilities (interacting multiple models, Blom and Bar-Shalom 1988 [bar-shalom]). The mixture predicts.
 
     Args:
-        sizes: (c,) of the expected motions, one per series, in its unit; the order of magnitude is enough.
+        sizes: (c,) order of magnitude of the expected motions, one per series, in its unit.
 
     Raises:
-        InputError: a size that is not positive.
+        InputError: a size that is not positive and finite, or sizes that are no list of numbers.
     """
 
     @takes_arrays
@@ -58,12 +57,15 @@ class MotionBank:
 
     @takes_arrays
     def start(self, values: ArrayLike, rates: ArrayLike | None = None, series: int | slice = slice(None)) -> None:
-        """Begin at these values (c,), known to about the sizes, and at rest to within the sizes per second.
+        """Begin at these values and rates, known to about the sizes, and the sizes per second.
 
         Args:
-            values: (c,), or as many as there are series that begin.
-            rates: as many as values; None: 0.
+            values: one per series that begins.
+            rates: as many [1/s]; None: 0.
             series: index or slice of those that begin; all by default.
+
+        Raises:
+            InputError: values or rates of another number.
         """
         filters = self._filters[series]
         shape = filters.shape[:-2]
@@ -77,7 +79,11 @@ class MotionBank:
         self.keep()
 
     def scale(self, factors: Float[np.ndarray, " c"]) -> None:
-        """Change the units of the series: multiply values, rates and standard deviations by factors (c,)."""
+        """Multiply values, rates and standard deviations by factors (c,).
+
+        Raises:
+            InputError: another number of factors.
+        """
         factors = shaped(factors, self.sizes.shape, "factors")
         for known in (self._filters, self._mixed[:, None]):
             known[..., :3] *= factors[:, None, None]
@@ -93,7 +99,11 @@ class MotionBank:
         self._filters[:], self._mixed[:] = self._kept
 
     def update(self, step: float, readings: Float[np.ndarray, " c"], variances: Float[np.ndarray, " c"]) -> None:
-        """Advance by a step [s], then correct by one reading and variance of each series, (c,); NaN: no reading."""
+        """Advance by a step [s], then correct by one reading and variance of each series, (c,); NaN: no reading.
+
+        Raises:
+            InputError: another number of readings or variances.
+        """
         shape = self.sizes.shape
         if type(step) is not float:
             step = number(step, "step")
@@ -107,10 +117,10 @@ class MotionBank:
 
     @property
     def deviations(self) -> Float[np.ndarray, " c"]:
-        """Standard deviations of the present values, (c,), in the units of the series."""
+        """Standard deviations of the present values, (c,), in the series' units."""
         return np.sqrt(self._mixed[:, 3])
 
     @property
     def weights(self) -> Sequence[Sequence[float]]:
-        """Probabilities of the filters now: a list of c lists, one per series, each with a sum of one."""
+        """Probabilities of the filters: a list per series, each with a sum of 1."""
         return self._filters[..., 9].tolist()

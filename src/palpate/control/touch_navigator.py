@@ -116,8 +116,13 @@ class TouchNavigator:
     Args:
         goal: (2,) [m] in the frame of the poses.
         drive: the robot's drive; None: `DifferentialDrive()`.
-        settings: of motion, forces and memory.
+        settings: of motion, forces and memory; None: `TouchNavigatorSettings()`.
         seed: of its random draws, which separate robots that block each other.
+
+    Attributes:
+        state: present state.
+        why: reason for it, as a sentence.
+        arrived: True once the goal was reached, until `reset`.
 
     Raises:
         InputError: the goal is not two finite numbers, or `ground` is less than 1.
@@ -139,9 +144,9 @@ class TouchNavigator:
         self.reset()
 
     def reset(self) -> None:
-        """Begin anew: forget all touches, and set `arrived` to False."""
-        self.state, self._why, self.arrived = "move to goal", "nothing is in the way", False
-        self.why = self._why
+        """Forget all touches, and set `arrived` to False."""
+        self.state, self.arrived = "move to goal", False
+        self.why = self._why = "nothing is in the way"
         self.map.reset()
         self._watch.reset()
         self._progress.reset()
@@ -156,12 +161,16 @@ class TouchNavigator:
     def update(
         self, time: float, touches: Float[np.ndarray, "k 2"] | None, pose: Float[np.ndarray, "3"]
     ) -> tuple[float, float]:
-        """Return (left, right), the speeds of the tracks [m/s] from now on; set `state`, `why` and `arrived`.
+        """Return (left, right), the track speeds [m/s] from now on; set `state`, `why` and `arrived`.
 
         Args:
             time: [s] on one monotonic clock.
-            touches: (k, 2) angle [rad] in the robot's frame and force [N] of each; None: no valid reading.
+            touches: (k, 2) angle [rad] in the robot's frame, 0 ahead, counter-clockwise, and force [N] of each; None:
+                no valid reading.
             pose: x [m], y [m] and heading [rad] of the robot in the goal's frame.
+
+        Raises:
+            ValueError: an angle of a touch is infinite.
         """
         x, y, heading = (float(value) for value in pose)
         far = hypot(self.goal[0] - x, self.goal[1] - y)
@@ -191,8 +200,7 @@ class TouchNavigator:
 
     def _fault(self, time: float, here: Pose, far: float, *, touched: bool) -> str | None:
         """Return the reason why the robot cannot go on; None if it can."""
-        side = self._watch.update(time, here, self._sent, touched=touched)
-        if side is not None:
+        if side := self._watch.update(time, here, self._sent, touched=touched):
             return f"the {side} track does not follow"
         if self._progress.update(time, here[0], here[1], far) > self.settings.patience:
             return f"no nearer to the goal for {self.settings.patience:g} s"
@@ -351,10 +359,7 @@ class TouchNavigator:
             off = pi / 2 + min(set_.off, set_.relief * (force - set_.flank)) - abs(angle)
             if force < set_.flank or off < 0.0 or abs(angle) < set_.glancing:
                 continue
-            if angle > 0.0:
-                high = min(high, -3.0 * off)
-            else:
-                low = max(low, 3.0 * off)
+            high, low = (min(high, -3.0 * off), low) if angle > 0.0 else (high, max(low, 3.0 * off))
         return 0.5 * (low + high) if low > high else max(low, min(high, turn))
 
 
