@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
@@ -101,8 +101,6 @@ class _Row:
 
 
 ROW = _Row
-
-
 _ROW = (ROW.length,)
 
 
@@ -129,6 +127,9 @@ class ContactEstimate(Value):
             the friction and torsion bounds can make; 0 inside them.
         candidates: (*batch) number of points within the bounds that explain the wrench.
         status: (*batch) `Status` as int8; for a single estimate (no batch) a `Status`.
+
+    Raises:
+        InputError: values that are not real numbers, or a status of another type or shape than the torque's.
     """
 
     point: Float[np.ndarray, "*batch 3"]
@@ -163,7 +164,11 @@ class ContactEstimate(Value):
 
     @classmethod
     def from_rows(cls, rows: Float[np.ndarray, "*batch 22"]) -> ContactEstimate:
-        """Make a `ContactEstimate` from rows (*batch, 22) laid out as `ROW`; raise InputError for another shape."""
+        """Make a `ContactEstimate` from rows (*batch, 22) laid out as `ROW`.
+
+        Raises:
+            InputError: rows of another shape.
+        """
         if type(rows) is not np.ndarray or rows.shape[-1:] != _ROW or rows.dtype != FLOAT:
             rows = shaped(rows, (..., ROW.length), "rows")
         if rows.ndim == 1 and rows.item(ROW.candidates) >= 0 and rows.item(ROW.status) >= 0:  # none of them NaN
@@ -200,14 +205,18 @@ class ContactEstimate(Value):
 
     @classmethod
     def joined(cls, parts: Sequence[ContactEstimate]) -> ContactEstimate:
-        """Join batches into one `ContactEstimate` along the first axis, in order; raise InputError without any."""
+        """Join batches along the first axis, in order.
+
+        Raises:
+            InputError: there are none.
+        """
         if not parts:
             raise InputError("parts must be at least one ContactEstimate, and is empty.")
         columns = [part._columns() for part in parts]
         return cls(**{name: np.concatenate([each[name] for each in columns]) for name in columns[0]})
 
     def reshaped(self, batch: tuple[int, ...]) -> ContactEstimate:
-        """Return a `ContactEstimate` of the same estimates with other leading axes, of the same total size."""
+        """Return the same estimates with other leading axes, of the same total size."""
         axes = len(self.batch)
         return ContactEstimate(
             **{name: value.reshape((*batch, *value.shape[axes:])) for name, value in self._columns().items()}
@@ -218,6 +227,7 @@ class ContactEstimate(Value):
 
         Raises:
             TypeError: this is a single estimate.
+            IndexError: there is no such estimate.
         """
         if not self.batch:
             raise TypeError("a single estimate cannot be indexed")
@@ -231,9 +241,7 @@ class ContactEstimate(Value):
         return bool(np.any(self.answered))
 
     def in_frame(self, pose: Pose) -> ContactEstimate:
-        """Return a `ContactEstimate` with points, normals, forces and covariances in another frame.
-
-        The uncertainty of `pose` itself is not added.
+        """Return the same estimates in another frame; the uncertainty of `pose` is not added.
 
         Args:
             pose: T_target_source, one or a batch.
@@ -242,19 +250,16 @@ class ContactEstimate(Value):
             InputError: the argument is no pose.
         """
         turn = pose.rotation
-        return ContactEstimate(
+        return replace(
+            self,
             point=pose.apply(self.point),
             normal=pose.rotate(self.normal),
             force=pose.rotate(self.force),
-            torque=self.torque.copy(),
             covariance=turn @ self.covariance @ np.swapaxes(turn, -1, -2),
-            residual=self.residual.copy(),
-            candidates=self.candidates.copy(),
-            status=self.status,
         )
 
     def plot(self, surface: SurfaceLike | None = None) -> Any:
-        """Return a `Drawing` of points, forces and 95 % ellipses on the body; notebooks show it, the pointer turns it.
+        """Return a `Drawing` of points, forces and 95 % ellipses on the body; a notebook shows it, a pointer turns it.
 
         Args:
             surface: the body, in the frame of these estimates; None: the estimates are drawn alone.

@@ -10,7 +10,7 @@ from typing import Any, cast
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from jaxtyping import Bool, Float, Int8
+from jaxtyping import Bool, Float, Int, Int8
 from numpy.typing import ArrayLike
 
 from palpate.calls import called_as
@@ -28,7 +28,6 @@ from palpate.contact._settings import (
 )
 from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.contact.indentation import Indentation
-from palpate.contact.neighbours import in_space
 from palpate.errors import InputError
 from palpate.spatial._arrays import FLOAT, INT8, Value, require_batch, require_out, shaped
 from palpate.spatial.arguments import number, takes_arrays
@@ -55,7 +54,9 @@ class Candidates(Value):
     """All contacts that one wrench can have on a surface, best first.
 
     Attributes:
-        point: (k, 3) [m]; normal: (k, 3); torque: (k,) [N m] about the normal.
+        point: (k, 3) [m].
+        normal: (k, 3) outward.
+        torque: (k,) [N m] about the normal.
         friction: (k,) tan of the angle between -force and normal.
         plausible: (k,) whether it is within the friction and torsion bounds.
     """
@@ -87,7 +88,7 @@ class Locator:
     """Locator of contacts on one surface: the tree is built and the loops are compiled once, at construction.
 
     Args:
-        surface: a `Surface`, such as a `Mesh`; a mesh of trimesh; or the path of a mesh file, which is read here.
+        surface: a `Surface`, such as a `Mesh`; a mesh of trimesh; or the path of a mesh file.
         method: "soft_finger" (the `probe` paper's model: force and a torque about the normal) or "wrench_axis" (Bicchi
             1993: where the line of action meets the surface).
         friction: bound on tan(theta), theta between -force and normal.
@@ -95,8 +96,8 @@ class Locator:
         noise: standard deviations of force and torque, or of each of the six numbers, or a 6 x 6 covariance, force
             first [N, N m]; None: covariances are NaN unless given with the wrenches.
         on, off: force [N] at which a contact begins, and below which it ends. None for both: 5.5 and 3 standard
-            deviations of the force from zero, by its covariance in that sample, which includes noise, payload, motion
-            and tare; without noise only zero force is no contact.
+            deviations of the force by its covariance in that sample, with noise, payload, motion and tare; without
+            noise only zero force is no contact.
         indentation: depth at which the force acts below a soft layer on the surface; None: the surface is rigid.
         accuracy: [m] 3-D standard deviation above which the answer is TOO_LIGHT; None: no limit.
         unit: of a mesh file's numbers: m, cm, mm, um or in.
@@ -179,50 +180,41 @@ class Locator:
         return np.full((*batch, ROW.length), np.nan)
 
     def with_noise(self, noise: Float[np.ndarray, "6 6"]) -> Locator:
-        """Return a new `Locator` on the same surface, with the same settings but for the noise.
+        """Return a new `Locator` with this covariance (6, 6) of a wrench [N, N m], force first, and the other settings.
 
-        The thresholds `on` and `off` follow from the new noise, unless they were given when this locator was made.
-
-        Args:
-            noise: (6, 6) covariance of a wrench, force first [N, N m].
+        The thresholds `on` and `off` follow from the noise, unless they were given when this locator was made.
 
         Raises:
-            InputError: the noise is not finite, not symmetric or negative.
+            InputError: the noise is no covariance.
         """
-        return Locator(
-            self.surface,
-            self.method,
-            self.friction,
-            self.torsion,
-            noise,
-            *self._given,
-            indentation=self.indentation,
-            accuracy=self.accuracy,
-        )
+        bounds = self.friction, self.torsion
+        return Locator(self.surface, self.method, *bounds, noise, *self._given, self.indentation, self.accuracy)
 
     def compiled(self, known: bool) -> tuple[Any, ...]:
         """Return the arguments with which a compiled loop locates the wrenches that it makes, as a tuple.
 
-        They are the covariance of a wrench, (1, 6, 6) and zeros if unknown, the arguments of the prepared surface, the
-        settings (s,), and the Locator's memory (t,), which the loop changes.
+        They are the covariance of a wrench, (1, 6, 6), zeros if unknown; the arguments of the prepared surface; the
+        settings (s,); and the Locator's memory (t,), which the loop changes.
 
         Args:
-            known: the loop brings a covariance for each wrench: the first array is then empty, (0, 6, 6).
+            known: the loop has a covariance for each wrench: the first array is then empty, (0, 6, 6).
         """
         noises = np.empty((0, 6, 6)) if known else self._noises
         return noises, *self._arguments, self._noisy if known else self._settings, self._state
 
     def reset(self, previous: ArrayLike | None = None) -> None:
-        """Forget the last contact and the hysteresis, or set the last contact to a point (3,) [m]."""
+        """Forget the last contact and the hysteresis, or set the last contact to a point (3,) [m].
+
+        Raises:
+            InputError: the point is not three numbers.
+        """
         self._state[:] = _state(previous)
 
     def __call__(self, wrench: ArrayLike, out: np.ndarray | None = None) -> None:
-        """Locate one wrench (6,), force first, in the surface's frame, into `out`; keep hysteresis and last contact.
-
-        Nothing is allocated if the wrench is an array of float64, writable or not, a column or a row.
+        """Locate one wrench into `out`, and keep hysteresis and last contact; nothing is allocated for float64 arrays.
 
         Args:
-            wrench: six numbers [N, N m].
+            wrench: (6,) [N, N m] in the surface's frame, force first.
             out: (22,), a row of `empty()`.
 
         Raises:
@@ -250,7 +242,7 @@ class Locator:
         """Return the `ContactEstimate` (*batch) of wrenches; keep hysteresis and last contact, also from call to call.
 
         Args:
-            wrenches: (*batch, 6) in the surface's frame, force first: (6,) for one, (n, 6) for n in the order of time.
+            wrenches: (*batch, 6) [N, N m] in the surface's frame, force first, in the order of time.
             covariances: (*batch, 6, 6), or (6, 6) for all, instead of the Locator's noise.
             statuses: (*batch) a `Status` known beforehand, or -1 for a sample to locate.
             sequential: False locates each sample separately and does not change the Locator's memory.
@@ -285,9 +277,9 @@ class Locator:
     def locate_one(
         self, wrench: ArrayLike, covariance: ArrayLike | None = None, previous: ArrayLike | None = None
     ) -> ContactEstimate:
-        """Return the `ContactEstimate` of one wrench; the Locator's memory is neither used nor changed.
+        """Return the `ContactEstimate` of one wrench, as `run` with `sequential=False`, but faster.
 
-        So threads may share the Locator. The result is that of `run` with `sequential=False`, but faster.
+        The Locator's memory is neither used nor changed, so that threads may share the Locator.
 
         Args:
             wrench: (6,) [N, N m] in the surface's frame, force first; NaN gives the status `INVALID`.
@@ -335,24 +327,21 @@ class Locator:
 
     @property
     def memory(self) -> Float[np.ndarray, " s"]:
-        """State after the last sample, not a copy, (s,): hysteresis, last contact, branches of the touch."""
+        """State after the last sample, (s,), not a copy: hysteresis, last contact, branches of the touch."""
         return self._state
 
     @staticmethod
     def no_contact() -> Float[np.ndarray, " s"]:
-        """Return a new memory array (s,), as it is after any sample without contact, for `run_into`."""
+        """Return a new memory (s,) for `run_into`, as it is after any sample without contact."""
         return _state(None)
 
-    def first_free(
-        self,
-        wrenches: ArrayLike,
-        covariances: ArrayLike | None,
-        statuses: ArrayLike,
-    ) -> int:
-        """Return the index of the first sample without contact, whatever came before the array; -1 if there is none.
+    def first_free(self, wrenches: ArrayLike, covariances: ArrayLike | None, statuses: ArrayLike) -> int:
+        """Return the index of the first sample without contact, whatever came before; -1 if there is none.
 
-        There neither the hysteresis nor the last contact matters, so that a sequence can be cut after it. The
-        arguments are as in `run_into`.
+        A sequence can be cut after it. The arguments are as in `run_into`.
+
+        Raises:
+            InputError: other shapes.
         """
         wrenches, noises, statuses, settings = self._sequence(wrenches, covariances, statuses)
         return self._first_free(wrenches, noises, statuses, settings)
@@ -368,15 +357,14 @@ class Locator:
         """Locate wrenches in sequence, like `run`, into rows of `empty()`; contiguous writable arrays are not copied.
 
         Args:
-            wrenches: (n, 6) in the surface's frame, force first.
+            wrenches: (n, 6) [N, N m] in the surface's frame, force first.
             covariances: (n, 6, 6), or None for the Locator's noise.
             statuses: (n,) int8, a `Status` known beforehand or -1.
             out: (n, 22).
-            memory: from `no_contact` or an earlier call, used and changed instead of the Locator's memory, so that
-                threads may share the Locator.
+            memory: from `no_contact` or an earlier call, used and changed instead of the Locator's.
 
         Raises:
-            InputError: other shapes, or an `out` that cannot be written into.
+            InputError: other shapes, or an `out` or `memory` that cannot be written into.
         """
         require_out(out, (None, ROW.length))
         wrenches, noises, statuses, settings = self._sequence(wrenches, covariances, statuses, len(out))
@@ -405,15 +393,18 @@ class Locator:
     ) -> None:
         """Locate the rows of one touch again, from its end to its start, near the contact that was believed at the end.
 
-        The end is the sample with the largest force among the last ones, only CONTACT if there are any: the very last
-        ones contain little information. Rows after it stay. `AMBIGUOUS` stays only if most of the last samples have it.
-        If more samples become implausible the rows stay: there was more than one touch. The Locator's memory is kept.
+        The end is the sample with the largest force among the last 32 answered ones, of those with CONTACT if there are
+        any; rows after it stay. AMBIGUOUS stays only if most of these samples have it. All rows stay if more samples
+        would become implausible, as there was more than one touch. The Locator's memory is kept.
 
         Args:
             wrenches: (n, 6) of the touch, in the surface's frame.
-            covariances: (n, 6, 6), or None for the Locator's noise.
+            covariances: (n, 6, 6), or None for the Locator's noise; without either, nothing is done.
             statuses: (n,) int8, a `Status` known beforehand or -1.
             rows: (n, 22) as `run_into` wrote them; changed.
+
+        Raises:
+            InputError: other shapes, or `rows` that cannot be written into.
         """
         if self.noise is None and covariances is None:
             return  # without noise no branch was ever told from another
@@ -446,9 +437,12 @@ class Locator:
             rows[several, ROW.status] = Status.AMBIGUOUS
 
     def candidates(self, wrench: ArrayLike) -> Candidates:
-        """Return all contacts that one wrench (6,) [N, N m] can have, as `Candidates`.
+        """Return all contacts that one wrench (6,) [N, N m], force first, can have, as `Candidates`.
 
         Those within the bounds come first, then in order along the force; none if it has no force, or NaN.
+
+        Raises:
+            InputError: the wrench is not six numbers.
         """
         from palpate.surfaces import _kernels
 
@@ -476,6 +470,28 @@ class Locator:
 def _writable(array: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
     """Return contiguous float64, copied if read-only: compiled code would be compiled again for a read-only array."""
     return np.require(array, np.float64, ["C", "W"])
+
+
+@takes_arrays
+def in_space(wrenches: Float[np.ndarray, "n 6"], centre: Float[np.ndarray, "3"], scale: float) -> Int[np.ndarray, " n"]:
+    """Return indices (n,) that put wrenches next to each other if their axes enter a ball around the body close by.
+
+    Then the parts of a large tree that they need stay in the processor's cache. The points of entry are sorted by the
+    cells of a grid in Morton's order.
+
+    Args:
+        wrenches: (n, 6) force first, in the surface's frame; rows of NaN or without a force are placed anywhere.
+        centre: (3,) of the ball [m].
+        scale: its radius [m].
+
+    Raises:
+        InputError: other shapes.
+    """
+    from palpate.contact import _neighbours  # compiled: loaded when first needed
+
+    keys = np.empty(len(wrenches), dtype=np.uint16)
+    _neighbours.keys(wrenches, centre, scale, keys)
+    return np.argsort(keys, kind="stable")
 
 
 def _each(covariances: np.ndarray, batch: tuple[int, ...]) -> Float[np.ndarray, "n 6 6"]:
@@ -512,7 +528,7 @@ _keeping = Lock()
 def _prepared(surface: Surface, bounds: _Bounds) -> Locator:
     """Return the Locator of `locate`, kept as long as its surface lives; it has no reference to it, or both would stay.
 
-    Threads may share it: it is never used in sequence, so that its memory does not matter.
+    Threads may share it, as it is never used in sequence.
     """
     of_surface = _kept.get(surface)
     locator = None if of_surface is None else of_surface.get(bounds)
@@ -551,7 +567,7 @@ def locate(
 ) -> ContactEstimate:
     """Return the contact of a wrench on a surface, both in the same frame; a batch is located one by one.
 
-    In a loop, a `Locator` is faster; here a mesh file is read, and a mesh of trimesh prepared, at each call.
+    In a loop, a `Locator` is faster: here a mesh of trimesh or a file is prepared at each call.
 
     Args:
         wrench: a `Wrench`, or six-vectors (*batch, 6), force first [N, N m].

@@ -15,9 +15,9 @@ from palpate.contact.estimator import Answered, Channels, ContactEstimator, Coun
 from palpate.contact.live_loop import CompiledSensor, LiveLoop
 from palpate.contact.locate import Locator
 from palpate.contact.locating_threads import located_in_threads
+from palpate.contact.plausibility import Plausibility
 from palpate.contact.surface_wrenches import Piece, SurfaceWrenches, Wrenches
 from palpate.contact.touch_smoothing import Located, rejoined, smooth_touches
-from palpate.contact.wrench_plausibility import WrenchPlausibility
 from palpate.errors import InputError
 from palpate.signals.drift import Drift
 from palpate.signals.filters import Filter
@@ -109,7 +109,7 @@ class WrenchEstimator(ContactEstimator):
         self.rate, self.drift, self.threads, self.kelvin = rate, drift, 0, np.nan
         shape = None if drift is None else ContactShape(self.locator, placed, self.placement)
         self._wrenches = SurfaceWrenches(self.sensor, placed, filter, rate, drift, shape, logs=not live)
-        self.plausibility = WrenchPlausibility(self.locator, self._wrenches, self.mount)
+        self.plausibility = Plausibility(self.locator, self._unfiltered, self.mount)
         self._live: LiveLoop | None = None
         if filter is None and isinstance(self.sensor, CompiledSensor):
             self._live = LiveLoop(self.sensor, self.locator, placed)
@@ -212,6 +212,9 @@ class WrenchEstimator(ContactEstimator):
         self._widened(out[:count])
         counts[:count] = 1
         return count
+
+    def _unfiltered(self, recording: Recording) -> Float[np.ndarray, "n 6"]:
+        return self.contact_wrenches(recording).wrench
 
     def _located(self, pieces: Iterable[tuple[Piece, Wrenches]]) -> Iterator[tuple[Piece, Located]]:
         for piece, wrenches in pieces:

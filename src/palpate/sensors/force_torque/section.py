@@ -314,7 +314,7 @@ def _torque_unit(free: np.ndarray, size: float | None) -> str:
         return "N mm" if _arm(free) > _LONGEST_ARM else "N m"
     for unit in ("N m", "N mm"):
         scaled = free * np.repeat([1.0, TORQUE_UNITS[unit]], 3)
-        if not lines_of_action(scaled, np.zeros(3), 10 * size).doubt:  # the mounting is not known yet
+        if not lines_of_action(scaled, np.zeros(3), 10 * size):  # the mounting is not known yet
             return unit
     return "N m"
 
