@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import chain, groupby
 from math import prod
 from pathlib import Path
@@ -12,41 +13,21 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
-from palpate.files.logs.layout import (
-    ACCELERATION_COLUMNS,
-    ORIENTATION_COLUMNS,
-    POSITION_COLUMNS,
-    ArrayChannel,
-    LogLayout,
-)
+from palpate.files.logs.layout import POSE_COLUMNS, ArrayChannel, LogLayout
 from palpate.files.logs.log import Log
 from palpate.files.logs.naming import require_stated, stated_layout
 from palpate.files.logs.samples import WRENCH, SampleReader, rows_at_once
 from palpate.files.tables.fields import Fields
 from palpate.files.tables.stated import Stated
 from palpate.files.units import SAMPLES, TIME_UNITS, near, to_si
-from palpate.signals.recording import (
-    ACCELERATION,
-    CELLS,
-    FORCE,
-    ORIENTATION,
-    POSITION,
-    TEMPERATURE,
-    TORQUE,
-    Recording,
-)
+from palpate.signals.recording import CELLS, FORCE, TEMPERATURE, TORQUE, Recording
 
-__all__ = ["BLOCK", "SINGLE", "ColumnLog", "Columns", "flattened", "plan"]
+__all__ = ["SINGLE", "ColumnLog", "Columns", "plan"]
 
 BLOCK = 1 << 13  # rows handed on at a time
 Read = Callable[[Sequence[str], Fields], Float[np.ndarray, "n k"]]
 Shapes = Mapping[str, tuple[int, ...]]
 _TIME = "time"
-_POSES = (
-    (ORIENTATION, ORIENTATION_COLUMNS),
-    (POSITION, POSITION_COLUMNS),
-    (ACCELERATION, ACCELERATION_COLUMNS),
-)
 SINGLE = "array"  # what the one array of an .npy is called
 _IMAGES = "Name a video, a folder of frames, an MCAP file or a bag."
 _OTHER_NAMES = {CELLS: "frames"}  # of arrays
@@ -59,13 +40,13 @@ class Columns:
         layout: names of the columns to read, and their units.
         path: of the log.
         shapes: name -> () of a column, or the shape of one sample of an array, whose columns are named by `flattened`.
-        stated: units that the log states.
-
-    Raises:
-        InputError: the layout is invalid, a column that it names is missing, or the log states other units.
+        stated: units that the log states; None: those in the names.
 
     Attributes:
         places: column -> its array, and its index in a sample of this.
+
+    Raises:
+        InputError: the layout is invalid, a column that it names is missing, or the log states other units.
     """
 
     def __init__(self, layout: LogLayout, path: Path, shapes: Shapes, stated: Stated | None = None) -> None:
@@ -85,7 +66,7 @@ class Columns:
         return list(dict.fromkeys(chain.from_iterable(self._groups.values())))
 
     def block(self, read: Read) -> Recording:
-        """Return the next samples as a `Recording` in SI; `read` returns the numbers of given columns, (n, k)."""
+        """Return the next samples in SI; `read` returns the numbers of given columns, (n, k)."""
         values = {group: read(columns, self._fields[group]) for group, columns in self._groups.items()}
         if _TIME in values:  # 235 / 1e3 is 0.235, 235 * 1e-3 is not
             time = values.pop(_TIME)[:, 0] / self._per_second
@@ -96,7 +77,11 @@ class Columns:
         return self._samples.block(time, values)
 
     def finish(self) -> None:
-        """Raise an InputError if a column contained no number from the first block to the last."""
+        """Check, after the last block, that every column contained a number.
+
+        Raises:
+            InputError: one contains text, and not a single number.
+        """
         for fields in self._fields.values():
             fields.require_numbers(self._path)
 
@@ -126,32 +111,33 @@ class ColumnLog(Log):
         for start in range(0, count, block):  # what follows needs far more memory than what is read
             self.position = self.size * (before + min(start + block, count)) // total
             rows = {name: values[start : start + block] for name, values in arrays.items()}
-            yield columns.block(_Rows(rows, columns.places, before + start).read)
+            yield columns.block(partial(_read, rows, columns.places, before + start))
 
 
-class _Rows:
-    """Rows of some arrays; `places` gives the array and index of each column."""
-
-    def __init__(self, arrays: Mapping[str, np.ndarray], places: Mapping[str, tuple[str, int]], before: int) -> None:
-        self._arrays, self._places, self._before = arrays, places, before
-
-    def read(self, names: Sequence[str], fields: Fields) -> Float[np.ndarray, "n k"]:
-        parts: list[np.ndarray] = []
-        for array, group in groupby(map(self._places.__getitem__, names), key=lambda place: place[0]):
-            values, columns = self._arrays[array], [k for _, k in group]
-            parts.append(values if columns == list(range(values.shape[1])) else values.take(columns, axis=1))
-        found = (parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)).astype(np.float64, order="C")
-        fields.count(found, lambda row: f"row {self._before + row + 1}")
-        return found
+def _read(
+    arrays: Mapping[str, np.ndarray],
+    places: Mapping[str, tuple[str, int]],
+    before: int,
+    names: Sequence[str],
+    fields: Fields,
+) -> Float[np.ndarray, "n k"]:
+    """Return columns of some rows of arrays; `places` gives the array and index of each, `before` rows precede them."""
+    parts: list[np.ndarray] = []
+    for array, group in groupby(map(places.__getitem__, names), key=lambda place: place[0]):
+        values, columns = arrays[array], [k for _, k in group]
+        parts.append(values if columns == list(range(values.shape[1])) else values.take(columns, axis=1))
+    found = (parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)).astype(np.float64, order="C")
+    fields.count(found, lambda row: f"row {before + row + 1}")
+    return found
 
 
 def plan(layout: LogLayout, shapes: Shapes, path: Path) -> dict[str, Sequence[str]]:
-    """Return a dict of "time", `WRENCH` and each channel -> the names of its columns.
+    """Return the names of the columns of "time", `WRENCH` and each channel, a dict.
 
     Args:
         layout: channels to read.
         shapes: name -> sample shape of the columns and arrays that the log has.
-        path: of the log.
+        path: of the log, for messages.
 
     Raises:
         InputError: a column is missing, an array has the wrong size, or images are requested.
@@ -166,7 +152,7 @@ def plan(layout: LogLayout, shapes: Shapes, path: Path) -> dict[str, Sequence[st
         groups[WRENCH] = layout.wrench
     groups |= {array.name: array.columns for array in layout.arrays if array.columns is not None}
     _require_known(list(chain.from_iterable(groups.values())), names, path)
-    for channel, usual in _POSES:
+    for channel, usual in POSE_COLUMNS.items():
         declared: tuple[str, ...] | None = getattr(layout, channel)
         if columns := declared or (usual if names.keys() >= set(usual) else ()):
             _require_known(columns, names, path)
@@ -184,10 +170,7 @@ def plan(layout: LogLayout, shapes: Shapes, path: Path) -> dict[str, Sequence[st
 
 def flattened(shapes: Shapes) -> dict[str, tuple[str, int]]:
     """Return a dict, column -> (its array, its index in a sample): an array's columns are named `force[0]`, ..."""
-    found: dict[str, tuple[str, int]] = {}
-    for name, shape in shapes.items():
-        found |= {column: (name, k) for k, column in enumerate(_columns(name, shape))}
-    return found
+    return {column: (name, k) for name, shape in shapes.items() for k, column in enumerate(_columns(name, shape))}
 
 
 def _per_second(layout: LogLayout) -> float:
@@ -213,7 +196,7 @@ def _by_arrays(layout: LogLayout, shapes: Shapes, path: Path) -> LogLayout:
             columns = tuple(chain.from_iterable(made.get(name, ()) for name in names))
             if len(columns) == 6:
                 changes["wrench"] = columns
-    for channel, usual in _POSES:
+    for channel, usual in POSE_COLUMNS.items():
         if getattr(layout, channel) is None and len(made.get(channel, ())) == len(usual):
             changes[channel] = made[channel]
     changes["arrays"] = tuple(_found(array, shapes, made, path) for array in layout.arrays)
@@ -237,18 +220,11 @@ def _found(array: ArrayChannel, shapes: Shapes, made: Mapping[str, tuple[str, ..
 
 
 def _require_size(array: ArrayChannel, columns: Sequence[str], path: Path) -> None:
-    if len(columns) == array.size:
-        return
-    has = (
-        f"has {len(columns)} columns in addition to the time"
-        if array.columns is None
-        else f"names {len(columns)} columns"
-    )
-    raise InputError(
-        f"{has}, but {array.size} {array.name} ({array.described}) are needed.",
-        where=str(path) if array.columns is None else array.table,
-        hint=_mend(array),
-    )
+    if (count := len(columns)) != array.size:
+        has = f"names {count} columns" if array.columns else f"has {count} columns in addition to the time"
+        where = array.table if array.columns else str(path)
+        what = f"{has}, but {array.size} {array.name} ({array.described}) are needed."
+        raise InputError(what, where=where, hint=_mend(array))
 
 
 def _mend(array: ArrayChannel) -> str:

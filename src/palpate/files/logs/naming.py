@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,9 +15,14 @@ __all__ = ["require_stated", "stated_layout"]
 
 
 def stated_layout(layout: LogLayout, names: Iterable[str], stated: Stated) -> LogLayout:
-    """Return a `LogLayout` with `Fx [N]`, `Time [ms]` in place of missing `fx`, `time`, and with their units.
+    """Return the layout with columns such as `Fx [N]`, `Time [ms]` in place of missing `fx`, `time`, and their units.
 
-    Each name must have one match, and a match must have a unit: for other names a rig states the column.
+    It is unchanged if it names other columns, or if not every missing one of the wrench has exactly one match.
+
+    Args:
+        layout: of the log.
+        names: columns that the log has.
+        stated: units that the log states; a column without one is no match.
     """
     if layout.wrench != WRENCH_COLUMNS or layout.time != "time":
         return layout
@@ -44,33 +49,29 @@ def stated_layout(layout: LogLayout, names: Iterable[str], stated: Stated) -> Lo
 
 
 def require_stated(layout: LogLayout, stated: Stated, path: Path) -> None:
-    """Raise an InputError if the log states a unit that differs from the one in the layout."""
+    """Check that the log states no unit that differs from the one in the layout.
+
+    Raises:
+        InputError: it does.
+    """
     wrench = layout.wrench or ()
-    for kind, columns, unit, table in (
-        ("force", wrench[:3], layout.force_unit, FORCE_UNITS),
-        ("torque", wrench[3:], layout.torque_unit, TORQUE_UNITS),
-        ("time", (layout.time,), layout.time_unit, TIME_UNITS),
-        ("acceleration", layout.acceleration or (), layout.acceleration_unit, ACCELERATION_UNITS),
+    for kind, columns, unit, table, key in (
+        ("force", wrench[:3], layout.force_unit, FORCE_UNITS, "[force_torque]"),
+        ("torque", wrench[3:], layout.torque_unit, TORQUE_UNITS, "[force_torque]"),
+        ("time", (layout.time,), layout.time_unit, TIME_UNITS, "[time] unit"),
+        ("acceleration", layout.acceleration or (), layout.acceleration_unit, ACCELERATION_UNITS, "[acceleration]"),
     ):
-        if unit != SAMPLES:
-            _require_same(kind, columns, unit, table, stated, path)
+        for name in columns if unit != SAMPLES else ():
+            said = stated.unit(name, kind)
+            if said and not _same(said, unit, table):
+                what = f"the log states that {name!r} is in {said!r}, but it is read in {unit!r}."
+                hint = f"Correct the unit in the rig's {key}, or let `palpate rig new` write it."
+                raise InputError(what, where=str(path), hint=hint)
 
 
-def _require_same(
-    kind: str, columns: Sequence[str], unit: str, table: Mapping[str, float], stated: Stated, path: Path
-) -> None:
-    for name in columns:
-        said = stated.unit(name, kind)
-        try:
-            same = not said or abs(to_si(said, table, where="") / to_si(unit, table, where="") - 1.0) < 1e-9
-        except InputError:  # a unit that is not known: a rig may know better
-            same = True
-        if not same:
-            key = (
-                "[time] unit" if kind == "time" else f"[{'acceleration' if kind == 'acceleration' else 'force_torque'}]"
-            )
-            raise InputError(
-                f"the log states that {name!r} is in {said!r}, but it is read in {unit!r}.",
-                where=str(path),
-                hint=f"Correct the unit in the rig's {key}, or let `palpate rig new` write it.",
-            )
+def _same(unit: str, other: str, table: Mapping[str, float]) -> bool:
+    """Check whether two units are equal; True if one is unknown, as a rig may know better."""
+    try:
+        return abs(to_si(unit, table, where="") / to_si(other, table, where="") - 1.0) < 1e-9
+    except InputError:
+        return True

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -52,10 +52,7 @@ class Survey:
 
 
 def survey_of(source: MessageFile) -> Survey:
-    """Read the log once, and return a `Survey` of the frames, poses and joints in it.
-
-    Args:
-        source: file of the log's messages.
+    """Read a file of messages once, and return the frames, poses and joints in it.
 
     Raises:
         InputError: the file cannot be read, or needs a library that is not installed.
@@ -71,18 +68,9 @@ def survey_of(source: MessageFile) -> Survey:
 
 def _frames_of(messages: MessageBlock, topic: Topic) -> tuple[str, str]:
     """Return the header's frame and the child frame of the first readable message; "" for those it lacks."""
-    strings = FIXED[topic.kind].strings
-    if not strings:
-        return "", ""
     cursor = Cursor(messages, topic.encoding)
-    _, *first = cursor.header()
-    second = cursor.text() if strings > 1 else None
-    whole = np.flatnonzero(cursor.sound)
-    if not len(whole):
-        return "", ""
-
-    def name(text: Sequence[np.ndarray]) -> str:
-        at, length = (int(each[whole[0]]) for each in text)
-        return frame_name(messages.data[at : at + length])
-
-    return name(first), "" if second is None else name(second)
+    texts = [cursor.text() if k else cursor.header()[1:] for k in range(FIXED[topic.kind].strings)]
+    first = np.flatnonzero(cursor.sound)[:1]
+    names = [frame_name(messages.data[at[k] : at[k] + length[k]]) for k in first for at, length in texts]
+    frame, child = [*names, "", ""][:2]
+    return frame, child

@@ -157,7 +157,7 @@ class TopicLog(Log):
         return time[known], np.concatenate([position, quaternion], axis=1)[known]
 
     def contents(self) -> LogContents:
-        """Return `LogContents` with the topics of the log, its duration and any damage.
+        """Return the topics of the log, its duration and any damage.
 
         Raises:
             InputError: the file cannot be read.
@@ -166,7 +166,7 @@ class TopicLog(Log):
         return LogContents(self.path, {}, topics, self._source.torn, self._source.duration)
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on the file, its topics and the samples so far, one sentence each."""
+        """Return notes on the file, its topics and the samples read so far, one sentence each."""
         unsure, joined = self._unsure, () if self._join is None else self._join.notes()
         joined = (*joined, *(() if self._main is None else self._main.notes()))
         several = f"{len(unsure)} topics hold poses, and none is used: {', '.join(unsure)}; name one in [orientation]"
@@ -174,7 +174,7 @@ class TopicLog(Log):
 
     def _chosen(self) -> dict[str, Topic]:
         there = self.contents()
-        self._unsure = doubtful(there.topics, self._layout)
+        self._unsure = doubtful(there, self._layout)
         return choose(there, self._layout)
 
     def _poses(self, chosen: dict[str, Topic], offset: float) -> _Source | None:
