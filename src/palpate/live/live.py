@@ -9,7 +9,6 @@ from concurrent.futures import wait as wait_for
 from dataclasses import dataclass, replace
 from math import prod
 from pathlib import Path
-from types import TracebackType
 from typing import NamedTuple
 
 import numpy as np
@@ -55,12 +54,12 @@ TARE = 1.0  # s of a tare if the rig states none
 @takes_arrays
 @dataclass(frozen=True)
 class AnsweredSamples:
-    """Samples with their contacts, in order; iteration gives time [s] and row.
+    """Samples with their contacts, in order; iteration gives (time [s], row).
 
     Attributes:
         stamp: (n,) [ns] since 1970.
         counts: (n,) number of rows of each sample.
-        rows: (m, width) the rows of all samples, as `ContactEstimator.empty` returns them.
+        rows: (m, width) rows of contacts of all samples, with the columns of `open_live`.
     """
 
     stamp: Int[np.ndarray, " n"]
@@ -88,7 +87,7 @@ class _Samples(NamedTuple):
 
 
 class _Window:
-    """A window that collects samples until they span `length` [s]."""
+    """Samples, collected until they span `length` [s]."""
 
     def __init__(self, length: float) -> None:
         self.length, self.held = length, list[_Samples]()
@@ -112,14 +111,19 @@ class Live:
     """Live contacts of a device, estimated in this process; see `open_live`.
 
     Values that the rig needs from the start of a stream (a tare, the noise, cells at rest) are taken from its first
-    seconds. The samples of these seconds are answered once the values are known, in order and with the same numbers as
-    in a log. If the start cannot be used, because it is not at rest, this is reported; its samples are INVALID, and the
-    next seconds are taken.
+    seconds, whose samples are answered once the values are known, with the same numbers as in a log. A start that
+    cannot be used, because it is not at rest, is reported; its samples are INVALID, and the next seconds are taken.
 
     Args:
         rig: a rig with a [source], or its file.
         sensor: name of the sensor's table, if there are several.
         source: source that replaces the rig's.
+
+    Attributes:
+        kind: the sensor.
+        setup: the rig's values for it.
+        source: the source, which the context opens and closes.
+        estimator: the estimator; another one once the values of the start are known.
 
     Raises:
         InputError: the rig cannot be used, or its source lacks something, such as an orientation.
@@ -153,11 +157,10 @@ class Live:
         self._said: list[str] = []
         self._clock, self._quiet = _offset(), 0.0
 
-    def form(self, frame: str = "surface", rig: str = "") -> SlotForm:
-        """Return a `SlotForm`: the description of samples and contacts for a ring of this stream.
+    def form(self, rig: str = "") -> SlotForm:
+        """Return the description of samples and contacts for a ring of this stream.
 
         Args:
-            frame: coordinate frame of the contacts.
             rig: file of the rig, which is noted in the description.
         """
         estimator, source, layout = self.estimator, self.source, self.setup.layout()
@@ -170,7 +173,6 @@ class Live:
             features=tuple(estimator.features),
             width=int(estimator.empty(1).shape[1]),
             max_contacts=int(estimator.most),
-            frame=frame,
             rig=rig,
             poses=self._posed,
             topic=topic or "",
@@ -187,12 +189,12 @@ class Live:
 
     @property
     def patient(self) -> bool:
-        """True if samples wait until they are received, as for a log that is replayed as fast as possible."""
+        """Whether samples wait until they are received, as those of a log that is replayed at speed 0."""
         return isinstance(self.source, Replay) and self.source.patient
 
     @property
     def ended(self) -> bool:
-        """True if no more samples come, because a replayed log is at its end; a device never is."""
+        """Whether no more samples come, because a replayed log is at its end."""
         return isinstance(self.source, Replay) and self.source.ended
 
     def __enter__(self) -> Live:
@@ -201,16 +203,19 @@ class Live:
         self.source.open()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, raised: BaseException | None, at: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.source.close()
         if self._poses is not None:
             self._poses.close()
         self._maker.shutdown(wait=False, cancel_futures=True)
 
     def __iter__(self) -> Iterator[tuple[float, Float[np.ndarray, " width"]]]:
-        """Yield (time [s], row) of each contact until a replayed log ends; samples without a contact have a row too."""
+        """Yield (time [s], row) of each contact until a replayed log ends; a sample without a contact has one row.
+
+        Raises:
+            InputError: the estimator needs a value that the source does not give, or a replayed log cannot be read.
+            OSError: the source cannot be read.
+        """
         while not self.ended:
             yield from self.step()
         yield from self.finish()
@@ -220,7 +225,7 @@ class Live:
         return drained(self._said)
 
     def tare(self) -> None:
-        """Take a tare over the next second, or the rig's time; `events` reports whether it was taken.
+        """Take a tare over the next second, or the time that the rig states; `events` reports its success.
 
         The call has no effect while values are taken from the start, or another tare is running.
         """
@@ -228,12 +233,13 @@ class Live:
             self._tare = _Window(self.setup.estimate.tare or TARE)
 
     def step(self, timeout: float = 0.1) -> AnsweredSamples:
-        """Return waiting samples with their contacts as `AnsweredSamples`, empty if none comes within `timeout` [s].
+        """Return waiting samples with their contacts; none if no sample comes within `timeout` [s].
 
-        It is also empty while the first seconds are collected; later all these samples are returned at once.
+        There are also none while the first seconds are collected; then all their samples are returned at once.
 
         Raises:
-            InputError: the estimator needs a value that the source does not give, such as an orientation.
+            InputError: the estimator needs a value that the source does not give, or a replayed log cannot be read.
+            OSError: the source cannot be read.
         """
         count = 0 if self._held_back(timeout) else self.source.receive(self._batch, timeout)
         self._watch()
@@ -262,11 +268,7 @@ class Live:
         return AnsweredSamples(np.zeros(0, np.int64), np.zeros(0, np.int64), self._rows[:0])
 
     def _require_enough(self) -> None:
-        """Check that wrenches can be answered without poses if none are given, before the device is opened.
-
-        Raises:
-            InputError: the estimator needs an orientation, and neither source nor rig gives one.
-        """
+        """Raise InputError if the estimator needs an orientation, and neither source nor rig gives one."""
         if isinstance(self.estimator, WrenchEstimator) and not self._posed:
             nothing = self._samples.readings(np.zeros((1, *self.source.shape), self.source.dtype))
             try:
@@ -277,7 +279,7 @@ class Live:
             self.estimator.reset()
 
     def _taken(self, count: int) -> _Samples:
-        """Return the first `count` samples of the batch, copied, in the estimator's units; store them in the ring."""
+        """Return the batch's first `count` samples, copied, in the estimator's units; store them in the ring."""
         batch, beside = self._batch, dict[str, np.ndarray]()
         if self._poses is not None:
             self._poses.at(batch.stamp[:count]).into(batch)
@@ -291,16 +293,12 @@ class Live:
         return _Samples(stamp, self._seconds(stamp), self._samples.readings(batch.values[:count]), beside)
 
     def _answered(self, samples: _Samples) -> AnsweredSamples:
-        """Return samples with their contacts, estimated in pieces that fit the buffers, and store these in the ring."""
+        """Return samples with their contacts, estimated in pieces that fit the buffers; store them in the ring."""
         total, done, parts = len(samples.stamp), 0, list[np.ndarray]()
         counts = np.zeros(total, dtype=np.int64)
         while done < total:
             piece = slice(done, done + len(self._batch))
-            beside = (
-                {name: values[piece] for name, values in samples.extra_channels.items()}
-                if samples.extra_channels
-                else {}
-            )
+            beside = {name: values[piece] for name, values in samples.extra_channels.items()}
             many = counts[piece]
             step = self.estimator.run_into(samples.time[piece], samples.readings[piece], self._rows, many, beside)
             rows = self._rows[: sum(many[:step].tolist())]  # quicker than NumPy's, for most batches hold one sample
@@ -311,7 +309,7 @@ class Live:
         return AnsweredSamples(samples.stamp, counts, parts[0] if len(parts) == 1 else np.concatenate(parts))
 
     def _started(self, start: _Window, samples: _Samples | None) -> AnsweredSamples:
-        """Collect samples of the first seconds; return them, answered, once the values of the start are known."""
+        """Collect samples of the first seconds; return them, answered, once their values are known."""
         enough = samples is not None and start.add(samples)
         if self._build is None:
             if enough:
@@ -322,7 +320,7 @@ class Live:
         return self._built(start, self._build) if self._build.done() else self._none
 
     def finish(self) -> AnsweredSamples:
-        """Return the samples of a start that still wait, with their contacts, as `AnsweredSamples`; empty if none wait.
+        """Return the samples of a start that still wait, with their contacts; none if none wait.
 
         Call it when no more samples come.
         """
@@ -332,7 +330,7 @@ class Live:
         return self._built(start, self._prepared(start) if build is None else build)
 
     def _prepared(self, start: _Window) -> Future[BuiltEstimator]:
-        """Start to build the estimator from the first seconds in a thread, while more samples are received."""
+        """Begin to build the estimator from the first seconds, in a thread."""
         seen = start.joined()
         setup, span = self.setup, 1e-9 * float(seen.stamp[-1] - seen.stamp[0])
         if setup.filter.rate is None and span > 0:  # stamps on arrival come in bursts: the steps between say little
@@ -340,7 +338,7 @@ class Live:
         return self._maker.submit(setup.with_head(seen.recording(self.estimator.channels, self._frame)).prepared)
 
     def _built(self, start: _Window, build: Future[BuiltEstimator]) -> AnsweredSamples:
-        """Return the answered samples of the start; they are INVALID if it cannot be used."""
+        """Return the answered samples of the start, INVALID if it cannot be used."""
         self._build = None
         try:
             made = build.result()
@@ -355,7 +353,7 @@ class Live:
         return self._answered(start.joined())
 
     def _refused(self, samples: _Samples) -> AnsweredSamples:
-        """Return samples with status INVALID, one row each, and store them in the ring."""
+        """Return samples with one INVALID row each, and store them in the ring."""
         count = len(samples.stamp)
         rows, counts = self.estimator.empty(count), np.ones(count, dtype=np.int64)
         rows[:] = np.nan
@@ -378,7 +376,7 @@ class Live:
             self._said += [taken.note, *([taken.warning] if taken.warning else [])]
 
     def _watch(self) -> None:
-        """Collect events of the source and the poses, and report a jump of the system's clock."""
+        """Collect events of source and poses, and report a jump of the system's clock."""
         self._said += [*self.source.events(), *(() if self._poses is None else self._poses.events())]
         clock = _offset()
         if abs(clock - self._clock) > JUMP:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from contextlib import closing
 from math import inf
 from pathlib import Path
 from time import sleep
@@ -119,7 +120,7 @@ def publish(ring: Path, to: str, rig: Path, parent: int, rate: float = RATE) -> 
     except InputError as problem:
         read.say(f"nothing is published to {to}: {problem}")
         raise SystemExit(1) from problem
-    try:
+    with closing(read), closing(publisher):
         next_one = read["answered"]
         while not read["stop"] and not orphaned(parent):
             slots, first = read.read(next_one, MOST)
@@ -131,6 +132,3 @@ def publish(ring: Path, to: str, rig: Path, parent: int, rate: float = RATE) -> 
                 read.say(sentence)
             if len(slots) < MOST:
                 sleep(POLL)
-    finally:
-        publisher.close()
-        read.close()

@@ -66,7 +66,7 @@ _VECTOR_STAMPED = f"std_msgs/Header header\ngeometry_msgs/Vector3 vector\n{STAMP
 
 
 def record_topics(form: SlotForm) -> tuple[WrittenTopic, ...]:
-    """Return the `WrittenTopic`s of a record: contacts, readings, events; with poses also poses and accelerations."""
+    """Return the topics of a record: contacts, readings, events, and with poses also poses and accelerations."""
     if form.images:
         readings = WrittenTopic(form.topic or f"{LIVE}image", "sensor_msgs/msg/Image", _IMAGE)
     elif form.wrenches:
@@ -84,8 +84,8 @@ def record_topics(form: SlotForm) -> tuple[WrittenTopic, ...]:
 class RecordMessages:
     """An encoder of a ring's slots as MCAP messages.
 
-    The sequence number of a reading is the number of its sample, that of a sentence its number from 1 (modulo 2**32); a
-    recorder continues a record by them. A sentence on lost samples is made from the samples and has the number 0.
+    The sequence number of a reading is the number of its sample, that of a sentence its number from 1 (modulo 2^32); a
+    sentence on lost samples has the number 0.
 
     Args:
         form: description of the ring's samples and contacts.
@@ -98,7 +98,7 @@ class RecordMessages:
         self._acceleration = ChannelRows(ACCELERATION, *stamped(_SENSOR, (("vector", "<f8", (3,)),)))
 
     def of(self, slots: np.ndarray, first: int) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Return the bytes of all messages of some samples (uint8), and a list of structured views, one a channel.
+        """Return the bytes (uint8) of all messages of some samples, and a structured view of them a channel.
 
         Args:
             slots: (n,) slots of the ring, in order.
@@ -126,28 +126,17 @@ class RecordMessages:
 
 
 def event(stamp: int, sentence: str, number: int, level: int = _INFO) -> tuple[np.ndarray, np.ndarray]:
-    """Return the message of a sentence as bytes, uint8, and a view of them as a structured array (1,).
+    """Return the message of a sentence as bytes (uint8), and a structured view of them, (1,).
 
     Args:
         stamp: [ns] time of the sentence.
         sentence: the sentence.
         number: number of the sentence, from 1; 0 if it has none.
-        level: level as in rcl_interfaces/Log: 20 for information, 30 for a warning.
+        level: level of rcl_interfaces/Log: 20 for information, 30 for a warning.
     """
-    text = sentence.encode() + b"\0"
-    fields: Fields = (
-        ("sec", "<i4", ()),
-        ("nanosec", "<u4", ()),
-        ("level", "u1", ()),
-        *_text("name", b"palpate live\0"),
-        *_text("msg", text),
-        *_text("file", b"\0"),
-        *_text("function", b"\0"),
-        ("line", "<u4", ()),
-    )
-    common = {"level": level, **_said("name", b"palpate live\0"), **_said("msg", text)}
-    common |= {**_said("file", b"\0"), **_said("function", b"\0")}
-    raw, views = made([ChannelRows(EVENTS, fields, common)], [np.array([stamp], dtype=np.int64)])
+    texts, said = _texts({"name": "palpate live", "msg": sentence, "file": "", "function": ""})
+    fields: Fields = (("sec", "<i4", ()), ("nanosec", "<u4", ()), ("level", "u1", ()), *texts, ("line", "<u4", ()))
+    raw, views = made([ChannelRows(EVENTS, fields, {"level": level, **said})], [np.array([stamp], dtype=np.int64)])
     views[0]["sequence"] = number % 2**32
     return raw, views[0]
 
@@ -159,12 +148,15 @@ def _missing(lost: Int[np.ndarray, " n"], gaps: Int[np.ndarray, " k"], first: in
     return f"{count} {'sample is' if count == 1 else 'samples are'} missing {where}"
 
 
-def _text(name: str, text: bytes) -> Fields:
-    return (f"{name} length", "<u4", ()), (name, f"S{len(text)}", ())
-
-
-def _said(name: str, text: bytes) -> Mapping[str, object]:
-    return {f"{name} length": len(text), name: text}
+def _texts(texts: Mapping[str, str]) -> tuple[Fields, Mapping[str, object]]:
+    """Return the fields of strings, name -> text, each after its length, and their values."""
+    fields: Fields = ()
+    values = dict[str, object]()
+    for name, text in texts.items():
+        raw = text.encode() + b"\0"
+        fields = (*fields, (f"{name} length", "<u4", ()), (name, f"S{len(raw)}", ()))
+        values |= {f"{name} length": len(raw), name: raw}
+    return fields, values
 
 
 def _fields(form: SlotForm) -> tuple[Fields, Mapping[str, object]]:
@@ -175,29 +167,29 @@ def _fields(form: SlotForm) -> tuple[Fields, Mapping[str, object]]:
     if not form.images:
         return _array(form.shape, size)
     height, width, *channels = form.shape
-    encoding = b"bgr8\0" if channels else b"mono8\0"
+    encoding, said = _texts({"pixels": "bgr8" if channels else "mono8"})
     fields, common = stamped(
         _SENSOR,
         (
             ("height", "<u4", ()),
             ("width", "<u4", ()),
-            *_text("pixels", encoding),
+            *encoding,
             ("is_bigendian", "u1", ()),
             ("step", "<u4", ()),
             ("size", "<u4", ()),
             ("data", "u1", (size,)),
         ),
     )
-    held = {"height": height, "width": width, "step": size // height, "size": size}
-    return fields, {**common, **held, **_said("pixels", encoding)}
+    return fields, {**common, **said, "height": height, "width": width, "step": size // height, "size": size}
 
 
 def _array(shape: tuple[int, ...], size: int) -> tuple[Fields, Mapping[str, object]]:
     """Return the fields of a Float64MultiArray (label, size, stride of each axis; numbers), and its constant values."""
-    names = [b"row\0", b"column\0"] if len(shape) == 2 else [b"axis%d\0" % k for k in range(len(shape))]
+    names = ["row", "column"] if len(shape) == 2 else [f"axis{k}" for k in range(len(shape))]
     fields: Fields = (("dimensions", "<u4", ()),)
     common: dict[str, object] = {"dimensions": len(shape), "count": size}
     for k, (name, length) in enumerate(zip(names, shape, strict=True)):
-        fields = (*fields, *_text(f"label {k}", name), (f"size {k}", "<u4", ()), (f"stride {k}", "<u4", ()))
-        common |= {**_said(f"label {k}", name), f"size {k}": length, f"stride {k}": int(np.prod(shape[k:]))}
+        label, said = _texts({f"label {k}": name})
+        fields = (*fields, *label, (f"size {k}", "<u4", ()), (f"stride {k}", "<u4", ()))
+        common |= {**said, f"size {k}": length, f"stride {k}": int(np.prod(shape[k:]))}
     return (*fields, ("offset", "<u4", ()), ("count", "<u4", ()), ("data", "<f8", (size,))), common

@@ -14,22 +14,24 @@ import os
 import select
 import time
 from collections import deque
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 from numpy.typing import DTypeLike
 
 from palpate.errors import InputError, not_loaded
-from palpate.live.source import SILENT, Batch
+from palpate.live.lines import LineFrames
+from palpate.live.source import SILENT, Batch, drained
 from palpate.setup.source import RigSource
 
 if TYPE_CHECKING:
     from serial import Serial
 
+    from palpate.live.cobs import CobsFrames
     from palpate.setup.setup import Setup
 
-__all__ = ["Framing", "SerialPort"]
+__all__ = ["SerialPort"]
 
 _READ, _PIECES = 65536, 16  # bytes, and how often they are taken at once: more than the kernel holds
 _BEHIND = 100_000_000  # ns: smallest step back of the clock that is reported
@@ -40,40 +42,6 @@ _BITS = 10  # of a byte on the line, with start and stop
 _KEPT = 100  # sentences kept at most until `events` is called
 _BUSY = (errno.EAGAIN, errno.EBUSY)
 _NO_PORT = (errno.ENOENT, errno.ENXIO, errno.ENODEV)
-
-
-@runtime_checkable
-class Framing(Protocol):
-    """A protocol of decoders that turn bytes, fed in any pieces, into samples."""
-
-    def feed(self, data: bytes) -> None:
-        """Append bytes as they were read from the port."""
-        ...
-
-    def take(self, values: Float[np.ndarray, "n k"], lost: Int[np.ndarray, " n"]) -> int:
-        """Decode samples from the bytes fed so far, as many as the arrays have room for, and return their number.
-
-        Args:
-            values: (n, k), filled from the first row on.
-            lost: (n,), filled with the number of samples missing before each; 0 where that is not known.
-        """
-        ...
-
-    def waiting(self) -> int:
-        """Return the number of samples fed and not decoded yet."""
-        ...
-
-    def forget(self) -> None:
-        """Discard the bytes fed so far, as after a broken connection."""
-        ...
-
-    def faults(self) -> list[str]:
-        """Return a list of texts on the faults since the last call; [] without any."""
-        ...
-
-    def awaited(self) -> str:
-        """Return the reason why the bytes received gave no sample, as text for a message."""
-        ...
 
 
 class SerialPort:
@@ -108,33 +76,30 @@ class SerialPort:
         """Return the `SerialPort` that a rig's [source] names, not opened yet.
 
         Raises:
-            InputError: the sensor has neither a wrench nor one array as its reading, or `columns` do not fit.
+            InputError: the sensor reads neither wrenches nor one array, `columns` do not fit, or the package cobs is
+                needed and not installed.
         """
         layout = setup.layout()
         if layout.wrench is not None:
             return cls(stated, (6,))
         if layout.images is not None or len(layout.arrays) != 1:
-            raise InputError(
-                f"{setup.kind.called} cannot come over a serial port.", where="source.kind", hint="Use another kind."
-            )
+            what = f"{setup.kind.called} cannot come over a serial port."
+            raise InputError(what, where="source.kind", hint="Use another kind.")
         return cls(stated, layout.arrays[0].shape)
 
     def open(self) -> None:
         """Open the port for this process only.
 
         Raises:
-            InputError: pyserial is missing, the port does not exist, is in use, is no serial port or may not be opened,
-                or it does not support the baud rate.
+            InputError: pyserial is not installed, the port does not exist, is in use, is no serial port or may not be
+                opened, or it does not support the baud rate.
         """
         self.close()
         self._port = self._opened()
         self._begin(time.monotonic())
 
     def receive(self, batch: Batch, timeout: float) -> int:
-        """Fill a batch and return how many samples came; wait up to `timeout` [s] for the first.
-
-        The next call gives samples that had no room, before it reads again.
-        """
+        """Fill a batch and return how many samples came; wait up to `timeout` [s] for the first."""
         end = time.monotonic() + timeout
         if count := self._take(batch):
             return count
@@ -151,14 +116,12 @@ class SerialPort:
                 return 0
 
     def events(self) -> list[str]:
-        """Return the events since the last call, one sentence each; damage is reported once a second at most."""
+        """Return the events since the last call, one sentence each; faults of frames once a second at most."""
         now = time.monotonic()
         if self._sound and now - self._fault >= _OFTEN and (faults := self._frames.faults()):
             self._say(f"{'; '.join(faults)}.")
             self._sound, self._fault = False, now
-        sentences = list(self._said)
-        self._said.clear()
-        return sentences
+        return drained(self._said)
 
     def close(self) -> None:
         """Close the port; may be called again."""
@@ -255,11 +218,7 @@ class SerialPort:
         self._said.append(f"{self._stated.address}: {what}")
 
     def _opened(self) -> Serial:
-        """Return the port, opened for this process only.
-
-        Raises:
-            InputError: pyserial is missing, or the port cannot be opened.
-        """
+        """Return the port, opened for this process only; raise InputError if that fails."""
         try:
             import termios
 
@@ -272,26 +231,20 @@ class SerialPort:
             raise _explained(problem, self._stated) from problem
 
 
-def _frames(stated: RigSource, count: int) -> Framing:
-    """Return the decoder for a rig's framing.
-
-    Raises:
-        InputError: `columns` are given for frames, or their number is wrong.
-    """
+def _frames(stated: RigSource, count: int) -> CobsFrames | LineFrames:
+    """Return the decoder for a rig's framing; raise InputError if `columns` do not fit."""
     if stated.framing == "cobs":
         if stated.columns is not None:
-            raise InputError(
-                "applies only to lines.", where="source.columns", hint='Remove it, or write framing = "lines".'
-            )
-        from palpate.live.cobs import CobsFrames
-
+            hint = 'Remove it, or write framing = "lines".'
+            raise InputError("applies only to lines.", where="source.columns", hint=hint)
+        try:
+            from palpate.live.cobs import CobsFrames
+        except ImportError as problem:
+            raise not_loaded(problem, "frames on a serial port need cobs", "live") from problem
         return CobsFrames(count)
     if stated.columns is not None and len(stated.columns) != count:
-        raise InputError(
-            f"names {len(stated.columns)} numbers of a line, but the sensor has {count}.", where="source.columns"
-        )
-    from palpate.live.lines import LineFrames
-
+        what = f"names {len(stated.columns)} numbers of a line, but the sensor has {count}."
+        raise InputError(what, where="source.columns")
     return LineFrames(count, stated.columns)
 
 

@@ -67,9 +67,9 @@ class SlotForm:
         width: number of values in a row of contacts.
         max_contacts: largest number of rows of one sample.
         frame: frame of the contacts.
-        rig: file of the rig that the stream was made from.
+        rig: file of the rig.
         poses: whether a pose comes with each sample.
-        topic: topic that the rig reads a log of these readings from; "": the only one of its kind.
+        topic: topic of these readings in a log of the same rig; "": the only one of its kind.
         wrenches: whether readings are wrenches only.
     """
 
@@ -86,7 +86,7 @@ class SlotForm:
     wrenches: bool = False
 
     def slot(self) -> np.dtype[np.void]:
-        """Return the structured NumPy dtype of a slot, which holds one sample and its contacts."""
+        """Return the structured dtype of a slot, which holds one sample and its contacts."""
         return np.dtype(
             [
                 ("number", "<i8"),  # of the sample, from 1: a page of the file that was not written has another
@@ -106,7 +106,7 @@ class SlotForm:
         )
 
     def contacts(self, slots: np.ndarray) -> Contacts:
-        """Return the `Contacts` in slots, in order; samples that are not answered have no row."""
+        """Return the `Contacts` in slots (n,), in order; samples that are not answered have no row."""
         rows, sample, times = slots["contacts"], slots["number"] - 1, seconds(slots["stamp"])
         counts = slots["rows"] * (slots["ready"] > 0)
         if (counts == 1).all():  # as a rule
@@ -119,7 +119,7 @@ class SlotForm:
 def latencies(slots: np.ndarray) -> Float[np.ndarray, " k"]:
     """Return the latency [s] from arrival to contacts of each answered slot, (k,).
 
-    It is empty if the median is negative or above 60 s, because arrival was stamped by another clock.
+    It is empty if the median is negative or 60 s and above, because arrival was stamped by another clock.
     """
     waited = 1e-9 * (slots["ready"] - slots["arrived"])[slots["ready"] > 0]
     return waited if len(waited) and 0.0 <= np.median(waited) < LATE else waited[:0]
@@ -128,9 +128,16 @@ def latencies(slots: np.ndarray) -> Float[np.ndarray, " k"]:
 class StreamBuffer:
     """A ring in a mapped file, opened by its writer or by a reader.
 
+    A number of the head, which processes share, is read and written by its name: `ring["received"]` samples are stored,
+    `ring["answered"]` of them have their contacts; `ring["stop"] = 1` ends the writer, 2 the readers too.
+
+    Args:
+        path: the file, which exists.
+
     Attributes:
-        path: path of the file.
+        path: as given.
         form: description of its samples and contacts.
+        slots: (size,) of the dtype `form.slot()`, the mapped samples; copy them with `read`.
 
     Raises:
         InputError: the file cannot be opened, is no ring, is damaged, or is of another version.
@@ -149,9 +156,8 @@ class StreamBuffer:
         begin = len(_WORDS) * LINE
         self._words = np.frombuffer(self._map, "<i8", begin // 8, LINE).reshape(-1, LINE // 8)
         if self["version"] != VERSION:
-            raise InputError(
-                "was written by another version of Palpate.", where=str(path), hint="Read it with that version."
-            )
+            hint = "Read it with that version."
+            raise InputError("was written by another version of Palpate.", where=str(path), hint=hint)
         self.form = _described(self._map, path)
         slot, count = self.form.slot(), self["slots"]
         if count < LEAST or HEAD + count * slot.itemsize > size:
@@ -162,7 +168,7 @@ class StreamBuffer:
 
     @classmethod
     def make(cls, path: Path, form: SlotForm, size: int = SIZE) -> StreamBuffer:
-        """Make a new ring with `size` bytes of slots, at least 512 slots, and return it as an open `StreamBuffer`.
+        """Make a new ring with `size` bytes of slots, at least 512 slots, and open it.
 
         The disk allocates all bytes now, because a mapped file cannot report a full disk later.
 
@@ -188,51 +194,45 @@ class StreamBuffer:
         return cls(path)
 
     def __getitem__(self, word: str) -> int:
-        """Return a number of the head, which processes share, by its name."""
+        """Return a number of the head by its name.
+
+        Raises:
+            KeyError: the head has no such number.
+        """
         return int(self._words[_PLACE[word], 0])
 
     def __setitem__(self, word: str, value: int) -> None:
         self._words[_PLACE[word], 0] = value
 
     def close(self) -> None:
-        """Unmap the file, which stays on the disk."""
+        """Unmap the file, which stays on the disk.
+
+        Raises:
+            BufferError: an array of the file is still in use.
+        """
         del self._words, self.slots, self._memory, self._sentences
         self._map.close()
 
     @cached_property
     def _loops(self) -> ModuleType:
-        """Compiled loops of the writer, imported when first used so that readers need not load them."""
+        """Compiled loops of the writer, which readers need not load."""
         from palpate.live import _stream
 
         return _stream
 
     def take_in(self, batch: Batch, count: int, unsteady: Float[np.ndarray, " n"]) -> int:
-        """Store the first `count` samples of a batch as received; only for the writer.
+        """Store the first `count` samples of a batch as received, and return the number of the first; for the writer.
 
         Args:
             batch: arrays that a source has filled.
             count: number of samples.
             unsteady: (n,) [m/s^2] standard deviation, along each axis, of the acceleration's error; used with poses.
-
-        Returns:
-            The number of the first sample.
         """
-        first, form, arrived = self["received"], self.form, batch.stamp if batch.arrived is None else batch.arrived
-        values = batch.values.reshape(len(batch), -1)
-        self._loops.take_in(
-            self._memory,
-            first,
-            count,
-            batch.stamp,
-            arrived,
-            batch.lost,
-            _NONE if form.images else values,
-            form.poses,
-            batch.orientation,
-            batch.position,
-            batch.acceleration,
-            unsteady,
-        )
+        first, form = self["received"], self.form
+        when = batch.stamp, batch.stamp if batch.arrived is None else batch.arrived
+        values = _NONE if form.images else batch.values.reshape(len(batch), -1)
+        poses = form.poses, batch.orientation, batch.position, batch.acceleration, unsteady
+        self._loops.take_in(self._memory, first, count, *when, batch.lost, values, *poses)
         if form.images:
             for here, part in self._parts(first, count):
                 self.slots["values"][here] = batch.values[part]
@@ -242,7 +242,12 @@ class StreamBuffer:
     def answer(
         self, rows: Float[np.ndarray, "rows width"], counts: Int[np.ndarray, " n"], *, known: bool = True
     ) -> None:
-        """Store the next samples' contacts, `counts` rows each, or mark them as not answered; only for the writer.
+        """Store the contacts of the next samples; for the writer.
+
+        Args:
+            rows: (m, width) contacts of all samples.
+            counts: (n,) number of rows of each sample.
+            known: False marks the samples as not answered.
 
         Raises:
             ValueError: a sample has more rows than a slot has room for.
@@ -254,12 +259,20 @@ class StreamBuffer:
         self["answered"] = first + len(counts)
 
     def say(self, sentence: str) -> None:
-        """Store a sentence with its time for all readers of the ring; any process may call this, one at a time."""
+        """Store a sentence with its time for all readers; any process may call this.
+
+        Raises:
+            OSError: the file of the ring cannot be opened or locked.
+        """
         with self._alone():
             self._keep(sentence)
 
     def ask_tare(self, by: str) -> None:
-        """Request a tare from the writer, and store a sentence that names `by`; any process may call this."""
+        """Request a tare from the writer, and store a sentence that names `by`; any process may call this.
+
+        Raises:
+            OSError: the file of the ring cannot be opened or locked.
+        """
         with self._alone():
             self._keep(f"tare requested by {by}")
             self["asked"] += 1
@@ -278,13 +291,13 @@ class StreamBuffer:
         self["said"] = count + 1
 
     def events(self, since: int) -> tuple[list[tuple[int, str]], int]:
-        """Return (stamp [ns], sentence) pairs from number `since` on, at most 128, and the number to go on from."""
+        """Return (stamp [ns], sentence) pairs from number `since` on, the last 128 at most, and the next number."""
         count = self["said"]
         kept = [self._sentences[k % SENTENCES] for k in range(max(since, count - SENTENCES), count)]
         return [(int(each["stamp"]), bytes(each["text"]).decode(errors="replace")) for each in kept], count
 
     def read(self, first: int, most: int, word: str = "answered") -> tuple[np.ndarray, int]:
-        """Return a copy of slots, (n,) structured, and the first's number, above `first` if this reader was lapped.
+        """Return a copy of slots, (n,) structured, and the number of the first, above `first` if it was lapped.
 
         Args:
             first: number of the sample to continue with.
