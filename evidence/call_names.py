@@ -22,7 +22,7 @@ UNCALLED = {  # and why; a class stands for its methods
     "viewer.server.Served.look": "its argument is a function",
     "palpate_lab.viewer.live_probe.LiveProbe": "opens a server",
     "viewer.video.Video.add": "writes a video",
-    "sensors.load_cells.design_report.Design.with_cells": _HANDED,
+    "sensors.load_cells.design_report.Design.with_changes": _HANDED,
     "palpate_lab.benchmark.task.TaskTruth.of": _HANDED,
     "palpate_lab.benchmark.task.write_body": "writes a file of a body that it is given",
     "sensors.taxels.poking.files.read_pokes": "of its arguments only the noise is an array",

@@ -5,9 +5,9 @@ import pytest
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate
-from palpate.sensors.load_cells.view import LoadCellLayer, loads
 from palpate.sensors.load_cells.model import with_changes
 from palpate.sensors.load_cells.resolution import nominal_cells
+from palpate.sensors.load_cells.view import LoadCellLayer, loads
 from palpate.surfaces import EllipticCylinder
 from palpate.viewer.marker import arc, barbs
 from palpate.viewer.scene import prepare

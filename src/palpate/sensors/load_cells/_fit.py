@@ -117,7 +117,7 @@ def touches(
     contact: Float[np.ndarray, "n 3"],
     normal: Float[np.ndarray, "n 3"],
 ) -> ReferenceBlocks:
-    """Return the blocks of a log with contact, normal and tangents, as the fit takes them."""
+    """Return the blocks of a log with contact, normal and tangents, as `fit` takes them."""
     across = np.cross(normal, np.where(np.abs(normal[:, 1:2]) < 0.9, [[0.0, 1.0, 0.0]], [[1.0, 0.0, 0.0]]))
     first = across / np.linalg.norm(across, axis=1, keepdims=True)
     both = np.stack([first, np.cross(normal, first)], axis=1)
@@ -125,10 +125,7 @@ def touches(
 
 
 def linear_start(data: ReferenceBlocks) -> Float[np.ndarray, "36"]:
-    """Return B by linear least squares on the reference's force and its moment about the contact.
-
-    A moment is weighted like the position error that it would make.
-    """
+    """Return B (36,), row by row, by linear least squares on the reference's force and its moment about the contact."""
     frame = np.concatenate([data.tangents, data.normal[:, None]], axis=1)  # (n, 3, 3) rows t1, t2, n
     size = np.maximum(np.linalg.norm(data.force, axis=1), 1e-3)
     rows = np.zeros((len(frame), 6, 6))  # on w
@@ -138,8 +135,8 @@ def linear_start(data: ReferenceBlocks) -> Float[np.ndarray, "36"]:
     rows[:, 3:5] /= (START[3] * size)[:, None, None]
     rows[:, 5] /= START[5]
     right = np.concatenate([data.force / START[0], np.zeros((len(rows), 2)), data.torque[:, None] / START[5]], axis=1)
-    normal = _normal(rows, data.signal, np.zeros((len(rows), 6, 0)))
-    return _step(normal, _gradient(rows, data.signal, right))
+    lawless = np.zeros((len(rows), 6, 0))
+    return _step(_normal(rows, data.signal, lawless), _gradient(rows, data.signal, lawless, right))
 
 
 def _matrix(unknowns: Float[np.ndarray, " p"]) -> Float[np.ndarray, "6 6"]:
@@ -165,10 +162,14 @@ def _normal(
 
 
 def _gradient(
-    by_wrench: Float[np.ndarray, "n 6 6"], signal: Float[np.ndarray, "n 6"], right: Float[np.ndarray, "n 6"]
-) -> Float[np.ndarray, "36"]:
-    """Return J' r for B row by row."""
-    return (np.einsum("nra,nr->na", by_wrench, right).T @ signal).reshape(36)
+    by_wrench: Float[np.ndarray, "n 6 6"],
+    signal: Float[np.ndarray, "n 6"],
+    by_law: Float[np.ndarray, "n 6 l"],
+    right: Float[np.ndarray, "n 6"],
+) -> Float[np.ndarray, " p"]:
+    """Return J' r for unknowns (B row by row, law)."""
+    by_matrix = np.einsum("nra,nr->na", by_wrench, right).T @ signal
+    return np.concatenate([by_matrix.reshape(36), np.einsum("nrl,nr->l", by_law, right)])
 
 
 def _step(normal: Float[np.ndarray, "p p"], gradient: Float[np.ndarray, " p"], damping: float = 0.0) -> np.ndarray:
@@ -195,7 +196,7 @@ def fit(
     Args:
         data: blocks.
         starts: values of B, row by row.
-        zeros: variance of the zero of y and of the reference force [N^2], each the same in all blocks of a run.
+        zeros: (9,) variances of the zero of y and of the reference force [N^2], the same in all blocks of a run.
         indented: fit the law of indentation too.
         robust: whether outliers count less, see `CalibrationOptions`.
 
@@ -267,9 +268,7 @@ def _solve(
         root = np.sqrt(weight)
         steep, law_steep = slopes * root[..., None], law_slopes * root[..., None]
         normal = _normal(steep, data.signal, law_steep)
-        gradient = np.concatenate(
-            [_gradient(steep, data.signal, left * root), np.einsum("nrl,nr->l", law_steep, left * root)]
-        )
+        gradient = _gradient(steep, data.signal, law_steep, left * root)
         while damping < MOST_DAMPING:
             trial = found - _step(normal, gradient, damping)
             trial[36:] = np.clip(trial[36:], *(bound[: len(trial) - 36] for bound in LAW))
@@ -346,7 +345,7 @@ def _equations(
         joint[:36] = np.einsum("nra,nrz,nc->acz", slopes[rows], pushed, data.signal[rows], optimize=True).reshape(36, 9)
         joint[36:] = np.einsum("nrl,nrz->lz", law_slopes[rows], pushed)
         meat += (joint * zeros) @ joint.T
-    right = np.concatenate([_gradient(slopes, data.signal, left), np.einsum("nrl,nr->l", law_slopes, left)])
+    right = _gradient(slopes, data.signal, law_slopes, left)
     return _normal(slopes, data.signal, law_slopes), right, meat
 
 

@@ -36,11 +36,11 @@ class CalibrateLoadCells(Calibration):
     output: Output
 
     def identify(self) -> CalibrationResult:
-        """Return a `CalibrationResult` with `LoadCells` fitted to the reference's forces and contacts of the bench log.
+        """Return a `CalibrationResult` with the `LoadCells` of a bench log.
 
         Raises:
-            InputError: rig or log cannot be read, the rig lacks [surface] or [load_cells], or the log does not fit: it
-                does not begin unloaded, a channel never moves, the ball does not press.
+            InputError: rig or log cannot be read, the rig lacks [surface] or [load_cells], or `identify_load_cells`
+                refuses the log: it does not begin unloaded, a channel never moves, the ball does not press.
             NotIdentifiable: log or cells do not determine every direction of the wrench.
         """
         setup = self.stated.resolve()
@@ -74,10 +74,8 @@ class CalibrateLoadCells(Calibration):
 
 
 def _figures(found: LoadCellCalibration) -> list[tuple[str, str]]:
-    force, position, moment = found.rms
-    cells = found.cells
-    _, covariance, _ = cells.inverse()
-    noise, law = 1e3 * np.sqrt(np.diag(covariance)[:3]), cells.indentation
+    (force, position, moment), cells = found.rms, found.cells
+    noise, law = 1e3 * np.sqrt(np.diag(cells.inverse()[1])[:3]), cells.indentation
     visited = int(np.count_nonzero(found.coverage.visits))
     said = [
         ("cells", f"{cells.cells}, noise of the force ({', '.join(f'{value:.2g}' for value in noise)}) mN"),

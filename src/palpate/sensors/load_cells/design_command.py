@@ -7,7 +7,6 @@ from math import inf
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 from tyro.conf import Positional, arg
 
 from palpate.console.console import lines, note, title
@@ -46,6 +45,11 @@ def design_load_cells(
         force: force that the maps are drawn for [N].
         friction: tangent of the angle between force and normal; the worst direction counts.
         tared: number of independent readings that the bias is taken from.
+
+    Raises:
+        InputError: a number is not allowed, rig or model cannot be read, the rig lacks [surface], [load_cells] or a
+            key, the page cannot be written or would replace an input, or the package for reports is not installed.
+        NotIdentifiable: the cells do not determine a wrench.
     """
     require_report()
     for name, value in (("accuracy", accuracy), ("force", force), ("tared", tared)):
@@ -70,13 +74,11 @@ def _variants(table: RigLoadCells, cells: LoadCells) -> Iterator[tuple[str, Load
     places = cells.positions
     if table.model is not None or table.sensitivity is None or table.noise is None:
         return
-    middle = places.mean(axis=0)
+    middle, drift = places.mean(axis=0), cells.drift * table.noise
     for name, spread, noise in (
         ("half the noise", 1.0, 0.5),
         (f"cells {100 * STEP:g} % nearer together", 1.0 - STEP, 1.0),
         (f"cells {100 * STEP:g} % further apart", 1.0 + STEP, 1.0),
     ):
         moved = middle + spread * (places - middle)
-        drift = cells.drift * table.noise
-        limit = table.range or np.inf
-        yield name, nominal_cells(moved, table.sensitivity, noise * table.noise, limit, drift=drift)
+        yield name, nominal_cells(moved, table.sensitivity, noise * table.noise, table.range or inf, drift=drift)
