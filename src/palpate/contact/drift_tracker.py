@@ -40,8 +40,7 @@ T = TypeVar("T")
 class DriftTracker:
     """Tracker of one sensor's bias, window by window on a grid of the clock, however blocks are cut.
 
-    Call `enter` before the samples of a window are measured, which ends the window before, then `add` with the
-    readings of the window:
+    `enter` ends one window and begins the next, before its samples are measured; `add` takes their readings:
 
         for piece in follower.pieces(time):
             follower.enter(float(time[piece][0]), kelvin)   # the sensor's bias is now that of this window
@@ -51,9 +50,9 @@ class DriftTracker:
     Args:
         sensor: wrench sensor.
         drift: model of the drift of its bias.
-        shape: test whether one contact of the body explains a wrench.
+        shape: test of whether one contact of the body explains a wrench.
         alone: the body is never touched at two places at once (`DriftGate`).
-        smooth: for logs: windows are kept until they can be smoothed (`settled`), and the sensor is not changed.
+        smooth: for logs: windows are kept until they are smoothed (`settled`), and the sensor is not changed.
 
     Attributes:
         count: number of windows that have ended, which is the number of the next.
@@ -98,7 +97,11 @@ class DriftTracker:
 
     @staticmethod
     def pieces(time: Float[np.ndarray, " n"]) -> Iterator[slice]:
-        """Yield slices of a block, one for each window of 0.1 s; an unknown time belongs to the window before."""
+        """Yield slices of a block's times (n,) [s], one for each window of 0.1 s; NaN belongs to the window before.
+
+        Raises:
+            InputError: the times have another shape.
+        """
         time = shaped(time, (None,), "time")
         if not len(time):
             return
@@ -112,15 +115,15 @@ class DriftTracker:
 
     @staticmethod
     def kelvin(channels: Mapping[str, np.ndarray]) -> float:
-        """Return the first sample's temperature [K or degrees C] from channels by name; NaN without that channel."""
+        """Return the first sample's temperature [K or degrees C]; NaN if the channels have none."""
         return float(channels[TEMPERATURE].flat[0]) if TEMPERATURE in channels else np.nan
 
     def enter(self, time: float, kelvin: float = np.nan) -> bool:
-        """Announce the time [s] of the next samples; return whether another window begins, which ends the one before.
+        """Announce the next samples; return whether another window begins, which ends the one before.
 
         Args:
             time: [s] of the first of them.
-            kelvin: temperature of the sensor then [K or degrees C]; NaN: unchanged.
+            kelvin: temperature of the sensor [K or degrees C]; NaN: unchanged.
         """
         if self.sensor.zeros_taken != self._taken:
             self.restart()
@@ -149,11 +152,11 @@ class DriftTracker:
         """Add n samples to the window that was entered.
 
         Args:
-            time: [s] of each sample, or of one.
+            time: (n,) [s] of each sample, or a number for one.
             kept: (n, k) result of `FollowedSensor.kept` for them.
             touched: whether a skin over the complete body feels a touch; None: there is no skin.
         """
-        self._times.append(np.array([time]) if isinstance(time, float) else np.array(time, dtype=np.float64))
+        self._times.append(np.array(time, dtype=np.float64, ndmin=1))
         self._parts.append(kept)
         if touched is not None:
             self._touched = touched or bool(self._touched)
@@ -190,8 +193,7 @@ class DriftTracker:
 
     def restart(self) -> None:
         """Begin anew after another tare of the sensor; the windows so far are decided on first."""
-        self.close()
-        self._finish()
+        self.finish()
         ready = self._ready
         self.reset()
         self._ready = ready
@@ -199,21 +201,23 @@ class DriftTracker:
     def finish(self) -> None:
         """End the log: decide on all windows, so that `settled` yields their biases."""
         self.close()
-        self._finish()
+        self._pass(self.gate.finish())
+        if self.smooth:
+            self._smooth(len(self._nodes))
 
     def at(self, time: float) -> ZeroState:
         """Return the bias at a time [s] as a `ZeroState`, at the temperature of the window that was entered."""
         return self._warmed(self.filter.at(time), self._kelvin)
 
     def settled(self) -> Iterator[ZeroState]:
-        """Yield each smoothed bias, a `ZeroState`, one for each window with samples, as far as they are known."""
+        """Yield the smoothed bias of each window with samples, a `ZeroState`, as far as they are known."""
         while self._ready:
             yield self._ready.popleft()
 
     def both_sides(self, pieces: Iterable[tuple[Recording, bool | None, T]]) -> Iterator[tuple[T, ZeroState | None]]:
-        """Yield (item, `ZeroState` or None) for each piece of a log, in order, once enough later samples are known.
+        """Yield (item, smoothed bias) for each piece of a log, in order, once enough later samples are known.
 
-        The state is the smoothed bias of the piece's window; None if no window has samples.
+        The bias is the `ZeroState` of the piece's window; None if no window has samples.
 
         Args:
             pieces: (samples of one window or a part of it, `touched` as in `add`, the item to yield).
@@ -245,7 +249,7 @@ class DriftTracker:
         return self._record.value()
 
     def notes(self) -> tuple[str, ...]:
-        """Return a tuple of sentences: how far the bias was followed, and the share of the time in which it was not."""
+        """Return how far the bias was followed, and the share of the time in which it was not, a tuple of sentences."""
         said = self._record.notes(self.gate.jumps)
         if self._warms and said and np.isnan(self._first_kelvin):
             return (
@@ -257,11 +261,6 @@ class DriftTracker:
     def warnings(self) -> tuple[str, ...]:
         """Return warnings of changes not followed and of a bias rarely followed, a tuple of sentences or ()."""
         return self._record.warnings(self.gate.jumps)
-
-    def _finish(self) -> None:
-        self._pass(self.gate.finish())
-        if self.smooth:
-            self._smooth(len(self._nodes))
 
     def _nothing(self) -> tuple[np.ndarray, ...]:
         m, q = self.filter.channels, self.filter.known - self.filter.channels

@@ -86,19 +86,19 @@ def require_batch(array: np.ndarray, batch: tuple[int, ...], name: str) -> None:
         raise InputError(f"{name} must have shape {shapes}, not {array.shape}.") from problem
 
 
-def require_out(out: np.ndarray, shape: Shape, name: str = "out") -> None:
+def require_out(out: np.ndarray, shape: Shape, name: str = "out", dtype: np.dtype[Any] = FLOAT) -> None:
     """Require an array that a compiled loop can write into.
 
     Raises:
-        InputError: `out` is not an array of float64 and this shape, contiguous, aligned and writable.
+        InputError: `out` is not an array of this type and shape, contiguous, aligned and writable.
     """
-    if type(out) is np.ndarray and out.dtype == FLOAT and out.flags.carray:
+    if type(out) is np.ndarray and out.dtype == dtype and out.flags.carray:
         if _fits(out.shape, shape):
             return
         raise InputError(f"{name} must have shape {_said(shape)}, not {out.shape}.")
-    seen = [f"{name} {getattr(out, name)}" for name in ("dtype", "shape", "strides") if hasattr(out, name)]
+    seen = [f"{each} {getattr(out, each)}" for each in ("dtype", "shape", "strides") if hasattr(out, each)]
     raise InputError(
-        f"{name} must be a writable, contiguous array of float64 and shape {_said(shape)}, "
+        f"{name} must be a writable, contiguous array of {dtype} and shape {_said(shape)}, "
         f"not {type(out).__name__} {', '.join(seen)}."
     )
 
