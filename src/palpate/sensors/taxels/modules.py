@@ -27,7 +27,10 @@ class ModuleLayout(Value):
 
     Attributes:
         places: (k, 2) [m] in the plane of each taxel's module, about its middle; NaN for an index without a taxel.
-        module: (k,) the index of each taxel's module; -1: none.
+        module: (k,) index of each taxel's module; -1: none.
+
+    Raises:
+        InputError: places are not (k, 2), or `module` is not of k taxels.
     """
 
     places: Float[np.ndarray, "k 2"]
@@ -48,12 +51,12 @@ class ModuleLayout(Value):
 
     @property
     def modules(self) -> int:
-        """Return the number of modules."""
+        """Return one more than the largest index of a module."""
         return int(self.module.max(initial=-1)) + 1
 
     @classmethod
     def repeated(cls, places: Float[np.ndarray, "t 2"], modules: int) -> ModuleLayout:
-        """Return a `ModuleLayout` of n equal modules with taxel places (t, 2) [m], numbered one after the other.
+        """Return the `ModuleLayout` of equal modules with taxel places (t, 2) [m], numbered one after the other.
 
         Raises:
             InputError: a number of modules that is negative or above 10,000.
@@ -64,11 +67,11 @@ class ModuleLayout(Value):
 
     @classmethod
     def of(cls, places: TaxelPlaces, *, bent: bool = False) -> ModuleLayout:
-        """Return a `ModuleLayout` from taxel places, as of CAD, projected onto the plane that fits each module best.
+        """Return the `ModuleLayout` of taxel places, each module laid into the plane that fits it best.
 
         Args:
             places: places of taxels with modules.
-            bent: modules follow their link, as far as these places do: laid flat they are longer than seen from above.
+            bent: flatten modules that are bent as their link is, instead of projecting them.
         """
         flat = np.full((len(places), 2), np.nan)
         module = np.where(places.there, places.module, -1)
@@ -137,4 +140,4 @@ LAYOUTS: dict[str, Float[np.ndarray, "t 2"]] = {
     "triangle10": _lattice(),
     "triangle10+2": _alive(_lattice(), (6, 10)),
 }
-"""Name -> places (t, 2) [m] of the taxels of one module, NaN for an index that has no taxel."""
+"""Name -> places (t, 2) [m] of the taxels of one module, NaN for an index without a taxel."""

@@ -39,14 +39,14 @@ _NAMED = re.compile(rb"\s*(?:name\s|spatial_sampling\s|taxel2Repr\b|\[calibratio
 
 
 def read_taxel_places(path: str | Path) -> TaxelPlaces:
-    """Read `TaxelPlaces` [m] from any supported file: the model, iCub's positions, a table, or a URDF's frames.
+    """Return the `TaxelPlaces` of a file: the model, iCub's positions, a table, or a URDF's frames.
 
-    A table has columns x, y, z and, where they are known, nx, ny, nz and module; if it states a unit (`x [mm]`,
-    `x_mm`), it is converted. In iCub's files rows of zeros are indices without a taxel; normals that are zero, or equal
-    all over a body that is not flat, are not known.
+    A table has columns x, y, z and, where known, nx, ny, nz and module, in metres or a unit that it states (`x [mm]`,
+    `x_mm`). In iCub's files rows of zeros are indices without a taxel; normals that are zero, or equal all over a body
+    that is not flat, are not known.
 
     Raises:
-        InputError: a missing file or another kind of file, or content that cannot be right.
+        InputError: the file cannot be read, is of another kind, has no taxels, or taxels over 10 m from each other.
     """
     path = Path(path)
     with open_input(path) as file:
@@ -69,7 +69,7 @@ def holds_taxels(path: Path) -> bool:
     """Return whether a file other than TOML looks like taxel places, and not like a log.
 
     Raises:
-        InputError: the file cannot be opened.
+        InputError: the file cannot be read.
     """
     with open_input(path) as file:
         head = read_some(file, path, 1 << 20).removeprefix(b"\xef\xbb\xbf")
@@ -92,7 +92,7 @@ def holds_taxels(path: Path) -> bool:
 
 
 def write_taxel_places(path: str | Path, places: TaxelPlaces, *, name: str = "skin") -> None:
-    """Write taxel places in the format of the suffix; all but the model store only places, normals and modules.
+    """Write taxel places in the format of the suffix; all but .toml store only places, normals and modules.
 
     Args:
         path: .toml, .txt, .csv or .urdf.
@@ -224,8 +224,9 @@ def _read_table(path: Path) -> TaxelPlaces:
     module = np.full(len(positions), -1)
     if "module" in columns:
         given = np.nan_to_num(table.numbers([columns["module"]], strict=True)[0][:, 0], nan=-1.0)
-        if (given != np.round(given)).any() or (given < -1).any():
-            table.refuse(int(np.argmax((given != np.round(given)) | (given < -1))), "module must be a whole number")
+        odd = (given != np.round(given)) | (given < -1)
+        if odd.any():
+            table.refuse(int(np.argmax(odd)), "module must be a whole number, -1: none")
         module = given.astype(np.int64)
     normals, notes = _unit_normals(positions, normals)
     return TaxelPlaces(positions, normals, module=module, notes=notes)
@@ -237,7 +238,7 @@ def _read_urdf(content: bytes, path: Path) -> TaxelPlaces:
         root = ElementTree.fromstring(b"<fragment>" + re.sub(rb"<\?xml.*?\?>", b"", content) + b"</fragment>")
     except ElementTree.ParseError as problem:
         raise InputError(f"cannot be read as XML ({problem}).", where=str(path)) from problem
-    numbered, modules = dict[int, np.ndarray](), dict[int, int]()
+    numbered = dict[int, tuple[np.ndarray, int]]()
     for joint in root.iter("joint"):
         child, origin = joint.find("child"), joint.find("origin")
         match = re.fullmatch(r".*?(?:_module_(\d+))?_taxel_(\d+)", "" if child is None else child.get("link", ""))
@@ -245,8 +246,7 @@ def _read_urdf(content: bytes, path: Path) -> TaxelPlaces:
             continue
         try:
             six = [float(part) for key in ("xyz", "rpy") for part in origin.get(key, "0 0 0").split()]
-            numbered[int(match[2])] = np.array(six).reshape(2, 3)
-            modules[int(match[2])] = int(match[1] or -1)
+            numbered[int(match[2])] = np.array(six).reshape(2, 3), int(match[1] or -1)
         except ValueError as problem:
             raise InputError(
                 f"joint {joint.get('name')!r} has an <origin> that cannot be read: xyz and rpy are three numbers each.",
@@ -255,8 +255,9 @@ def _read_urdf(content: bytes, path: Path) -> TaxelPlaces:
     if not numbered:
         raise InputError("has no frames of taxels.", where=str(path), hint="Name their links ..._taxel_0, ..._taxel_1.")
     positions, normals = np.full((2, max(numbered) + 1, 3), np.nan)
-    for number, (xyz, (roll, pitch, yaw)) in numbered.items():
-        positions[number] = xyz
+    module = np.full(len(positions), -1)
+    for number, ((xyz, (roll, pitch, yaw)), of) in numbered.items():
+        positions[number], module[number] = xyz, of
         cosine, sine = np.cos([roll, pitch, yaw]), np.sin([roll, pitch, yaw])
         normals[number] = (
             cosine[2] * sine[1] * cosine[0] + sine[2] * sine[0],
@@ -264,7 +265,6 @@ def _read_urdf(content: bytes, path: Path) -> TaxelPlaces:
             cosine[1] * cosine[0],
         )
     normals, notes = _unit_normals(positions, normals)
-    module = np.array([modules.get(number, -1) for number in range(len(positions))])
     return TaxelPlaces(positions, normals, module=module, notes=notes)
 
 

@@ -31,15 +31,14 @@ def _taxel_places(taxels: Float[np.ndarray, "k 15"], **rest: Any) -> TaxelPlaces
 
 
 def _taxel_places_keys(places: TaxelPlaces) -> dict[str, Any]:
-    numbers = [places.module, places.pokes, places.relative]
-    table = [places.positions, places.normals, *(each[:, None] for each in numbers)]
-    table = np.concatenate([*table, places.covariance[:, _UPPER[0], _UPPER[1]]], axis=1)
+    numbers, upper = (places.module, places.pokes, places.relative), places.covariance[:, _UPPER[0], _UPPER[1]]
+    table = np.column_stack([places.positions, places.normals, *numbers, upper])
     same = ("reach", "noise", "notes", "configurations", "provenance")
     return {name: getattr(places, name) for name in same} | {"taxels": table}
 
 
 def of_taxels(places: TaxelPlaces) -> Lines:
-    """Return a list of (name, text) pairs on taxel places: taxels, modules, normals, standard deviations."""
+    """Return (name, text) pairs on taxel places: taxels, modules, normals, and what is known of their errors."""
     there, deviation = places.there, places.deviations()
     count, known = np.count_nonzero(there), np.isfinite(deviation) & there
     absent = f", {len(places) - count} numbers without one" if count < len(places) else ""
