@@ -157,14 +157,12 @@ class _Reader:
             if is_dataclass(option) and isinstance(value, dict):
                 table, kind = cast("dict[str, Any]", value), cast("type[Any]", option)
                 return parse(table, kind, file=self.file, key=key, forms=self.forms)
-            if get_origin(option) is tuple and isinstance(value, list):
-                items, tuples = cast("list[Any]", value), [each for each in _options(hint) if get_origin(each) is tuple]
-                fitting = [each for each in tuples if _lists(each) == any(isinstance(item, list) for item in items)]
-                return self._tuple(items, (fitting or tuples)[0], key)
-            if _is_array(option) and isinstance(value, list):
-                rows, shapes = cast("list[Any]", value), [each for each in _options(hint) if _is_array(each)]
-                fitting = [each for each in shapes if _nested(each) == any(isinstance(row, list) for row in rows)]
-                return self._array(rows, (fitting or shapes)[0], key)
+            read = self._array if _is_array(option) else self._tuple if get_origin(option) is tuple else None
+            if read is not None and isinstance(value, list):
+                items = cast("list[Any]", value)
+                alike = [each for each in _options(hint) if _is_array(each) or get_origin(each) is tuple]
+                fitting = [each for each in alike if _nested(each) == any(isinstance(item, list) for item in items)]
+                return read(items, (fitting or alike)[0], key)
             if option is float and type(value) in (int, float):
                 return self._number(value, key)
             if option is int and type(value) is int:
@@ -240,14 +238,9 @@ def _is_array(option: Any) -> bool:
     return isinstance(option, type) and issubclass(option, AbstractArray)
 
 
-def _lists(hint: Any) -> bool:
-    """Check whether an annotation is a tuple of tuples."""
-    return get_origin(get_args(hint)[0]) is tuple
-
-
 def _nested(hint: Any) -> bool:
-    """Check whether an annotation is an array of two axes."""
-    return len(hint.dim_str.split()) == 2
+    """Check whether an annotation is an array of two axes, or a tuple of tuples."""
+    return len(hint.dim_str.split()) == 2 if _is_array(hint) else get_origin(get_args(hint)[0]) is tuple
 
 
 def _leaf(hint: type[AbstractArray]) -> type:
@@ -276,7 +269,7 @@ def _named(option: Any) -> str:
     if get_origin(option) is tuple:
         kinds = get_args(option)
         count = "" if kinds[-1] is Ellipsis else f"{len(kinds)} "
-        inner = "lists" if get_origin(kinds[0]) is tuple else "texts" if kinds[0] is str else "numbers"
+        inner = "lists" if _nested(option) else "texts" if kinds[0] is str else "numbers"
         return f"a list of {count}{inner}"
     return _NAMES.get(get_origin(option) or option, str(option))
 

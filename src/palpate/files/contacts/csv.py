@@ -85,11 +85,8 @@ def read_csv(path: Path) -> Contacts:
 def require_columns(path: Path, names: list[str] | tuple[str, ...]) -> None:
     """Raise an InputError if a column of a contacts.csv is missing from `names`."""
     if missing := [name for name in COLUMNS if name not in names]:
-        raise InputError(
-            f"is not a contacts.csv: there is no column {missing[0]!r}.",
-            where=str(path),
-            hint="`palpate estimate` writes one.",
-        )
+        what = f"is not a contacts.csv: there is no column {missing[0]!r}."
+        raise InputError(what, where=str(path), hint="`palpate estimate` writes one.")
 
 
 def noted(contacts: Contacts, note: str) -> Contacts:
@@ -125,9 +122,5 @@ def _statuses(table: TextTable) -> np.ndarray:
     codes = text.replace_strict(LABELS, range(len(LABELS)), default=None, return_dtype=pl.Int8)
     if codes.null_count():
         at = int(np.flatnonzero(codes.is_null().to_numpy())[0])
-        raise InputError(
-            f"unknown status {text[at]!r}.",
-            where=f"{table.path}, line {table.lines[at]}",
-            hint=near(str(text[at]), LABELS),
-        )
+        table.refuse(at, f"unknown status {text[at]!r}", near(str(text[at]), LABELS))
     return codes.to_numpy().copy()

@@ -74,13 +74,9 @@ float64[9] covariance # of the point, m^2, row by row
 _STATUS = "uint8 status\n"
 KIND = "palpate_msgs/msg/Contact"
 _CONTACT_FIELDS: Fields = (
-    ("sample", "<i8", ()),
-    ("contact", "<i8", ()),
-    ("candidates", "<i8", ()),
+    *((name, "<i8", ()) for name in ("sample", "contact", "candidates")),
     ("time", "<f8", ()),
-    ("point", "<f8", (3,)),
-    ("normal", "<f8", (3,)),
-    ("force", "<f8", (3,)),
+    *((name, "<f8", (3,)) for name in ("point", "normal", "force")),
     ("torque", "<f8", ()),
     ("covariance", "<f8", (3, 3)),
 )
@@ -140,11 +136,8 @@ class ContactMessages:
         placed = np.flatnonzero(np.isfinite(np.hstack([estimate.point, estimate.normal])).all(axis=1))
         raw, messages = made(self._kinds, [stamps, stamps[placed], stamps[placed]])
         everything, pose, wrench = messages
-        everything["sample"], everything["contact"], everything["time"] = (
-            contacts.sample,
-            contacts.identity,
-            contacts.time,
-        )
+        everything["sample"], everything["contact"] = contacts.sample, contacts.identity
+        everything["time"] = contacts.time
         for name in ("point", "normal", "force", "torque", "covariance", "candidates", "status"):
             everything[name] = getattr(estimate, name)
         for name in self._features:
@@ -199,9 +192,7 @@ def from_messages(payloads: np.ndarray, features: tuple[str, ...] = ()) -> Conta
 def _z_to(normal: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 4"]:
     """Return the shortest rotations (n, 4), x, y, z, w, that turn z into `normal`; for -z, half a turn about x."""
     x, y, z = normal[:, 0], normal[:, 1], normal[:, 2]
-    above: Float[np.ndarray, " n"] = np.where(
-        z > 0, 1 + z, (x * x + y * y) / (1 - z.clip(max=0))
-    )  # 1 + z, without cancellation near z = -1
+    above = np.where(z > 0, 1 + z, (x * x + y * y) / (1 - z.clip(max=0)))  # 1 + z, without cancellation near z = -1
     quaternion = np.stack([-y, x, np.zeros_like(x), above], axis=1)
     length = np.linalg.norm(quaternion, axis=1, keepdims=True)
     return np.where(length > 0, quaternion, [1.0, 0.0, 0.0, 0.0]) / np.where(length > 0, length, 1.0)

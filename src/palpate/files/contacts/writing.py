@@ -24,15 +24,7 @@ from palpate.files.contacts.mcap import ContactMessages, topics
 from palpate.files.contacts.reading import contact_blocks
 from palpate.files.mcap.writer import McapWriter
 
-__all__ = [
-    "ContactsWriter",
-    "contact_blocks",
-    "open_contacts",
-    "read_contacts",
-    "require_format",
-    "unfinished",
-    "write_contacts",
-]
+__all__ = ["ContactsWriter", "open_contacts", "read_contacts", "require_format", "unfinished", "write_contacts"]
 
 _SMALL = 4096  # rows up to which Parquet files grow, should blocks be small
 _GROUP = 20_000  # rows of a group in the joined Parquet file: memory is a few of them
@@ -116,10 +108,9 @@ class _Parquet:
     def finish(self) -> None:
         if files := sorted(self._folder.glob("*.parquet")):
             beside = self._folder / f"joined{PART}"  # renamed to `WHOLE` only once it is complete
+            rows = pl.scan_parquet(files, glob=False)
             with _of_the_system():
-                pl.scan_parquet(files, glob=False).sink_parquet(
-                    beside, compression="zstd", compression_level=1, row_group_size=_GROUP
-                )
+                rows.sink_parquet(beside, compression="zstd", compression_level=1, row_group_size=_GROUP)
             beside.replace(self._folder / WHOLE)
         else:
             self._rows.write_parquet(self._folder / WHOLE)
@@ -173,11 +164,8 @@ def require_format(path: Path) -> None:
         InputError: the suffix is unknown; the hint lists the known ones.
     """
     if path.suffix.lower() not in _SINKS:
-        raise InputError(
-            f"contacts cannot be written to a file that ends in {path.suffix!r}.",
-            where=str(path),
-            hint=f"Use one of {', '.join(_SINKS)}.",
-        )
+        what = f"contacts cannot be written to a file that ends in {path.suffix!r}."
+        raise InputError(what, where=str(path), hint=f"Use one of {', '.join(_SINKS)}.")
 
 
 @contextmanager

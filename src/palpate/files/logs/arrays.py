@@ -40,13 +40,13 @@ _DAMAGED = (
 
 
 class ArrayLog(ColumnLog):
-    """A log in a NumPy file, with as many samples as the arrays have rows; a damaged file cannot be read at all."""
+    """A log in a NumPy file, with as many samples as the arrays have rows."""
 
     def contents(self) -> LogContents:
-        """Return `LogContents` with the names and sample shapes of the arrays, from their headers.
+        """Return the names and sample shapes of the arrays, from their headers.
 
         Raises:
-            InputError: the file is damaged, or holds Python objects.
+            InputError: the file does not exist, is damaged, or holds Python objects.
         """
         with self._reading(), open_input(self.path) as file:
             if file.read(len(_MAGIC)) == _MAGIC:
@@ -55,15 +55,15 @@ class ArrayLog(ColumnLog):
             else:
                 with ZipFile(file) as archive:
                     names = [name for name in archive.namelist() if name.endswith(".npy")]
-                    heads = {name.removesuffix(".npy"): _opened_head(archive, name) for name in names}
+                    heads = {name.removesuffix(".npy"): _head(archive.open(name)) for name in names}
         return LogContents(self.path, {name: _sample(shape) for name, shape in heads.items() if shape})
 
     def blocks(self) -> Iterator[Recording]:
         """Yield the rows as recordings in SI.
 
         Raises:
-            InputError: the layout does not fit the arrays, they differ in length, are empty or no numbers, or the file
-                is damaged.
+            InputError: the layout does not fit the arrays; they differ in length, are empty or no numbers; or the file
+                does not exist or is damaged.
         """
         shapes = self.contents().names
         if self._layout.rate is None and self._layout.time not in shapes:
@@ -107,7 +107,7 @@ class ArrayLog(ColumnLog):
 
 @runtime_checkable
 class DataFrame(Protocol):
-    """A table of polars or pandas: `columns` are the names, and indexing by a name gives a column."""
+    """A table of polars or pandas."""
 
     @property
     def columns(self) -> Any:
@@ -120,9 +120,9 @@ class DataFrame(Protocol):
 
 
 def arrays_of(log: DataFrame | Mapping[str, Any] | np.ndarray) -> dict[str, np.ndarray]:
-    """Return a dict of name -> array: the columns of a table, or the given arrays; dates become seconds since 1970.
+    """Return the columns of a table, or the given arrays, by name; dates become seconds since 1970.
 
-    A single array is named "array", like that of an .npy.
+    A single array is called "array".
     """
     if isinstance(log, np.ndarray):
         return {SINGLE: log}
@@ -142,7 +142,7 @@ class HeldLog(ArrayLog):
         self._held = arrays
 
     def contents(self) -> LogContents:
-        """Return `LogContents` with the names and sample shapes of the arrays.
+        """Return the names and sample shapes of the arrays.
 
         Raises:
             InputError: there is no array, or one is a single number.
@@ -155,11 +155,6 @@ class HeldLog(ArrayLog):
 
     def _loaded(self, names: Sequence[str]) -> dict[str, np.ndarray]:
         return {name: self._held[name] for name in names}
-
-
-def _opened_head(archive: ZipFile, name: str) -> tuple[int, ...]:
-    with archive.open(name) as file:
-        return _head(file)
 
 
 def _head(file: Any) -> tuple[int, ...]:

@@ -94,7 +94,7 @@ class Columns:
 
 
 class ColumnLog(Log):
-    """A log of columns: one sample per row, in their order; what cannot be read is NaN and noted."""
+    """Base class of the logs of columns: one sample per row, in order; what cannot be read is NaN and noted."""
 
     def __init__(self, path: Path, layout: LogLayout) -> None:
         super().__init__(path, path.stat().st_size if path.exists() else 0)
@@ -102,7 +102,7 @@ class ColumnLog(Log):
         self._columns: Columns | None = None
 
     def notes(self) -> tuple[str, ...]:
-        """Return the notes on the columns read so far, one sentence each."""
+        """Return notes on the columns read so far, one sentence each."""
         return () if self._columns is None else tuple(dict.fromkeys(self._columns.notes()))
 
     def _cut(self, columns: Columns, arrays: Mapping[str, np.ndarray], before: int, total: int) -> Iterator[Recording]:

@@ -24,13 +24,11 @@ Read = tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n k"], Bool[np.ndarray, "
 
 
 def joint_positions(messages: MessageBlock, topic: Topic, wanted: Sequence[str]) -> Read:
-    """Read stamps (n,) [ns] and positions (n, k) [rad, m] of the wanted joints; NaN for those not in the message.
-
-    Each message may name its joints in another order; those with the same list of names are read at once.
+    """Return the stamps of messages of joint states, and the positions of the wanted joints in them.
 
     Returns:
-        Stamps, positions, and two bools for each message, (n,): True where it could be read, and True where it
-        names a wanted joint.
+        Stamps (n,) [ns]; positions (n, k) [rad, m], NaN where a message lacks a joint or cannot be read; a mask (n,),
+        True where it can be read; a mask (n,), True where it names a wanted joint, or none is wanted.
     """
     cursor = Cursor(messages, topic.encoding)
     stamp, count = cursor.stamp(), cursor.number()
@@ -72,7 +70,7 @@ def joint_stamps(messages: MessageBlock, topic: Topic) -> Int[np.ndarray, " n"]:
 
 
 def joint_names(messages: MessageBlock, topic: Topic) -> list[str]:
-    """Return the names of the joints in the first readable message; an empty list if no message is readable."""
+    """Return the names of the joints in the first readable message; [] if no message is readable."""
     cursor = Cursor(messages, topic.encoding)
     cursor.stamp()
     count = cursor.number()
@@ -94,7 +92,14 @@ def _listed(cursor: Cursor, count: int) -> tuple[list[str] | None, int]:
 
 
 class JointPoses:
-    """The pose of one link in another from joint states; a `PoseSource` of `palpate.files.logs.topic_log`."""
+    """The pose of one link in another over time, computed from joint states.
+
+    Args:
+        topic: of the joint states.
+        kinematics: of the two links.
+        track: receives the poses.
+        stamped: take times from the headers; else those at which the messages were recorded.
+    """
 
     def __init__(self, topic: Topic, kinematics: Kinematics, track: PoseTrack, *, stamped: bool) -> None:
         self.topics, self.track = (topic,), track
@@ -103,10 +108,10 @@ class JointPoses:
         self._lacks = dict[str, None]()
 
     def add(self, messages: MessageBlock) -> None:
-        """Read the joint states in a block of the log, and add the poses to the track.
+        """Add the poses in a block of messages to the track.
 
         Raises:
-            InputError: most positions of a joint exceed a turn: they are in degrees.
+            InputError: most positions of a limited revolute joint exceed a turn: they seem to be in degrees.
         """
         topic, joints = self.topics[0], self._kinematics.joints
         own = messages.of(topic)
@@ -144,10 +149,15 @@ class JointPoses:
 
 
 def joint_topic(topics: Sequence[Topic], name: str | None, where: str) -> Topic:
-    """Return the `Topic` of joint states called `name`, or the only topic of joint states if `name` is None.
+    """Return the topic of joint states called `name`, or the only one if `name` is None.
+
+    Args:
+        topics: of the log.
+        name: of a topic.
+        where: path of the log, for the message.
 
     Raises:
-        InputError: there is no such topic, or there are several and `name` is None.
+        InputError: there is no such topic, or there are several.
     """
     fitting = [topic for topic in topics if topic.kind == JOINTS and topic.encoding in ("cdr", "ros1")]
     found = [topic for topic in fitting if topic.name == name] if name is not None else fitting

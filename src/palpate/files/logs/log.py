@@ -1,4 +1,4 @@
-"""Define the interfaces of logs and of message files, which can be read in blocks, any number of times."""
+"""Define the interface of logs, which can be read in blocks, any number of times."""
 
 from __future__ import annotations
 
@@ -44,10 +44,10 @@ class LogContents:
         path: of the log.
         names: column -> (), array of a NumPy file -> the shape of one sample; empty for a log with topics.
         topics: of an MCAP file or a bag.
+        torn: sentence on where the file was cut, as far as it was read; "" if it was not.
         duration: [s] of a log with topics; 0 if the file does not state it.
-        torn: sentence on where the file was cut, as far as it was read.
         stated: units and rate that a table states.
-        written: how a text differs from a plain table, in words.
+        written: how a text differs from a plain table, in words; "" if it does not.
         images: of a video or a folder of images, which has no names and no topics.
     """
 
@@ -66,10 +66,10 @@ class Log(Watched, ABC):
 
     @abstractmethod
     def contents(self) -> LogContents:
-        """Return `LogContents`, for any layout; only an MCAP file without an index is read completely for it.
+        """Return what is known of the log before its samples are read, whatever the layout.
 
         Raises:
-            InputError: the log cannot be read.
+            InputError: the log cannot be read, or needs a library that is not installed.
         """
 
     @abstractmethod
@@ -77,14 +77,15 @@ class Log(Watched, ABC):
         """Yield the samples from the start, in the order of the file, each once, in recordings of arbitrary length.
 
         Raises:
-            InputError: something that the layout requests is missing.
+            InputError: the log cannot be read, or something that the layout requests is missing.
         """
 
     def stored(self) -> Iterator[Stored]:
-        """Yield times (n,) [s] and frames (n, k) of taxels, in their stored type if that is faster, as integers may be.
+        """Yield times (n,) [s] and frames (n, k) of taxels, in their stored type where that is faster.
 
         Raises:
             InputError: the log cannot be read, or something that the layout requests is missing.
+            KeyError: the layout requests no taxels.
         """
         for block in self.blocks():
             yield block.time, block.channels[CELLS].reshape(len(block), -1)
@@ -92,10 +93,10 @@ class Log(Watched, ABC):
     def merged_with(self, frames: Log) -> Iterator[Recording | Stored]:
         """Yield the `blocks` of this log and the `stored` of `frames`, the same file in another layout.
 
-        Items are recordings, or pairs of times (n,) [s] and frames (n, k). The file is read in one pass if possible.
+        Items are recordings, or pairs of times (n,) [s] and frames (n, k).
 
         Raises:
-            InputError: something that one of the layouts requests is missing.
+            InputError: the file cannot be read, or lacks something that one of the layouts requests.
         """
         yield from self.blocks()
         yield from frames.stored()

@@ -23,13 +23,13 @@ PIECE = 1 << 17  # rows: each piece reads the file's own group of rows again, so
 
 
 class ParquetLog(ColumnLog):
-    """A log in a Parquet file; a damaged file cannot be read at all."""
+    """A log in a Parquet file."""
 
     def contents(self) -> LogContents:
-        """Return `LogContents` with the names of the columns and the units in them.
+        """Return the names of the columns and the units in them.
 
         Raises:
-            InputError: the file is damaged.
+            InputError: the file does not exist or is damaged.
         """
         open_input(self.path).close()
         with self._reading():
@@ -40,8 +40,8 @@ class ParquetLog(ColumnLog):
         """Yield the rows as recordings in SI.
 
         Raises:
-            InputError: the file is damaged or has no rows, a column is not numbers or dates, or the layout does not
-                fit.
+            InputError: the file does not exist, is damaged or has no rows; a column is not numbers or dates; or the
+                layout does not fit.
         """
         open_input(self.path).close()
         with self._reading():

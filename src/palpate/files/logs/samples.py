@@ -59,12 +59,15 @@ class SampleReader:
         self._infinite = self._none = self._far = 0
 
     def block(self, time: Float[np.ndarray, " n"], read: Mapping[str, np.ndarray]) -> Recording:
-        """Return the next samples as a `Recording` in SI.
+        """Return the next samples in SI.
 
         Args:
-            time: [s].
+            time: (n,) [s].
             read: name -> numbers as recorded: `WRENCH`, arrays and other channels, (n, k) each; or `IMAGE`, (n, height,
                 width, 3). The caller must not use the arrays afterwards.
+
+        Raises:
+            KeyError: an array of the layout is not in `read`.
         """
         time = np.where(np.abs(time) <= LATEST, time, np.nan)
         channels: dict[str, np.ndarray] = {}
@@ -89,10 +92,10 @@ class SampleReader:
         return Recording(sealed(time, own=True), channels, frame=self._frame, source=self._source)
 
     def readings(self, values: np.ndarray) -> np.ndarray:
-        """Convert readings of a stream, (n, k) as recorded, to the input of the sensor's update, (n, ...) in SI.
+        """Return readings of a stream, (n, k) as recorded, in SI, as the sensor's update takes them, (n, ...).
 
-        The bits are those of `block`. If an array and a wrench are read, (n, k + 7), the wrench follows the array, then
-        the number of readings of which it is the mean.
+        The bits are those of `block`. If an array and a wrench are read, both sides have the array first, then the
+        wrench (6), then the number of readings of which it is the mean.
         """
         if self._both:
             array = self._scaled(self._arrays[0], values[:, :-7].copy()).reshape(len(values), -1)
@@ -104,7 +107,7 @@ class SampleReader:
         return values if not self._arrays else self._scaled(self._arrays[0], values.reshape(len(values), -1))
 
     def recorded(self, limits: Sequence[float]) -> Float[np.ndarray, "6"]:
-        """Return the magnitudes (6,), in the log's columns and units, of limits [N, N m] along the sensor's axes."""
+        """Return limits (6,) [N, N m] along the sensor's axes as magnitudes (6,) in the log's columns and units."""
         made = np.empty(6)
         made[self._picked] = np.abs(np.asarray(limits) / self._factors)
         return made
@@ -157,7 +160,7 @@ class SampleReader:
 
 
 def rows_at_once(most: int, width: int, numbers: int = NUMBERS) -> int:
-    """Return the number of rows of `width` numbers to process at once: `most`, or fewer so that `numbers` suffice."""
+    """Return how many rows of `width` numbers to process at once: `most`, or at least 1 with `numbers` in all."""
     return max(1, min(most, numbers // max(width, 1)))
 
 

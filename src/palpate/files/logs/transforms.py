@@ -29,13 +29,13 @@ _FORMS = 32  # forms of messages of one length that are looked for among all of 
 
 @dataclass(frozen=True)
 class Transforms:
-    """The transforms in some messages, one per row.
+    """The m transforms in some messages, one per row.
 
     Attributes:
-        parent, child: numbers of the frames' names.
-        stamp: [ns] of each header.
-        message: index of the message that contains it.
-        values: position [m] and quaternion x, y, z, w of the child in the parent.
+        parent, child: (m,) numbers of the frames' names.
+        stamp: (m,) [ns] of the headers.
+        message: (m,) index of the message that contains each.
+        values: (m, 7) position [m] and quaternion x, y, z, w of the child in the parent.
     """
 
     parent: Int[np.ndarray, " m"]
@@ -45,7 +45,7 @@ class Transforms:
     values: Float[np.ndarray, "m 7"]
 
     def edges(self) -> Iterator[tuple[int, int, Int[np.ndarray, " k"]]]:
-        """Yield the numbers of parent and child, and the indices (k,) of the rows of each edge, in their order."""
+        """Yield, edge by edge, the numbers of parent and child, and the indices (k,) of its rows, in their order."""
         key = (self.parent << 32) + self.child
         order = np.argsort(key, kind="stable")
         starts = np.flatnonzero(np.diff(key[order], prepend=-1))
@@ -56,13 +56,10 @@ class Transforms:
 def transforms(
     messages: MessageBlock, topic: Topic, names: dict[str, int]
 ) -> tuple[Transforms, Bool[np.ndarray, " n"]]:
-    """Read all `Transforms` in some messages, in order; return them, and a bool (n,), True for each readable message.
-
-    A publisher sends the same frames again and again, so that its messages differ only in stamps and numbers: the first
-    is parsed, and those of the same form are read at once.
+    """Return all transforms in some messages, in order, and a mask (n,), True for each readable message.
 
     Args:
-        messages: of the topic.
+        messages: n messages of the topic.
         topic: of a type of `TREES`.
         names: frame, without a leading slash -> its number; new frames are added.
     """
@@ -199,7 +196,13 @@ class SeenEdge:
     constant: Float[np.ndarray, "7"] | None = None
 
     def add(self, values: Float[np.ndarray, "k 7"], stamp: Int[np.ndarray, " k"], *, static: bool) -> None:
-        """Add transforms (k, 7) with stamps (k,) [ns]; invalid ones are not used."""
+        """Add transforms (k, 7) with stamps (k,) [ns]; those that are not finite, or no rotation, only count.
+
+        Args:
+            values: position [m] and quaternion x, y, z, w of each.
+            stamp: of each.
+            static: they are from /tf_static.
+        """
         fine = values[sound_quaternions(values[:, 3:]) & np.isfinite(values).all(axis=1)]
         if static and len(fine):
             self.constant = fine[-1]
@@ -214,7 +217,7 @@ class SeenEdge:
 
     @property
     def holds(self) -> bool:
-        """True if the edge is one pose for the complete log: it is on /tf_static, and /tf does not differ."""
+        """True if the edge is one pose in the complete log: it is on /tf_static, and /tf does not differ."""
         return self.constant is not None and not self.contradicted
 
     @property
@@ -256,9 +259,11 @@ class TransformTree:
                 seen.add(rows.values[which], rows.stamp[which], static=_static(topic))
 
     def tree(self, offset: float = 0.0, max_gap: float = 0.25) -> FrameTree:
-        """Return a `FrameTree` with constant poses, and with an empty track for each edge that may move.
+        """Return the tree with constant poses, and with an empty `PoseTrack` for each edge that is on /tf.
 
-        An edge of /tf that did not move in the log is interpolated over gaps of any length.
+        Args:
+            offset: [s] of the tracks.
+            max_gap: [s] of the tracks of edges that move; those of others interpolate over any gap.
         """
         made = FrameTree()
         for (parent, child), seen in self.edges.items():
@@ -269,13 +274,13 @@ class TransformTree:
         return made
 
     def moving(self, frames: Sequence[str]) -> list[tuple[str, str]]:
-        """Return a list of the edges (parent, child) between neighbours in `frames` that move."""
+        """Return the edges (parent, child) between neighbours in `frames` that move."""
         pairs = {frozenset(pair) for pair in pairwise(frames)}
         return [edge for edge, seen in self.edges.items() if seen.moves and frozenset(edge) in pairs]
 
 
 def tree_topics(topics: Sequence[Topic]) -> list[Topic]:
-    """Return a list of those topics that hold transforms and can be read."""
+    """Return those topics that hold transforms and can be read."""
     return [topic for topic in topics if topic.kind in TREES and topic.encoding in ("cdr", "ros1")]
 
 
@@ -284,7 +289,7 @@ def _static(topic: Topic) -> bool:
 
 
 def read_frames(source: MessageFile, topics: Sequence[Topic]) -> TransformTree:
-    """Read the topics of transforms in the complete file, and return their `TransformTree`.
+    """Read the topics of transforms in the complete file, and return their tree.
 
     Raises:
         InputError: the file cannot be read.
@@ -296,7 +301,18 @@ def read_frames(source: MessageFile, topics: Sequence[Topic]) -> TransformTree:
 
 
 class TreePoses:
-    """The pose of one frame in another from /tf; a `PoseSource` of `palpate.files.logs.topic_log`."""
+    """The pose of one frame in another over time, from /tf.
+
+    Args:
+        frames: tree of the log.
+        base, sensor: frames.
+        offset: [s] added to the stamps.
+        max_gap: [s] largest gap that is interpolated.
+        where: path of the log, for messages.
+
+    Raises:
+        InputError: there is no such frame, or not exactly one path between the two.
+    """
 
     def __init__(
         self, frames: TransformTree, base: str, sensor: str, offset: float, max_gap: float, where: str
@@ -318,7 +334,7 @@ class TreePoses:
         self._names = dict[str, int]()
 
     def add(self, messages: MessageBlock) -> None:
-        """Add the transforms in a block of messages to the tracks of moving edges."""
+        """Add the transforms in a block of messages to the tracks of the edges between the frames."""
         for topic in self.topics:
             own = messages.of(topic)
             rows, sound = transforms(own, topic, self._names)
@@ -333,7 +349,7 @@ class TreePoses:
                     track.add(seconds(time), rows.values[which, 3:], rows.values[which, :3])
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes, one sentence each: the path from base to sensor, and contradictory or unreadable transforms."""
+        """Return notes, one sentence each: the path from base to sensor, contradictory or unreadable transforms."""
         said = [f"the sensor's pose is taken from {' -> '.join(self.track.frames)} in the tree of /tf"]
         if not self._needed:
             said.append("none of these transforms changes: the sensor is assumed not to move")

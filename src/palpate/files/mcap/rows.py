@@ -34,12 +34,7 @@ def layout(fields: Fields) -> np.dtype[np.void]:
 def stamped(frame_id: str, fields: Fields) -> tuple[Fields, Mapping[str, object]]:
     """Return the fields of a message that begins with a header, and a dict of the header values that all share."""
     frame = frame_id.encode() + b"\0"
-    header: Fields = (
-        ("sec", "<i4", ()),
-        ("nanosec", "<u4", ()),
-        ("named", "<u4", ()),
-        ("frame", f"S{len(frame)}", ()),
-    )
+    header: Fields = (("sec", "<i4", ()), ("nanosec", "<u4", ()), ("named", "<u4", ()), ("frame", f"S{len(frame)}", ()))
     return (*header, *fields), {"named": len(frame), "frame": frame}
 
 

@@ -80,9 +80,8 @@ class McapWriter:
         """
         present = {int(rows["channel"][0]): rows for rows in messages if len(rows)}
         times = np.concatenate([rows["log"] for rows in present.values()])
-        span = {"message_start_time": int(times.min()), "message_end_time": int(times.max())}
-        packed, checksum = _compressed(records), zlib.crc32(records.data)
-        made = mcap.Chunk("lz4", packed, uncompressed_crc=checksum, uncompressed_size=len(records), **span)
+        first, last, checksum = int(times.min()), int(times.max()), zlib.crc32(records.data)
+        made = mcap.Chunk("lz4", _compressed(records), last, first, checksum, len(records))
         raw = chunk = _raw(made)
         places, offset = dict[int, int](), 0
         for channel, rows in present.items():
@@ -123,13 +122,12 @@ class McapWriter:
         """Return the bytes that end the file, with the summary by which readers find topics and chunks."""
         end = _raw(mcap.DataEnd(0))
         start = self.size + len(end)
-        groups: tuple[tuple[Opcode, Sequence[mcap.McapRecord]], ...] = (
-            (Opcode.SCHEMA, self._schemas),
-            (Opcode.CHANNEL, self._channels),
-            (Opcode.STATISTICS, [self._statistics()]),
+        records = (
+            (Opcode.SCHEMA, _raw(*self._schemas)),
+            (Opcode.CHANNEL, _raw(*self._channels)),
+            (Opcode.STATISTICS, _raw(self._statistics())),
+            (Opcode.CHUNK_INDEX, b"".join(chunk.entry for chunk in self.chunks)),
         )
-        records = [(opcode, _raw(*group)) for opcode, group in groups]
-        records.append((Opcode.CHUNK_INDEX, b"".join(chunk.entry for chunk in self.chunks)))
         summary, offsets = b"", b""
         for opcode, raw in records:
             if raw:
@@ -142,19 +140,16 @@ class McapWriter:
     def _statistics(self) -> mcap.Statistics:
         sums = np.sum([chunk.counts for chunk in self.chunks], axis=0) if self.chunks else [0] * len(self._channels)
         counts = {channel.id: int(count) for channel, count in zip(self._channels, sums, strict=True)}
-        span = {
-            "message_start_time": min((chunk.span[0] for chunk in self.chunks), default=0),
-            "message_end_time": max((chunk.span[1] for chunk in self.chunks), default=0),
-        }
         return mcap.Statistics(
             attachment_count=0,
             channel_count=len(self._channels),
             channel_message_counts=counts,
             chunk_count=len(self.chunks),
             message_count=sum(counts.values()),
+            message_end_time=max((chunk.span[1] for chunk in self.chunks), default=0),
+            message_start_time=min((chunk.span[0] for chunk in self.chunks), default=0),
             metadata_count=0,
             schema_count=len(self._schemas),
-            **span,
         )
 
 

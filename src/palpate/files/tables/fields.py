@@ -54,10 +54,8 @@ class Fields:
         """Return a sentence on rows with a field that is missing or not a number, in a tuple; () if there are none."""
         if not self.bad:
             return ()
-        first = self.first_bad
-        for name, (place, text) in self.unread.items():
-            first = f"{place}, column {name!r}, {text!r}"
-            break
+        unread = (f"{place}, column {name!r}, {text!r}" for name, (place, text) in self.unread.items())
+        first = next(unread, self.first_bad)
         return (f"{self.bad} of {self.rows} rows have a field that is missing or not a number (first: {first})",)
 
 
