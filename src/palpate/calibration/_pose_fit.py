@@ -15,7 +15,7 @@ MEDIAN = 2.366  # of the chi-square with 3 degrees of freedom
 
 
 def fit(evidence: Evidence, initial: Pose) -> tuple[Pose, Float[np.ndarray, " n"], float]:
-    """Return the most probable pose, each touch's distance in standard deviations, (n,), and its scale (at least 1)."""
+    """Return the most probable pose, each touch's residual in standard deviations, (n,), and their scale, 1 or more."""
     pose, damping, sizes = initial, 1e-6, evidence.spreads.sizes
     for _ in range(100):
         whitener = evidence.whitener(pose)
@@ -45,7 +45,7 @@ def _scale(distances: Float[np.ndarray, " n"]) -> float:
 
 
 def offset(initial: Pose, pose: Pose) -> Float[np.ndarray, "6"]:
-    """Return the offset (rotation vector [rad], shift of the origin [m]), (6,), between poses, in the target's axes."""
+    """Return the offset (6,) from `initial` to `pose`: rotation vector [rad] and shift of the origin [m]."""
     from scipy.spatial.transform import Rotation
 
     turn = Rotation.from_matrix(pose.rotation @ initial.rotation.T).as_rotvec()

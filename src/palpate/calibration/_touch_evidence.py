@@ -29,9 +29,9 @@ class Spreads:
     """Expected standard deviations of quantities that are not measured.
 
     Args:
-        prior: [rad, m] of the initial rotation, and position of the surface's origin, by axis.
-        placement: [m] of how well a mark is hit (and the mesh known), by axis.
-        torsion: [m] of the torque about the normal over |F|.
+        prior: of the initial rotation [rad], and position of the surface's origin [m], by axis.
+        placement: of how well a mark is hit [m], by axis, errors of the mesh included.
+        torsion: of the torque about the normal over |F| [m].
         friction: of each tangential part of the unit force; used without points only.
 
     Raises:
@@ -49,7 +49,7 @@ class Spreads:
 
     @property
     def sizes(self) -> Float[np.ndarray, "6"]:
-        """Standard deviations of the prior for each motion, (6,) [rad, m]."""
+        """Standard deviations (6,) of the prior [rad, m]."""
         return np.repeat(np.asarray(self.prior, dtype=np.float64), 3)
 
 
@@ -99,36 +99,40 @@ class Evidence(ABC):
 
 @dataclass(frozen=True)
 class KnownPoints(Evidence):
-    """Touches at known points: r = M - (R p + t) x F is the torsion about the normal and noise, nothing else.
+    """Touches at known points: r = M - (R p + t) x F is noise and the torsion about the normal R n.
 
-    The torsion is integrated out: it only widens the covariance along the normal R n.
+    Args:
+        points: (n, 3) [m] in the surface's frame.
+        normals: (n, 3) at the points.
     """
 
     points: Float[np.ndarray, "n 3"]
     normals: Float[np.ndarray, "n 3"]
 
     def residual(self, pose: Pose) -> Float[np.ndarray, "n k"]:
-        """Return M - (R p + t) x F, (n, 3) [N m]."""
+        """Return M - (R p + t) x F (n, 3) [N m]."""
         return self._unexplained(pose.apply(self.points))
 
     def jacobian(self, pose: Pose) -> Float[np.ndarray, "n k 6"]:
-        """Return the slope, (n, 3, 6): the point moves by omega x (R p) + delta, and -(that) x F = [F]x (that)."""
-        force = skew(self.wrenches[:, :3])
+        """Return the slope of `residual` in (omega, delta), (n, 3, 6)."""
+        force = skew(self.wrenches[:, :3])  # the point moves by d = omega x (R p) + delta, and -d x F = [F]x d
         return np.concatenate([-force @ skew(pose.rotate(self.points)), force], axis=2)
 
     def whitener(self, pose: Pose) -> Float[np.ndarray, "n k k"]:
-        """Return the whitener of the torque alone, (n, 3, 3)."""
+        """Return the whitener of the torque (n, 3, 3)."""
         return self._torque_whitener(pose.apply(self.points), pose.rotate(self.normals))
 
 
 @dataclass(frozen=True)
 class SomewhereOnSurface(Evidence):
-    """Touches anywhere on the surface: each is located with the given pose, and two priors judge the result.
+    """Touches anywhere on the surface, each located with the given pose.
 
-    Six equations fit six unknowns, so the only residual torque of a located touch is its torsion. The information comes
-    from the prior that bodies are mostly pressed, not dragged: the unit force scatters about -n. Both are written in
-    the sensor's frame, so that a turn which changes nothing has no slope; the residual of a wrench that misses the
-    surface is its moment about the nearest point.
+    The residual torque of a located touch is its torsion. The information comes from the prior that bodies are mostly
+    pressed, not dragged: the unit force scatters about -n. The residual of a wrench that misses the surface is its
+    moment about the nearest point.
+
+    Args:
+        surface: mesh in its own frame.
     """
 
     surface: Mesh
@@ -142,20 +146,20 @@ class SomewhereOnSurface(Evidence):
         return pose.apply(np.where(lost, nearest, found.point)), pose.rotate(np.where(lost, normal, found.normal))
 
     def residual(self, pose: Pose) -> Float[np.ndarray, "n k"]:
-        """Return (M - p x F, F / |F| + n) with the located p and n, (n, 6)."""
+        """Return (M - p x F, F / |F| + n) (n, 6) with the located p and n, in the sensor's frame."""
         points, normals = self._located(pose)
         force = self.wrenches[:, :3]
         unit = force / np.linalg.norm(force, axis=1, keepdims=True)
         return np.concatenate([self._unexplained(points), unit + normals], axis=1)
 
     def jacobian(self, pose: Pose) -> Float[np.ndarray, "n k 6"]:
-        """Return the slope by central differences, (n, 6, 6): the located point has no simple slope."""
+        """Return the slope of `residual` in (omega, delta) by central differences, (n, 6, 6)."""
         sizes = np.repeat([STEP, STEP / 3 * self.surface.size], 3)
         pairs = [(self.residual(moved(pose, step)), self.residual(moved(pose, -step))) for step in np.diag(sizes)]
         return np.stack([(up - down) / (2 * size) for (up, down), size in zip(pairs, sizes, strict=True)], axis=2)
 
     def whitener(self, pose: Pose) -> Float[np.ndarray, "n k k"]:
-        """Return the whitener of the torque, as for known points, and of the unit force, (n, 6, 6)."""
+        """Return the whitener of the torque and of the unit force (n, 6, 6)."""
         whole = np.zeros((len(self.wrenches), 6, 6))
         whole[:, :3, :3] = self._torque_whitener(*self._located(pose))
         whole[:, 3:, 3:] = np.eye(3) / self.spreads.friction

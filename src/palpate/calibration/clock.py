@@ -33,8 +33,9 @@ class ClockOffset:
     """Offset that is added to the poses' stamps to put them on the wrenches' clock.
 
     Attributes:
-        offset: [s]; its standard deviation is `deviation` [s].
-        residual: [N] robust standard deviation of the fit's residuals, along each axis, of averages over 10 ms.
+        offset: [s].
+        deviation: its standard deviation [s].
+        residual: robust standard deviation [N] of the fit's residuals, along each axis, of averages over 10 ms.
         samples: number of readings used.
         validation: agreement of the offsets of parts of the log with those of the rest.
         notes: messages for the user, one sentence each.
@@ -60,29 +61,28 @@ def identify_offset(
     max_gap: float = 0.25,
     noise: Float[np.ndarray, "6"] | None = None,
 ) -> ClockOffset:
-    """Find the offset d at which the force is a weight that turns with the poses, and return a `ClockOffset`.
+    """Find the offset d at which the force is F(t) = R(t - d)^T w + f0, and return a `ClockOffset`.
 
-    The force is F(t) = R(t - d)^T w + f0.
-    For each d of a grid, weight w and bias f0 are fitted; the sum of log(1 + r^2 / s^2) over the residuals r (Cauchy's
-    likelihood, which touches hardly move) is least at the true d. From there Gauss and Newton's steps on d, w and f0
-    together, weighted 1 / (1 + r^2 / s^2). The standard deviation is the sandwich of these equations over stretches of
-    1 s, which holds for residuals that are correlated within a stretch.
+    Weight w and bias f0 are fitted for each d of a grid; the sum of log(1 + r^2 / s^2) over the residuals r (Cauchy's
+    likelihood) is least at the true d. Gauss-Newton steps on d, w and f0 follow, weighted 1 / (1 + r^2 / s^2). The
+    standard deviation is the sandwich of these equations over stretches of 1 s, within which residuals may be
+    correlated.
 
     Args:
-        time: [s] of the wrenches, on their clock.
+        time: (n,) [s] of the wrenches, on their clock.
         wrenches: (n, 6) [N, N m] in the sensor frame, as logged; only the forces are used.
-        pose_time: [s] of the poses, on their clock.
-        quaternions: x, y, z, w: sensor in base.
-        payload: weight and bias, where known: then touches may fill most of the log. Without it they are fitted, and
-            the sensor must be free in most of the log.
+        pose_time: (k,) [s] of the poses, on their clock.
+        quaternions: (k, 4) x, y, z, w: sensor in base.
+        payload: weight and bias; touches may then fill most of the log. None: they are fitted, and the sensor must be
+            free in most of the log.
         search: lowest and highest offset [s] of the search.
         max_gap: [s] between poses, beyond which there is no orientation.
         noise: (6,) standard deviations of one reading; None: from the log.
 
     Raises:
         NotIdentifiable: the arm hardly turns, or the sensor has no payload.
-        InputError: wrenches and poses do not overlap, times do not rise, `search` is not a range, or the best offset
-            lies at its edge.
+        InputError: wrenches and poses do not overlap, times do not increase, `search` is not a range, or the best
+            offset lies at its edge.
     """
     track = PoseTrack(max_gap=max_gap)
     track.add(pose_time, quaternions)
@@ -234,24 +234,19 @@ def _judged(problem: _Problem, offset: float) -> ClockOffset:
 def _score(
     problem: _Problem, offset: float, solution: Float[np.ndarray, "6"], spread: float
 ) -> tuple[float, float, float]:
-    """Return the sums for an offset, weight and bias: see `_sums`."""
-    columns, slope, _ = problem.linearised(offset, solution)
-    residual = problem.force - columns @ solution
-    across = slope - columns @ _solve(columns, slope, _weights(residual, spread)) if problem.known is None else slope
-    return _sums(problem.time, across, residual, spread)
-
-
-def _sums(time: np.ndarray, across: np.ndarray, residual: np.ndarray, spread: float) -> tuple[float, float, float]:
     """Return the sum of psi, one equation for the offset, with its slope and its variance.
 
     The variance is that of sums over stretches, about their mean: residuals may be correlated within one. With few
     stretches it is sometimes too small by chance; then the variance for independent residuals is used.
     """
+    columns, slope, _ = problem.linearised(offset, solution)
+    residual = problem.force - columns @ solution
     weights = _weights(residual, spread)
+    across = slope - columns @ _solve(columns, slope, weights) if problem.known is None else slope
     along = np.sum(across * residual, axis=1)
     lost = 2.0 * (weights * along / (CAUCHY * spread)) ** 2  # a far residual pulls less the further it is
     information = float(np.sum(weights * np.sum(across**2, axis=1) - lost))
-    stretch = np.unique(np.floor((time - time[0]) / CLUSTER), return_inverse=True)[1]
+    stretch = np.unique(np.floor((problem.time - problem.time[0]) / CLUSTER), return_inverse=True)[1]
     sums = np.bincount(stretch.reshape(-1), weights * along)
     alike = float(np.sum((sums - sums.mean()) ** 2)) * len(sums) / max(len(sums) - 1, 1)
     return float(sums.sum()), information, max(alike, float(np.sum((weights * along) ** 2)))
