@@ -14,18 +14,7 @@ from jaxtyping import Bool, Float, Int, Int8
 from numpy.typing import ArrayLike
 
 from palpate.calls import called_as
-from palpate.contact._settings import (
-    CENTRE,
-    FOLLOW,
-    HAS_PREVIOUS,
-    LARGEST,
-    NOISY,
-    PREVIOUS,
-    SCALE,
-    SOFT,
-    STATE,
-    TOUCHING,
-)
+from palpate.contact import _settings as at
 from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.contact.indentation import Indentation
 from palpate.errors import InputError
@@ -145,7 +134,7 @@ class Locator:
             + [accuracy or 0.0, soft * prepared.edged]
         )
         self._noisy = self._settings.copy()  # with covariances beside the wrenches
-        self._noisy[NOISY] = 1.0
+        self._noisy[at.NOISY] = 1.0
         self._noises = np.zeros((1, 6, 6)) if self.noise is None else _writable(self.noise[None])
         self._state, self._wrench = _state(None), np.zeros((1, 6))
         self._first_free: Callable[..., int] = _kernel.first_free
@@ -302,7 +291,7 @@ class Locator:
         out: Float[np.ndarray, "n 22"],
     ) -> None:
         """Locate each wrench separately, sorted by place in space: less waiting for memory, the same results."""
-        centre, scale = settings[CENTRE : CENTRE + 3], float(settings[SCALE])
+        centre, scale = settings[at.CENTRE : at.CENTRE + 3], float(settings[at.SCALE])
         for first in range(0, len(out), _BLOCK):
             block = slice(first, first + _BLOCK)
             order = first + in_space(wrenches[block], centre, scale)
@@ -419,7 +408,7 @@ class Locator:
         count = int(late[np.argmax(np.where(sure | ~sure.any(), pressed, 0.0))]) + 1
         last = rows[count - 1]
         state = _state(last[ROW.point])
-        state[TOUCHING] = state[FOLLOW] = 1.0
+        state[at.TOUCHING] = state[at.FOLLOW] = 1.0
         begin = max(0, count - 1 - _END)
         order = np.r_[count - 1 : begin : -1, begin : count - 1, count - 1 : -1 : -1]
         if covariances is not None:
@@ -447,14 +436,14 @@ class Locator:
         from palpate.surfaces import _kernels
 
         wrench = shaped(wrench, _WRENCH, "wrench")
-        centre, scale = self._settings[:3], self._settings[3]
+        centre, scale = self._settings[at.CENTRE : at.CENTRE + 3], self._settings[at.SCALE]
         force, moment = wrench[:3], wrench[3:]
         found = np.zeros((_kernels.CAPACITY + 1, _kernels.CANDIDATE))
-        if not np.all(np.abs(wrench) <= LARGEST) or not np.any(force):
+        if not np.all(np.abs(wrench) <= at.LARGEST) or not np.any(force):
             found = found[:0]
         else:
             unit = np.concatenate([force, (moment - np.cross(centre, force)) / scale])
-            found = found[: _kernels.search(unit, self._settings[SOFT], np.inf, *self._arguments, found)]
+            found = found[: _kernels.search(unit, self._settings[at.SOFT], np.inf, *self._arguments, found)]
         point, normal = found[:, 8:11] * scale + centre, found[:, 11:14]
         torque = np.einsum("nk,nk->n", moment - np.cross(point, force), normal)
         plausible = (found[:, 4] <= self.friction) & (np.abs(torque) <= self.torsion * np.abs(normal @ force))
@@ -502,9 +491,9 @@ def _each(covariances: np.ndarray, batch: tuple[int, ...]) -> Float[np.ndarray, 
 
 def _state(previous: ArrayLike | None) -> Float[np.ndarray, " s"]:
     """Return the state without a contact so far, or with the last one at a point (3,) [m]."""
-    state = np.zeros(STATE)
+    state = np.zeros(at.STATE)
     if previous is not None:
-        state[HAS_PREVIOUS], state[PREVIOUS : PREVIOUS + 3] = 1.0, shaped(previous, (3,), "previous")
+        state[at.HAS_PREVIOUS], state[at.PREVIOUS : at.PREVIOUS + 3] = 1.0, shaped(previous, (3,), "previous")
     return state
 
 

@@ -21,14 +21,7 @@ FAINT = 0.1  # of the heaviest window's weight: what weighs less has no say in t
 
 
 def find_touches(contacts: Contacts, *, gap: float = 0.05, shortest: float = 0.02) -> Events:
-    """Return the touches among contacts as `Events`, found by a `TouchFinder`.
-
-    Args:
-        contacts: of any sensor.
-        gap: [s]; answered samples of one identity that are closer than this plus one and a half sample steps belong to
-            one touch, whatever is between.
-        shortest: [s]; a touch that lasts less is left out.
-    """
+    """Return the touches among contacts as `Events`, found by a `TouchFinder` with `gap` and `shortest` [s]."""
     finder = TouchFinder(gap=gap, shortest=shortest)
     finder.add(contacts)
     return finder.touches()
@@ -64,8 +57,7 @@ class TouchFinder:
     """Finder of touches in contacts that come block by block; ten rows of sums per second and identity are kept.
 
     Args:
-        gap: [s]; answered samples of one identity that are closer than this plus one and a half sample steps belong to
-            one touch.
+        gap: [s]; answered samples of one identity closer than this plus 1.5 sample steps are one touch.
         shortest: [s]; a touch that lasts less is left out.
     """
 
@@ -148,20 +140,15 @@ def _samples(
     trace = covariance[:, ::4].sum(axis=1, where=np.abs(covariance[:, ::4]) <= LARGEST)
     known = (np.abs(covariance) <= LARGEST).all(axis=1) & (trace > LEAST)
     weight = np.where(known, 1 / np.where(known, trace, 1.0), 0.0)
-    table = np.empty((count, _Sum.length))
-    table[:, _Sum.count] = 1.0
-    table[:, _Sum.ambiguous] = estimate.status == Status.AMBIGUOUS
-    table[:, _Sum.force] = strength
-    table[:, _Sum.weight] = weight
-    table[:, _Sum.weighted] = weight[:, None] * estimate.point
-    table[:, _Sum.plain] = estimate.point
-    table[:, _Sum.covariance] = weight[:, None] * np.where(known[:, None], covariance, 0.0)
-    table[:, _Sum.normal] = estimate.normal
     added = np.full((count, len(features)), np.nan)
     for column, name in enumerate(features):
         added[:, column] = contacts.features.get(name, np.nan)
     felt = np.abs(added) <= LARGEST
-    return spans, np.concatenate([table, np.where(felt, added, 0.0), felt], axis=1)
+    numbers = np.stack([np.ones(count), estimate.status == Status.AMBIGUOUS, strength, weight], axis=1)
+    weighted, plain, normal = weight[:, None] * estimate.point, estimate.point, estimate.normal
+    spreads = weight[:, None] * np.where(known[:, None], covariance, 0.0)
+    # in the order of `_Sum`
+    return spans, np.concatenate([numbers, weighted, plain, spreads, normal, np.where(felt, added, 0.0), felt], axis=1)
 
 
 def _merged(spans: Float[np.ndarray, "n s"], firsts: Int[np.ndarray, " k"]) -> Float[np.ndarray, "k s"]:
