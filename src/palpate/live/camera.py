@@ -43,11 +43,9 @@ class CameraSource:
         self._tried = 0.0
         first = self._opened() and self._device.read()[1]
         if first is None or first is False:
-            raise InputError(
-                "the camera cannot be opened: it does not exist, is in use, or is not permitted.",
-                where=f"{address}, [source] of the rig",
-                hint="Write its number (0) or device (/dev/video0); your user must be in the group `video`.",
-            )
+            what = "the camera cannot be opened: it does not exist, is in use, or is not permitted."
+            hint = "Write its number (0) or device (/dev/video0); your user must be in the group `video`."
+            raise InputError(what, where=f"{address}, [source] of the rig", hint=hint)
         self.shape = tuple(first.shape)
         self._first: np.ndarray | None = first
 

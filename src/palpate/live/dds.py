@@ -91,11 +91,9 @@ class DdsNode:
             self._participant = dds.DomainParticipant(own)
         except dds.DDSException as problem:
             self.close()
-            raise InputError(
-                f"the domain cannot be joined ({problem.msg}).",
-                where=self.where,
-                hint=f"Check that the interface has an address, and at most {_PARTICIPANTS} programs run here.",
-            ) from problem
+            hint = f"Check that the interface has an address, and at most {_PARTICIPANTS} programs run here."
+            what = f"the domain cannot be joined ({problem.msg})."
+            raise InputError(what, where=self.where, hint=hint) from problem
         self._dds = dds
         self._seen = dds.BuiltinDataReader(self._participant, dds.BuiltinTopicDcpsPublication)
         return "" if self.interface else _keep_to_loopback(self.domain, before)
@@ -288,11 +286,8 @@ def _check_interface(interface: str) -> None:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             if probe.connect_ex((interface, 9)) == 0 and probe.getsockname()[0] == interface:
                 return
-    raise InputError(
-        f"there is no network interface {interface!r}.",
-        where="source.interface",
-        hint=f"Write one of {', '.join(names)}, or its address; leave it out to stay on this machine.",
-    )
+    hint = f"Write one of {', '.join(names)}, or its address; leave it out to stay on this machine."
+    raise InputError(f"there is no network interface {interface!r}.", where="source.interface", hint=hint)
 
 
 def _sockets() -> dict[str, int]:

@@ -418,9 +418,8 @@ def _unseen(setup: Setup) -> Setup:
     """
     if setup.filter.kind == "zero_phase":
         hint = 'Use kind = "butterworth" or "kalman".'
-        raise InputError(
-            "zero_phase needs later samples, which a stream does not have yet.", where="[filter] of the rig", hint=hint
-        )
+        what = "zero_phase needs later samples, which a stream does not have yet."
+        raise InputError(what, where="[filter] of the rig", hint=hint)
     return setup if setup.filter.rate is not None else replace(setup, filter=RigFilter())
 
 

@@ -10,7 +10,6 @@ import struct
 import time
 from collections import deque
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -23,11 +22,9 @@ from palpate.live.netft_page import UNREACHED, read_page
 from palpate.live.netft_status import status_word
 from palpate.live.sequence import SequenceCounters
 from palpate.live.source import BATCH, SILENT, Batch, drained
+from palpate.setup.setup import Setup
+from palpate.setup.source import RigSource
 from palpate.signals.recording import FORCE
-
-if TYPE_CHECKING:
-    from palpate.setup.setup import Setup
-    from palpate.setup.source import RigSource
 
 __all__ = ["BIAS", "REQUEST", "SAMPLE", "START", "STOP", "NetFt"]
 
@@ -80,12 +77,9 @@ class NetFt:
             raise InputError("a Net F/T sends wrenches, but the rig has no [force_torque].", where="rig", hint=hint)
         read = sensors[0].layout(setup)
         if (known_unit(read.force_unit, FORCE_UNITS), known_unit(read.torque_unit, TORQUE_UNITS)) != ("N", "N m"):
-            raise InputError(
-                f"must be N and N m, not {read.force_unit} and {read.torque_unit}: samples of a Net F/T "
-                "are converted to these.",
-                where=f"[{sensors[0].name}] units",
-                hint='Write units = { force = "N", torque = "N m" }; the device\'s own units are converted.',
-            )
+            what = f"must be N and N m, not {read.force_unit} and {read.torque_unit}, for samples of a Net F/T."
+            hint = 'Write units = { force = "N", torque = "N m" }; the device\'s own units are converted.'
+            raise InputError(what, where=f"[{sensors[0].name}] units", hint=hint)
         return cls(stated.address, stated.port, stated.web, stated.rate)
 
     def open(self) -> None:
@@ -169,11 +163,9 @@ class NetFt:
         try:
             found = socket.getaddrinfo(self._address, None, socket.AF_INET, socket.SOCK_DGRAM)
         except (OSError, UnicodeError) as problem:
-            raise InputError(
-                f"no device named {self._address!r} is found in this network.",
-                where="[source] address",
-                hint="Check the name, or write the address, such as 192.168.1.1.",
-            ) from problem
+            what = f"no device named {self._address!r} is found in this network."
+            hint = "Check the name, or write the address, such as 192.168.1.1."
+            raise InputError(what, where="[source] address", hint=hint) from problem
         return str(found[0][4][0])
 
     def _await_first(self) -> None:
@@ -195,11 +187,9 @@ class NetFt:
                     return
                 if self._datagrams.take(1):
                     self._genuine(1)
-        raise InputError(
-            f"sends no samples to this machine within {_FIRST:g} s, although its page reports a {self._page.called}.",
-            where=self._address,
-            hint=f"Check that no firewall blocks UDP from port {self._port}, and that port is that of RDT.",
-        )
+        what = f"sends no samples to this machine within {_FIRST:g} s, although its page reports a {self._page.called}."
+        hint = f"Check that no firewall blocks UDP from port {self._port}, and that port is that of RDT."
+        raise InputError(what, where=self._address, hint=hint)
 
     def _peek(self) -> bool | None:
         """Return whether the first waiting datagram is a sample of the device; None: none waits."""

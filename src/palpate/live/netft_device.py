@@ -8,7 +8,6 @@ import threading
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from xml.sax.saxutils import escape
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -148,19 +147,19 @@ class NetFtDevice:
 
     def _xml(self) -> bytes:
         """Return the part of the page that clients read, as XML."""
-        said = {
-            "prodname": "Palpate stand-in for a Net F/T",
-            "setserial": "FT00000",
-            "cfgcalsn": "FT00000",
-            "cfgcpf": f"{_PER_UNIT}",
-            "cfgcpt": f"{_PER_UNIT}",
-            "scfgfu": "N",
-            "scfgtu": "N-m",
-            "comrdte": "Enabled",
-            "comrdtrate": f"{self._rate:.0f}",
-        }
-        lines = "".join(f"<{name}>{escape(text)}</{name}>\n" for name, text in said.items())
-        return f'<?xml version="1.0" encoding="UTF-8"?>\n<netft>\n{lines}</netft>\n'.encode()
+        return f"""<?xml version="1.0" encoding="UTF-8"?>
+<netft>
+<prodname>Palpate stand-in for a Net F/T</prodname>
+<setserial>FT00000</setserial>
+<cfgcalsn>FT00000</cfgcalsn>
+<cfgcpf>{_PER_UNIT}</cfgcpf>
+<cfgcpt>{_PER_UNIT}</cfgcpt>
+<scfgfu>N</scfgfu>
+<scfgtu>N-m</scfgtu>
+<comrdte>Enabled</comrdte>
+<comrdtrate>{self._rate:.0f}</comrdtrate>
+</netft>
+""".encode()
 
 
 def _answers(page: bytes) -> type[BaseHTTPRequestHandler]:
@@ -191,8 +190,6 @@ def _taken(kind: str, port: int) -> Generator[None]:
     try:
         yield
     except OSError as problem:
-        raise InputError(
-            f"{kind} port {port} cannot be used ({problem.strerror or problem}).",
-            where=_HOST,
-            hint="Name another port, or 0 for any free one; ports below 1024 need root.",
-        ) from problem
+        what = f"{kind} port {port} cannot be used ({problem.strerror or problem})."
+        hint = "Name another port, or 0 for any free one; ports below 1024 need root."
+        raise InputError(what, where=_HOST, hint=hint) from problem

@@ -56,11 +56,9 @@ class NetFtPage:
             raise _foreign(f"its page does not state {', '.join(missing)}", where)
         force_unit, torque_unit = said["scfgfu"], said["scfgtu"]
         if known_unit(force_unit, _FORCE_UNITS) is None or known_unit(torque_unit, TORQUE_UNITS) is None:
-            raise InputError(
-                f"measures in units that cannot be converted, {force_unit!r} and {torque_unit!r}.",
-                where=where,
-                hint="Choose N and N-m on the page of the device, under Configurations.",
-            )
+            what = f"measures in units that cannot be converted, {force_unit!r} and {torque_unit!r}."
+            hint = "Choose N and N-m on the page of the device, under Configurations."
+            raise InputError(what, where=where, hint=hint)
         rate = _number(said.get("comrdtrate", ""))
         return cls(
             _counts(said, "cfgcpf", where) / to_si(force_unit, _FORCE_UNITS, where=where),
@@ -101,11 +99,9 @@ def read_page(host: str, port: int, *, where: str, timeout: float) -> NetFtPage:
             link.sendall(f"GET {PAGE} HTTP/1.0\r\nHost: {host}\r\nConnection: close\r\n\r\n".encode("ascii"))
             raw = _received(link, deadline, where)
     except TimeoutError as problem:
-        raise InputError(
-            f"does not answer at port {port}, where its page should be, within {timeout:g} s.",
-            where=where,
-            hint="Check its power and network, and that no firewall is in between.",
-        ) from problem
+        what = f"does not answer at port {port}, where its page should be, within {timeout:g} s."
+        hint = "Check its power and network, and that no firewall is in between."
+        raise InputError(what, where=where, hint=hint) from problem
     except ConnectionRefusedError as problem:
         what = f"refuses connections to port {port}, where its page should be."
         raise InputError(what, where=where, hint=_NOT) from problem

@@ -41,7 +41,7 @@ class PairedSource:
         self._frames, self._wrenches, self._means = frames, wrenches, means
         self.shape: tuple[int, ...] = (int(np.prod(frames.shape)) + 7,)
         self._frame, self._wrench = Batch(frames.shape), Batch((6,))
-        self._stamp, self._lost = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+        self._stamp, self._lost = np.zeros((2, 0), dtype=np.int64)
         self._values = np.zeros((0, self.shape[0] - 7))
         self._since, self._heard, self._quiet = 0.0, 0.0, False
         self._said: list[str] = []
@@ -56,9 +56,8 @@ class PairedSource:
         layout, both = setup.layout(), list[Source]()
         for part, source in zip(setup.kind.parts, (stated, stated.wrench or stated), strict=True):
             sensor = setup.sensors[part]
-            alone = replace(
-                setup, kind=sensor.kind, sensors={part: sensor}, orientation=RigOrientation()
-            )  # poses come beside the pair
+            # without an orientation, because poses come beside the pair
+            alone = replace(setup, kind=sensor.kind, sensors={part: sensor}, orientation=RigOrientation())
             both.append(source_of(replace(source, wrench=None), alone))
         limits = None if layout.wrench_range is None else SampleReader(layout, Path()).recorded(layout.wrench_range)
         return cls(both[0], both[1], WrenchMeans(layout.max_gap, limits))

@@ -18,7 +18,7 @@ from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.frames import FramePath, FrameTree
 from palpate.spatial.live_track import LiveTrack
 from palpate.spatial.pose import Pose
-from palpate.spatial.pose_track import PoseTrack, sound_quaternions
+from palpate.spatial.pose_track import sound_quaternions
 
 __all__ = ["LivePoses", "Posed"]
 
@@ -103,7 +103,7 @@ class LivePoses:
         asked = seconds(stamp - (self._origin or 0))
         quaternion, position = path.at(asked)
         age, square = np.zeros((2, len(stamp)))
-        for track in _live(path):
+        for track in (each for each in path.tracks if isinstance(each, LiveTrack)):
             older, turned = track.lag(asked)
             age = np.maximum(age, older)
             square += turned**2
@@ -193,8 +193,3 @@ class LivePoses:
         yield "", self._track
         for (parent, child), track in self._edges.items():
             yield f" of {child!r} in {parent!r}", track
-
-
-def _live(path: FramePath) -> Iterator[LiveTrack]:
-    tracks: tuple[PoseTrack, ...] = path.tracks
-    return (track for track in tracks if isinstance(track, LiveTrack))

@@ -55,9 +55,8 @@ def require_record(output: Path) -> None:
         raise InputError("an earlier recording was interrupted.", where=str(output), hint=hint)
     if named(output, 1).exists():
         hint = "Remove all files of that record, or name another output."
-        raise InputError(
-            f"belongs to an earlier record of several files: {named(output, 1)} exists.", where=str(output), hint=hint
-        )
+        what = f"belongs to an earlier record of several files: {named(output, 1)} exists."
+        raise InputError(what, where=str(output), hint=hint)
 
 
 def record(ring: Path, output: Path, split: float, parent: int) -> None:

@@ -7,20 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Int
 
-from palpate.files.contacts.mcap import (
-    LATEST,
-    POSE_FIELDS,
-    POSE_STAMPED,
-    STAMPED,
-    VECTOR,
-    WRENCH_FIELDS,
-    WRENCH_STAMPED,
-    ContactMessages,
-    topics,
-)
+from palpate.files.contacts.mcap import LATEST, POSE_FIELDS, WRENCH_FIELDS, ContactMessages, topics
 from palpate.files.logs.topics import LIVE, LIVE_ACCELERATION, LIVE_POSE
 from palpate.files.mcap.rows import ChannelRows, Fields, made, stamped
 from palpate.files.mcap.writer import WrittenTopic
+from palpate.live.ros_types import definition
 from palpate.live.stream_buffer import SlotForm
 
 __all__ = ["EVENTS", "READINGS", "event", "record_topics"]
@@ -41,44 +32,26 @@ string file
 string function
 uint32 line
 """
-_TIME = f"{'=' * 80}\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
-_ARRAY = f"""std_msgs/MultiArrayLayout layout
-float64[] data
-{"=" * 80}
-MSG: std_msgs/MultiArrayLayout
-std_msgs/MultiArrayDimension[] dim
-uint32 data_offset
-{"=" * 80}
-MSG: std_msgs/MultiArrayDimension
-string label
-uint32 size
-uint32 stride
-"""
-_IMAGE = f"""std_msgs/Header header
-uint32 height
-uint32 width
-string encoding
-uint8 is_bigendian
-uint32 step
-uint8[] data
-{STAMPED}"""
-_VECTOR_STAMPED = f"std_msgs/Header header\ngeometry_msgs/Vector3 vector\n{STAMPED}{VECTOR}"
 
 
 def record_topics(form: SlotForm) -> tuple[WrittenTopic, ...]:
     """Return the topics of a record: contacts, readings, events, and with poses also poses and accelerations."""
     if form.images:
-        readings = WrittenTopic(form.topic or f"{LIVE}image", "sensor_msgs/msg/Image", _IMAGE)
+        name, kind = "image", "sensor_msgs/Image"
     elif form.wrenches:
-        readings = WrittenTopic(form.topic or f"{LIVE}wrench", "geometry_msgs/msg/WrenchStamped", WRENCH_STAMPED)
+        name, kind = "wrench", "geometry_msgs/WrenchStamped"
     else:
-        readings = WrittenTopic(form.topic or f"{LIVE}readings", "std_msgs/msg/Float64MultiArray", _ARRAY)
-    poses = (
-        WrittenTopic(LIVE_POSE, "geometry_msgs/msg/PoseStamped", POSE_STAMPED),
-        WrittenTopic(LIVE_ACCELERATION, "geometry_msgs/msg/Vector3Stamped", _VECTOR_STAMPED),
-    )
-    events = WrittenTopic(f"{LIVE}events", "rcl_interfaces/msg/Log", f"{_LOG}{_TIME}")
-    return (*topics(form.features), readings, events, *(poses if form.poses else ()))
+        name, kind = "readings", "std_msgs/Float64MultiArray"
+    readings = _topic(form.topic or f"{LIVE}{name}", kind)
+    log = f"{_LOG}{'=' * 80}\nMSG: builtin_interfaces/Time\n{definition('builtin_interfaces/Time')}"
+    events = WrittenTopic(f"{LIVE}events", "rcl_interfaces/msg/Log", log)
+    poses = {LIVE_POSE: "geometry_msgs/PoseStamped", LIVE_ACCELERATION: "geometry_msgs/Vector3Stamped"}
+    beside = [_topic(*each) for each in poses.items()] if form.poses else []
+    return (*topics(form.features), readings, events, *beside)
+
+
+def _topic(name: str, kind: str) -> WrittenTopic:
+    return WrittenTopic(name, kind.replace("/", "/msg/"), definition(kind))
 
 
 class RecordMessages:

@@ -6,7 +6,6 @@ import time
 from dataclasses import replace
 from math import prod
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Int
@@ -23,10 +22,8 @@ from palpate.live.dds import DEPTH, DdsNode, DdsReader, ros_name
 from palpate.live.ros_poses import RosPoses, published, wanted
 from palpate.live.source import SILENT, Batch, drained
 from palpate.opencv import opencv
-
-if TYPE_CHECKING:
-    from palpate.setup.setup import Setup
-    from palpate.setup.source import RigSource
+from palpate.setup.setup import Setup
+from palpate.setup.source import RigSource
 
 __all__ = ["RosTopics"]
 
@@ -184,11 +181,9 @@ class RosTopics:
                     if (image := message.image(cv2)) is not None:
                         self.shape = image.shape
                         return
-        raise InputError(
-            f"no readable image came on {self.topic.name!r} within {self._patience:g} s.",
-            where=self._node.where,
-            hint="Check that the camera is running: the size of its images is needed to begin.",
-        )
+        what = f"no readable image came on {self.topic.name!r} within {self._patience:g} s."
+        hint = "Check that the camera is running: the size of its images is needed to begin."
+        raise InputError(what, where=self._node.where, hint=hint)
 
     def _decoded(self, messages: MessageBlock) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return (stamps of headers [ns], times of sending [ns], values) of the messages that can be read."""
@@ -273,15 +268,9 @@ class _Alike:
 
     def __init__(self, message: bytes) -> None:
         self._named = int.from_bytes(message[12:16], "little")
-        start = 16 + self._named + -(12 + self._named) % 8
-        self._layout = np.dtype(
-            {
-                "names": ["form", "sec", "nanosec", "named", "values"],
-                "formats": ["<u2", "<i4", "<u4", "<u4", ("<f8", 6)],
-                "offsets": [0, 4, 8, 12, start],
-                "itemsize": start + 48,
-            }
-        )
+        frame = f"V{self._named + -(12 + self._named) % 8}"  # its name, and the gap before the numbers
+        head = [("form", "<u2"), ("options", "<u2"), ("sec", "<i4"), ("nanosec", "<u4"), ("named", "<u4")]
+        self._layout = np.dtype([*head, ("frame", frame), ("values", "<f8", 6)])
 
     def read(self, messages: MessageBlock) -> tuple[np.ndarray, np.ndarray] | None:
         """Return stamps (n,) [ns] and values (n, 6); None if a message differs from the first in more than these."""

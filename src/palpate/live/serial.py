@@ -23,13 +23,13 @@ from numpy.typing import DTypeLike
 from palpate.errors import InputError, not_loaded
 from palpate.live.lines import LineFrames
 from palpate.live.source import SILENT, Batch, drained
+from palpate.setup.setup import Setup
 from palpate.setup.source import RigSource
 
 if TYPE_CHECKING:
     from serial import Serial
 
     from palpate.live.cobs import CobsFrames
-    from palpate.setup.setup import Setup
 
 __all__ = ["SerialPort"]
 

@@ -45,9 +45,8 @@ class SerialDevice:
 
             self._line, other = os.openpty()
         except (OSError, ImportError, AttributeError) as problem:
-            raise InputError(
-                f"a pseudo-terminal cannot be opened ({problem}).", hint="Choose another device."
-            ) from problem
+            what = f"a pseudo-terminal cannot be opened ({problem})."
+            raise InputError(what, hint="Choose another device.") from problem
         tty.setraw(other)
         name = os.ttyname(other)
         os.close(other)  # so that the kernel reports whether somebody else has it open

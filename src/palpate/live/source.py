@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import MutableSequence
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Int
 from numpy.typing import DTypeLike
 
 from palpate.calls import by_name
-
-if TYPE_CHECKING:
-    from palpate.setup.setup import Setup
-    from palpate.setup.source import RigSource
+from palpate.setup.setup import Setup
+from palpate.setup.source import RigSource
 
 __all__ = ["BATCH", "SOURCES", "Batch", "Source", "drained", "source_of"]
 
