@@ -39,17 +39,13 @@ def load_arm(
     moving = [joint for joint, _ in steps if joint.kind != "fixed"]
     names, where = tuple(joint.name for joint in moving), str(urdf)
     if not names:
-        raise InputError(
-            f"links {base!r} and {sensor!r} have no moving joint between them: choose other links.", where=where
-        )
+        what = f"links {base!r} and {sensor!r} have no moving joint between them: choose other links."
+        raise InputError(what, where=where)
     _require_asked(names, joints, where)
     for joint in moving:
         if joint.mimics:
-            raise InputError(
-                f"joint {joint.name!r} follows {joint.mimics!r} and cannot be commanded by itself.",
-                where=where,
-                hint="Choose a sensor link before this joint, or a base link after it.",
-            )
+            what = f"joint {joint.name!r} follows {joint.mimics!r} and cannot be commanded by itself."
+            raise InputError(what, where=where, hint="Choose a sensor link before this joint, or a base link after it.")
     places, axes = _placed(robot, steps)
     limits = np.array([[*robot.limits(joint), acceleration] for joint in moving])
     turning = np.array([joint.kind != "prismatic" for joint in moving])

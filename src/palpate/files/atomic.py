@@ -146,9 +146,8 @@ def write_text(path: Path, text: str) -> None:
     try:
         raw = text.encode()
     except UnicodeEncodeError as problem:
-        raise InputError(
-            "cannot be written: it would contain a file name that is not UTF-8.", where=str(path)
-        ) from problem
+        what = "cannot be written: it would contain a file name that is not UTF-8."
+        raise InputError(what, where=str(path)) from problem
     with replacing(path) as temporary:
         temporary.write_bytes(raw)
 
@@ -177,11 +176,8 @@ def _clear(temporary: Path) -> None:
         temporary.unlink(missing_ok=True)
         return
     if strange := [file.name for file in temporary.iterdir() if file.suffix not in (".parquet", PART)]:
-        raise InputError(
-            f"is a folder with a file that Palpate did not write, {strange[0]!r}, but the output needs this path.",
-            where=str(temporary),
-            hint="Remove the folder, or name another output.",
-        )
+        what = f"is a folder with a file that Palpate did not write, {strange[0]!r}, but the output needs this path."
+        raise InputError(what, where=str(temporary), hint="Remove the folder, or name another output.")
     shutil.rmtree(temporary)
 
 

@@ -32,11 +32,8 @@ def read_ground_truth(path: Path) -> TrueSamples | TrueTouches:
     if {"start", "end"} <= set(table.names):
         return _touches(table)
     if "time" not in table.names:
-        raise InputError(
-            "is not a ground truth: it needs a column 'time', or columns 'start' and 'end'.",
-            where=str(path),
-            hint=near("time", table.names),
-        )
+        what = "is not a ground truth: it needs a column 'time', or columns 'start' and 'end'."
+        raise InputError(what, where=str(path), hint=near("time", table.names))
     columns = {name: table.numbers(names, strict=True)[0] for name, names in _wanted(table).items()}
     _require_finite(table, "an instant needs a point (px, py, pz): remove rows without one", columns["point"])
     time = table.numbers(["time"], strict=True)[0][:, 0].copy()

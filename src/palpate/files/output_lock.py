@@ -104,11 +104,9 @@ def _lock(file: Path, target: Path) -> int | None:
         except BlockingIOError:
             holder = _holder(handle)
             os.close(handle)
-            raise InputError(
-                f"is already being written by process {holder}.",
-                where=str(target),
-                hint="Wait until that process has ended, or name another output.",
-            ) from None
+            what = f"is already being written by process {holder}."
+            hint = "Wait until that process has ended, or name another output."
+            raise InputError(what, where=str(target), hint=hint) from None
         except OSError:  # this file system has no locks
             os.close(handle)
             file.unlink(missing_ok=True)

@@ -67,11 +67,9 @@ class ArrayLog(ColumnLog):
         """
         shapes = self.contents().names
         if self._layout.rate is None and self._layout.time not in shapes:
-            raise InputError(
-                f"has no array of times, {self._layout.time!r}.",
-                where=str(self.path),
-                hint="Write the rate [Hz] of the samples in the rig, as rate in [time], or add the times as an array.",
-            )
+            what = f"has no array of times, {self._layout.time!r}."
+            hint = "Write the rate [Hz] of the samples in the rig, as rate in [time], or add the times as an array."
+            raise InputError(what, where=str(self.path), hint=hint)
         self._columns = columns = Columns(self._layout, self.path, shapes)
         arrays = self._arrays(list(dict.fromkeys(columns.places[column][0] for column in columns.names)))
         yield from self._cut(columns, arrays, 0, len(next(iter(arrays.values()))))
@@ -89,10 +87,8 @@ class ArrayLog(ColumnLog):
             if not (np.issubdtype(values.dtype, np.integer) or np.issubdtype(values.dtype, np.floating)):
                 raise InputError(f"array {name} holds {values.dtype}, not numbers.", where=str(self.path))
             if len(values) != len(arrays[first]):
-                raise InputError(
-                    f"has {len(arrays[first])} rows of {first} and {len(values)} rows of {name}: they must agree.",
-                    where=str(self.path),
-                )
+                what = f"has {len(arrays[first])} rows of {first} and {len(values)} rows of {name}: they must agree."
+                raise InputError(what, where=str(self.path))
         if not len(arrays[first]):
             raise InputError("holds no samples.", where=str(self.path))
         return {name: values.reshape(len(values), -1) for name, values in arrays.items()}

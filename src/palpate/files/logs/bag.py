@@ -137,11 +137,9 @@ class BagFile(MessageFile):
             with (Reader1 if self.path.suffix == ".bag" else Reader2)(self.path) as bag:
                 yield bag
         except Exception as problem:
-            raise InputError(
-                f"is a bag that cannot be read ({type(problem).__name__}: {' '.join(str(problem).split())[:200]}).",
-                where=str(self.path),
-                hint="Repair a recording that was not finished with `rosbag reindex` or `ros2 bag reindex`.",
-            ) from problem
+            what = f"is a bag that cannot be read ({type(problem).__name__}: {' '.join(str(problem).split())[:200]})."
+            hint = "Repair a recording that was not finished with `rosbag reindex` or `ros2 bag reindex`."
+            raise InputError(what, where=str(self.path), hint=hint) from problem
 
 
 def _topics(bag: Any) -> list[Topic]:

@@ -213,9 +213,8 @@ def _found(array: ArrayChannel, shapes: Shapes, made: Mapping[str, tuple[str, ..
         raise InputError(f"has no array {wanted!r}.", where=str(path), hint=near(wanted, shapes))
     if shapes[name] not in (array.shape, (array.size,)):
         there = " x ".join(map(str, shapes[name]))
-        raise InputError(
-            f"holds {name} of shape n x {there}, not n x {array.described}.", where=str(path), hint=_mend(array)
-        )
+        what = f"holds {name} of shape n x {there}, not n x {array.described}."
+        raise InputError(what, where=str(path), hint=_mend(array))
     return replace(array, columns=made[name])
 
 
@@ -235,8 +234,6 @@ def _require_known(wanted: Sequence[str], names: Mapping[str, object], path: Pat
     """Raise one InputError that names all missing columns, not one error after the other."""
     missing = [name for name in wanted if name not in names]
     if missing:
-        raise InputError(
-            f"there is no column {', '.join(map(repr, missing))}.",
-            where=str(path),
-            hint=f"{near(missing[0], names)} Name the columns in a rig; `palpate rig new` guesses them.".strip(),
-        )
+        what = f"there is no column {', '.join(map(repr, missing))}."
+        hint = f"{near(missing[0], names)} Name the columns in a rig; `palpate rig new` guesses them.".strip()
+        raise InputError(what, where=str(path), hint=hint)

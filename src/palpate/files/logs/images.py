@@ -38,10 +38,8 @@ def refuse_others(layout: LogLayout, path: Path, called: str) -> None:
     """
     if layout.images is None or layout.wrench is not None or layout.arrays:
         wanted = [*(["a wrench"] if layout.wrench is not None else []), *(array.name for array in layout.arrays)]
-        raise InputError(
-            f"is {called}, which holds only images; requested is {' and '.join(wanted) or 'something else'}.",
-            where=str(path),
-        )
+        what = f"is {called}, which holds only images; requested is {' and '.join(wanted) or 'something else'}."
+        raise InputError(what, where=str(path))
 
 
 def to_bgr(image: np.ndarray) -> UInt8[np.ndarray, "height width 3"] | None:

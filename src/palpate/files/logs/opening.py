@@ -199,11 +199,9 @@ def read_poses(
         return time, values[:, 3:], values[:, :3]
     recording = join(list(log.blocks()))
     if ORIENTATION not in recording.channels:
-        raise InputError(
-            "the log has no orientation.",
-            where=str(path),
-            hint="Add columns qx, qy, qz, qw (sensor in base), or name them in the rig's [orientation].",
-        )
+        what = "the log has no orientation."
+        hint = "Add columns qx, qy, qz, qw (sensor in base), or name them in the rig's [orientation]."
+        raise InputError(what, where=str(path), hint=hint)
     unknown = np.full((len(recording), 3), np.nan)
     return recording.time, recording.channels[ORIENTATION], recording.channels.get(POSITION, unknown)
 

@@ -52,11 +52,9 @@ class ParquetLog(ColumnLog):
         try:
             yield
         except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError) as problem:
-            raise InputError(
-                f"cannot be read as Parquet ({str(problem).splitlines()[0]}).",
-                where=str(self.path),
-                hint="Copy it again: a Parquet file that was cut cannot be repaired, as its index is at its end.",
-            ) from problem
+            what = f"cannot be read as Parquet ({str(problem).splitlines()[0]})."
+            hint = "Copy it again: a Parquet file that was cut cannot be repaired, as its index is at its end."
+            raise InputError(what, where=str(self.path), hint=hint) from problem
 
     def _blocks(self) -> Iterator[Recording]:
         require_polars_threads()

@@ -193,9 +193,8 @@ class TopicLog(Log):
         if self._frames is None:
             self._frames = read_frames(self._source, tree_topics(topics))
         if not self._frames.edges:
-            raise InputError(
-                "the log has no transforms (/tf).", where=where, hint="Name a topic of poses in [orientation]."
-            )
+            what = "the log has no transforms (/tf)."
+            raise InputError(what, where=where, hint="Name a topic of poses in [orientation].")
         return TreePoses(self._frames, *layout.frames, offset, layout.max_gap, where)
 
 

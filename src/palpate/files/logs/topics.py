@@ -177,11 +177,9 @@ def _only(there: LogContents, wanted: _Wanted) -> Topic | None:
     if wanted.array is not None and len(wanted.array.shape) == 1:
         fitting = [topic for topic in fitting if topic.kind == _DOUBLES] or fitting
     if len(fitting) > 1:
-        raise InputError(
-            f"{len(fitting)} topics hold a {wanted.called}: {', '.join(topic.name for topic in fitting)}.",
-            where=str(there.path),
-            hint=f"Name one in the rig, as topic in [{wanted.table}], or with --topic.",
-        )
+        what = f"{len(fitting)} topics hold a {wanted.called}: {', '.join(topic.name for topic in fitting)}."
+        hint = f"Name one in the rig, as topic in [{wanted.table}], or with --topic."
+        raise InputError(what, where=str(there.path), hint=hint)
     return fitting[0] if fitting else None
 
 

@@ -163,17 +163,12 @@ def _closed(cv2: Any, path: Path, *, packed: bool) -> InputError:
     if not packed:  # it could be opened to pass over its frames
         with _opened(cv2, path, packed=True) as video:
             codec = _codec(cv2, video)
-        return InputError(
-            f"is a video whose frames cannot be decoded: OpenCV has no decoder for {codec!r} here.",
-            where=str(path),
-            hint="Convert it, as with ffmpeg -i IN -c:v mjpeg -q:v 2 OUT.avi.",
-        )
+        what = f"is a video whose frames cannot be decoded: OpenCV has no decoder for {codec!r} here."
+        return InputError(what, where=str(path), hint="Convert it, as with ffmpeg -i IN -c:v mjpeg -q:v 2 OUT.avi.")
     if _lacks_index(path):
-        return InputError(
-            "is a video without its index (moov): its recording was not finished, or the file is cut.",
-            where=str(path),
-            hint="Copy it again, or repair it with a tool like untrunc; .mkv and .avi can be read up to a cut.",
-        )
+        what = "is a video without its index (moov): its recording was not finished, or the file is cut."
+        hint = "Copy it again, or repair it with a tool like untrunc; .mkv and .avi can be read up to a cut."
+        return InputError(what, where=str(path), hint=hint)
     return InputError("is a video that cannot be opened: it is damaged, or its format is not known.", where=str(path))
 
 

@@ -24,9 +24,9 @@ MODELS = Registry(
     {
         "payload": "palpate.sensors.force_torque.files.PAYLOAD",
         "load_cells": "palpate.sensors.load_cells.files.LOAD_CELLS",
-        "intensity": "palpate.sensors.taxels.intensity_file.INTENSITY",
+        "intensity": "palpate.sensors.taxels.files.INTENSITY",
         "skin map": "palpate.sensors.taxels.skin_map.model_file.SKIN_MAP",
-        "taxels": "palpate.sensors.taxels.places_file.TAXELS",
+        "taxels": "palpate.sensors.taxels.files.TAXELS",
         "marker ring": "palpate.sensors.marker_ring.files.MARKER_RING",
         "camera": "palpate.sensors.marker_ring.camera_file.CAMERA",
     },

@@ -76,11 +76,8 @@ def find_dialect(text: bytes, path: Path) -> Dialect:
     filled = [k for k, line in enumerate(lines) if line.strip()]
     found = _plain(lines, filled, path) or _found(lines[:_LINES], path) or _header_only(lines, filled, path)
     if len(found.names) > _MOST:
-        raise InputError(
-            f"the first line has {len(found.names):,} fields, which is too many.",
-            where=str(path),
-            hint="Name the columns in it.",
-        )
+        what = f"the first line has {len(found.names):,} fields, which is too many."
+        raise InputError(what, where=str(path), hint="Name the columns in it.")
     found = replace(found, names=tuple(name or f"column_{k + 1}" for k, name in enumerate(found.names)))
     if found.delimiter == "," and b'"' not in text[:LOOKED_AT]:
         return found
@@ -278,19 +275,14 @@ def _decimal(lines: Sequence[str], delimiter: str, first: int, path: Path) -> st
                 continue
             points |= "." in text
             if _THOUSANDS.fullmatch(text):
-                raise InputError(
-                    f"{text!r} has a separator between thousands.",
-                    where=f"{path}, line {first + k + 1}",
-                    hint="Export the numbers without separators.",
-                )
+                what = f"{text!r} has a separator between thousands."
+                hint = "Export the numbers without separators."
+                raise InputError(what, where=f"{path}, line {first + k + 1}", hint=hint)
             if _EITHER.fullmatch(text):
                 doubted = doubted or f"{path}, line {first + k + 1}: {text!r}"
             elif "," in text:
                 commas = True
     if doubted and not commas:
-        raise InputError(
-            "the comma can be a decimal point or a separator of thousands.",
-            where=doubted,
-            hint="Export with decimal points, or without separators of thousands.",
-        )
+        what = "the comma can be a decimal point or a separator of thousands."
+        raise InputError(what, where=doubted, hint="Export with decimal points, or without separators of thousands.")
     return "," if commas or (delimiter != "," and not points) else "."

@@ -91,11 +91,9 @@ class RowCount:
         if not self.count:
             raise InputError("there is a header, but no rows.", where=str(path))
         if self.unclosed + self.ragged == self.count:
-            raise InputError(
-                f"no row has the {self._fields} fields of the header; {self._first}.",
-                where=str(path),
-                hint="If decimal points are commas, separate the columns by ;." if self._delimiter == "," else "",
-            )
+            what = f"no row has the {self._fields} fields of the header; {self._first}."
+            hint = "If decimal points are commas, separate the columns by ;." if self._delimiter == "," else ""
+            raise InputError(what, where=str(path), hint=hint)
 
     def notes(self) -> tuple[str, ...]:
         """Return a sentence each on rows with an open quote and on rows with the wrong number of fields."""
