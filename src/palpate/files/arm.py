@@ -19,20 +19,19 @@ __all__ = ["load_arm"]
 def load_arm(
     urdf: str | Path, base: str, sensor: str, joints: Sequence[str] | None = None, acceleration: float = np.inf
 ) -> Arm:
-    """Return the `Arm` between two links: its moving joints, their limits and the fixed transforms between them.
+    """Return the arm between two links: its moving joints, their limits and the fixed transforms between them.
 
     Args:
         urdf: the URDF file; xacro must be expanded.
         base: link that twists and poses are given in.
         sensor: link of the force/torque sensor.
-        joints: names in the order of the joint arrays, which must be the order of the chain; None: all joints that move
-            in the chain.
+        joints: names of the chain's moving joints, in its order; None: whatever they are.
         acceleration: [rad/s^2, m/s^2] limit of every joint, which no URDF states.
 
     Raises:
-        InputError: there is no such file, link or joint; nothing moves between the links, or they are not connected;
-            `joints` are not those of the chain, in its order; a joint mimics another, or has no range or no speed
-            limit.
+        InputError: the file cannot be read or is no URDF; there is no such link or joint; nothing moves between the
+            links, or they are not connected; `joints` are not those of the chain, in its order; a joint mimics another,
+            or has no range or no speed limit.
     """
     robot = Urdf(Path(urdf))
     steps = robot.steps(base, sensor)

@@ -1,7 +1,7 @@
 """Let one process at a time write an output, by a lock that the system releases when the process dies.
 
-OUTPUT's lock is the file `.OUTPUT.lock` in the folder of the file that OUTPUT resolves to, so that every spelling of a
-path has the same lock; the file is removed on release. Where the file system has no locks, nothing is locked.
+The lock is the file `.OUTPUT.lock` next to the file that OUTPUT resolves to, and is removed on release. Where the file
+system has no locks, nothing is locked.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ def reserving() -> Generator[set[Path]]:
 
 @contextmanager
 def inherited(target: Path) -> Generator[None]:
-    """Treat an output as reserved during the block: the parent process has reserved it."""
+    """Treat an output, an absolute path without links, as reserved during the block: the parent process did so."""
     with reserving() as targets:
         targets.add(target)
         yield
 
 
 def reserve(target: Path) -> None:
-    """Let no other process write this output until the enclosing `reserving` block ends; outside of one, do nothing.
+    """Let no other process write an output until the enclosing `reserving` block ends; outside of one, do nothing.
 
     Args:
         target: absolute path, without links.
@@ -61,7 +61,7 @@ def reserve(target: Path) -> None:
 
 @contextmanager
 def only_writer(target: Path) -> Generator[None]:
-    """Lock an output against other writers during the block, unless this process has reserved it already.
+    """Lock an output against other writers during the block, unless this process has reserved it.
 
     Args:
         target: absolute path, without links.
@@ -122,7 +122,7 @@ def _lock(file: Path, target: Path) -> int | None:
 
 
 def _opened(file: Path) -> int:
-    """Open the lock file; one that another user owns is opened for reading, which is enough to lock it."""
+    """Open the lock file; one of another user for reading, which is enough to lock it."""
     flags = os.O_NOFOLLOW | os.O_CLOEXEC
     try:
         return os.open(file, os.O_RDWR | os.O_CREAT | flags, 0o666)
@@ -131,7 +131,7 @@ def _opened(file: Path) -> int:
 
 
 def _holder(handle: int) -> str:
-    """Return the name of the process that has the lock, which it writes just after locking; else "unknown"."""
+    """Return the name of the process that has the lock, or "unknown"."""
     for _ in range(10):
         if said := os.pread(handle, 300, 0).decode(errors="replace"):
             return said

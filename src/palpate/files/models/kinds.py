@@ -15,7 +15,7 @@ from palpate.files.models.toml import load_toml, toml_lines
 from palpate.files.schema import Key, TableForm, parse
 from palpate.registry import Registry
 
-__all__ = ["MODELS", "Model", "read_model", "write_model"]
+__all__ = ["MODELS", "read_model", "write_model"]
 
 Value = TypeVar("Value")
 
@@ -41,15 +41,15 @@ def read_model(path: str | Path) -> Any: ...
 @overload
 def read_model(path: str | Path, holds: type[Value]) -> Value: ...
 def read_model(path: str | Path, holds: type[Any] | None = None) -> Any:
-    """Read a model from its file, as an instance of its class; numbers equal those written, to the last bit.
+    """Read a model from its file; numbers equal those written, to the last bit.
 
     Args:
         path: of the file.
         holds: class of the model that is wanted; None: any.
 
     Raises:
-        InputError: the file is missing, not a model, or not of that class; a key is misspelt or missing, or a value has
-            the wrong type or shape.
+        InputError: the file cannot be read, is no model, or not one of that class; a key is unknown or missing, or a
+            value has the wrong type, shape or range.
         TypeError: `holds` is no class of models.
     """
     try:
