@@ -203,6 +203,4 @@ def fused_calls(seen: Seen) -> None:
     estimator.run_into(time, np.zeros((2, width)), estimator.empty(2 * estimator.most), np.zeros(2, np.int64), extra)
     touch = (np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]), np.ones(1), np.ones(1), np.eye(3)[None])
     wrench = np.array([0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
-    out, covariance, total = np.empty((1, 5)), np.empty((3, 3)), np.empty(16)
     locator.fuse(*touch, wrench[None], np.eye(6)[None])
-    locator.fuse_into(locator.rows(*touch), wrench, np.eye(6), out, covariance, total)

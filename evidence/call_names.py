@@ -64,7 +64,6 @@ LATER = frozenset(  # what only examples and commands that take a while make arg
         "sensors.fused.locator.Fused",
         "sensors.fused.locator.FusedLocator.fuse",
         "sensors.fused.locator.FusedLocator.fuse_frames",
-        "sensors.fused.locator.FusedLocator.fuse_into",
         "sensors.fused.locator.FusedLocator.rows",
         "sensors.fused.locator.FusedLocator.unseen_by",
         "sensors.fused.cones.within_cones",

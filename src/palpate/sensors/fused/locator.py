@@ -158,7 +158,6 @@ class FusedLocator:
         self.surface, self.settings = surface, settings or FusionSettings()
         set_ = self.settings
         self._settings = np.array([set_.tangential, set_.gain, set_.floor, set_.friction, set_.turns])
-        self._work = dict[int, np.ndarray]()
 
     def fuse(
         self,
@@ -196,37 +195,6 @@ class FusedLocator:
                 f"({sensors}, {len(contacts)}), not {covariances.shape} and {felt.shape}."
             )
         return self._fused(contacts, wrenches, covariances, felt)
-
-    def fuse_into(
-        self,
-        contacts: Float[np.ndarray, "n 17"],
-        wrench: Float[np.ndarray, "6"],
-        covariance: Float[np.ndarray, "6 6"],
-        out: Float[np.ndarray, "n 5"],
-        out_covariance: Float[np.ndarray, "m m"],
-        out_total: Float[np.ndarray, "16"],
-    ) -> int:
-        """Compute the forces without cones for one wrench that feels all contacts; allocates once for each n.
-
-        Args:
-            contacts: (n, 17) rows of `rows`.
-            wrench: (6,) [N, N m]; not used if it is not finite.
-            covariance: (6, 6) of the wrench's noise.
-            out: (n, 5) force [N], share, slack [N]; written.
-            out_covariance: (3n, 3n) [N^2] of the forces; written.
-            out_total: (16,) expected wrench, surprise, its degrees of freedom and variance, p, and the whitened wrench
-                less the expected one; written, NaN without a wrench.
-
-        Returns:
-            The number of contacts outside their cone, which `fuse` would move into it.
-        """
-        from palpate.sensors.fused import _kernels as _fused
-
-        count = len(contacts)
-        if count not in self._work:
-            self._work[count] = np.zeros(36 + _fused.room(count, 1))
-        into = (self._work[count], out, out_covariance, out_total)
-        return int(_fused.fuse_one(contacts, wrench, covariance, self._settings, *into))
 
     def fuse_frames(
         self,

@@ -156,21 +156,22 @@ def identify_intensity(
         refit, _, left = _identified(force[own], alike, common.kind, terms, np.inf)
         common = replace(refit, saturation=common.saturation, falling=common.falling)
         zero, gain, error = _gains(common, force, intensity, number, len(pressed))
-    notes, curves = _remarks(common, why), [common]
-    for (row, column), own, spread in zip(pressed.tolist(), gain.tolist(), error.tolist(), strict=True):
-        if own > 0:
-            values = common.parameters
-            covariance = own**2 * common.covariance + spread**2 * np.outer(values, values)
-            curves.append(replace(common, parameters=own * values, covariance=covariance))
-            which[row, column] = len(curves) - 1
-    if len(curves) - 1 < which.size:
-        notes.append(
-            f"{which.size - len(curves) + 1} of {which.size} cells have no gain of their own: they were pressed too "
-            "few times"
-        )
-    notes.append(f"gains of cells differ by {100 * float(np.std(gain[gain > 0])):.1f} %")
+    gained, notes = gain > 0, _remarks(common, why)
+    curves = [_scaled(common, *each) for each in zip(gain[gained].tolist(), error[gained].tolist(), strict=True)]
+    which[tuple(pressed[gained].T)] = 1 + np.arange(len(curves))
+    if len(curves) < which.size:
+        without = f"{which.size - len(curves)} of {which.size} cells"
+        notes.append(f"{without} have no gain of their own: they were pressed too few times")
+    notes.append(f"gains of cells differ by {100 * float(np.std(gain[gained])):.1f} %")
     record = {"left_out": str(left), **(provenance or {})}
-    return Intensity(tuple(curves), which, provenance=record, notes=(*notes, *left.notes))
+    return Intensity((common, *curves), which, provenance=record, notes=(*notes, *left.notes))
+
+
+def _scaled(curve: Curve, gain: float, error: float) -> Curve:
+    """Return the curve of a cell with this gain and its standard deviation."""
+    values = curve.parameters
+    covariance = gain**2 * curve.covariance + error**2 * np.outer(values, values)
+    return replace(curve, parameters=gain * values, covariance=covariance)
 
 
 def _below(common: Curve, intensity: np.ndarray) -> Bool[np.ndarray, " n"]:

@@ -16,10 +16,10 @@ from palpate.console.console import Quantity, progress, wait
 from palpate.console.options import FileOption, Log, Output, RigFile, Scalar
 from palpate.errors import InputError
 from palpate.files.logs import contents
+from palpate.sensors.taxels.files import of_taxels
 from palpate.sensors.taxels.modules import LAYOUTS, ModuleLayout
 from palpate.sensors.taxels.place_formats import SUFFIXES, read_taxel_places, write_taxel_places
 from palpate.sensors.taxels.places import TaxelPlaces
-from palpate.sensors.taxels.places_file import of_taxels
 from palpate.sensors.taxels.poking import Priors, TaxelCalibration, calibrate_taxels
 from palpate.sensors.taxels.poking.activations import Block
 from palpate.sensors.taxels.poking.evaluate_command import is_taxel_file
