@@ -272,11 +272,10 @@ class FusedEstimator(ContactEstimator):
         more = np.isin(np.arange(len(counts)), list(found))
         within, ends, instead = more[frame], np.cumsum(counts)[more], more & (pressed == 0)
         kept = np.insert(~instead[frame], ends, True)  # not the row that says that there is no contact
-        new = np.array([place.row for place in found.values()])
+        new, unseen = (np.array(each) for each in zip(*found.values(), strict=True))
         new[:, after + UNEXPLAINED] = fused.p[more]
         rows = np.insert(rows, ends, new, axis=0)[kept]
-        new = [place.contact for place in found.values()]
-        contacts = np.insert(contacts[within[touching]], np.cumsum(pressed[more]), new, axis=0)
+        contacts = np.insert(contacts[within[touching]], np.cumsum(pressed[more]), unseen, axis=0)
         fused = self.fused.fuse_frames(contacts, pressed[more] + 1, wrenches[more], covariances[more])
         self._noted |= dict.fromkeys(fused.notes)
         pushed = np.insert(touching & within, ends, True)[kept]

@@ -128,16 +128,9 @@ def _lattice() -> Float[np.ndarray, "10 2"]:
     return places - places.mean(axis=0)
 
 
-def _alive(places: Float[np.ndarray, "t 2"], dead: tuple[int, ...]) -> Float[np.ndarray, "s 2"]:
-    """Insert NaN at indices that have no taxel: those of thermal pads."""
-    full = np.full((len(places) + len(dead), 2), np.nan)
-    full[[k for k in range(len(full)) if k not in dead]] = places
-    return full
-
-
 LAYOUTS: dict[str, Float[np.ndarray, "t 2"]] = {
     "ring12": _ring(),
     "triangle10": _lattice(),
-    "triangle10+2": _alive(_lattice(), (6, 10)),
+    "triangle10+2": np.insert(_lattice(), [6, 9], np.nan, axis=0),  # 6 and 10 are thermal pads
 }
 """Name -> places (t, 2) [m] of the taxels of one module, NaN for an index without a taxel."""
