@@ -139,14 +139,13 @@ def _touch(contacts: Contacts, truth: TrueTouches, which: int, rows: Int[np.ndar
 
 
 def _missed(time: Float[np.ndarray, " k"], match: Int[np.ndarray, " n"]) -> int:
-    """Count truths without a contact at an instant at which another truth has one."""
+    """Count truths without a contact at an instant at which another has one."""
     found = np.zeros(len(time), dtype=bool)
     found[match[match >= 0]] = True
     return int(np.count_nonzero(~found & np.isin(time, time[found])))
 
 
 def _picked(values: Float[np.ndarray, "k 3"], match: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-    """Return the matched rows, NaN where there is none."""
     if not len(values):
         return np.full((len(match), 3), np.nan)
     return np.where((match >= 0)[:, None], values[match], np.nan)

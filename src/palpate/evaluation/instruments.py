@@ -103,7 +103,7 @@ def wrench_points(surface: Mesh, wrenches: Float[np.ndarray, "n 6"], *, alone: B
 
 
 def _why(alone: bool, newtons: float, pitch: float, met: bool) -> str:
-    """Return why a wrench cannot be taken for one force; "" where it can."""
+    """Return why a wrench is not one force; "" where it is."""
     if not np.isfinite(newtons):
         return "there is no wrench at its time"
     if not alone:
@@ -219,7 +219,6 @@ def medians(contacts: Contacts, touches: list[Int[np.ndarray, " _"]]) -> Contact
 
 
 def _median(contacts: Contacts) -> Contacts:
-    """Return the median of a touch's contacts as one contact."""
     first, estimate = contacts[:1], contacts.estimate
     values = {name: np.median(getattr(estimate, name), axis=0, keepdims=True) for name in _MEASURED}
     values["normal"] /= np.linalg.norm(values["normal"])

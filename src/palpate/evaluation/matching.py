@@ -65,7 +65,7 @@ def match_instants(
 
 
 def _nearest_pairs(points: Float[np.ndarray, "n 3"], known: Float[np.ndarray, "k 3"]) -> Int[np.ndarray, " n"]:
-    """Return the known point of each point, -1 for none, by the least sum of distances; rows of NaN are paired last."""
+    """Return the known point of each point, -1 for none, by the least sum of distances."""
     from scipy.optimize import linear_sum_assignment  # here: scipy is slow to import
 
     apart = np.linalg.norm(points[:, None] - known, axis=-1)
@@ -105,7 +105,7 @@ def match_touches(
 
 
 def _identities(contacts: Contacts, truth: TrueTouches, inside: list[Int[np.ndarray, " _"]]) -> list[int | None]:
-    """Return the identity of each touch's contact: nearest pairs first, and none for two touches at the same time."""
+    """Return the identity of each touch, nearest pairs first; two at once do not share one."""
     pairs: list[tuple[float, int, int]] = []
     for k, rows in enumerate(inside):
         answered = rows[contacts.answered[rows]]

@@ -56,7 +56,7 @@ def load_arm(
 
 
 def _require_asked(names: tuple[str, ...], joints: Sequence[str] | None, where: str) -> None:
-    """Raise an InputError if `joints` differs from the moving joints of the chain, or from their order."""
+    """Raise an InputError if `joints` are not the chain's, in its order."""
     if joints is None or tuple(joints) == names:
         return
     for name in joints:
@@ -69,7 +69,7 @@ def _require_asked(names: tuple[str, ...], joints: Sequence[str] | None, where: 
 
 
 def _placed(robot: Urdf, steps: list[tuple[Joint, bool]]) -> tuple[Pose, np.ndarray]:
-    """Return the fixed transforms between n joints, one batch of n + 1 poses, and the joints' axes (n, 3)."""
+    """Return the fixed transforms between n joints, a batch of n + 1, and the joints' axes (n, 3)."""
     fixed, places, axes = Pose.identity(), list[Pose](), list[np.ndarray]()
     for joint, down in steps:
         if down:

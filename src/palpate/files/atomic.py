@@ -153,7 +153,6 @@ def write_text(path: Path, text: str) -> None:
 
 
 def _target(path: Path) -> Path:
-    """Resolve a path and its links to the file it leads to."""
     try:
         return path.resolve()
     except (OSError, ValueError, RuntimeError) as problem:  # the last two: a NUL in the name, links in a circle
@@ -161,7 +160,6 @@ def _target(path: Path) -> Path:
 
 
 def _place(temporary: Path, target: Path) -> None:
-    """Rename a finished temporary file to its target; do nothing if there is none."""
     with writing(target):
         if (temporary / WHOLE).exists():
             (temporary / WHOLE).replace(target)
@@ -171,7 +169,7 @@ def _place(temporary: Path, target: Path) -> None:
 
 
 def _clear(temporary: Path) -> None:
-    """Remove what a killed process wrote; raise an InputError for a folder with foreign files in it."""
+    """Remove what a killed process wrote, but no foreign files."""
     if not temporary.is_dir():
         temporary.unlink(missing_ok=True)
         return
@@ -207,7 +205,6 @@ def require_folder(path: Path) -> None:
 
 
 def _status(path: Path) -> os.stat_result | None:
-    """Return the status of the path's target; None if it cannot be examined."""
     try:
         return path.stat()
     except (OSError, ValueError):

@@ -93,7 +93,7 @@ def _locked(target: Path) -> Generator[None]:
 
 
 def _lock(file: Path, target: Path) -> int | None:
-    """Open and lock a file, and return its handle; None where there are no locks."""
+    """Lock a file, and return its handle; None where there are no locks."""
     while fcntl is not None:
         try:
             handle = _opened(file)
@@ -122,7 +122,7 @@ def _lock(file: Path, target: Path) -> int | None:
 
 
 def _opened(file: Path) -> int:
-    """Open the lock file; one of another user for reading, which is enough to lock it."""
+    """Open the lock file; one of another user for reading."""
     flags = os.O_NOFOLLOW | os.O_CLOEXEC
     try:
         return os.open(file, os.O_RDWR | os.O_CREAT | flags, 0o666)
@@ -131,7 +131,6 @@ def _opened(file: Path) -> int:
 
 
 def _holder(handle: int) -> str:
-    """Return the name of the process that has the lock, or "unknown"."""
     for _ in range(10):
         if said := os.pread(handle, 300, 0).decode(errors="replace"):
             return said

@@ -143,7 +143,7 @@ def covariance_matrix(
 
 @dataclass(frozen=True)
 class _Reader:
-    """Reader of the value of one key; `sizes` maps the letters in the shapes of its table to their sizes."""
+    """Reader of one key; `sizes` maps letters in the shapes of its table to sizes."""
 
     file: str
     said: Key
@@ -151,7 +151,6 @@ class _Reader:
     sizes: dict[str, int]
 
     def value(self, value: Any, hint: Any, key: str) -> Any:
-        """Return `value` as the type `hint`, or raise an InputError that states what was expected."""
         for option in _options(hint):
             if is_dataclass(option) and isinstance(value, dict):
                 table, kind = cast("dict[str, Any]", value), cast("type[Any]", option)
@@ -176,7 +175,6 @@ class _Reader:
         raise InputError(f"{key} must be {expected}, not {_shown(value)}.", where=self.file)
 
     def _number(self, value: int | float, key: str) -> float:
-        """Return a number as float, checked against the limits of the key."""
         if self.said.infinite and abs(value) >= _LARGEST:
             return copysign(inf, value)
         if abs(value) <= _LARGEST:
@@ -199,7 +197,6 @@ class _Reader:
         )
 
     def _array(self, values: list[Any], hint: type[AbstractArray], key: str) -> np.ndarray[Any, np.dtype[Any]]:
-        """Return a list as an array of one or two axes, with the sizes that `hint` states."""
         kind, names = _leaf(hint), hint.dim_str.split()
         if len(names) == 1:
             rows = self._tuple(values, tuple[kind, ...], key)
@@ -228,7 +225,6 @@ class _Reader:
 
 
 def _stated(model: Any) -> dict[str, Key]:
-    """Return the keys that the metadata of a dataclass's fields describe."""
     known = fields(model) if is_dataclass(model) else ()
     return {field.name: Key(infinite=True) for field in known if "infinite" in field.metadata}
 
@@ -238,12 +234,12 @@ def _is_array(option: Any) -> bool:
 
 
 def _nested(hint: Any) -> bool:
-    """Check whether an annotation is an array of two axes, or a tuple of tuples."""
+    """Check whether an annotation is an array of two axes or a tuple of tuples."""
     return len(hint.dim_str.split()) == 2 if _is_array(hint) else get_origin(get_args(hint)[0]) is tuple
 
 
 def _leaf(hint: type[AbstractArray]) -> type:
-    """Return the element type of an array's annotation: bool, int or float."""
+    """Return the element type of an array: bool, int or float."""
     first = str(next(iter(hint.dtypes)))
     return bool if first.startswith("bool") else int if first.startswith("int") else float
 

@@ -121,7 +121,7 @@ def split_unit(name: str) -> tuple[str, str]:
 
 
 def _known(unit: str, *, certain: bool = False) -> bool:
-    """Check whether a unit is known; `certain`: as its table spells it, or a word (`fx_n` has no unit)."""
+    """Check whether a unit is known; `certain`: as its table spells it, or a word (not `fx_n`)."""
     if certain and len(unit) < 3:
         return unit != "g" and any(unit in table for table in _TABLES)
     return any(known_unit(unit, table) for table in _TABLES)

@@ -218,7 +218,7 @@ class Urdf:
         return LinkBody(np.concatenate(vertices), np.concatenate(faces), taken, tuple(dict.fromkeys(files)))
 
     def _shape(self, shape: Any, link: str) -> tuple[np.ndarray, np.ndarray, Path | None]:
-        """Return vertices [m] in the shape's frame, counter-clockwise faces, and the mesh file or None."""
+        """Return vertices [m] in the shape's frame, faces, and the mesh file or None."""
         mesh = shape.find("geometry/mesh")
         if mesh is None:
             return *arrays_of(self._primitive(shape.find("geometry"), f"link {link!r}"), str(self.path)), None
@@ -229,7 +229,6 @@ class Urdf:
         return points * scale, faces[:, ::-1] if mirrored else faces, file
 
     def _primitive(self, geometry: Any, of: str) -> Any:
-        """Return a box, cylinder or sphere as a trimesh mesh; raise an InputError for any other shape."""
         from trimesh import creation
 
         for kind in geometry:
@@ -269,7 +268,7 @@ class Urdf:
         return found
 
     def _folders(self, package: str) -> Iterator[Path]:
-        """Yield the folders where a package may be: from `packages`, or above the URDF, then in ROS's paths."""
+        """Yield where a package may be: in `packages`, or above the URDF, then in ROS's paths."""
         if package in self.packages:
             yield self.packages[package]
             return
@@ -296,7 +295,7 @@ class Urdf:
         return Joint(name, kind, str(ends[0]), str(ends[1]), place, mimics, follows, joint)
 
     def _origin(self, element: Any, of: str) -> Pose:
-        """Return the pose in an element's `origin`: rpy are angles about the fixed axes x, y, z, in this order."""
+        """Return the pose of an `origin`: rpy are about the fixed axes x, y, z, in this order."""
         from scipy.spatial.transform import Rotation  # here: it takes 0.1 s to import
 
         origin = element.find("origin")
@@ -308,7 +307,7 @@ class Urdf:
     def _numbers(
         self, element: Any, key: str, of: str, default: tuple[float, ...] | None = None
     ) -> Float[np.ndarray, " k"]:
-        """Read the numbers of an attribute: three for a vector (xyz, rpy, size, scale), else one."""
+        """Return the numbers of an attribute: three of a vector, else one."""
         text = element.get(key)
         if text is None and default is not None:
             return np.array(default)
@@ -406,7 +405,6 @@ def _shapes(link: Any, geometry: str) -> list[Any]:
 
 
 def _declares(file: Path, package: str) -> bool:
-    """Check whether a package.xml names this package."""
     try:
         return file.is_file() and ElementTree.parse(file).getroot().findtext("name", "").strip() == package
     except (OSError, ElementTree.ParseError):
@@ -414,7 +412,7 @@ def _declares(file: Path, package: str) -> bool:
 
 
 def _collada_unit(file: Path) -> float:
-    """Return the metres in one unit of a COLLADA file, the only one of these formats to state it; 1 for others."""
+    """Return the metres in a unit of a COLLADA file; 1 for other formats."""
     if file.suffix.lower() != ".dae":
         return 1.0
     with file.open("rb") as content:

@@ -95,7 +95,7 @@ def noted(contacts: Contacts, note: str) -> Contacts:
 
 
 def _types(line: bytes) -> dict[str, Any] | None:
-    """Return the polars types of the columns that our header names; None if the header is a different one."""
+    """Return the types of the columns that our header names; None for another header."""
     names = line.decode("utf-8", "replace").rstrip("\n").split(",")
     features = tuple(names[len(COLUMNS) :])
     ours = tuple(names[: len(COLUMNS)]) == COLUMNS and len(set(names)) == len(names)
@@ -103,7 +103,7 @@ def _types(line: bytes) -> dict[str, Any] | None:
 
 
 def _pieces(file: BinaryIO, torn: bool, types: dict[str, Any]) -> Iterator[Contacts]:
-    """Yield the rows in pieces of about 8 MB, at least one piece."""
+    """Yield the rows in pieces of about 8 MB, at least one."""
     while True:
         text = file.read(_PIECE) + file.readline()
         whole, end, rest = text.rpartition(b"\n") if torn else (text, b"", b"")
@@ -113,7 +113,6 @@ def _pieces(file: BinaryIO, torn: bool, types: dict[str, Any]) -> Iterator[Conta
 
 
 def _parsed(text: bytes, types: dict[str, Any]) -> pl.DataFrame:
-    """Parse lines of text strictly, with the columns of our header."""
     return pl.read_csv(text, has_header=False, schema=types, quote_char=None) if text else pl.DataFrame(schema=types)
 
 

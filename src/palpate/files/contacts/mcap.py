@@ -149,7 +149,7 @@ class ContactMessages:
         return raw, messages
 
     def _stamps(self, time: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-        """Return stamps (n,) [ns], clipped to ROS's range; a missing time is replaced by the one before."""
+        """Return stamps [ns], clipped to ROS's range; one that is missing is the one before."""
         known = np.flatnonzero(np.isfinite(time))
         seconds = time[known].clip(0, LATEST / 1e9)
         whole = np.floor(seconds).clip(max=LATEST // 10**9)
@@ -190,7 +190,7 @@ def from_messages(payloads: np.ndarray, features: tuple[str, ...] = ()) -> Conta
 
 
 def _z_to(normal: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 4"]:
-    """Return the shortest rotations (n, 4), x, y, z, w, that turn z into `normal`; for -z, half a turn about x."""
+    """Return the shortest rotations (n, 4), x, y, z, w, that turn z into `normal`."""
     x, y, z = normal[:, 0], normal[:, 1], normal[:, 2]
     above = np.where(z > 0, 1 + z, (x * x + y * y) / (1 - z.clip(max=0)))  # 1 + z, without cancellation near z = -1
     quaternion = np.stack([-y, x, np.zeros_like(x), above], axis=1)

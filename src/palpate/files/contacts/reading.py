@@ -53,7 +53,6 @@ def _start(path: Path) -> bytes:
 
 
 def _folder(path: Path) -> Iterator[Contacts]:
-    """Read OUTPUT.part of a Parquet file, a folder."""
     files = sorted(path.glob("*.parquet"))
     if not files:
         raise InputError("is a folder without rows of contacts (*.parquet).", where=str(path))
@@ -62,11 +61,6 @@ def _folder(path: Path) -> Iterator[Contacts]:
 
 
 def _parquet(path: Path) -> Iterator[Contacts]:
-    """Yield the rows of a Parquet file of contacts, in pieces.
-
-    Raises:
-        InputError: the file holds no contacts, or a row in it is invalid.
-    """
     try:
         rows = pl.scan_parquet(path, glob=False)
         names = rows.collect_schema().names()
@@ -81,7 +75,7 @@ def _parquet(path: Path) -> Iterator[Contacts]:
 
 
 def _mcap(path: Path) -> Iterator[Contacts]:
-    """Yield the rows of an MCAP file of contacts; a last piece without rows has the note on damage."""
+    """Yield the rows; a last piece without rows has the note on damage."""
     file, rows = McapFile(path), 0
     try:
         for messages in file.messages():
@@ -98,7 +92,7 @@ def _mcap(path: Path) -> Iterator[Contacts]:
 
 
 def _ours(messages: MessageBlock) -> Iterator[np.ndarray]:
-    """Yield the messages that hold contacts, (n, length) bytes, in order; each array has messages of one length."""
+    """Yield the messages that hold contacts, (n, length) bytes, one length at a time."""
     keys = [key for key, topic in messages.topics.items() if topic.kind == _KIND and topic.encoding == "cdr"]
     ours = np.isin(messages.topic, keys)
     start, length = messages.start[ours], messages.length[ours]

@@ -32,7 +32,7 @@ _CHUNK = 2048  # samples of a chunk of MCAP
 
 
 class _Appended:
-    """A file to which bytes are appended; a write that was interrupted is cut off when the file is finished."""
+    """A file to which bytes are appended; an interrupted write is cut off at the end."""
 
     def __init__(self, path: Path, head: bytes) -> None:
         self._path = path
@@ -87,7 +87,7 @@ class _Mcap(_Appended):
 
 
 class _Parquet:
-    """A folder of small, complete files, joined at the end: a Parquet file has its index at its end."""
+    """A folder of small, complete files, joined at the end."""
 
     def __init__(self, path: Path, _: str, features: tuple[str, ...]) -> None:
         self._folder = path
@@ -122,7 +122,7 @@ class _Parquet:
 
 @contextmanager
 def _of_the_system() -> Generator[None]:
-    """Raise the operating system's error, such as that of a full disk, which polars wraps in a sentence."""
+    """Raise the system's error, such as that of a full disk, which polars wraps."""
     try:
         yield
     except pl.exceptions.ComputeError as problem:

@@ -81,7 +81,7 @@ class ArrayLog(ColumnLog):
             return {SINGLE: loaded} if alone else {name: loaded[name] for name in names}
 
     def _arrays(self, names: Sequence[str]) -> dict[str, np.ndarray]:
-        """Return the arrays to be read, each as (n, k) and with the same number of rows."""
+        """Return the arrays, (n, k) each with the same n."""
         arrays, first = self._loaded(names), names[0]
         for name, values in arrays.items():
             if not (np.issubdtype(values.dtype, np.integer) or np.issubdtype(values.dtype, np.floating)):
@@ -154,7 +154,7 @@ class HeldLog(ArrayLog):
 
 
 def _head(file: Any) -> tuple[int, ...]:
-    """Return the shape of an array from its header in a file; raise a ValueError if it holds Python objects."""
+    """Return the shape of an array from its header; raise a ValueError if it holds Python objects."""
     version = np.lib.format.read_magic(file)
     read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     shape, _, kind = read(file)
@@ -164,5 +164,4 @@ def _head(file: Any) -> tuple[int, ...]:
 
 
 def _sample(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the shape of one row, () if that is one number."""
     return shape[1:] if prod(shape[1:]) != 1 else ()

@@ -125,7 +125,7 @@ class BagFile(MessageFile):
 
     @contextmanager
     def _opened(self) -> Generator[Any]:
-        """Yield rosbags' reader of the bag; any error that it meets in a damaged bag becomes an InputError."""
+        """Yield rosbags' reader; its errors become InputErrors."""
         if self.path.is_file():
             open_input(self.path).close()
         try:

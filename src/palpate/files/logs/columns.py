@@ -106,7 +106,7 @@ class ColumnLog(Log):
         return () if self._columns is None else tuple(dict.fromkeys(self._columns.notes()))
 
     def _cut(self, columns: Columns, arrays: Mapping[str, np.ndarray], before: int, total: int) -> Iterator[Recording]:
-        """Yield the rows of arrays, (n, k) each, in blocks; `before` rows of `total` precede them in the file."""
+        """Yield rows of arrays, (n, k) each, in blocks; `before` of `total` precede them in the file."""
         count, block = len(next(iter(arrays.values()))), rows_at_once(BLOCK, len(columns.names))
         for start in range(0, count, block):  # what follows needs far more memory than what is read
             self.position = self.size * (before + min(start + block, count)) // total
@@ -121,7 +121,7 @@ def _read(
     names: Sequence[str],
     fields: Fields,
 ) -> Float[np.ndarray, "n k"]:
-    """Return columns of some rows of arrays; `places` gives the array and index of each, `before` rows precede them."""
+    """Return columns of rows of arrays, before which there are `before` others."""
     parts: list[np.ndarray] = []
     for array, group in groupby(map(places.__getitem__, names), key=lambda place: place[0]):
         values, columns = arrays[array], [k for _, k in group]
@@ -174,7 +174,6 @@ def flattened(shapes: Shapes) -> dict[str, tuple[str, int]]:
 
 
 def _per_second(layout: LogLayout) -> float:
-    """Return the number of the time's units in a second."""
     if layout.time_unit == SAMPLES:
         return layout.rate or 1.0
     return float(round(1 / to_si(layout.time_unit, TIME_UNITS, where="time_unit")))
@@ -185,7 +184,7 @@ def _columns(name: str, shape: tuple[int, ...]) -> tuple[str, ...]:
 
 
 def _by_arrays(layout: LogLayout, shapes: Shapes, path: Path) -> LogLayout:
-    """Return the layout with arrays in place of missing columns, if the log has arrays with names of channels."""
+    """Return the layout with arrays that are named as channels in place of missing columns."""
     arrays = {name: shape for name, shape in shapes.items() if shape}
     if not arrays:
         return layout
@@ -204,7 +203,7 @@ def _by_arrays(layout: LogLayout, shapes: Shapes, path: Path) -> LogLayout:
 
 
 def _found(array: ArrayChannel, shapes: Shapes, made: Mapping[str, tuple[str, ...]], path: Path) -> ArrayChannel:
-    """Return the channel with the columns of the array of its name; raise an InputError if missing or misshapen."""
+    """Return the channel with the columns of the array of its name."""
     if array.columns is not None and set(array.columns) <= shapes.keys():
         return array
     name = next((name for name in (array.name, _OTHER_NAMES.get(array.name), SINGLE) if name in made), None)
@@ -231,7 +230,6 @@ def _mend(array: ArrayChannel) -> str:
 
 
 def _require_known(wanted: Sequence[str], names: Mapping[str, object], path: Path) -> None:
-    """Raise one InputError that names all missing columns, not one error after the other."""
     missing = [name for name in wanted if name not in names]
     if missing:
         what = f"there is no column {', '.join(map(repr, missing))}."

@@ -161,7 +161,6 @@ def decode_array(
 
 
 def _stored(cursor: Cursor, code: str, shape: tuple[int, ...]) -> np.ndarray:
-    """Read the numbers of arrays, after their dimensions, which are not needed, and after `offset` other numbers."""
     count = int(np.prod(shape))
     cursor.dimensions()
     offset, held = cursor.number(), cursor.number()
@@ -170,7 +169,6 @@ def _stored(cursor: Cursor, code: str, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _array(cursor: Cursor, code: str, shape: tuple[int, ...]) -> np.ndarray:
-    """Read the numbers of arrays as float64; NaN for messages that cannot be read."""
     values = _stored(cursor, code, shape)
     with np.errstate(invalid="ignore"):  # bytes make NaNs of which arithmetic warns
         values = values.astype(np.float64, copy=False)
@@ -181,7 +179,7 @@ def _array(cursor: Cursor, code: str, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _image(cursor: Cursor, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Read the pixels of images of this shape; rows may be longer than their pixels."""
+    """Return stamps and pixels of images of this shape; rows may be longer than their pixels."""
     rows, columns = shape
     stamps = cursor.stamp()
     cursor.sound &= (cursor.number() == rows) & (cursor.number() == columns)

@@ -81,7 +81,6 @@ class FrameFolder(ImageLog):
             yield time, decoded(cv2, raw), file.name
 
     def _times(self) -> Float[np.ndarray, " n"]:
-        """Return the time [s] of each image, (n,)."""
         count = len(self._files)
         for name in TIMES:
             if not (self.path / name).is_file():
@@ -108,7 +107,6 @@ def _column(file: Path, layout: LogLayout) -> Float[np.ndarray, " n"] | None:
 
 
 def _bytes(file: Path) -> bytes:
-    """Return the content of a file; no bytes where it cannot be read."""
     try:
         return file.read_bytes()
     except OSError:

@@ -113,11 +113,7 @@ class ImageLog(Log):
         return opencv()
 
     def _recordings(self, frames: Iterable[Frame]) -> Iterator[Recording]:
-        """Yield all images, in their order, as recordings with `IMAGE` (n, height, width, 3).
-
-        Raises:
-            InputError: there are no images, or none could be decoded.
-        """
+        """Yield all images, in order; raise an InputError if there are none, or none could be decoded."""
         held: list[tuple[float, np.ndarray | None]] = []
         for time, image, name in frames:
             self._count += 1
@@ -147,7 +143,6 @@ class ImageLog(Log):
         return max(1, min(ROWS, BYTES // (3 * height * width)))
 
     def _cut(self, held: Sequence[tuple[float, np.ndarray | None]]) -> Iterator[Recording]:
-        """Yield images in blocks; there are several blocks if the log begins with images that cannot be decoded."""
         for start in range(0, len(held), self._rows):
             part = held[start : start + self._rows]
             images = np.zeros((len(part), *(self._size or (0, 0)), 3), dtype=np.uint8)

@@ -81,7 +81,7 @@ def joint_names(messages: MessageBlock, topic: Topic) -> list[str]:
 
 
 def _listed(cursor: Cursor, count: int) -> tuple[list[str] | None, int]:
-    """Return the joint names in the one message of a cursor and the bytes they take; None if it is cut."""
+    """Return the joint names in a cursor's one message and their bytes; None if it is cut."""
     names, start = list[str](), int(cursor.at[0])
     for _ in range(count):
         (at,), (length,) = cursor.text()

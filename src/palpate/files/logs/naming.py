@@ -70,7 +70,7 @@ def require_stated(layout: LogLayout, stated: Stated, path: Path) -> None:
 
 
 def _same(unit: str, other: str, table: Mapping[str, float]) -> bool:
-    """Check whether two units are equal; True if one is unknown, as a rig may know better."""
+    """Check whether two units are equal, or one is unknown: a rig may know better."""
     try:
         return abs(to_si(unit, table, where="") / to_si(other, table, where="") - 1.0) < 1e-9
     except InputError:

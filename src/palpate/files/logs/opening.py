@@ -223,7 +223,7 @@ def _joined(arrays: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _messages(path: Path, kind: str) -> MessageFile | None:
-    """Return the messages of a log; None for a log without topics."""
+    """Return the messages of a log; None if it has no topics."""
     if kind == ".mcap":
         return McapFile(path)
     if kind in (".bag", ".db3"):
@@ -232,7 +232,6 @@ def _messages(path: Path, kind: str) -> MessageFile | None:
 
 
 def _require_ours(first: bytes, path: Path) -> None:
-    """Raise an InputError if a file begins with the bytes of a foreign format that cannot be read here."""
     for magic, (what, hint) in _FOREIGN.items():
         archive = magic.startswith(b"PK")
         if first.startswith(magic) and (not archive or first[30:].startswith(_WORKBOOKS)):
@@ -240,7 +239,7 @@ def _require_ours(first: bytes, path: Path) -> None:
 
 
 def _kind(path: Path) -> str:
-    """Return the format of a file by its first bytes: its usual suffix, "" for text, "video", "frames" or "folder"."""
+    """Return the format by the first bytes: its usual suffix, "" for text, "video", "frames" or "folder"."""
     if path.is_dir():
         return _FRAMES if holds_frames(path) else "folder"
     if path.is_fifo():  # it gives its first bytes once

@@ -76,6 +76,5 @@ class ParquetLog(ColumnLog):
 
 
 def _number(name: str, *, date: bool) -> pl.Expr:
-    """Return a column as numbers, a date with a time as seconds since 1970, to the nearest double."""
     column = pl.col(name).dt.epoch("ns").cast(pl.Float64) / 1e9 if date else pl.col(name).cast(pl.Float64)
     return column.fill_null(np.nan)

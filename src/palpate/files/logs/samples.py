@@ -134,10 +134,7 @@ class SampleReader:
         return values.reshape(-1, *array.shape)
 
     def _wrenches(self, wrench: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "n 6"]:
-        """Return force and torque along the sensor's axes, in SI.
-
-        Columns are picked and flipped, not multiplied by a matrix, so that an infinite component does not spoil others.
-        """
+        """Return wrenches in SI along the sensor's axes; no infinite component spoils others."""
         with np.errstate(over="ignore"):
             made = wrench.take(self._picked, axis=1) * self._factors  # by rows: an index would leave columns
         if not np.abs(made).max(initial=0.0) <= LARGEST:  # NaN too
@@ -145,13 +142,13 @@ class SampleReader:
         return made
 
     def _bounded(self, name: str, values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
-        """Replace numbers beyond `LARGEST`, which are faults of the file, by NaN, and count their rows."""
+        """Replace numbers beyond `LARGEST` by NaN, and count their rows."""
         wrong = np.abs(values) > LARGEST
         self._beyond[name] += int(np.count_nonzero(wrong.any(axis=1)))
         return np.where(wrong, np.nan, values)
 
     def _sound(self, quaternion: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4"]:
-        """Replace quaternions whose length is far from 1, which are no rotations, by NaN, and count them."""
+        """Replace quaternions of lengths far from 1 by NaN, and count them."""
         length = np.linalg.norm(quaternion, axis=1)
         none = (length < 0.5) | (length > 2.0)
         self._none += int(np.count_nonzero(none))
@@ -165,7 +162,7 @@ def rows_at_once(most: int, width: int, numbers: int = NUMBERS) -> int:
 
 
 class _Times:
-    """Counts of the times of a log that are missing, repeat, run backwards or follow a gap."""
+    """Counts of the times that are missing, repeat, run backwards or follow a gap."""
 
     def __init__(self) -> None:
         self.count = self.missing = self.backwards = self.repeated = self.gaps = 0

@@ -67,7 +67,7 @@ def survey_of(source: MessageFile) -> Survey:
 
 
 def _frames_of(messages: MessageBlock, topic: Topic) -> tuple[str, str]:
-    """Return the header's frame and the child frame of the first readable message; "" for those it lacks."""
+    """Return the header's frame and the child frame of the first readable message; "" for none."""
     cursor = Cursor(messages, topic.encoding)
     texts = [cursor.text() if k else cursor.header()[1:] for k in range(FIXED[topic.kind].strings)]
     first = np.flatnonzero(cursor.sound)[:1]

@@ -87,14 +87,13 @@ class TopicLog(Log):
         yield from self._ended(join)
 
     def _pieces(self, names: Collection[str]) -> Iterator[MessageBlock]:
-        """Yield blocks of messages from the file, and copy its position and `torn`."""
         for messages in self._source.messages(names):
             self.position = self._source.position
             yield messages
         self.torn = self._source.torn
 
     def _as_stored(self) -> _Stream | None:
-        """Return the stream of the array if its stored numbers can be used unconverted, or else None."""
+        """Return the stream of the array if its stored numbers need no conversion, else None."""
         array, topic = main_channel(self._layout), self._chosen().get("main")
         if array is None or topic is None or topic.kind not in ARRAYS or array.scale != 1.0:
             return None
@@ -102,7 +101,7 @@ class TopicLog(Log):
         return self._main
 
     def _started(self) -> tuple[_Join, set[str]]:
-        """Return a new join of messages to samples, and the names of the topics that it needs."""
+        """Return a new join, and the names of the topics that it needs."""
         layout, array, chosen = self._layout, main_channel(self._layout), self._chosen()
         if "both" in chosen and array is not None:
             array = replace(array, shape=(array.size + BESIDE,))
@@ -125,7 +124,6 @@ class TopicLog(Log):
         return _Tracked(_Stream(topic, self._source), track)
 
     def _ended(self, join: _Join) -> Iterator[Recording]:
-        """Yield the remaining samples; raise an InputError if there were none at all."""
         yield from join.finish()
         if not join.rows:
             what = f"topic {join.main.topic.name!r} has no messages."
@@ -178,7 +176,6 @@ class TopicLog(Log):
         return choose(there, self._layout)
 
     def _poses(self, chosen: dict[str, Topic], offset: float) -> _Source | None:
-        """Return the source of the sensor's poses that the layout selects, or None."""
         layout, where, track = self._layout, str(self.path), PoseTrack(offset, self._layout.max_gap)
         pose = chosen.get("pose")
         if pose is not None and pose.name == LIVE_POSE:  # at the readings' own stamps, and nowhere between
@@ -208,7 +205,7 @@ class _Stream:
         self._stamped = has_header(topic.kind) and source.has_stamps(topic, self._stamps)
 
     def read(self, messages: MessageBlock) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n k"]]:
-        """Return times (n,) [s] and numbers (n, k) of the topic; NaN where a message is cut or of another form."""
+        """Return times (n,) [s] and numbers (n, k); NaN where a message is unreadable."""
         messages = messages.of(self.topic)
         stamps, values, sound = decode(messages, self.topic, self._shape)
         self.count += len(sound)
@@ -218,7 +215,7 @@ class _Stream:
         return np.where(sound, seconds(stamps), np.nan), values
 
     def stored(self, messages: MessageBlock) -> tuple[Float[np.ndarray, " n"], np.ndarray]:
-        """Return times [s] and numbers of an array in their stored type, for the messages that can be read."""
+        """Return times [s] and stored numbers of the messages that can be read."""
         messages = messages.of(self.topic)
         values, sound = decode_array(messages, self.topic, self._shape)
         self.count += len(sound)
@@ -226,7 +223,6 @@ class _Stream:
         return seconds(messages.time[sound]), values if sound.all() else values[sound]
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on unreadable messages and missing stamps."""
         name, unread, array = repr(self.topic.name), self.unread, self._array
         made = f"are not {self.topic.kind}" if array is None else f"do not hold {array.described} numbers"
         said = (
@@ -241,13 +237,12 @@ class _Stream:
 
 
 class _Tracked:
-    """The poses, accelerations, temperatures or wrenches of one topic, to be taken at the times of rows."""
+    """The poses, accelerations, temperatures or wrenches of one topic."""
 
     def __init__(self, stream: _Stream, track: PoseTrack | WrenchMeans) -> None:
         self.stream, self.track, self.topics = stream, track, (stream.topic,)
 
     def add(self, messages: MessageBlock) -> None:
-        """Add the messages of the topic in a block to the track."""
         time, values = self.stream.read(messages)
         if isinstance(self.track, WrenchMeans):
             self.track.add(time, values)
@@ -258,7 +253,6 @@ class _Tracked:
             self.track.add(time, np.tile([0.0, 0.0, 0.0, 1.0], (len(time), 1)), three)
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on unreadable messages and on those that the track dropped."""
         return (*self.stream.notes(), *self.track.notes())
 
 
@@ -266,7 +260,7 @@ _Source = _Tracked | JointPoses | TreePoses
 
 
 class _Join:
-    """A join that delays rows until poses, accelerations and wrenches around their time have arrived."""
+    """A join that delays rows until everything around their time has arrived."""
 
     def __init__(self, main: _Stream, sources: Mapping[str, _Source], samples: SampleReader, layout: LogLayout) -> None:
         self.main, self._sources, self._samples, self._layout = main, sources, samples, layout
@@ -278,7 +272,7 @@ class _Join:
         self._fresh = self.rows = self._lost = 0
 
     def take(self, messages: MessageBlock) -> Iterator[Recording]:
-        """Add a block of messages, and yield the rows that are now complete."""
+        """Add a block of messages, and yield the rows that are complete."""
         for source in self._sources.values():
             source.add(messages)
         time, values = self.main.read(messages)
@@ -290,14 +284,12 @@ class _Join:
             yield from self._release(complete=False)
 
     def finish(self) -> Iterator[Recording]:
-        """Yield the remaining rows, once there are no more messages."""
         for source in self._sources.values():
             source.track.complete()
         if self._time:
             yield from self._release(complete=True)
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on all streams and on samples without a pose, one sentence each."""
         said = [note for source in (self.main, *self._sources.values()) for note in source.notes()]
         pose = self._sources.get("pose")
         if isinstance(pose, _Tracked) and self._layout.orientation_topic is None:
@@ -323,7 +315,6 @@ class _Join:
             source.track.forget(oldest)
 
     def _rows(self, values: Float[np.ndarray, "n k"]) -> dict[str, np.ndarray]:
-        """Return the readings; those of a live record with a wrench are split into array, wrench and count."""
         if values.shape[1] != self._width + BESIDE:
             return {self._name: values}
         ends = (self._width, self._width + 6)

@@ -25,7 +25,7 @@ LIVE_POSE, LIVE_ACCELERATION = f"{LIVE}pose", f"{LIVE}acceleration"  # one of th
 
 @dataclass(frozen=True)
 class _Wanted:
-    """A topic to look for: its role, the array it must hold, and the table of the rig that may name it."""
+    """A topic to look for, the array it must hold, and the table of the rig that may name it."""
 
     role: str
     table: str
@@ -34,11 +34,9 @@ class _Wanted:
 
     @property
     def called(self) -> str:
-        """Name of the contents of its messages, in a sentence."""
         return self.role if self.array is None else self.array.name
 
     def fits(self, topic: Topic) -> bool:
-        """Check whether the messages of a topic have this role; images fit two-dimensional arrays only."""
         if self.role == "image":
             return topic.encoding in _ENCODINGS and topic.kind in IMAGES
         flat = self.array is not None and len(self.array.shape) != 2
@@ -112,7 +110,7 @@ def choose_images(there: LogContents, channel: ImageChannel) -> Topic:
 
 
 def _required(there: LogContents, wanted: _Wanted, name: str | None) -> Topic:
-    """Return the topic called `name`, or the only one of its kind; raise an InputError if there is not exactly one."""
+    """Return the topic called `name`, or the only one of its kind."""
     found = _named(there, wanted, name) or _only(there, wanted)
     if found is None:
         listed = ", ".join(f"{t.name} ({t.kind or 'of no type'}, {t.count:,})" for t in there.topics[:_SHOWN])
@@ -152,7 +150,7 @@ def _wanted(array: ArrayChannel) -> _Wanted:
 
 
 def _named(there: LogContents, wanted: _Wanted, name: str | None) -> Topic | None:
-    """Return the topic that the rig names; None if it names none. Raise an InputError if missing or of another type."""
+    """Return the topic that the rig names; None if it names none."""
     if name is None:
         return None
     found = [topic for topic in there.topics if topic.name == name]
@@ -168,10 +166,7 @@ def _named(there: LogContents, wanted: _Wanted, name: str | None) -> Topic | Non
 
 
 def _only(there: LogContents, wanted: _Wanted) -> Topic | None:
-    """Return the only topic of a fitting type; for a list of numbers, doubles are preferred. None if no topic fits.
-
-    Topics of a live record are preferred to others. Raise an InputError if several fit.
-    """
+    """Return the only fitting topic, or None; live records and lists of doubles are preferred."""
     fitting = [topic for topic in there.topics if _meant(topic, wanted)]
     fitting = [topic for topic in fitting if topic.name.startswith(LIVE)] or fitting
     if wanted.array is not None and len(wanted.array.shape) == 1:
@@ -184,10 +179,9 @@ def _only(there: LogContents, wanted: _Wanted) -> Topic | None:
 
 
 def _meant(topic: Topic, wanted: _Wanted) -> bool:
-    """Check whether a topic may be used where none is named: it fits, has messages and holds no contacts."""
+    """Check whether a topic may be used where none is named."""
     return wanted.fits(topic) and topic.count > 0 and not topic.name.startswith(RESULTS)
 
 
 def _recorded(there: LogContents, name: str) -> Topic | None:
-    """Return the topic of a live record with this name, which takes precedence over the rig's; None if it has none."""
     return next((topic for topic in there.topics if topic.name == name and topic.count), None)

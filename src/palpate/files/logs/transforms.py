@@ -87,10 +87,9 @@ class _Form:
     """The common form of messages that differ only in stamps and numbers.
 
     Attributes:
-        little: True if their numbers are little-endian.
-        fixed: pairs of byte offset and bytes that all of them share: counts, names and their lengths.
+        fixed: byte offset, and bytes that all share: counts, names and their lengths.
         frames: parent and child of each transform.
-        stamps, values: byte offsets of the stamp and the numbers of each transform.
+        stamps, values: byte offsets of the stamp and the numbers of each.
     """
 
     little: bool
@@ -100,7 +99,6 @@ class _Form:
     values: list[int]
 
     def fits(self, data: bytes, start: Int[np.ndarray, " n"], size: int) -> Bool[np.ndarray, " n"]:
-        """Return True (n,) for the messages of this size that have this form."""
         same = np.ones(len(start), dtype=bool)
         for at, wanted in self.fixed:
             if at + len(wanted) > size:
@@ -111,7 +109,6 @@ class _Form:
     def read(
         self, data: bytes, start: Int[np.ndarray, " n"], message: Int[np.ndarray, " n"], names: dict[str, int]
     ) -> Transforms:
-        """Read the transforms of messages that have this form."""
         order = "<" if self.little else ">"
         each = np.zeros((len(self.frames), 3, len(start)), dtype=np.int64)
         values = np.zeros((len(self.frames), len(start), 7))
@@ -126,7 +123,7 @@ class _Form:
 
 
 def _form(raw: bytes, cdr: bool) -> _Form | None:
-    """Return the form of one message; None if it is cut or malformed."""
+    """Return the form of one message; None if it is malformed."""
     origin = 4 if cdr else 0
     if cdr and (len(raw) < 4 or raw[0] or raw[1] > 1):
         return None
@@ -164,12 +161,11 @@ def frame_name(text: bytes) -> str:
 
 
 def _bytes(data: bytes, at: Int[np.ndarray, " n"], width: int) -> np.ndarray:
-    """Return (n, width) bytes from `at` on; all must be within `data`."""
     return taken(data, at, width, np.ones(len(at), dtype=bool))
 
 
 def _in_order(pieces: list[Transforms]) -> Transforms:
-    """Join transforms and sort them by message, in the order within each."""
+    """Join transforms, sorted by message."""
     pieces = [Transforms(*np.zeros((4, 0), dtype=np.int64), np.zeros((0, 7))), *pieces]
     joined = [np.concatenate([getattr(piece, each.name) for piece in pieces]) for each in fields(Transforms)]
     order = np.argsort(joined[3], kind="stable")
@@ -229,7 +225,7 @@ class SeenEdge:
 
 
 def _differs(values: Float[np.ndarray, "k 7"], first: Float[np.ndarray, "7"]) -> bool:
-    """Check whether a pose differs from the first by more than rounding; q and -q are the same rotation."""
+    """Check whether a pose differs by more than rounding; q and -q are one rotation."""
     turn = np.minimum(*(np.abs(values[:, 3:] + sign * first[3:]).max(axis=1, initial=0.0) for sign in (1, -1)))
     shift = np.abs(values[:, :3] - first[:3]).max(axis=1, initial=0.0)
     return bool((np.maximum(turn, shift) > _MOVED).any())

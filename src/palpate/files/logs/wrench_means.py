@@ -88,7 +88,7 @@ class WrenchMeans:
         return tuple(sentence for count, sentence in said if count)
 
     def _halves(self, time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n"], float]:
-        """Return half the step to each row (n,) [s], after a gap half the step before it; and the last step."""
+        """Return half the step to each row [s], after a gap that before it; and the last step."""
         halves, step, last = np.zeros(len(time)), self._step, self._last
         for k, now in enumerate(time.tolist()):
             passed = now - last
@@ -101,7 +101,7 @@ class WrenchMeans:
     def _mean(
         self, values: Float[np.ndarray, "k 6"], first: Int[np.ndarray, " n"], counts: Int[np.ndarray, " n"]
     ) -> Float[np.ndarray, "n 6"]:
-        """Return the means of `counts` readings from `first` on; if one is saturated, the first such reading."""
+        """Return the means of `counts` readings from `first` on; or the first saturated one."""
         made = np.zeros((len(first), 6))
         for k in range(int(counts.max(initial=0))):
             more = counts > k
@@ -116,7 +116,7 @@ class WrenchMeans:
     def _between(
         self, time: Float[np.ndarray, " n"], stamps: Float[np.ndarray, " k"], values: Float[np.ndarray, "k 6"]
     ) -> Float[np.ndarray, "n 6"]:
-        """Interpolate linearly between the neighbours of each row; NaN over gaps longer than `max_gap`."""
+        """Interpolate linearly between the neighbours of each row; NaN over longer gaps."""
         if len(stamps) < 2:
             return np.full((len(time), 6), np.nan)
         after = np.clip(np.searchsorted(stamps, time, side="left"), 1, len(stamps) - 1)

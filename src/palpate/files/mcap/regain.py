@@ -73,7 +73,7 @@ def regained(path: Path) -> Regained | None:
 
 
 def _head(file: BinaryIO) -> tuple[McapWriter, tuple[WrittenTopic, ...]] | None:
-    """Return a writer that makes the same head as this file has, and its topics; None if no writer does."""
+    """Return a writer whose head is the file's, and its topics; else None."""
     if file.read(len(MAGIC)) != MAGIC:
         return None
     library, schemas, topics = "", dict[int, Schema](), list[WrittenTopic]()
@@ -97,7 +97,7 @@ def _head(file: BinaryIO) -> tuple[McapWriter, tuple[WrittenTopic, ...]] | None:
 
 
 def _records(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
-    """Yield the kind and content of each complete record, from the current position of the file."""
+    """Yield kind and content of each complete record."""
     at = file.tell()
     size = file.seek(0, SEEK_END)
     file.seek(at)
@@ -109,7 +109,7 @@ def _records(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
 
 
 def _chunks(file: BinaryIO, writer: McapWriter) -> Iterator[dict[int, SequenceSpan]]:
-    """Yield the sequence numbers of each channel, chunk by chunk; each complete chunk is appended to the writer's."""
+    """Append each complete chunk to the writer's, and yield its channels' sequence numbers."""
     content, data, counts, places, numbers = b"", b"", dict[int, int](), dict[int, int](), dict[int, SequenceSpan]()
     at = left = 0
     for kind, held in _records(file):
@@ -139,7 +139,7 @@ def _chunks(file: BinaryIO, writer: McapWriter) -> Iterator[dict[int, SequenceSp
 
 
 def _numbers(data: bytes, starts: Int[np.ndarray, " n"]) -> tuple[SequenceSpan, int] | None:
-    """Return the sequence numbers of equally long messages and their total bytes; None if an index is wrong."""
+    """Return sequence numbers and total bytes of equally long messages; None if an index is wrong."""
     ends = int(starts[0]), int(starts[-1])
     if min(ends) < 0 or max(ends) + _SEQUENCE + 4 > len(data):
         return None

@@ -154,7 +154,6 @@ class McapWriter:
 
 
 def _raw(*records: mcap.McapRecord) -> bytes:
-    """Return the bytes of records, one after the other."""
     builder = RecordBuilder()
     for record in records:
         record.write(builder)
@@ -162,14 +161,14 @@ def _raw(*records: mcap.McapRecord) -> bytes:
 
 
 def _message_index(channel: int, rows: np.ndarray, offset: int) -> bytes:
-    """Return the message index of a channel, made at once: the library's own writes entry by entry."""
+    """Return a message index, made at once: the library's own writes entry by entry."""
     entries = np.column_stack([rows["log"], offset + rows.itemsize * np.arange(len(rows), dtype=np.uint64)])
     content = pack("<HI", channel, entries.nbytes) + entries.astype("<u8").tobytes()
     return pack("<BQ", Opcode.MESSAGE_INDEX, len(content)) + content
 
 
 def _compressed(records: np.ndarray) -> bytes:
-    """Compress fast rather than well: the noise in doubles cannot be compressed, and NaN always can."""
+    """Compress fast: the noise in doubles cannot be compressed, and NaN always can."""
     from lz4 import frame  # pyright: ignore[reportMissingTypeStubs] - it has none
 
     return cast(bytes, frame.compress(records, compression_level=-4, store_size=False))

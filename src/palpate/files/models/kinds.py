@@ -87,7 +87,7 @@ def write_model(path: str | Path, value: Any) -> None:
 
 
 def _model(holds: type[Any]) -> tuple[str, Model]:
-    """Return name and description of the kind whose values are of a class; raise a TypeError for other classes."""
+    """Return name and description of the kind of a class, or raise a TypeError."""
     for kind, model in MODELS.items():
         if model.holds is holds:
             return kind, model
@@ -95,7 +95,7 @@ def _model(holds: type[Any]) -> tuple[str, Model]:
 
 
 def _table(value: Any, forms: Mapping[type, TableForm], place: str, *, commented: bool = True) -> list[str]:
-    """Return the lines of a value's keys, then of its tables, whose names begin with `place`."""
+    """Return the lines of a value's keys, then of its tables."""
     form = forms[type(value)]
     spelled = form.spell(value) if form.spell else {each.name: getattr(value, each.name) for each in fields(value)}
     keys = [*form.keys, *(name for name in spelled if name not in form.keys)]
@@ -118,6 +118,6 @@ def _table(value: Any, forms: Mapping[type, TableForm], place: str, *, commented
 
 
 def _unknown(value: Any) -> bool:
-    """Check whether a number, or every number of a tuple, is NaN; it is then not written."""
+    """Check whether a number, or all of a tuple, is NaN."""
     values = cast("tuple[Any, ...]", value if isinstance(value, tuple) else (value,))
     return bool(values) and all(isinstance(each, float) and isnan(each) for each in values)

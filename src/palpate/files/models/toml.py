@@ -64,7 +64,7 @@ def _key(name: str) -> str:
 
 
 def _literal(value: Any) -> str:
-    """Return a value in TOML, a float with the fewest digits that read back to it."""
+    """Return a value in TOML, with the fewest digits that read back to it."""
     if isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind == "f":  # of a large skin there are many
         return f"[{', '.join(map(repr, cast('Any', value).tolist()))}]"
     if isinstance(value, (np.ndarray, np.generic)):

@@ -90,7 +90,7 @@ def spaces_to_tabs(text: bytes) -> bytes:
 
 
 def _whole_lines(text: bytes) -> list[bytes]:
-    """Return the complete lines in the first `LOOKED_AT` bytes, or three lines where rows are very long."""
+    """Return the complete lines in the first `LOOKED_AT` bytes, or three longer ones."""
     lines = text[:LOOKED_AT].split(b"\n")
     if len(text) <= LOOKED_AT:
         return lines
@@ -98,7 +98,7 @@ def _whole_lines(text: bytes) -> list[bytes]:
 
 
 def _decoded(line: bytes) -> str:
-    """Decode a line as UTF-8, or else as Windows' former code page (cp1252)."""
+    """Decode a line as UTF-8, or else as Windows' cp1252."""
     try:
         return line.rstrip(b"\r").decode()
     except UnicodeDecodeError:
@@ -106,7 +106,7 @@ def _decoded(line: bytes) -> str:
 
 
 def _plain(lines: list[str], filled: list[int], path: Path) -> Dialect | None:
-    """Return the dialect of a plain table, a line of names above numbers in as many fields; None if it is not plain."""
+    """Return the dialect of a line of names above numbers in as many fields; else None."""
     if len(filled) < 2:
         return None
     head, row = lines[filled[0]], lines[filled[1]]
@@ -126,7 +126,7 @@ def _plain(lines: list[str], filled: list[int], path: Path) -> Dialect | None:
 
 
 def _is_row(names: Sequence[str]) -> bool:
-    """Check whether the fields where names are expected are a first row: numbers, among which there may be words."""
+    """Check whether names are a first row: numbers, and words among them."""
     numbers = [name for name in names if _is_number(name)]
     return len(numbers) == len(names) or (
         bool(_is_number(names[0])) and 2 * len(numbers) > len(names) and any("." in number for number in numbers)
@@ -134,7 +134,7 @@ def _is_row(names: Sequence[str]) -> bool:
 
 
 def _header_only(lines: list[str], filled: list[int], path: Path) -> Dialect:
-    """Return the dialect if the first line names columns, though no rows of numbers follow it."""
+    """Return the dialect of a line of names without rows."""
     if not filled:
         raise InputError("the file is empty.", where=str(path))
     head = lines[filled[0]]
@@ -147,7 +147,7 @@ def _header_only(lines: list[str], filled: list[int], path: Path) -> Dialect:
 
 
 def _found(lines: list[str], path: Path) -> Dialect | None:
-    """Find the dialect by the rows of numbers: the delimiter that splits them best, and the names above them."""
+    """Return the dialect by the rows of numbers, and the names above them."""
     scores = {delimiter: _rows(lines, delimiter) for delimiter in _DELIMITERS}
     delimiter = max(_DELIMITERS, key=lambda each: sum(score for _, score in scores[each].values()))
     ended = max((k for k, line in enumerate(lines) if line.startswith("***End_of_Header***")), default=-1)  # LabVIEW's
@@ -175,7 +175,7 @@ def _found(lines: list[str], path: Path) -> Dialect | None:
 
 
 def _rows(lines: Sequence[str], delimiter: str) -> dict[int, tuple[int, float]]:
-    """Return line -> (field count, share of numbers), for lines at least half of whose fields are numbers."""
+    """Return line -> (field count, share of numbers) of lines with half numbers or more."""
     found: dict[int, tuple[int, float]] = {}
     for k, line in enumerate(lines):
         if (delimiter != SPACES and delimiter not in line) or line.startswith(COMMENTS):
@@ -190,7 +190,7 @@ def _rows(lines: Sequence[str], delimiter: str) -> dict[int, tuple[int, float]]:
 def _names(
     lines: Sequence[str], above: Sequence[int], delimiter: str, width: int, path: Path
 ) -> tuple[int, list[str], dict[int, list[str]]]:
-    """Return the index of the line of names (-1: none), the names, and the line of units with its fields."""
+    """Return the index of the line of names (-1: none), the names, and the line of units."""
     units: dict[int, list[str]] = {}
     for k in reversed(above[-3:]):
         remark = lines[k].startswith(COMMENTS) or (lines[k].startswith(";") and delimiter != ";")
@@ -213,7 +213,7 @@ def _names(
 
 
 def _are_units(fields: Sequence[str]) -> bool:
-    """Check whether fields are units, with some of force, torque or time among them, or empty fields and dashes."""
+    """Check whether fields are units, empty or dashes, with a force, torque or time among them."""
     bare = [re.sub(r"^[\[(]|[\])]$", "", text) for text in fields]
     known = [text for text in bare if any(known_unit(text, each) for each in (TIME_UNITS, FORCE_UNITS, TORQUE_UNITS))]
     others = [text for text in bare if text not in known and text not in ("", "-", "--", "1", "m", "mm", "deg", "rad")]
@@ -222,7 +222,7 @@ def _are_units(fields: Sequence[str]) -> bool:
 
 
 def _parted(line: str, delimiter: str, width: int) -> list[str]:
-    """Split a header, whose names may contain spaces even where spaces separate the fields of rows."""
+    """Split a header, whose names may contain the spaces that separate fields of rows."""
     if delimiter != SPACES:
         return _split(line, delimiter)
     for way in (r"\s+", r"\s{2,}|\t", r"\s*,\s*", r"\s+(?![\[(])"):
@@ -232,7 +232,7 @@ def _parted(line: str, delimiter: str, width: int) -> list[str]:
 
 
 def _split(line: str, delimiter: str) -> list[str]:
-    """Split a line into fields, without the quotes and spaces around them."""
+    """Split a line into fields, without quotes and spaces around them."""
     if delimiter == SPACES:
         return re.split(r"[ \t]+", line.strip(" \t"))
     if '"' not in line:
@@ -242,7 +242,6 @@ def _split(line: str, delimiter: str) -> list[str]:
 
 
 def _fields(line: str, delimiter: str, path: Path, number: int) -> list[str]:
-    """Split a line of the header into fields; raise an InputError if one of its quotes is not closed."""
     if line.count('"') % 2:
         raise InputError("a quote is not closed in the header.", where=f"{path}, line {number + 1}")
     return _split(line, delimiter)
@@ -253,7 +252,7 @@ def _bare(line: str) -> str:
 
 
 def _facts(lines: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Yield pairs of key and value from `key: value` or `key = value`, several per line, or from two fields."""
+    """Yield keys and values from `key: value`, `key = value`, or two fields."""
     for line in lines:
         bare = _MARK.sub("", line, count=1).strip().strip('"')
         pairs = _FACT.findall(bare) or [fields for fields in (re.split(r"\s*[,;\t]\s*", bare),) if len(fields) == 2]
@@ -261,11 +260,7 @@ def _facts(lines: Sequence[str]) -> Iterator[tuple[str, str]]:
 
 
 def _decimal(lines: Sequence[str], delimiter: str, first: int, path: Path) -> str:
-    """Return the decimal point of the numbers: a comma only where it cannot separate thousands.
-
-    Raises:
-        InputError: numbers have, or may have, marks between thousands.
-    """
+    """Return the decimal point: a comma only where it cannot separate thousands."""
     doubted, points, commas = "", False, False
     for k, line in enumerate(lines):
         if line.count('"') % 2 or (delimiter == "," and '"' not in line):

@@ -47,7 +47,6 @@ def open_input(path: Path, *, pipe: bool = False) -> BufferedReader:
 
 
 def _open_pipe(path: Path) -> BufferedReader:
-    """Open a pipe; raise an InputError if nothing is written into it within 1.5 s."""
     handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # does not wait for who writes
     if not select.select([handle], [], [], _WAIT)[0]:
         os.close(handle)
@@ -87,7 +86,7 @@ def complete_lines(file: BinaryIO, path: Path, size: int) -> Iterator[bytes]:
 
 
 def _from_utf16() -> Callable[[bytes], bytes]:
-    """Return a function that converts successive pieces of a UTF-16 text to UTF-8."""
+    """Return a function that converts successive pieces of UTF-16 to UTF-8."""
     decoder = codecs.getincrementaldecoder("utf-16")("replace")
     return lambda piece: decoder.decode(piece, final=not piece).encode()
 

@@ -67,7 +67,7 @@ def _unit(facts: Mapping[str, str], key: str, usual: str) -> str:
 
 
 def _rate(facts: Mapping[str, str]) -> float | None:
-    """Return the rate [Hz] of the samples over the number averaged; None if it is not stated."""
+    """Return the rate [Hz] over the number averaged; None if it is not stated."""
     rate: float | None = None
     averaged = 1.0
     for key, value in facts.items():
@@ -82,6 +82,5 @@ def _rate(facts: Mapping[str, str]) -> float | None:
 
 
 def _number(text: str) -> float:
-    """Return the number at the beginning of a text, or 0."""
     match = re.match(r"\d+(?:[.,]\d*)?(?:[eE][-+]?\d+)?", text)
     return float(match[0].replace(",", ".")) if match else 0.0

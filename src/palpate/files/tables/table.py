@@ -221,10 +221,7 @@ def tables(file: BinaryIO, path: Path, size: int) -> Iterator[TextTable]:
 
 
 def _split(raw: bytes, delimiter: bytes) -> tuple[bytes, Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """Drop blank lines and comments, and replace delimiters in quotes; return the text, line numbers and field counts.
-
-    Each line is a row, even if a quote in it is not closed; its field count is -1 then. `_INSIDE` is the replacement.
-    """
+    """Drop blank lines and comments; return text, line numbers and field counts (-1: an open quote)."""
     text = np.frombuffer(raw, dtype=np.uint8)
     ends = np.append(np.flatnonzero(text == ord("\n")), len(text))
     starts = np.append(0, ends[:-1] + 1)
@@ -249,7 +246,7 @@ def _split(raw: bytes, delimiter: bytes) -> tuple[bytes, Int[np.ndarray, " n"], 
 
 
 def _marked(text: UInt8[np.ndarray, " size"], starts: Int[np.ndarray, " n"]) -> Int[np.ndarray, " k"]:
-    """Return the indices of lines that may be comments, by their first byte."""
+    """Return the lines that may be comments, by their first byte."""
     if not len(text):
         return np.zeros(0, dtype=np.int64)
     first = text.take(starts, mode="clip")
@@ -257,7 +254,7 @@ def _marked(text: UInt8[np.ndarray, " size"], starts: Int[np.ndarray, " n"]) -> 
 
 
 def _unquoted(text: pl.Expr, delimiter: str) -> pl.Expr:
-    """Remove quotes and spaces around a text, and restore the delimiters and quotes inside it."""
+    """Remove quotes and spaces around a text, and restore delimiters inside it."""
     bare = text.str.strip_chars().str.strip_prefix('"').str.strip_suffix('"').str.strip_chars()
     return bare.str.replace_all('""', '"', literal=True).str.replace_all(_INSIDE.decode(), delimiter, literal=True)
 
@@ -265,7 +262,7 @@ def _unquoted(text: pl.Expr, delimiter: str) -> pl.Expr:
 def _frame(
     text: bytes, delimiter: str, path: Path, count: int, columns: Sequence[int], *, numbers: bool
 ) -> pl.DataFrame:
-    """Parse text without a header as columns c0, c1, ...; null where a field is empty or cannot be converted."""
+    """Parse text as columns c0, c1, ...; null where a field cannot be converted."""
     require_polars_threads()
     names = [f"c{k}" for k in range(count)]
     try:
@@ -284,5 +281,4 @@ def _frame(
 
 
 def _says_nan(text: pl.Series) -> Bool[np.ndarray, " n"]:
-    """Return True for each field that is a spelling of NaN or null."""
     return text.str.to_lowercase().is_in(["nan", "-nan", "+nan", "null", "none"]).fill_null(value=False).to_numpy()
