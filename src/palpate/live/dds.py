@@ -1,4 +1,4 @@
-"""Join a domain of DDS, the network of ROS 2, through cyclonedds and without an installation of ROS."""
+"""Join a domain of DDS, the network of ROS 2, through cyclonedds, without an installation of ROS."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class DdsNode:
         """Join the domain.
 
         Returns:
-            A sentence if the process's ports could not be restricted to the loopback interface as asked; else "".
+            A sentence if other machines can reach the node's ports although `interface` is ""; else "".
 
         Raises:
             InputError: cyclonedds is not installed, the interface does not exist, or too many participants are on it.
@@ -113,11 +113,9 @@ class DdsNode:
         Args:
             topic: name as in ROS.
             kind: type of the messages.
-            reliable: request lost messages again, from publishers that offer it; else all publishers are heard, and
-                lost messages are only counted.
-            latched: also request messages that were published before (/tf_static).
-            depth: most messages that wait; beyond it the newest are lost and counted; with `reliable` or `latched` the
-                oldest are lost.
+            reliable: request lost messages again, from publishers that offer it; else lost messages are only counted.
+            latched: also request messages published before (/tf_static).
+            depth: most messages that wait; beyond it the newest are lost, or with `reliable` or `latched` the oldest.
 
         Raises:
             InputError: the topic's name is not valid in ROS, or the type is unknown.
@@ -156,7 +154,7 @@ class DdsNode:
         return made
 
     def topics(self) -> list[Topic]:
-        """Return the topics of ROS published now, sorted by name; `count` is their number of publishers."""
+        """Return the topics of ROS published now, sorted by name; `count` is the number of publishers."""
         state = self._dds
         alive = state.SampleState.Any | state.ViewState.Any | state.InstanceState.Alive
         condition = state.ReadCondition(self._seen, alive)
@@ -168,7 +166,7 @@ class DdsNode:
         return [Topic(*key, "cdr", publishers) for key, publishers in sorted(found.items())]
 
     def settled(self, patience: float, names: Sequence[str] = ()) -> list[Topic]:
-        """Return `topics` once all `names` are among them, or after `patience` [s]; without names after that time."""
+        """Return `topics()` after `patience` [s], or as soon as all `names`, if any, are among them."""
         deadline = time.monotonic() + patience
         while True:
             there = self.topics()
@@ -192,7 +190,7 @@ class _End:
 
 
 class DdsReader(_End):
-    """A reader of one topic, of messages as bytes.
+    """A reader of messages, as bytes, of one topic.
 
     Attributes:
         topic: name and type of the topic.
@@ -220,7 +218,7 @@ class DdsReader(_End):
         return MessageBlock(data, {0: self.topic}, np.zeros(len(samples), dtype=np.int64), sent, start, length)
 
     def lost(self) -> int:
-        """Return the number of messages lost since the last call, by the network or for lack of room."""
+        """Return the number of messages since the last call that were lost, or had no room."""
         total = self.entity.get_sample_lost_status().total_count + self.entity.get_sample_rejected_status().total_count
         self._lost, before = total, self._lost
         return total - before
@@ -300,7 +298,7 @@ def _sockets() -> dict[str, int]:
 
 
 def _keep_to_loopback(domain: int, before: Collection[str]) -> str:
-    """Close a domain's ports to other interfaces than loopback, because cyclonedds opens them to all.
+    """Close a domain's ports, which cyclonedds opens to all interfaces, to others than loopback.
 
     Args:
         domain: number of the domain.

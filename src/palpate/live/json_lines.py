@@ -1,4 +1,4 @@
-"""Publish contacts as lines of JSON over UDP or a UNIX socket, one datagram for each sample."""
+"""Publish contacts as lines of JSON over UDP or a UNIX socket, a datagram for each sample."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def datagram_address(to: str) -> tuple[socket.AddressFamily, Address]:
         to: "udp:HOST:PORT" or "unix:PATH".
 
     Raises:
-        InputError: the address has another form, the host is unknown, or the path is too long or its folder missing.
+        InputError: the address has another form, the host is unknown, the path is too long, or its folder is missing.
     """
     kind, _, rest = to.partition(":")
     if kind == UNIX:
@@ -94,7 +94,8 @@ class JsonLines:
         """Send those samples that are due at the rate.
 
         Args:
-            contacts: the contacts of the next samples, in order; may be empty, to send a sample that waited.
+            contacts: the contacts of the next samples, in order; without any, a sample that waited for the rate is
+                sent.
         """
         for one, last in _each(contacts, every=not self._period):
             state = (*one.status.tolist(), *one.identity.tolist())

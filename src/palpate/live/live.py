@@ -1,4 +1,4 @@
-"""Run a source and the estimator of a rig in one process: samples in, rows of contacts out, without loss of samples."""
+"""Run a source and the estimator of a rig in one process: samples in, rows of contacts out."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class AnsweredSamples:
     Attributes:
         stamp: (n,) [ns] since 1970.
         counts: (n,) number of rows of each sample.
-        rows: (m, width) rows of contacts of all samples, with the columns of `open_live`.
+        rows: (m, width) contacts of all samples, with the columns of `open_live`.
     """
 
     stamp: Int[np.ndarray, " n"]
@@ -72,7 +72,7 @@ class AnsweredSamples:
 
 
 class _Samples(NamedTuple):
-    """Samples of a batch as arrays for an estimator: times, readings and further channels."""
+    """Samples as arrays for an estimator."""
 
     stamp: Int[np.ndarray, " n"]
     time: Float[np.ndarray, " n"]
@@ -110,9 +110,9 @@ class _Window:
 class Live:
     """Live contacts of a device, estimated in this process; see `open_live`.
 
-    Values that the rig needs from the start of a stream (a tare, the noise, cells at rest) are taken from its first
-    seconds, whose samples are answered once the values are known, with the same numbers as in a log. A start that
-    cannot be used, because it is not at rest, is reported; its samples are INVALID, and the next seconds are taken.
+    Values that the rig takes from the start of a stream (a tare, the noise, cells at rest) come from its first seconds,
+    whose samples are answered afterwards, as in a log. A start that cannot be used, because it is not at rest, is
+    reported and taken again; its samples are INVALID.
 
     Args:
         rig: a rig with a [source], or its file.
@@ -123,7 +123,7 @@ class Live:
         kind: the sensor.
         setup: the rig's values for it.
         source: the source, which the context opens and closes.
-        estimator: the estimator; another one once the values of the start are known.
+        estimator: the estimator; another one once the start is known.
 
     Raises:
         InputError: the rig cannot be used, or its source lacks something, such as an orientation.
@@ -161,7 +161,7 @@ class Live:
         """Return the description of samples and contacts for a ring of this stream.
 
         Args:
-            rig: file of the rig, which is noted in the description.
+            rig: file of the rig, noted in the description.
         """
         estimator, source, layout = self.estimator, self.source, self.setup.layout()
         channels = layout.images or next(iter(layout.arrays), None)
@@ -180,7 +180,7 @@ class Live:
         )
 
     def into(self, ring: StreamBuffer) -> None:
-        """Store samples in a ring as they are received, and their contacts as they are known, from now on."""
+        """Store samples in a ring as they are received, and contacts as they are known, from now on."""
         if (most := max(1, ring.safe // 2)) < len(self._batch):  # or one batch would lap its readers
             self._batch = Batch(self.source.shape, most, self.source.dtype)
         ring.take_in(self._batch, 0, self._batch.turned)  # of nothing: compiles, before samples come
@@ -189,7 +189,7 @@ class Live:
 
     @property
     def patient(self) -> bool:
-        """Whether samples wait until they are received, as those of a log that is replayed at speed 0."""
+        """Whether samples wait until they are received, as those of a log replayed at speed 0."""
         return isinstance(self.source, Replay) and self.source.patient
 
     @property
@@ -214,7 +214,7 @@ class Live:
 
         Raises:
             InputError: the estimator needs a value that the source does not give, or a replayed log cannot be read.
-            OSError: the source cannot be read.
+            OSError: the device cannot be read.
         """
         while not self.ended:
             yield from self.step()
@@ -227,7 +227,7 @@ class Live:
     def tare(self) -> None:
         """Take a tare over the next second, or the time that the rig states; `events` reports its success.
 
-        The call has no effect while values are taken from the start, or another tare is running.
+        Without effect while values are taken from the start, or another tare is running.
         """
         if self._start is None and self._tare is None:
             self._tare = _Window(self.setup.estimate.tare or TARE)
@@ -235,11 +235,11 @@ class Live:
     def step(self, timeout: float = 0.1) -> AnsweredSamples:
         """Return waiting samples with their contacts; none if no sample comes within `timeout` [s].
 
-        There are also none while the first seconds are collected; then all their samples are returned at once.
+        While the first seconds are collected, there are none; then all their samples are returned at once.
 
         Raises:
             InputError: the estimator needs a value that the source does not give, or a replayed log cannot be read.
-            OSError: the source cannot be read.
+            OSError: the device cannot be read.
         """
         count = 0 if self._held_back(timeout) else self.source.receive(self._batch, timeout)
         self._watch()
@@ -293,7 +293,7 @@ class Live:
         return _Samples(stamp, self._seconds(stamp), self._samples.readings(batch.values[:count]), beside)
 
     def _answered(self, samples: _Samples) -> AnsweredSamples:
-        """Return samples with their contacts, estimated in pieces that fit the buffers; store them in the ring."""
+        """Return samples with their contacts, estimated in pieces that fit the buffers; store these in the ring."""
         total, done, parts = len(samples.stamp), 0, list[np.ndarray]()
         counts = np.zeros(total, dtype=np.int64)
         while done < total:
@@ -320,10 +320,7 @@ class Live:
         return self._built(start, self._build) if self._build.done() else self._none
 
     def finish(self) -> AnsweredSamples:
-        """Return the samples of a start that still wait, with their contacts; none if none wait.
-
-        Call it when no more samples come.
-        """
+        """Return the samples of a start that still wait, with their contacts, after the last sample."""
         start, build = self._start, self._build
         if start is None or not start.held:
             return self._none
@@ -353,7 +350,7 @@ class Live:
         return self._answered(start.joined())
 
     def _refused(self, samples: _Samples) -> AnsweredSamples:
-        """Return samples with one INVALID row each, and store them in the ring."""
+        """Return samples with one INVALID row each, and store these in the ring."""
         count = len(samples.stamp)
         rows, counts = self.estimator.empty(count), np.ones(count, dtype=np.int64)
         rows[:] = np.nan
@@ -387,7 +384,7 @@ class Live:
 
 @called_as('palpate.open_live("rig.toml")')
 def open_live(rig: Rig | str | Path, sensor: str | None = None) -> Live:
-    """Return live contacts of the device that a rig's [source] names, in this process: for your own controller.
+    """Return live contacts of the device that a rig's [source] names, estimated in this process.
 
     ```python
     with palpate.open_live("rig.toml") as live:
@@ -400,9 +397,9 @@ def open_live(rig: Rig | str | Path, sensor: str | None = None) -> Live:
         sensor: name of the sensor's table, if there are several.
 
     Returns:
-        A `Live`, a context manager that connects when it is entered. `palpate.contact.estimate.ROW` names the columns
-        of a row; the columns of `estimator.features` follow, and the identity if a sample can have several contacts, a
-        row each.
+        A `Live`, which connects when its context is entered. `palpate.contact.estimate.ROW` names the columns of a row;
+            the columns of `estimator.features` follow, and the identity if a sample can have several contacts, a row
+            each.
 
     Raises:
         InputError: the rig cannot be used or has no [source]; on entering, the device cannot be opened.
@@ -411,11 +408,7 @@ def open_live(rig: Rig | str | Path, sensor: str | None = None) -> Live:
 
 
 def _unseen(setup: Setup) -> Setup:
-    """Return the setup without its filter if the filter's rate must be measured from samples first.
-
-    Raises:
-        InputError: the filter is zero_phase, which needs later samples.
-    """
+    """Return the setup without a filter whose rate must be measured first; raise InputError for zero_phase."""
     if setup.filter.kind == "zero_phase":
         hint = 'Use kind = "butterworth" or "kalman".'
         what = "zero_phase needs later samples, which a stream does not have yet."

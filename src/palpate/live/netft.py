@@ -45,14 +45,13 @@ _MISSING, _GAPS = "missing samples", "gaps"  # as counted in sentences
 class NetFt:
     """A Net F/T as a `palpate.live.source.Source` of wrenches in N and N m.
 
-    Wrenches are about the origin and in the axes that the device is set to. Samples whose status marks them as invalid
-    are NaN.
+    Origin and axes are those that the device is set to. Samples that the device marks as invalid are NaN.
 
     Args:
         address: name or IPv4 address.
         port: UDP port of its samples (RDT).
         web: TCP port of its page (HTTP).
-        rate: [Hz] expected; a page that states another is reported. None: the page's rate.
+        rate: [Hz] expected; `events` reports that the device's page states another. None: the page's.
     """
 
     shape: tuple[int, ...] = (6,)
@@ -124,7 +123,7 @@ class NetFt:
             self._wait(min(deadline, self._ask_at) - now)
 
     def events(self) -> list[str]:
-        """Return the events since the last call, one sentence each; frequent ones are counted, once a second."""
+        """Return the events since the last call, one sentence each; frequent ones counted, once a second."""
         now = time.monotonic()
         if self._close and now >= self._tell_at and (told := list(self._counted())):
             self._said.extend(told)
@@ -169,11 +168,7 @@ class NetFt:
         return str(found[0][4][0])
 
     def _await_first(self) -> None:
-        """Request samples until one of the device waits; read and count other datagrams before it.
-
-        Raises:
-            InputError: none comes within 2 s, or a request cannot be sent.
-        """
+        """Request samples until one of the device waits; raise InputError if none comes within 2 s."""
         end = time.monotonic() + _FIRST
         while (now := time.monotonic()) < end:
             if now >= self._ask_at and (problem := self._ask(now)):
@@ -288,7 +283,7 @@ class NetFt:
             )
 
     def _back(self, now: float, restarted: bool, missing: int | None) -> None:
-        """Report that samples come again or that counters restarted, and read the page again: the tool may differ."""
+        """Report that samples come again or counters restarted, and read the page again: the tool may differ."""
         if missing is None:
             guess = f" (about {(now - self._heard) * self._page.rate:.0f})" if self._page.rate and self._away else ""
             count = f"its counters restarted, so the number of missing samples is unknown{guess}"
@@ -304,7 +299,7 @@ class NetFt:
         self._read_again()
 
     def _read_again(self) -> None:
-        """Read the page again while samples wait in the buffer; if it does not answer in time, schedule another try."""
+        """Read the page again while samples wait; schedule another try if it does not answer in time."""
         self._retry_at = math.inf
         try:
             page = read_page(self._host, self._web, where=self._address, timeout=_PAGE_AGAIN)

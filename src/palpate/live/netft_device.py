@@ -1,4 +1,4 @@
-"""Simulate an ATI Net F/T: its page over HTTP and its samples over UDP, on this machine only."""
+"""Simulate an ATI Net F/T on this machine: its page over HTTP and its samples over UDP."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _WORD = 1 << 32
 
 
 class NetFtDevice:
-    """A simulated Net F/T, see `palpate.live.device.Device`, for several listeners, while the real one has one.
+    """A simulated Net F/T for several listeners; see `palpate.live.device.Device`.
 
     It obeys the commands for realtime streaming (2), stop (0) and bias (0x42). A value that is NaN, or beyond 2147 N or
     N m, is sent with the status of a saturated transducer.
@@ -38,7 +38,7 @@ class NetFtDevice:
         rate: [Hz] that the page states.
 
     Attributes:
-        port, web: the ports in use, once the device is open.
+        port, web: the ports in use, once open.
     """
 
     def __init__(self, port: int = 0, web: int = 0, *, rate: float = 7000.0) -> None:
@@ -68,7 +68,7 @@ class NetFtDevice:
         """Send samples to all listeners, and return the largest number sent to one; 0 if nobody listens.
 
         Args:
-            stamp: ignored, because a Net F/T sends no stamps.
+            stamp: ignored: a Net F/T sends no stamps.
             values: (n, 6) force [N] and torque [N m].
         """
         exact = np.rint(values * _PER_UNIT)
@@ -133,7 +133,7 @@ class NetFtDevice:
                 self._bias = self._counts
 
     def _stream(self, address: tuple[str, int], samples: np.ndarray) -> int:
-        """Send samples to one listener, as many as its request still allows, and return how many."""
+        """Send a listener as many samples as its request still allows, and return how many."""
         sent, asked = self._listeners[address]
         count = len(samples) if not asked else min(len(samples), asked - sent)
         samples["rdt"] = (sent + 1 + np.arange(len(samples))) % _WORD
@@ -186,7 +186,7 @@ def _answers(page: bytes) -> type[BaseHTTPRequestHandler]:
 
 @contextmanager
 def _taken(kind: str, port: int) -> Generator[None]:
-    """Raise an InputError in place of an OSError, for a port that cannot be used."""
+    """Turn an OSError of a port that cannot be used into an InputError."""
     try:
         yield
     except OSError as problem:

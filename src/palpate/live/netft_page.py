@@ -32,7 +32,7 @@ class NetFtPage:
         force, torque: counts per N and per N m.
         units: units of force and torque that the device is set to.
         rate: [Hz] at which it sends samples; None: not stated.
-        product, serial: name of the product and serial number of the calibration; may be empty.
+        product, serial: product and serial number of the calibration; may be empty.
         streaming: whether sending of samples (RDT) is switched on.
     """
 
@@ -117,12 +117,7 @@ def _foreign(why: str, where: str) -> InputError:
 
 
 def _received(link: socket.socket, deadline: float, where: str) -> bytes:
-    """Return all bytes until the server closes or the answer is complete.
-
-    Raises:
-        TimeoutError: it is not complete by the deadline [s].
-        InputError: it is too long.
-    """
+    """Return all bytes until the server closes or the answer is complete; raise TimeoutError at the deadline [s]."""
     raw = bytearray()
     while (left := deadline - time.monotonic()) > 0:
         link.settimeout(left)
@@ -136,14 +131,14 @@ def _received(link: socket.socket, deadline: float, where: str) -> bytes:
 
 
 def _complete(raw: bytearray) -> bool:
-    """Return whether the answer has as many bytes as its header states, for a server that does not close."""
+    """Return whether the answer has as many bytes as its header states."""
     head, blank, body = bytes(raw).partition(b"\r\n\r\n")
     length = re.search(rb"(?im)^content-length:\s*(\d{1,9})\s*$", head.replace(b"\r", b""))
     return bool(blank) and length is not None and len(body) >= int(length[1])
 
 
 class _Heard(io.BytesIO):
-    """A wrapper of received bytes as the socket that `HTTPResponse` expects."""
+    """Received bytes in place of the socket that `HTTPResponse` expects."""
 
     def makefile(self, mode: str) -> io.BytesIO:
         return io.BytesIO(self.getvalue())
@@ -162,7 +157,7 @@ def _body(raw: bytes, where: str) -> bytes:
 
 
 def _elements(content: bytes, where: str) -> dict[str, str]:
-    """Return name of an element in lower case -> text of its first occurrence, printable letters only, 60 at most."""
+    """Return name in lower case -> text of its first element: printable letters, 60 at most."""
     try:
         if b"\0" in content or b"<!DOCTYPE" in content:  # entities, which may grow without end
             raise ValueError("a document type")

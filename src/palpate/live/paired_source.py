@@ -25,8 +25,8 @@ WAITS = 0.1  # s that a skin's sample waits for the wrenches around its time
 class PairedSource:
     """A source of a skin's samples with wrenches: its values, the mean wrench, and the number of readings in the mean.
 
-    A sample waits until wrenches half a step newer have come; after 0.1 s without them it is given with the wrenches
-    that have come, or NaN without any, and later wrenches are not used for it.
+    A sample waits for wrenches half a step newer, up to 0.1 s; then it is given with the wrenches that have come, or
+    NaN.
 
     Args:
         frames: the source of the skin's samples.
@@ -48,7 +48,7 @@ class PairedSource:
 
     @classmethod
     def of(cls, stated: RigSource, setup: Setup) -> PairedSource:
-        """Return the `PairedSource` of a sensor that combines a skin and a force/torque sensor, not opened yet.
+        """Return the source of a sensor that combines a skin and a force/torque sensor, not opened yet.
 
         Raises:
             InputError: the [source], or its `wrench`, does not fit the sensor.
@@ -63,13 +63,21 @@ class PairedSource:
         return cls(both[0], both[1], WrenchMeans(layout.max_gap, limits))
 
     def open(self) -> None:
-        """Connect to both devices; raise InputError if one cannot be opened."""
+        """Connect to both devices.
+
+        Raises:
+            InputError: one of them cannot be opened.
+        """
         self._wrenches.open()
         self._frames.open()
         self._heard = time.monotonic()
 
     def receive(self, batch: Batch, timeout: float) -> int:
-        """Fill a batch with samples and their wrenches, and return how many; wait up to `timeout` [s]."""
+        """Fill a batch with samples and their wrenches, and return how many; wait up to `timeout` [s].
+
+        Raises:
+            OSError: a device cannot be read.
+        """
         self._take(self._frames.receive(self._frame, 0.0 if len(self._stamp) else timeout))
         end = time.monotonic() + min(timeout, WAITS)
         while True:
@@ -83,7 +91,7 @@ class PairedSource:
         return self._given(batch, min(ready, len(batch)))
 
     def events(self) -> list[str]:
-        """Return sentences on events of both devices since the last call, and on samples without wrenches."""
+        """Return the events of both devices since the last call, and of samples without wrenches."""
         return [*drained(self._said), *self._frames.events(), *self._wrenches.events()]
 
     def close(self) -> None:

@@ -51,13 +51,12 @@ class Posed(NamedTuple):
 class LivePoses:
     """Poses of the sensor, which grow with each message.
 
-    Transforms of /tf are composed edge by edge: each edge is interpolated between its neighbours in time, or
-    extrapolated as by `LiveTrack`; transforms of /tf_static are constant. The age is that of the oldest edge on the
-    path; the squared errors of the edges' angles are added.
+    Transforms of /tf are composed edge by edge: each is interpolated in time, or extrapolated as by `LiveTrack`; those
+    of /tf_static are constant. The age is that of the oldest edge; the squared errors of the angles are added.
 
     Args:
         frames: base and sensor in the tree of /tf; None: messages are poses of the sensor in the base.
-        offset: [s] added to the stamps of the poses to put them on the samples' clock.
+        offset: [s] added to the stamps of the poses, to put them on the samples' clock.
         max_gap: [s] largest age of a pose, and largest gap between poses, at which it is used.
     """
 
@@ -80,7 +79,7 @@ class LivePoses:
     def add(self, messages: MessageBlock) -> None:
         """Add messages of one topic, poses or transforms; the time of sending replaces a stamp of 0.
 
-        Messages that cannot be read are ignored, which `events` reports.
+        Messages that cannot be read are ignored and reported.
         """
         if not len(messages.time):
             return
@@ -174,7 +173,7 @@ class LivePoses:
         return self._path
 
     def _watch(self, *, found: bool, age: float = 0.0) -> None:
-        """Note the time since which samples have no poses, and report when they have poses again."""
+        """Note since when samples have no poses, and report when they have poses again."""
         if found:
             if self._silent is not None and "silent" in self._told:
                 self._pending.append("samples have poses again")

@@ -27,7 +27,7 @@ _HINT = "Write ros2, ros2:DOMAIN, udp:HOST:PORT or unix:PATH."
 
 @runtime_checkable
 class Publisher(Protocol):
-    """A protocol of publishers, which send contacts to listeners and never wait for them."""
+    """A publisher of contacts to listeners, for which it never waits."""
 
     def publish(self, contacts: Contacts) -> object:
         """Publish the contacts of the next samples, in order; without any, one that waited for the rate."""
@@ -81,11 +81,11 @@ def open_publisher(to: str, form: SlotForm, source: RigSource | None = None, rat
     Args:
         to: the address, see `require_address`.
         form: description of the ring's samples and contacts.
-        source: the rig's [source], which gives domain and interface of ROS 2; None: domain 0 on this machine.
+        source: the rig's [source], with domain and interface of ROS 2; None: domain 0 on this machine.
         rate: [Hz] at most; 0: every sample.
 
     Raises:
-        InputError: the address is not valid, cyclonedds is not installed, or the domain of ROS 2 cannot be joined.
+        InputError: the address is not valid, cyclonedds is not installed, or the domain cannot be joined.
     """
     require_address(to)
     if not to.startswith("ros2"):
@@ -104,14 +104,14 @@ def publish(ring: Path, to: str, rig: Path, parent: int, rate: float = RATE) -> 
 
     Args:
         ring: file of the ring.
-        to: address to publish to, see `require_address`.
+        to: the address, see `require_address`.
         rig: file of the rig.
         parent: id of the parent process.
         rate: [Hz] at most; 0: every sample.
 
     Raises:
         InputError: the ring cannot be opened.
-        SystemExit: with 1, if the rig or the address cannot be used; the ring stores the reason.
+        SystemExit: with 1, if rig or address cannot be used; the ring stores the reason.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C and says stop
     read = StreamBuffer(ring)

@@ -30,12 +30,12 @@ def receive(
 
     Args:
         rig: file of a rig with a [source].
-        ring: file to make, or to continue if an earlier process was killed.
+        ring: file to make, or to continue after an earlier process.
         sensor: name of the sensor's table, if there are several.
         parent: id of the parent process.
-        trouble: receives the text (UTF-8) of a `PalpateError` that ends this process.
+        trouble: receives the text (UTF-8) of a `PalpateError`, which ends this process.
         realtime: request real-time priority, unless samples can wait.
-        recorded: the ring is recorded, and samples that can wait do so.
+        recorded: the ring is recorded; samples that can wait do so.
 
     Raises:
         OSError: the device cannot be read.
@@ -110,6 +110,6 @@ def _hurried() -> str:
 
 
 def _steady() -> None:
-    """Exempt existing objects from garbage collection, so that it does not pause the loop for them."""
+    """Exempt existing objects from garbage collection, which would pause the loop."""
     gc.collect()
     gc.freeze()

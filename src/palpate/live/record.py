@@ -1,7 +1,6 @@
 """Record the samples, contacts and events of a ring as MCAP files, each of which can be opened without the others.
 
-The recorder is a separate process. After a kill and a restart it continues where its file ends, as long as the ring
-still has the samples after it; `palpate.live.recover` does the same after all processes were killed.
+After a kill, a new recorder continues where the file ends, if the ring still has the samples after it.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ GRACE = 5.0  # s to wait for that, at most
 
 
 def ring_of(output: Path) -> Path:
-    """Return the path of the ring of a record, OUTPUT.ring, next to the file that OUTPUT resolves to.
+    """Return the path of the ring of a record: OUTPUT.ring.
 
     Raises:
         InputError: the path cannot be resolved, such as links in a circle.
@@ -45,8 +44,8 @@ def require_record(output: Path) -> None:
     """Check that a record can begin.
 
     Raises:
-        InputError: the name does not end in .mcap, an earlier run was cut short, or several files of an earlier record
-            exist.
+        InputError: the name does not end in .mcap, an earlier run was cut short, or OUTPUT belongs to an earlier record
+            of several files.
     """
     if output.suffix.lower() != ".mcap":
         raise InputError(f"a record cannot end in {output.suffix!r}.", where=str(output), hint="Use .mcap.")
@@ -62,8 +61,6 @@ def require_record(output: Path) -> None:
 def record(ring: Path, output: Path, split: float, parent: int) -> None:
     """Record a ring until it says stop, or the parent is gone and no more samples come; the target of a process.
 
-    A full disk ends the record, not the process.
-
     Args:
         ring: file of the ring.
         output: MCAP file, which grows as OUTPUT.part.
@@ -72,8 +69,7 @@ def record(ring: Path, output: Path, split: float, parent: int) -> None:
 
     Raises:
         InputError: the ring cannot be opened.
-        SystemExit: with 1, if another process writes the record or OUTPUT.part is another file; the ring stores the
-            reason.
+        SystemExit: with 1, if another process writes the record or OUTPUT.part is another file; the ring stores why.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C and says stop
     opened = StreamBuffer(ring)
@@ -109,9 +105,9 @@ def only_one(ring: Path) -> Generator[None]:
 class Recorder:
     """A writer of a ring's samples to files, which continues the file of a recorder that was killed.
 
-    Numbers in the ring's head let it continue after a kill at any point: "file" is the index of the current file, which
-    begins with sample "began", after "noted" sentences in earlier files; "recorded" is the number of the next sample,
-    "missed" the number of samples that came too fast and are in no file, "bytes" the size of all files.
+    Numbers in the ring's head tell where: the current file has the index "file", and begins with sample "began" after
+    "noted" sentences in earlier files; "recorded" is the next sample, "missed" the number of samples in no file,
+    "bytes" the size of all files.
 
     Args:
         ring: the ring, which no other recorder reads.
@@ -121,7 +117,7 @@ class Recorder:
     Attributes:
         next: number of the next sample to write.
         file: the file that grows; None before there is something to write, and once the disk is full.
-        full: whether the disk is full, or a file cannot be written for another reason.
+        full: whether recording has ended, because a file could not be written.
 
     Raises:
         InputError: the file to continue is no record, or has other topics.
@@ -163,7 +159,7 @@ class Recorder:
                 self.file.sync()
 
     def finish(self) -> None:
-        """Write everything that was received, and end the file, which then has its name.
+        """Write everything that was received, and end and rename the file.
 
         Raises:
             InputError: OUTPUT.part is another file.
@@ -177,7 +173,7 @@ class Recorder:
                 self._end(self.file)
 
     def _until(self) -> int:
-        """Return the number after the last sample to write: answered, or soon to be overwritten in the ring."""
+        """Return the number after the last sample to write: answered, or soon overwritten in the ring."""
         ring = self._ring
         return max(ring["answered"], ring["received"] - len(ring.slots) // 2)
 
@@ -208,7 +204,7 @@ class Recorder:
         self._grown()
 
     def _opened(self) -> RecordFile:
-        """Return the current file, which is begun or continued if it is not open."""
+        """Return the current file; begin or continue it if it is not open."""
         if self.file is None:
             ring = self._ring
             self.file = RecordFile(named(self._output, ring["file"]), self._topics, ring["received"])
@@ -217,7 +213,7 @@ class Recorder:
         return self.file
 
     def _grown(self) -> None:
-        """Store the progress in the ring, and end the file if it has reached the size at which files are split."""
+        """Store the progress in the ring, and end the file if it is large enough to be split."""
         ring = self._ring
         if self.full:
             return
@@ -242,7 +238,7 @@ class Recorder:
 
     @contextmanager
     def _guarded(self) -> Generator[None]:
-        """End the record at an OSError in the block, such as that of a full disk."""
+        """End the record at an OSError in the block, such as a full disk."""
         try:
             yield
         except OSError as problem:
@@ -262,14 +258,14 @@ class Recorder:
 
 
 class _Quiet:
-    """A check whether a ring still changes, for the end of a record."""
+    """A check whether a ring still changes."""
 
     def __init__(self, ring: StreamBuffer) -> None:
         self._ring, self._state = ring, (0, 0, 0)
         self._began = self._changed = 0.0
 
     def ended(self) -> bool:
-        """Return whether the ring has not changed for long enough; call it repeatedly once an end was requested."""
+        """Return whether the ring has not changed for long enough; call it repeatedly."""
         ring, now = self._ring, time.monotonic()
         state = ring["received"], ring["answered"], ring["alive"]
         self._began = self._began or now

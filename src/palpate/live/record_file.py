@@ -50,7 +50,7 @@ class Span(NamedTuple):
     Attributes:
         first: number of the first sample.
         end: number after the last sample.
-        samples: number of samples in the file; less than `end - first` if some are missing.
+        samples: number of samples in the file, without missing ones.
         noted: number of the last sentence; 0 if there is none.
     """
 
@@ -65,7 +65,7 @@ def span_of(found: Regained, latest: int) -> Span:
 
     Args:
         found: the complete part of the file.
-        latest: number after the last sample of the stream, which resolves the file's numbers modulo 2^32.
+        latest: number after the last sample of the stream; the file's are modulo 2^32.
     """
     noted = found.sequences[EVENTS].most if EVENTS in found.sequences else 0
     count = sum(chunk.counts[READINGS - 1] for chunk in found.writer.chunks)
@@ -80,13 +80,13 @@ class RecordFile:
     """A growing file OUTPUT.part, begun or continued; an incomplete chunk at its end is cut off.
 
     Args:
-        path: path of the file once it is ended, OUTPUT.
-        topics: topics of the file; None: those that the existing file has.
+        path: path of the ended file, OUTPUT.
+        topics: topics of the file; None: those of the existing file.
         latest: number after the last sample of the stream.
 
     Attributes:
         path: as given.
-        span: the range of samples that the file held when it was opened.
+        span: the range of samples when it was opened.
 
     Raises:
         InputError: the existing file is no record, or has other topics.
@@ -126,10 +126,10 @@ class RecordFile:
 
         Args:
             records: bytes of all its messages.
-            messages: views of the same bytes, one array of rows for each channel.
+            messages: views of these bytes, an array of rows for each channel.
 
         Raises:
-            OSError: the disk is full; earlier chunks are still complete once the file is ended.
+            OSError: the disk is full; earlier chunks stay complete.
         """
         raw, chunk = self._writer.chunk(records, messages)
         self._size = self._writer.size  # an earlier incomplete chunk is overwritten
@@ -186,7 +186,7 @@ class RecordFile:
 
 
 def _require_small(growing: Path, topics: tuple[WrittenTopic, ...] | None) -> None:
-    """Raise InputError if a file that cannot be read would be overwritten, unless it is only an incomplete head."""
+    """Raise InputError if an existing file that cannot be read is more than an incomplete head."""
     if growing.exists() and (topics is None or growing.stat().st_size > _HEAD):
         raise InputError("is not a file of `palpate live`, or contains no complete data.", where=str(growing))
 

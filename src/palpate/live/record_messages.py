@@ -1,4 +1,4 @@
-"""Make the messages of a live record: readings as a log of the same rig has them, their contacts, and events."""
+"""Make the messages of a live record: readings as a log of the same rig has them, contacts, and events."""
 
 from __future__ import annotations
 
@@ -57,8 +57,7 @@ def _topic(name: str, kind: str) -> WrittenTopic:
 class RecordMessages:
     """An encoder of a ring's slots as MCAP messages.
 
-    The sequence number of a reading is the number of its sample, that of a sentence its number from 1 (modulo 2^32); a
-    sentence on lost samples has the number 0.
+    Sequence numbers are those of samples and sentences, modulo 2^32; a sentence on lost samples has the number 0.
 
     Args:
         form: description of the ring's samples and contacts.
@@ -71,11 +70,11 @@ class RecordMessages:
         self._acceleration = ChannelRows(ACCELERATION, *stamped(_SENSOR, (("vector", "<f8", (3,)),)))
 
     def of(self, slots: np.ndarray, first: int) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Return the bytes (uint8) of all messages of some samples, and a structured view of them a channel.
+        """Return the bytes (uint8) of all messages of some samples, and a structured view of them for each channel.
 
         Args:
             slots: (n,) slots of the ring, in order.
-            first: number of the sample in the first slot.
+            first: number of the first sample.
         """
         contacts = self._form.contacts(slots)
         times = slots["stamp"].clip(0, LATEST)
@@ -104,7 +103,7 @@ def event(stamp: int, sentence: str, number: int, level: int = _INFO) -> tuple[n
     Args:
         stamp: [ns] time of the sentence.
         sentence: the sentence.
-        number: number of the sentence, from 1; 0 if it has none.
+        number: its number from 1, or 0.
         level: level of rcl_interfaces/Log: 20 for information, 30 for a warning.
     """
     texts, said = _texts({"name": "palpate live", "msg": sentence, "file": "", "function": ""})
@@ -133,7 +132,7 @@ def _texts(texts: Mapping[str, str]) -> tuple[Fields, Mapping[str, object]]:
 
 
 def _fields(form: SlotForm) -> tuple[Fields, Mapping[str, object]]:
-    """Return the fields of a message of readings, and the values that all such messages share."""
+    """Return the fields of a message of readings, and the values that all share."""
     if form.wrenches:
         return stamped(_SENSOR, WRENCH_FIELDS)
     size = int(np.prod(form.shape))
@@ -157,7 +156,7 @@ def _fields(form: SlotForm) -> tuple[Fields, Mapping[str, object]]:
 
 
 def _array(shape: tuple[int, ...], size: int) -> tuple[Fields, Mapping[str, object]]:
-    """Return the fields of a Float64MultiArray (label, size, stride of each axis; numbers), and its constant values."""
+    """Return the fields of a Float64MultiArray, and the values that all share."""
     names = ["row", "column"] if len(shape) == 2 else [f"axis{k}" for k in range(len(shape))]
     fields: Fields = (("dimensions", "<u4", ()),)
     common: dict[str, object] = {"dimensions": len(shape), "count": size}

@@ -24,8 +24,7 @@ _READ = 4096  # slots at a time
 def recover(output: Path) -> str:
     """Complete OUTPUT from OUTPUT.part and OUTPUT.ring, and remove the ring.
 
-    Samples that were received but not answered become readings without contacts. It can be run again if it was killed;
-    a complete OUTPUT stays as it is.
+    Samples without contacts become readings alone. A complete OUTPUT stays as it is.
 
     Returns:
         A sentence on the numbers of samples in the record, in the ring, and missing.
@@ -105,7 +104,7 @@ def _cut_unsound(ring: StreamBuffer, first: int) -> int:
     """End the ring before the first slot that does not hold its sample, as after a loss of power.
 
     Args:
-        ring: the ring, some pages of which may not have reached the disk.
+        ring: the ring.
         first: number of the sample to continue with.
 
     Returns:
@@ -123,7 +122,7 @@ def _cut_unsound(ring: StreamBuffer, first: int) -> int:
 
 
 def _alone(path: Path) -> str:
-    """End and rename an unfinished file without a ring, and return a sentence on its number of samples."""
+    """End and rename an unfinished file without a ring, and return a sentence on its samples."""
     file = RecordFile(path, None, 0)
     file.end()
     file.place()

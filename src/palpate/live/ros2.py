@@ -1,4 +1,4 @@
-"""Read live samples from a topic of ROS 2, and the sensor's pose from others; no installation of ROS is needed."""
+"""Read live samples from a topic of ROS 2, and the sensor's pose from others, without an installation of ROS."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ _PLAIN = 0x100  # the bytes 0 and 1: CDR, little-endian
 class RosTopics:
     """A topic of ROS 2 as a `Source`: wrenches, arrays or images, as the rig's sensor reads them.
 
-    Times are the stamps of the headers; without headers, or with stamps of 0, the times of sending.
+    Times are the stamps of the headers; without them, or with stamps of 0, the times of sending.
 
     Args:
-        layout: layout of a log of the same rig, which may name the topic and gives the shape of a sample.
+        layout: layout of a log of the same rig, which may name the topic.
         node: node in the domain, which is opened and closed with the source.
         poses: reader of the sensor's poses; None: the rig names none.
         patience: [s] to wait for topics to be announced, and for the first image.
@@ -75,8 +75,7 @@ class RosTopics:
         """Return the `RosTopics` of a rig's sensor, in the domain that its [source] names, not opened yet.
 
         Raises:
-            InputError: the rig takes poses from joint states, which are not read live, or the sensor reads several
-                arrays.
+            InputError: the rig takes poses from joint states, or the sensor reads several arrays.
         """
         node = DdsNode(stated.domain, stated.interface)
         poses = RosPoses(setup.orientation, node) if wanted(setup.orientation) else None
@@ -87,7 +86,7 @@ class RosTopics:
 
         Raises:
             InputError: cyclonedds or, for images, OpenCV is not installed, the domain cannot be joined, nobody
-                publishes the named topic, it has another type, none or several topics fit, or no image came.
+                publishes the topic, it has another type, several topics fit, or no image came.
         """
         if said := self._node.open():
             self._said.append(said)
@@ -99,7 +98,7 @@ class RosTopics:
         self._heard = time.monotonic()
 
     def receive(self, batch: Batch, timeout: float) -> int:
-        """Fill a batch with waiting samples and the sensor's poses at their times, and return how many samples came.
+        """Fill a batch with waiting samples and the sensor's poses; return how many samples came.
 
         Wait up to `timeout` [s] for the first.
         """
@@ -172,7 +171,7 @@ class RosTopics:
         return choose(contents, alone)["main"]
 
     def _first_image(self, reader: DdsReader) -> None:
-        """Wait for the first image, whose size is that of all; raise InputError if none comes."""
+        """Wait for the first image, which gives the size of all; raise InputError if none comes."""
         deadline = time.monotonic() + self._patience
         cv2 = opencv()
         while (left := deadline - time.monotonic()) > 0:
@@ -218,7 +217,7 @@ class RosTopics:
     def _timed(
         self, stamp: Int[np.ndarray, " n"], sent: Int[np.ndarray, " n"], values: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return (times [ns], values); a first stamp of 0 waits for the next, and if that is 0 too none are used."""
+        """Return (times [ns], values); a first stamp of 0 waits for the next, to see whether there are stamps."""
         if self._stamped is None:
             if self._held is not None:
                 both = zip(self._held, (stamp, sent, values), strict=True)
@@ -273,7 +272,7 @@ class _Alike:
         self._layout = np.dtype([*head, ("frame", frame), ("values", "<f8", 6)])
 
     def read(self, messages: MessageBlock) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return stamps (n,) [ns] and values (n, 6); None if a message differs from the first in more than these."""
+        """Return stamps (n,) [ns] and values (n, 6); None if a message differs otherwise from the first."""
         if not (messages.length == self._layout.itemsize).all():
             return None
         rows = np.frombuffer(messages.data, dtype=self._layout)

@@ -28,7 +28,7 @@ class RosPoses:
     """A reader of the topic of poses, or of /tf and /tf_static, that a rig's [orientation] names.
 
     Args:
-        orientation: the [orientation], which names a topic, or base and sensor.
+        orientation: the [orientation], with a topic, or base and sensor.
         node: node in the domain, which its owner opens and closes.
         patience: [s] to wait for the topic to be announced.
 
@@ -52,7 +52,7 @@ class RosPoses:
             source: the rig's [source], whose domain is joined; None: domain 0 on this machine.
 
         Raises:
-            InputError: the rig takes poses from joint states, which are not read live.
+            InputError: the rig takes poses from joint states.
         """
         if not wanted(orientation):
             return None

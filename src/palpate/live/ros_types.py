@@ -1,4 +1,4 @@
-"""Convert message types of ROS 2 to types of DDS: their names and their members."""
+"""Define message types of ROS 2, for DDS and for logs."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ DEFINITIONS: Mapping[str, str] = {
 
 
 class Raw:
-    """The bytes of one message for cyclonedds, which sets `sample_info` of a received one, with the time of sending."""
+    """The bytes of one message for cyclonedds, which sets `sample_info` of a received one: the time of sending."""
 
     def __init__(self, data: bytes) -> None:
         self.data = data
@@ -66,10 +66,10 @@ class Raw:
 
 
 def definition(kind: str) -> str:
-    """Return the definition of a message type of `DEFINITIONS` and of the types in it, as a log has it.
+    """Return the definition of a message type and of the types in it, as logs have it.
 
     Raises:
-        KeyError: the type is none of them.
+        KeyError: the type is none of `DEFINITIONS`.
     """
     parts = [f"MSG: {each}\n" + DEFINITIONS[each].replace(", ", "\n") + "\n" for each in _kinds(kind)]
     return f"{'=' * 80}\n".join(parts).partition("\n")[2]
@@ -84,7 +84,7 @@ def _kinds(kind: str) -> list[str]:
 def ros_type_name(name: str) -> str:
     """Return the name in ROS of a type of DDS: "geometry_msgs::msg::dds_::Wrench_" -> "geometry_msgs/Wrench".
 
-    A name of another form stays as it is.
+    Another form stays as it is.
     """
     package, between, last = name.partition("::msg::dds_::")
     return f"{package}/{last.removesuffix('_')}" if between else name
@@ -92,9 +92,7 @@ def ros_type_name(name: str) -> str:
 
 @cache
 def idl_type(kind: str) -> Any:
-    """Return the class by which cyclonedds knows a message type, made from a `Raw`: messages stay bytes.
-
-    cyclonedds checks received messages against the members, and announces these on the network.
+    """Return the class by which cyclonedds knows a message type; its messages stay bytes, as in `Raw`.
 
     Raises:
         InputError: the type is none of `DEFINITIONS`.

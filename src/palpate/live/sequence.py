@@ -1,4 +1,4 @@
-"""Find missing, late and repeated samples and restarts of a Net F/T by the two counters of each sample."""
+"""Find missing, late and repeated samples and restarts of a Net F/T by its two counters."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ _FASTEST = 20_000.0  # Hz: no Net F/T counts faster, so a larger jump is no loss
 
 
 class SequenceCounters:
-    """A reader of both counters, modulo 2^32, over any number of blocks.
+    """A reader of both counters of samples, modulo 2^32.
 
-    `rdt` counts the samples sent since sending was started, `ft` the samples measured since the device was started:
-    each step of `rdt` is the same number of steps of `ft`.
+    `rdt` counts those sent since sending was started, `ft` those measured since the device was started: each step of
+    `rdt` is the same number of steps of `ft`.
 
     Attributes:
         gaps, missing: number of gaps, and of samples missing in them.
-        late: number of samples that were counted missing and arrived later.
+        late: number of samples counted as missing that arrived later.
         repeated: number of samples dropped because they arrived twice.
         restarts: number of restarts of `rdt`.
-        unknown: number of restarts of both counters, after which the number of missing samples is unknown.
+        unknown: number of restarts of both, after which the number of missing samples is unknown.
     """
 
     def __init__(self) -> None:
@@ -45,9 +45,9 @@ class SequenceCounters:
         """Follow the counters through a block of samples, and return the indices of those to keep; None: all.
 
         Args:
-            rdt: counter of sent samples, for each sample in order of arrival; not empty.
-            ft: counter of measured samples, for each.
-            stamp: [ns] arrival of each.
+            rdt: counter of sent samples, in order of arrival; not empty.
+            ft: counter of measured samples.
+            stamp: [ns] of arrival.
             lost: filled from its start with the number of samples missing before each that is kept.
         """
         last, first, count = self._last, rdt[0], len(rdt)

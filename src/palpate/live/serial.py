@@ -1,10 +1,9 @@
-"""Read a sensor on a serial port: frames with COBS and CRC-32 (`palpate.live.cobs`), or lines (`palpate.live.lines`).
+"""Read a sensor on a serial port: frames (`palpate.live.cobs`), or lines (`palpate.live.lines`).
 
-A port does not tell when bytes arrived. The last sample of a read is stamped with the computer's clock right after the
-read. Earlier samples of the read are stamped backwards from there, one period apart: the period of the rig's `rate`, or
-the time that their bytes take at `baud`; but never before the last stamp, so that stamps do not decrease. If the clock
-goes back, stamps continue with this period. The latency of a read depends on kernel and adapter: FTDI's wait for 16 ms
-by default.
+A port does not tell when bytes arrived. The last sample of a read is stamped with the computer's clock right after it,
+earlier ones backwards from there, a period apart: that of the rig's `rate`, or the time that the bytes take at `baud`.
+Stamps do not decrease; if the clock goes back, they continue with this period. The latency of a read depends on kernel
+and adapter: FTDI's wait for 16 ms by default.
 """
 
 from __future__ import annotations
@@ -76,8 +75,8 @@ class SerialPort:
         """Return the `SerialPort` that a rig's [source] names, not opened yet.
 
         Raises:
-            InputError: the sensor reads neither wrenches nor one array, `columns` do not fit, or the package cobs is
-                needed and not installed.
+            InputError: the sensor reads neither wrenches nor one array, `columns` do not fit, or cobs is needed and not
+                installed.
         """
         layout = setup.layout()
         if layout.wrench is not None:
@@ -92,7 +91,7 @@ class SerialPort:
 
         Raises:
             InputError: pyserial is not installed, the port does not exist, is in use, is no serial port or may not be
-                opened, or it does not support the baud rate.
+                opened, or the baud rate is not supported.
         """
         self.close()
         self._port = self._opened()
@@ -145,7 +144,7 @@ class SerialPort:
         return count
 
     def _spread(self, stamp: Int[np.ndarray, " n"], total: int) -> None:
-        """Fill the stamps [ns] of the next samples of a read that has `total` samples remaining."""
+        """Fill the stamps [ns] of the next samples of a read that has `total` samples left."""
         if self._behind:
             self._arrived = self._stamp + round(total * self._period)
         step = min(round(self._period), (self._arrived - self._stamp) // total)
@@ -183,7 +182,7 @@ class SerialPort:
         return now
 
     def _return(self, left: float) -> None:
-        """Wait up to `left` [s] for the next attempt to open a vanished port, and make the attempt if it is due."""
+        """Wait up to `left` [s] for the next attempt to open a vanished port, and make it if it is due."""
         time.sleep(max(0.0, min(left, self._tried + _AGAIN - time.monotonic())))
         now = time.monotonic()
         if now < self._tried + _AGAIN:
@@ -218,7 +217,7 @@ class SerialPort:
         self._said.append(f"{self._stated.address}: {what}")
 
     def _opened(self) -> Serial:
-        """Return the port, opened for this process only; raise InputError if that fails."""
+        """Return the port, opened for this process only, or raise InputError."""
         try:
             import termios
 

@@ -14,12 +14,12 @@ __all__ = ["SerialDevice"]
 
 
 class SerialDevice:
-    """A simulated serial sensor, see `palpate.live.device.Device`; its counter also counts samples that nobody reads.
+    """A simulated serial sensor; see `palpate.live.device.Device`.
 
-    The kernel stores some kB that the listener has not read yet; samples that do not fit are dropped as complete units.
+    Its counter also counts samples that nobody reads or for which the kernel has no room.
 
     Args:
-        framing: "cobs", with numbers as f32, or "lines"; see `palpate.live.cobs` and `.lines`.
+        framing: "cobs", with numbers as f32, or "lines".
 
     Attributes:
         dropped: number of samples dropped for lack of room.
@@ -57,7 +57,7 @@ class SerialDevice:
         """Send samples without waiting, and return how many there was room for; 0 if nobody listens.
 
         Args:
-            stamp: ignored, because neither frames nor lines have stamps.
+            stamp: ignored.
             values: (n, k), a row for each sample.
         """
         data, ends = self._encoded(values)
@@ -89,7 +89,7 @@ class SerialDevice:
         return encoded(values, self._counter, "f4")
 
     def _listened(self, line: int) -> bool:
-        """Return whether the other end is open; a new listener gets the end of a frame first."""
+        """Return whether the other end is open; a new listener first gets the end of a frame."""
         poll = select.poll()
         poll.register(line, select.POLLOUT)
         heard = not any(event & select.POLLHUP for _, event in poll.poll(0))
@@ -100,7 +100,7 @@ class SerialDevice:
 
 
 def _written(line: int, data: bytes) -> int:
-    """Write data without waiting, and return the number of bytes for which there was room."""
+    """Write data without waiting, and return the number of bytes written."""
     written = 0
     while written < len(data):
         try:

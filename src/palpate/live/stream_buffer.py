@@ -1,12 +1,10 @@
 """The ring: a mapped file that passes samples and their contacts from one writer to any number of readers.
 
-The writer never waits for a reader: a reader that is too slow is lapped, and detects it. A sample is in the file as
-soon as it is received ("received"), its contacts a moment later ("answered"). The file outlives every process, so
-received samples survive any `kill -9`; `palpate.live.record` reads them.
+The writer never waits: a reader that is too slow is lapped, and detects it. A sample is in the file as soon as it is
+received, its contacts a moment later. The file outlives every process.
 
-The head takes 64 KiB: numbers that processes share, each in a separate cache line and written by one process, except
-for "asked" (for tares) and "recording"; a description as JSON; the last sentences on events. The slots follow it, all
-of one structured type.
+The head takes 64 KiB: numbers that processes share, each in its own cache line and written by one process, except for
+"asked" (for tares) and "recording"; a description as JSON; the last sentences on events. The slots follow.
 """
 
 from __future__ import annotations
@@ -57,7 +55,7 @@ _NONE = np.zeros((0, 0))
 
 @dataclass(frozen=True)
 class SlotForm:
-    """Description of the samples and contacts in a ring, for processes that open it.
+    """Description of the samples and contacts in a ring.
 
     Attributes:
         sensor: name of the sensor's kind.
@@ -69,7 +67,7 @@ class SlotForm:
         frame: frame of the contacts.
         rig: file of the rig.
         poses: whether a pose comes with each sample.
-        topic: topic of these readings in a log of the same rig; "": the only one of its kind.
+        topic: topic of these readings in a log; "": the only one of its kind.
         wrenches: whether readings are wrenches only.
     """
 
@@ -119,7 +117,7 @@ class SlotForm:
 def latencies(slots: np.ndarray) -> Float[np.ndarray, " k"]:
     """Return the latency [s] from arrival to contacts of each answered slot, (k,).
 
-    It is empty if the median is negative or 60 s and above, because arrival was stamped by another clock.
+    It is empty if arrival was stamped by another clock: the median is negative, or 60 s and above.
     """
     waited = 1e-9 * (slots["ready"] - slots["arrived"])[slots["ready"] > 0]
     return waited if len(waited) and 0.0 <= np.median(waited) < LATE else waited[:0]
@@ -128,8 +126,8 @@ def latencies(slots: np.ndarray) -> Float[np.ndarray, " k"]:
 class StreamBuffer:
     """A ring in a mapped file, opened by its writer or by a reader.
 
-    A number of the head, which processes share, is read and written by its name: `ring["received"]` samples are stored,
-    `ring["answered"]` of them have their contacts; `ring["stop"] = 1` ends the writer, 2 the readers too.
+    Numbers of the head are read and written by name: `ring["received"]` samples are stored, `ring["answered"]` of them
+    have their contacts; `ring["stop"] = 1` ends the writer, 2 the readers too.
 
     Args:
         path: the file, which exists.
@@ -221,12 +219,12 @@ class StreamBuffer:
         return _stream
 
     def take_in(self, batch: Batch, count: int, unsteady: Float[np.ndarray, " n"]) -> int:
-        """Store the first `count` samples of a batch as received, and return the number of the first; for the writer.
+        """Store the first `count` samples of a batch, and return the number of the first; for the writer.
 
         Args:
             batch: arrays that a source has filled.
             count: number of samples.
-            unsteady: (n,) [m/s^2] standard deviation, along each axis, of the acceleration's error; used with poses.
+            unsteady: (n,) [m/s^2] standard deviation of the acceleration's error along each axis; used with poses.
         """
         first, form = self["received"], self.form
         when = batch.stamp, batch.stamp if batch.arrived is None else batch.arrived
@@ -262,7 +260,7 @@ class StreamBuffer:
         """Store a sentence with its time for all readers; any process may call this.
 
         Raises:
-            OSError: the file of the ring cannot be opened or locked.
+            OSError: the file cannot be opened or locked.
         """
         with self._alone():
             self._keep(sentence)
@@ -271,7 +269,7 @@ class StreamBuffer:
         """Request a tare from the writer, and store a sentence that names `by`; any process may call this.
 
         Raises:
-            OSError: the file of the ring cannot be opened or locked.
+            OSError: the file cannot be opened or locked.
         """
         with self._alone():
             self._keep(f"tare requested by {by}")
@@ -279,7 +277,7 @@ class StreamBuffer:
 
     @contextmanager
     def _alone(self) -> Generator[None]:
-        """Lock the sentences and the requests against other processes and threads."""
+        """Lock sentences and requests against other processes and threads."""
         with self._talking, self.path.open("r+b") as file:  # threads of a process share the file's lock
             fcntl.lockf(file, fcntl.LOCK_EX, 1, _SAID)  # released when the file is closed or the process is killed
             yield
@@ -301,7 +299,7 @@ class StreamBuffer:
 
         Args:
             first: number of the sample to continue with.
-            most: number of slots at most.
+            most: most slots.
             word: number of the head to read up to: "answered" or "received".
         """
         while True:
@@ -322,7 +320,7 @@ class StreamBuffer:
         return len(self.slots) - min(MARGIN, len(self.slots) // 2)
 
     def _parts(self, first: int, count: int) -> Sequence[tuple[slice, slice]]:
-        """Return (slice of the slots, slice of the samples) of each contiguous part of `count` samples from `first`."""
+        """Return (slice of slots, slice of samples) of each contiguous part of `count` samples from `first`."""
         begin = first % len(self.slots)
         room = len(self.slots) - begin
         if count <= room:

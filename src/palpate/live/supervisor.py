@@ -25,10 +25,10 @@ class Worker:
     Args:
         name: name in sentences.
         target: the function, importable.
-        arguments: arguments of the function.
+        arguments: its arguments.
         process: the process; None before the first start.
         given_up: whether it is not started again.
-        died: times [s] of `time.monotonic` of its last deaths.
+        died: times [s] of its last deaths, by `time.monotonic`.
     """
 
     name: str
@@ -54,7 +54,7 @@ class WorkerSupervisor:
     """A supervisor that restarts workers and reports each restart in the ring.
 
     Args:
-        workers: the writer of the ring, which is ended first, and then its readers.
+        workers: the writer of the ring, and then its readers.
     """
 
     def __init__(self, workers: list[Worker]) -> None:
@@ -82,9 +82,9 @@ class WorkerSupervisor:
             ring.say(f"the {worker.name} {why}, and was started again")
 
     def stop(self, ring: StreamBuffer | None) -> list[str]:
-        """End all workers in order, the writer first, and return a sentence on each that had to be killed.
+        """End all workers, the writer first, and return a sentence on each that had to be killed.
 
-        Without a ring, which means that nothing has begun, end them at once and return [].
+        Without a ring, when nothing has begun, end them at once and return [].
         """
         said: list[str] = []
         for level, workers in ((1, self.workers[:1]), (READERS, self.workers[1:])):
