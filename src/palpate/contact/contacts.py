@@ -149,7 +149,7 @@ class Contacts(Value):
         return len(self.sample)
 
     def __bool__(self) -> bool:
-        """Return whether a contact was found: any row is answered (CONTACT or AMBIGUOUS)."""
+        """Return whether any row is answered (CONTACT or AMBIGUOUS)."""
         return bool(self.estimate)
 
     def __iter__(self) -> Iterator[ContactEstimate]:
@@ -203,7 +203,7 @@ class Contacts(Value):
 
     @property
     def residual(self) -> Float[np.ndarray, " n"]:
-        """Distances to the nearest wrenches that a contact can make, in standard deviations, (n,)."""
+        """Distances to the nearest wrenches that a contact can make, (n,) [standard deviations]."""
         return self.estimate.residual
 
     @property
@@ -218,12 +218,12 @@ class Contacts(Value):
 
     @property
     def answered(self) -> Bool[np.ndarray, " n"]:
-        """Boolean mask of the rows whose status is CONTACT or AMBIGUOUS, (n,)."""
+        """Mask of the rows whose status is CONTACT or AMBIGUOUS, (n,)."""
         return np.asarray(self.estimate.answered)
 
     @property
     def located(self) -> Bool[np.ndarray, " n"]:
-        """Boolean mask of the rows that have a point and a normal, whether or not they are answered, (n,)."""
+        """Mask of the rows that have a point and a normal, answered or not, (n,)."""
         return np.asarray(np.isfinite(np.hstack([self.estimate.point, self.estimate.normal])).all(axis=1))
 
     def strongest(self) -> Int[np.ndarray, " s"]:
@@ -285,7 +285,7 @@ class Contacts(Value):
         by_name("palpate.files.contacts.write_contacts")(path, self)
 
     def to_polars(self) -> pl.DataFrame:
-        """Return a polars `DataFrame` with the columns that files of contacts have; null for NaN.
+        """Return a polars `DataFrame` with the columns of files of contacts; null for NaN.
 
         Raises:
             InputError: the process was forked from one in which polars had started its threads.
@@ -309,15 +309,16 @@ class Contacts(Value):
         """Return a `Drawing` of the numbered touches on the body, which a notebook shows and a pointer turns.
 
         Args:
-            surface: the body, in the frame of these contacts; None: the touches are drawn alone.
+            surface: the body, in the frame of these contacts; None: the touches alone.
 
         Raises:
-            InputError: the surface is no surface, or a mesh file that cannot be read or has no unit.
+            InputError: no surface, or a mesh file that cannot be read or has no unit.
+            GeometryError: the mesh has no usable facet.
         """
         return by_name("palpate.viewer.notebook.drawing_of_touches")(self, surface)
 
     def _repr_html_(self) -> str:
-        """Return HTML for notebooks: the number of rows of each status, and the touches."""
+        """Return HTML for notebooks: the rows of each status, and the touches."""
         return by_name("palpate.viewer.notebook.table_of")(self)
 
     def __repr__(self) -> str:

@@ -52,7 +52,7 @@ class ContactShape:
     def explains(self, wrench: Float[np.ndarray, "6"], covariance: Float[np.ndarray, "6 6"]) -> bool:
         """Return whether a contact can make a wrench (6,) with covariance (6, 6) in the sensor's frame [N, N m].
 
-        It is also True of a wrench that is too small to tell.
+        It is also True if the wrench is too small to tell.
 
         Raises:
             InputError: other shapes.
@@ -71,7 +71,7 @@ class ContactShape:
 
 
 class Jump(NamedTuple):
-    """A change that no contact explains: its time [s], its force [N], and whether the filter followed it."""
+    """A change that no contact explains: its time [s], its force [N], whether the filter followed it."""
 
     time: float
     force: float
@@ -83,8 +83,8 @@ class Decided(NamedTuple):
 
     Attributes:
         unused: numbers of the windows that are rejected, in order.
-        used: numbers of later windows that are free and go into the filter, in order.
-        jump: [unit of the channels] by which the bias jumped before the windows in `used`; None: it did not.
+        used: numbers of the free windows that go into the filter after them, in order.
+        jump: (m,) by which the bias jumped before the windows in `used`; None: it did not.
         withheld: whether this window is withheld from the filter.
         changed: whether a change was found that no contact explains, or a jump was followed.
     """
@@ -97,7 +97,7 @@ class Decided(NamedTuple):
 
 
 class _Kept(NamedTuple):
-    """A window with its difference from the prediction, and with the verdict of a skin."""
+    """A window with its difference from the prediction and the verdict of a skin."""
 
     number: int
     window: ZeroWindow
@@ -170,7 +170,6 @@ class DriftGate:
         return left
 
     def _free(self, one: _Kept) -> bool:
-        """Return whether a window is free by the chi-square tests."""
         noise = one.window.noise + one.window.stays
         square = _square(one.off, one.spread + noise)
         if self._before is not None:
@@ -191,7 +190,7 @@ class DriftGate:
         return _square(apart, noise * (1.0 + 1.0 / len(others)) + wandered) <= self._single
 
     def _came_back(self, one: _Kept, noise: Float[np.ndarray, "m m"]) -> bool:
-        """Return whether a touch has ended, and is not merely hidden by the uncertainty that has grown since."""
+        """Return whether a touch has ended, and is not merely hidden by the uncertainty that has grown."""
         assert self._before is not None
         if _square(one.off, self._before + noise) <= self._returned:
             return True
@@ -199,7 +198,7 @@ class DriftGate:
         return moved >= _square(one.off, noise)
 
     def _release(self, one: _Kept) -> Decided:
-        """Let a free window wait, and release those that have waited long enough."""
+        """Let a free window wait; release those that have waited long enough."""
         unused = [each.number for each in self._odd]
         self._odd.clear()
         time = one.window.time
@@ -217,7 +216,7 @@ class DriftGate:
         return used
 
     def _hold(self, one: _Kept) -> Decided:
-        """Withhold a window, a touch or a jump of the bias; after a confirmed jump, release windows."""
+        """Withhold a window; after a confirmed jump of the bias, release windows."""
         unused = [each.number for each in self._pending]
         self._pending.clear()
         if self._before is None:
@@ -238,7 +237,6 @@ class DriftGate:
         return Decided(unused, self._due(one.window.time), jump, withheld=False, changed=True)
 
     def _agree(self, one: _Kept, level: Float[np.ndarray, " m"]) -> bool:
-        """Return whether a window agrees with this level within its noise."""
         return _square(one.off - level, one.window.noise + one.window.stays) <= self._single
 
     def _jumped(self, one: _Kept) -> tuple[bool, Float[np.ndarray, " m"] | None]:
@@ -266,12 +264,11 @@ class DriftGate:
         return odd, None
 
     def _slow(self, one: _Kept) -> bool:
-        """Return whether the change is known to have come slowly."""
         _, most, span = self._speed(one, SLOWLY)
         return span >= 0.9 * SLOWLY and most <= 1.0
 
     def _speed(self, one: _Kept, seconds: float) -> tuple[float, float, float]:
-        """Return the least and the greatest speed of change over the last seconds, in `SLOW`, and the span [s] used."""
+        """Return least and greatest speed of change over the last seconds, in `SLOW`, and the span [s] used."""
         part = [each for each in self._recent if each.window.time > one.window.time - seconds]
         times = np.array([each.window.time for each in part])
         if np.ptp(times) < seconds / 2.0:

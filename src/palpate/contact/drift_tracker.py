@@ -162,7 +162,7 @@ class DriftTracker:
             self._touched = touched or bool(self._touched)
 
     def close(self) -> None:
-        """End the window that was entered, and let the gate decide on it."""
+        """End the window that was entered; the gate decides on it."""
         if self._window is None or not self._parts:
             return
         time, kept = np.concatenate(self._times), np.concatenate(self._parts)
@@ -192,7 +192,7 @@ class DriftTracker:
         self._settle(decided, middle, status)
 
     def restart(self) -> None:
-        """Begin anew after another tare of the sensor; the windows so far are decided on first."""
+        """Decide on the windows so far, and begin anew after another tare of the sensor."""
         self.finish()
         ready = self._ready
         self.reset()
@@ -206,7 +206,7 @@ class DriftTracker:
             self._smooth(len(self._nodes))
 
     def at(self, time: float) -> ZeroState:
-        """Return the bias at a time [s] as a `ZeroState`, at the temperature of the window that was entered."""
+        """Return the bias at a time [s] and the temperature of the entered window as a `ZeroState`."""
         return self._warmed(self.filter.at(time), self._kelvin)
 
     def settled(self) -> Iterator[ZeroState]:
@@ -267,17 +267,17 @@ class DriftTracker:
         return np.zeros(m), np.zeros((m, q)), np.eye(m), np.zeros((m, m))
 
     def _warmer(self, kelvin: float) -> float:
-        """Return the temperature [K] relative to the start of the bias; 0 if not known."""
+        """Return the temperature [K] above that of the start; 0 if unknown."""
         passed = kelvin - self._first_kelvin if self._warms else 0.0
         return passed if isfinite(passed) else 0.0
 
     def _regressor(self, weights: Float[np.ndarray, "m q"], warmer: float) -> Float[np.ndarray, "m k"]:
-        """Return slopes (m, k) of a window's value by each coefficient: the payload's weight, each channel's slope."""
+        """Return slopes (m, k) of a window by each coefficient: weight of the payload, slope of each channel."""
         hangs = weights[:, : self._weighs]
         return np.concatenate([hangs, warmer * np.eye(len(weights))], axis=1) if self._warms else hangs
 
     def _warmed(self, state: ZeroState, kelvin: float) -> ZeroState:
-        """Return the bias at a temperature, with the uncertainty of the slopes in its covariance."""
+        """Return the bias at a temperature, with the uncertainty of the slopes."""
         if not self._warms:
             return state
         warmer, kept = self._warmer(kelvin), len(state.zero) + self._weighs
@@ -287,7 +287,6 @@ class DriftTracker:
         return ZeroState(zero, state.coefficient[: self._weighs], ways @ state.covariance @ ways.T)
 
     def _strength(self, window: ZeroWindow, free: Free, usable: np.ndarray, noise: Float[np.ndarray, "m m"]) -> float:
-        """Return the largest force of a sample, in standard deviations."""
         expected, spread = self.filter.expected(window.time, window.regressor)
         wrenches, _ = self.sensor.as_wrench(free.value[usable] - expected, noise)
         _, covariance = self.sensor.as_wrench(np.zeros((0, len(expected))), noise + spread + window.stays)
@@ -296,7 +295,7 @@ class DriftTracker:
         return float(np.sqrt(square.max()))
 
     def _settle(self, decided: Decided, time: float, status: ZeroStatus) -> None:
-        """Pass decided windows to the filter, or past it; record the status of one."""
+        """Pass decided windows to the filter, or past it; record a status."""
         self._statuses.append((time, status, self._kelvin))
         self._pass(decided.unused)
         if decided.jump is not None:
@@ -312,7 +311,7 @@ class DriftTracker:
             self._keep(self.filter.advance(self._waiting.pop(number).time, number))
 
     def _keep(self, node: FilterStep) -> None:
-        """Keep a step for the smoother; once enough free windows follow some steps, smooth those."""
+        """Keep a step for the smoother, and smooth those that enough free windows follow."""
         if not self.smooth:
             return
         self._nodes.append(node)
@@ -327,7 +326,6 @@ class DriftTracker:
             self._smooth(len(self._nodes))
 
     def _smooth(self, count: int) -> None:
-        """Smooth the first `count` steps."""
         found = [self.filter.known_of(*one) for one in smoothed(list(self._nodes), count)][::-1]
         for plain in found:
             time, status, kelvin = self._statuses.popleft()

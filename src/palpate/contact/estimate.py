@@ -38,7 +38,7 @@ class Status(IntEnum):
 
     @classmethod
     def _missing_(cls, value: object) -> Status:
-        """Return the status for a word, spelt as in files or with spaces; raise InputError if there is none."""
+        """Return the status for a word, with underscores or spaces; raise an InputError if there is none."""
         for each in cls:
             if isinstance(value, str) and value.replace(" ", "_") == each.label:
                 return each
@@ -48,12 +48,12 @@ class Status(IntEnum):
 
     @property
     def label(self) -> str:
-        """Name of the status in files, in lower case, such as "off_surface"."""
+        """Name of the status in files, such as "off_surface"."""
         return self.name.lower()
 
     @property
     def words(self) -> str:
-        """Name of the status for a person: `label` with spaces in place of underscores."""
+        """Name of the status for a person: `label` with spaces for underscores."""
         return self.label.replace("_", " ")
 
     def __str__(self) -> str:
@@ -87,7 +87,7 @@ class Statuses(np.ndarray):
 
 
 class _Row:
-    """Layout of one estimate as a row of float64, the form that the compiled loops write."""
+    """Layout of one estimate as a row of float64."""
 
     point = slice(0, 3)
     normal = slice(3, 6)
@@ -186,7 +186,7 @@ class ContactEstimate(Value):
 
     @classmethod
     def _from_row(cls, row: Float[np.ndarray, "22"]) -> ContactEstimate:
-        """Make a single estimate of views into `row`, which it takes over: in a loop eight copies take 10 us."""
+        """Make a single estimate of views into `row`, which it takes over: eight copies take 10 us."""
         candidates = np.array(int(row.item(ROW.candidates)), dtype=np.int64)
         row.setflags(write=False)  # and so are its parts
         candidates.setflags(write=False)
@@ -223,7 +223,7 @@ class ContactEstimate(Value):
         )
 
     def __getitem__(self, which: int | np.integer[Any] | slice | np.ndarray) -> ContactEstimate:
-        """Return the `ContactEstimate` that an index, slice, mask or array of indices picks along the first axis.
+        """Return the estimates that an index, slice, mask or array of indices picks along the first axis.
 
         Raises:
             TypeError: this is a single estimate.
@@ -237,7 +237,7 @@ class ContactEstimate(Value):
         return (self[i] for i in range(len(self.status)))
 
     def __bool__(self) -> bool:
-        """Return whether a contact was found: any estimate is answered (CONTACT or AMBIGUOUS)."""
+        """Return whether any estimate is answered (CONTACT or AMBIGUOUS)."""
         return bool(np.any(self.answered))
 
     def in_frame(self, pose: Pose) -> ContactEstimate:
@@ -262,10 +262,11 @@ class ContactEstimate(Value):
         """Return a `Drawing` of points, forces and 95 % ellipses on the body; a notebook shows it, a pointer turns it.
 
         Args:
-            surface: the body, in the frame of these estimates; None: the estimates are drawn alone.
+            surface: the body, in the frame of these estimates; None: the estimates alone.
 
         Raises:
-            InputError: the surface is no surface, or a mesh file that cannot be read or has no unit.
+            InputError: no surface, or a mesh file that cannot be read or has no unit.
+            GeometryError: the mesh has no usable facet.
         """
         return by_name("palpate.viewer.notebook.drawing_of_estimates")(self, surface)
 
@@ -279,9 +280,8 @@ class ContactEstimate(Value):
 
     @property
     def answered(self) -> Any:
-        """True if the status is CONTACT or AMBIGUOUS; a boolean array (*batch) for a batch."""
+        """True if the status is CONTACT or AMBIGUOUS; a mask (*batch) for a batch."""
         return (np.asarray(self.status) if self.batch else self.status) <= Status.AMBIGUOUS
 
     def _columns(self) -> dict[str, np.ndarray]:
-        """Return every field by name as an array."""
         return {**vars(self), "status": np.asarray(self.status, dtype=np.int8)}

@@ -28,12 +28,12 @@ class _Run:
     """Consecutive samples that one thread locates.
 
     Args:
-        start: the memory to begin with, or the run whose memory is continued.
+        start: the memory to begin with, or the run that this one continues.
         locator, pool: the locator, and the threads in which it runs.
 
     Attributes:
-        parts: the samples, to which more are added until a thread begins.
-        done: the memory to come, once a thread has begun.
+        parts: the samples; none are added once a thread has begun.
+        done: the memory to come; None until a thread has begun.
     """
 
     def __init__(self, start: _Memory | _Run, locator: Locator, pool: ThreadPoolExecutor) -> None:
@@ -42,7 +42,7 @@ class _Run:
         self.done: Future[_Memory] | None = None
 
     def begin(self) -> Future[_Memory]:
-        """Start a thread, after that of the run which this one continues, so that no thread waits for a later one."""
+        """Start a thread, after that of the run which this one continues: no thread waits for a later one."""
         if self.done is None:
             self.done = self._pool.submit(self._located)
         return self.done

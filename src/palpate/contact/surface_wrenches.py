@@ -245,7 +245,7 @@ class SurfaceWrenches:
             self.sensor.follow(zero)
 
     def _filtered(self, measured: Measured) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, " k"]]:
-        """Return filtered wrenches, and the share of the noise that the filter leaves."""
+        """Return filtered wrenches, and the share of the noise that remains."""
         if self._forward is None or self._ahead:
             return measured.wrench, ALL
         wrenches = measured.wrench

@@ -28,7 +28,7 @@ def find_touches(contacts: Contacts, *, gap: float = 0.05, shortest: float = 0.0
 
 
 class _Span:
-    """Columns of the times of a sample, a window or a touch."""
+    """Columns of the times of a sample, window or touch."""
 
     start = 0
     end = 1
@@ -40,7 +40,7 @@ class _Span:
 
 
 class _Sum:
-    """Columns of sums, followed by the sum of each feature, then by the number of samples that have it."""
+    """Columns of sums, before the sum of each feature and the number of samples that have it."""
 
     count = 0
     ambiguous = 1
@@ -69,7 +69,7 @@ class TouchFinder:
         self._windows: list[tuple[np.ndarray, np.ndarray]] = []
 
     def add(self, contacts: Contacts) -> None:
-        """Add the next contacts; impossibly large numbers are left out, as their sums would overflow."""
+        """Add the next contacts; numbers whose sums would overflow are left out."""
         time, estimate = contacts.time, contacts.estimate
         known = np.abs(time) <= LATEST  # not NaN
         steps = np.diff(np.concatenate([self._last, time[known]]))
@@ -108,18 +108,18 @@ class TouchFinder:
 
 
 def _firsts(ends: Bool[np.ndarray, " m"], count: int) -> Int[np.ndarray, " k"]:
-    """Return the first row of each group of `count` rows; `ends` tells after which rows a group ends."""
+    """Return the first row of each group of `count` rows; `ends` masks the rows after which a group ends."""
     return np.flatnonzero(np.concatenate([[True], ends])[:count])
 
 
 def _changes(spans: Float[np.ndarray, "n s"]) -> Bool[np.ndarray, " m"]:
-    """Return a mask of the rows after which another window of time, or another identity, begins."""
+    """Return a mask of the rows after which another window of time or identity begins."""
     later = np.diff(np.floor(spans[:, _Span.start] / WINDOW)) != 0
     return later | (np.diff(spans[:, _Span.identity]) != 0)
 
 
 def _widened(sums: Float[np.ndarray, "n w"], width: int) -> Float[np.ndarray, "n v"]:
-    """Return sums with the columns of features that came later, filled with zeros."""
+    """Return sums with zeros for features that came later."""
     had, have = (sums.shape[1] - _Sum.length) // 2, (width - _Sum.length) // 2
     if had == have:
         return sums
@@ -132,7 +132,7 @@ def _widened(sums: Float[np.ndarray, "n w"], width: int) -> Float[np.ndarray, "n
 def _samples(
     contacts: Contacts, features: tuple[str, ...]
 ) -> tuple[Float[np.ndarray, "n s"], Float[np.ndarray, "n w"]]:
-    """Return the time and identity of each answered contact, and its terms in the sums."""
+    """Return the times of each answered contact, and its terms in the sums."""
     estimate, count = contacts.estimate, len(contacts)
     strength = np.linalg.norm(estimate.force, axis=1)
     spans = np.stack([contacts.time] * 2 + [strength, contacts.time, contacts.identity, np.zeros(count)], axis=1)
@@ -152,7 +152,7 @@ def _samples(
 
 
 def _merged(spans: Float[np.ndarray, "n s"], firsts: Int[np.ndarray, " k"]) -> Float[np.ndarray, "k s"]:
-    """Return start, end, largest force and its time, identity and first row of each group of rows."""
+    """Return start, end, largest force and its time, identity and first row of each group."""
     if not len(firsts):
         return np.empty((0, _Span.length))
     group = np.repeat(np.arange(len(firsts)), np.diff(np.append(firsts, len(spans))))
@@ -170,14 +170,14 @@ def _added(sums: Float[np.ndarray, "n w"], firsts: Int[np.ndarray, " k"]) -> Flo
 
 
 def _place(sums: Float[np.ndarray, "n w"]) -> Float[np.ndarray, "n 3"]:
-    """Return the mean points (n, 3) [m], weighted if there are weights."""
+    """Return mean points (n, 3) [m], weighted if there are weights."""
     weight, count = sums[:, _Sum.weight, None], sums[:, _Sum.count, None]
     weighed = sums[:, _Sum.weighted] / np.where(weight > 0, weight, 1.0)
     return np.where(weight > 0, weighed, sums[:, _Sum.plain] / count)
 
 
 def _reach(sums: Float[np.ndarray, "n w"], firsts: Int[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-    """Return the largest distance [m] of mean points of windows from the first, without windows of little weight."""
+    """Return the largest distance [m] of the mean points of windows from the first; light windows do not count."""
     place = _place(sums)
     weight = np.where(sums[:, _Sum.weight] > 0, sums[:, _Sum.weight], sums[:, _Sum.count])
     reach = np.zeros(len(firsts))

@@ -83,7 +83,7 @@ def smooth_touches(parts: Iterable[Located], locator: Locator) -> Iterator[Locat
 
 
 def _settle(waiting: list[Located], begin: int, end: int, locator: Locator) -> None:
-    """Correct the touches from one sample to another of the blocks that wait."""
+    """Correct the touches between two samples of the blocks that wait."""
     first = 0
     pieces: list[Located] = []
     for part in waiting:
@@ -106,7 +106,7 @@ def _settle(waiting: list[Located], begin: int, end: int, locator: Locator) -> N
 
 
 def _spans(rows: Float[np.ndarray, "n 22"]) -> list[slice]:
-    """Return slices of touches: from the first located sample after one without contact to the last before the next."""
+    """Return slices of touches: from first to last located sample between two without contact."""
     touching = rows[:, ROW.status] != Status.NO_CONTACT
     edges = np.flatnonzero(np.diff(touching, prepend=False, append=False))
     located = np.isfinite(rows[:, 0])
@@ -119,7 +119,7 @@ def _spans(rows: Float[np.ndarray, "n 22"]) -> list[slice]:
 
 
 def _several(rows: Float[np.ndarray, "n 22"], size: float) -> bool:
-    """Return whether these samples may belong to more than one branch."""
+    """Return whether these samples may belong to several branches."""
     points: Float[np.ndarray, "k 3"] = rows[np.isfinite(rows[:, 0]), ROW.point]
     moved: Bool[np.ndarray, " k"] = np.linalg.norm(np.diff(points, axis=0), axis=1) > _APART * size
     return bool((rows[:, ROW.candidates] > 1).any() or moved.any())

@@ -223,13 +223,13 @@ class WrenchEstimator(ContactEstimator):
         return Answered(located.block, self._widened(located.rows), np.ones(len(located.rows), dtype=np.int64))
 
     def _widened(self, rows: Float[np.ndarray, "n width"]) -> Float[np.ndarray, "n width"]:
-        """Add the placement error, which wrenches do not show, to the covariances, after a touch was decided."""
+        """Add the placement error to the covariances."""
         if self.placement > 0.0:
             self._widen(rows, self.placement**2)
         return rows
 
     def _touched(self, taken: Tare) -> str:
-        """Return a sentence on a steady touch that would read what a tare subtracted; "" if none is possible."""
+        """Return a warning of a steady touch that would read what a tare subtracted; "" if none can."""
         force = 0.0 if taken.touch is None else float(np.linalg.norm(taken.touch[:3]))
         if taken.touch is None or force <= max(self.locator.on, taken.least):
             return ""

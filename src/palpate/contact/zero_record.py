@@ -17,7 +17,7 @@ SAID = 3  # jumps that notes list
 
 
 class ZeroRecord:
-    """Record of windows; of a long log only every k-th is kept.
+    """Record of windows, thinned in a long log.
 
     Args:
         sensor: converts a change of the bias into a wrench.

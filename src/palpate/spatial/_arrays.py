@@ -136,12 +136,11 @@ def _built(kind: type[Any], given: dict[str, Any]) -> Any:
 
 
 def _picklable(value: Any) -> Any:
-    """Return a read-only view of a dict, which cannot be pickled, as a dict, and any other value as it is."""
+    """Return a read-only view of a dict as a dict, and another value as it is."""
     return dict(cast("Mapping[str, Any]", value)) if isinstance(value, MappingProxyType) else value
 
 
 def _converted(values: ArrayLike, shape: Shape, name: str, dtype: np.dtype[Any]) -> np.ndarray:
-    """Return a copy of the required type; raise an InputError if it cannot hold the numbers."""
     wanted = f"{name} must be {dtype} of shape {_said(shape)}"
     try:
         given = np.asarray(values)
@@ -165,6 +164,6 @@ def _fits(seen: tuple[int, ...], wanted: Shape) -> bool:
 
 
 def _said(shape: Shape) -> str:
-    """Format a shape as Python does, with n for any length."""
+    """Format a shape, with n for any length."""
     axes = ["..." if axis is ... else "n" if axis is None else str(axis) for axis in shape]
     return f"({', '.join(axes)}{',' * (len(axes) == 1)})"

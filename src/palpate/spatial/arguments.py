@@ -31,7 +31,7 @@ _DTYPES = {"Float": np.dtype(np.float64), "Int": np.dtype(np.int64), "Bool": np.
 
 
 class _Size(NamedTuple):
-    """Size of a named axis, or of several (`*batch`): length or lengths, and the argument that has it."""
+    """Length of a named axis, or lengths of several (`*batch`), and the argument that has it."""
 
     length: int | tuple[int, ...]
     argument: str
@@ -41,7 +41,6 @@ class _Wanted(NamedTuple):
     """Requirements of an annotation on an argument; by default, a number.
 
     Attributes:
-        name: of the argument.
         optional: None is allowed, too.
         others: classes of which it may be instead.
         dtype: of an array; None: a number, or numbers of any type.
@@ -124,7 +123,7 @@ def _function(function: Callable[..., Any], module: str) -> Callable[..., Any]:
 
 
 def _plan(function: Callable[..., Any], known: dict[str, Any]) -> dict[str, _Wanted]:
-    """Return by name the requirements on the arguments that are arrays or numbers."""
+    """Return the requirements on arrays and numbers by the name of the argument."""
     made: dict[str, _Wanted] = {}
     parameters = signature(function).parameters
     written = _WRITTEN | {"counts"} if "out" in parameters else _WRITTEN
@@ -176,7 +175,6 @@ def _wanted(name: str, annotation: Any) -> _Wanted | None:
 
 
 def _taken(wanted: _Wanted, value: Any, sizes: dict[str, _Size]) -> Any:
-    """Return an argument in the form that the function takes."""
     if (value is None and wanted.optional) or isinstance(value, wanted.others):
         return value
     if wanted.parts:
@@ -216,7 +214,6 @@ def integer(value: Any, name: str) -> int:
 
 
 def _tuple(wanted: _Wanted, values: Any) -> tuple[Any, ...]:
-    """Return the required number of numbers, from any container, as a tuple."""
     array = shaped(values, (len(wanted.parts),), wanted.name)
     kinds = [_Wanted(f"{wanted.name}[{place}]", whole=whole) for place, whole in enumerate(wanted.parts)]
     return tuple(_number(value, kind) for value, kind in zip(array.tolist(), kinds, strict=True))
@@ -243,7 +240,7 @@ def _number(value: Any, wanted: _Wanted) -> Any:
 
 
 def _bound(shape: tuple[int, ...], wanted: _Wanted, sizes: dict[str, _Size]) -> bool:
-    """Return whether a shape fits the axes and the lengths of their names so far, to which it adds its own."""
+    """Return whether a shape fits the axes and their lengths so far, to which it adds its own."""
     axes = wanted.axes
     many = next((place for place, axis in enumerate(axes) if axis == "..." or axis.startswith("*")), None)
     if many is None:
@@ -261,7 +258,7 @@ def _bound(shape: tuple[int, ...], wanted: _Wanted, sizes: dict[str, _Size]) -> 
 
 
 def _same(axis: str, length: int | tuple[int, ...], argument: str, sizes: dict[str, _Size]) -> bool:
-    """Return whether an axis, or several, have the length noted for their name."""
+    """Return whether axes have the length noted for their name."""
     if axis.isdigit():
         return length == int(axis)
     if axis in ("_", "..."):
@@ -279,7 +276,7 @@ def _same(axis: str, length: int | tuple[int, ...], argument: str, sizes: dict[s
 
 
 def _said(axes: tuple[str, ...], sizes: dict[str, _Size]) -> str:
-    """Format a shape as Python does, with the lengths that other arguments have."""
+    """Format a shape with the lengths that other arguments have."""
     words = [axis.lstrip("*#") for axis in axes]
     known = [sizes[word].length if word in sizes else word for word in words]
     flat = [str(part) for each in known for part in (each if isinstance(each, tuple) else (each,))]
@@ -288,7 +285,7 @@ def _said(axes: tuple[str, ...], sizes: dict[str, _Size]) -> str:
 
 
 def _unusable(given: dict[str, Any], plan: dict[str, _Wanted], problem: Exception) -> str:
-    """Return a sentence that names the argument with which the function cannot compute; "" if none is known."""
+    """Return a sentence on the argument with which the function cannot compute; "" if none is known."""
     for name in plan:
         value = given.get(name)
         if isinstance(value, np.ndarray):

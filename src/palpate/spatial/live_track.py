@@ -134,14 +134,14 @@ class LiveTrack(PoseTrack):
         return np.sqrt(acceleration * (age * (age + base) / 2.0) ** 2 + noise * 2.0 * share * (1.0 + share))
 
     def _before(self, age: Float[np.ndarray, " k"]) -> np.ndarray:
-        """Return the rows (k,) from which the velocity is measured: about as long before the newest as the age."""
+        """Return the rows (k,) that are about as long before the newest as the age."""
         stamps: Float[np.ndarray, " n"] = self._rows[:, 0]
         found: Int[np.ndarray, " k"] = np.searchsorted(stamps, stamps[-1] - age, side="right") - 1
         return np.clip(found, 0, len(stamps) - 2)
 
 
 def _motion(rows: Float[np.ndarray, "k 8"]) -> tuple[float, float, float]:
-    """Return mean squares of acceleration [rad^2/s^4], a pose's noise [rad^2] and velocity [rad^2/s^2], all angular."""
+    """Return mean squares of angular acceleration [rad^2/s^4], noise [rad^2] and velocity [rad^2/s^2]."""
     stamps, quaternion = rows[:, 0], rows[:, 1:5] / np.linalg.norm(rows[:, 1:5], axis=1, keepdims=True)
     spacing = float(stamps[-1] - stamps[0]) / (len(rows) - 1)
     short, speed = _missed(stamps, quaternion, 1)
@@ -166,7 +166,7 @@ def _missed(stamps: Float[np.ndarray, " k"], quaternion: Float[np.ndarray, "k 4"
 
 
 def _turn(first: Float[np.ndarray, "k 4"], second: Float[np.ndarray, "k 4"]) -> tuple[np.ndarray, np.ndarray]:
-    """Return vector (k, 3) and scalar (k,) part of second times the inverse of first, on the short way."""
+    """Return vector (k, 3) and scalar (k,) part of the short turn from first to second."""
     a, b = first[:, :3], second[:, :3]
     scalar = (first * second).sum(axis=1)
     vector = first[:, 3:] * b - second[:, 3:] * a + np.cross(a, b)

@@ -38,7 +38,7 @@ def exposed(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -
 
 
 def _swept(corners: Float[np.ndarray, "f 20"]) -> tuple[Float[np.ndarray, "3"], Bool[np.ndarray, "a b c"]]:
-    """Return the grid's start, and its cells that a ball from outside can fill, less one at its rim for rounding."""
+    """Return the grid's start, and its cells that a ball from outside can fill, less one at its rim."""
     from scipy.ndimage import distance_transform_edt, label
 
     from palpate.surfaces import _rays

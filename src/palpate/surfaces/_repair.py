@@ -109,7 +109,7 @@ def _merged(
 
 
 def _distinct(points: Float[np.ndarray, "v 3"]) -> tuple[Float[np.ndarray, "w 3"], Int[np.ndarray, " v"]]:
-    """Return the distinct points in ascending order, and the index of each: a quick start for unshared vertices."""
+    """Return the distinct points in ascending order, and the index of each."""
     number, first = _numbered((points + 0.0).view(np.int64))  # 0.0 and -0.0 are one
     points = points[first]
     order = np.lexsort(points.T[::-1])
@@ -119,7 +119,7 @@ def _distinct(points: Float[np.ndarray, "v 3"]) -> tuple[Float[np.ndarray, "w 3"
 
 
 def _numbered(rows: Int[np.ndarray, "n 3"]) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " k"]]:
-    """Return for each row its number among the distinct rows, in order of appearance, and where each comes first."""
+    """Return for each row its number among the distinct rows, in order of appearance, and the first of each."""
     from palpate.surfaces import _topology
 
     number, first = np.empty(len(rows), dtype=np.int64), np.empty(len(rows), dtype=np.int64)
@@ -129,7 +129,7 @@ def _numbered(rows: Int[np.ndarray, "n 3"]) -> tuple[Int[np.ndarray, " n"], Int[
 def _without_slivers(
     points: Float[np.ndarray, "v 3"], triangles: Int[np.ndarray, "f 3"]
 ) -> tuple[Int[np.ndarray, "g 3"], int]:
-    """Drop facets without three different corners or a height above rounding of their longest edge, and count them."""
+    """Drop facets without an area above rounding, and count them."""
     good = np.empty(len(triangles), dtype=np.bool_)
     for block in blocks(len(triangles)):
         corners = points.take(triangles[block], axis=0)
@@ -176,7 +176,7 @@ def _outward(
 def _winding(
     triangles: Int[np.ndarray, "f 3"], order: Int[np.ndarray, " h"]
 ) -> tuple[Bool[np.ndarray, " f"], Int[np.ndarray, " f"]]:
-    """Return which facets to flip so that neighbours agree, and the number of each one's body."""
+    """Return which facets to flip so that neighbours agree, and each one's body."""
     from palpate.surfaces import _topology
 
     flipped, body = np.zeros(len(triangles), dtype=np.bool_), np.empty(len(triangles), dtype=np.int64)

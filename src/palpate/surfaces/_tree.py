@@ -73,7 +73,6 @@ def build_tree(rows: Float[np.ndarray, "m 20"], sharp: int = 0) -> Tree:
 
 
 def _box(positions: Float[np.ndarray, "m 3 3"]) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
-    """Return lowest and highest coordinates, (3,) each."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for block in blocks(len(positions)):
         columns = positions[block].transpose(2, 0, 1).reshape(3, -1)  # long rows are quicker

@@ -165,7 +165,7 @@ class Analytic(Value, ABC):
         return CompiledSurface((self.equation(), table), self.centre, scale)
 
     def _own(self, points: ArrayLike) -> Float[np.ndarray, "*batch 3"]:
-        """Return points (*batch, 3) of the frame along the surface's own axes."""
+        """Return points (*batch, 3) along the surface's own axes."""
         return self._inverse.apply(shaped(points, (..., 3), "points"))
 
     @functools.cached_property

@@ -103,7 +103,7 @@ class BSplineSurface(Value):
 
     @property
     def _numbers(self) -> tuple[np.ndarray, np.ndarray, int, int, bool, np.ndarray]:
-        """Knots, degrees, periodicity and control points, as the compiled loops take them."""
+        """Arguments of the compiled loops."""
         return self.knots_u, self.knots_v, *self.degree, self.periodic, self.control
 
     def at(self, uv: ArrayLike) -> tuple[Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3"]]:
@@ -162,7 +162,7 @@ def solve_tangent(
 
 
 def _breaks(breaks: ArrayLike, degree: int) -> Float[np.ndarray, " k"]:
-    """Return the checked ends of spans; raise an InputError if there is no span or the degree is not possible."""
+    """Return the checked ends of spans."""
     found = shaped(breaks, (None,), "breaks")
     if not (len(found) > 1 and np.isfinite(found).all() and (np.diff(found) > 0).all()):
         raise InputError("breaks must be two or more finite numbers that increase.")

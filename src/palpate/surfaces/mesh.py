@@ -173,7 +173,7 @@ class Mesh(Value):
         source: str,
         options: dict[str, Any],
     ) -> Mesh:
-        """Make a mesh from vertices in a unit, and name the source in errors."""
+        """Make a mesh from vertices in a unit; errors name the source."""
         scale = _require_unit(unit, source)
         try:
             made = cls.from_arrays(vertices * scale, faces, **options)
@@ -331,12 +331,12 @@ def plane(point: ArrayLike, normal: ArrayLike, half_width: float = 1.0) -> Mesh:
 
 
 def _announced(facets: int) -> AbstractContextManager[None]:
-    """Return a context that announces the preparation of a large mesh; a small one takes too little time."""
+    """Return a context that announces the preparation of a large mesh."""
     return waiting(f"preparing a mesh of {facets:,} facets") if facets >= _LARGE else nullcontext()
 
 
 def _in_region(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], region: ArrayLike) -> np.ndarray:
-    """Return which facets a box or a list of facets keeps, (f,)."""
+    """Return which facets a box or a list keeps, (f,)."""
     array = np.asarray(region)
     if array.shape == (2, 3):
         middle = vertices[faces].mean(axis=1)
@@ -355,7 +355,7 @@ def _in_region(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
 
 
 def _require_unit(unit: str | None, source: str) -> float:
-    """Return the length of a unit [m]; raise an InputError where it is missing or unknown."""
+    """Return the length of a unit [m]; raise an InputError if it is missing or unknown."""
     if unit in UNITS:
         return UNITS[unit]
     what = "the unit of the mesh's numbers is not given (unit=...)." if unit is None else f"unknown unit {unit!r}."
@@ -368,7 +368,7 @@ def plausible_size(size: float) -> bool:
 
 
 def _doubts(mesh: Mesh, unit: str) -> tuple[str, ...]:
-    """Return a warning about a size that no probe, finger or link has, most often by a wrong unit."""
+    """Return a warning about an implausible size, most often of a wrong unit."""
     if plausible_size(mesh.size):
         return ()
     likely = [name for name, scale in UNITS.items() if plausible_size(mesh.size / UNITS[unit] * scale)]
