@@ -31,19 +31,18 @@ def within_cones(
 ) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, " n"], tuple[str, ...]]:
     """Return the forces f within the cones with the least (f - force)^T covariance^-1 (f - force), frame by frame.
 
-    With covariance = S S^T and f = force + S x, clarabel finds the shortest x whose f lies in second-order cones
-    |t_i| <= friction n_i.
+    With covariance = S S^T and f = force + S x, clarabel finds the shortest x with f in the cones.
 
     Args:
-        force: (m, 3) [N] the best forces without cones, frame by frame.
-        normals: (m, 3) outward unit normals.
-        counts: (n,) number of contacts in each frame; they add up to m.
+        force: (m, 3) [N] the best forces without cones.
+        normals: (m, 3) outward, unit.
+        counts: (n,) number of contacts in each frame.
         covariances: (3 count, 3 count) [N^2] of each frame's forces; may be singular.
         friction: bound of the tangential over the normal force.
 
     Returns:
-        Forces (m, 3) [N], the least square (n,) of each frame, and notes where forces are returned unchanged because
-        clarabel is not installed or found none.
+        Forces (m, 3) [N], the least square (n,) of each frame, and notes where forces are unchanged because clarabel is
+        not installed or found none.
     """
     found, further, notes = force.copy(), np.zeros(len(counts)), tuple[str, ...]()
     try:

@@ -49,16 +49,16 @@ class FusedEstimator(ContactEstimator):
     """An estimator of the contacts on a link with a skin and a force/torque sensor, each with its force in 3-D.
 
     A reading is (k + 7,): the cells row by row, force [N] and torque [N m] as measured, NaN where there is none, and
-    the number of readings of which they are the mean (1; 0: interpolated).
+    the number of readings of which they are the mean (0: interpolated).
 
-    A frame of the skin gives places, normals and normal forces, the wrench their sum (`FusedLocator`); without a wrench
-    forces are the skin's, with `share` 1. Where the skin does not explain the wrench for 50 ms, one more contact, of
-    identity 0, is added at the place of the largest belief.
+    The skin gives places, normals and normal forces, the wrench their sum (`FusedLocator`); without a wrench forces are
+    the skin's, with `share` 1. Where the skin does not explain the wrench for 50 ms, one more contact, of identity 0,
+    is added at the place of the largest belief.
 
-    Features, after those of the skin: `share`, posterior over prior standard deviation of a contact's tangential force;
-    `bound`, 1 where its friction cone binds; `unexplained`, the probability of a wrench as far from the expected one,
-    if the skin feels all; `belief`, the probability of a contact's place, 1 where the skin feels it; `force_xx` ...
-    `force_zz` [N^2], the covariance of the force.
+    Features, after the skin's: `share`, posterior over prior standard deviation of the tangential force; `bound`, 1
+    where the friction cone binds; `unexplained`, the probability of a wrench as far from the expected one, if the skin
+    feels all; `belief`, the probability of the contact's place; `force_xx` ... `force_zz` [N^2], the force's
+    covariance.
 
     Args:
         taxels: estimator of the skin; its filter smooths the wrenches too.
@@ -66,10 +66,10 @@ class FusedEstimator(ContactEstimator):
         fused: locator with the surface, in the skin's frame.
         mount: T_sensor_surface.
         mount_covariance: (6, 6) of its (rotation vector [rad], translation [m]), perturbed on the left.
-        drift: drift of the sensor's bias, which is followed while neither skin nor wrench shows a contact.
+        drift: of the sensor's bias, which is followed while neither skin nor wrench shows a contact.
         covered: whether the body is touched only on the skin.
-        live: whether samples come live. False: in `pairs` and `stream` the bias is smoothed by samples after a touch,
-            for which blocks wait 10 minutes at most.
+        live: whether samples come live; else `pairs` and `stream` smooth the bias by samples after a touch, for which
+            blocks wait 10 minutes at most.
 
     Attributes:
         kelvin: temperature of the sensor, see `WrenchEstimator`.
@@ -161,7 +161,7 @@ class FusedEstimator(ContactEstimator):
         return self._rejoined(self._wrenches.of_log(self._pieces(skin)))
 
     def run(self, recording: Recording) -> Contacts:
-        """Return the `Contacts` of a block; the skin's baseline and bad cells, if unknown, are from its first frames.
+        """Return the `Contacts` of a block; an unknown baseline and bad cells of the skin come from its first frames.
 
         Raises:
             InputError: a channel is missing or has another shape, the first frames do not determine the baseline, or

@@ -34,11 +34,11 @@ class FusionSettings:
     Args:
         friction: bound of a contact's tangential over its normal force, > 0.
         tangential: standard deviation of each of the two components of the tangential force, as a share of the normal
-            force, from 0 to `friction`. 0.25 is that of a force uniform in a disc of half the normal force.
-        gain: standard deviation of the skin's normal force as a share of it, in [0, 1), independent for each contact.
-        floor: [N] standard deviation of the normal force in addition to that of the gain, >= 0.
+            force, from 0 to `friction`; 0.25 if it is uniform in a disc of half the normal force.
+        gain: standard deviation of the skin's normal force as a share of it, in [0, 1).
+        floor: [N] standard deviation of the normal force in addition, >= 0.
         alarm: accepted share of false alarms, between 0 and 0.5.
-        turns: number of times that what is proportional to the forces is computed again from the forces found.
+        turns: number of times that what is proportional to the forces is computed again.
 
     Raises:
         InputError: a setting is out of its range.
@@ -66,7 +66,7 @@ class FusionSettings:
 
 @dataclass(frozen=True, eq=False)
 class Given(LockedValue):
-    """The inputs from which forces were computed, of the k sensors whose wrench is finite.
+    """Inputs from which forces were computed, of the k sensors with a finite wrench.
 
     Attributes:
         contacts: (n, 17) rows of `FusedLocator.rows`.
@@ -74,7 +74,7 @@ class Given(LockedValue):
         covariances: (k, 6, 6) of the wrenches' noise.
         carries: (k, n) whether a sensor feels a contact.
         whitened: (k, 6) wrench less the expected one, whitened by `factors`.
-        factors: (k, 6, 6) L D L^T of the covariance of that difference.
+        factors: (k, 6, 6) L D L^T of that difference's covariance.
         p: (k,) see `Fused`.
     """
 
@@ -94,15 +94,14 @@ class Fused(LockedValue):
 
     Attributes:
         force: (n, 3) [N] on the body, within the cones of friction.
-        covariance: (3n, 3n) [N^2] of the forces, contact by contact; not narrowed by cones.
-        share: (n,) posterior over prior standard deviation of the tangential force; 1 where the wrench adds no
-            information.
+        covariance: (3n, 3n) [N^2] of the forces, not narrowed by cones.
+        share: (n,) posterior over prior standard deviation of the tangential force.
         slack: (n,) [N] friction times the normal less the tangential force.
         bound: (n,) whether the cone of friction binds.
-        expected: (k, 6) [N, N m] from the skin alone; NaN without a wrench.
+        expected: (k, 6) [N, N m] from the skin alone; NaN without a wrench, as `surprise` and `p`.
         surprise: (k,) squared Mahalanobis distance of the wrench from the expected one, for one sensor with the step
-            into the cones; NaN without a wrench.
-        p: (k,) share of touches without an unseen contact whose wrench is as far off; NaN without a wrench.
+            into the cones.
+        p: (k,) share of touches without an unseen contact whose wrench is as far off.
         alarm: whether a contact pushes that the skin does not feel.
         given: inputs of the computation.
         notes: a sentence each.
@@ -127,7 +126,7 @@ class FusedFrames(NamedTuple):
     Attributes:
         force, share, bound: (m, 3) [N], (m,) and (m,), see `Fused`.
         spread: (m, 6) [N^2] covariance of each force: xx, xy, xz, yy, yz, zz.
-        p, alarm: (n,) each, see `Fused`.
+        p, alarm: (n,), see `Fused`.
         whitened, factors: (n, 6) and (n, 6, 6), see `Given`; NaN without a wrench.
         notes: a sentence each.
     """
@@ -340,9 +339,7 @@ class FusedLocator:
     def unseen_by(self, whitened: Float[np.ndarray, "6"], factor: Float[np.ndarray, "6 6"]) -> Unseen:
         """Return as `Unseen` the places of one more contact that a wrench feels and the skin does not.
 
-        Args:
-            whitened: (6,) of `FusedFrames`.
-            factor: (6, 6) of `FusedFrames`.
+        `whitened` and `factor`: of a frame, as in `FusedFrames`.
 
         Raises:
             InputError: a number is not finite, as in a frame without a wrench.

@@ -39,9 +39,8 @@ class Unseen(LockedValue):
         normals: (c, 3) outward, unit.
         forces: (c, 3) [N] of the contact if it is there.
         belief: (c,) probability of each place, given that there is one more contact.
-        region: (c,) whether a place belongs to the smallest set with a probability of 95 %.
-        cluster: (c,) number of the group of neighbouring places in the region, 0 for that of the likeliest place; -1
-            outside the region.
+        region: (c,) whether a place is in the smallest set with a probability of 95 %.
+        cluster: (c,) number of the group of neighbouring places in the region, 0 for the likeliest place's; -1 outside.
     """
 
     points: Float[np.ndarray, "c 3"]
@@ -80,11 +79,11 @@ def candidates(surface: Surface) -> Float[np.ndarray, "c 8"]:
 
 @takes_arrays
 def ranked(places: Float[np.ndarray, "c 8"], explained: Float[np.ndarray, "c 4"], width: float) -> Unseen:
-    """Return places by falling belief, with the smallest set whose probability is 95 %, as `Unseen`.
+    """Return places by falling belief as `Unseen`.
 
     Args:
         places: (c, 8) from `candidates`.
-        explained: (c, 4) log evidence of each place, which includes its share of the area, and force [N] there.
+        explained: (c, 4) log evidence of each place, with its share of the area, and force [N] there.
         width: [m] median of the places' standard deviations.
     """
     from palpate.sensors.fused import _kernels as _fused

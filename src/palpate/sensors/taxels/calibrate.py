@@ -26,8 +26,7 @@ def _identified(
 ) -> tuple[Curve, str, Validation]:
     """Return the curve I - I0 = f(F), the reason if it is a straight line by choice, and its cross-validation.
 
-    It is fitted by least squares in the intensity: the load cell is the more accurate sensor. Rows at the end of the
-    sensor's range are excluded, and so are those beyond the force at which the curve goes flat.
+    It is fitted by least squares in the intensity, because the load cell is the more accurate sensor.
     """
     force, intensity, dropped = _sound(force, intensity)
     _require_spread(force, dropped)
@@ -52,10 +51,9 @@ def _identified(
 
 
 def _left_out(curve: Curve, force: Float[np.ndarray, " n"], signed: Float[np.ndarray, " n"]) -> Validation:
-    """Compare unseen presses with a curve of the same kind that is fitted to the others.
+    """Compare unseen presses with a curve of the same kind that is fitted to the others, by the normal equations.
 
-    Compare by the normal equations, J^T r: readings of one press have errors in common, which the fit's covariance
-    ignores.
+    The fit's covariance ignores that readings of one press have errors in common.
     """
     degree, rounding = len(curve.parameters) if curve.kind == "polynomial" else None, 1e-6 * float(np.ptp(signed))
 
@@ -78,10 +76,7 @@ def tells(curve: Curve, force: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"
 
 
 def _goes_flat(force: Float[np.ndarray, " n"], signed: Float[np.ndarray, " n"]) -> tuple[float, float]:
-    """Return the force [N] above which a taxel saturates, and the reading that 98 % there exceed; inf if it does not.
-
-    A curve that is linear between knots is fitted, and fitted again to the rows below, with closer knots.
-    """
+    """Return the force [N] above which a taxel saturates, and the reading that 98 % there exceed; inf if none does."""
     end = limit = np.inf
     for _ in range(4):
         below = force <= end
@@ -119,16 +114,16 @@ def identify_intensity(
 ) -> Intensity:
     """Return the `Intensity` of a sheet, I = I0_k + g_k f(F) for cell k: one curve f, and a gain g_k for each cell.
 
-    The unloaded readings I0_k are fitted too but not returned. Rows that are not finite, at the end of the sensor's
-    range, or beyond the force at which the curve goes flat are excluded. Forty presses a cell are enough.
+    The unloaded readings I0_k are fitted but not returned. Rows that are not finite, at the end of the sensor's range,
+    or beyond the force at which the curve goes flat are excluded. Forty presses a cell are enough.
 
     Args:
         force: (n,) [N], not negative.
         intensity: (n,) raw.
-        cell: (n, 2) row and column of the pressed cell; None: one curve is fitted for all cells.
-        shape: rows and columns of the sheet; None: up to the largest row and column that were pressed.
+        cell: (n, 2) row and column of the pressed cell; None: one curve for all cells.
+        shape: rows and columns of the sheet; None: up to the largest that were pressed.
         kind: of `Curve` but "resistive", or "auto": the one that predicts unseen presses best.
-        degree: of a polynomial; None: the best of 1 to 5, in the same way.
+        degree: of a polynomial; None: the best of 1 to 5.
         top: raw reading at the end of the range; None: found where readings stop rising.
         provenance: origin of the log.
 

@@ -51,25 +51,23 @@ class TaxelEstimator(ContactEstimator):
     finite, gives the status INVALID. Orientation and acceleration make no difference.
 
     A cell's force is that of its reading less its baseline, which follows drift while nothing touches the cell.
-    Contacts are connected cells; one whose pressure has two peaks with a saddle between them is two contacts, a mixture
-    of two round Gaussians. The place on a sheet is the centroid, divided by the sum of the forces [skin map, (1)
-    corrected], on the map between cell centres; for taxels anywhere it is the middle of a round Gaussian fitted to
-    their readings, lifted onto the body, which an edge of the skin or a hole does not pull. Its covariance includes
-    that of the taxels' positions, where the body has one, as if the errors in a contact were equal. The force is the
-    sum over the cells, each along its own normal; the torque about the normal is NaN, because cells feel no shear.
-    SATURATED: located, but the force is a lower bound.
+    Contacts are connected cells, split where pressure has two peaks with a saddle between. The place on a sheet is the
+    centroid of the forces [skin map, (1) corrected]; for taxels anywhere the middle of a round Gaussian fitted to their
+    readings, which an edge or a hole of the skin does not pull, lifted onto the body. Its covariance includes that of
+    the taxels' positions, as if their errors in a contact were equal. The force is the sum over the cells, each along
+    its own normal; the torque about the normal is NaN. SATURATED: located, but the force is a lower bound.
 
     The features are `FEATURES`, and on a sheet `row` and `column`, integers at cell centres.
 
-    Baseline, noise and bad cells are those of `health`, or found in the first 2,048 frames that `run`, `pairs` or
-    `stream` are given; `tare` sets the baseline, and `update` needs it or `health`.
+    Baseline, noise and bad cells are those of `health`, or found in the first 2,048 frames of `run`, `pairs` or
+    `stream`; `tare` sets the baseline, and `update` needs it or `health`.
 
     Args:
         body: the places of the cells.
         intensity: converts readings to forces; None: one count is taken for 1 N.
         health: from `palpate.sensors.taxels.health.examine`.
         settings: of the contact search.
-        filter: of each cell's reading; None: none. A filter of zero phase works in `pairs` and `stream` only.
+        filter: of each cell's reading; one of zero phase works in `pairs` and `stream` only.
         rate: [Hz] of the frames; a filter needs it.
         mount: T_sensor_surface.
 
@@ -183,7 +181,7 @@ class TaxelEstimator(ContactEstimator):
             yield self.answer(block, watched, (values, status, share))
 
     def run(self, recording: Recording) -> Contacts:
-        """Return the `Contacts` of a block; baseline and bad cells that are not known come from its first frames.
+        """Return the `Contacts` of a block; an unknown baseline, noise and bad cells come from its first frames.
 
         Raises:
             InputError: a zero-phase filter, too few frames, every cell stuck, or no readings of these taxels.

@@ -155,8 +155,8 @@ class TaxelFrames:
             raw: (n, k) readings.
             out: rows of contacts; written.
             counts: (n,) number of rows of each frame; written.
-            forces: (n, k) [N] of each cell; written. `no_forces`: not requested.
-            filtered: readings, statuses and shares of the noise from a filter of zero phase; None: not used.
+            forces: (n, k) [N] of each cell, or `no_forces`; written.
+            filtered: readings, statuses and shares of the noise from a filter of zero phase.
 
         Returns:
             The number of frames that were processed, and the number of their rows.

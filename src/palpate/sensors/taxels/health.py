@@ -146,7 +146,7 @@ def tared(
     Args:
         recording: steady and untouched.
         body: the body that was recorded.
-        before: earlier health of the cells, whose bad cells stay bad; None: not known.
+        before: earlier health, whose bad cells stay bad; None: not known.
         pressed: height above the baseline at which a cell looks pressed, in standard deviations of its noise.
         falling: readings fall under load.
 

@@ -37,12 +37,12 @@ class Curve:
         parameters: (p,).
         covariance: (p, p) of the parameters.
         largest: [N] up to which the curve was measured; it must rise up to there.
-        saturation: raw intensity at the end of the sensor's range; NaN where it is not known.
+        saturation: raw intensity at the end of the sensor's range; NaN: not known.
         falling: the raw reading falls as the force grows.
         joint: [N] of `two_range`; knots: [N] of `monotone`; reference, scale: of `resistive`.
         residual: rms residual of the fit [counts].
-        hysteresis: largest difference between loading and unloading at one force, as a share of the span; NaN where it
-            is not known.
+        hysteresis: largest difference between loading and unloading at one force, as a share of the span; NaN: not
+            known.
 
     Raises:
         InputError: an unknown kind, a largest force that is not positive, or a curve that does not rise with force.

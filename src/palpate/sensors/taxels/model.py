@@ -42,22 +42,22 @@ class TaxelBody(Value):
     Made by `sheet`, `anywhere` and `placed`.
 
     Attributes:
-        positions: (k, 3) [m]; normals: (k, 3) outward, unit; areas: (k,) [m^2] of the cells.
-        spacing: (k,) [m] to the cells around; 1 on a sheet, whose steps are in cells.
-        tangents: (k, 3) unit vectors in the tangent planes, from which angles on the body count; 0 on a sheet.
-        neighbours: (k, m) the numbers of each cell's neighbours, -1 for none.
-        steps: (k, m, 2) from each cell to each neighbour, in cells: integer rows and columns on a sheet, else in the
-            tangent plane, the first along `tangents`.
-        between: (k, m, 2) the cells that lie between a cell and a neighbour across a corner; -1 where the two touch.
+        positions: (k, 3) [m]; normals: (k, 3) outward, unit; areas: (k,) [m^2].
+        spacing: (k,) [m] to the cells around; 1 on a sheet.
+        tangents: (k, 3) unit vectors in the tangent planes, from which angles count; 0 on a sheet.
+        neighbours: (k, m) indices of each cell's neighbours, -1 for none.
+        steps: (k, m, 2) to each neighbour, in cells: integer rows and columns on a sheet, else in the tangent plane,
+            the first along `tangents`.
+        between: (k, m, 2) the cells between a cell and a neighbour across a corner; -1 where the two touch.
         usable: (k,) false where a cell is masked or, on a sheet, overlaps other cells.
         bits: 1 to 16 for integer readings; None: readings are floats.
         rows, columns: size of a sheet; 0 for taxels anywhere.
-        grid: (rows + 4, columns + 4, 6) positions and normals of a sheet, with two more cells at each end; None else.
+        grid: (rows + 4, columns + 4, 6) positions and normals of a sheet, two cells more at each end; None: no sheet.
         turn: number of columns after which a sheet closes to a ring; 0: never.
         notes: notes for the user, a sentence each.
         numbers: (k,) index of each taxel among the readings of a frame; None: all readings, in order.
         frame: number of readings in a frame if `numbers` is given.
-        covariance: (k, 3, 3) [m^2] of the positions, 0 where it is not known; None: not known for any taxel.
+        covariance: (k, 3, 3) [m^2] of the positions, 0 where not known; None: not known for any.
 
     Raises:
         InputError: bits outside 1 to 16.
@@ -102,7 +102,7 @@ class TaxelBody(Value):
         Args:
             place: map of the sheet.
             bits: of a reading; None: readings are floats.
-            masked: (row, column) of each cell that must not be used.
+            masked: (row, column) of cells not to be used.
 
         Raises:
             InputError: fewer than two cells, a masked cell that is not on the sheet, or bits outside 1 to 16.
@@ -162,9 +162,9 @@ class TaxelBody(Value):
             positions: (k, 3) [m].
             normals: (k, 3) outward, of any length.
             areas: (k,) [m^2] that each taxel senses; None: as on a lattice.
-            reach: [m] largest distance between neighbours; None: 1.6 times the local spacing of the taxels.
+            reach: [m] largest distance between neighbours; None: 1.6 times the local spacing.
             bits: of a reading; None: readings are floats.
-            masked: indices of taxels that must not be used.
+            masked: indices of taxels not to be used.
 
         Raises:
             InputError: fewer than two taxels, two at one place, a position that is not finite, a normal that is 0, an
@@ -201,18 +201,17 @@ class TaxelBody(Value):
         bits: int | None = None,
         masked: Sequence[int] = (),
     ) -> TaxelBody:
-        """Return a `TaxelBody` as `anywhere` does, without readings whose positions are NaN, which have no taxel.
+        """Return a `TaxelBody` as `anywhere` does, without readings that have no taxel: their positions are NaN.
 
         Args:
             positions: (n, 3) [m], a row for each reading of a frame.
             normals: (n, 3) outward.
-            covariance: (n, 3, 3) [m^2] of the positions, NaN where it is not known.
+            covariance: (n, 3, 3) [m^2] of the positions, NaN where not known.
             bits: of a reading; None: readings are floats.
-            masked: indices of readings that must not be used.
+            masked: indices of readings not to be used.
 
         Raises:
-            InputError: fewer than two taxels, two at one place, a normal that is 0 or not known, a masked reading that
-                does not exist, or bits outside 1 to 16.
+            InputError: as by `anywhere`, or a normal that is not known.
         """
         points = shaped(positions, (None, 3), "positions")
         outward = shaped(normals, points.shape, "normals")

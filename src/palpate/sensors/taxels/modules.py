@@ -89,7 +89,7 @@ class ModuleLayout(Value):
 
 
 def _unbent(away: Float[np.ndarray, "t 3"], axes: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "t 2"]:
-    """Fit a bent sheet to points about its origin; return their flat places p + (p' K p) K p / 6, K its curvature.
+    """Return the flat places p + (p' K p) K p / 6 of a bent sheet's points about its origin, K its curvature.
 
     To fourth order: along x the arc of K x^2 / 2 is x + K^2 x^3 / 6, and across it nothing is longer.
     """

@@ -1,7 +1,6 @@
-"""Read and write files of taxel places: the model, iCub's positions, tables, or fixed frames of a URDF.
+"""Read and write files of taxel places: the model (.toml), iCub's positions (.txt), tables (.csv) or frames (.urdf).
 
-The content of a file decides how it is read, and the suffix how it is written: .toml (the model, with everything that
-is known), .txt (iCub), .csv or .urdf.
+The content of a file decides how it is read, the suffix how it is written.
 """
 
 from __future__ import annotations
@@ -42,8 +41,8 @@ def read_taxel_places(path: str | Path) -> TaxelPlaces:
     """Return the `TaxelPlaces` of a file: the model, iCub's positions, a table, or a URDF's frames.
 
     A table has columns x, y, z and, where known, nx, ny, nz and module, in metres or a unit that it states (`x [mm]`,
-    `x_mm`). In iCub's files rows of zeros are indices without a taxel; normals that are zero, or equal all over a body
-    that is not flat, are not known.
+    `x_mm`). In iCub's files rows of zeros are no taxel; normals that are zero, or equal all over a body that is not
+    flat, are not known.
 
     Raises:
         InputError: the file cannot be read, is of another kind, has no taxels, or taxels over 10 m from each other.

@@ -24,9 +24,9 @@ class TaxelPlaces(Value):
     Attributes:
         positions: (k, 3) [m]; NaN for an index that has no taxel.
         normals: (k, 3) outward, unit.
-        covariance: (k, 3, 3) [m^2] of the positions; empty: not known.
-        module: (k,) index of each taxel's module, -1: none; empty: all on none.
-        pokes: (k,) number of pokes to which each taxel responded; 0: placed by its module; empty: all 0.
+        covariance: (k, 3, 3) [m^2] of the positions.
+        module: (k,) index of each taxel's module, -1: none.
+        pokes: (k,) number of pokes to which each taxel responded; 0: placed by its module.
         relative: (k,) [m] standard deviation (root of the trace) after one rigid motion of the skin is removed.
         reach: [m] standard deviation of the response to a poke over its distance from the taxel.
         configurations: (d, 8) of the arm during pokes: pose of the link in the sensor's frame, x y z [m] and quaternion

@@ -62,9 +62,9 @@ class RigSkin:
 
     Attributes:
         map: file of `palpate map skin`, for a sheet.
-        taxels: file of `palpate calibrate taxels`, or other taxel places, for taxels anywhere.
+        taxels: file of taxel places, for taxels anywhere.
         count: number of readings in a frame, where no places are known yet.
-        rows, columns: size of the sheet; None: as in the map.
+        rows, columns: of the sheet; None: as in the map.
         bits: of a reading; 0: readings are floats.
         intensity: file of `palpate calibrate intensity`; None: intensities are taken for forces.
         cells: columns of a table with the readings, row by row for a sheet.
