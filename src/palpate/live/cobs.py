@@ -1,4 +1,4 @@
-"""Read and write samples as frames with COBS and CRC-32, of which damage costs only the damaged frames.
+"""Read and write samples as frames with COBS and CRC-32.
 
 A frame is `stuffed(head numbers check) 0x00`, little endian, stuffed by COBS (Cheshire and Baker 1999):
 
@@ -9,7 +9,7 @@ A frame is `stuffed(head numbers check) 0x00`, little endian, stuffed by COBS (C
 | 2 | count of numbers |
 | 4 | counter of samples, also of those not sent, modulo 2^32 |
 | numbers | in the order of a log's columns (a wrench force first), in the rig's units |
-| 4 | CRC-32 of all before it, as zlib and Ethernet have it |
+| 4 | CRC-32 of all before it, as zlib has it |
 
 A counter that does not change is ignored; one that goes back means a restart. `docs/serial.md` has code in C.
 """
@@ -75,7 +75,7 @@ class CobsFrames:
         return found
 
     def _sample(self, encoded: bytes) -> tuple[np.ndarray, int] | None:
-        """Return a frame's numbers and the number of samples missing before it; None if it is no sample."""
+        """Return a frame's numbers and the number of samples missing before it; None if damaged or of another count."""
         try:
             frame = cobs.decode(encoded) if len(encoded) <= self._longest else b""
             version, code, count, counter = _HEAD.unpack_from(frame)
@@ -151,7 +151,6 @@ def encoded(values: Float[np.ndarray, "n k"], counter: int, number: str) -> tupl
 
 
 def _rounded(values: Float[np.ndarray, "*any"], kind: np.dtype[Any]) -> np.ndarray:
-    """Return values as a type; for integers rounded and clipped to its range, with 0 for NaN."""
     if kind.kind == "f":
         return values.astype(kind)
     limits = np.iinfo(kind.name)

@@ -1,4 +1,4 @@
-"""Read many waiting datagrams of a socket in one call, with the kernel's stamps and its count of drops."""
+"""Read all waiting datagrams of a socket in one call, with the kernel's stamps."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class _Vector(ctypes.Structure):
 
 
 class _Control(ctypes.Structure):
-    """A datagram's control data: its stamp, and the number of dropped datagrams if there are any."""
+    """A datagram's control data: its stamp, and the number of drops if there are any."""
 
     _fields_ = [
         ("size", ctypes.c_size_t),
@@ -149,7 +149,7 @@ class _Many:
         return count
 
     def _stamped(self, owner: Datagrams, count: int) -> int:
-        """Fill the stamps, and return the number of bytes of control data of the last datagram."""
+        """Fill the stamps, and return the size of the last control data [bytes]."""
         least, size = _Control.drops_size.offset, self._controls.itemsize
         now = time.time_ns()  # the kernel starts to stamp a moment after the request
         return self._stamps(count, self._seconds, self._nanoseconds, least, now, owner.stamp, self._said, size)

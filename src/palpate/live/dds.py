@@ -1,4 +1,4 @@
-"""Join a domain of DDS, the network of ROS 2, through cyclonedds, without an installation of ROS."""
+"""Join a domain of DDS, the network of ROS 2, through cyclonedds."""
 
 from __future__ import annotations
 
@@ -39,11 +39,7 @@ def ros_name(name: str) -> str:
 
 
 def _cyclone() -> SimpleNamespace:
-    """Return the public names of cyclonedds' modules as one namespace.
-
-    Raises:
-        InputError: cyclonedds is not installed.
-    """
+    """Return the public names of cyclonedds as one namespace, or raise InputError."""
     try:
         import_module("cyclonedds")
     except ImportError as problem:
@@ -113,7 +109,7 @@ class DdsNode:
         Args:
             topic: name as in ROS.
             kind: type of the messages.
-            reliable: request lost messages again, from publishers that offer it; else lost messages are only counted.
+            reliable: request lost messages again; else they are only counted.
             latched: also request messages published before (/tf_static).
             depth: most messages that wait; beyond it the newest are lost, or with `reliable` or `latched` the oldest.
 
@@ -257,7 +253,6 @@ class Writer(_End):
 
 
 def _configuration(domain: int, interface: str) -> str:
-    """Return cyclonedds' configuration as XML."""
     local = not interface
     key = "address" if local or _is_address(interface) else "name"
     peers = f'<Peers><Peer address="{LOOPBACK}"/></Peers>' if local else ""
@@ -298,15 +293,7 @@ def _sockets() -> dict[str, int]:
 
 
 def _keep_to_loopback(domain: int, before: Collection[str]) -> str:
-    """Close a domain's ports, which cyclonedds opens to all interfaces, to others than loopback.
-
-    Args:
-        domain: number of the domain.
-        before: names of this process's sockets to leave as they are.
-
-    Returns:
-        A sentence if the system does not allow it; else "".
-    """
+    """Close a domain's sockets, but for those `before`, to other machines; return a sentence if that fails, else ""."""
     option = getattr(socket, "SO_BINDTODEVICE", None)
     names = [name for _, name in socket.if_nameindex() if name.startswith("lo")]
     if option is None or not names:
@@ -321,7 +308,7 @@ def _keep_to_loopback(domain: int, before: Collection[str]) -> str:
 
 
 def _receiving(domain: int, before: Collection[str]) -> Iterator[socket.socket]:
-    """Yield a second handle of each socket that receives for a domain and is not in `before`."""
+    """Yield a second handle of each socket of a domain that is not in `before`."""
     first = 7400 + _PORTS * domain
     for name, handle in _sockets().items():
         if name in before:

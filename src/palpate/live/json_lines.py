@@ -138,7 +138,7 @@ class JsonLines:
 
 
 def _each(contacts: Contacts, every: bool) -> Iterator[tuple[Contacts, bool]]:
-    """Yield (contacts of a sample, whether it is the last); unless `every`, only samples that may change the state."""
+    """Yield (contacts of a sample, whether it is the last) where the state may change, or of `every` sample."""
     if not len(contacts):
         return
     starts = np.flatnonzero(np.diff(contacts.sample, prepend=contacts.sample[0] - 1))
@@ -152,7 +152,6 @@ def _each(contacts: Contacts, every: bool) -> Iterator[tuple[Contacts, bool]]:
 
 
 def _object(contacts: Contacts) -> dict[str, Any]:
-    """Return the JSON object of one sample."""
     order = np.argsort(-np.nan_to_num(np.linalg.norm(contacts.force, axis=1), nan=-1.0), kind="stable")
     found = contacts[order]
     return {

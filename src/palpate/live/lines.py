@@ -1,7 +1,7 @@
 """Read and write samples as lines of numbers, as sensors print them to a terminal.
 
-A line ends with CR, LF or both. Commas, semicolons, tabs, blanks, brackets, labels, units or other text may separate
-numbers: `( 0.12 , -3.4 , ...)`, `Fx=1.2`, `0.001 N 0.0009 Nm`, `4711;1,5;-0,25`, `+  1.23kg`.
+Commas, semicolons, tabs, blanks, brackets, labels, units or other text may separate numbers: `( 0.12 , -3.4 , ...)`,
+`Fx=1.2`, `0.001 N 0.0009 Nm`, `4711;1,5;-0,25`, `+  1.23kg`.
 
 - A number does not follow a letter or digit (the 1 of `F1=`), precede `:` or `=` (`12:30:05.2` is one number, 5.2), or
   mix with letters (`3F2A`). `nan` and `inf` are numbers.
@@ -9,8 +9,6 @@ numbers: `( 0.12 , -3.4 , ...)`, `Fx=1.2`, `0.001 N 0.0009 Nm`, `4711;1,5;-0,25`
   character separates the numbers: `1,5;2,5`, but not `1,2`.
 - The sensor's numbers are those that `columns` names, or else all, or all but the first: a counter or a time.
 - The first line sets the count of numbers; another count is rejected until ten lines in a row agree on it.
-
-Lines have no checksum: a digit damaged into another one is not noticed, unlike in frames (`palpate.live.cobs`).
 """
 
 from __future__ import annotations
@@ -111,7 +109,7 @@ class LineFrames:
         return f"but no line of {self._wanted()}: check `baud`, `framing` and `columns`{example}"
 
     def _row(self, line: bytes) -> list[float] | None:
-        """Return the sensor's numbers in a line; None, and count the line, if it is not understood."""
+        """Return the sensor's numbers in a line; None if it is not understood."""
         found = numbers(line)
         if found is None:
             return self._refuse(line, "is not text")
@@ -123,7 +121,7 @@ class LineFrames:
         return [found[column] for column in self._columns]
 
     def _learn(self, width: int) -> bool:
-        """Learn the count of numbers in a line, and return whether it is accepted from now on."""
+        """Return whether a count of numbers in a line is accepted from now on."""
         fits = width > max(self._columns) if self._columns else width in (self._count, self._count + 1)
         self._agreeing = self._agreeing + 1 if fits and width == self._other else int(fits)
         self._other = width

@@ -80,7 +80,6 @@ class _Samples(NamedTuple):
     extra_channels: Mapping[str, np.ndarray]
 
     def recording(self, names: tuple[str, ...], frame: str) -> Recording:
-        """Return the samples as a `Recording` with the channels `names`."""
         return Recording(
             self.time, {**split_channels(names, self.readings), **self.extra_channels}, frame=frame, source="the stream"
         )
@@ -98,7 +97,6 @@ class _Window:
         return bool(self.held[-1].stamp[-1] - self.held[0].stamp[0] >= 1e9 * self.length)
 
     def joined(self) -> _Samples:
-        """Return all samples of the window as one."""
         first = self.held[0]
         beside = {
             name: np.concatenate([each.extra_channels[name] for each in self.held]) for name in first.extra_channels
@@ -253,7 +251,7 @@ class Live:
         return answers
 
     def _held_back(self, timeout: float) -> bool:
-        """Return whether samples must wait, because the recorder would lose some with one batch more."""
+        """Return whether samples must wait, or the recorder would lose some."""
         ring = self._ring
         if ring is None or not (self.patient and ring["recording"]):
             return False
@@ -268,7 +266,7 @@ class Live:
         return AnsweredSamples(np.zeros(0, np.int64), np.zeros(0, np.int64), self._rows[:0])
 
     def _require_enough(self) -> None:
-        """Raise InputError if the estimator needs an orientation, and neither source nor rig gives one."""
+        """Raise InputError if the estimator needs an orientation and gets none."""
         if isinstance(self.estimator, WrenchEstimator) and not self._posed:
             nothing = self._samples.readings(np.zeros((1, *self.source.shape), self.source.dtype))
             try:
@@ -279,7 +277,7 @@ class Live:
             self.estimator.reset()
 
     def _taken(self, count: int) -> _Samples:
-        """Return the batch's first `count` samples, copied, in the estimator's units; store them in the ring."""
+        """Return the batch's first samples, copied, in the estimator's units; store them in the ring."""
         batch, beside = self._batch, dict[str, np.ndarray]()
         if self._poses is not None:
             self._poses.at(batch.stamp[:count]).into(batch)
@@ -293,7 +291,7 @@ class Live:
         return _Samples(stamp, self._seconds(stamp), self._samples.readings(batch.values[:count]), beside)
 
     def _answered(self, samples: _Samples) -> AnsweredSamples:
-        """Return samples with their contacts, estimated in pieces that fit the buffers; store these in the ring."""
+        """Return samples with their contacts; store these in the ring."""
         total, done, parts = len(samples.stamp), 0, list[np.ndarray]()
         counts = np.zeros(total, dtype=np.int64)
         while done < total:
@@ -309,7 +307,7 @@ class Live:
         return AnsweredSamples(samples.stamp, counts, parts[0] if len(parts) == 1 else np.concatenate(parts))
 
     def _started(self, start: _Window, samples: _Samples | None) -> AnsweredSamples:
-        """Collect samples of the first seconds; return them, answered, once their values are known."""
+        """Collect samples of the start; return them, answered, once its values are known."""
         enough = samples is not None and start.add(samples)
         if self._build is None:
             if enough:
@@ -361,7 +359,6 @@ class Live:
         return AnsweredSamples(samples.stamp, counts, rows)
 
     def _tared(self, samples: _Samples) -> None:
-        """Take the requested tare once its window is full."""
         if self._tare is None or not self._tare.add(samples):
             return
         window, self._tare = self._tare.joined(), None
@@ -373,7 +370,6 @@ class Live:
             self._said += [taken.note, *([taken.warning] if taken.warning else [])]
 
     def _watch(self) -> None:
-        """Collect events of source and poses, and report a jump of the system's clock."""
         self._said += [*self.source.events(), *(() if self._poses is None else self._poses.events())]
         clock = _offset()
         if abs(clock - self._clock) > JUMP:
@@ -417,5 +413,5 @@ def _unseen(setup: Setup) -> Setup:
 
 
 def _offset() -> int:
-    """Return the difference [ns] of the system's clock and the monotonic clock."""
+    """Return the system's clock minus the monotonic clock [ns]."""
     return time.time_ns() - time.monotonic_ns()

@@ -1,4 +1,4 @@
-"""Read live wrenches from an ATI Net F/T or Ethernet Axia over UDP (RDT)."""
+"""Read wrenches from an ATI Net F/T or Ethernet Axia over UDP (RDT)."""
 
 from __future__ import annotations
 
@@ -195,12 +195,11 @@ class NetFt:
         return len(content) == SAMPLE.itemsize and sender == (self._host, self._port)
 
     def _wait(self, seconds: float) -> None:
-        """Wait up to `seconds` [s] until a datagram waits at the socket."""
         if seconds > 0:
             self._poll.poll(math.ceil(seconds * 1e3))
 
     def _send(self, command: int) -> str:
-        """Send a command, and return the reason in words if it failed, else ""."""
+        """Send a command, and return why it failed, or ""."""
         try:
             self._socket.sendto(REQUEST.pack(HEADER, command, 0), (self._host, self._port))
         except OSError as problem:
@@ -214,7 +213,6 @@ class NetFt:
         return self._send(START)
 
     def _keep(self, taken: int, batch: Batch) -> int:
-        """Fill a batch with the samples among the datagrams read, and return how many."""
         rows = self._genuine(taken)
         if rows is not None and not len(rows):
             return 0
@@ -250,7 +248,7 @@ class NetFt:
         return np.flatnonzero(~(wrong | strange))
 
     def _bad(self, status: Int[np.ndarray, " n"], now: float) -> Bool[np.ndarray, " n"]:
-        """Return (n,) whether each sample is invalid; report changes of the status, each at most once a second."""
+        """Return (n,) whether each sample is invalid; report changes of the status."""
         bad = self._word.bad(status)
         before = np.concatenate([[self._last_status], status[:-1]])
         for new in dict.fromkeys(status[status != before].tolist()):
@@ -264,7 +262,7 @@ class NetFt:
         return bad
 
     def _watch(self, now: float) -> None:
-        """Request samples again if none have come, and report the silence once."""
+        """Request samples again, and report a silence once."""
         if now < self._ask_at:
             return
         problem = self._ask(now)
@@ -283,7 +281,7 @@ class NetFt:
             )
 
     def _back(self, now: float, restarted: bool, missing: int | None) -> None:
-        """Report that samples come again or counters restarted, and read the page again: the tool may differ."""
+        """Report that samples come again or counters restarted, and read the page again."""
         if missing is None:
             guess = f" (about {(now - self._heard) * self._page.rate:.0f})" if self._page.rate and self._away else ""
             count = f"its counters restarted, so the number of missing samples is unknown{guess}"
@@ -299,7 +297,7 @@ class NetFt:
         self._read_again()
 
     def _read_again(self) -> None:
-        """Read the page again while samples wait; schedule another try if it does not answer in time."""
+        """Read the page again, as the tool may differ; schedule another try if it does not answer."""
         self._retry_at = math.inf
         try:
             page = read_page(self._host, self._web, where=self._address, timeout=_PAGE_AGAIN)
@@ -321,7 +319,7 @@ class NetFt:
         self._word = status_word(page.product)
 
     def _counted(self) -> Iterator[str]:
-        """Yield sentences on frequent events not reported yet, such as missing samples."""
+        """Yield sentences on frequent events not reported yet."""
         sequence = self._sequence
         now = {
             _MISSING: sequence.missing,

@@ -109,7 +109,6 @@ class NetFtDevice:
         self._closing[:0] = [ending.set, server.shutdown, commands.join, pages.join]
 
     def _obey(self, ending: threading.Event) -> None:
-        """Obey commands of listeners until the event `ending` is set."""
         poll = select.poll()
         poll.register(self._socket, select.POLLIN)
         while not ending.is_set():
@@ -133,7 +132,7 @@ class NetFtDevice:
                 self._bias = self._counts
 
     def _stream(self, address: tuple[str, int], samples: np.ndarray) -> int:
-        """Send a listener as many samples as its request still allows, and return how many."""
+        """Send a listener as many samples as it requested, and return how many."""
         sent, asked = self._listeners[address]
         count = len(samples) if not asked else min(len(samples), asked - sent)
         samples["rdt"] = (sent + 1 + np.arange(len(samples))) % _WORD
@@ -146,7 +145,6 @@ class NetFtDevice:
         return count
 
     def _xml(self) -> bytes:
-        """Return the part of the page that clients read, as XML."""
         return f"""<?xml version="1.0" encoding="UTF-8"?>
 <netft>
 <prodname>Palpate stand-in for a Net F/T</prodname>
@@ -163,7 +161,7 @@ class NetFtDevice:
 
 
 def _answers(page: bytes) -> type[BaseHTTPRequestHandler]:
-    """Return the class of a request handler that serves one page."""
+    """Return a request handler that serves one page."""
 
     class Handler(BaseHTTPRequestHandler):
         timeout = 2.0  # s, for a client that connects and requests nothing

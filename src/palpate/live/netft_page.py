@@ -1,4 +1,4 @@
-"""Read the page that a Net F/T serves: its counts per N and N m, units, rate and name."""
+"""Read the page of a Net F/T: its counts per N and N m, units, rate and name."""
 
 from __future__ import annotations
 
@@ -112,12 +112,11 @@ def read_page(host: str, port: int, *, where: str, timeout: float) -> NetFtPage:
 
 
 def _foreign(why: str, where: str) -> InputError:
-    """Return the error of a device that is no Net F/T."""
     return InputError(f"is not a Net F/T: {why}.", where=where, hint=_NOT)
 
 
 def _received(link: socket.socket, deadline: float, where: str) -> bytes:
-    """Return all bytes until the server closes or the answer is complete; raise TimeoutError at the deadline [s]."""
+    """Return the complete answer; raise TimeoutError at the deadline [s]."""
     raw = bytearray()
     while (left := deadline - time.monotonic()) > 0:
         link.settimeout(left)
@@ -180,7 +179,7 @@ def _counts(said: Mapping[str, str], name: str, where: str) -> float:
 
 
 def _number(text: str) -> float:
-    """Return the number in a text, or 0 if it is not a finite number."""
+    """Return the number in a text; 0 if there is none or it is not finite."""
     try:
         value = float(text)
     except ValueError:

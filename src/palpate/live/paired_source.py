@@ -1,4 +1,4 @@
-"""Combine two devices as one source: samples of a skin, each with the mean of the wrenches around its time."""
+"""Combine two devices as one source: samples of a skin, each with the mean of the wrenches around it."""
 
 from __future__ import annotations
 
@@ -100,7 +100,6 @@ class PairedSource:
         self._wrenches.close()
 
     def _take(self, count: int) -> None:
-        """Append samples of the skin to those that wait for wrenches."""
         if not count:
             return
         if not len(self._stamp):
@@ -110,13 +109,12 @@ class PairedSource:
         self._values = np.concatenate([self._values, self._frame.values[:count].reshape(count, -1)])
 
     def _hear(self) -> None:
-        """Receive wrenches, and add them to the means."""
         count = self._wrenches.receive(self._wrench, 0.0)
         if count:
             self._means.add(seconds(self._wrench.stamp[:count]), self._wrench.values[:count].copy())
 
     def _given(self, batch: Batch, count: int) -> int:
-        """Fill a batch with the first `count` waiting samples and their wrenches, and return how many."""
+        """Fill a batch with the first `count` waiting samples and their wrenches."""
         if not count:
             return 0
         time_ = seconds(self._stamp[:count])
@@ -131,7 +129,7 @@ class PairedSource:
         return count
 
     def _watch(self, found: bool) -> None:
-        """Report once that samples stay without wrenches, and once that wrenches come again."""
+        """Report once that samples stay without wrenches, or have some again."""
         now = time.monotonic()
         if found:
             if self._quiet:

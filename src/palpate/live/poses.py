@@ -158,7 +158,7 @@ class LivePoses:
             self._path = None
 
     def _way(self) -> FramePath | None:
-        """Return the path from base to sensor in the tree; None while the tree does not connect them."""
+        """Return the path from base to sensor in the tree; None if nothing connects them yet."""
         if self._path is None and self._frames is not None and self._tree.frames:
             try:
                 self._path = self._tree.path(*self._frames)
@@ -173,7 +173,7 @@ class LivePoses:
         return self._path
 
     def _watch(self, *, found: bool, age: float = 0.0) -> None:
-        """Note since when samples have no poses, and report when they have poses again."""
+        """Note since when samples have no poses, and report when they have some again."""
         if found:
             if self._silent is not None and "silent" in self._told:
                 self._pending.append("samples have poses again")
@@ -188,7 +188,7 @@ class LivePoses:
             self._silent = time.monotonic()
 
     def _named(self) -> Iterator[tuple[str, LiveTrack]]:
-        """Yield each track with the words that distinguish it from others."""
+        """Yield each track with words for it."""
         yield "", self._track
         for (parent, child), track in self._edges.items():
             yield f" of {child!r} in {parent!r}", track

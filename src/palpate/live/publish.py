@@ -1,4 +1,4 @@
-"""Publish the contacts of a running `palpate live`, read from its ring, to ROS 2 or as JSON to a socket."""
+"""Publish the contacts of a running `palpate live` to ROS 2 or as JSON to a socket."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Publisher(Protocol):
 
 
 def _domain(to: str) -> int | None:
-    """Return the domain of "ros2:DOMAIN", or None for "ros2"; raise InputError if it is not valid."""
+    """Return the domain of "ros2:DOMAIN", None of "ros2", or raise InputError."""
     _, colon, number = to.partition(":")
     if not colon:
         return None

@@ -103,7 +103,6 @@ class RosPublisher:
         self._node.close()
 
     def _publish(self, rows: Contacts) -> None:
-        """Publish the rows of one sample; pose and wrench only if a contact is located."""
         _, (everything, poses, wrenches) = self._messages.of(rows)
         self._write(_CONTACTS, self._array(everything, rows))
         strongest = int(rows.strongest()[0])
@@ -122,7 +121,7 @@ class RosPublisher:
             self._dropped += 1
 
     def _array(self, everything: np.ndarray, rows: Contacts) -> bytes:
-        """Return a ContactArray (bytes, CDR): each contact as in a file, then the features of all."""
+        """Return a ContactArray (bytes, CDR): each contact as in a file, then all features."""
         head = _payload(everything[:1])
         named = int(everything["named"][0])
         start = _HEADER + named
@@ -141,8 +140,6 @@ class RosPublisher:
 
 
 class _Due:
-    """A selector of times at least a period from each other."""
-
     def __init__(self, rate: float) -> None:
         self._period, self._next = 1.0 / rate, -np.inf
 
@@ -219,5 +216,4 @@ def _ellipsoid(covariance: Float[np.ndarray, "3 3"]) -> tuple[Float[np.ndarray, 
 
 
 def _payload(record: np.ndarray) -> bytes:
-    """Return the message in a record of an MCAP file as bytes."""
     return record.tobytes()[MESSAGE.itemsize :]

@@ -97,7 +97,7 @@ def _opened(path: Path, form: SlotForm, recorded: bool) -> StreamBuffer:
 
 
 def _hurried() -> str:
-    """Request real-time priority and locked memory, and return a sentence on what was granted."""
+    """Request real-time priority and locked memory, and return a sentence on the outcome."""
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     except (AttributeError, PermissionError):

@@ -1,4 +1,4 @@
-"""Record the samples, contacts and events of a ring as MCAP files, each of which can be opened without the others.
+"""Record a ring as MCAP files, each of which can be opened without the others.
 
 After a kill, a new recorder continues where the file ends, if the ring still has the samples after it.
 """
@@ -105,10 +105,6 @@ def only_one(ring: Path) -> Generator[None]:
 class Recorder:
     """A writer of a ring's samples to files, which continues the file of a recorder that was killed.
 
-    Numbers in the ring's head tell where: the current file has the index "file", and begins with sample "began" after
-    "noted" sentences in earlier files; "recorded" is the next sample, "missed" the number of samples in no file,
-    "bytes" the size of all files.
-
     Args:
         ring: the ring, which no other recorder reads.
         output: path of the first file.
@@ -124,6 +120,9 @@ class Recorder:
         OSError: the file to continue cannot be opened.
     """
 
+    # Numbers in the ring's head let another recorder continue after a kill at any point: the current file has the index
+    # "file", and begins with sample "began" after "noted" sentences in earlier files; "recorded" is the next sample,
+    # "missed" the number of samples in no file, "bytes" the size of all files.
     def __init__(self, ring: StreamBuffer, output: Path, split: float) -> None:
         self._ring, self._output, self._split = ring, output, split
         self._topics, self._messages = record_topics(ring.form), RecordMessages(ring.form)
@@ -225,7 +224,7 @@ class Recorder:
                     self._end(self.file)
 
     def _end(self, file: RecordFile) -> None:
-        """End a file and give it its name; later samples begin another file."""
+        """End a file and give it its name."""
         ring = self._ring
         self.next -= file.end()
         ring["recorded"] = ring["began"] = self.next
@@ -258,14 +257,12 @@ class Recorder:
 
 
 class _Quiet:
-    """A check whether a ring still changes."""
-
     def __init__(self, ring: StreamBuffer) -> None:
         self._ring, self._state = ring, (0, 0, 0)
         self._began = self._changed = 0.0
 
     def ended(self) -> bool:
-        """Return whether the ring has not changed for long enough; call it repeatedly."""
+        """Return whether the ring has not changed for long enough."""
         ring, now = self._ring, time.monotonic()
         state = ring["received"], ring["answered"], ring["alive"]
         self._began = self._began or now

@@ -1,4 +1,4 @@
-"""Make the messages of a live record: readings as a log of the same rig has them, contacts, and events."""
+"""Make the messages of a live record: readings, contacts and events."""
 
 from __future__ import annotations
 
@@ -114,14 +114,14 @@ def event(stamp: int, sentence: str, number: int, level: int = _INFO) -> tuple[n
 
 
 def _missing(lost: Int[np.ndarray, " n"], gaps: Int[np.ndarray, " k"], first: int) -> str:
-    """Return the sentence on lost samples, such as "3 samples are missing before sample 1200"."""
+    """Return a sentence, such as "3 samples are missing before sample 1200"."""
     count, here = int(lost.sum()), first + int(gaps[0])
     where = f"before sample {here}" if len(gaps) == 1 else f"at {len(gaps)} places from sample {here} on"
     return f"{count} {'sample is' if count == 1 else 'samples are'} missing {where}"
 
 
 def _texts(texts: Mapping[str, str]) -> tuple[Fields, Mapping[str, object]]:
-    """Return the fields of strings, name -> text, each after its length, and their values."""
+    """Return the fields of strings, each after its length, and their values."""
     fields: Fields = ()
     values = dict[str, object]()
     for name, text in texts.items():

@@ -1,4 +1,4 @@
-"""Recover a live record after all processes were killed, from its unfinished file and the ring."""
+"""Recover a live record from its unfinished file and the ring."""
 
 from __future__ import annotations
 
@@ -101,15 +101,7 @@ def _from_ring(path: Path, output: Path) -> str:
 
 
 def _cut_unsound(ring: StreamBuffer, first: int) -> int:
-    """End the ring before the first slot that does not hold its sample, as after a loss of power.
-
-    Args:
-        ring: the ring.
-        first: number of the sample to continue with.
-
-    Returns:
-        The number of samples cut off.
-    """
+    """End the ring before the first slot that does not hold its sample, and return the number of samples cut off."""
     at, received = first, ring["received"]
     while at < received:
         slots, at = ring.read(at, _READ, "received")
@@ -122,7 +114,7 @@ def _cut_unsound(ring: StreamBuffer, first: int) -> int:
 
 
 def _alone(path: Path) -> str:
-    """End and rename an unfinished file without a ring, and return a sentence on its samples."""
+    """Complete an unfinished file without a ring, and return a sentence on its samples."""
     file = RecordFile(path, None, 0)
     file.end()
     file.place()

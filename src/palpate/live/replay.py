@@ -1,4 +1,4 @@
-"""Replay a log as a source of live samples, at its recorded times or as fast as samples are taken."""
+"""Replay a log as a source of live samples."""
 
 from __future__ import annotations
 
@@ -149,7 +149,6 @@ class Replay:
         return iter(open_log(self.path, self._layout).blocks())
 
     def _samples(self) -> Iterator[Recording]:
-        """Yield blocks of the log; with `loop` again and again."""
         shift, last = 0.0, np.nan
         while True:
             fresh = True

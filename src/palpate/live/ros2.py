@@ -1,4 +1,4 @@
-"""Read live samples from a topic of ROS 2, and the sensor's pose from others, without an installation of ROS."""
+"""Read live samples, and the sensor's pose, from topics of ROS 2."""
 
 from __future__ import annotations
 
@@ -134,7 +134,6 @@ class RosTopics:
         self._node.close()
 
     def _begin(self) -> None:
-        """Find the topic, and listen to it and to the poses."""
         self.topic = self._chosen()
         if self.topic.count > 1:
             self._said.append(f"{self.topic.count} nodes publish {self.topic.name!r}: their samples are mixed")
@@ -171,7 +170,7 @@ class RosTopics:
         return choose(contents, alone)["main"]
 
     def _first_image(self, reader: DdsReader) -> None:
-        """Wait for the first image, which gives the size of all; raise InputError if none comes."""
+        """Wait for the first image, which gives the size of all, or raise InputError."""
         deadline = time.monotonic() + self._patience
         cv2 = opencv()
         while (left := deadline - time.monotonic()) > 0:
@@ -185,7 +184,7 @@ class RosTopics:
         raise InputError(what, where=self._node.where, hint=hint)
 
     def _decoded(self, messages: MessageBlock) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return (stamps of headers [ns], times of sending [ns], values) of the messages that can be read."""
+        """Return (stamps of headers [ns], times of sending [ns], values) of readable messages."""
         if self._layout.images is not None:
             stamps, values, sound = self._images(messages)
         elif self._alike is not None and (quick := self._alike.read(messages)) is not None:
@@ -217,7 +216,7 @@ class RosTopics:
     def _timed(
         self, stamp: Int[np.ndarray, " n"], sent: Int[np.ndarray, " n"], values: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return (times [ns], values); a first stamp of 0 waits for the next, to see whether there are stamps."""
+        """Return (times [ns], values); a first stamp of 0 waits for the next one."""
         if self._stamped is None:
             if self._held is not None:
                 both = zip(self._held, (stamp, sent, values), strict=True)
@@ -235,7 +234,6 @@ class RosTopics:
         self._said.append(f"messages of {self.topic.name!r} have no stamps: the times at which they were sent are used")
 
     def _listen(self) -> None:
-        """Report once that no messages come."""
         if self._reader is not None and not self._quiet and time.monotonic() - self._heard > SILENT:
             self._quiet = True
             who = self._reader.publishers
@@ -250,7 +248,7 @@ class RosTopics:
         self._heard = now
 
     def _jumped(self, stamp: int) -> float:
-        """Return the jump [s] of the stamps against this machine's clock; 0.0 if it is at most `_JUMP`."""
+        """Return the jump [s] of the stamps against this machine's clock; 0.0 if it is small."""
         now = time.monotonic_ns()
         before, then = self._last or (stamp, now)
         self._last = stamp, now
@@ -259,11 +257,7 @@ class RosTopics:
 
 
 class _Alike:
-    """A quick decoder of wrenches that differ from a first one in stamp and numbers only.
-
-    Args:
-        message: bytes that begin with a valid message.
-    """
+    """A quick decoder of wrenches that differ from a first message in stamp and numbers only."""
 
     def __init__(self, message: bytes) -> None:
         self._named = int.from_bytes(message[12:16], "little")
@@ -272,7 +266,7 @@ class _Alike:
         self._layout = np.dtype([*head, ("frame", frame), ("values", "<f8", 6)])
 
     def read(self, messages: MessageBlock) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return stamps (n,) [ns] and values (n, 6); None if a message differs otherwise from the first."""
+        """Return stamps (n,) [ns] and values (n, 6); None if a message differs otherwise."""
         if not (messages.length == self._layout.itemsize).all():
             return None
         rows = np.frombuffer(messages.data, dtype=self._layout)

@@ -70,7 +70,7 @@ class SequenceCounters:
                 yield k, before
 
     def _one(self, rdt: int, ft: int, stamp: int) -> int | None:
-        """Return the number of samples missing before one; None: it is a repeated sample."""
+        """Return the number of samples missing before one; None if it is repeated."""
         if self._last is None:
             return self._newest(rdt, ft, stamp, 0)
         step, seconds = _signed(rdt - self._last[0]), (stamp - self._last[2]) * 1e-9
@@ -105,12 +105,11 @@ class SequenceCounters:
         return before
 
     def _learn(self, rdt: int, ft: int, later_rdt: int, later_ft: int) -> None:
-        """Learn the number of steps of `ft` for one step of `rdt`."""
         steps = (later_rdt - rdt) % _ROUND
         if steps and (advance := _signed(later_ft - ft)) > 0:
             self._ratio = max(1, round(advance / steps))
 
 
 def _signed(step: int) -> int:
-    """Return a step modulo 2^32 as a signed number, from -2^31 to 2^31 - 1."""
+    """Return a step modulo 2^32 as a number from -2^31 to 2^31 - 1."""
     return (step + _ROUND // 2) % _ROUND - _ROUND // 2

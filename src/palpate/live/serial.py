@@ -1,9 +1,8 @@
-"""Read a sensor on a serial port: frames (`palpate.live.cobs`), or lines (`palpate.live.lines`).
+"""Read a sensor on a serial port: frames (`palpate.live.cobs`) or lines (`palpate.live.lines`).
 
-A port does not tell when bytes arrived. The last sample of a read is stamped with the computer's clock right after it,
-earlier ones backwards from there, a period apart: that of the rig's `rate`, or the time that the bytes take at `baud`.
-Stamps do not decrease; if the clock goes back, they continue with this period. The latency of a read depends on kernel
-and adapter: FTDI's wait for 16 ms by default.
+The last sample of a read is stamped with the computer's clock right after it, earlier ones backwards from there, a
+period apart: that of the rig's `rate`, or the time that the bytes take at `baud`. Stamps do not decrease, even if the
+clock goes back. FTDI's adapters delay a read by up to 16 ms by default.
 """
 
 from __future__ import annotations
@@ -129,7 +128,6 @@ class SerialPort:
             self._port = None
 
     def _take(self, batch: Batch) -> int:
-        """Fill a batch with decoded samples and their stamps, and return how many."""
         count = self._frames.take(batch.values.reshape(len(batch), -1), batch.lost)
         if count == 0:
             return 0
@@ -144,7 +142,7 @@ class SerialPort:
         return count
 
     def _spread(self, stamp: Int[np.ndarray, " n"], total: int) -> None:
-        """Fill the stamps [ns] of the next samples of a read that has `total` samples left."""
+        """Fill the stamps [ns] of the next of the `total` samples of a read."""
         if self._behind:
             self._arrived = self._stamp + round(total * self._period)
         step = min(round(self._period), (self._arrived - self._stamp) // total)
@@ -152,7 +150,6 @@ class SerialPort:
         self._stamp = int(stamp[-1])
 
     def _read(self, port: Serial) -> None:
-        """Read all waiting bytes; close the port if it has vanished."""
         pieces: list[bytes] = []
         gone = ""
         try:
@@ -182,7 +179,7 @@ class SerialPort:
         return now
 
     def _return(self, left: float) -> None:
-        """Wait up to `left` [s] for the next attempt to open a vanished port, and make it if it is due."""
+        """Wait for the next attempt to open a vanished port, up to `left` [s], and make it."""
         time.sleep(max(0.0, min(left, self._tried + _AGAIN - time.monotonic())))
         now = time.monotonic()
         if now < self._tried + _AGAIN:
@@ -217,7 +214,6 @@ class SerialPort:
         self._said.append(f"{self._stated.address}: {what}")
 
     def _opened(self) -> Serial:
-        """Return the port, opened for this process only, or raise InputError."""
         try:
             import termios
 
@@ -231,7 +227,7 @@ class SerialPort:
 
 
 def _frames(stated: RigSource, count: int) -> CobsFrames | LineFrames:
-    """Return the decoder for a rig's framing; raise InputError if `columns` do not fit."""
+    """Return the decoder for a framing; raise InputError if `columns` do not fit."""
     if stated.framing == "cobs":
         if stated.columns is not None:
             hint = 'Remove it, or write framing = "lines".'
@@ -248,7 +244,7 @@ def _frames(stated: RigSource, count: int) -> CobsFrames | LineFrames:
 
 
 def _explained(problem: Exception, stated: RigSource) -> InputError:
-    """Return the error that explains why a port cannot be opened."""
+    """Return the error of a port that cannot be opened."""
     number, where = getattr(problem, "errno", None), stated.address
     if number in _NO_PORT:
         return InputError("the port does not exist.", where=where, hint=_ports())

@@ -89,7 +89,7 @@ class SerialDevice:
         return encoded(values, self._counter, "f4")
 
     def _listened(self, line: int) -> bool:
-        """Return whether the other end is open; a new listener first gets the end of a frame."""
+        """Return whether somebody listens; a new listener first gets the end of a frame."""
         poll = select.poll()
         poll.register(line, select.POLLOUT)
         heard = not any(event & select.POLLHUP for _, event in poll.poll(0))
@@ -100,7 +100,7 @@ class SerialDevice:
 
 
 def _written(line: int, data: bytes) -> int:
-    """Write data without waiting, and return the number of bytes written."""
+    """Write without waiting, and return the number of bytes."""
     written = 0
     while written < len(data):
         try:

@@ -2,9 +2,6 @@
 
 The writer never waits: a reader that is too slow is lapped, and detects it. A sample is in the file as soon as it is
 received, its contacts a moment later. The file outlives every process.
-
-The head takes 64 KiB: numbers that processes share, each in its own cache line and written by one process, except for
-"asked" (for tares) and "recording"; a description as JSON; the last sentences on events. The slots follow.
 """
 
 from __future__ import annotations
@@ -34,6 +31,8 @@ from palpate.live.source import Batch
 
 __all__ = ["READERS", "StreamBuffer", "latencies"]
 
+# The head holds numbers that processes share, each in its own cache line and written by one process, except for "asked"
+# (for tares) and "recording"; a description as JSON; the last sentences on events. The slots follow.
 MAGIC, VERSION = b"PALPRING", 1
 HEAD = 1 << 16  # bytes before the slots
 LINE = 64  # bytes of a cache line
@@ -311,7 +310,6 @@ class StreamBuffer:
                 return parts[0] if len(parts) == 1 else np.concatenate([self.slots[:0], *parts]), first
 
     def _oldest(self) -> int:
-        """Return the number of the oldest sample that the writer's next batch does not overwrite."""
         return max(0, self["received"] - self.safe)
 
     @property
@@ -320,7 +318,7 @@ class StreamBuffer:
         return len(self.slots) - min(MARGIN, len(self.slots) // 2)
 
     def _parts(self, first: int, count: int) -> Sequence[tuple[slice, slice]]:
-        """Return (slice of slots, slice of samples) of each contiguous part of `count` samples from `first`."""
+        """Return (slots, samples) as slices for each contiguous part of `count` samples."""
         begin = first % len(self.slots)
         room = len(self.slots) - begin
         if count <= room:

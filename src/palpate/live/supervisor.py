@@ -96,7 +96,7 @@ class WorkerSupervisor:
 
 
 def _ended(worker: Worker, end: float) -> str:
-    """Wait for a process until `end` [s], then kill it; return a sentence if it was killed, else ""."""
+    """Wait for a process until `end` [s], then kill it, and return a sentence on that; else ""."""
     process = worker.process
     if process is None:
         return ""
