@@ -45,13 +45,13 @@ class RingTruth:
 
     @property
     def pressed(self) -> Bool[np.ndarray, " n"]:
-        """Bool mask (n,) of the images that a fit can use: pressed with a known angle, depth and force."""
+        """Mask (n,) of the images with a known angle, a positive depth and a force above 0.02 N."""
         known = np.isfinite(self.angle) & np.isfinite(self.depth) & np.isfinite(self.force)
         return known & (self.force > _TOUCHED) & (self.depth > 0)
 
     @property
     def free(self) -> Bool[np.ndarray, " n"]:
-        """Bool mask (n,) of the images in which nothing touches: force 0 or NaN."""
+        """Mask (n,) of the images in which nothing touches: force 0 or NaN."""
         return ~np.isfinite(self.force) | (self.force == 0)
 
 
@@ -65,10 +65,10 @@ def calibrate_marker_ring(
     """Calibrate a `MarkerRing`: camera, markers at rest, noise of their places, response.
 
     Args:
-        blocks: recordings of images, from the start of the log, which begins untouched.
+        blocks: recordings of images, the first ones untouched.
         truth: true contact of every image, in the same order.
         body: known dimensions of the unit.
-        before: response of another unit: tens of presses are then enough.
+        before: response of another unit, with which tens of presses are enough; None: not known.
         provenance: stored in the model's file.
 
     Raises:
@@ -118,7 +118,7 @@ def _at_rest(still: UInt8[np.ndarray, "n h w 3"], body: RingBody) -> tuple[Marke
 
 
 def _colour(still: UInt8[np.ndarray, "n h w 3"], markers: int) -> MarkerColour:
-    """Return the markers' colour from one of the first images; one image of a noisy camera may lack a marker."""
+    """Return the markers' colour from the first of ten images that shows all of them."""
     for frame in still[1:10]:
         try:
             return find_colour(frame, markers)
@@ -128,7 +128,7 @@ def _colour(still: UInt8[np.ndarray, "n h w 3"], markers: int) -> MarkerColour:
 
 
 def _usual(seen: Sequence[Blobs], places: Float[np.ndarray, "m 2"]) -> tuple[np.ndarray, np.ndarray]:
-    """Return median places (m, 2) and areas (m,) of markers; areas of one image are wrong by a tenth and more."""
+    """Return median places (m, 2) and areas (m,) of markers."""
     near = 0.3 * np.linalg.norm(places - np.roll(places, 1, axis=0), axis=1).min()
     found = np.full((len(seen), len(places), 3), np.nan)
     for k, blobs in enumerate(seen):

@@ -32,11 +32,11 @@ class BoardFit:
 
     Attributes:
         camera: the lens.
-        residual: rms [px] of the corners' residuals.
+        residual: rms of the corners' residuals [px].
         used: numbers of the pictures that were used.
-        far: numbers of the pictures that show the board, but contradict the others.
+        far: numbers of the pictures that contradict the others.
         deviation: standard deviation of the focal length [px/rad], the larger one of the picture's axes.
-        validation: errors of corners in pictures that a fit had not seen, over those expected.
+        validation: errors of corners in pictures that a fit did not use.
     """
 
     camera: Fisheye
@@ -52,7 +52,7 @@ def calibrate_board(images: Sequence[UInt8[np.ndarray, "h w 3"]], board: tuple[i
     """Fit a lens to pictures of a chessboard; return a `BoardFit`.
 
     Args:
-        images: pictures of one size; those that do not show the complete board are skipped.
+        images: (h, w, 3) uint8 of one size; those that do not show the complete board are skipped.
         board: inner corners, columns and rows.
         square: side of a square [m].
 
@@ -79,9 +79,9 @@ def calibrate_board(images: Sequence[UInt8[np.ndarray, "h w 3"]], board: tuple[i
 def fit_lens(
     corners: Sequence[Float[np.ndarray, "c 2"]], board: tuple[int, int], square: float, size: tuple[int, int]
 ) -> BoardFit:
-    """Return the `BoardFit` of a lens to the inner corners of a chessboard, as found in several pictures.
+    """Fit a lens to the inner corners of a chessboard in several pictures; return a `BoardFit`.
 
-    Pictures whose corners lie far from the fit, such as those of a board more than a right angle aside, are omitted.
+    Pictures whose corners lie far from the fit are omitted.
 
     Args:
         corners: (c, 2) [px] for each picture, row by row of the board.
@@ -105,8 +105,7 @@ def fit_lens(
         lens = _Lens.fitted(grid, [seen[number] for number in used], size)
     every = np.concatenate([lens.residual(k) for k in range(len(used))])
     variance = float(np.sum(every**2)) / max(2 * len(every) - 8 - 6 * len(used), 1)
-    normals = [lens.normal(k) for k in range(len(used))]
-    squares, rights = np.stack([each[0] for each in normals]), np.stack([each[1] for each in normals])
+    squares, rights = map(np.stack, zip(*(lens.normal(k) for k in range(len(used))), strict=True))
     unit = np.sqrt(np.diag(squares.sum(axis=0)))
     focal, deviation = lens.camera[:2], np.inf
     if unit.all() and np.linalg.eigvalsh(scaled := squares.sum(axis=0) / np.outer(unit, unit))[0] > _LEAST_INFORMATION:

@@ -56,7 +56,7 @@ def _ring_response_keys(response: RingResponse) -> dict[str, Any]:
 
 
 def of_marker_ring(ring: MarkerRing) -> Lines:
-    """Return a list of (name, text) pairs on the model: ring, camera, noise, calibrated range and errors."""
+    """Return (name, text) pairs on the model: ring, camera, noise, calibrated range and errors."""
     response, view = ring.response, ring.view
     outward, along = (1e6 * np.median(ring.noise(), axis=0)).tolist()
     tilt = np.degrees(np.arccos(np.clip(-view.pose.rotation[2, 2], -1.0, 1.0)))

@@ -36,13 +36,13 @@ class RingPresses:
     """Single contacts of known truth with the displacements of the markers.
 
     Attributes:
-        angle: (n,) [rad] of the centre of pressure.
+        angle: (n,) of the centre of pressure [rad].
         depth: (n,) [m].
-        force: (n,) [N] radial, positive inwards.
-        shear: (n,) [N] along rising angles; NaN: not known.
-        displacements: (n, m, 2) [m] outwards and along; NaN: not seen.
-        markers: (m,) [rad] angles at rest, ring by ring, the same number in each.
-        noise: (m, 2) [m] standard deviation of a displacement.
+        force: (n,) radial, positive inwards [N].
+        shear: (n,) along rising angles [N]; NaN: not known.
+        displacements: (n, m, 2) outwards and along [m]; NaN: not seen.
+        markers: (m,) angles at rest [rad], ring by ring, the same number in each.
+        noise: (m, 2) standard deviation of a displacement [m].
         rings: number of rings of markers.
     """
 
@@ -59,13 +59,17 @@ class RingPresses:
         return len(self.angle)
 
     def picked(self, rows: Bool[np.ndarray, " n"]) -> RingPresses:
-        """Return the `RingPresses` of a mask (n,)."""
+        """Return the `RingPresses` that a mask (n,) selects.
+
+        Raises:
+            InputError: the mask is not of n bools.
+        """
         rows = shaped(rows, self.angle.shape, "rows", np.dtype(np.bool_))
         names = ("angle", "depth", "force", "shear", "displacements")
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
     def by_ring(self) -> list[RingPresses]:
-        """Return a list of `RingPresses`, one for each ring, with the displacements of its markers."""
+        """Return `RingPresses` for each ring, with the displacements of its markers."""
         if self.rings == 1:
             return [self]
         own = [np.split(each, self.rings) for each in (np.swapaxes(self.displacements, 0, 1), self.markers, self.noise)]
@@ -78,38 +82,32 @@ class RingPresses:
 def fit_response(presses: RingPresses, before: RingResponse | None = None) -> RingResponse:
     """Fit the `RingResponse` that explains presses, with its errors on presses omitted from the fit.
 
-    A regression on v0, v1, v2 and s with a prior: smooth in the angle from the contact, and nearly the same all round
-    the ring. The degrees of both are chosen from the presses: a looser prior learns the pixels' noise, which makes two
-    contacts near to each other worse. With the response of another unit the prior is that response, times a stiffness
-    that varies round the ring: tens of presses are then enough.
+    It is a regression with a prior: smooth in the angle from the contact, and nearly the same all round the ring, to
+    degrees that are chosen by the evidence; or, with `before`, that response times a stiffness that varies round the
+    ring.
 
     Args:
         presses: presses all round the ring, of two widths at least; with shear, if it is known.
-        before: response of another unit.
+        before: response of another unit, with which tens of presses are enough; None: not known.
 
     Raises:
-        InputError: the presses are too few, or only on a part of the ring; a shear is more than friction allows; or
-            omitted presses are not found with the response of the others.
+        InputError: the presses are too few, or only on a part of the ring; `before` has another number of rings; a
+            shear is more than friction allows; or omitted presses are not found with the response of the others.
     """
     _require_presses(presses, before)
     whole = _fitted(presses, before)
     judged = replace(whole, **_left_out(presses, before, whole))
     angle, _, force, _ = judged.left_out.tolist()
     if not (angle <= _ASTRAY and force <= _WRONG):  # NaN too: hardly one is found
+        off = f"found {np.degrees(angle):.0f} degrees and {force:.0%} of their force off"
         raise InputError(
-            f"presses that were not fitted are {_off(angle, force)}: the markers do not move as angle, depth and force "
-            "state.",
+            f"presses that were not fitted are {'mostly not found' if np.isnan(angle) else off}: the markers do not "
+            "move as angle, depth and force state.",
             where="truth",
             hint="Check that each row belongs to its frame, and that angle_deg is in degrees, depth_mm in mm and "
             "force_n in N.",
         )
     return judged
-
-
-def _off(angle: float, force: float) -> str:
-    if np.isnan(angle):
-        return "mostly not found"
-    return f"found {np.degrees(angle):.0f} degrees and {force:.0%} of their force off"
 
 
 def _require_presses(presses: RingPresses, before: RingResponse | None) -> None:
@@ -191,10 +189,7 @@ def _dragged(share: Float[np.ndarray, " n"]) -> Float[np.ndarray, "3"]:
 def _terms(presses: RingPresses, width: np.ndarray, terms: int) -> Float[np.ndarray, "n b"]:
     """Return the factors (n, b) of v0, v1, v2 and s for each press: F, F z, F z^2 and the shear."""
     force, z = presses.force, (presses.depth / presses.force - width[0]) / width[1]
-    columns = [force, force * z, force * z * z]
-    if terms == 4:
-        columns.append(np.nan_to_num(presses.shear))
-    return np.stack(columns, axis=1)
+    return np.stack([force, force * z, force * z * z, np.nan_to_num(presses.shear)][:terms], axis=1)
 
 
 def _rescaled(presses: RingPresses, before: RingResponse) -> tuple[np.ndarray, np.ndarray]:
@@ -274,8 +269,8 @@ def _most_likely(
     Args:
         normal: (size, size) normal matrix of the regression.
         right: (size, 2) its right sides.
-        shape: shape of the coefficients.
-        usual: usual displacement per newton [m/N].
+        shape: of the coefficients.
+        usual: displacement per newton [m/N].
         first: numbers of `_deviations` to start from.
     """
     from scipy.linalg import cho_factor, cho_solve  # here: they take a while to import
@@ -318,16 +313,13 @@ def _left_out(presses: RingPresses, before: RingResponse | None, whole: RingResp
     """Return `misfit`, `spread` and `left_out`, from two fits to halves of the angles, each tested on the other."""
     _, which = np.unique(np.round(np.mod(presses.angle, 2.0 * np.pi), 2), return_inverse=True)
     folds = which % 2 if min(np.bincount(which % 2, minlength=2)) >= _LEAST else np.arange(len(presses)) % 2
-    judged = list[np.ndarray]()
     fits = [_fitted(presses.picked(folds != fold), before) for fold in (0, 1)]
     parts = [presses.picked(folds == fold) for fold in (0, 1)]
     square, number = np.zeros((2, 2 * presses.rings, PARTS))
     for fit, part in zip(fits, parts, strict=True):
         _add_misfit(fit, part, square, number)
     misfit = np.sqrt(np.maximum(square, 0.0) / np.maximum(number, 1e-30))
-    for fit, part in zip(fits, parts, strict=True):
-        judged.append(_errors(replace(fit, misfit=misfit), part))
-    every = np.concatenate(judged)
+    every = np.concatenate([_errors(replace(fit, misfit=misfit), part) for fit, part in zip(fits, parts, strict=True)])
     spread, shares = _beside(every), np.stack([np.ones(len(every)), every[:, 4]])
     found: Float[np.ndarray, "4"] = np.full(4, np.nan)
     for e in range(2 if 2 * len(every) >= len(presses) else 0):  # else NaN: most are not found
