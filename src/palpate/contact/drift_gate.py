@@ -253,7 +253,8 @@ class DriftGate:
         force = float(np.linalg.norm(wrench[0, :3]))
         odd = not self.shape.explains(wrench[0], covariance)
         free = all(each.touched is False for each in self._odd)
-        slow = not self._fast and self._slow(one)
+        _, fastest, span = self._speed(one, SLOWLY)
+        slow = not self._fast and span >= 0.9 * SLOWLY and fastest <= 1.0
         small = force <= SMALL
         if small and ((odd and (slow or free or self.alone)) or (slow and free)):
             self.jumps.append(Jump(time, force, followed=True))
@@ -262,10 +263,6 @@ class DriftGate:
             self._told = True
             self.jumps.append(Jump(time, force, followed=False))
         return odd, None
-
-    def _slow(self, one: _Kept) -> bool:
-        _, most, span = self._speed(one, SLOWLY)
-        return span >= 0.9 * SLOWLY and most <= 1.0
 
     def _speed(self, one: _Kept, seconds: float) -> tuple[float, float, float]:
         """Return least and greatest speed of change over the last seconds, in `SLOW`, and the span [s] used."""

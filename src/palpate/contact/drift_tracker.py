@@ -106,9 +106,7 @@ class DriftTracker:
         if not len(time):
             return
         windows = np.floor(time / WINDOW)
-        known = np.isfinite(windows)
-        last = np.maximum.accumulate(np.where(known, np.arange(len(time)), 0))
-        windows = windows[last]
+        windows = windows[np.maximum.accumulate(np.where(np.isfinite(windows), np.arange(len(time)), 0))]
         changes = np.flatnonzero((windows[1:] != windows[:-1]) & np.isfinite(windows[1:])) + 1
         for begin, end in pairwise([0, *changes.tolist(), len(time)]):
             yield slice(begin, end)

@@ -251,7 +251,10 @@ class Locator:
         noises, settings = self._noises, self._settings
         if covariances is not None:
             each = shaped(covariances, (..., 6, 6), "covariances")
-            noises, settings = each[None] if each.ndim == 2 else _each(each, batch), self._noisy
+            if each.ndim > 2:
+                require_batch(each, batch, "covariances")
+                each = np.broadcast_to(each, (*batch, 6, 6))
+            noises, settings = _writable(each.reshape(-1, 6, 6)), self._noisy
         known = np.full(batch, -1, np.int8) if statuses is None else shaped(statuses, batch, "statuses", INT8)
         rows = self.empty(*batch)
         state = self._state if sequential else _state(previous)
@@ -406,8 +409,7 @@ class Locator:
         sure: Bool[np.ndarray, " k"] = rows[late, ROW.status] == Status.CONTACT
         pressed = np.linalg.norm(rows[late, ROW.force], axis=1)
         count = int(late[np.argmax(np.where(sure | ~sure.any(), pressed, 0.0))]) + 1
-        last = rows[count - 1]
-        state = _state(last[ROW.point])
+        state = _state(rows[count - 1, ROW.point])
         state[at.TOUCHING] = state[at.FOLLOW] = 1.0
         begin = max(0, count - 1 - _END)
         order = np.r_[count - 1 : begin : -1, begin : count - 1, count - 1 : -1 : -1]
@@ -481,11 +483,6 @@ def in_space(wrenches: Float[np.ndarray, "n 6"], centre: Float[np.ndarray, "3"],
     keys = np.empty(len(wrenches), dtype=np.uint16)
     _neighbours.keys(wrenches, centre, scale, keys)
     return np.argsort(keys, kind="stable")
-
-
-def _each(covariances: np.ndarray, batch: tuple[int, ...]) -> Float[np.ndarray, "n 6 6"]:
-    require_batch(covariances, batch, "covariances")
-    return _writable(np.broadcast_to(covariances, (*batch, 6, 6)).reshape(-1, 6, 6))
 
 
 def _state(previous: ArrayLike | None) -> Float[np.ndarray, " s"]:

@@ -209,8 +209,7 @@ def greville(knots: Float[np.ndarray, " k"], degree: int) -> Float[np.ndarray, "
         raise InputError(
             f"degree must be from 1 to {_MOST}, and at least 2 less than the {len(knots)} knots, not {degree}."
         )
-    inner = np.lib.stride_tricks.sliding_window_view(knots[1:-1], degree)
-    return inner.mean(axis=1)
+    return np.lib.stride_tricks.sliding_window_view(knots[1:-1], degree).mean(axis=1)
 
 
 @takes_arrays

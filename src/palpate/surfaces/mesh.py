@@ -173,13 +173,16 @@ class Mesh(Value):
         source: str,
         options: dict[str, Any],
     ) -> Mesh:
-        """Make a mesh from vertices in a unit; errors name the source."""
-        scale = _require_unit(unit, source)
+        """Make a mesh from vertices in a unit, required; errors name the source."""
+        if unit is None or unit not in UNITS:
+            missing = "the unit of the mesh's numbers is not given (unit=...)."
+            what = missing if unit is None else f"unknown unit {unit!r}."
+            raise InputError(what, where=source, hint=f'Write unit="mm", or another of {", ".join(UNITS)}.')
         try:
-            made = cls.from_arrays(vertices * scale, faces, **options)
+            made = cls.from_arrays(vertices * UNITS[unit], faces, **options)
         except GeometryError as error:
             raise GeometryError(f"{source}: {error}") from error
-        return replace(made, notes=(*made.notes, *_doubts(made, str(unit))))
+        return replace(made, notes=(*made.notes, *_doubts(made, unit)))
 
     @functools.cached_property
     def normals(self) -> Float[np.ndarray, "f 3"]:
@@ -352,14 +355,6 @@ def _in_region(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
     if not kept.any():
         raise GeometryError("no facet is in the region: check that it is in metres.")
     return kept
-
-
-def _require_unit(unit: str | None, source: str) -> float:
-    """Return the length of a unit [m]; raise an InputError if it is missing or unknown."""
-    if unit in UNITS:
-        return UNITS[unit]
-    what = "the unit of the mesh's numbers is not given (unit=...)." if unit is None else f"unknown unit {unit!r}."
-    raise InputError(what, where=source, hint=f'Write unit="mm", or another of {", ".join(UNITS)}.')
 
 
 def plausible_size(size: float) -> bool:
