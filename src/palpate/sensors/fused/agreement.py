@@ -30,9 +30,9 @@ class Agreement:
         Args:
             forces: (m, 3) [N] of the contacts that the skin feels.
             frame: (m,) number of each contact's frame.
-            wrenches: (n, 6) [N, N m] of the frames.
+            wrenches: (n, 6) [N, N m].
             touched: (n,) frames with a contact and a wrench.
-            alarm: (n,) frames whose wrench the skin's contacts do not explain.
+            alarm: (n,) frames whose wrench the contacts do not explain.
         """
         total = np.zeros((len(wrenches), 3))
         np.add.at(total, frame, forces)

@@ -78,7 +78,7 @@ def _shortest(
 
 
 class _Sparse(NamedTuple):
-    """The fields of SciPy's sparse matrices that clarabel reads; SciPy's import would take longer than many frames."""
+    """The fields of SciPy's sparse matrices that clarabel reads; importing SciPy takes longer than many frames."""
 
     data: list[float]
     indices: list[int]
@@ -88,7 +88,7 @@ class _Sparse(NamedTuple):
 
 
 def _columns(matrix: Float[np.ndarray, "r c"]) -> _Sparse:
-    """Return a full matrix as a sparse one, column by column, in lists, which clarabel reads in half the time."""
+    """Return a full matrix as a sparse one of lists, which clarabel reads in half the time."""
     height, width = matrix.shape
     ends = range(0, height * width + 1, height)
     return _Sparse(matrix.T.ravel().tolist(), [*range(height)] * width, [*ends], (height, width))
@@ -96,12 +96,11 @@ def _columns(matrix: Float[np.ndarray, "r c"]) -> _Sparse:
 
 @cache
 def _identity(size: int) -> _Sparse:
-    """Return the identity matrix, made once for each size."""
     return _Sparse([1.0] * size, [*range(size)], [*range(size + 1)], (size, size))
 
 
 def _root(covariance: Float[np.ndarray, "m m"]) -> Float[np.ndarray, "m r"]:
-    """Return S (m, r) with covariance = S S^T, without the columns of directions in which it is zero."""
+    """Return S (m, r) with covariance = S S^T, without columns that are zero."""
     try:
         return np.linalg.cholesky(covariance)
     except np.linalg.LinAlgError:
@@ -111,7 +110,7 @@ def _root(covariance: Float[np.ndarray, "m m"]) -> Float[np.ndarray, "m r"]:
 
 
 def _cones(normals: Float[np.ndarray, "n 3"], friction: float) -> Float[np.ndarray, "n 3 3"]:
-    """Return matrices (n, 3, 3) that map a force to (friction times its normal part, its two tangential parts)."""
+    """Return matrices (n, 3, 3) from a force to (friction times its normal part, its two tangential parts)."""
     x, y, z = normals.T
     sign = np.where(z >= 0.0, 1.0, -1.0)
     a = -1.0 / (sign + z)

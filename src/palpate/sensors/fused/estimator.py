@@ -242,7 +242,7 @@ class FusedEstimator(ContactEstimator):
         counts: Int[np.ndarray, " n"],
         located: Wrenches,
     ) -> tuple[Float[np.ndarray, "_ w"], Int[np.ndarray, " _"]]:
-        """Return the rows of frames, the skin's and then that of an unseen contact, and their number in each frame."""
+        """Return the rows of frames, the skin's and then that of an unseen contact, and their number in each."""
         wrenches, covariances, status = located
         if covariances is None:
             raise InputError("fusing needs the noise of the wrenches.", where="force_torque.noise")
@@ -292,7 +292,7 @@ class FusedEstimator(ContactEstimator):
 
 
 def _write(fused: FusedFrames, rows: Float[np.ndarray, "r w"], which: Bool[np.ndarray, " r"], after: int) -> None:
-    """Write forces, shares, bounds and covariances of contacts into the rows of the mask `which`."""
+    """Write forces, shares, bounds and covariances into the rows of the mask `which`."""
     rows[which, ROW.force] = fused.force
     rows[which, after + SHARE], rows[which, after + BOUND] = fused.share, fused.bound
     rows[which, after + SPREAD : after + SPREAD + 6] = fused.spread

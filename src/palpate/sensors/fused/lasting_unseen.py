@@ -21,7 +21,7 @@ class LastingUnseen:
     Args:
         fused: locator with the surface.
         belief: column of the belief in the estimator's rows.
-        width: width of the estimator's rows.
+        width: of the estimator's rows.
     """
 
     def __init__(self, fused: FusedLocator, belief: int, width: int) -> None:

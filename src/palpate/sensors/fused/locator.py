@@ -1,7 +1,6 @@
 """Find the forces of several contacts: a skin gives place and normal force of each, a wrench the sum of all.
 
-A skin measures normal forces, with errors of a few per cent, and no tangential ones. With the wrench it gives each
-contact's complete force, because friction bounds the tangential force.
+The two give each contact's complete force, because friction bounds the tangential force.
 """
 
 from __future__ import annotations
@@ -149,8 +148,8 @@ class FusedLocator:
     All quantities are in the surface's frame, wrenches about its origin.
 
     Args:
-        surface: surface of the body, which is searched for contacts that the skin does not feel.
-        settings: settings of the fusion; None: the defaults.
+        surface: of the body, searched for contacts that the skin does not feel.
+        settings: None: the defaults.
     """
 
     def __init__(self, surface: Surface, settings: FusionSettings | None = None) -> None:
@@ -307,7 +306,7 @@ class FusedLocator:
         covariances: list[np.ndarray],
         totals: Float[np.ndarray, "n 16"],
     ) -> tuple[Float[np.ndarray, "m 3"], tuple[str, ...]]:
-        """Return forces within their cones, and notes; add each frame's squared step into the cones to `totals`."""
+        """Return forces within their cones, and notes; add each frame's squared step to `totals`."""
         from palpate.sensors.fused import _kernels as _fused
 
         force, further, notes = within_cones(force, normals, counts, covariances, self.settings.friction)

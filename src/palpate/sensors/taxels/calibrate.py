@@ -24,10 +24,7 @@ _FLAT = 0.1  # of the slope below it: a curve that rises less to its end saturat
 def _identified(
     force: Float[np.ndarray, " n"], intensity: Float[np.ndarray, " n"], kind: str, degree: int | None, top: float | None
 ) -> tuple[Curve, str, Validation]:
-    """Return the curve I - I0 = f(F), the reason if it is a straight line by choice, and its cross-validation.
-
-    It is fitted by least squares in the intensity, because the load cell is the more accurate sensor.
-    """
+    """Return the least-squares curve, the reason if it is a straight line by choice, and its cross-validation."""
     force, intensity, dropped = _sound(force, intensity)
     _require_spread(force, dropped)
     if not np.ptp(intensity) > 0:
@@ -51,10 +48,7 @@ def _identified(
 
 
 def _left_out(curve: Curve, force: Float[np.ndarray, " n"], signed: Float[np.ndarray, " n"]) -> Validation:
-    """Compare unseen presses with a curve of the same kind that is fitted to the others, by the normal equations.
-
-    The fit's covariance ignores that readings of one press have errors in common.
-    """
+    """Compare unseen presses with a curve that is fitted to the others, by the normal equations."""
     degree, rounding = len(curve.parameters) if curve.kind == "polynomial" else None, 1e-6 * float(np.ptp(signed))
 
     def predict(left: Bool[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
@@ -163,14 +157,13 @@ def identify_intensity(
 
 
 def _scaled(curve: Curve, gain: float, error: float) -> Curve:
-    """Return the curve of a cell with this gain and its standard deviation."""
     values = curve.parameters
     covariance = gain**2 * curve.covariance + error**2 * np.outer(values, values)
     return replace(curve, parameters=gain * values, covariance=covariance)
 
 
 def _below(common: Curve, intensity: np.ndarray) -> Bool[np.ndarray, " n"]:
-    """Return whether each reading is finite and below the end of the range."""
+    """Return whether readings are finite and below the end of the range."""
     sign = -1.0 if common.falling else 1.0
     limit = np.inf if np.isnan(common.saturation) else sign * common.saturation
     return np.isfinite(intensity) & (sign * intensity < limit)
@@ -179,7 +172,7 @@ def _below(common: Curve, intensity: np.ndarray) -> Bool[np.ndarray, " n"]:
 def _gains(
     common: Curve, force: np.ndarray, intensity: np.ndarray, number: Int[np.ndarray, " n"], count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Fit a line to each cell; return its unloaded reading, gain (0: not known) and the gain's standard deviation."""
+    """Fit a line to each cell; return unloaded reading, gain (0: not known) and the gain's standard deviation."""
     sign = -1.0 if common.falling else 1.0
     use = np.isfinite(force) & _below(common, intensity)
     x, y = sign * common.intensity(np.maximum(force, 0.0)), intensity
@@ -216,12 +209,12 @@ def identify_resistive(
         force: (n,) [N].
         reading: (n,) of the ADC, falling with force.
         scale: s, the reading without load.
-        reference: (n,) R of the divider, in any unit of resistance, which is also the unit of S/F and R_i.
+        reference: (n,) R of the divider, in any unit of resistance, also that of S/F and R_i.
         layer: (n,) index of each row's layer, from 0.
         floor: the lowest reading.
 
     Returns:
-        One `Curve` for each layer, with the parameters (S, R_i) and their covariance.
+        One `Curve` for each layer, with parameters (S, R_i) and their covariance.
 
     Raises:
         NotIdentifiable: too few rows, or forces that hardly differ.
@@ -293,7 +286,7 @@ def _require_spread(force: np.ndarray, dropped: int) -> None:
 
 
 def _limit(force: Float[np.ndarray, " n"], signed: Float[np.ndarray, " n"], stated: float | None) -> float:
-    """Return the reading at the end of the range: as stated, or the highest, if it stays over a tenth of the forces."""
+    """Return the end of the range: as stated, or the highest reading, if it stays over a tenth of the forces."""
     if stated is not None:
         return stated
     top = signed.max()
@@ -304,7 +297,7 @@ def _limit(force: Float[np.ndarray, " n"], signed: Float[np.ndarray, " n"], stat
 
 
 def _hysteresis(curve: Curve, force: np.ndarray, signed: np.ndarray) -> float:
-    """Return the largest difference between loading and unloading, over the span; NaN where there is only one."""
+    """Return the largest difference between loading and unloading, over the span; NaN: not known."""
     span = float(np.ptp(signed))
     trend = np.sign(np.convolve(np.gradient(force), np.ones(5) / 5, mode="same"))
     left = signed - curve.intensity(force)

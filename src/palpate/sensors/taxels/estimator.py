@@ -108,7 +108,7 @@ class TaxelEstimator(ContactEstimator):
         self.reset()
 
     def reset(self) -> None:
-        """Forget the state of past frames: drift of the baseline, wrapped readings, filter and identities."""
+        """Forget drift of the baseline, wrapped readings, filter and identities."""
         super().reset()
         self._frames.reset()
 
@@ -226,7 +226,6 @@ class TaxelEstimator(ContactEstimator):
         return self._frames.run(time, raw, out, counts, self._frames.no_forces)[0]
 
     def _know(self, health: Health) -> None:
-        """Use the baseline, noise and bad cells of a `Health` from now on."""
         if health.baseline.shape != (len(self.body),):
             raise InputError(
                 f"the frames examined have {health.baseline.size} cells, but the body has {self.body.named()}.",
@@ -268,7 +267,7 @@ class TaxelEstimator(ContactEstimator):
         return chain(head, blocks)
 
     def _prepared(self, block: Recording) -> tuple[tuple[Recording, np.ndarray], np.ndarray, np.ndarray, np.ndarray]:
-        """Return a block, with status, times and values, for a filter of zero phase; see `BothWays.through`."""
+        """Return a block and its status, times, status and values, for a filter of zero phase."""
         values, status = self._frames.prepare(self.body.readings(block))
         return (block, status), block.time, status, values
 

@@ -19,7 +19,7 @@ _UPPER = np.triu_indices(3)  # of a covariance: xx xy xz yy yz zz
 
 
 def _curve(curve: Curve) -> dict[str, Any]:
-    """Return the keys of a curve without those that its kind does not use: a sheet has a curve for each cell."""
+    """Return the keys of a curve without those that its kind does not use."""
     optional = {each.name for each in fields(curve) if each.default is not MISSING} | {"knots"}
     stated = {each.name: getattr(curve, each.name) for each in fields(curve)}
     return {name: value for name, value in stated.items() if name not in optional or np.any(value)}
@@ -39,7 +39,7 @@ def _intensity_keys(intensity: Intensity) -> dict[str, Any]:
 
 
 def _of_intensity(intensity: Intensity) -> Lines:
-    """Return (name, text) pairs on a model: curves, range and residual, and where known saturation and hysteresis."""
+    """Return (name, text) pairs on the curves of a model."""
     curves, which = intensity.curves, intensity.which
     kinds = ", ".join(dict.fromkeys(curve.name for curve in curves))
     sheet = "the same for all cells" if which is None else f"for {' x '.join(map(str, which.shape))} cells"
@@ -116,7 +116,7 @@ def _taxel_places_keys(places: TaxelPlaces) -> dict[str, Any]:
 
 
 def of_taxels(places: TaxelPlaces) -> Lines:
-    """Return (name, text) pairs on taxel places: taxels, modules, normals, and what is known of their errors."""
+    """Return (name, text) pairs on taxel places: taxels, modules, normals, and known deviations [mm]."""
     there, deviation = places.there, places.deviations()
     count, known = np.count_nonzero(there), np.isfinite(deviation) & there
     absent = f", {len(places) - count} numbers without one" if count < len(places) else ""

@@ -26,8 +26,8 @@ class TaxelFrames:
         body: the places of the cells.
         intensity: converts readings to forces; None: one count is taken for 1 N.
         settings: of the contact search.
-        forward: the filter of the readings; None: none, or one of zero phase.
-        filtered: whether any filter is used.
+        forward: filter of the readings that needs no later ones.
+        filtered: whether there is any filter.
 
     Raises:
         InputError: the intensity model is of another number of cells.
@@ -104,7 +104,7 @@ class TaxelFrames:
         return tuple(said)
 
     def reset(self) -> None:
-        """Forget the state of past frames: drift of the baseline, wrapped readings, filter and identities."""
+        """Forget drift of the baseline, wrapped readings, filter and identities."""
         kernels, health = self._kernels, self._health
         if health is not None:
             self._numbers[[kernels.BASELINE, kernels.HELD]] = health.baseline
@@ -121,17 +121,17 @@ class TaxelFrames:
 
     @property
     def force(self) -> Float[np.ndarray, " k"]:
-        """Return each cell's force (k,) [N] in the last frame, as a view that the next frame overwrites."""
+        """Return each cell's force (k,) [N] in the last frame, a view that the next frame overwrites."""
         return self._numbers[self._kernels.FORCE]
 
     @property
     def rest(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-        """Return each cell's baseline (k,) [counts] after the last frame and its standard deviation, 0 if walk is 0."""
+        """Return each cell's baseline (k,) [counts] and its standard deviation, 0 if `walk` is 0."""
         return self._numbers[self._kernels.BASELINE].copy(), np.sqrt(self._numbers[self._kernels.VARIANCE])
 
     @property
     def label(self) -> Int[np.ndarray, " k"]:
-        """Return the index (k,) of each cell's area in the last frame, from 1; 0: none, negative: that area's rim."""
+        """Return each cell's area (k,) in the last frame, from 1; 0: none, negative: the area's rim."""
         return self._whole[self._kernels.LABEL]
 
     @property
@@ -173,7 +173,7 @@ class TaxelFrames:
         return values, status
 
     def _fixed(self) -> tuple[object, ...]:
-        """Return the arguments of the loop that stay the same from frame to frame, or that it updates."""
+        """Return the arguments of the loop that are the same objects for all frames."""
         set_, forward = self._settings, self._forward
         resting = 1.0 / self._health.frames if self._filtered and self._health is not None else 0.0
         sign = -1.0 if self.falling else 1.0
@@ -185,7 +185,7 @@ class TaxelFrames:
 
 
 def _constant(values: np.ndarray) -> np.ndarray:
-    """Return a read-only view, because the loops are compiled once, for read-only arrays."""
+    """Return a read-only view: the loops are compiled for read-only arrays."""
     view = values.view()
     view.flags.writeable = False
     return view

@@ -130,7 +130,7 @@ class TaxelLayer:
         return self._forces is not None or self._fed is not None
 
     def _force(self, scene: Scene, index: int) -> Float[np.ndarray, " k"]:
-        """Return the force (k,) [N] of each cell at a sample; 0 where the log has no forces for it."""
+        """Return each cell's force (k,) [N] at a sample; 0 where the log has none."""
         if self._fed is not None:
             return self._fed
         sample = int(scene.contacts.sample[scene.starts[index]])
@@ -151,7 +151,7 @@ def _dots(scene: Scene, index: int) -> Float[np.ndarray, "c 2"]:
 def _patches(body: TaxelBody) -> tuple[Float[np.ndarray, "k 3 3"], Float[np.ndarray, "k 3"]]:
     """Return frames (k, 3, 3) and sides (k, 3), (length, width, 1) [m], of rectangles with the areas of the cells.
 
-    On a sheet the first side points from row to row, and is as long as that distance; else cells are squares.
+    On a sheet the length is the distance from row to row; else cells are squares.
     """
     normals, side = body.normals, np.sqrt(body.areas)
     along = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
@@ -182,12 +182,12 @@ def cell_mesh(body: TaxelBody) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray
 def unrolled(
     force: Float[np.ndarray, "rows columns"], most: float, contacts: Float[np.ndarray, "c 2"]
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """Return the sheet as an RGB image, (h, w, 3), the last row on top, with a dark dot at each contact.
+    """Return the sheet as an RGB image (h, w, 3), the last row on top, with a dark dot at each contact.
 
     Args:
-        force: (rows, columns) [N] of each cell.
+        force: (rows, columns) [N].
         most: force [N] that is drawn darkest.
-        contacts: (c, 2) row and column of each contact.
+        contacts: (c, 2) row and column.
     """
     shade = colours(np.clip(np.nan_to_num(force.ravel()) / most, 0.0, 1.0)).reshape(*force.shape, 3)
     picture = np.repeat(np.repeat(shade, PIXELS, axis=0), PIXELS, axis=1)

@@ -1,4 +1,4 @@
-"""Describe a body of taxels: the positions, normals and neighbours of its cells, on a sheet or anywhere on a link."""
+"""Describe a body of taxels: positions, normals and neighbours of its cells, on a sheet or anywhere on a link."""
 
 from __future__ import annotations
 
@@ -242,7 +242,7 @@ class TaxelBody(Value):
         return f"{self.rows} x {self.columns} cells" if self.rows else f"{len(self)} taxels"
 
     def picked(self, frames: np.ndarray) -> np.ndarray:
-        """Return frames (..., n) without readings that have no taxel, (..., k); other sizes are unchanged."""
+        """Return frames (..., n) without readings that have no taxel, (..., k); other sizes unchanged."""
         if self.numbers is None or frames.shape[-1:] != (self.frame,):
             return frames
         return frames[..., self.numbers]
@@ -278,7 +278,7 @@ def _known(covariance: Float[np.ndarray, "k 3 3"]) -> Float[np.ndarray, "k 3 3"]
 
 
 def _columns_used(place: SkinMap) -> int:
-    """Return the number of columns before those that overlap others: in an overlap, both layers feel a press."""
+    """Return the number of columns before those that overlap others, where both layers feel a press."""
     over = place.overlap.mean(axis=0) > 0.5
     over[: place.columns // 2] = False
     last = np.flatnonzero(over)
@@ -304,7 +304,7 @@ def _padded(place: SkinMap, used: int, ring: bool) -> Float[np.ndarray, "r c 6"]
 
 
 def _continued(values: Float[np.ndarray, "n k 6"]) -> Float[np.ndarray, "m k 6"]:
-    """Extend the first axis by one cell at each end, by a parabola through the last three (or a line through two)."""
+    """Extend the first axis by one cell at each end, by a parabola through the last three or a line through two."""
     if len(values) == 1:
         return np.concatenate([values, values, values])
     if len(values) == 2:
@@ -315,7 +315,7 @@ def _continued(values: Float[np.ndarray, "n k 6"]) -> Float[np.ndarray, "m k 6"]
 
 
 def _unmasked(count: int, masked: Sequence[int]) -> Bool[np.ndarray, " k"]:
-    """Return whether each taxel is not masked; raise an InputError if a masked one does not exist."""
+    """Return whether taxels are not masked; raise an InputError if a masked one does not exist."""
     for taxel in masked:
         if not 0 <= taxel < count:
             raise InputError(f"masked taxel {taxel} does not exist: there are {count}, counted from 0.", where="taxels")
@@ -361,7 +361,7 @@ def _paired(
 
 
 def _tangents(normals: Float[np.ndarray, "k 3"], axis: Float[np.ndarray, "3"]) -> Float[np.ndarray, "k 3"]:
-    """Return unit tangents (k, 3), as parallel to an axis as the body allows; where the normal is, any tangent."""
+    """Return unit tangents (k, 3), as parallel to an axis as the body allows; any where it is normal."""
     along = axis / max(float(np.linalg.norm(axis)), 1e-300)
     first = along - (normals @ along)[:, None] * normals
     lying = np.linalg.norm(first, axis=1) < 1e-3
@@ -372,7 +372,7 @@ def _tangents(normals: Float[np.ndarray, "k 3"], axis: Float[np.ndarray, "3"]) -
 def _between(
     neighbours: Int[np.ndarray, "k m"], away: Float[np.ndarray, "k m 3"], points: Float[np.ndarray, "k 3"]
 ) -> Int[np.ndarray, "k m 2"]:
-    """Return the neighbours that lie between a cell and another: inside, or nearly on, the ball that the two span."""
+    """Return the neighbours between a cell and another: inside, or nearly on, the ball that the two span."""
     square = np.where(neighbours < 0, np.inf, (away**2).sum(axis=2))
     across = ((away[:, :, None] - away[:, None]) ** 2).sum(axis=3)  # from neighbour to neighbour
     round_about = square[:, None, :] + across + np.where(np.eye(neighbours.shape[1], dtype=bool), np.inf, 0.0)

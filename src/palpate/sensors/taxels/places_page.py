@@ -71,7 +71,7 @@ class PlacesLayer:
         return self._points
 
     def draw(self, server: ViserServer | ClientHandle, scene: Scene) -> None:
-        """Draw the patches, rims, ellipsoids and module numbers in the server's scene."""
+        """Draw patches, rims, ellipsoids and module numbers in the server's scene."""
         self._scene = scene
         side = self._side()
         frames = tangent_frames(self.normals, np.eye(3)[np.argmin(np.abs(self.normals), axis=1)])
@@ -101,7 +101,7 @@ class PlacesLayer:
         self._ellipsoids(self._magnification(scene.size))
 
     def _magnification(self, size: float) -> int:
-        """Return the magnification that makes the median ellipsoid visible on a body of a size [m]; 1: none."""
+        """Return the magnification that makes the median ellipsoid visible on a body of a size [m]."""
         if not self._known.any():
             return 1
         axis = float(np.sqrt(CHI2_95 * np.median(np.linalg.eigvalsh(self._covariance[self._known])[:, -1])))
@@ -126,7 +126,7 @@ class PlacesLayer:
         )  # fmt: skip
 
     def panel(self, gui: GuiApi) -> None:
-        """Add the choice of colours, their legend, the size of ellipsoids, and a checkbox that hides the taxels."""
+        """Add the choice of colours, their legend, the size of ellipsoids, and a checkbox that hides taxels."""
         known = {"module": True, "deviation": self._known.any(), "pokes": self._pokes.any()}
         options = [by for by in BY if known[by]]
         chosen = gui.add_dropdown("colour", tuple(options), initial_value=options[0])
@@ -157,7 +157,6 @@ class PlacesLayer:
         return []
 
     def _side(self) -> float:
-        """Return the side of a patch [m]."""
         from scipy.spatial import cKDTree  # here: scipy is slow to import
 
         if len(self._points) < 2:
@@ -190,7 +189,7 @@ class TaxelPage(Served):
     """A page of taxel places, served as `Served` is.
 
     Args:
-        places: places of the taxels.
+        places: to show.
         surface: of the link; None: only the taxels are drawn.
         title: of the page.
         facts: names and values for the panel.

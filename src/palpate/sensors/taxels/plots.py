@@ -36,7 +36,7 @@ def unroll(points: Float[np.ndarray, "k 3"], *others: Float[np.ndarray, "k 3"]) 
 def _circle(
     away: Float[np.ndarray, "k 3"], frame: Float[np.ndarray, "3 3"]
 ) -> tuple[float, Float[np.ndarray, "3 3"], Float[np.ndarray, "2"], float]:
-    """Fit a circle x^2 + y^2 = 2 a x + 2 b y + c across `frame`'s first axis; return scatter, frame, centre, radius."""
+    """Fit x^2 + y^2 = 2 a x + 2 b y + c across `frame`'s first axis; return scatter, frame, centre, radius."""
     flat = away @ frame[1:].T
     table = np.column_stack([2 * flat, np.ones(len(flat))])
     a, b, c = (float(value) for value in np.linalg.pinv(table) @ (flat**2).sum(axis=1))

@@ -139,7 +139,6 @@ class SkinSection(SensorSection):
 
     @cached_property
     def _read(self) -> TaxelPlaces:
-        """Return the taxel places as the file states them."""
         return read_taxel_places(self.link.folder / str(self.table.taxels))
 
     @cached_property
@@ -147,8 +146,8 @@ class SkinSection(SensorSection):
         """Return the `TaxelPlaces` of taxels on no sheet, each with a normal, the file's or that of [surface].
 
         Raises:
-            InputError: the rig names no file, the file cannot be read or has another number of taxels than `count`, or
-                normals are missing and there is no [surface].
+            InputError: the rig names no file, the file cannot be read or has not `count` taxels, or normals are missing
+                and there is no [surface].
         """
         table, link = self.table, self.link
         if table.taxels is None:
@@ -249,7 +248,7 @@ def skin_tare(setup: Setup) -> float | None:
 
 
 def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | None:
-    """Guess a skin from images, arrays of frames, or many columns of numbers next to a time; None if there are none."""
+    """Guess a skin from images, arrays of frames, or many columns of numbers next to a time."""
     if contents.topics:
         return _of_topic(log, contents)
     frames = [(name, shape) for name, shape in contents.names.items() if math.prod(shape) >= FEWEST]
@@ -290,7 +289,6 @@ def guess_with_wrench(log: Path, contents: LogContents) -> Guess | None:
 
 
 def _other_columns(there: list[str]) -> set[str | None]:
-    """Return the columns of time, pose and wrench."""
     found = (find(there) or () for find in (orientation_columns, position_columns, wrench_columns))
     return {time_column(there), *chain.from_iterable(found)}
 

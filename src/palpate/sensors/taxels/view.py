@@ -90,9 +90,9 @@ class TaxelView(SensorView):
 
 
 class _Cells:
-    """A feed of cell forces to the page by a separate estimator, because a stream has contacts but no forces of cells.
+    """A feed of cell forces to the page by a separate estimator, because a stream has none.
 
-    It takes the baseline from frames in which nothing touches, again after each tare.
+    It takes the baseline from untouched frames, again after each tare.
     """
 
     def __init__(self, tares: Callable[[], int], setup: Setup, made: TaxelEstimator, layer: TaxelLayer) -> None:
