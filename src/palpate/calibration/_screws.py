@@ -45,7 +45,7 @@ def _clearest(basis: Float[np.ndarray, "6 k"], angle: float, length: float) -> t
 
 
 def _screw(rotation: Float[np.ndarray, "3"], translation: Float[np.ndarray, "3"]) -> str:
-    """Name a rotation about an axis through omega x v / |omega|^2, which slides along it by omega . v / |omega|^2."""
+    """Name a rotation about an axis through omega x v / |omega|^2, and its slide by omega . v / |omega|^2."""
     square = float(rotation @ rotation)
     through = np.cross(rotation, translation) / square * 1e3
     slide = float(rotation @ translation) / square * 1e3

@@ -86,7 +86,7 @@ class Evidence(ABC):
     def _torque_whitener(
         self, points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"]
     ) -> Float[np.ndarray, "n 3 3"]:
-        """Return the whitener of M - p x F: noise of M and of F with lever p, touch's place with lever F, torsion."""
+        """Return the whitener of M - p x F: noise, place of the touch, torsion."""
         force = skew(self.wrenches[:, :3])
         square = np.sum(self.wrenches[:, :3] ** 2, axis=1)[:, None, None]
         lever = np.concatenate([-skew(points), np.broadcast_to(np.eye(3), (len(points), 3, 3))], axis=2)
@@ -173,7 +173,7 @@ def moved(pose: Pose, step: Float[np.ndarray, "6"]) -> Pose:
 
 
 def _axis_points(wrench: Wrench, surface: Mesh) -> Float[np.ndarray, "n 3"]:
-    """Return the point of each wrench's axis that is nearest to the middle of the surface."""
+    """Return the point of each wrench's axis nearest to the surface's middle."""
     square = np.sum(wrench.force**2, axis=1, keepdims=True)
     start = np.cross(wrench.force, wrench.torque) / square
     along = np.sum((surface.centre - start) * wrench.force, axis=1, keepdims=True)

@@ -108,7 +108,7 @@ def identify_offset(
 
 @dataclass(frozen=True)
 class _Problem:
-    """Forces, averages of `each` readings and of a noise `floor` [N], and the poses that should explain them.
+    """Averages of `each` readings of force, of a noise `floor` [N], and the poses that explain them.
 
     `known` are weight and bias; None: they are fitted.
     """
@@ -174,7 +174,7 @@ def _averaged(
     known: Float[np.ndarray, "6"] | None,
     noise: Float[np.ndarray, "6"] | None,
 ) -> _Problem:
-    """Average times and forces over `AVERAGE`, without gaps; estimate the noise from the log if it is None."""
+    """Average times and forces over `AVERAGE`, without gaps."""
     steps = np.diff(time[np.isfinite(time)])
     steps = steps[steps > 0]
     if not len(steps):
@@ -192,7 +192,7 @@ def _averaged(
 
 
 def _refined(problem: _Problem, offset: float) -> tuple[ClockOffset, Float[np.ndarray, "6"]]:
-    """Return the offset that fits best, from one nearby, with weight and bias."""
+    """Return the best offset near another, with weight and bias."""
     free = problem.known is None
     solution, _ = problem.fit(problem.columns(offset))
     columns, slope, spread = problem.linearised(offset, solution)
@@ -217,7 +217,7 @@ def _refined(problem: _Problem, offset: float) -> tuple[ClockOffset, Float[np.nd
 
 
 def _judged(problem: _Problem, offset: float) -> ClockOffset:
-    """Return the offset, its standard deviation widened where parts of the log and the rest differ."""
+    """Return the offset, its deviation widened where parts of the log differ from the rest."""
     found, _ = _refined(problem, offset)
 
     def predict(left: Bool[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
@@ -236,8 +236,7 @@ def _score(
 ) -> tuple[float, float, float]:
     """Return the sum of psi, one equation for the offset, with its slope and its variance.
 
-    The variance is that of sums over stretches, about their mean: residuals may be correlated within one. With few
-    stretches it is sometimes too small by chance; then the variance for independent residuals is used.
+    The variance is that of sums over stretches, about their mean, or of independent residuals where that is larger.
     """
     columns, slope, _ = problem.linearised(offset, solution)
     residual = problem.force - columns @ solution
@@ -253,7 +252,7 @@ def _score(
 
 
 def _solve(columns: Float[np.ndarray, "n 3 p"], target: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Solve weighted least squares; with least length where turns about one axis do not separate weight and bias."""
+    """Solve weighted least squares; with least length where weight and bias are not separated."""
     weighted = (columns * weights[:, None, None]).reshape(-1, columns.shape[-1])
     matrix = weighted.T @ columns.reshape(-1, columns.shape[-1])
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
@@ -266,9 +265,9 @@ def _weights(residual: Float[np.ndarray, "n 3"], scale: float) -> Float[np.ndarr
 
 
 def _scale(residual: Float[np.ndarray, "n 3"], floor: float, *, touched: bool = False) -> float:
-    """Return the standard deviation along an axis from the median absolute residual, at least that of the noise.
+    """Return a robust standard deviation along an axis, at least that of the noise.
 
-    It is from the lowest quarter where touches may fill more than half of the log.
+    It is from the lowest quarter of residuals where touches may fill more than half of the log.
     """
     share, of_normal = (0.25, 0.3186) if touched else (0.5, 0.6745)
     return max(float(np.quantile(np.abs(residual), share)) / of_normal, floor)

@@ -160,7 +160,7 @@ def identify_drift(
 def _usable(
     time: Float[np.ndarray, " n"], values: Float[np.ndarray, "n m"]
 ) -> tuple[Bool[np.ndarray, " n"], list[str]]:
-    """Return the mask of rows with a time and all values, (n,), and notes; refuse logs that are too short."""
+    """Return the mask (n,) of rows with a time and all values, and notes."""
     known = np.isfinite(time) & np.isfinite(values).all(axis=1)
     when, notes = time[known], list[str]()
     if len(when) < 2 or not (span := float(when[-1] - when[0])) >= SHORTEST:
@@ -187,7 +187,7 @@ def _usable(
 
 
 def _require_changing(values: Float[np.ndarray, "n m"], names: Sequence[str]) -> list[str]:
-    """Refuse a channel that never changes, and return a note on readings that are too coarse."""
+    """Refuse a channel that never changes; return notes on readings that are too coarse."""
     same = np.ptp(values, axis=0) == 0.0
     if same.any():
         stuck = ", ".join(name for name, one in zip(names, same, strict=True) if one)
@@ -208,7 +208,7 @@ def _require_changing(values: Float[np.ndarray, "n m"], names: Sequence[str]) ->
 def _temperature(
     temperature: Float[np.ndarray, " n"] | None, used: Bool[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " k"] | None, list[str]]:
-    """Return the temperature of the used rows, None where it is not informative, and notes."""
+    """Return the temperature of the used rows, None if it tells nothing, and notes."""
     if temperature is None:
         return None, []
     known = temperature[used]
@@ -221,7 +221,7 @@ def _temperature(
 
 
 def _tilts(down: Float[np.ndarray, "n 3"] | None, used: Bool[np.ndarray, " n"]) -> Float[np.ndarray, "k q"]:
-    """Return gravity along the axes about which the sensor turns by more than a degree or so, for the used rows."""
+    """Return gravity along the axes about which the sensor turns, for the used rows."""
     nothing = np.zeros((int(np.count_nonzero(used)), 0))
     if down is None:
         return nothing

@@ -89,7 +89,7 @@ class Search:
         return Validation(float(np.mean(off**2 / variance)), 2, len(firsts)), larger
 
     def _leave_touches_out(self) -> None:
-        """Guess, omit touches, fit, and repeat with the result until the same windows are omitted."""
+        """Omit touches and fit, until the same windows are omitted."""
         everything = self.windows
         walk, noise = first_guess(everything)
         noise = np.maximum(noise, self._least)
@@ -127,20 +127,20 @@ class Search:
         return bool(np.all(covariance[:, 0, 0] > DISTINCT * found.covariance[:, course, course]))
 
     def _given(self, settling: float | None, start: WalkFit | None = None) -> WalkFit:
-        """Return the fit with a warm-up of this settling time, or with none (None), alike channels taken together."""
+        """Return the fit with a warm-up of a settling time, or without (None), alike channels together."""
         return fit_walk(self._with(settling), self._groups, together=np.inf, start=start)
 
     def _with(self, settling: float | None) -> Steps:
         return self._steps.with_shape(*self._changes(settling).T)
 
     def _changes(self, settling: float | None) -> Float[np.ndarray, "k p"]:
-        """Return by how much each course changes from step to step."""
+        """Return the change of each course from step to step."""
         courses = self._courses(self.windows, settling)
         kept = np.diff(self.windows.middle) <= GAP
         return np.diff(courses, axis=0)[kept]
 
     def _courses(self, windows: Windows, settling: float | None) -> Float[np.ndarray, "w p"]:
-        """Return courses that the bias may follow: those of the windows, then a warm-up of rate 1 at the start."""
+        """Return courses that the bias may follow, the last of them a warm-up of rate 1."""
         if settling is None:
             return windows.courses
         when = windows.middle
@@ -148,7 +148,7 @@ class Search:
         return np.column_stack([windows.courses, warm])
 
     def _settled(self, steady: WalkFit) -> tuple[float, WalkFit]:
-        """Return the most likely settling time: for walk and noise as found with a steady rate, then with new ones."""
+        """Return the most likely settling time, and its fit."""
         fit = steady
         tried: Float[np.ndarray, " t"] = np.geomspace(self.span / 30.0, 3.0 * self.span, SETTLINGS)
         found = 0.0
@@ -167,11 +167,11 @@ class Search:
         return -self._likelihood(float(np.exp(logarithm)), fit)
 
     def _likelihood(self, settling: float, fit: WalkFit) -> float:
-        """Return the log-likelihood of a settling time with the fit's walk and noise."""
+        """Return the log-likelihood of a settling time."""
         return courses_of(self._with(settling), fit.walk, fit.noise)[2]
 
     def _correlation(self) -> float:
-        """Return the largest correlation of the residuals over some lags, in the mean of a group's channels."""
+        """Return the residuals' largest correlation over some lags, in the mean of a group."""
         left = innovations(self._with(self.settling), self.found)
         each: list[Float[np.ndarray, " m"]] = [np.mean(left[lag:] * left[:-lag], axis=0) for lag in range(1, LAGS + 1)]
         return max(abs(float(one[group].mean())) for one in each for group in self._groups)
@@ -214,7 +214,7 @@ class Search:
 def _noise_said(
     stated: Float[np.ndarray, "..."], seen: Float[np.ndarray, " m"], count: float, names: Sequence[str]
 ) -> list[str]:
-    """Return a note where windows are far noisier than white noise of the stated size would make them."""
+    """Return a note where windows are far noisier than the stated noise explains."""
     deviation = np.sqrt(np.diag(stated)) if stated.ndim == 2 else stated
     ratio = seen * np.sqrt(count) / deviation
     wrong = [f"{name} ({times:.2g} times)" for name, times in zip(names, ratio, strict=True) if times > WRONG]

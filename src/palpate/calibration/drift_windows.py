@@ -172,7 +172,7 @@ def _gated(
     walk: Float[np.ndarray, " m"],
     noise: Float[np.ndarray, " m"],
 ) -> Bool[np.ndarray, " w"]:
-    """Filter forward in time; the first window, and the first after a gap, are taken as untouched."""
+    """Return the windows that a filter expects; the first, and the first after a gap, are free."""
     zero, variance, last = mean[0].copy(), noise.copy(), float(time[0])
     free = np.ones(len(time), dtype=np.bool_)
     for k in range(1, len(time)):

@@ -201,7 +201,7 @@ def _judged(
     used: Int[np.ndarray, " k"],
     notes: list[str],
 ) -> Mounting:
-    """Return the mounting, with the directions that the touches determine better than the prior, and its covariance."""
+    """Return the mounting, with its covariance and the directions that the touches determine."""
     evidence = evidence_of(used)
     prior, sizes = evidence.spreads.prior, evidence.spreads.sizes
     residual, slope = _whitened(evidence, pose)
@@ -288,7 +288,7 @@ def _refusal(free: bool, blind: Float[np.ndarray, "6 k"], spreads: Spreads, note
 
 
 def _strays(points: Float[np.ndarray, "n 3"], surface: Mesh, names: Sequence[str], placement: float) -> list[str]:
-    """Return notes on marks off the surface; raise an InputError for another frame or unit."""
+    """Return notes on marks off the surface."""
     gaps = np.linalg.norm(surface.project(points)[0] - points, axis=1)
     absurd = np.flatnonzero(gaps > surface.size)
     if len(absurd):

@@ -178,7 +178,7 @@ class _Solved:
 
 
 def _inverse(information: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
-    """Invert an information of courses; alike courses get 10,000 times the standard deviation of a single one."""
+    """Invert an information of courses; alike ones get 10,000 times the deviation of a single one."""
     alone = np.sqrt(np.diag(information))
     alone = np.where(alone > 0.0, alone, 1.0)
     correlation = information / alone / alone[:, None]
@@ -209,11 +209,11 @@ class _Group:
         return float(np.exp(walk / 2.0)), self._deviation(self._best), seen
 
     def _loss(self, logarithms: Float[np.ndarray, " _"]) -> float:
-        """Return the negative log-likelihood for the logarithms of the variances: walk, then each channel's noise."""
+        """Return the negative log-likelihood for the logarithms of the variances: walk, then noises."""
         return float(sum(self._each(logarithms)))
 
     def _sloped(self, logarithms: Float[np.ndarray, " v"]) -> tuple[float, Float[np.ndarray, " v"]]:
-        """Return the loss and its slope; the noise of one channel affects only that channel's part."""
+        """Return the loss and its slope."""
         here = self._each(logarithms)
         walked = self._each(logarithms + _SLOPE * np.eye(len(logarithms))[0])
         noisier = self._each(logarithms + _SLOPE * (np.arange(len(logarithms)) > 0))
@@ -230,7 +230,7 @@ class _Group:
         )
 
     def _deviation(self, best: Float[np.ndarray, " v"]) -> float:
-        """Return the relative standard deviation of the walk, from the curvature of the likelihood."""
+        """Return the relative standard deviation of the walk, from the likelihood's curvature."""
         size = len(best)
         ways = _SHIFT * np.eye(size)
         bend = np.empty((size, size))
@@ -244,7 +244,7 @@ class _Group:
         return float(np.sqrt(np.linalg.inv(bend)[0, 0])) / 2.0  # of a variance's logarithm, half is the deviation's
 
     def _most(self, best: Float[np.ndarray, " v"]) -> float:
-        """Return the logarithm of the largest variance of the walk that the log does not exclude (95 %, one-sided)."""
+        """Return the logarithm of the walk's largest variance (95 %, one-sided)."""
         low, high = float(best[0]), float(best[1:].max()) + 5.0
         for _ in range(30):
             middle = (low + high) / 2.0
@@ -254,7 +254,7 @@ class _Group:
 
 
 def _first_guess(steps: Steps, channel: int) -> tuple[float, float]:
-    """Return guesses of the logarithms of walk and noise variance, from the first two moments of the steps."""
+    """Return guesses of the logarithms of walk and noise variance."""
     change = steps.change[:, channel]
     square = float(np.var(change))
     pairs = np.flatnonzero(steps.joined)

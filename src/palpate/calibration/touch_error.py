@@ -85,7 +85,7 @@ def _moments(
     normal: Float[np.ndarray, "3"],
     noise: Float[np.ndarray, "6 6"] | None,
 ) -> list[tuple[float, float]]:
-    """Return the mean of |d|^2/2 over a touch, and the part due to noise; nothing if nothing pressed."""
+    """Return the mean of |d|^2/2 over a touch, and the part due to noise, if anything pressed."""
     weight = float(np.sum(np.square(wrenches[:, :3] @ normal)))
     if not weight > 0:
         return []

@@ -104,7 +104,7 @@ class Fisheye:
         return rays, matrix / self._focal
 
     def _seen(self, pixels: Float[np.ndarray, "*batch 2"]) -> tuple[np.ndarray, ...]:
-        """Return rays, pixels over the focal lengths, their radius theta_d, theta, and sin(theta) over that radius."""
+        """Return rays, pixels over the focal lengths, their radius theta_d, theta, and sin(theta) over theta_d."""
         plane = (pixels - self._middle) / self._focal
         bent = np.asarray(np.sqrt(plane[..., 0] * plane[..., 0] + plane[..., 1] * plane[..., 1]))
         theta = self._angle(bent)

@@ -98,7 +98,7 @@ def owed(
 def _candidates(
     blobs: np.ndarray, areas: np.ndarray, rest: np.ndarray, rest_areas: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return markers (sorted) and blobs that may match, and the displacements outward and anticlockwise [m]."""
+    """Return markers (sorted) and blobs that may match, and the displacements [m]."""
     angle = np.arctan2(rest[:, 1], rest[:, 0])
     half = np.pi / len(rest)
     turn = np.arctan2(blobs[:, 1], blobs[:, 0])[None] - angle[:, None]
@@ -154,7 +154,7 @@ class _Neighbours:
 
 
 def _settle(labels: np.ndarray, values: np.ndarray, first: np.ndarray, extra: np.ndarray, judge: _Neighbours) -> None:
-    """Remove, worst first, the labels that contradict their neighbours; then add candidates that agree with them."""
+    """Remove labels that contradict their neighbours, worst first; then add candidates that agree."""
     while (known := labels >= 0).any():
         here = np.where(known[:, None], values[labels], 0.0)
         mean, spread, judged = judge.said(known, here)

@@ -171,9 +171,9 @@ def find_colour(image: Image, count: int) -> MarkerColour:
 
 
 def _quietest(image: Image, colour: MarkerColour, count: int) -> MarkerColour:
-    """Return the colour with the share of the other channels that gives most contrast for its noise, and all markers.
+    """Return the colour with all markers and the most contrast for its noise.
 
-    Noise is the usual difference of pixels 8 apart, which have blotches of a cheap camera between them.
+    Noise is the usual difference of pixels 8 apart: a cheap camera's blotches are smaller.
     """
     best, merit = colour, -np.inf
     for others in (3, 4, 6, 8) if colour.score in ("red", "green", "blue") else ():
@@ -189,7 +189,7 @@ def _quietest(image: Image, colour: MarkerColour, count: int) -> MarkerColour:
 
 
 def _read(image: np.ndarray) -> np.ndarray:
-    """Return the same pixels, contiguous and read-only, so that loops are compiled once for every input."""
+    """Return the pixels, contiguous and read-only, so that loops are compiled once."""
     if type(image) is not np.ndarray or image.dtype != _PIXEL:
         image = shaped(image, (...,), "image", _PIXEL)
     view = np.ascontiguousarray(image).view()
@@ -198,13 +198,13 @@ def _read(image: np.ndarray) -> np.ndarray:
 
 
 def _alike(blobs: Blobs) -> Bool[np.ndarray, " k"]:
-    """Return which blobs have an area within a factor of 2.5 of the usual, and are not cut by the image's edge."""
+    """Return which blobs are of usual area, and not cut by the image's edge."""
     usual = np.median(blobs.areas) if len(blobs) else 0.0
     return (blobs.areas < 2.5 * usual) & (blobs.areas > usual / 2.5) & ~blobs.cut
 
 
 def _scored(image: Image, colour: MarkerColour) -> tuple[UInt8[np.ndarray, "h w"], float, float]:
-    """Return the score of every pixel (h, w), the skin's and the markers'."""
+    """Return the score of every pixel (h, w), of the skin and of the markers."""
     from palpate.optical._markers import score_image  # here: compiled loops load when first needed
 
     score, histogram = np.empty(image.shape[:2], np.uint8), np.empty(256, np.int64)
@@ -242,7 +242,7 @@ def _no_blobs() -> Blobs:
 
 
 def _pairs(ring: Int[np.ndarray, " m"], gaps: Float[np.ndarray, "m m"]) -> Int[np.ndarray, "p 2"]:
-    """Return pairs of markers whose windows might share a blob: ring neighbours, and the nearest of other rings."""
+    """Return pairs of markers whose windows might share a blob."""
     m, each = len(ring), np.count_nonzero(ring == 0)
     first = np.arange(m)
     pairs = np.stack([first, ring * each + (first + 1) % each], axis=1)
@@ -337,7 +337,7 @@ class MarkerTracker:
         return self._seen.copy()
 
     def _health(self, image: np.ndarray) -> FrameProblem:
-        """Return the problem of an image, from every `_EVERY`th row: a live camera's noise never repeats in 15 rows."""
+        """Return the problem of an image, from every `_EVERY`th row."""
         camera = self.view.camera
         if image.dtype != np.uint8 or image.shape != (camera.height, camera.width, 3):
             return FrameProblem.WRONG_SIZE
@@ -378,7 +378,7 @@ class MarkerTracker:
         return follow(image, self._weights, self._known, limits, self._out, *kept, out)
 
     def _search(self, image: Image) -> Bool[np.ndarray, " m"]:
-        """Find the markers in the entire image by their labels, measure each in its window, return which are found."""
+        """Find the markers in the entire image, and return which are found."""
         from palpate.optical._markers import measure_windows, plausible  # here: compiled loops load when first needed
 
         blobs = find_blobs(image, self.colour)
@@ -404,7 +404,7 @@ class MarkerTracker:
         return found
 
     def _labels(self, blobs: Blobs, expected: Float[np.ndarray, "m 2"]) -> Int[np.ndarray, " m"]:
-        """Return the blob of every marker, -1: missing; ring by ring, from the one nearest to the camera on."""
+        """Return the blob of every marker, -1: missing, from the ring nearest to the camera on."""
         labels, free = np.full(len(self._areas), -1), np.arange(len(blobs))
         order: list[int] = np.argsort(-self.view.rings).tolist()
         for ring, behind in zip(order, [*order[1:], None], strict=True):
@@ -417,7 +417,7 @@ class MarkerTracker:
         return labels
 
     def _before(self, blobs: Blobs, ring: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return places and areas of blobs, taken for a ring's, and of its markers at rest."""
+        """Return places and areas of blobs, seen in a ring's plane, and of its markers at rest."""
         own = self.view.ring == ring
         places = self.view.to_plane(blobs.pixels, self.view.rings[ring : ring + 1])
         return places, blobs.areas, self._plane[own], self._areas[own]
@@ -425,7 +425,7 @@ class MarkerTracker:
     def _confirmed(self, got: Float[np.ndarray, "m 7"], found: Bool[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:
         """Return which markers are accepted: a missing one only twice in the same place, as a stray blob rarely is.
 
-        In a first image this holds too for a marker away from rest whose neighbours in the ring are not found.
+        In a first image this holds for a marker away from rest without neighbours, too.
         """
         back = found & (self._age >= _AWAY)
         if self._fresh:

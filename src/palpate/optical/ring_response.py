@@ -23,7 +23,7 @@ def ring_basis(angle: Float[np.ndarray, "*batch"], order: int) -> Float[np.ndarr
 
 
 def _slope(order: int) -> Float[np.ndarray, "terms terms"]:
-    """Return the matrix that takes coefficients of `ring_basis` to those of the derivative."""
+    """Return the matrix from coefficients of `ring_basis` to those of its derivative."""
     matrix = np.zeros((2 * order + 1, 2 * order + 1))
     for k in range(1, order + 1):
         matrix[2 * k, 2 * k - 1], matrix[2 * k - 1, 2 * k] = -k, k

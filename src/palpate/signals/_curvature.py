@@ -115,7 +115,7 @@ def curvature(
 def _parabola(
     time: np.ndarray, path: np.ndarray, part: int, step: float
 ) -> tuple[Float[np.ndarray, "m k"], Float[np.ndarray, " m"]]:
-    """Return value and noise at the centres of all complete windows; NaN where rows are missing or uneven."""
+    """Return value and noise at the centres of all windows; NaN where rows are missing or uneven."""
     span = PARTS * part - 1
     bad = ~(np.isfinite(path).all(axis=1) & np.isfinite(time))
     clean = np.where(bad[:, None], 0.0, path)
@@ -136,7 +136,7 @@ def _parabola(
 
 
 def _nearest(whole: Bool[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-    """Return for each row the nearest row where `whole` is set; the row itself where it is set nowhere."""
+    """Return for each row the nearest row in `whole`, or the row itself if there is none."""
     rows = np.arange(len(whole))
     if not whole.any():
         return rows
@@ -181,7 +181,7 @@ def pose_period(poses: Float[np.ndarray, "n 8"], settings: WindowSettings) -> fl
 
 
 def _period(kinked: Int[np.ndarray, " k"]) -> float:
-    """Return the rows from pose to pose, 0 where too few show. A kink between rows shows in both, but counts once."""
+    """Return the rows from pose to pose; a kink between rows shows in both, but counts once."""
     steps = np.diff(kinked, prepend=-2, append=kinked[-1:] + 2) if len(kinked) else kinked
     pairs = (steps[1:-1] == 1) & (steps[:-2] != 1) & (steps[2:] != 1)
     poses = kinked[np.append(True, ~pairs)] if len(kinked) > 1 else kinked
@@ -189,7 +189,7 @@ def _period(kinked: Int[np.ndarray, " k"]) -> float:
 
 
 def _turns(quaternion: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "m 3"]:
-    """Return the rotation vectors in the base from each row to the next, (n - 1, 3) [rad]."""
+    """Return the rotation vectors [rad], in the base, from each row to the next."""
     unit = quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
     v, w, u, s = unit[:-1, :3], unit[:-1, 3:], unit[1:, :3], unit[1:, 3:]
     vector = w * u - s * v - np.cross(u, v)

@@ -214,10 +214,7 @@ class Butterworth:
         return Recursion(frozen(sections), frozen(start), np.zeros(0), frozen(share), frozen(response))
 
     def _sections(self, rate: float) -> Float[np.ndarray, "s 6"]:
-        """Return b0 b1 b2 1 a1 a2 of each pair of poles, gain 1 at rest; a single pole makes a first-order section.
-
-        The sections are those of scipy.signal.butter, without importing SciPy.
-        """
+        """Return b0 b1 b2 1 a1 a2 of each pair of poles, as scipy.signal.butter does, without importing SciPy."""
         sections: list[list[float]] = []
         for pole in self._poles(rate)[: (self.order + 1) // 2]:  # the others are their conjugates
             alone = 2 * len(sections) + 1 == self.order
@@ -227,13 +224,13 @@ class Butterworth:
         return np.array(sections)
 
     def _poles(self, rate: float) -> np.ndarray:
-        """Return the digital poles: the analogue ones, w tan(pi cutoff/rate), through the bilinear transform."""
+        """Return the digital poles, by the bilinear transform."""
         angles = np.pi * (np.arange(self.order) + 0.5) / self.order + np.pi / 2
         analogue = np.tan(np.pi * self._checked(rate)) * np.exp(1j * angles)
         return (1 + analogue) / (1 - analogue)
 
     def _checked(self, rate: float) -> float:
-        """Return the cut-off over the rate; raise an InputError where it is too high or too low."""
+        """Return the cut-off over the rate, if it is in range."""
         share = self.cutoff / _known(rate)
         if not share < 0.5:
             raise InputError(

@@ -174,7 +174,7 @@ def wrong_noise(stated: Float[np.ndarray, "6"], seen: Float[np.ndarray, "6"]) ->
 
 
 def _unheld(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "m k"]:
-    """Remove the repetitions of a driver that repeats each reading: keep every n-th row."""
+    """Keep every n-th row of a driver that repeats each reading n times."""
     changes = np.flatnonzero((np.diff(readings, axis=0) != 0).any(axis=1))
     held = int(np.median(np.diff(changes))) if len(changes) > FEWEST else 1
     return readings[:: min(max(held, 1), MOST_HELD)]
@@ -191,7 +191,7 @@ def _straightened(windows: Float[np.ndarray, "w l k"]) -> Float[np.ndarray, "w l
 def _judged(
     readings: Float[np.ndarray, "n k"],
 ) -> tuple[Float[np.ndarray, "w l k"], Float[np.ndarray, "w k"], Bool[np.ndarray, "w k"]]:
-    """Return complete windows, their variances, and where they are noise alone: in all channels, or else in each."""
+    """Return complete windows, their variances, and where they are noise alone."""
     length = int(np.clip(len(readings) // 20, min(FEWEST, len(readings)), WINDOW))  # shorter in a short log
     count = len(readings) // length
     windows = readings[: count * length].reshape(count, length, readings.shape[1])
@@ -215,7 +215,7 @@ def _quiet(variance: Float[np.ndarray, " w"]) -> Bool[np.ndarray, " w"]:
 def _deviation(
     variance: Float[np.ndarray, "w k"], quiet: Bool[np.ndarray, "w k"], resolution: Float[np.ndarray, " k"]
 ) -> Float[np.ndarray, " k"]:
-    """Return the standard deviation in the quiet windows, and no less than the resolution's."""
+    """Return the standard deviation in the quiet windows."""
     mean = np.mean(variance, axis=0, where=quiet)
     return np.sqrt(np.maximum(mean, resolution**2 / 12.0))
 
@@ -240,7 +240,7 @@ def _step(levels: Float[np.ndarray, " m"]) -> float:
 def _resting(
     readings: Float[np.ndarray, "n k"], resolution: Float[np.ndarray, " k"]
 ) -> tuple[Bool[np.ndarray, " w"], int]:
-    """Return which windows are at rest, all channels quiet and near the last level, and the samples of a window."""
+    """Return which windows are at rest, and the samples of a window."""
     windows, variance, quiet = _judged(readings)
     resting: Bool[np.ndarray, " w"] = np.asarray(np.all(quiet, axis=1))
     deviation = np.maximum(_deviation(variance, quiet, resolution), 1e-15)
@@ -264,7 +264,7 @@ def _resting(
 def _segments(
     readings: Float[np.ndarray, "n k"], resting: Bool[np.ndarray, " w"], window: int
 ) -> Float[np.ndarray, "s l k"] | None:
-    """Return stretches of rest, all of the longest length of which there are enough; None if there are too few."""
+    """Return stretches of rest of one length; None if there are too few."""
     rests = window * np.flatnonzero(np.diff(resting, prepend=False, append=False)).reshape(-1, 2)  # start, end
     length = LONGEST
     while length > window // 2 and np.sum(np.diff(rests) // length) < SEGMENTS:

@@ -124,7 +124,7 @@ class Payload(Value):
         by_name("palpate.files.models.write_model")(path, self)
 
     def __reduce__(self) -> tuple[type[Payload], tuple[object, ...]]:
-        """Pickle the fields, so that read-only arrays and mappings are restored read-only."""
+        """Pickle the fields, so that arrays and mappings are restored read-only."""
         values = {**vars(self), "provenance": dict(self.provenance)}
         return Payload, tuple(values[name.name] for name in fields(self))
 
@@ -191,7 +191,7 @@ class Payload(Value):
         return wrenches - load, jacobian @ self.covariance @ np.swapaxes(jacobian, -1, -2)
 
     def _base_in_sensor(self, wrenches: np.ndarray, rotations: np.ndarray | None) -> np.ndarray:
-        """Return R^T, every entry NaN where one is; raise an InputError where rotations are needed and missing."""
+        """Return R^T, every entry NaN where one is."""
         if rotations is None:
             if self.weight.any() or self.covariance[:3, :3].any():
                 newtons = float(np.linalg.norm(self.weight))
@@ -208,7 +208,7 @@ class Payload(Value):
 def _finite(
     name: str, values: ArrayLike | None, shape: tuple[int, ...], largest: float = LARGEST
 ) -> Float[np.ndarray, "..."]:
-    """Return a read-only copy of this shape, zeros for None; raise an InputError at NaN and too large numbers."""
+    """Return a read-only copy of this shape, zeros for None."""
     array = frozen(np.zeros(shape) if values is None else values, tail=shape, name=name)
     if array.shape != shape or not np.all(np.abs(array) <= largest):
         raise InputError(f"{name} must be finite numbers of shape {shape}, at most {largest:g}.", where="payload")

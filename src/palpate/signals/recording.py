@@ -105,7 +105,7 @@ class Recording:
         )
 
     def __reduce__(self) -> tuple[type[Recording], tuple[object, ...]]:
-        """Pickle channels as a dict: a read-only view of them cannot be pickled, nor copied in depth."""
+        """Pickle channels as a dict, as a read-only view cannot be pickled."""
         return Recording, (self.time, dict(self.channels), self.frame, self.source, self.notes)
 
     def __len__(self) -> int:
@@ -157,7 +157,7 @@ def split_channels(names: Sequence[str], readings: np.ndarray) -> dict[str, np.n
 
 
 def _dtype(name: str, values: ArrayLike) -> DTypeLike:
-    """Return the type of a channel: images keep their own, and are refused later if it is not uint8."""
+    """Return the type of a channel: images keep their own."""
     return getattr(values, "dtype", np.uint8) if name == IMAGE else np.float64
 
 

@@ -217,7 +217,7 @@ class BothWays:
         return self._backward.gapless(rows[::-1].copy())[::-1]
 
     def _share(self, count: int) -> Float[np.ndarray, " n"]:
-        """Return the noise's share in the next `count` samples of the run, far from its end."""
+        """Return the noise's share in the next `count` samples, far from the run's end."""
         return self._inside + self._edges(self._emitted + np.arange(count))
 
     def _edges(self, steps: np.ndarray) -> Float[np.ndarray, " n"]:

@@ -142,10 +142,7 @@ def propose_cutoff(found: Spectrum, unit: str = "N") -> Cutoff:
 
 
 def _settings(cutoff: float, rate: float, noise: float) -> tuple[str, ...]:
-    """Describe the two filters that have this cut-off [Hz], for readings of variance `noise`.
-
-    A Kalman filter of identity transition, once steady, is a low-pass that is 3 dB down where 2 (1 - cos w) = q / r.
-    """
+    """Describe the filters with this cut-off [Hz], for readings of variance `noise`; q / r = 2 (1 - cos w)."""
     q = noise * 2 * (1 - cos(2 * pi * cutoff / rate))
     return Butterworth(cutoff, 2).describe(rate), Kalman(q, noise).describe(rate)
 
@@ -160,10 +157,7 @@ def _usual_step(time: Float[np.ndarray, " n"]) -> float:
 
 
 def _segment(lengths: Int[np.ndarray, " k"], rate: float, count: int) -> int:
-    """Return the samples of a segment, a power of two.
-
-    It is fine enough, and stretches as long contain half of the samples of all stretches.
-    """
+    """Return the samples of a segment, a power of two, so that longer stretches contain half of all samples."""
     if not len(lengths):
         raise InputError(
             f"a spectrum needs a steady rate, and no {SHORTEST} samples in a row (of {count}) have one.",
@@ -176,13 +170,13 @@ def _segment(lengths: Int[np.ndarray, " k"], rate: float, count: int) -> int:
 
 
 def _mean_rate(time: Float[np.ndarray, " n"], pieces: list[slice]) -> float:
-    """Return steps over time [Hz]: a median step is as coarse as the clock that stamped it."""
+    """Return steps over time [Hz], finer than a median step."""
     steps = sum(piece.stop - 1 - piece.start for piece in pieces)
     return steps / float(sum(time[piece.stop - 1] - time[piece.start] for piece in pieces))
 
 
 def _smoothed(frequency: Float[np.ndarray, " k"], values: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-    """Return the median over a band around each frequency, at least three wide where there are as many."""
+    """Return the median over a band around each frequency, at least three values."""
     here = np.arange(len(values))
     below: Float[np.ndarray, " k"] = frequency / NARROW**0.5
     above: Float[np.ndarray, " k"] = frequency * NARROW**0.5

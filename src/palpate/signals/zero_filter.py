@@ -267,7 +267,7 @@ class ZeroFilter:
         self.covariance[:m, :m] += covariance
 
     def _predicted(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return state, covariance and F; the last result is cached, as it is needed more than once."""
+        """Return state, covariance and F; the last result is cached."""
         if self._asked[0] == time and self._asked[1] is self.covariance:
             return self._asked[2]
         k = self.known
@@ -286,7 +286,7 @@ class ZeroFilter:
         return self._asked[2]
 
     def _seen(self, regressor: Float[np.ndarray, "m q"]) -> Float[np.ndarray, "m n"]:
-        """Return H = (I, h, 0); raise an InputError at regressors of another shape."""
+        """Return H = (I, h, 0)."""
         m, k = self.channels, self.known
         if regressor.shape != (m, k - m):
             raise InputError(f"the regressors must have shape ({m}, {k - m}), not {regressor.shape}.")

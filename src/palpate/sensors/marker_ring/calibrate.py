@@ -92,11 +92,7 @@ def calibrate_marker_ring(
 
 
 def _at_rest(still: UInt8[np.ndarray, "n h w 3"], body: RingBody) -> tuple[MarkerTracker, Float[np.ndarray, " m"]]:
-    """Return a tracker for the first image, and the markers' areas at rest, from untouched images.
-
-    Raises:
-        InputError: there are no untouched images, or the markers are not found in them.
-    """
+    """Return a tracker for the first image, and the markers' areas at rest."""
     if not len(still):
         raise InputError(
             "the log does not begin untouched: no frame shows where the markers rest.",
@@ -147,7 +143,7 @@ def _leading(free: np.ndarray) -> int:
 
 
 def _tracked(tracker: MarkerTracker, frames: np.ndarray) -> np.ndarray:
-    """Return the markers' places (n, m, 2) [px]; NaN where a marker or the entire image cannot be used."""
+    """Return the markers' places (n, m, 2) [px]; NaN where they cannot be used."""
     pixels = np.full((len(frames), len(tracker.view.angles), 2), np.nan)
     for frame, row in zip(frames, pixels, strict=True):
         tracker.track(frame, row)
@@ -193,11 +189,7 @@ def _model(
 
 
 def _turned(ring: MarkerRing, pixels: np.ndarray, angle: np.ndarray) -> MarkerRing:
-    """Return the ring turned into the frame of the truth's angles, whose origin a camera cannot see.
-
-    Raises:
-        InputError: the markers do not move at the truth's angles.
-    """
+    """Return the ring turned into the frame of the truth's angles."""
     inward = np.maximum(-np.nan_to_num(ring.displacements(pixels)[..., 0]), 0.0) ** 2
     seen = np.angle((inward * np.exp(1j * ring.view.angles)).sum(axis=1))
     offset = float(np.angle(np.exp(1j * (angle - seen)).sum()))

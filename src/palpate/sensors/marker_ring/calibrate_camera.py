@@ -154,7 +154,7 @@ class _Lens:
         return _Lens(camera, grid, seen, list(zip(turns, places, strict=True)))
 
     def _projected(self, k: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the corners of picture k [px], and their derivatives by the lens (8) and by the pose (6)."""
+        """Return the corners of picture k [px], and their derivatives by the lens and the pose."""
         fx, fy, cx, cy, *bent = self.camera.tolist()
         matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
         turn, place = (np.asarray(each, dtype=np.float64).reshape(3, 1) for each in self.poses[k])
@@ -268,10 +268,7 @@ def fit_rings(
 
 
 def _around(pixels: np.ndarray, even: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the order of the pixels by rising angle, from the one nearest to 0, and the start angle of the even ring.
-
-    Angles are about the pixels' mean, which is the circle's middle if the ring is complete.
-    """
+    """Return the order of the pixels by rising angle about their mean, from 0, and the start angle of the even ring."""
     middle = pixels.mean(axis=0)
     angle = np.arctan2(middle[1] - pixels[:, 1], pixels[:, 0] - middle[0])
     order = np.argsort(angle)
@@ -282,7 +279,7 @@ def _around(pixels: np.ndarray, even: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def _solved(view: Callable[[np.ndarray], RingView], seen: np.ndarray) -> np.ndarray:
-    """Return the parameters of the view that fits the markers best by least squares of pixels."""
+    """Return the parameters of the view that fits the markers best."""
     from scipy.optimize import least_squares  # here: it takes a while to import
 
     def residual(x: np.ndarray) -> np.ndarray:

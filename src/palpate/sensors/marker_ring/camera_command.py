@@ -74,7 +74,7 @@ class CalibrateCamera(Calibration):
 
 
 def _pictures(path: Path) -> tuple[list[tuple[int, np.ndarray]], int]:
-    """Return at most 40 pictures, evenly spread, each with its number, from 1, and the number of all pictures."""
+    """Return at most 40 pictures, evenly spread, with their numbers from 1, and the number of all pictures."""
     log = open_log(path, LogLayout(wrench=None, images=ImageChannel()))
     kept, stride, count = list[tuple[int, np.ndarray]](), 1, 0
     for block in log.blocks():

@@ -242,9 +242,9 @@ class RingEstimator(ContactEstimator):
         """Return a contact's row without its identity, as plain numbers, which are faster than small arrays.
 
         Args:
-            state: (8,) contact of `RingFound.states`.
+            state: (8,) of `RingFound.states`.
             more: cosine and sine of the angle, depth [m], width [m].
-            off: residual of the image, in standard deviations.
+            off: residual of the image.
             seen: number of markers seen.
         """
         c, s, depth, width = more
@@ -272,7 +272,7 @@ class RingEstimator(ContactEstimator):
 
 
 def _dent_widths(ring: MarkerRing) -> tuple[np.ndarray, np.ndarray]:
-    """Return the response's width coordinates z, and half of a dent's width [m] at half of its depth for each."""
+    """Return width coordinates z, and half of a dent's width [m] at half of its depth for each."""
     z, delta = np.linspace(-3.0, 3.0, 25), np.linspace(0.0, np.pi / 2, 181)
     mean = ring.response.coefficients[:3, 0, :, 0] @ ring_basis(delta, ring.response.orders[0]).T
     inward = -(mean[0] + np.multiply.outer(z, mean[1]) + np.multiply.outer(z * z, mean[2]))

@@ -149,7 +149,7 @@ class RingLayer:
         return self._pixels[sample].astype(np.float64) if self._fed is None else self._fed[1]
 
     def _points(self, pixels: Float[np.ndarray, "m 2"]) -> Float32[np.ndarray, "m 3"]:
-        """Return points above the markers in the scene's units; a marker that is not seen is drawn at rest."""
+        """Return points above the markers in the scene's units; at rest for a marker not seen."""
         view = self._ring.view
         plane = view.to_plane(np.where(np.isfinite(pixels), pixels, self._ring.rest), view.heights)
         plane *= _ABOVE * self._ring.radius / np.linalg.norm(plane, axis=1, keepdims=True)

@@ -132,7 +132,7 @@ def _require_presses(presses: RingPresses, before: RingResponse | None) -> None:
 
 
 def _fitted(presses: RingPresses, before: RingResponse | None) -> RingResponse:
-    """Return the fitted response without its errors: misfit and spread are zero."""
+    """Return the fitted response, with a misfit and spread of zero."""
     if before is None:
         ratio = presses.depth / presses.force
         sheared = bool(np.isfinite(presses.shear).all() and np.ptp(presses.shear / presses.force) > 0.1)
@@ -154,7 +154,7 @@ def _fitted(presses: RingPresses, before: RingResponse | None) -> RingResponse:
 
 
 def _usual(presses: RingPresses, width: np.ndarray, sheared: bool) -> tuple[Float[np.ndarray, "3"], float]:
-    """Return `usual` and `grip` of a `RingResponse`; grip from the heavier half, as light presses show the gauge."""
+    """Return `usual` and `grip` of a `RingResponse`, grip from the heavier half of the presses."""
     z = (presses.depth / presses.force - width[0]) / width[1]
     if not sheared:
         return np.array([z.mean(), z.std(), _SHEAR]), 0.0
@@ -166,7 +166,7 @@ def _usual(presses: RingPresses, width: np.ndarray, sheared: bool) -> tuple[Floa
 def _dragged(share: Float[np.ndarray, " n"]) -> Float[np.ndarray, "3"]:
     """Return `dragged` of a `RingResponse`: two normal distributions about 0, by expectation and maximisation.
 
-    Zeros if one distribution explains shear / force as well, by Schwarz's criterion [Bishop 2006, 4.4.1 and 9.2.2].
+    Zeros if one distribution explains them as well, by Schwarz's criterion [Bishop 2006, 4.4.1 and 9.2.2].
     """
     square, deviations = share**2, np.maximum([np.median(np.abs(share)), np.abs(share).max()], _PLAIN)
     weights = np.array([0.5, 0.5])
@@ -187,13 +187,13 @@ def _dragged(share: Float[np.ndarray, " n"]) -> Float[np.ndarray, "3"]:
 
 
 def _terms(presses: RingPresses, width: np.ndarray, terms: int) -> Float[np.ndarray, "n b"]:
-    """Return the factors (n, b) of v0, v1, v2 and s for each press: F, F z, F z^2 and the shear."""
+    """Return F, F z, F z^2 and the shear of each press, (n, b)."""
     force, z = presses.force, (presses.depth / presses.force - width[0]) / width[1]
     return np.stack([force, force * z, force * z * z, np.nan_to_num(presses.shear)][:terms], axis=1)
 
 
 def _rescaled(presses: RingPresses, before: RingResponse) -> tuple[np.ndarray, np.ndarray]:
-    """Return another unit's response times a softness g: u = g(phi) u_before, width = mean(g) width_before."""
+    """Return another unit's response and width times a softness: u = g(phi) u_before, width = mean(g) width_before."""
     g, gain = np.ones(len(presses)), np.array([1.0, 0.0, 0.0, 0.0, 0.0])
     for _ in range(3):
         terms = _terms(presses, before.width * np.mean(g), len(before.coefficients))
@@ -209,7 +209,7 @@ def _rescaled(presses: RingPresses, before: RingResponse) -> tuple[np.ndarray, n
 
 
 def _times(coefficients: np.ndarray, gain: np.ndarray, order: int) -> np.ndarray:
-    """Return a response's coefficients times a series in the contact's angle, truncated at the response's order."""
+    """Return coefficients times a series in the contact's angle, truncated at their order."""
     phi = 2.0 * np.pi * np.arange(64) / 64
     of_phi = ring_basis(phi, order)
     values = np.einsum("bckm,am->bcka", coefficients, of_phi) * (ring_basis(phi, 2) @ gain)
@@ -227,7 +227,7 @@ def _predicted(presses: RingPresses, coefficients: np.ndarray, terms: np.ndarray
 
 
 def _regression(presses: RingPresses, start: np.ndarray, width: np.ndarray, *, known: bool) -> np.ndarray:
-    """Return one ring's response by ridge regression towards `start`, with the prior of the largest evidence."""
+    """Return one ring's response by ridge regression towards `start`."""
     shape, usual = start.shape, float(np.sqrt(np.nanmean((presses.displacements / presses.force[:, None, None]) ** 2)))
     normal, right = _sums(presses, start, width, usual)
     scale = _most_likely(normal, right, shape, usual, _NEW_UNIT if known else _NEW_SKIN)
@@ -238,7 +238,7 @@ def _regression(presses: RingPresses, start: np.ndarray, width: np.ndarray, *, k
 def _sums(
     presses: RingPresses, start: np.ndarray, width: np.ndarray, usual: float
 ) -> tuple[Float[np.ndarray, "size size"], Float[np.ndarray, "size 2"]]:
-    """Return the normal matrix and its right sides, outwards and along, for the residuals of `start`."""
+    """Return the normal matrix and its right sides for the residuals of `start`."""
     terms, shape = _terms(presses, width, len(start)), start.shape
     size = shape[0] * shape[2] * shape[3]
     normal, right = np.zeros((size, size)), np.zeros((size, 2))
@@ -264,14 +264,7 @@ def _most_likely(
     """Return the coefficients' standard deviations under the prior of the largest evidence [Bishop 2006, 3.5.1].
 
     log p(u) = sum over both axes of (log|P| - log|N + P| + r' (N + P)^-1 r) / 2 + a constant, with P the precision, N
-    the normal matrix, r its right side.
-
-    Args:
-        normal: (size, size) normal matrix of the regression.
-        right: (size, 2) its right sides.
-        shape: of the coefficients.
-        usual: displacement per newton [m/N].
-        first: numbers of `_deviations` to start from.
+    the normal matrix, r its right side. The search starts from the numbers `first` of `_deviations`.
     """
     from scipy.linalg import cho_factor, cho_solve  # here: they take a while to import
     from scipy.optimize import minimize
@@ -293,10 +286,10 @@ def _most_likely(
 
 
 def _deviations(shape: tuple[int, ...], size: float, smooth: float, uneven: float) -> Float[np.ndarray, " size"]:
-    """Return prior standard deviations of the coefficients' differences from the start, per usual displacement.
+    """Return prior standard deviations of the coefficients' differences from the start.
 
     Args:
-        shape: shape of the coefficients.
+        shape: of the coefficients.
         size: standard deviation of the lowest orders.
         smooth: order in delta from which they decrease.
         uneven: share of the first order in phi.
@@ -310,7 +303,7 @@ def _deviations(shape: tuple[int, ...], size: float, smooth: float, uneven: floa
 
 
 def _left_out(presses: RingPresses, before: RingResponse | None, whole: RingResponse) -> dict[str, np.ndarray]:
-    """Return `misfit`, `spread` and `left_out`, from two fits to halves of the angles, each tested on the other."""
+    """Return `misfit`, `spread` and `left_out`, from fits to halves of the angles, tested on the others."""
     _, which = np.unique(np.round(np.mod(presses.angle, 2.0 * np.pi), 2), return_inverse=True)
     folds = which % 2 if min(np.bincount(which % 2, minlength=2)) >= _LEAST else np.arange(len(presses)) % 2
     fits = [_fitted(presses.picked(folds != fold), before) for fold in (0, 1)]
@@ -333,7 +326,7 @@ def _rms(values: Sequence[float]) -> float:
 
 
 def _add_misfit(fit: RingResponse, part: RingPresses, square: np.ndarray, number: np.ndarray) -> None:
-    """Add the squared residuals of presses, less the noise, to `square`, and the squared forces to `number`."""
+    """Add squared residuals, less the noise, to `square`, and squared forces to `number`."""
     left = part.displacements - _predicted(part, fit.coefficients, _terms(part, fit.width, len(fit.coefficients)))
     delta = np.mod(part.markers[None, :] - part.angle[:, None], 2.0 * np.pi)
     where = np.minimum((delta / (2.0 * np.pi) * PARTS).astype(np.int64), PARTS - 1)
@@ -346,7 +339,7 @@ def _add_misfit(fit: RingResponse, part: RingPresses, square: np.ndarray, number
 
 
 def _errors(fit: RingResponse, part: RingPresses) -> Float[np.ndarray, "n 5"]:
-    """Return errors of angle [rad] and force [N], their standard deviations, and the force, of presses not fitted."""
+    """Return errors of angle [rad] and force [N], their standard deviations, and the force."""
     locator = RingLocator(fit, part.markers, part.noise, RingSettings())
     rows = list[list[float]]()
     for k in range(len(part)):
@@ -361,7 +354,7 @@ def _errors(fit: RingResponse, part: RingPresses) -> Float[np.ndarray, "n 5"]:
 
 
 def _beside(errors: Float[np.ndarray, "n 5"]) -> Float[np.ndarray, "2"]:
-    """Return the additional standard deviations (2,) with which 95 % of the errors lie within 1.96 of the total."""
+    """Return additional standard deviations (2,) with which 95 % of the errors lie within 1.96 of the total."""
     found = np.zeros(2)
     if not len(errors):
         return found

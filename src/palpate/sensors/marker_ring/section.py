@@ -135,7 +135,7 @@ class MarkerRingSection(SensorSection):
 
 
 def _camera(path: Path) -> Fisheye:
-    """Return the lens of a file of `palpate calibrate camera`, or of a table with the same keys, without its kind."""
+    """Return the lens of a model file, or of a table with the same keys."""
     table = load_toml(path)
     return read_model(path, Fisheye) if "kind" in table else parse(table, Fisheye, file=str(path))
 
@@ -156,7 +156,7 @@ def _build(setup: Setup) -> BuiltEstimator:
 
 
 def _guess(log: Path, contents: LogContents, body: GivenBody | None) -> Guess | None:
-    """Return the rig text for a video, a folder of images, or a topic of colour images; None if there are none."""
+    """Return a rig for a video, a folder or a topic of images; None if there are none."""
     size = image_size(log)
     if size is None:
         return None

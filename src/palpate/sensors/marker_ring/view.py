@@ -22,7 +22,7 @@ SHOWN = 0.25  # s between two images that are shown
 
 
 class MarkerRingView(SensorView):
-    """The view of a marker ring: the camera's image, and the markers on the surface or a cylinder."""
+    """The view of a marker ring: the camera's image, and the markers on a surface."""
 
     words: ClassVar[Mapping[str, Words]] = {
         **TRACKED,
