@@ -37,7 +37,7 @@ UNCALLED = {  # and why; a class stands for its methods
 LATER = frozenset(  # what only examples and commands that take a while make arguments for
     [
         "calibration.clock.identify_offset",
-        "sensors.taxels.poking.closest_point.nearest_in_metric",
+        "sensors.taxels.poking.paper.nearest_in_metric",
         "files.tables.fields.RowCount.add",
         "files.tables.table.TextTable",
         "sensors.taxels.curve_kinds.chosen",

@@ -107,7 +107,7 @@ _EACH = {
         "palpate.sensors.taxels.skin_map.commands", "map_skin", "Lay a flexible taxel sheet on a link's mesh."
     ),
     "plan pokes": _Command(
-        "palpate.sensors.taxels.poking.plan_command", "plan_pokes_command", "Propose where to poke a skin next."
+        "palpate.sensors.taxels.poking.commands", "plan_pokes_command", "Propose where to poke a skin next."
     ),
     "recover": _Command(".recover", "recover", "Recover a live record after its recorder was killed."),
     "replay": _Command(".replay", "replay", "Play a log as a device, to try a set-up without one."),

@@ -21,33 +21,31 @@ from palpate.surfaces.mesh import UNITS
 
 __all__ = ["holds_pokes", "read_pokes"]
 
-_WHICH = ("configuration", "poke")
 _NOISE = np.diag([1e-2, 1e-2, 1e-2, 1e-3, 1e-3, 1e-3]) ** 2  # N, N m: of a mean, where nothing says it
 _TAXEL = re.compile(r"(?:t|taxel_?)(\d+)", re.IGNORECASE)
 
 
 def holds_pokes(names: Sequence[str]) -> bool:
-    """Return whether a table with these columns contains pokes: it has their configuration, a wrench and answers."""
+    """Return whether a table with these columns contains pokes: it numbers them, and has a wrench and answers."""
     bare = {split_unit(name)[0].strip().lower() for name in names}
-    return bool(bare & {*_WHICH}) and bare >= {*WRENCH_COLUMNS} and any(map(_TAXEL.fullmatch, names))
+    return bool(bare & {"configuration", "poke"}) and bare >= {*WRENCH_COLUMNS} and any(map(_TAXEL.fullmatch, names))
 
 
 @takes_arrays
 def read_pokes(path: str | Path, *, threshold: float = 0.0, noise: Float[np.ndarray, "6 6"] | None = None) -> Pokes:
     """Read `Pokes` from `configuration,fx,fy,fz,tx,ty,tz,qx,qy,qz,qw,x,y,z,t0,t1,...[,weight][,time]`.
 
-    Wrenches are on the body in the sensor's frame, minus the sensor's untouched reading [N, N m]; pose of the link in
-    the sensor's frame [m]; answers above the baseline, in any unit. Columns may state other units, as `fx [mN]`, `x
-    [mm]`.
+    Wrenches [N, N m] are on the body in the sensor's frame, minus its untouched reading; poses [m] are the link's in
+    that frame; answers are above the baseline, in any unit. Columns may state other units, as `fx [mN]`, `x [mm]`.
 
     Args:
         path: of the table.
         threshold: responses up to it are no answers.
-        noise: (6, 6) covariance of a wrench.
+        noise: (6, 6) covariance of a wrench; None: 10 mN and 1 mN m (standard deviations).
 
     Raises:
-        InputError: the file or a column is missing, a unit is unknown, a number is none, or a quaternion is not of
-            length 1.
+        InputError: the file cannot be read, a column is missing, a unit is unknown, a cell is not a number, or a
+            quaternion is not of length 1.
     """
     path = Path(path)
     table = read_table(path)
@@ -59,7 +57,7 @@ def read_pokes(path: str | Path, *, threshold: float = 0.0, noise: Float[np.ndar
     wanted = (*WRENCH_COLUMNS, *ORIENTATION_COLUMNS, *POSITION_COLUMNS)
     for name in wanted:
         if name not in names:
-            raise InputError(f"column {name!r} is missing.", where=str(path))
+            raise InputError(f"column {name!r} is missing.", where=str(path), hint=f"Give {', '.join(wanted)}.")
     values = table.numbers([names[name] for name in wanted], strict=True)[0] * scales
     unknown = ~np.isfinite(values).all(axis=1)
     if unknown.any():
@@ -67,15 +65,12 @@ def read_pokes(path: str | Path, *, threshold: float = 0.0, noise: Float[np.ndar
     long = np.abs(np.linalg.norm(values[:, 6:10], axis=1) - 1.0) > 0.01
     if long.any():
         table.refuse(int(np.argmax(long)), "qx, qy, qz, qw must have length 1")
-    which = next((names[name] for name in _WHICH if name in names), None)
-    if which is None or "configuration" not in names:
-        configuration = np.zeros(len(values), dtype=np.int64)
-    else:
-        configuration = np.unique(table.numbers([which], strict=True)[0][:, 0], return_inverse=True)[1]
+    configuration = np.zeros(len(values), dtype=np.int64)
+    if "configuration" in names:
+        stated = table.numbers([names["configuration"]], strict=True)[0][:, 0]
+        configuration = np.unique(stated, return_inverse=True)[1]
     responses = np.nan_to_num(table.numbers([numbered[k] for k in range(len(numbered))])[0])
-    rest = {name: table.numbers([names[name]])[0][:, 0] for name in ("weight", "time") if name in names}
-    if "weight" in rest:
-        rest["weight"] = np.nan_to_num(rest["weight"])
+    weight, time = (table.numbers([names[name]])[0][:, 0] if name in names else None for name in ("weight", "time"))
     return Pokes.from_table(
         values[:, :6],
         rotation_from_quaternion(values[:, 6:10] / np.linalg.norm(values[:, 6:10], axis=1, keepdims=True)),
@@ -84,8 +79,8 @@ def read_pokes(path: str | Path, *, threshold: float = 0.0, noise: Float[np.ndar
         responses,
         noise=_NOISE if noise is None else noise,
         threshold=threshold,
-        weight=rest.get("weight"),
-        time=rest.get("time"),
+        weight=None if weight is None else np.nan_to_num(weight),
+        time=time,
     )
 
 

@@ -18,18 +18,14 @@ from palpate.setup.pokes import RigPokes
 from palpate.setup.setup import Setup
 from palpate.signals.recording import ORIENTATION, POSITION, Recording
 
-__all__ = ["WRENCH", "cells_layout", "open_pokes", "wrench_layout"]
+__all__ = ["WRENCH", "open_pokes"]
 
 WRENCH = "force_torque"  # name of the sensor that measures the pokes
 _JOINTS = "joints"
 
 
-def wrench_layout(setup: Setup) -> LogLayout:
-    """Return the `LogLayout` of wrenches, with poses of the link in the sensor's frame.
-
-    Raises:
-        InputError: the wrench is not in the sensor's frame.
-    """
+def _wrench_layout(setup: Setup) -> LogLayout:
+    """Return the layout of wrenches, with poses of the link in the sensor's frame."""
     table, there = setup.pokes or RigPokes(), setup.sensors.get(WRENCH)
     if there is not None and there.table.frame != "sensor":
         raise InputError(
@@ -55,13 +51,13 @@ def wrench_layout(setup: Setup) -> LogLayout:
 def open_pokes(path: Path, setup: Setup) -> tuple[Log, Log, Iterator[Recording | Stored]]:
     """Return a `Log` of wrenches, a `Log` of taxel frames, and an iterator over blocks of both with link poses.
 
-    For a table with a `urdf`, the joints between sensor and link are columns with their names [rad].
+    In a table, with a `urdf` in [pokes], the joints between sensor and link are columns with their names [rad].
 
     Raises:
-        InputError: the log, urdf or a rig file cannot be read, an extra is missing (rosbags, pinocchio), or a joint is
-            missing or in degrees.
+        InputError: the log, urdf or a rig file cannot be read, an extra is missing (rosbags, pinocchio), the wrench is
+            not in the sensor's frame, or a joint is missing; while iterating, also if joints are in degrees.
     """
-    layout, frames = wrench_layout(setup), open_log(path, cells_layout(setup))
+    layout, frames = _wrench_layout(setup), open_log(path, _cells_layout(setup))
     if layout.urdf is None or layout.frames is None or not contents(path).names:
         log = open_log(path, layout)
         return log, frames, log.merged_with(frames)
@@ -74,22 +70,18 @@ def open_pokes(path: Path, setup: Setup) -> tuple[Log, Log, Iterator[Recording |
 
 def _posed(block: Recording, kinematics: Kinematics) -> Recording:
     """Return the block with poses in place of joints."""
-    values = block.channels[_JOINTS]
+    channels = dict(block.channels)
+    values = channels.pop(_JOINTS)
     known = np.isfinite(values).all(axis=1)
     kinematics.require_radians(values[known], block.source)
     quaternion, position = np.full((len(block), 4), np.nan), np.full((len(block), 3), np.nan)
     if known.any():
         quaternion[known], position[known] = kinematics.poses(values[known])
-    kept = {name: each for name, each in block.channels.items() if name != _JOINTS}
-    return replace(block, channels={**kept, ORIENTATION: quaternion, POSITION: position})
+    return replace(block, channels={**channels, ORIENTATION: quaternion, POSITION: position})
 
 
-def cells_layout(setup: Setup) -> LogLayout:
-    """Return the `LogLayout` of frames of taxels, without poses.
-
-    Raises:
-        InputError: the file of the map or of the taxels cannot be read.
-    """
+def _cells_layout(setup: Setup) -> LogLayout:
+    """Return the layout of frames of taxels, without poses."""
     return replace(
         SKIN.layout(setup),
         orientation=None,

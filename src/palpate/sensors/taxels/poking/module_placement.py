@@ -64,12 +64,12 @@ def _mean(flat: Float[np.ndarray, "m t 2"]) -> Float[np.ndarray, "t 2"]:
 def place_modules(
     places: TaxelPlaces, layout: ModuleLayout | None = None, surface: Surface | None = None
 ) -> TaxelCalibration:
-    """Fit modules to the places of their taxels by least squares; return a `TaxelCalibration`.
+    """Fit modules to the places of their taxels; return the new places, without covariance, in a `TaxelCalibration`.
 
     Args:
         places: expected places of the taxels, with the module of each.
-        layout: of the modules; None: `common_layout` of the places themselves.
-        surface: of the link, on which they lie; None: modules are flat.
+        layout: of the modules; None: `common_layout` of the places.
+        surface: of the link, on which modules are bent; None: they are flat.
 
     Raises:
         InputError: a layout of another skin, a module with fewer than three taxels, or no layout and unequal modules.
@@ -100,7 +100,7 @@ def place_modules(
         module=np.where(np.isfinite(points).all(axis=1), layout.module, -1),
     )
     said = f"taxels moved by {1e3 * np.nanmean(away):.2f} mm on average, {1e3 * np.nanmax(away):.2f} mm at most"
-    return TaxelCalibration(made, np.zeros((0, 3)), 0, 1.0, notes=(said,))
+    return TaxelCalibration(made, 0, 1.0, notes=(said,))
 
 
 def _outward(places: TaxelPlaces, surface: Surface | None) -> TaxelPlaces:

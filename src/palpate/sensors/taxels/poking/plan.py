@@ -13,7 +13,7 @@ from palpate.sensors.taxels.modules import ModuleLayout
 from palpate.sensors.taxels.places import TaxelPlaces
 from palpate.sensors.taxels.poking.pokes import Pokes
 from palpate.sensors.taxels.poking.priors import Priors
-from palpate.sensors.taxels.poking.rigid_groups import Units, fitted, single
+from palpate.sensors.taxels.poking.rigid_groups import Units, across, fitted, single
 from palpate.sensors.taxels.poking.solve import Before
 from palpate.sensors.taxels.poking.systematic_errors import Nuisances, predicted
 from palpate.spatial.arguments import takes_arrays
@@ -83,9 +83,7 @@ def candidates(units: Units, poses: Pose, noise: Float[np.ndarray, "6 6"]) -> Po
     if not len(rows):
         raise InputError("no taxel has a place to poke.", where="plan", hint="Plan from a skin with taxels.")
     count = len(poses.translation)
-    first = np.cross(normals[rows], np.eye(3)[np.argmin(np.abs(normals[rows]), axis=1)])
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    second = np.cross(normals[rows], first)
+    first, second = np.moveaxis(across(normals[rows]), 2, 0)
     ways = -normals[rows] + np.tan(TILT) * np.stack([0 * first, first, -first, second, -second])  # (5, r, 3)
     ways = ways / np.linalg.norm(ways, axis=2, keepdims=True)
     taxel = np.tile(rows, 5 * count)
@@ -124,8 +122,7 @@ def after_calibration(
 ) -> tuple[Units, Float[np.ndarray, "p p"], PossiblePokes]:
     """Return `Units`, covariance (p, p) of all unknowns, and `PossiblePokes`, from the result of a calibration.
 
-    The pokes themselves are not stored: each counts as equal parts of the candidates on the taxel that it touched, in
-    each configuration by its share of all pokes.
+    Pokes are not stored: each counts as equal parts of the candidates on the taxel that it touched.
 
     Args:
         places: a result of `calibrate_taxels` by modules or single taxels.
@@ -167,9 +164,9 @@ def known_after(
     """Return the covariance (p, p) of all unknowns, of units, then `Nuisances.vector`, under the priors and some pokes.
 
     Args:
-        units: as for `candidates`.
+        units: places of the taxels.
         options: the c candidates.
-        made: (c,) number of pokes at each candidate, which need not be whole.
+        made: (c,) number of pokes at each, which need not be whole.
         priors: of the errors.
         configurations: number of them.
         deviations: (f,) [m, rad] prior standard deviations of a unit's unknowns; None: nothing is known.
@@ -190,9 +187,6 @@ def plan_pokes(
     pokes: int = 50,
 ) -> Plan:
     """Choose pokes one after the other, each to reduce the worst taxels' covariances most; return a `Plan`.
-
-    Each taxel above `wanted` counts by a power of its variance over the largest, as a poke also improves others that
-    are nearly as bad as the worst.
 
     Args:
         units: places of the taxels.

@@ -14,7 +14,7 @@ from palpate.spatial.pose import Pose, skew
 from palpate.surfaces.geodesic import walk
 from palpate.surfaces.surface import Surface
 
-__all__ = ["Units", "fitted", "frame_about", "placed", "single"]
+__all__ = ["Units", "across", "fitted", "frame_about", "placed", "single"]
 
 _STEP = np.array([2e-5, 2e-5, 1e-3])  # m, m, rad: of the differences that stand for derivatives
 _ROUNDS = 25  # of the fit of modules to places
@@ -31,8 +31,8 @@ class Units:
     """The u units that move rigidly and the k taxels on them; a taxel without a unit has no place.
 
     On a surface a unit has three unknowns, along its heading, across it and about its normal [m, m, rad], and a flat
-    module is laid on the surface by geodesics from its middle, so that it does not stretch. Without one it has six: its
-    middle's x, y, z [m] and a rotation vector [rad] about it. Single taxels do not turn: two or three.
+    module is laid on the surface by geodesics from its middle. Without one it has six: its middle [m] and a rotation
+    vector [rad] about it. Single taxels do not turn: two or three.
 
     Attributes:
         layout: flat places of the taxels on their units.
@@ -139,15 +139,20 @@ class Units:
         return np.concatenate([flat, np.arctan2(heading[:, 1], heading[:, 0])[:, None]], axis=1)
 
 
+def across(normals: Vectors) -> Float[np.ndarray, "k 3 2"]:
+    """Return two unit axes (k, 3, 2) of the tangent plane at each unit normal (k, 3), right-handed with it."""
+    first = np.cross(normals, np.eye(3)[np.argmin(np.abs(normals), axis=1)])
+    first = first / np.linalg.norm(first, axis=1, keepdims=True)
+    return np.stack([first, np.cross(normals, first)], axis=2)
+
+
 @takes_arrays
 def frame_about(normals: Vectors, along: Vectors) -> Float[np.ndarray, "k 3 3"]:
-    """Return frames (k, 3, 3): the third column the normal, the first nearest to a direction, or anywhere across."""
+    """Return frames (k, 3, 3): third columns along normals (k, 3), first ones as near as possible to `along` (k, 3)."""
     outward = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     first = along - np.einsum("kc,kc->k", along, outward)[:, None] * outward
     length = np.linalg.norm(first, axis=1, keepdims=True)
-    other: Vectors = np.cross(outward, np.eye(3)[np.argmin(np.abs(outward), axis=1)])
-    other /= np.linalg.norm(other, axis=1, keepdims=True)
-    first = np.where(length > 1e-9, first / np.maximum(length, 1e-9), other)
+    first = np.where(length > 1e-9, first / np.maximum(length, 1e-9), across(outward)[:, :, 0])
     return np.stack([first, np.cross(outward, first), outward], axis=2)
 
 

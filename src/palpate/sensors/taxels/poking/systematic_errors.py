@@ -1,7 +1,6 @@
 """Model errors of sensor and robot in pokes: bias, frames, cross-talk; and predict the torque of a poke with them.
 
-The model predicts forwards: measurements stay as they are, and the torque that they should show is computed from the
-contact. (To correct the measurement by a free cross-talk shrinks the residual with the measurement, and diverges.)
+Measurements stay as they are: to correct them by a free cross-talk shrinks the residual with the measurement.
 
     w_measured = (I + C) [f, c x f] + b,    c = R (Exp(phi) p + rho) + o
 
@@ -100,7 +99,7 @@ def predicted(pokes: Pokes, points: Float[np.ndarray, "n 3"], nuisances: Nuisanc
     """Return the torque of pokes at points (n, 3) [m] of the link, and its derivatives, as `Predicted`.
 
     Raises:
-        InputError: another number of points than pokes, or a cross-talk by which I + C is singular.
+        InputError: points or nuisances that do not fit the pokes, or a cross-talk by which I + C is singular.
     """
     d, cross = pokes.configuration, nuisances.cross_talk
     error, bias = nuisances.frames[d] + nuisances.common, nuisances.bias[d]

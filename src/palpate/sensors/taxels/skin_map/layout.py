@@ -1,15 +1,13 @@
 """Lay a sheet that does not stretch on a surface: geodesics first, then the least squared Green strain.
 
 The edge from the origin along the heading becomes a geodesic, and so does every line of the sheet across it. In these
-coordinates the surface's metric is J^2 dx^2 + dy^2 with J_yy = -K J, J = 1 and J_y = 0 on the edge: where the Gaussian
-curvature K is zero, on every developable surface, J stays 1 and the sheet has unrolled exactly. Elsewhere its lines
-give way: parameters over the sheet, cubic splines in x and y (added to the geodesics where these are nearly right), are
+coordinates the surface's metric is J^2 dx^2 + dy^2 with J_yy = -K J, J = 1 and J_y = 0 on the edge. On a developable
+surface K = 0 and the sheet has unrolled exactly. Elsewhere parameters over the sheet, cubic splines in x and y, are
 found by Gauss-Newton so that
 
     W = integral |E|^2 dx dy,   E = (F'F - I)/2,   F = [r_x r_y]
 
-is least. The sheet's corner stays at its place, and its first edge starts along the heading: after two cells it meets
-the geodesic again.
+is least. The sheet's corner stays, and its first edge meets the geodesic again after two cells.
 """
 
 from __future__ import annotations
@@ -134,8 +132,8 @@ def lay(
         start: (2,) parameters of the outer corner of cell (0, 0).
         heading: (3,) the direction of increasing column there; its part along the surface counts.
         sheet: the sheet; its thickness does not matter.
-        bounds: of u and of v, beyond which there is no surface to follow: there strain hardly counts.
-        elements: largest number of elements of the displacement's spline along either side.
+        bounds: of u and of v, beyond which strain hardly counts.
+        elements: largest number of elements of the spline along either side.
         look: called with the lattice along geodesics before the strain is minimised; may raise.
 
     Raises:
@@ -251,7 +249,7 @@ def _geodesic(
 ) -> Float[np.ndarray, "n m 6"]:
     """Return states (u, v, u', v', J, J') along unit-speed geodesics at lengths that rise from 0, by Runge-Kutta (4).
 
-    Steps have one length; between them a cubic goes through their ends and slopes.
+    Between its equal steps a cubic goes through their ends and slopes.
     """
     steps = max(1, int(np.ceil(places[-1] / _STEP)))
     h = places[-1] / steps
@@ -278,7 +276,7 @@ class _Problem:
         self.fan = np.zeros((len(self.by), len(self.bx), 6)) if fan is None else fan
 
     def strain(self, control: Grid) -> tuple[np.ndarray, ...]:
-        """Return E_xx, E_yy and E_xy (n, m, 3), the surface there, the parameters' derivatives by x and y, weights."""
+        """Return E_xx, E_yy and E_xy (n, m, 3), the surface, the parameters' slopes by x and y, and weights there."""
         uv = self.fan[..., :2] + _spread(self.by, control, self.bx)
         ux = self.fan[..., 2:4] + _spread(self.by, control, self.dx)
         uy = self.fan[..., 4:6] + _spread(self.dy, control, self.bx)
@@ -295,7 +293,7 @@ class _Problem:
         anchor: _Anchor,
         enough: float = 1e-3,
     ) -> tuple[Grid, int]:
-        """Minimise by Gauss-Newton until a step gains less than a share `enough`; steps that do not help are halved."""
+        """Minimise by Gauss-Newton until a step gains less than a share `enough`; halve steps that do not help."""
         state = self.strain(control)
         energy = _energy(state[0], state[3])
         for rounds in range(_ROUNDS):

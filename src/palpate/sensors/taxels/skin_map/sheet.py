@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from math import inf
 from typing import Any, cast
@@ -19,7 +20,7 @@ from palpate.sensors.taxels.skin_map.shell import Mode, Planes, Shell, Site, she
 from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.mesh import Mesh
 
-__all__ = ["Sheet", "fit_stretch", "map_skin", "mapped", "placed"]
+__all__ = ["fit_stretch", "map_skin", "placed"]
 
 _HELD = 0.10  # strain beyond which no sheet lies by itself
 _ASTRAY = 0.25  # of the cells may seem to lie beside the surface along geodesics: the layout may bring them back
@@ -40,22 +41,22 @@ def map_skin(
 ) -> SkinMap:
     """Return the `SkinMap` of a sheet on a link, with the place and the outward normal of every cell.
 
-    A B-spline is fitted to the outside of the mesh (`shell`) and the sheet is laid on it without stretching (`lay`).
+    The sheet is laid without stretching on a B-spline that is fitted to the outside of the mesh.
 
     Args:
-        mesh: of the link [m], as it comes: soup, open, with doubled facets and inner bodies.
+        mesh: of the link [m]: it may be unconnected, open, with doubled facets and inner bodies.
         sheet: the sheet to lay.
         origin: (3,) outer corner of cell (0, 0) [m], on the mesh.
         heading: (3,) direction of increasing column there; its part along the surface counts.
-        mode: "facets" follows the mesh as it is, "vertices" the smooth shape that its vertices sample; None: chosen by
-            the mesh, and stated in the notes.
+        mode: "facets" follows the mesh as it is, "vertices" the smooth shape that its vertices sample; None: the mesh
+            decides, and the notes state it.
         planes: that cut the mesh; None: found from its shape.
         control: largest number of the spline's control points, along facets.
         provenance: stored with the map.
 
     Raises:
-        InputError: the origin is off the surface, the heading is along the normal, or at least one cell has no surface
-            under it.
+        InputError: the origin is off the surface, the heading is along the normal, the axis of the planes has no
+            direction or passes through the origin, or a cell has no surface under it.
         GeometryError: the mesh cannot be cut by two families of planes about the origin.
     """
     site = placed(mesh, sheet, origin, heading)
@@ -65,13 +66,16 @@ def map_skin(
     notes = (f"{others} facets that are not of the origin's body were left out",) if others else ()
 
     def on(here: Site) -> SkinMap:
-        return mapped(shell(here, signed, mode=mode, planes=planes, control=control), sheet, point, site.heading)
+        return _mapped(shell(here, signed, mode=mode, planes=planes, control=control), sheet, point, site.heading)
 
     try:
         result = on(site)
     except PalpateError:
-        result = _else(on, replace(site, facets=np.arange(len(mesh.faces)))) if others else None
-        if result is None:
+        result = None
+        if others:  # patches without common vertices may be one link
+            with suppress(PalpateError):
+                result = on(replace(site, facets=np.arange(len(mesh.faces))))
+        if result is None or not abs(result.strain[1]) < _HELD:
             raise
         notes = ("the outermost of all bodies is taken: the body at the origin alone does not carry the sheet",)
     return replace(result, notes=(*notes, *result.notes), provenance=dict(provenance or {}))
@@ -82,7 +86,8 @@ def placed(mesh: Mesh, sheet: Sheet, origin: ArrayLike, heading: ArrayLike) -> S
     """Return the sheet's `Site`: its corner on the mesh, heading, outward normal, and the facets of its body.
 
     Raises:
-        InputError: the origin is off the surface, or the heading along the normal.
+        InputError: origin or heading are not three finite numbers, the origin is off the surface, or the heading is
+            along the normal.
     """
     point, direction = _vector(origin, "origin"), _vector(heading, "heading")
     feet, normals, facets = mesh.project(point[None])
@@ -103,22 +108,8 @@ def placed(mesh: Mesh, sheet: Sheet, origin: ArrayLike, heading: ArrayLike) -> S
     return Site(mesh, _body(mesh, facet), foot, along / np.linalg.norm(along), normal)
 
 
-def _else(on: Callable[[Site], SkinMap], site: Site) -> SkinMap | None:
-    """Lay the sheet on all patches, which may be one link without common vertices; None if it lies badly."""
-    try:
-        result = on(site)
-    except PalpateError:
-        return None
-    return result if abs(result.strain[1]) < _HELD else None
-
-
-@takes_arrays
-def mapped(found: Shell, sheet: Sheet, origin: Float[np.ndarray, "3"], heading: Float[np.ndarray, "3"]) -> SkinMap:
-    """Lay a sheet on a shell and return its `SkinMap`.
-
-    Raises:
-        InputError: at least one cell has no surface under it.
-    """
+def _mapped(found: Shell, sheet: Sheet, origin: Float[np.ndarray, "3"], heading: Float[np.ndarray, "3"]) -> SkinMap:
+    """Lay a sheet on a shell and return its map."""
     begin = found.surface.nearest(origin[None], found.chart.coordinates(origin[None])[:, :2])[0]
     domain = found.surface.domain
     try:
@@ -172,9 +163,8 @@ def fit_stretch(
         planes: as for `map_skin`.
 
     Raises:
-        InputError: no cell is known, or one that is not on the sheet; the origin is off the surface, the heading along
-            the normal, or a cell has no surface under it.
-        GeometryError: the mesh cannot be cut by two families of planes about the origin.
+        InputError: no cell is known, or one that is not on the sheet; or as for `map_skin`.
+        GeometryError: as for `map_skin`.
     """
     from scipy.optimize import least_squares
 
@@ -297,8 +287,7 @@ def _inside(points: Float[np.ndarray, "n 2"], edge: Float[np.ndarray, "k 2"]) ->
 
 def _notes(found: Shell, layout: LaidSheet, overlap: Bool[np.ndarray, "r c"]) -> tuple[str, ...]:
     notes: list[str] = []
-    covered = found.there(_cell_blocks(layout.uv))
-    partly = int(np.count_nonzero(~covered.all(axis=(2, 3))))
+    partly = int(np.count_nonzero(~found.there(_cell_blocks(layout.uv)).all(axis=(2, 3))))
     if partly:
         notes.append(f"{partly} cells reach beyond the surface, which is continued there")
     if overlap.any():
