@@ -10,9 +10,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
-from palpate.calibration._pose_fit import apply, fit, offset
 from palpate.calibration._screws import name_motions
-from palpate.calibration._touch_evidence import Evidence, KnownPoints, SomewhereOnSurface, Spreads
+from palpate.calibration._touch_evidence import Evidence, KnownPoints, SomewhereOnSurface, Spreads, fit, offset
 from palpate.calibration.touch_error import spread_in_time
 from palpate.calibration.validation import Validation, cross_validate
 from palpate.calls import called_as
@@ -204,7 +203,7 @@ def _judged(
     """Return the mounting, with its covariance and the directions that the touches determine."""
     evidence = evidence_of(used)
     prior, sizes = evidence.spreads.prior, evidence.spreads.sizes
-    residual, slope = _whitened(evidence, pose)
+    residual, slope = evidence.whitened(pose)
     turned = np.kron(np.eye(2), pose.rotation) * sizes  # from the surface's axes, in units of the prior
     seen = (slope @ turned).T @ (slope @ turned)
     freedom = max(1.0, 3 * len(used) - float(np.sum(np.linalg.eigvalsh(seen) > 1.0)))
@@ -221,8 +220,8 @@ def _judged(
     def predict(left: Bool[np.ndarray, " k"]) -> tuple[np.ndarray, np.ndarray]:
         others = evidence_of(used[~left])
         rest = fit(others, initial)[0]
-        known = _known(_whitened(others, rest)[1], widened, sizes)
-        away, slopes = _whitened(evidence_of(used[left]), rest)
+        known = _known(others.whitened(rest)[1], widened, sizes)
+        away, slopes = evidence_of(used[left]).whitened(rest)
         own = slopes.T @ slopes / widened
         return slopes.T @ away / widened, own + own @ known @ own
 
@@ -258,13 +257,6 @@ def _judged(
         left,
         (*notes, *left.notes),
     )
-
-
-def _whitened(evidence: Evidence, pose: Pose) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m 6"]]:
-    """Return the residuals of all touches, in standard deviations, and their slopes."""
-    whitener = evidence.whitener(pose)
-    slopes: Float[np.ndarray, "m 6"] = (whitener @ evidence.jacobian(pose)).reshape(-1, 6)
-    return apply(whitener, evidence.residual(pose)).ravel(), slopes
 
 
 def _known(slopes: Float[np.ndarray, "m 6"], widened: float, sizes: Float[np.ndarray, "6"]) -> np.ndarray:

@@ -20,6 +20,7 @@ __all__ = ["MODELS", "read_model", "write_model"]
 Value = TypeVar("Value")
 
 
+# Kind of a model, as in its file -> its description; other packages add theirs by an entry point `palpate.models`.
 MODELS = Registry(
     {
         "payload": "palpate.sensors.force_torque.files.PAYLOAD",
@@ -28,12 +29,11 @@ MODELS = Registry(
         "skin map": "palpate.sensors.taxels.skin_map.model_file.SKIN_MAP",
         "taxels": "palpate.sensors.taxels.files.TAXELS",
         "marker ring": "palpate.sensors.marker_ring.files.MARKER_RING",
-        "camera": "palpate.sensors.marker_ring.camera_file.CAMERA",
+        "camera": "palpate.sensors.marker_ring.files.CAMERA",
     },
     Model,
     "palpate.models",
 )
-"""Kind of a model, as in its file -> its description; other packages add theirs by an entry point `palpate.models`."""
 
 
 @overload

@@ -15,7 +15,7 @@ from palpate.errors import InputError
 from palpate.files.logs import open_log
 from palpate.files.logs.layout import ImageChannel, LogLayout
 from palpate.sensors.marker_ring.calibrate_camera import calibrate_board
-from palpate.sensors.marker_ring.camera_file import of_camera
+from palpate.sensors.marker_ring.files import of_camera
 from palpate.signals.recording import IMAGE
 
 __all__ = ["CalibrateCamera"]
