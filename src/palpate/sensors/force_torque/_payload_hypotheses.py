@@ -1,13 +1,9 @@
 """Named mistakes in how a log's wrenches and rotations were recorded, and the correction of each.
 
 The residual distinguishes the frame of the wrenches, the swap of y and z (it makes the sensor left-handed, which no
-rotation undoes) and the direction of the rotations. In the force alone, wrenches in the base frame and inverse
-rotations look the same, with weight and bias exchanged; the torque distinguishes them.
-
-The residual does not distinguish the sign. Reversing force and torque reverses the weight and keeps the centre, so it
-shows only as a weight that points up: against the given gravity, or else against a base whose z points up. Reversing
-the torque alone mirrors the centre, and turning sensor or rotations by a fixed rotation (two axes flipped, the
-mounting) turns weight or centre: no set of poses can show any of these.
+rotation undoes) and the direction of the rotations. A reversed sign shows only as a weight that points up: against the
+given gravity, or else against a base whose z points up. No set of poses shows a reversed torque, which mirrors the
+centre, or a fixed rotation of sensor or base, which turns weight or centre.
 """
 
 from __future__ import annotations
@@ -51,26 +47,21 @@ class Hypothesis:
 
     Attributes:
         name: name that `identify_payload(..., hypothesis=name)` takes.
-        residual: (2,) rms of force [N] and torque [N m] per axis, over every sample, the ones set aside too.
-        misfit: geometric mean of the force and the torque that four samples in five stay within. With noise unknown the
-            likelihood compares hypotheses by this mean, which needs no length to add newtons and newton-metres.
-        payload: payload that is identified if the hypothesis is true.
+        residual: (2,) rms of force [N] and torque [N m] per axis, over every sample.
+        misfit: geometric mean of the force and the torque that four samples in five stay within.
     """
 
     name: str
     residual: Float[np.ndarray, "2"]
     misfit: float
-    payload: Payload
-
-
-def _names() -> list[str]:
-    """Return every combination that residuals distinguish, simplest first; the sign is added later."""
-    choices = product(("", BASE), ("", SWAPPED), ("", INVERSE))
-    return sorted((compose(*choice) for choice in choices), key=lambda name: len(parts(name)))
 
 
 def compose(*hypotheses: str) -> str:
-    """Join several names into one, in the order of `MEANINGS`."""
+    """Return several names joined into one, in the order of `MEANINGS`.
+
+    Raises:
+        InputError: a name is not known.
+    """
     given = {part for name in hypotheses for part in parts(name)}
     return " + ".join(part for part in MEANINGS if part in given) or AS_IS
 
@@ -94,15 +85,15 @@ def parts(hypothesis: str) -> tuple[str, ...]:
 def corrected(
     wrenches: Float[np.ndarray, "n 6"], rotations: Float[np.ndarray, "n 3 3"], hypothesis: str
 ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 3 3"]]:
-    """Return wrenches in the sensor frame and rotations of the sensor in the base if the hypothesis is true.
+    """Return wrenches (n, 6) in the sensor frame and rotations (n, 3, 3), sensor in base, if the hypothesis is true.
 
-    "base frame + y and z swapped": the driver swapped in the sensor frame, then the log was rotated; this is undone in
-    the reverse order.
+    Raises:
+        InputError: the hypothesis is not known.
     """
     told = parts(hypothesis)
     if INVERSE in told:
         rotations = rotations.swapaxes(-1, -2)
-    if BASE in told:
+    if BASE in told:  # first: a driver swaps in the sensor frame
         wrenches = np.einsum("nji,nkj->nki", rotations, wrenches.reshape(-1, 2, 3)).reshape(-1, 6)
     if SWAPPED in told:
         wrenches = wrenches[:, SWAP]
@@ -117,7 +108,8 @@ def diagnose(
     Each has the sign with which the weight points down.
     """
     found: list[Hypothesis] = []
-    for name in _names():
+    choices = product(("", BASE), ("", SWAPPED), ("", INVERSE))  # simplest first below, without the sign
+    for name in sorted((compose(*choice) for choice in choices), key=lambda name: len(parts(name))):
         try:
             solution = solve(*corrected(wrenches, rotations, name), settings)
             if points_up(solution.payload, settings):
@@ -125,12 +117,12 @@ def diagnose(
                 solution = solve(*corrected(wrenches, rotations, name), settings)
         except NotIdentifiable:
             continue
-        found.append(Hypothesis(name, rms(solution.residuals), misfit(solution), solution.payload))
+        found.append(Hypothesis(name, rms(solution.residuals), misfit(solution)))
     return sorted(found, key=lambda hypothesis: hypothesis.misfit)
 
 
 def misfit(solution: PayloadSolution) -> float:
-    """Return the misfit of a `Hypothesis`: a quantile over all samples, so setting samples aside cannot improve it."""
+    """Return the misfit of a `Hypothesis`."""
     lengths = np.linalg.norm(solution.residuals.reshape(-1, 2, 3), axis=2)
     return float(np.sqrt(np.prod(np.quantile(lengths, 0.8, axis=0))))
 
@@ -143,10 +135,7 @@ def points_up(payload: Payload, settings: PayloadSettings) -> bool:
 
 
 def is_bad(solution: PayloadSolution, wrenches: Float[np.ndarray, "n 6"], settings: PayloadSettings) -> bool:
-    """Return whether the residual is larger than that of a sound log, or too many samples were set aside.
-
-    `wrenches` are those of the log, from which the torque's variation is computed.
-    """
+    """Return whether the residual is larger than that of a sound log, or too many samples were set aside."""
     stated = np.zeros(2) if settings.noise is None else np.sqrt(np.diag(settings.noise).reshape(2, 3).mean(axis=1))
     variation = float(np.std(wrenches[:, 3:], axis=0).max())
     share = BAD_SHARE * np.array([np.linalg.norm(solution.payload.weight), variation])
@@ -160,6 +149,7 @@ def doubts(
     """Return warnings about a fit under `hypothesis`; wrenches and rotations are those of the log, not corrected.
 
     Raises:
+        InputError: the hypothesis is not known.
         NotIdentifiable: the residual hides the weight, and no hypothesis explains that.
     """
     payload, bad = solution.payload, is_bad(solution, wrenches, settings)
@@ -167,24 +157,21 @@ def doubts(
         return (mistake,)
     used = corrected(wrenches, rotations, hypothesis)[1][solution.kept]
     check_noise(used, settings.direction, payload.weight, solution.noise)
-    said: tuple[str, ...] = ()
+    said: list[str] = []
     share = payload.residual[0] / float(np.linalg.norm(payload.weight))
     if bad and share > BAD_SHARE:
-        said += (
+        said.append(
             f"The fit has residuals of {payload.residual[0]:.2g} N and {payload.residual[1]:.2g} N m, {share:.0%} of "
-            "the weight, and no known mistake explains them: check for touches, fast motion, and wrong units or times.",
+            "the weight, and no known mistake explains them: check for touches, fast motion, and wrong units or times."
         )
     if points_up(payload, settings):
-        said += (_upward(settings, hypothesis),)
-    return said
-
-
-def _upward(settings: PayloadSettings, hypothesis: str) -> str:
-    against = "up in the base (z)" if settings.direction is None else "against the given gravity"
-    cause = "the base's z points down" if settings.direction is None else "that direction is wrong"
-    name = compose(hypothesis, REVERSED)
-    reversed_sign = f"{MEANINGS[REVERSED]} (hypothesis={name!r})"
-    return f"The weight points {against}: either {cause}, or {reversed_sign}. The poses alone cannot tell which."
+        against = "up in the base (z)" if settings.direction is None else "against the given gravity"
+        cause = "the base's z points down" if settings.direction is None else "that direction is wrong"
+        said.append(
+            f"The weight points {against}: either {cause}, or {MEANINGS[REVERSED]} "
+            f"(hypothesis={compose(hypothesis, REVERSED)!r}). The poses alone cannot tell which."
+        )
+    return tuple(said)
 
 
 def _explanation(found: list[Hypothesis], misfit_now: float) -> str:

@@ -17,15 +17,14 @@ MAX_SHARE = 0.1  # of the weight: largest standard error of a direction of weigh
 def check_poses(
     rotations: Float[np.ndarray, "n 3 3"], direction: Float[np.ndarray, "3"] | None, weight: Float[np.ndarray, "3"]
 ) -> None:
-    """Raise NotIdentifiable, with the parameters' names, if the poses cannot separate the parameters.
+    """Require that the poses separate the parameters.
 
-    The regressors of the force, on (w, f0), and of the torque, on (|w| c, m0), are dimensionless; over sqrt(n) their
-    singular values lie in [0, sqrt 2], near 1 for poses in all directions. Below MIN_SINGULAR they may come from wrong
-    orientations alone.
+    The regressors of force, on (w, f0), and torque, on (|w| c, m0), have singular values over sqrt(n) in [0, sqrt 2],
+    near 1 for poses in all directions. Below MIN_SINGULAR they may come from wrong orientations alone.
 
     Args:
         rotations: (n, 3, 3), sensor in base.
-        direction: unit vector of gravity in the base; None when free.
+        direction: (3,) unit vector of gravity in the base; None: free.
         weight: (3,) [N] as fitted.
 
     Raises:
@@ -47,13 +46,12 @@ def check_noise(
     weight: Float[np.ndarray, "3"],
     noise: float,
 ) -> None:
-    """Raise NotIdentifiable if the poses do not separate the parameters because of the noise, `noise` [N] a sample.
+    """Require that the poses separate the parameters despite the noise, of standard deviation `noise` [N].
 
-    A direction of weight or bias is determined when its standard error, noise / (s sqrt n) with s its singular value in
-    `check_poses`, is below MAX_SHARE of the weight.
+    The standard error of a direction is noise / (s sqrt n) with s its singular value in `check_poses`.
 
     Raises:
-        NotIdentifiable: some direction is not determined; states the noise and the weight.
+        NotIdentifiable: that of some direction is above MAX_SHARE of the weight; states the noise and the weight.
     """
     values, _ = _scaled_svd(force_columns(rotations, direction))
     known = noise / (values * np.sqrt(len(rotations))) <= MAX_SHARE * float(np.linalg.norm(weight))

@@ -33,15 +33,9 @@ SURE = 5.0  # times its standard deviation: a smaller tare is no touch
 
 
 class _Readings(NamedTuple):
-    """Samples as the compiled loops take them: contiguous and writable, n rows, or one that stands for all.
+    """Samples as the compiled loops take them: n rows, contiguous and writable, or one that stands for all.
 
-    Attributes:
-        time: (n,) [s].
-        wrench: (n, 6) as measured.
-        rotation: (n or 1, 3, 3) sensor in base.
-        acceleration: (n or 1, 3) [m/s^2].
-        unsteady: (n or 1, 1) [m/s^2] standard deviation of the acceleration.
-        age: (n or 1, 1) [s] since the zero was taken.
+    `unsteady` is the standard deviation [m/s^2] of the acceleration, `age` the time [s] since the zero was taken.
     """
 
     time: np.ndarray
@@ -52,12 +46,10 @@ class _Readings(NamedTuple):
     age: np.ndarray
 
     def picked(self, rows: Bool[np.ndarray, " n"]) -> _Readings:
-        """Return the readings of a mask (n,); a row that stands for all is kept."""
         count = len(self.time)
         return _Readings(*(part[rows] if len(part) == count else part for part in self))
 
     def mean(self) -> _Readings:
-        """Return the mean of the samples as one sample."""
         return _Readings(*(part.mean(axis=0, keepdims=True) for part in self))
 
 
@@ -139,13 +131,7 @@ class Compensation:
     def single(
         self, time: float, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None
     ) -> _Compensated:
-        """Return one sample as `Measured`: the contact's wrench (1, 6) [N, N m] and its status.
-
-        Args:
-            time: [s].
-            reading: (6,) [N, N m] as measured.
-            rotation: (3, 3) sensor in base, used where it is needed; NaN where it is not known.
-            acceleration: (3,) [m/s^2] of the sensor in its own frame, without gravity; None: 0.
+        """Return one sample (see `hold`) as `Measured`: the contact's wrench (1, 6) [N, N m] and its status.
 
         Raises:
             InputError: the rotation is needed and None, an argument has another shape, or the time is no number.
@@ -156,7 +142,13 @@ class Compensation:
         return self._compensated(self._read(time), self._zero)
 
     def hold(self, time: float, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None) -> None:
-        """Write one sample, with the arguments of `single`, into `live_inputs`.
+        """Write one sample into `live_inputs`.
+
+        Args:
+            time: [s].
+            reading: (6,) [N, N m] as measured.
+            rotation: (3, 3) sensor in base, used where it is needed.
+            acceleration: (3,) [m/s^2] of the sensor in its own frame, without gravity; None: 0.
 
         Raises:
             InputError: the rotation is needed and None, or an argument has another shape.
@@ -391,12 +383,12 @@ class Compensation:
         return ()
 
     def _hung(self, turn: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "6"]:
-        """Return the wrench (6,) of one more newton of the payload's weight; `turn` is R^T."""
+        """Return the wrench of one more newton of the payload's weight; `turn` is R^T."""
         force = turn @ self._stated[:3] / np.linalg.norm(self._stated[:3])
         return np.concatenate([force, np.cross(self._stated[3:6], force)])
 
     def _unknown(self) -> Float[np.ndarray, "r 12"]:
-        """Return the factor (r, 12) of the payload's covariance without its biases, which are in the zero."""
+        """Return the factor of the payload's covariance without its biases, which are in the zero."""
         left = self._doubts.copy()
         left[:, 3:6] = left[:, 9:] = 0.0
         return left
@@ -414,7 +406,6 @@ class Compensation:
         return self._means[count]
 
     def _untare(self) -> None:
-        """Subtract only the payload's biases from now on, as without a tare."""
         self._zero, self._unsure, self._mean = self._bias.copy(), self._doubts, np.zeros((4, 3))
         self._own, self._load = (self._zero, self._unsure), self._stated
         self._followed: ZeroState | None = None
@@ -427,11 +418,10 @@ class Compensation:
         return self._mean, self._unsure, placement.factor, placement.matrix, self._constant_in(placement)
 
     def _constant_in(self, placement: Placement) -> Float[np.ndarray, "5 6 6"]:
-        """Return the five constant covariances in the surface's frame that `place` of the compiled loops takes.
+        """Return the five constant covariances in the surface's frame that the compiled `place` takes.
 
-        With w(age) the share of white noise that remains after a filter, w its least value, and s the channels' shares
-        for the actual noise N, w(age) A + B is N at a start, and N s when the filter has settled; B also contains the
-        covariances of the tare and of the payload's misfit.
+        With w(t) the share of white noise that remains after a filter and s those of the noise N of each channel,
+        w A + B is N at a start, and N s when the filter has settled; B also contains tare and misfit.
         """
         if placement is self._placement:
             return self._constant
@@ -454,14 +444,13 @@ class Compensation:
         return made
 
     def _read(self, time: float) -> _Readings:
-        """Return the readings of the one sample in `live_inputs`."""
         made = self.live_inputs.copy()
         reading, rotation, acceleration = made[None, :6], made[6:15].reshape(1, 3, 3), made[None, 15:18]
         now = np.array([time], dtype=np.float64)
         return _Readings(now, reading, rotation, acceleration, made[None, 18:19], made[None, 19:])
 
     def _aged(self, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 1"]:
-        """Return the seconds (n, 1) since the tare or since the log began; 0 where the time is not known."""
+        """Return the seconds since the tare or the log's begin; 0 where the time is not known."""
         known = time[np.isfinite(time)]
         if np.isnan(self._since) and len(known):
             self._since = float(known[0])
@@ -475,7 +464,6 @@ class Compensation:
         return np.diag(np.repeat(np.where(seen > EXPLAINED * stated, seen - stated, 0.0), 3))
 
     def _readings(self, recording: Recording) -> _Readings:
-        """Return the channels of a recording that are needed, as readings."""
         moves = recording.channels if self._weighs else {}
         return _Readings(
             recording.time.copy(),
@@ -489,14 +477,13 @@ class Compensation:
     def _compensated(
         self, readings: _Readings, zero: Float[np.ndarray, "6"], load: Float[np.ndarray, "11"] | None = None
     ) -> _Compensated:
-        """Return the contacts' wrenches in the sensor's frame, and the statuses that are known already (else -1)."""
         wrenches, statuses = np.empty_like(readings.wrench), np.empty(len(readings.wrench), np.int8)
         load = self._load if load is None else load
         self._compensate(*readings[1:4], self._limits, load, zero, self._turned, wrenches, statuses)
         return _Compensated(readings.time, wrenches, statuses, readings)
 
     def _rotations(self, channels: Mapping[str, np.ndarray], source: str) -> Float[np.ndarray, "_ 3 3"]:
-        """Return rotations of the sensor in the base, NaN for an invalid quaternion; the identity if not needed."""
+        """Return sensor in base, NaN for an invalid quaternion; one identity where it is not needed."""
         if not self.needs_orientation:
             return np.eye(3)[None]
         quaternions = channels.get(ORIENTATION)
@@ -514,7 +501,6 @@ class Compensation:
 
 
 def _kept(kept: Float[np.ndarray, "n 19"]) -> _Readings:
-    """Split rows of `Compensation.kept` into readings, as the compiled loops take them."""
     count = len(kept)
     parts = (np.ascontiguousarray(part) for part in np.split(kept, [6, 15, 18], axis=1))
     reading, rotation, acceleration, unsteady = parts
@@ -523,6 +509,6 @@ def _kept(kept: Float[np.ndarray, "n 19"]) -> _Readings:
 
 
 def _both(shares: Float[np.ndarray, "6"]) -> Float[np.ndarray, "6 6"]:
-    """Return the factors of a covariance's entries for the given shares of each channel's variance."""
+    """Return the factors of a covariance's entries for shares of the channels' variances."""
     root = np.sqrt(shares)
     return np.outer(root, root)
