@@ -21,7 +21,7 @@ def nearest_in_time(
 ) -> Int[np.ndarray, " n"]:
     """Return for each time the index of the nearest known one, (n,), -1 where none is within `tolerance`.
 
-    Neither need be sorted; all times are in seconds.
+    All are in seconds; neither need be sorted.
     """
     order = np.argsort(known)
     order = order[np.isfinite(known[order])]
@@ -38,14 +38,14 @@ def nearest_in_time(
 def match_instants(
     contacts: Contacts, truth: TrueSamples, tolerance: float
 ) -> tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    """Return the number of each contact's truth, (n,), -1 for none, and (n,) bool, True if a truth is at its time.
+    """Return the number of each contact's truth, (n,), -1 for none, and a mask (n,), True if a truth is at its time.
 
     The contacts of one sample have different truths, chosen so that the sum of distances is least.
 
     Args:
-        contacts: of any sensor.
+        contacts: n rows.
         truth: several may have one time.
-        tolerance: largest difference of the times [s].
+        tolerance: [s] largest difference of the times.
     """
     match = nearest_in_time(contacts.time, truth.time, tolerance)
     due = match >= 0
@@ -78,12 +78,10 @@ def _nearest_pairs(points: Float[np.ndarray, "n 3"], known: Float[np.ndarray, "k
 def match_touches(
     contacts: Contacts, truth: TrueTouches
 ) -> tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"], list[Int[np.ndarray, " _"]]]:
-    """Return the number of each contact's touch, (n,), -1 for none; (n,) bool, True within a touch; rows of each touch.
+    """Return the number of each contact's touch, (n,), -1 for none; a mask (n,) of those within one; each touch's rows.
 
-    The last is a list of arrays of indices.
-
-    A touch has the rows of the identity nearest to it, and those without a point. Where touches overlap at an end
-    only, a row belongs to the first of them.
+    Rows are indices. A touch has those of the identity nearest to it, and those without a point. Where touches overlap
+    at an end only, a row belongs to the first of them.
     """
     inside = [
         np.flatnonzero((contacts.time >= start) & (contacts.time <= end))

@@ -29,9 +29,9 @@ def load_arm(
         acceleration: [rad/s^2, m/s^2] limit of every joint, which no URDF states.
 
     Raises:
-        InputError: the file cannot be read or is no URDF; there is no such link or joint; nothing moves between the
-            links, or they are not connected; `joints` are not those of the chain, in its order; a joint mimics another,
-            or has no range or no speed limit.
+        InputError: the file is no URDF; there is no such link or joint; nothing moves between the links, or they are
+            not connected; `joints` are not those of the chain, in its order; a joint mimics another, or has no range or
+            no speed limit.
     """
     robot = Urdf(Path(urdf))
     steps = robot.steps(base, sensor)

@@ -1,4 +1,4 @@
-"""Write files that are either complete or absent, and never overwrite an input of the command."""
+"""Write files that are complete or absent, and never overwrite an input."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def keep_inputs(output: Path, inputs: Iterable[Path | None], *, siblings: Iterab
 
     Args:
         output: file to write.
-        inputs: files to read; None is skipped. Leave out a file that may be updated in place.
+        inputs: files to read, or None; not those that may be updated in place.
         siblings: other files to write, such as OUTPUT.toml.
 
     Raises:
@@ -72,7 +72,7 @@ def part(path: Path) -> Path:
     """Return the path of a file while it is being written: OUTPUT.part, next to the file that OUTPUT resolves to.
 
     Raises:
-        InputError: the path cannot be resolved, such as links in a circle.
+        InputError: the path cannot be resolved.
     """
     target = _target(path)
     return target.with_name(target.name + PART)
@@ -82,8 +82,8 @@ def part(path: Path) -> Path:
 def growing(path: Path) -> Generator[Path]:
     """Yield OUTPUT.part, to be written piece by piece; it replaces OUTPUT when the block ends well or by Ctrl-C.
 
-    After any other error, or a kill, OUTPUT.part stays; that of an earlier run is removed first. It may be a folder;
-    then the file `WHOLE` in it replaces OUTPUT.
+    After another error, or a kill, it stays; that of an earlier run is removed first. It may be a folder; then the file
+    `WHOLE` in it replaces OUTPUT.
 
     Raises:
         InputError: OUTPUT cannot be written, is a folder, a pipe or a device, or another process is writing it; or
@@ -107,8 +107,8 @@ def replacing(path: Path) -> Generator[Path]:
     """Yield a temporary path that replaces `path`, or the target of this link, if the block ends well.
 
     Raises:
-        InputError: the folder does not exist or cannot be written; `path` is a folder, a pipe or a device; another
-            process is writing it; or the block raises an OSError.
+        InputError: `path` cannot be written, is a folder, a pipe or a device, or another process is writing it; or the
+            block raises an OSError.
     """
     _refuse_irregular(path, _status(path))
     target = _target(path)
@@ -126,7 +126,7 @@ def replacing(path: Path) -> Generator[Path]:
 
 @contextmanager
 def writing(path: Path) -> Generator[None]:
-    """Raise an OSError of the block as an `InputError` that names `path`.
+    """Raise an OSError of the block as an error that names `path`.
 
     Raises:
         InputError: the block raises an OSError.
@@ -138,10 +138,10 @@ def writing(path: Path) -> Generator[None]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write `text` as UTF-8, either completely or not at all.
+    """Write a text as UTF-8, either completely or not at all.
 
     Raises:
-        InputError: the file cannot be written, or the text cannot be encoded, as it may contain a file name.
+        InputError: the file cannot be written, or the text cannot be encoded.
     """
     try:
         raw = text.encode()
@@ -196,7 +196,7 @@ def require_folder(path: Path) -> None:
     """Check that the parent folder of a path exists.
 
     Raises:
-        InputError: it does not, or the path cannot be resolved.
+        InputError: it does not.
     """
     folder = _target(path).parent
     if not folder.is_dir():
@@ -226,7 +226,7 @@ def sibling_folder(output: Path) -> Generator[Path]:
     """Yield a temporary folder next to the output, and delete it afterwards.
 
     Raises:
-        OSError: the output's folder does not exist or may not be written.
+        OSError: the folder cannot be made.
     """
     made = TemporaryDirectory(PART, f".{output.stem}.", output.absolute().parent, ignore_cleanup_errors=True)
     with made as folder:

@@ -1,7 +1,6 @@
 """Let one process at a time write an output, by a lock that the system releases when the process dies.
 
-The lock is the file `.OUTPUT.lock` next to the file that OUTPUT resolves to, and is removed on release. Where the file
-system has no locks, nothing is locked.
+The lock is the file `.OUTPUT.lock` next to OUTPUT. Where the file system has no locks, nothing is locked.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ def reserving() -> Generator[set[Path]]:
 
 @contextmanager
 def inherited(target: Path) -> Generator[None]:
-    """Treat an output, an absolute path without links, as reserved during the block: the parent process did so."""
+    """Treat an output, which the parent process has reserved, as reserved during the block."""
     with reserving() as targets:
         targets.add(target)
         yield
@@ -46,8 +45,7 @@ def inherited(target: Path) -> Generator[None]:
 def reserve(target: Path) -> None:
     """Let no other process write an output until the enclosing `reserving` block ends; outside of one, do nothing.
 
-    Args:
-        target: absolute path, without links.
+    `target` is an absolute path, without links.
 
     Raises:
         InputError: another process is writing it.
@@ -63,8 +61,7 @@ def reserve(target: Path) -> None:
 def only_writer(target: Path) -> Generator[None]:
     """Lock an output against other writers during the block, unless this process has reserved it.
 
-    Args:
-        target: absolute path, without links.
+    `target` is an absolute path, without links.
 
     Raises:
         InputError: another process or thread is writing it.

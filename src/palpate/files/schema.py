@@ -79,8 +79,8 @@ def parse(
     Args:
         table: as tomllib returns it.
         model: a dataclass of str, bool, int, float, tuples of these, arrays annotated with their shape, Mapping, other
-            dataclasses, and unions with None. Equal letters in the shapes of one table are equal sizes, and a square
-            array is a covariance. Floats are finite, unless metadata (`INFINITE`) or `Key` of the field allow more.
+            dataclasses, and unions with None. Equal letters in the shapes of a table are equal sizes; a square array is
+            a covariance; floats are finite, unless `INFINITE` or `Key` allow more.
         file: path of the file, for messages.
         key: dotted path of this table in the file.
         forms: class -> form, where files hold more than the annotations.

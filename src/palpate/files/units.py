@@ -79,13 +79,8 @@ _TRAILING = re.compile(r"^(.*?\w)(?:\s*/\s*|\s+in\s+|[_\s]+)([^\s_/]+|m/s\^?2)$"
 def to_si(unit: str, table: Mapping[str, float], *, where: str) -> float:
     """Return the size of one `unit` in SI; "Nm", "N*m" and "N.m" mean "N m", and "N/1000" is a thousandth of "N".
 
-    Args:
-        unit: in any usual spelling.
-        table: such as `FORCE_UNITS`.
-        where: place of the unit, for the message.
-
     Raises:
-        InputError: the unit is not in the table.
+        InputError: the unit, which stands at the place `where`, is not in the table.
     """
     known, count = known_unit(unit, table), 1.0
     if known is None and "/" in unit:  # counts of a sensor: so many make one unit

@@ -1,4 +1,4 @@
-"""Read a robot description (URDF): a link's meshes, the tree of fixed frames, and the kinematics of moving joints."""
+"""Read a robot description (URDF): meshes, the tree of fixed frames, and the kinematics of moving joints."""
 
 from __future__ import annotations
 
@@ -35,9 +35,13 @@ _ROUND, _HALVED = 96, 4  # facets round a cylinder, halvings of an icosahedron: 
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint: `origin` is T_parent_child at position zero; `mimics` names the joint it follows, "" if none.
+    """A joint.
 
-    `follows` are factor and offset of its position from that of the other.
+    Attributes:
+        origin: T_parent_child at position zero.
+        mimics: joint that it follows; "" if none.
+        follows: factor and offset of its position from that of the other.
+        element: its XML element.
     """
 
     name: str
@@ -53,12 +57,12 @@ class Joint:
 @takes_arrays
 @dataclass(frozen=True)
 class LinkBody:
-    """The triangles of a link, in its frame [m].
+    """The triangles of a link, in its frame.
 
     Attributes:
         vertices, faces: (v, 3) [m] and (f, 3), of all its meshes and primitives.
-        geometry: the entry of `GEOMETRIES` it was taken from.
-        files: mesh files that were read.
+        geometry: entry of `GEOMETRIES` that they are from.
+        files: meshes that were read.
     """
 
     vertices: Float[np.ndarray, "v 3"]
@@ -79,14 +83,14 @@ class LinkBody:
 
 
 class Urdf:
-    """A robot description, read from a URDF file.
+    """A robot description.
 
     Args:
         path: the URDF file.
         packages: name of a ROS package -> its folder; others are searched for above the file and in ROS's paths.
 
     Raises:
-        InputError: there is no such file, it is not a URDF, or xacro must be expanded first.
+        InputError: the file cannot be read, is no URDF, or xacro must be expanded first; or a joint is malformed.
     """
 
     def __init__(self, path: Path, packages: Mapping[str, Path] | None = None) -> None:
@@ -117,7 +121,7 @@ class Urdf:
         return _tree(joint for joint in self.joints if joint.kind == "fixed")
 
     def root(self, link: str) -> str:
-        """Return the name of the topmost link above `link`.
+        """Return the topmost link above `link`.
 
         Raises:
             InputError: there is no such link, a link has two parents, or the joints form a loop.
@@ -129,18 +133,18 @@ class Urdf:
         """Return the joints between two links that can move, in the order of the file.
 
         Raises:
-            InputError: there is no such link, no joints connect the two, they form a loop, or a joint moves other than
-                about or along one axis.
+            InputError: there is no such link, not one path connects the two, or a joint in it is neither fixed nor of
+                one axis.
         """
         found = [joint for joint, _ in self.steps(base, sensor) if joint.kind != "fixed"]
         return sorted(found, key=self.joints.index)
 
     def steps(self, base: str, sensor: str) -> list[tuple[Joint, bool]]:
-        """Return all joints from one link to another, each with True if passed from its parent to its child.
+        """Return all joints from one link to another, each with True if passed from parent to child.
 
         Raises:
-            InputError: there is no such link, no joints connect the two, they form a loop, or a joint moves other than
-                about or along one axis.
+            InputError: there is no such link, not one path connects the two, or a joint in it is neither fixed nor of
+                one axis.
         """
         for link in (base, sensor):
             self.require(link)
@@ -158,7 +162,7 @@ class Urdf:
         return found
 
     def axis(self, joint: Joint) -> Float[np.ndarray, " 3"]:
-        """Return the axis of a joint, (3,), in the joint's frame and of any length; x if the file gives none.
+        """Return a joint's axis (3,), of any length, in its own frame; x if the file gives none.
 
         Raises:
             InputError: the axis is not three finite numbers.
@@ -169,7 +173,7 @@ class Urdf:
         return self._numbers(element, "xyz", f"the axis of joint {joint.name!r}", (1.0, 0.0, 0.0))
 
     def limits(self, joint: Joint) -> tuple[float, float, float]:
-        """Return the lowest and highest position [rad, m] of a joint and its speed limit [rad/s, m/s]; 0 if omitted.
+        """Return lowest and highest position [rad, m] and speed limit [rad/s, m/s] of a joint; 0 where omitted.
 
         The range of a continuous joint is -inf to inf.
 
@@ -192,7 +196,7 @@ class Urdf:
             raise InputError(f"there is no link {link!r}.", where=str(self.path), hint=near(link, self._links))
 
     def body(self, link: str, geometry: str | None = None) -> LinkBody:
-        """Return a link's meshes, boxes, cylinders and spheres as a `LinkBody`, scaled and placed in the link's frame.
+        """Return a link's meshes, boxes, cylinders and spheres, scaled and placed in its frame.
 
         Args:
             link: name of the link.
@@ -324,14 +328,14 @@ class Urdf:
 
 @takes_arrays
 class Kinematics:
-    """Forward kinematics of one link in another, computed by pinocchio from the joint positions between them.
+    """Forward kinematics of one link in another, computed by pinocchio.
 
     Attributes:
-        joints: names of the joints whose positions [rad, m] are needed; for one that mimics another, that other.
+        joints: names of the joints whose positions are needed; for one that mimics another, that other.
 
     Raises:
-        InputError: there is no such link or no joints connect the two; one moves other than about or along one axis, or
-            mimics a joint that does not move by itself; or pinocchio is not installed, or cannot read the URDF.
+        InputError: there is no such link, or not one path connects the two; a joint in it is neither fixed nor of one
+            axis, or mimics one that does not move by itself; or pinocchio is not installed, or cannot read the URDF.
     """
 
     def __init__(self, urdf: Urdf, base: str, sensor: str) -> None:
@@ -358,7 +362,7 @@ class Kinematics:
         self._moved = list(zip(places, sources, (joint.follows for joint in chain), strict=True))
 
     def require_radians(self, values: Float[np.ndarray, "n k"], where: str) -> None:
-        """Check that positions (n, k) of `joints` are not in degrees; `where` is their place, for the message.
+        """Check that positions of `joints` (n, k) are not in degrees; `where` is their place, for the message.
 
         Raises:
             InputError: most positions of a limited revolute joint exceed 2 pi.
@@ -372,10 +376,9 @@ class Kinematics:
             raise InputError(what, where=where, hint="Write positions of joints in radians.")
 
     def poses(self, values: Float[np.ndarray, "n k"]) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 3"]]:
-        """Return the sensor's poses in the base: quaternions x, y, z, w (n, 4) and positions (n, 3) [m].
+        """Return the sensor's quaternions x, y, z, w (n, 4) and positions (n, 3) [m] in the base.
 
-        Args:
-            values: (n, k) [rad, m] positions of `joints`.
+        `values` are positions of `joints`, (n, k) [rad, m].
         """
         pin, model, data = self._pin, self._model, self._data
         moved = np.ones(len(values), dtype=bool)

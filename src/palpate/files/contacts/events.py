@@ -1,4 +1,4 @@
-"""Write touches.csv, the touches that were found, in the form that known touches have."""
+"""Write touches.csv, the touches that were found, in the form of known touches."""
 
 from __future__ import annotations
 

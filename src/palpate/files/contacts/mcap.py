@@ -1,4 +1,4 @@
-"""Convert contacts to and from MCAP messages: some that Foxglove, rerun and ROS 2 draw, and one with all numbers."""
+"""Convert contacts to and from MCAP messages: one with all numbers, and some that Foxglove, rerun and ROS 2 draw."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ LATEST = 2**31 * 10**9 - 1  # ns: the largest stamp whose seconds fit an int32
 
 
 def topics(features: tuple[str, ...] = ()) -> tuple[WrittenTopic, ...]:
-    """Return each `WrittenTopic` of a file of contacts, a tuple: one with all numbers of each row, two for viewers."""
+    """Return the topics of a file of contacts: one with all numbers of each row, two for viewers."""
     added = "".join(f"float64 {name} # of the sensor, SI\n" for name in features)
     return (
         WrittenTopic("/palpate/contact/estimate", KIND, f"{_CONTACT}{added}{_STATUS}{STAMPED}{_POINT}{VECTOR}"),
@@ -98,7 +98,7 @@ def topics(features: tuple[str, ...] = ()) -> tuple[WrittenTopic, ...]:
 
 
 def named_features(definition: str) -> tuple[str, ...]:
-    """Return the names of the features in a definition of `KIND`: its numbers between covariance and status."""
+    """Return the names of the features in a definition of `KIND`."""
     own = definition.split(_RULE, 1)[0].partition("covariance")[2]
     return tuple(re.findall(r"^float64 (\w+)", own, re.MULTILINE))
 
@@ -109,7 +109,7 @@ def _contact_fields(features: tuple[str, ...]) -> Fields:
 
 @takes_arrays
 class ContactMessages:
-    """Converter of contacts to messages; all messages of a topic are equally long, since the frame's name is fixed.
+    """Converter of contacts to messages of the three `topics`.
 
     Args:
         frame_id: name of the frame of the contacts, for viewers.
@@ -125,11 +125,11 @@ class ContactMessages:
     def of(
         self, contacts: Contacts, stamps: Int[np.ndarray, " n"] | None = None
     ) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Return messages of the three `topics`: their bytes (uint8), and a list of views of these, structured arrays.
+        """Return the messages of contacts: their bytes (uint8), and a structured view of these per topic.
 
         Args:
-            contacts: n rows; those with a point and a normal are in the second and third topic too.
-            stamps: [ns] of the rows, where they are known more exactly than by the times.
+            contacts: n rows; only those with a point and a normal are in the second and third topic.
+            stamps: (n,) [ns] where they are known more exactly than by the times.
         """
         stamps = self._stamps(contacts.time) if stamps is None else stamps
         estimate = contacts.estimate
@@ -161,11 +161,9 @@ class ContactMessages:
 
 
 def from_messages(payloads: np.ndarray, features: tuple[str, ...] = ()) -> Contacts:
-    """Return the `Contacts` in messages of `KIND` whose frame has one name.
+    """Return the contacts in messages of `KIND`, (n, length) bytes as uint8, whose frame has one name.
 
-    Args:
-        payloads: (n, length) bytes, as uint8.
-        features: names of the features in their definition.
+    `features` are those that their definition names.
 
     Raises:
         ValueError: a message is not of this type, has an unknown status, or is an answered row without a point.

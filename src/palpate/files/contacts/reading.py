@@ -1,4 +1,4 @@
-"""Read files of contacts in blocks, finished or not, in any of their formats."""
+"""Read files of contacts in blocks, finished or not, in any format."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ _KIND = KIND.replace("/msg/", "/")
 
 
 def contact_blocks(path: Path) -> Iterator[Contacts]:
-    """Yield the rows of a file as `Contacts`, in order, in pieces, at least one; their notes have remarks on the file.
+    """Yield the rows of a file of contacts, in order, in pieces, at least one; their notes have remarks on the file.
 
     From OUTPUT.part every complete block is read, and damage is noted.
 
     Raises:
-        InputError: the file is missing or holds no contacts, or a row in it is invalid.
+        InputError: the file cannot be read or holds no contacts, or a row in it is invalid.
     """
     require_polars_threads()
     if path.is_dir():

@@ -1,4 +1,4 @@
-"""Write files of contacts, with at least one row for every sample of the log, as CSV, Parquet or MCAP.
+"""Write files of contacts as CSV, Parquet or MCAP.
 
 While it is being written, OUTPUT is OUTPUT.part, which can be read up to its last block at any moment.
 """
@@ -130,13 +130,17 @@ def _of_the_system() -> Generator[None]:
         raise OSError(int(number[1]), os.strerror(int(number[1]))) if number else OSError(str(problem)) from problem
 
 
+# Unfinished files to which contacts are appended: `finish` completes one, `abandon` keeps or removes it.
 _Sink = _Csv | _Parquet | _Mcap
-"""An unfinished file to which contacts are appended: `finish` completes it, `abandon` keeps or removes it."""
 _SINKS: dict[str, type[_Sink]] = {".csv": _Csv, ".parquet": _Parquet, ".mcap": _Mcap}
 
 
 class ContactsWriter:
-    """A writer of contacts, block by block; each block is in the file when `write` returns."""
+    """A writer of contacts, block by block; each block is in the file when `write` returns.
+
+    Attributes:
+        rows: number of rows written so far.
+    """
 
     def __init__(self, path: Path, sink: _Sink, features: tuple[str, ...]) -> None:
         self._path, self._sink, self._features = path, sink, features
@@ -158,10 +162,10 @@ class ContactsWriter:
 
 
 def require_format(path: Path) -> None:
-    """Refuse an output whose suffix is that of no format, before any work is done.
+    """Check that an output has the suffix of a known format.
 
     Raises:
-        InputError: the suffix is unknown; the hint lists the known ones.
+        InputError: it has another one.
     """
     if path.suffix.lower() not in _SINKS:
         what = f"contacts cannot be written to a file that ends in {path.suffix!r}."
@@ -172,14 +176,13 @@ def require_format(path: Path) -> None:
 def open_contacts(
     path: str | Path, *, frame_id: str = "surface", features: tuple[str, ...] = ()
 ) -> Generator[ContactsWriter]:
-    """Yield a `ContactsWriter`, which writes block by block, so that memory does not grow; the suffix gives the format.
+    """Yield a writer of contacts, block by block.
 
-    OUTPUT.part takes the name of OUTPUT when the block ends well, or by Ctrl-C once there is a row. After any other
-    error, or a kill, it stays, with every block that was written; without a row it is removed. OUTPUT itself is not
-    touched before.
+    OUTPUT.part takes the name of OUTPUT when the block ends well, or by Ctrl-C once there is a row. After another
+    error, or a kill, it stays with every block that was written, but is removed if it has no row.
 
     Args:
-        path: OUTPUT, ending in .csv, .parquet or .mcap.
+        path: OUTPUT; its suffix, .csv, .parquet or .mcap, gives the format.
         frame_id: name of the contacts' frame, for viewers; only MCAP stores it.
         features: names of the columns that the sensor adds, after the others.
 
@@ -206,7 +209,9 @@ def open_contacts(
 
 
 def write_contacts(path: str | Path, contacts: Contacts, *, frame_id: str = "surface") -> None:
-    """Write all contacts to a file at once; the suffix, .csv, .parquet or .mcap, gives the format.
+    """Write all contacts to a file; the suffix, .csv, .parquet or .mcap, gives the format.
+
+    Only MCAP stores `frame_id`, the name of their frame, for viewers.
 
     Raises:
         InputError: the suffix is unknown, or the file cannot be written.
@@ -216,16 +221,16 @@ def write_contacts(path: str | Path, contacts: Contacts, *, frame_id: str = "sur
 
 
 def read_contacts(path: str | Path) -> Contacts:
-    """Read all rows of a file as `Contacts`, finished or not; numbers equal those written, to the last bit.
+    """Read all rows of a file of contacts, finished or not; numbers equal those written, to the last bit.
 
     Raises:
-        InputError: the file is missing or holds no contacts, or a row in it is invalid.
+        InputError: the file cannot be read or holds no contacts, or a row in it is invalid.
     """
     return Contacts.joined(list(contact_blocks(Path(path))))
 
 
 def unfinished(path: Path) -> Path | None:
-    """Return OUTPUT.part if writing it was cut short: OUTPUT does not exist, or `path` names OUTPUT.part; else None."""
+    """Return OUTPUT.part if OUTPUT does not exist, or if `path` is OUTPUT.part; None if there is no such file."""
     if path.suffix == PART:
         return path if path.exists() else None
     try:

@@ -1,7 +1,4 @@
-"""Read a log of arrays with one row per sample: an .npz, the one array of an .npy, or arrays in memory.
-
-Pickled objects are never loaded.
-"""
+"""Read a log of arrays with one row per sample, from an .npz, an .npy or memory; Python objects are never loaded."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read the messages of a ROS 1 or ROS 2 bag through rosbags, and of a folder of MCAP files without it."""
+"""Read the messages of a ROS 1 or 2 bag through rosbags, and of a folder of MCAP files without it."""
 
 from __future__ import annotations
 

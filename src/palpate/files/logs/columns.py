@@ -1,4 +1,4 @@
-"""Read a log of columns in blocks, in any format: assign columns to channels, and count what cannot be read."""
+"""Read a log of columns in blocks: assign columns to channels, and count what cannot be read."""
 
 from __future__ import annotations
 
@@ -77,10 +77,10 @@ class Columns:
         return self._samples.block(time, values)
 
     def finish(self) -> None:
-        """Check, after the last block, that every column contained a number.
+        """Check, after the last block, that no column has text and not a single number.
 
         Raises:
-            InputError: one contains text, and not a single number.
+            InputError: one does.
         """
         for fields in self._fields.values():
             fields.require_numbers(self._path)
@@ -132,12 +132,9 @@ def _read(
 
 
 def plan(layout: LogLayout, shapes: Shapes, path: Path) -> dict[str, Sequence[str]]:
-    """Return the names of the columns of "time", `WRENCH` and each channel, a dict.
+    """Return the names of the columns of "time", `WRENCH` and each channel of a layout.
 
-    Args:
-        layout: channels to read.
-        shapes: name -> sample shape of the columns and arrays that the log has.
-        path: of the log, for messages.
+    `shapes` has the sample shapes of the columns and arrays in the log `path`.
 
     Raises:
         InputError: a column is missing, an array has the wrong size, or images are requested.
@@ -169,7 +166,7 @@ def plan(layout: LogLayout, shapes: Shapes, path: Path) -> dict[str, Sequence[st
 
 
 def flattened(shapes: Shapes) -> dict[str, tuple[str, int]]:
-    """Return a dict, column -> (its array, its index in a sample): an array's columns are named `force[0]`, ..."""
+    """Return column -> (its array, its index in a sample); an array's columns are `force[0]`, ..."""
     return {column: (name, k) for name, shape in shapes.items() for k, column in enumerate(_columns(name, shape))}
 
 

@@ -43,7 +43,7 @@ class CsvLog(ColumnLog):
         """Yield the rows as recordings in SI.
 
         Raises:
-            InputError: the file cannot be read, is no table, has no rows that fit its header, or a column without
+            InputError: the file cannot be read, is no table, or has no rows that fit its header or a column without
                 numbers; or the layout does not fit.
         """
         self._rows, self._columns, self.torn = RowCount(), None, ""

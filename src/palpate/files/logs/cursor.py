@@ -1,4 +1,4 @@
-"""Parse many ROS messages at once, byte by byte."""
+"""Parse many ROS messages at once."""
 
 from __future__ import annotations
 
@@ -17,19 +17,15 @@ _MOST_DIMENSIONS = 16
 
 @takes_arrays
 class Cursor:
-    """A parser of many messages at once, with a read position in each.
+    """A parser of n messages at once, with a read position in each.
 
     In CDR (ROS 2) the second byte states the byte order, and numbers are aligned to their size from the fifth byte on;
     in ROS 1 nothing is aligned, and a header begins with an additional number.
 
-    Args:
-        messages: n messages.
-        encoding: "cdr"; any other is that of ROS 1.
-
     Attributes:
         data: bytes that contain the messages.
         at: (n,) index of the byte at which each message is read next.
-        sound: (n,) False once a message is found to be cut or malformed; numbers read from it have no meaning.
+        sound: (n,) False once a message is found to be cut or malformed; numbers read from it mean nothing.
     """
 
     def __init__(self, messages: MessageBlock, encoding: str) -> None:
@@ -44,13 +40,9 @@ class Cursor:
             self._origin = self.at.copy()
 
     def numbers(self, code: str, count: int, before: int | np.ndarray = 0, after: int = 0) -> np.ndarray:
-        """Return the next numbers of each message, (n, count); a cut message is marked in `sound`.
+        """Return `count` numbers of each message, (n, count), of a type such as "f8"; `sound` marks cut messages.
 
-        Args:
-            code: NumPy's code of their type with its size, such as "f8".
-            count: of the numbers.
-            before: number of others of this type to skip first.
-            after: number of others to skip last.
+        `before` others of this type are skipped first, and `after` last.
         """
         size = int(code[1])
         self._align(size)
@@ -68,7 +60,7 @@ class Cursor:
         return self.numbers("u4", 1)[:, 0].astype(np.int64)
 
     def length(self) -> Int[np.ndarray, " n"]:
-        """Return the number (n,) of bytes that follow; a message with fewer is marked in `sound`, and has 0."""
+        """Return the number (n,) of bytes that follow; 0 in a message with fewer, which `sound` marks."""
         found = self.number()
         self.sound &= found <= self._end - self.at
         return np.where(self.sound, found, 0)
@@ -99,7 +91,7 @@ class Cursor:
         return other
 
     def dimensions(self) -> None:
-        """Skip a list of array dimensions, each a label, a size and a stride; one of more than 16 is malformed."""
+        """Skip a list of array dimensions; one of more than 16 is malformed."""
         left = self.number()
         self.sound &= left <= _MOST_DIMENSIONS
         while (more := self.sound & (left > 0)).any():
@@ -116,7 +108,7 @@ class Cursor:
 
 @takes_arrays
 def taken(data: bytes, at: Int[np.ndarray, " n"], width: int, sound: Bool[np.ndarray, " n"]) -> np.ndarray:
-    """Return (n, width) bytes from each `at` on, as uint8; 0xff, which is NaN as float64, where not `sound`."""
+    """Return (n, width) bytes from each `at` on, as uint8; 0xff where not `sound`, which is NaN as float64."""
     if not sound.all():
         found = np.full((len(at), width), 0xFF, dtype=np.uint8)
         found[sound] = taken(data, at[sound], width, sound[sound])

@@ -22,7 +22,7 @@ class MessageLayout:
     Args:
         role: "wrench", "pose", "acceleration" or "temperature".
         before, count, after: number of doubles before those wanted, of these, and after them.
-        strings: number of strings before them, with the one in the header; 0 for a type without a header.
+        strings: number of strings before them, with the header's; 0 without a header.
     """
 
     role: str
@@ -78,12 +78,12 @@ def has_header(kind: str) -> bool:
 
 
 def decode(messages: MessageBlock, topic: Topic, shape: tuple[int, ...] = ()) -> Decoded:
-    """Return stamps (n,) [ns], numbers (n, k), and a bool for each message, (n,), True where it could be read.
+    """Return stamps (n,) [ns], numbers (n, k), and a mask (n,), True where a message could be read.
 
-    Stamps are 0 if the type has none. Numbers are float64 as recorded, NaN where a message cannot be read.
+    Stamps are 0 if the type has none. Numbers are as recorded, NaN where a message could not be read.
 
     Args:
-        messages: n messages of the topic.
+        messages: of the topic.
         topic: of a type that has a role.
         shape: of an array; a message with another count of numbers is unreadable.
 
@@ -101,13 +101,9 @@ def decode(messages: MessageBlock, topic: Topic, shape: tuple[int, ...] = ()) ->
 
 
 def shape_of(messages: MessageBlock, topic: Topic) -> tuple[int, ...] | None:
-    """Return the shape of the array, or (rows, columns) of the image, in the first readable message.
+    """Return the shape of the array, or (rows, columns) of the one-channel image, in the first readable message.
 
-    None if no message is readable; an image must have one channel.
-
-    Args:
-        messages: of the topic.
-        topic: of images, or of a type in `ARRAYS`.
+    None without one. `topic` has images, or a type in `ARRAYS`.
     """
     cursor = Cursor(messages, topic.encoding)
     if topic.kind == IMAGE:
@@ -146,15 +142,15 @@ def _fixed(cursor: Cursor, kind: MessageLayout) -> tuple[np.ndarray, np.ndarray]
 def decode_array(
     messages: MessageBlock, topic: Topic, shape: tuple[int, ...]
 ) -> tuple[np.ndarray, Bool[np.ndarray, " n"]]:
-    """Return the numbers of arrays, (n, k) in their stored type, and a mask (n,), True where the message is readable.
+    """Return the numbers of arrays, (n, k) in their stored type, and a mask (n,), True where a message is readable.
 
     Args:
-        messages: n messages of the topic.
+        messages: of the topic.
         topic: of a type in `ARRAYS`.
-        shape: of one array of k numbers; a message with another count is unreadable, and its row means nothing.
+        shape: of an array; a message with another count of numbers is unreadable, and its row means nothing.
 
     Raises:
-        KeyError: the type is not in `ARRAYS`.
+        KeyError: the type is another one.
     """
     cursor = Cursor(messages, topic.encoding)
     return _stored(cursor, ARRAYS[topic.kind], shape), cursor.sound

@@ -1,4 +1,4 @@
-"""Read a folder of images, one file each, in the natural order of their names."""
+"""Read a folder of images, one file each."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def holds_frames(path: Path) -> bool:
 class FrameFolder(ImageLog):
     """A log in a folder of image files, one sample each, in the natural order of their names.
 
-    Times are a column of `times.csv` in the folder, or else of `truth.csv`, if it has as many rows; else k / rate.
+    Times are a column of `times.csv` in it, or else of `truth.csv`, if it has as many rows; else k / rate.
 
     Raises:
         OSError: the folder cannot be read.

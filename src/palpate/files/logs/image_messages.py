@@ -99,12 +99,7 @@ class ImageMessage:
 
 
 def image_messages(messages: MessageBlock, topic: Topic) -> Iterator[ImageMessage]:
-    """Yield the messages of a topic of images, one by one.
-
-    Args:
-        messages: of the topic.
-        topic: of one of the types `IMAGES`.
-    """
+    """Yield the messages of a topic of one of the types `IMAGES`, one by one."""
     cursor = Cursor(messages, topic.encoding)
     stamps, stamped = cursor.stamp(), cursor.sound.copy()
     head: list[np.ndarray] = []

@@ -26,15 +26,10 @@ Frame = tuple[float, np.ndarray | None, str]  # time [s], image (None: it could 
 
 
 def refuse_others(layout: LogLayout, path: Path, called: str) -> None:
-    """Raise an error if the layout requests a wrench or arrays, or no images.
-
-    Args:
-        layout: of the log.
-        path: of the log, for the message.
-        called: what the log is, such as "a video", for the message.
+    """Check that a layout requests images alone; `called` says what the log is, such as "a video".
 
     Raises:
-        InputError: it does.
+        InputError: it requests a wrench or arrays, or no images.
     """
     if layout.images is None or layout.wrench is not None or layout.arrays:
         wanted = [*(["a wrench"] if layout.wrench is not None else []), *(array.name for array in layout.arrays)]
@@ -43,10 +38,7 @@ def refuse_others(layout: LogLayout, path: Path, called: str) -> None:
 
 
 def to_bgr(image: np.ndarray) -> UInt8[np.ndarray, "height width 3"] | None:
-    """Return an image as uint8 (height, width, 3): grey repeated, alpha dropped, the upper 8 of 16 bits.
-
-    None if its numbers are not uint8 or uint16.
-    """
+    """Return an image as uint8 (height, width, 3): grey repeated, alpha dropped, the upper 8 of 16 bits; else None."""
     if image.dtype.kind != "u" or image.dtype.itemsize > 2:
         return None
     if image.dtype.itemsize == 2:
@@ -56,14 +48,9 @@ def to_bgr(image: np.ndarray) -> UInt8[np.ndarray, "height width 3"] | None:
 
 
 def decoded(cv2: Any, raw: bytes, *, as_stored: bool = False) -> np.ndarray | None:
-    """Return the image in a JPEG, PNG, BMP, TIFF or WebP file; None if it cannot be decoded.
+    """Return the image in the bytes of a JPEG, PNG, BMP, TIFF or WebP file, uint8 (height, width, 3); else None.
 
-    It is uint8 (height, width, 3), blue, green, red.
-
-    Args:
-        cv2: the module of OpenCV.
-        raw: bytes of the file.
-        as_stored: keep the type and the number of channels; grey is (height, width).
+    `as_stored` keeps the type and the number of channels. `cv2` is OpenCV.
     """
     if not raw:
         return None

@@ -1,4 +1,4 @@
-"""Convert sensor_msgs/JointState messages to joint positions, and these to the pose of one link in another."""
+"""Convert sensor_msgs/JointState messages to the pose of one link in another."""
 
 from __future__ import annotations
 
@@ -24,11 +24,12 @@ Read = tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n k"], Bool[np.ndarray, "
 
 
 def joint_positions(messages: MessageBlock, topic: Topic, wanted: Sequence[str]) -> Read:
-    """Return the stamps of messages of joint states, and the positions of the wanted joints in them.
+    """Return stamps and positions of the wanted joints in messages of joint states.
 
     Returns:
-        Stamps (n,) [ns]; positions (n, k) [rad, m], NaN where a message lacks a joint or cannot be read; a mask (n,),
-        True where it can be read; a mask (n,), True where it names a wanted joint, or none is wanted.
+        Stamps (n,) [ns]; positions (n, k) [rad, m], NaN where there is none; masks (n,), True where a message can be
+            read,
+        and where it names a wanted joint (or none is wanted).
     """
     cursor = Cursor(messages, topic.encoding)
     stamp, count = cursor.stamp(), cursor.number()
@@ -95,10 +96,10 @@ class JointPoses:
     """The pose of one link in another over time, computed from joint states.
 
     Args:
-        topic: of the joint states.
+        topic: of joint states.
         kinematics: of the two links.
         track: receives the poses.
-        stamped: take times from the headers; else those at which the messages were recorded.
+        stamped: take the times of the headers, not of the recorder.
     """
 
     def __init__(self, topic: Topic, kinematics: Kinematics, track: PoseTrack, *, stamped: bool) -> None:
@@ -131,7 +132,7 @@ class JointPoses:
             self.track.add(time, *self._kinematics.poses(values[good]))
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes, one sentence each: how the sensor's pose was found, and which messages lack joints."""
+        """Return notes, one sentence each: where the pose is from, and which messages lack joints."""
         name, joints = self.topics[0].name, self._kinematics.joints
         said = [f"the sensor's pose is computed from the URDF and the joint states on {name!r}"]
         if not self._used and self._count:
@@ -149,15 +150,10 @@ class JointPoses:
 
 
 def joint_topic(topics: Sequence[Topic], name: str | None, where: str) -> Topic:
-    """Return the topic of joint states called `name`, or the only one if `name` is None.
-
-    Args:
-        topics: of the log.
-        name: of a topic.
-        where: path of the log, for the message.
+    """Return the topic of joint states called `name`, or the only one if that is None.
 
     Raises:
-        InputError: there is no such topic, or there are several.
+        InputError: there is no such topic in the log `where`, or there are several.
     """
     fitting = [topic for topic in topics if topic.kind == JOINTS and topic.encoding in ("cdr", "ros1")]
     found = [topic for topic in fitting if topic.name == name] if name is not None else fitting

@@ -1,4 +1,4 @@
-"""Describe the layout of a log: columns, arrays or topics, their units and axes, and the frame of the wrench."""
+"""Describe the layout of a log: columns, arrays or topics, their units and axes."""
 
 from __future__ import annotations
 
@@ -139,8 +139,7 @@ def axis_matrix(axes: tuple[str, ...], *, left_handed: bool, where: str) -> Floa
     """Return the signed permutation (3, 3) that takes recorded components to the sensor's x, y, z.
 
     Raises:
-        InputError: the axes are not three different ones, or `left_handed` does not match their handedness; the place
-            in its message is `where`.
+        InputError: the axes are not three different ones, or `left_handed` contradicts their handedness.
     """
     matrix = np.zeros((3, 3))
     for row, axis in enumerate(axes):

@@ -21,13 +21,13 @@ Stored = tuple[Float[np.ndarray, " n"], np.ndarray]  # times [s], and frames (n,
 
 @dataclass(frozen=True)
 class Images:
-    """The metadata of a video or a folder of images.
+    """A video or a folder of images.
 
     Attributes:
-        size: height, width, channels of the first image; 0, 0, 0 if it is not stated or cannot be read.
-        count: number of images; of a video the announced number, 0 if unknown.
-        rate: [Hz]; None of a folder.
-        codec: of a video as its four characters, of a folder the suffixes.
+        size: height, width, channels of the first image; 0, 0, 0 if unknown.
+        count: number of images, of a video as announced; 0 if unknown.
+        rate: [Hz]; None of a folder, or if unknown.
+        codec: four characters of a video; suffixes of a folder.
     """
 
     size: tuple[int, int, int]
@@ -42,13 +42,13 @@ class LogContents:
 
     Attributes:
         path: of the log.
-        names: column -> (), array of a NumPy file -> the shape of one sample; empty for a log with topics.
+        names: column -> (), array -> shape of one sample; empty for other logs.
         topics: of an MCAP file or a bag.
-        torn: sentence on where the file was cut, as far as it was read; "" if it was not.
-        duration: [s] of a log with topics; 0 if the file does not state it.
+        torn: sentence on where the file was cut, as far as it was read, or "".
+        duration: [s] of a log with topics; 0 if unknown.
         stated: units and rate that a table states.
-        written: how a text differs from a plain table, in words; "" if it does not.
-        images: of a video or a folder of images, which has no names and no topics.
+        written: how a text differs from a plain table, in words, or "".
+        images: of a video or a folder of images.
     """
 
     path: Path
@@ -74,17 +74,17 @@ class Log(Watched, ABC):
 
     @abstractmethod
     def blocks(self) -> Iterator[Recording]:
-        """Yield the samples from the start, in the order of the file, each once, in recordings of arbitrary length.
+        """Yield the samples from the start, in the order of the file, each once, in recordings of any length.
 
         Raises:
-            InputError: the log cannot be read, or something that the layout requests is missing.
+            InputError: the log cannot be read, or lacks something that the layout requests.
         """
 
     def stored(self) -> Iterator[Stored]:
         """Yield times (n,) [s] and frames (n, k) of taxels, in their stored type where that is faster.
 
         Raises:
-            InputError: the log cannot be read, or something that the layout requests is missing.
+            InputError: the log cannot be read, or lacks something that the layout requests.
             KeyError: the layout requests no taxels.
         """
         for block in self.blocks():

@@ -17,12 +17,8 @@ __all__ = ["require_stated", "stated_layout"]
 def stated_layout(layout: LogLayout, names: Iterable[str], stated: Stated) -> LogLayout:
     """Return the layout with columns such as `Fx [N]`, `Time [ms]` in place of missing `fx`, `time`, and their units.
 
-    It is unchanged if it names other columns, or if not every missing one of the wrench has exactly one match.
-
-    Args:
-        layout: of the log.
-        names: columns that the log has.
-        stated: units that the log states; a column without one is no match.
+    It is unchanged if it names other columns, or if not each missing one of the wrench has exactly one match with a
+    unit.
     """
     if layout.wrench != WRENCH_COLUMNS or layout.time != "time":
         return layout
@@ -49,7 +45,7 @@ def stated_layout(layout: LogLayout, names: Iterable[str], stated: Stated) -> Lo
 
 
 def require_stated(layout: LogLayout, stated: Stated, path: Path) -> None:
-    """Check that the log states no unit that differs from the one in the layout.
+    """Check that the log `path` states no unit that differs from the one in the layout.
 
     Raises:
         InputError: it does.

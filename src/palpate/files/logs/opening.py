@@ -58,22 +58,19 @@ _WORKBOOKS = (b"[Content_Types]", b"_rels/", b"xl/", b"docProps/", b"mimetype") 
 
 
 def contents(path: str | Path | Mapping[str, np.ndarray]) -> LogContents:
-    """Return what is known of a log before its samples are read: columns or arrays, topics, or the size of images.
+    """Return what is known of a log before its samples are read.
 
     Args:
         path: file, or folder of a bag or of images, or arrays by name.
 
     Raises:
-        InputError: the file does not exist, cannot be read, is not what its suffix indicates, or needs a library that
-            is not installed.
+        InputError: the file cannot be read, is not what its suffix indicates, or needs a library that is not installed.
     """
     return open_log(path).contents()
 
 
 def topic_shapes(path: Path) -> dict[str, tuple[int, ...]]:
-    """Return a dict, topic -> shape of an array, or (rows, columns) of a one-channel image, from its first message.
-
-    It is empty for a log without topics.
+    """Return topic -> shape of an array, or (rows, columns) of a one-channel image; {} without topics.
 
     Raises:
         InputError: the file is not a log, or needs a library that is not installed.
@@ -93,7 +90,7 @@ def image_size(path: str | Path, topic: str | None = None) -> tuple[int, int, in
         topic: of the images; None: the first that has an image, compressed ones last.
 
     Raises:
-        InputError: the file is not a log, or OpenCV or another library that it needs is not installed.
+        InputError: the file is not a log, or needs a library that is not installed, such as OpenCV.
     """
     path = Path(path)
     kind = _kind(path)
@@ -123,7 +120,7 @@ def _shape(source: MessageFile, topic: Topic) -> tuple[int, ...] | None:
 
 
 def missing(there: LogContents, layout: LogLayout) -> list[str]:
-    """Return the reason why a log cannot be read with a layout, alone in a list; an empty list if it can."""
+    """Return the reason why a log cannot be read with a layout, in a list; [] if it can."""
     try:
         if there.images is not None:
             refuse_others(layout, there.path, "a folder of frames" if there.path.is_dir() else "a video")
@@ -143,12 +140,11 @@ def open_log(path: str | Path | Mapping[str, np.ndarray], layout: LogLayout | No
 
     Args:
         path: file, or folder of a bag or of images, or arrays by name.
-        layout: what is read, for `Log.blocks`; None: the defaults of `LogLayout`.
+        layout: what is read by `Log.blocks`; None: the defaults of `LogLayout`.
 
     Raises:
-        InputError: the file does not exist, cannot be read, is not what its suffix indicates, or has a format that is
-            not supported, such as a workbook; or a folder holds neither images nor the bag of one recording; or axes or
-            units of the layout are invalid (for images).
+        InputError: the file cannot be read, is not what its suffix indicates, or has a format that is not supported; a
+            folder holds neither images nor the bag of one recording; or the layout is invalid (for images).
     """
     layout = layout or LogLayout()
     if isinstance(path, Mapping):
@@ -168,15 +164,15 @@ def open_log(path: str | Path | Mapping[str, np.ndarray], layout: LogLayout | No
 
 
 def read_recording(path: str | Path, layout: LogLayout | None = None) -> Recording:
-    """Read a complete log as one recording in SI, one row per sample, in order; what cannot be read is NaN and noted.
+    """Read a complete log in SI, one row per sample, in order; what cannot be read is NaN and noted.
 
     Args:
         path: file, or folder of a bag or of images.
         layout: what is read, and its units; None: the defaults of `LogLayout`.
 
     Raises:
-        InputError: the file is not a log, something that the layout requests is missing, or a library that it needs is
-            not installed.
+        InputError: the file is not a log, lacks something that the layout requests, or needs a library that is not
+            installed.
     """
     log = open_log(path, layout)
     recording = join(list(log.blocks()))
@@ -191,7 +187,7 @@ def read_poses(
     Stamps are without the layout's offset; unknown positions are NaN. In a log of columns each row is a pose.
 
     Raises:
-        InputError: the file is not a log, it has no orientations or poses, or a library that it needs is not installed.
+        InputError: the file is not a log, has no poses, or needs a library that is not installed.
     """
     log = open_log(path, layout)
     if isinstance(log, TopicLog):

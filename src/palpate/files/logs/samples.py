@@ -1,4 +1,4 @@
-"""Convert the raw numbers of a log to recordings: units to SI, axes to the sensor's, with notes on irregularities."""
+"""Convert the raw numbers of a log to SI and the sensor's axes, with notes on irregularities."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ LATEST = 1e20  # s: beyond any clock, in nanoseconds too
 
 @takes_arrays
 class SampleReader:
-    """Converter of the raw numbers of one log to recordings, which also counts irregularities.
+    """Converter of the raw numbers of one log to recordings, which counts irregularities.
 
     Raises:
-        InputError: the axes or units of the layout are invalid.
+        InputError: axes or units of the layout are invalid.
     """
 
     def __init__(self, layout: LogLayout, path: Path) -> None:
@@ -59,12 +59,10 @@ class SampleReader:
         self._infinite = self._none = self._far = 0
 
     def block(self, time: Float[np.ndarray, " n"], read: Mapping[str, np.ndarray]) -> Recording:
-        """Return the next samples in SI.
+        """Return the next samples in SI, at times (n,) [s].
 
-        Args:
-            time: (n,) [s].
-            read: name -> numbers as recorded: `WRENCH`, arrays and other channels, (n, k) each; or `IMAGE`, (n, height,
-                width, 3). The caller must not use the arrays afterwards.
+        `read` has the numbers as recorded: `WRENCH`, arrays and other channels, (n, k) each; or `IMAGE`, (n, height,
+        width, 3). The caller must not use them afterwards.
 
         Raises:
             KeyError: an array of the layout is not in `read`.
@@ -92,10 +90,10 @@ class SampleReader:
         return Recording(sealed(time, own=True), channels, frame=self._frame, source=self._source)
 
     def readings(self, values: np.ndarray) -> np.ndarray:
-        """Return readings of a stream, (n, k) as recorded, in SI, as the sensor's update takes them, (n, ...).
+        """Return readings of a stream, (n, k) as recorded, as the sensor's update takes them, (n, ...) in SI.
 
-        The bits are those of `block`. If an array and a wrench are read, both sides have the array first, then the
-        wrench (6), then the number of readings of which it is the mean.
+        The bits are those of `block`. If array and wrench are read, the wrench (6) follows the array, then the number
+        of readings of which it is the mean.
         """
         if self._both:
             array = self._scaled(self._arrays[0], values[:, :-7].copy()).reshape(len(values), -1)

@@ -1,4 +1,4 @@
-"""List the frames in a log of topics: names in headers, the tree of /tf, moving poses, joint names."""
+"""List the frames, poses and joints in a log of topics."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Survey:
     joints: dict[str, list[str]] = field(default_factory=dict[str, list[str]])
 
     def add(self, messages: MessageBlock, topics: Mapping[str, Topic]) -> None:
-        """Add a block of messages of the log; `topics` are those of wrenches, poses and joint states, by name."""
+        """Add a block of messages; `topics` are those of wrenches, poses and joint states, by name."""
         self.frames.add(messages)
         for name, topic in topics.items():
             if topic.kind == JOINTS:

@@ -1,4 +1,4 @@
-"""Read a log of topics: wrenches or arrays row by row, joined with poses and other topics by their times."""
+"""Read a log of topics: wrenches or arrays row by row, with poses and other topics at their times."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ class TopicLog(Log):
         """Yield the samples as recordings in SI.
 
         Raises:
-            InputError: the file cannot be read; a topic is missing or empty, or several could be meant; the frames,
-                URDF or pinocchio that poses need are missing.
+            InputError: the file cannot be read; a topic is missing or empty, or several could be meant; or poses lack
+                frames, a URDF or pinocchio.
         """
         join, wanted = self._started()
         for messages in self._pieces(wanted):
@@ -58,7 +58,8 @@ class TopicLog(Log):
         """Yield times (n,) [s] and frames (n, k) of taxels, in their stored type where possible.
 
         Raises:
-            InputError: as `blocks` does.
+            InputError: the file cannot be read, or lacks something that the layout requests.
+            KeyError: the layout requests no taxels.
         """
         main = self._as_stored()
         if main is None:
@@ -70,8 +71,7 @@ class TopicLog(Log):
     def merged_with(self, frames: Log) -> Iterator[Recording | Stored]:
         """Yield the `blocks` of this log and the `stored` of `frames`, the same file in another layout.
 
-        Items are recordings, or pairs of times (n,) [s] and frames (n, k). They alternate if one pass is possible,
-        else the recordings come first.
+        Items are recordings, or pairs of times (n,) [s] and frames (n, k); they alternate if one pass is possible.
 
         Raises:
             InputError: the file cannot be read, or lacks something that one of the layouts requests.
@@ -132,11 +132,10 @@ class TopicLog(Log):
     def poses(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k 7"]]:
         """Return stamps (k,) [s] without the layout's offset, and poses (k, 7): position [m], quaternion x, y, z, w.
 
-        From the tree of /tf they are taken at the stamps of the most frequent transform.
+        From /tf they are taken at the stamps of the most frequent transform.
 
         Raises:
-            InputError: the file cannot be read, no topic holds poses, or the frames, URDF or pinocchio that they need
-                are missing.
+            InputError: the file cannot be read, no topic holds poses, or they lack frames, a URDF or pinocchio.
         """
         poses = self._poses(self._chosen(), 0.0)
         if poses is None:

@@ -74,14 +74,14 @@ def main_channel(layout: LogLayout) -> ArrayChannel | None:
 
 
 def choose(there: LogContents, layout: LogLayout) -> dict[str, Topic]:
-    """Return a dict, role -> `Topic`: "main" (wrench or array), "wrench" next to an array, "pose" and others.
+    """Return role -> topic: "main" (wrench or array), "wrench" next to an array, "pose" and others.
 
-    "both" is in place of the first two if a live record has array and wrench in one message. "pose", "acceleration" and
-    "temperature" may be missing; "pose" is if several topics hold poses and none is named (`doubtful`).
+    "both" replaces the first two if a live record has array and wrench in one message. "pose", "acceleration" and
+    "temperature" may be missing; "pose" is if several topics hold poses and none is named.
 
     Raises:
-        InputError: a topic that is named does not exist or has another type; or no topic or several could be "main" or
-            "wrench"; or the layout requests several arrays, nothing, or images.
+        InputError: a named topic does not exist or has another type; no topic or several could be "main" or "wrench";
+            or the layout requests several arrays, nothing, or images.
     """
     array, pushed = main_channel(layout), _recorded(there, LIVE_ACCELERATION)
     beside = array is not None and layout.wrench is not None
@@ -103,7 +103,7 @@ def choose_images(there: LogContents, channel: ImageChannel) -> Topic:
     """Return the topic of images that the channel names, or the only one.
 
     Raises:
-        InputError: the named topic does not exist or holds no images; or none is named, and no topic or several do.
+        InputError: the named topic does not exist or holds no images; or none is named, and not exactly one does.
     """
     kinds = ", ".join(name.split("/")[1] for name in IMAGES)
     return _required(there, _Wanted("image", channel.table, f"Images are read from {kinds}."), channel.topic)
@@ -130,7 +130,7 @@ def _pose(there: LogContents, layout: LogLayout) -> Topic | None:
 
 
 def doubtful(there: LogContents, layout: LogLayout) -> list[str]:
-    """Return the names of several topics of poses of which none is used, because none is named; else an empty list."""
+    """Return the names of topics of poses of which none is used, as none of several is named; else []."""
     if layout.orientation_topic is not None or layout.frames is not None or _recorded(there, LIVE_POSE):
         return []
     fitting = [topic.name for topic in there.topics if _meant(topic, _POSE)]

@@ -1,4 +1,4 @@
-"""Read the tree of /tf and /tf_static: its frames, those that move, and the pose of one frame in another over time."""
+"""Read the tree of /tf and /tf_static: its frames, and the pose of one in another over time."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ _FORMS = 32  # forms of messages of one length that are looked for among all of 
 
 @dataclass(frozen=True)
 class Transforms:
-    """The m transforms in some messages, one per row.
+    """The m transforms in some messages.
 
     Attributes:
         parent, child: (m,) numbers of the frames' names.
-        stamp: (m,) [ns] of the headers.
-        message: (m,) index of the message that contains each.
+        stamp: (m,) [ns].
+        message: (m,) index of the message of each.
         values: (m, 7) position [m] and quaternion x, y, z, w of the child in the parent.
     """
 
@@ -45,7 +45,7 @@ class Transforms:
     values: Float[np.ndarray, "m 7"]
 
     def edges(self) -> Iterator[tuple[int, int, Int[np.ndarray, " k"]]]:
-        """Yield, edge by edge, the numbers of parent and child, and the indices (k,) of its rows, in their order."""
+        """Yield the numbers of parent and child, and the indices (k,) of the rows, of each edge."""
         key = (self.parent << 32) + self.child
         order = np.argsort(key, kind="stable")
         starts = np.flatnonzero(np.diff(key[order], prepend=-1))
@@ -56,10 +56,10 @@ class Transforms:
 def transforms(
     messages: MessageBlock, topic: Topic, names: dict[str, int]
 ) -> tuple[Transforms, Bool[np.ndarray, " n"]]:
-    """Return all transforms in some messages, in order, and a mask (n,), True for each readable message.
+    """Return all transforms in n messages, in order, and a mask (n,), True for each readable message.
 
     Args:
-        messages: n messages of the topic.
+        messages: of the topic.
         topic: of a type of `TREES`.
         names: frame, without a leading slash -> its number; new frames are added.
     """
@@ -156,7 +156,7 @@ def _form(raw: bytes, cdr: bool) -> _Form | None:
 
 
 def frame_name(text: bytes) -> str:
-    """Return a frame's name as tf2 spells it: without the leading slash that ROS 1 allows."""
+    """Return a frame's name without the leading slash that ROS 1 allows."""
     return text.rstrip(b"\0").decode(errors="replace").removeprefix("/")
 
 
@@ -179,10 +179,10 @@ class SeenEdge:
 
     Attributes:
         count: number of transforms on topics that are not static.
-        first: the first of these: position [m] and quaternion.
+        first: the first of these, (7,): position [m] and quaternion.
         moves: True if another of these differs from it.
         stamped: True if one of these has a stamp.
-        constant: the last one of /tf_static; None if it has none.
+        constant: the last one of /tf_static; None without any.
     """
 
     count: int = 0
@@ -192,12 +192,9 @@ class SeenEdge:
     constant: Float[np.ndarray, "7"] | None = None
 
     def add(self, values: Float[np.ndarray, "k 7"], stamp: Int[np.ndarray, " k"], *, static: bool) -> None:
-        """Add transforms (k, 7) with stamps (k,) [ns]; those that are not finite, or no rotation, only count.
+        """Add transforms (k, 7) with stamps (k,) [ns]; those that are not finite, or no rotations, only count.
 
-        Args:
-            values: position [m] and quaternion x, y, z, w of each.
-            stamp: of each.
-            static: they are from /tf_static.
+        `static`: they are from /tf_static.
         """
         fine = values[sound_quaternions(values[:, 3:]) & np.isfinite(values).all(axis=1)]
         if static and len(fine):
@@ -233,10 +230,10 @@ def _differs(values: Float[np.ndarray, "k 7"], first: Float[np.ndarray, "7"]) ->
 
 @dataclass
 class TransformTree:
-    """All edges of a log's tree, found in one pass over its topics.
+    """All edges of a log's tree.
 
     Attributes:
-        topics: topics of transforms.
+        topics: of transforms.
         edges: (parent, child) -> transforms found.
         names: name of a frame -> its number.
     """
@@ -255,11 +252,9 @@ class TransformTree:
                 seen.add(rows.values[which], rows.stamp[which], static=_static(topic))
 
     def tree(self, offset: float = 0.0, max_gap: float = 0.25) -> FrameTree:
-        """Return the tree with constant poses, and with an empty `PoseTrack` for each edge that is on /tf.
+        """Return the tree with constant poses, and with an empty `PoseTrack` for each edge on /tf.
 
-        Args:
-            offset: [s] of the tracks.
-            max_gap: [s] of the tracks of edges that move; those of others interpolate over any gap.
+        Its tracks have `offset` [s], and `max_gap` [s] if they move, else any gap.
         """
         made = FrameTree()
         for (parent, child), seen in self.edges.items():
@@ -297,7 +292,7 @@ def read_frames(source: MessageFile, topics: Sequence[Topic]) -> TransformTree:
 
 
 class TreePoses:
-    """The pose of one frame in another over time, from /tf.
+    """The pose of frame `sensor` in frame `base` over time, from /tf.
 
     Args:
         frames: tree of the log.
@@ -307,7 +302,7 @@ class TreePoses:
         where: path of the log, for messages.
 
     Raises:
-        InputError: there is no such frame, or not exactly one path between the two.
+        InputError: there is no such frame, or not one path between the two.
     """
 
     def __init__(
@@ -330,7 +325,7 @@ class TreePoses:
         self._names = dict[str, int]()
 
     def add(self, messages: MessageBlock) -> None:
-        """Add the transforms in a block of messages to the tracks of the edges between the frames."""
+        """Add the transforms in a block of messages to the track."""
         for topic in self.topics:
             own = messages.of(topic)
             rows, sound = transforms(own, topic, self._names)
@@ -345,7 +340,7 @@ class TreePoses:
                     track.add(seconds(time), rows.values[which, 3:], rows.values[which, :3])
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes, one sentence each: the path from base to sensor, contradictory or unreadable transforms."""
+        """Return notes, one sentence each: the path of frames, contradictory or unreadable transforms."""
         said = [f"the sensor's pose is taken from {' -> '.join(self.track.frames)} in the tree of /tf"]
         if not self._needed:
             said.append("none of these transforms changes: the sensor is assumed not to move")

@@ -1,4 +1,4 @@
-"""Read a video file through OpenCV's FFmpeg: one sample per frame, at the time that the file gives it."""
+"""Read a video through OpenCV's FFmpeg: one sample per frame."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Read the messages of an MCAP file from its start; its index is not needed, so that a cut file is read up to the cut.
+"""Read the messages of an MCAP file from its start, without its index, so that a cut file is read up to the cut.
 
-The format: MAGIC, then records, each a kind (1 byte), a length (8 bytes) and content of that length. Messages are in
-chunks, compressed or not, or between them; an index, a footer and MAGIC follow.
+The format: MAGIC, then records of a kind (1 byte), a length (8 bytes) and content; at the end an index, a footer and
+MAGIC. Messages are in chunks, compressed or not, or between them.
 """
 
 from __future__ import annotations
@@ -54,7 +54,14 @@ class _Stretch:
 
 
 class McapFile(MessageFile):
-    """The messages of one MCAP file."""
+    """The messages of one MCAP file.
+
+    Attributes:
+        definitions: type -> its fields, as text.
+
+    Raises:
+        OSError: the file does not exist.
+    """
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, path.stat().st_size)
@@ -65,7 +72,7 @@ class McapFile(MessageFile):
         self._forget()
 
     def topics(self) -> list[Topic]:
-        """Return a list of `Topic` with message counts, from the index at the end or by reading the complete file.
+        """Return the topics with their message counts, by the index at the end or by reading the complete file.
 
         Raises:
             InputError: the file cannot be read.
@@ -76,7 +83,7 @@ class McapFile(MessageFile):
         return merged(replace(topic, count=self._counts[key]) for key, topic in self._topics.items())
 
     def messages(self, names: Collection[str] = ()) -> Generator[MessageBlock]:
-        """Yield all messages in the order of the file, whatever `names`, in blocks; `torn` then describes any damage.
+        """Yield all messages in the order of the file, in blocks, whatever `names`; `torn` then describes any damage.
 
         Raises:
             InputError: the file cannot be read.

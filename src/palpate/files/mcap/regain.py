@@ -1,4 +1,4 @@
-"""Recover an MCAP file of `McapWriter` whose process was killed: its complete chunks, and a writer to continue it."""
+"""Recover an MCAP file of `McapWriter` whose process was killed."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _ENTRY = 16  # bytes of an index for each message
 
 
 class SequenceSpan(NamedTuple):
-    """Sequence numbers of a channel: the first, the last, and the largest of those that begin or end a chunk."""
+    """Sequence numbers of a channel: first, last, and the largest of those that begin or end a chunk."""
 
     first: int
     last: int
@@ -40,9 +40,9 @@ class Regained(NamedTuple):
     """The part of a file that is complete.
 
     Attributes:
-        writer: has the complete chunks; they end at byte `writer.size` of the file.
-        topics: those that the file declares.
-        sequences: channel -> its sequence numbers, for each channel that has messages.
+        writer: with the complete chunks, which end at byte `writer.size`.
+        topics: that the file declares.
+        sequences: channel -> its sequence numbers, where it has messages.
     """
 
     writer: McapWriter
@@ -51,10 +51,7 @@ class Regained(NamedTuple):
 
 
 def regained(path: Path) -> Regained | None:
-    """Read a file as far as it is complete, and check each chunk by its checksum; the file is not changed.
-
-    Returns:
-        The complete part; None where not even the head is complete, or the file is not from `McapWriter`.
+    """Return the part of a file that is complete and whose checksums agree; None if no such file of `McapWriter`.
 
     Raises:
         OSError: the file cannot be read.

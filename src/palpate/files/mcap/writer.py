@@ -1,7 +1,4 @@
-"""Write an MCAP file chunk by chunk, whose messages are the rows of structured arrays.
-
-The records around the messages are those of the `mcap` library, which writes messages one by one.
-"""
+"""Write an MCAP file chunk by chunk, whose messages are the rows of structured arrays."""
 
 from __future__ import annotations
 
@@ -25,7 +22,7 @@ MESSAGE = np.dtype(  # what stands before the bytes of a message
 
 
 class Written(NamedTuple):
-    """A chunk that is in the file, in as little memory as possible: a file may have many.
+    """A chunk that is in the file.
 
     Attributes:
         entry: its record in the summary (a chunk index).
@@ -41,7 +38,7 @@ class Written(NamedTuple):
 
 
 class WrittenTopic(NamedTuple):
-    """A channel: its name, the type of its messages and the definition of that type (ros2msg); messages are CDR."""
+    """A channel of CDR messages: its name, their type and the definition of that (ros2msg)."""
 
     name: str
     kind: str
@@ -51,11 +48,13 @@ class WrittenTopic(NamedTuple):
 class McapWriter:
     """Maker of the bytes of an MCAP file, in the order in which they are to be written.
 
-    Channels are numbered from 1 in the order of `topics`.
+    Args:
+        topics: the channels, numbered from 1.
+        library: that the head names.
 
     Attributes:
         head: bytes with which the file begins.
-        chunks: chunks that were written.
+        chunks: that were written.
     """
 
     def __init__(self, topics: Sequence[WrittenTopic], library: str) -> None:
@@ -72,11 +71,11 @@ class McapWriter:
         return self.chunks[-1].end if self.chunks else len(self.head)
 
     def chunk(self, records: np.ndarray, messages: Sequence[np.ndarray]) -> tuple[bytes, Written]:
-        """Return the bytes of the next chunk, and the `Written` entry to append to `chunks` once they are written.
+        """Return the bytes of the next chunk, and the entry to append to `chunks` once they are written.
 
         Args:
-            records: bytes of all its messages.
-            messages: the same bytes as rows of one topic each, in order; their type begins with `MESSAGE`'s fields.
+            records: bytes of all its messages, at least one.
+            messages: the same as rows of one topic each, in order; their type begins with `MESSAGE`'s fields.
         """
         present = {int(rows["channel"][0]): rows for rows in messages if len(rows)}
         times = np.concatenate([rows["log"] for rows in present.values()])
@@ -94,11 +93,11 @@ class McapWriter:
     def written(
         self, chunk: mcap.Chunk, lengths: tuple[int, int], places: dict[int, int], counts: dict[int, int]
     ) -> Written:
-        """Return the `Written` entry to append to `chunks` for a chunk that follows them in the file.
+        """Return the entry to append to `chunks` for a chunk that follows them in the file.
 
         Args:
             chunk: the record.
-            lengths: bytes of the record, without and with the message indices after it.
+            lengths: bytes of the record, without and with its message indices.
             places: channel -> byte of the file at which its message index begins.
             counts: channel -> number of messages.
         """

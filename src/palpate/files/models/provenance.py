@@ -1,4 +1,4 @@
-"""Record the provenance of a result: the version, each input by its content, each option that was set."""
+"""Record the provenance of a result: version, inputs by their content, options."""
 
 from __future__ import annotations
 

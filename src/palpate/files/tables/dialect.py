@@ -1,4 +1,4 @@
-"""Find the dialect of a delimited text: lines before the rows, delimiter, decimal point and column names."""
+"""Find the dialect of a delimited text: delimiter, decimal point, column names, and lines before the rows."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ class Dialect:
         delimiter: comma, semicolon, tab, bar, or `SPACES`.
         decimal: "." or ",".
         names: of the columns.
-        units: of the columns, from a second row of the header; "" where it states none.
-        first: index of the line at which rows may begin, counted from 0.
-        header: index of the line with the names, counted from 0; -1: there are none, and `column_1`, ... are used.
+        units: of the columns, from a row of their own, "" where it states none; empty without that row.
+        first: index from 0 of the line at which rows may begin.
+        header: index from 0 of the line with the names; -1: there are none, and `column_1`, ... are used.
         stated: key in lower case -> value, from the lines before the header.
     """
 
@@ -52,7 +52,7 @@ class Dialect:
     stated: Mapping[str, str] = field(default_factory=dict[str, str])
 
     def described(self) -> str:
-        """Describe in words how this text differs from a plain table; return "" if it does not."""
+        """Return in words how the text differs from a plain table; "" if it does not."""
         said = [
             (self.delimiter not in ",;\t", f"separated by {_CALLED[self.delimiter]}"),
             (self.decimal == "," and self.delimiter == ",", "decimal commas in quotes"),
@@ -64,11 +64,11 @@ class Dialect:
 
 
 def find_dialect(text: bytes, path: Path) -> Dialect:
-    """Return the `Dialect` of a text, determined from its first `LOOKED_AT` bytes.
+    """Return the dialect of a text, found in its first `LOOKED_AT` bytes.
 
     Raises:
-        InputError: the text is empty, is XML or HTML, has only one column or more than 20,000, has a header with an
-            open quote, or its commas may be decimal points or marks between thousands.
+        InputError: the text is empty, is XML or HTML, has only one column or more than 20,000, an open quote in its
+            header, or numbers that have, or may have, marks between thousands.
     """
     if text[:LOOKED_AT].lstrip().startswith(b"<"):
         raise InputError("is XML or HTML, not a table.", where=str(path))
@@ -85,7 +85,7 @@ def find_dialect(text: bytes, path: Path) -> Dialect:
 
 
 def spaces_to_tabs(text: bytes) -> bytes:
-    """Replace each run of spaces and tabs by one tab, and remove those at the ends of lines."""
+    """Return a text with each run of spaces and tabs as one tab, and none at the ends of lines."""
     return re.sub(rb"(?m)^\t|\t?\r?$", b"", re.sub(rb"[ \t]+", b"\t", text))
 
 

@@ -34,10 +34,10 @@ _INSIDE = b"\x1f"  # stands for a delimiter inside quotes, so that every line pa
 @takes_arrays
 @dataclass(frozen=True)
 class TextTable:
-    """The text of some rows of a file; numbers are parsed on request, so that errors can name a bad field.
+    """The text of some rows of a file; numbers are parsed on request.
 
     Attributes:
-        path: the file.
+        path: of the file.
         dialect: format of the text.
         lines: (n,) line number of each row in the file, counted from 1.
         fields: (n,) number of fields of each row; -1 where a quote is not closed.
@@ -59,12 +59,12 @@ class TextTable:
 
     @property
     def delimiter(self) -> str:
-        """Character between the fields of the stored text: a tab if the file separates them by runs of spaces."""
+        """Character between the fields of the stored text: a tab in place of spaces."""
         return "\t" if self.dialect.delimiter == SPACES else self.dialect.delimiter
 
     @property
     def ragged(self) -> Bool[np.ndarray, " n"]:
-        """(n,) True where a row has more or fewer fields than the header, or a quote that is not closed."""
+        """(n,) True where a row has other fields than the header, or an open quote."""
         return self.fields != len(self.names)
 
     @property
@@ -73,15 +73,15 @@ class TextTable:
         return self.counted(RowCount()).notes()
 
     def counted(self, rows: RowCount) -> RowCount:
-        """Add these rows to `rows`, and return it."""
+        """Add these rows to `rows`, and return that."""
         rows.add(self.lines, self.fields, len(self.names), self.delimiter)
         return rows
 
     def strings(self, name: str) -> pl.Series:
-        """Return one column as a polars series of text, stripped, null where empty.
+        """Return one column as text, stripped, null where empty.
 
         Raises:
-            InputError: the column is missing, or is there more than once.
+            InputError: the column is missing or occurs more than once.
         """
         self.require([name])
         return self._strings([name])[0]
@@ -89,15 +89,14 @@ class TextTable:
     def numbers(
         self, names: Sequence[str], *, strict: bool = False
     ) -> tuple[Float[np.ndarray, "n k"], tuple[str, ...]]:
-        """Return columns (n, k) as float64, NaN where a field is no number or its row is ragged, and a tuple of notes.
+        """Return columns (n, k), NaN where a field is no number or its row is ragged; and a tuple of notes.
 
         Args:
             names: of the columns.
             strict: refuse a ragged row, and a field that is neither a number nor empty nor nan.
 
         Raises:
-            InputError: a column is missing, is there more than once or contains no number at all, or `strict` refuses a
-                row.
+            InputError: a column is missing, occurs more than once or has text but no number; or `strict` refuses a row.
         """
         if strict and self.ragged.any():
             self.refuse(
@@ -112,10 +111,10 @@ class TextTable:
         return values, fields.notes()
 
     def read(self, names: Sequence[str], fields: Fields) -> Float[np.ndarray, "n k"]:
-        """Return columns (n, k) as float64, NaN where there is no number, and count the rows in `fields`.
+        """Return columns (n, k), NaN where there is no number, and count the rows in `fields`.
 
         Raises:
-            InputError: a column is missing, or is there more than once.
+            InputError: a column is missing or occurs more than once.
         """
         self.require(names)
         parsed = self._parse(names, numbers=True)
@@ -132,11 +131,19 @@ class TextTable:
         return values
 
     def refuse(self, row: int, what: str, hint: str = "") -> NoReturn:
-        """Raise an InputError that names the line of a row, gives `what` as the reason, and adds the hint."""
+        """Raise an error on the row of an index: `what`, without a full stop, and a hint.
+
+        Raises:
+            InputError: always; it names the line.
+        """
         raise InputError(f"{what}.", where=f"{self.path}, {self._line(row)}", hint=hint)
 
     def require(self, names: Sequence[str]) -> None:
-        """Raise an InputError unless each of these columns exists exactly once."""
+        """Check that each of these columns exists exactly once.
+
+        Raises:
+            InputError: one does not.
+        """
         there = Counter(self.names)
         for name in names:
             if there[name] > 1:
@@ -176,10 +183,10 @@ class TextTable:
 
 
 def read_table(path: Path) -> TextTable:
-    """Read a complete delimited text file, whose dialect is detected, as a `TextTable`.
+    """Read a complete delimited text file, whose dialect is found.
 
     Raises:
-        InputError: the file does not exist, is not text, is empty, or has no header or no row that fits it.
+        InputError: the file cannot be read, is not text, is empty, or has no header or no row that fits it.
     """
     with open_input(path) as file:
         whole = next(tables(file, path, -1))
@@ -188,7 +195,7 @@ def read_table(path: Path) -> TextTable:
 
 
 def tables(file: BinaryIO, path: Path, size: int) -> Iterator[TextTable]:
-    """Yield the rows of an open file, each `TextTable` of about `size` bytes of text; the first may be without rows.
+    """Yield the rows of an open file in pieces of about `size` bytes (-1: at once); the first may have no rows.
 
     Raises:
         InputError: the file is not text, is empty, or has no header.
