@@ -11,7 +11,7 @@ from jaxtyping import Float, UInt8
 from palpate.opencv import opencv
 from palpate.viewer._style import DARK, MUTED, RULE, mixed
 from palpate.viewer.camera import VIEW
-from palpate.viewer.heat import PALETTE, colours
+from palpate.viewer.heat import BARE, colours
 from palpate.viewer.ink import Ink
 from palpate.viewer.marker import FORCE, OTHER
 from palpate.viewer.rendered import Rendered, ViewPoint, rendered
@@ -33,7 +33,7 @@ _BESIDE = 14.0  # px from an arrow to the nearest edge of its label
 
 
 class ScenePicture:
-    """A drawing of any moment of a scene; the body is drawn once for each side that is touched in turn.
+    """A drawing of any moment of a scene; the body is drawn once for each side that is touched.
 
     Args:
         scene: the scene to draw.
@@ -75,12 +75,12 @@ class ScenePicture:
     def _seen(self, seconds: float) -> tuple[_Side, UInt8[np.ndarray, "h w 3"]]:
         """Return the side of the current or next touch, and the body's picture, fading over before a touch begins."""
         at = max(int(np.searchsorted(self._stops, seconds, side="right")) - 1, 0)
-        share = 0.0
+        one, share = self._side(at), 0.0
         if at + 1 < len(self._stops):
             share = float(np.clip(1 - (self._stops[at + 1] - seconds) / _TURN, 0.0, 1.0))
-        one, other = self._side(at), self._side(at + 1) if share > 0.0 else None
-        if other is None:
+        if share == 0.0:
             return one, one.picture
+        other = self._side(at + 1)
         return other if share > 0.5 else one, self._cv2.addWeighted(one.picture, 1 - share, other.picture, share, 0)
 
     def _side(self, at: int) -> _Side:
@@ -103,7 +103,7 @@ class ScenePicture:
         made = Rendered(np.full((height, width, 3), 255, dtype=np.uint8), np.full((height, width), np.inf))
         for place in np.concatenate([np.zeros((0, 3)), *(layer.places for layer in scene.layers)]):
             at = camera.seen(scene.placed(place)[None])[0]
-            self._ink.disc(made.picture, at[:2], 6.0 * _SOFT, _grey())
+            self._ink.disc(made.picture, at[:2], 6.0 * _SOFT, BARE)
         return made
 
     def _draw_trail(self, picture: np.ndarray, moment: SceneMoment, side: _Side) -> None:
@@ -212,8 +212,3 @@ def _camera(scene: Scene, contacts: Sequence[ShownContact]) -> ViewPoint:
     size = SIZE[0], _HIGH
     position, target = aim(scene, size[0] / size[1], contacts, covered=0.0)
     return ViewPoint(position, target, VIEW, (round(_SOFT * size[0]), round(_SOFT * size[1])))
-
-
-def _grey() -> tuple[int, int, int]:
-    red, green, blue = (round(float(value)) for value in PALETTE[0])
-    return red, green, blue

@@ -65,11 +65,11 @@ def require_viser(host: str, port: int) -> None:
 class Served:
     """A page that background threads serve until `stop`, or until the end of a `with` block.
 
-    Only a browser that opens `address` is answered, and those that have opened it before; see `Guard`.
+    Only browsers that open `address`, or have opened it before, are answered; see `Guard`.
 
     Attributes:
-        address: address to open in a browser, with the token that it needs. Where the server listens at all addresses
-            of this machine, it is the one that others on its network reach.
+        address: address to open in a browser, with its token. If the server listens at all addresses of this machine,
+            it is the one that others on its network reach.
         port: the free port that was found.
 
     Args:
@@ -119,7 +119,7 @@ class Page(Served):
         scene: scene to show.
         host: address to listen at; only this machine can reach the default.
         port: the first to try; 0 for any.
-        together: all browsers share one moment, which each of them can change; else each has a separate one.
+        together: all browsers share one moment; else each has a separate one.
 
     Raises:
         InputError: viser is not installed, or nothing can listen there.
@@ -141,32 +141,8 @@ class Page(Served):
 
     @property
     def session(self) -> BrowserSession:
-        """The latest `BrowserSession`: of the browser that connected last, or of all together.
-
-        Raises:
-            IndexError: each browser has a separate session, and none is connected.
-        """
+        """The `BrowserSession` of the browser that connected last, or of all together; IndexError without one."""
         return list(self._sessions.values())[-1]
-
-    @property
-    def index(self) -> int:
-        """Number of the sample that the latest session shows; IndexError where `session` has none."""
-        return self.session.index
-
-    @property
-    def playing(self) -> bool:
-        """True while the latest session plays; IndexError where `session` has none."""
-        return self.session.playing
-
-    def seek(self, seconds: float) -> None:
-        """Move every session to a time [s] since the start of the log."""
-        for session in list(self._sessions.values()):
-            session.seek(seconds)
-
-    def play(self, on: bool) -> None:
-        """Start or stop playing in every session."""
-        for session in list(self._sessions.values()):
-            session.play(on)
 
     def stop(self) -> None:
         """Close the page and free its port."""

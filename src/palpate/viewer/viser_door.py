@@ -144,7 +144,8 @@ class _Door:
             handle = gui._gui_input_handle_from_uuid.get(name)
             if handle is not None and (kind := _KINDS.get(type(handle))) is not None:
                 usable, options = handle.visible and not handle.disabled, getattr(handle, "options", ())
-                return Widget(kind, usable, tuple(options), *_bounds(handle, kind))
+                bounds = (float(handle.min), float(handle.max)) if kind is WidgetKind.SET else ()
+                return Widget(kind, usable, tuple(options), *bounds)
         return None
 
 
@@ -179,10 +180,6 @@ class _NoHandshakes(Filter):
 
     def filter(self, record: LogRecord) -> bool:
         return not record.getMessage().startswith(("opening handshake failed", "connection rejected"))
-
-
-def _bounds(handle: Any, kind: WidgetKind) -> tuple[float, float]:
-    return (float(handle.min), float(handle.max)) if kind is WidgetKind.SET else (0.0, 0.0)
 
 
 def _response(status: HTTPStatus, text: str, cookie: str = "") -> Response:
