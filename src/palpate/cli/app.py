@@ -54,7 +54,7 @@ _EACH = {
     "estimate": _Command(".estimate", "estimate", "Estimate contacts in a log, with a rig or with a mesh alone."),
     "batch": _Command(".batch", "batch", "Estimate contacts in many logs, and write one page about them."),
     "calibrate camera": _Command(
-        "palpate.sensors.marker_ring.camera_command",
+        "palpate.sensors.marker_ring.commands",
         "CalibrateCamera",
         "Calibrate a fisheye lens from pictures of a chessboard.",
     ),
