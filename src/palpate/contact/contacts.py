@@ -1,4 +1,4 @@
-"""Contacts over time: the result of every estimator, and the input of every file, table, page and report."""
+"""Contacts over time: the result of every estimator."""
 
 from __future__ import annotations
 
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from palpate.surfaces.surface import SurfaceLike
 
 __all__ = ["Contacts"]
+
+_COLUMNS = {"sample": INT64, "time": FLOAT, "identity": INT64}
 
 
 @called_as(
@@ -67,7 +69,7 @@ class Contacts(Value):
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for name, dtype in (("sample", INT64), ("time", FLOAT), ("identity", INT64)):
+        for name, dtype in _COLUMNS.items():
             object.__setattr__(self, name, _read_only(getattr(self, name), name, dtype))
         features = {name: _read_only(values, name) for name, values in self.features.items()}
         object.__setattr__(self, "features", MappingProxyType(features))
@@ -132,18 +134,14 @@ class Contacts(Value):
             raise InputError("parts must be at least one Contacts, and is empty.")
         if len(parts) == 1:
             return parts[0]
-        names = dict.fromkeys(name for part in parts for name in part.features)
-        return cls(
-            np.concatenate([part.sample for part in parts]),
-            np.concatenate([part.time for part in parts]),
-            np.concatenate([part.identity for part in parts]),
-            ContactEstimate.joined([part.estimate for part in parts]),
-            {
-                name: np.concatenate([part.features.get(name, np.full(len(part), np.nan)) for part in parts])
-                for name in names
-            },
-            tuple(dict.fromkeys(note for part in parts for note in part.notes)),
-        )
+        columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _COLUMNS}
+        estimate = ContactEstimate.joined([part.estimate for part in parts])
+        features = {
+            name: np.concatenate([part.features.get(name, np.full(len(part), np.nan)) for part in parts])
+            for name in dict.fromkeys(name for part in parts for name in part.features)
+        }
+        notes = tuple(dict.fromkeys(note for part in parts for note in part.notes))
+        return cls(**columns, estimate=estimate, features=features, notes=notes)
 
     def __len__(self) -> int:
         return len(self.sample)
@@ -167,14 +165,9 @@ class Contacts(Value):
         """
         if isinstance(which, int | np.integer):
             return self.estimate[which]
-        return replace(
-            self,
-            sample=self.sample[which],
-            time=self.time[which],
-            identity=self.identity[which],
-            estimate=self.estimate[which],
-            features={name: values[which] for name, values in self.features.items()},
-        )
+        columns = {name: getattr(self, name)[which] for name in _COLUMNS}
+        features = {name: values[which] for name, values in self.features.items()}
+        return replace(self, **columns, estimate=self.estimate[which], features=features)
 
     @property
     def point(self) -> Float[np.ndarray, "n 3"]:

@@ -1,4 +1,4 @@
-"""Decide for each window of readings whether it shows the bias of a sensor or a touch."""
+"""Decide whether a window of readings shows the bias of a sensor or a touch."""
 
 from __future__ import annotations
 

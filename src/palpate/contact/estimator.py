@@ -1,4 +1,4 @@
-"""Define the base class of all estimators, which turn the readings of a sensor into contacts."""
+"""The base class of estimators, which turn readings into contacts."""
 
 from __future__ import annotations
 
@@ -213,7 +213,8 @@ class ContactEstimator(ABC):
             number of rows written: at least 1, and as many as fit.
 
         Raises:
-            InputError: as `update`; or `out` is not as `empty` makes it.
+            InputError: time, reading or `out` have another shape; the rotation is needed and missing; the baseline of a
+                skin is not known; the filter has zero phase.
         """
         require_forward(self.filter)
         count = self._single(instant(time), reading, rows_of(out, self._width), rotation, acceleration)

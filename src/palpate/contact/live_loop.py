@@ -1,4 +1,4 @@
-"""Locate live samples, from reading to contact, in one compiled call, for sensors with a compiled loop."""
+"""Locate live samples, from reading to contact, in one compiled call."""
 
 from __future__ import annotations
 

@@ -74,7 +74,7 @@ class Candidates(Value):
     locate="locator.run([[0, 0, -5, 0.02, 0, 0]])",
 )
 class Locator:
-    """Locator of contacts on one surface: the tree is built and the loops are compiled once, at construction.
+    """Locator of contacts on one surface, whose tree and loops are prepared at construction.
 
     Args:
         surface: a `Surface`, such as a `Mesh`; a mesh of trimesh; or the path of a mesh file.
@@ -85,15 +85,14 @@ class Locator:
         noise: standard deviations of force and torque, or of each of the six numbers, or a 6 x 6 covariance, force
             first [N, N m]; None: covariances are NaN unless given with the wrenches.
         on, off: force [N] at which a contact begins, and below which it ends. None for both: 5.5 and 3 standard
-            deviations of the force by its covariance in that sample, with noise, payload, motion and tare; without
-            noise only zero force is no contact.
+            deviations of the force by its covariance in that sample; without noise only zero force is no contact.
         indentation: depth at which the force acts below a soft layer on the surface; None: the surface is rigid.
         accuracy: [m] 3-D standard deviation above which the answer is TOO_LIGHT; None: no limit.
         unit: of a mesh file's numbers: m, cm, mm, um or in.
 
     Raises:
-        InputError: an unknown method; friction or accuracy that is not positive, or negative torsion; on < off; an
-            invalid noise; no surface, or a mesh file that cannot be read or has no unit.
+        InputError: an unknown method; friction or accuracy that is not positive, or negative torsion; thresholds that
+            are not 0 <= off <= on; an invalid noise; no surface, or a mesh file that cannot be read or has no unit.
         GeometryError: a mesh without usable facets.
     """
 
@@ -200,7 +199,7 @@ class Locator:
         self._state[:] = _state(previous)
 
     def __call__(self, wrench: ArrayLike, out: np.ndarray | None = None) -> None:
-        """Locate one wrench into `out`, and keep hysteresis and last contact; nothing is allocated for float64 arrays.
+        """Locate one wrench into `out`, and keep hysteresis and last contact; float64 arrays are not copied.
 
         Args:
             wrench: (6,) [N, N m] in the surface's frame, force first.
@@ -276,10 +275,10 @@ class Locator:
         Args:
             wrench: (6,) [N, N m] in the surface's frame, force first; NaN gives the status `INVALID`.
             covariance: (6, 6) of the wrench, instead of the Locator's noise.
-            previous: (3,) [m] the last contact point; None: there is none.
+            previous: (3,) [m] the last contact point, or None.
 
         Raises:
-            InputError: an argument has another shape, or entries that are not real numbers.
+            InputError: other shapes, or numbers that are not real.
         """
         known = None if covariance is None else shaped(covariance, (6, 6), "covariance")
         return self._single(shaped(wrench, _WRENCH, "wrench"), _state(previous), known)
@@ -330,7 +329,12 @@ class Locator:
     def first_free(self, wrenches: ArrayLike, covariances: ArrayLike | None, statuses: ArrayLike) -> int:
         """Return the index of the first sample without contact, whatever came before; -1 if there is none.
 
-        A sequence can be cut after it. The arguments are as in `run_into`.
+        A sequence can be cut after it.
+
+        Args:
+            wrenches: (n, 6) [N, N m] in the surface's frame, force first.
+            covariances: (n, 6, 6), or None for the Locator's noise.
+            statuses: (n,) int8, a `Status` known beforehand or -1.
 
         Raises:
             InputError: other shapes.
@@ -387,7 +391,7 @@ class Locator:
 
         The end is the sample with the largest force among the last 32 answered ones, of those with CONTACT if there are
         any; rows after it stay. AMBIGUOUS stays only if most of these samples have it. All rows stay if more samples
-        would become implausible, as there was more than one touch. The Locator's memory is kept.
+        would become implausible. The Locator's memory is kept.
 
         Args:
             wrenches: (n, 6) of the touch, in the surface's frame.
@@ -467,8 +471,7 @@ def _writable(array: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
 def in_space(wrenches: Float[np.ndarray, "n 6"], centre: Float[np.ndarray, "3"], scale: float) -> Int[np.ndarray, " n"]:
     """Return indices (n,) that put wrenches next to each other if their axes enter a ball around the body close by.
 
-    Then the parts of a large tree that they need stay in the processor's cache. The points of entry are sorted by the
-    cells of a grid in Morton's order.
+    So the parts of a large tree that they need stay in the processor's cache. Keys are Morton's order of a grid.
 
     Args:
         wrenches: (n, 6) force first, in the surface's frame; rows of NaN or without a force are placed anywhere.
@@ -557,7 +560,7 @@ def locate(
     Args:
         wrench: a `Wrench`, or six-vectors (*batch, 6), force first [N, N m].
         surface: a `Surface`, such as a `Mesh`; a mesh of trimesh; or the path of a mesh file.
-        method: "soft_finger" or "wrench_axis".
+        method: "soft_finger" or "wrench_axis", as of a `Locator`.
         friction: bound on tan(theta), theta between -force and normal.
         torsion: bound on |torque|/|F . n| [m].
         noise: standard deviations of force and torque, or of each of the six numbers, or a 6 x 6 covariance, force
@@ -569,9 +572,9 @@ def locate(
         a `ContactEstimate` with the batch's leading axes. Without any noise its covariance is NaN.
 
     Raises:
-        InputError: an unknown method; wrenches, noise or previous of another shape; no surface, or a mesh file that
-            cannot be read or has no unit.
-        GeometryError: the mesh is not usable.
+        InputError: an unknown method; friction that is not positive, or negative torsion; wrenches, noise or previous
+            of another shape; no surface, or a mesh file that cannot be read or has no unit.
+        GeometryError: the mesh has no usable facet.
     """
     surface = as_surface(surface, unit)
     if type(friction) is not float or type(torsion) is not float:

@@ -1,4 +1,4 @@
-"""Locate the samples of a log in several threads; a sample without contact makes the next ones independent."""
+"""Locate the samples of a log in several threads."""
 
 from __future__ import annotations
 
@@ -75,8 +75,8 @@ class Pending(NamedTuple):
 class LocatingThreads:
     """Threads that run `Locator.run_into` on the pieces of a log in order, with results identical to the last bit.
 
-    A thread takes the samples from one without contact to the next such sample in another piece, which may depend on
-    each other; fewer of a long touch, and if their result is requested earlier.
+    A thread takes the samples between two without contact, which may depend on each other; fewer of a long touch, and
+    if their result is requested earlier.
 
     Args:
         locator: its memory is continued, and is that of the last sample after `finish`.

@@ -1,4 +1,4 @@
-"""Check whether wrenches fit the body: a wrong unit moves the line of action away from the body."""
+"""Check whether wrenches fit the body."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compute wrenches of a sensor in the surface's frame: compensated, bias followed, filtered, with covariances."""
+"""Compute a sensor's wrenches in the surface's frame, with covariances."""
 
 from __future__ import annotations
 

@@ -21,7 +21,13 @@ FAINT = 0.1  # of the heaviest window's weight: what weighs less has no say in t
 
 
 def find_touches(contacts: Contacts, *, gap: float = 0.05, shortest: float = 0.02) -> Events:
-    """Return the touches among contacts as `Events`, found by a `TouchFinder` with `gap` and `shortest` [s]."""
+    """Return the touches among contacts as `Events`.
+
+    Args:
+        contacts: of any sensor.
+        gap: [s]; answered samples of one identity closer than this plus 1.5 sample steps are one touch.
+        shortest: [s]; a touch that lasts less is left out.
+    """
     finder = TouchFinder(gap=gap, shortest=shortest)
     finder.add(contacts)
     return finder.touches()

@@ -44,8 +44,7 @@ class WrenchEstimator(ContactEstimator):
 
     A reading is six numbers [N, N m] as measured, force first, in the frame that `ForceTorque.frame` names; or the
     voltages of load cells. The filter acts on the wrench in the sensor's frame; it reduces the noise in the covariance,
-    but not the errors of sensor, tare and mounting. A sample to which the sensor gives a status bypasses the filter; a
-    gap restarts it.
+    but not the errors of sensor, tare and mounting. A sample with a status of the sensor bypasses it; gaps restart it.
 
     Args:
         locator: on the surface, in the surface's frame; or the surface, as `Locator` takes it. A locator without noise
@@ -66,16 +65,15 @@ class WrenchEstimator(ContactEstimator):
             after a touch, for which blocks wait 10 minutes at most.
 
     Attributes:
-        kelvin: temperature of the sensor [K or degrees C] for `update` and `update_into`, which take no channels, if
-            `drift` has a `thermal`.
-        threads: number of threads in which `pairs` and `stream` locate while later blocks are read, with identical
-            results. 0: the caller's thread, which is also used if the bias is followed.
+        kelvin: temperature of the sensor [K or degrees C] for `update` and `update_into`, if `drift` has a `thermal`.
+        threads: number of threads in which `pairs` and `stream` locate, with identical results. 0: the caller's thread,
+            which is also used if the bias is followed.
 
     Raises:
         InputError: a filter without a rate, or with one that is too low for it; a negative placement; a drift of other
-            channels than the sensor's, or for a sensor whose bias cannot be followed or whose noise is not known; as
-            `Locator` if given a surface.
-        GeometryError: as `Locator` if given a surface.
+            channels than the sensor's, or for a sensor whose bias cannot be followed or whose noise is not known; no
+            surface, or a mesh file that cannot be read or has no unit.
+        GeometryError: a mesh without usable facets.
     """
 
     @takes_arrays

@@ -41,16 +41,14 @@ class ZeroRecord:
 
     def value(self) -> ZeroHistory:
         """Return the bias of the windows that were kept as a `ZeroHistory`."""
-        zeros = [state.zero for _, state, _ in self._rows]
-        channels = len(zeros[0]) if zeros else len(self._sensor.start()[1].zero)
-        deviations = [np.sqrt(np.diag(state.covariance)[:channels]) for _, state, _ in self._rows]
-        coefficients = [state.coefficient for _, state, _ in self._rows]
-        count = len(self._rows)
+        states = [state for _, state, _ in self._rows]
+        count, channels = len(states), len(states[0].zero if states else self._sensor.start()[1].zero)
+        variances = [np.diag(state.covariance)[:channels] for state in states]
         return ZeroHistory(
             np.array([time for time, _, _ in self._rows], dtype=np.float64),
-            np.array(zeros, dtype=np.float64).reshape(count, channels),
-            np.array(deviations, dtype=np.float64).reshape(count, channels),
-            np.array(coefficients, dtype=np.float64).reshape(count, -1 if count else 0),
+            np.array([state.zero for state in states], dtype=np.float64).reshape(count, channels),
+            np.sqrt(np.array(variances, dtype=np.float64).reshape(count, channels)),
+            np.array([state.coefficient for state in states], dtype=np.float64).reshape(count, -1 if count else 0),
             np.array([status for _, _, status in self._rows], dtype=np.int8),
         )
 

@@ -1,4 +1,4 @@
-"""Convert a caller's values to arrays that compiled loops can take, or that nobody can change afterwards."""
+"""Arrays that compiled loops can take, or that nobody can change afterwards."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Convert the arguments of public functions to the arrays and numbers that their annotations require."""
+"""Conversion of the arguments of public functions to what their annotations require."""
 
 from __future__ import annotations
 

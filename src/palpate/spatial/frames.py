@@ -1,4 +1,4 @@
-"""A tree of frames whose edges are fixed or move, and the pose of one frame in another over time."""
+"""A tree of frames, and the pose of one frame in another over time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The sensor's pose live, when poses lag behind the samples: kept or extrapolated, and the angle error that results."""
+"""The sensor's pose live, when poses lag behind the samples."""
 
 from __future__ import annotations
 
@@ -28,10 +28,9 @@ class LiveTrack(PoseTrack):
 
         s(t)^2 = (a t (t + B) / 2)^2 + n^2 ((1 + u)^2 + u^2 - 1),   u = t / B,
 
-    with a^2 the mean square of the angular acceleration and n the noise of a pose (rms angle), whose n^2 at age 0 is
-    not included. The last poses give a and n: the second difference of orientations over a lag of m spacings has the
-    mean square a^2 (m D)^4 + 6 n^2, and two lags (1 and 8 spacings, or fewer) give both. With `hold`,
-    s^2 = (w t)^2 + (a t^2 / 2)^2 with w^2 the mean square of the angular velocity.
+    with a^2 the mean square of the angular acceleration and n the rms angle of a pose's noise, which is left out at age
+    0. Second differences of the last orientations over lags of m spacings, whose mean square is a^2 (m D)^4 + 6 n^2,
+    give both. With `hold`, s^2 = (w t)^2 + (a t^2 / 2)^2 with w^2 the mean square of the angular velocity.
 
     Args:
         offset, max_gap: as of `PoseTrack`; beyond an age of `max_gap` there is no answer.

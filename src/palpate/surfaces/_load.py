@@ -1,4 +1,4 @@
-"""Read a mesh file into arrays: binary STL here, which takes no time; everything else by trimesh."""
+"""Read a mesh file into arrays: binary STL here, everything else by trimesh."""
 
 from __future__ import annotations
 

@@ -1,8 +1,4 @@
-"""Repair a mesh where that is safe, and note the repairs.
-
-Vertices that coincide are merged, facets without area or doubled ones are dropped, and the winding is made consistent
-over each body and outward. Nothing is moved, filled or remeshed.
-"""
+"""Repair a mesh where that is safe, and note the repairs; nothing is moved, filled or remeshed."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ def build_tree(rows: Float[np.ndarray, "m 20"], sharp: int = 0) -> Tree:
         sharp: number of `sharp_edges` at the end of the rows.
 
     Raises:
-        GeometryError: more patches than float32 can number.
+        GeometryError: more than 8,388,608 patches.
     """
     from palpate.surfaces import _bvh  # compiled: loaded when first needed
 

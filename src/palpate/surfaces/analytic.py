@@ -122,7 +122,7 @@ class Analytic(Value, ABC):
         """Return a `Mesh` of about `facets` triangles with their corners on the surface.
 
         Raises:
-            GeometryError: as `chart`.
+            GeometryError: an implicit surface is not seen from the middle of its box in every direction.
         """
         points, faces = self.chart(max(3, round((facets / 2) ** 0.5)))
         return Mesh.from_arrays(self.pose.apply(points), faces)

@@ -1,4 +1,4 @@
-"""A smooth surface of control points: a tensor-product B-spline, open or periodic in its second parameter."""
+"""A tensor-product B-spline surface, open or periodic in its second parameter."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Walk straight along a surface of any shape, so that a flat module keeps its lengths on it."""
+"""Walk straight along a surface of any shape."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A triangle mesh as a surface: checked, repaired where that is safe, smooth within creases and split across them."""
+"""Triangle meshes as surfaces: checked, repaired where that is safe, smooth within creases and split across them."""
 
 from __future__ import annotations
 
@@ -138,8 +138,8 @@ class Mesh(Value):
             options: `smooth`, `crease`, `region`, `covered` as in `from_arrays`; facets are numbered as trimesh does.
 
         Raises:
-            InputError: no unit or an unknown one; nothing that has vertices and faces.
-            GeometryError: as `from_arrays`.
+            InputError: no unit or an unknown one; nothing that has vertices and faces; a crease not from 0 to pi.
+            GeometryError: no facet with an area, or an unusable region.
         """
         from palpate.surfaces._load import arrays_of
 
@@ -154,11 +154,11 @@ class Mesh(Value):
         Args:
             path: the file.
             unit: required, of the file's numbers: m, cm, mm, um or in.
-            options: `smooth`, `crease`, `region` and `covered` as in `from_arrays`; facets are numbered as in the file.
+            options: `smooth`, `crease`, `region`, `covered` as in `from_arrays`; facets are numbered as in the file.
 
         Raises:
-            InputError: no such file, or one that is not a mesh; no unit or an unknown one.
-            GeometryError: as `from_arrays`.
+            InputError: no such file, or one that is not a mesh; no unit or an unknown one; a crease not from 0 to pi.
+            GeometryError: no facet with an area, or an unusable region.
         """
         from palpate.surfaces._load import load_arrays
 
@@ -310,7 +310,7 @@ class Mesh(Value):
 @called_as("palpate.plane([0, 0, 0], [0, 0, 1])")
 @takes_arrays
 def plane(point: ArrayLike, normal: ArrayLike, half_width: float = 1.0) -> Mesh:
-    """Make a square `Mesh` of two facets through `point` [m], pressed on its `normal` side.
+    """Make a square `Mesh` of two facets through `point`, pressed on its `normal` side.
 
     Args:
         point: (3,) its middle [m].
@@ -318,8 +318,8 @@ def plane(point: ArrayLike, normal: ArrayLike, half_width: float = 1.0) -> Mesh:
         half_width: [m]; beyond it a wrench is OFF_SURFACE.
 
     Raises:
-        InputError: point or normal is not three finite numbers.
-        GeometryError: the normal or the half-width is zero.
+        InputError: point or normal is not three numbers.
+        GeometryError: normal or half-width is zero, or a number is not finite.
     """
     middle, out = shaped(point, (3,), "point"), shaped(normal, (3,), "normal")
     length = np.linalg.norm(out)
