@@ -13,14 +13,13 @@ NEAR = 0.95  # of its squared length: a direction is called by the axis that it 
 def name_motions(basis: Float[np.ndarray, "6 k"], angle: float, length: float) -> tuple[str, ...]:
     """Return one name for each dimension of a space of small motions.
 
-    Motions along the body's axes are named first, as far as the space contains them; then pure translations, and then
-    rotations about other axes.
+    Motions along the body's axes come first, as far as the space contains them, then pure translations.
 
     Args:
         basis: (6, k) orthonormal columns (rotation / angle, translation of the body's origin / length), in the body's
             axes.
-        angle: [rad] that the rows of the rotation were divided by.
-        length: [m] that the rows of the translation were divided by.
+        angle: [rad] that the rotation was divided by.
+        length: [m] that the translation was divided by.
     """
     names: list[str] = []
     while basis.shape[1]:

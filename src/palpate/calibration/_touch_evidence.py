@@ -135,9 +135,8 @@ class KnownPoints(Evidence):
 class SomewhereOnSurface(Evidence):
     """Touches anywhere on the surface, each located with the given pose.
 
-    The residual torque of a located touch is its torsion. The information comes from the prior that bodies are mostly
-    pressed, not dragged: the unit force scatters about -n. The residual of a wrench that misses the surface is its
-    moment about the nearest point.
+    The information comes from the prior that bodies are mostly pressed, not dragged: the unit force scatters about -n.
+    The residual of a wrench that misses the surface is its moment about the nearest point.
 
     Args:
         surface: mesh in its own frame.

@@ -64,9 +64,8 @@ def identify_offset(
     """Find the offset d at which the force is F(t) = R(t - d)^T w + f0, and return a `ClockOffset`.
 
     Weight w and bias f0 are fitted for each d of a grid; the sum of log(1 + r^2 / s^2) over the residuals r (Cauchy's
-    likelihood) is least at the true d. Gauss-Newton steps on d, w and f0 follow, weighted 1 / (1 + r^2 / s^2). The
-    standard deviation is the sandwich of these equations over stretches of 1 s, within which residuals may be
-    correlated.
+    likelihood) is least at the true d. Gauss-Newton steps follow, weighted 1 / (1 + r^2 / s^2). The standard deviation
+    is the sandwich of these equations over stretches of 1 s.
 
     Args:
         time: (n,) [s] of the wrenches, on their clock.

@@ -105,18 +105,16 @@ def identify_drift(
 ) -> DriftFit:
     """Identify the most likely random walk, warm-up and thermal coefficient of a bias; return a `DriftFit`.
 
-    The likelihood is that of a Kalman filter without knowledge of the bias at the start. The noise of a window's mean
-    is fitted; where residuals are not white, windows become longer. Warm-up r s (1 - exp(-t/s)), temperature and errors
-    that turn with gravity are found by generalised least squares, the warm-up where it is significant by chi-square. A
-    temperature that changes as steadily as a warm-up is counted as warm-up.
+    The likelihood is that of a Kalman filter without knowledge of the bias at the start; where residuals are not
+    white, windows become longer. Warm-up r s (1 - exp(-t/s)), temperature and errors that turn with gravity are found
+    by generalised least squares. A temperature that changes as steadily as a warm-up is counted as warm-up.
 
     Args:
         time: (n,) [s].
         values: (n, m) readings after gravity compensation, or voltages; NaN where there is none.
         noise: (m,) standard deviations or (m, m) covariance of one reading, for comparison; None: not stated.
         temperature: (n,) [K or degrees C]; None or NaN: not known.
-        down: (n, 3) direction of gravity in the sensor's frame, with which the payload's error turns; None or NaN: not
-            known, or the sensor keeps still.
+        down: (n, 3) direction of gravity in the sensor's frame; None or NaN: not known, or the sensor keeps still.
         groups: channels that are alike, such as the forces; None: three and three of six, else all.
         names: names of the channels, for messages.
         window: [s] over which readings are averaged.

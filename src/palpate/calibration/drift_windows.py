@@ -112,8 +112,8 @@ def untouched(
 ) -> Bool[np.ndarray, " w"]:
     """Return a mask (w,), True where a window and its neighbours agree with a random walk of the bias.
 
-    A Kalman filter of each channel tracks the bias, and omits windows that are six standard deviations off. It runs
-    forward and, for touches that begin slowly, backward; the direction that omits less is used.
+    A Kalman filter of each channel omits windows that are six standard deviations off. It runs forward and backward;
+    the direction that omits less is used.
 
     Args:
         windows: means.

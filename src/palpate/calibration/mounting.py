@@ -92,20 +92,20 @@ def identify_mounting(
 ) -> Mounting:
     """Identify the pose of the surface from one compensated wrench per touch, and return a `Mounting`.
 
-    It is the most probable pose under the touches and a Gaussian prior about `initial`, by Levenberg and Marquardt's
-    steps with Huber's weights; outliers are omitted, one at a time, and named in the notes.
+    It is the most probable pose under the touches and a Gaussian prior about `initial`; outliers are omitted, one at a
+    time, and named in the notes.
 
     With points, a touch gives M - (R p + t) x F = tau R n, two numbers for six unknowns: three touches whose forces
     differ in direction and whose points are not on one line determine all.
 
     Without points a touch informs only through the *prior* that forces press more than they drag: the unit force is
     expected within the friction of `Spreads` about -n, which on a surface of curvature radius r places the touch to
-    about friction * r. An ellipsoid of 60 x 25 x 40 mm is placed to 1.2 mm and 6 degrees by 30 touches at friction 0.2,
-    to 0.4 mm and 1.6 degrees by 100 at 0.1. Touches that all drag the same way give a wrong answer without a warning. A
-    body that looks the same when turned or slid keeps the initial pose in that direction.
+    about friction * r. An ellipsoid of 60 x 25 x 40 mm is placed to 1.2 mm and 6 degrees by 30 touches at friction 0.2.
+    Touches that all drag the same way give a wrong answer without a warning. A body that looks the same when turned or
+    slid keeps the initial pose in that direction.
 
     Args:
-        wrenches: (n, 6) in the sensor frame, compensated, one per touch (`mean_touches`); a row with NaN is omitted.
+        wrenches: (n, 6) in the sensor frame, one per touch (`mean_touches`); a row with NaN is omitted.
         surface: mesh in the surface's frame.
         initial: T_sensor_surface as drawn or measured by hand.
         points: (n, 3) [m] touched, in the surface's frame; None: not known.
@@ -116,8 +116,8 @@ def identify_mounting(
 
     Raises:
         NotIdentifiable: the touches determine no direction of the pose better than the prior.
-        InputError: a mark lies further from the surface than the surface is large, no pose explains the touches, or
-            the noise has another shape.
+        InputError: a mark is further from the surface than its size, no pose explains the touches, or the noise has
+            another shape.
     """
     names = [f"touch {k + 1}" for k in range(len(wrenches))] if labels is None else list(labels)
     known = np.zeros((len(wrenches), 3)) if points is None else points
@@ -163,14 +163,14 @@ def mean_touches(
 
     Args:
         time: (m,) [s].
-        wrenches: (m, 6) compensated [N, N m].
+        wrenches: (m, 6) [N, N m].
         start: (n,) [s] of the touches.
         end: (n,) [s] of the touches, included.
         noise: two or six standard deviations, or covariance (6, 6), of one sample, which average out; None: 0.
-        covariances: (m, 6, 6) common to the samples of a touch, such as the payload's; None: 0.
+        covariances: (m, 6, 6) common to the samples of a touch; None: 0.
 
     Raises:
-        InputError: `noise` has another shape, or is no standard deviation or covariance.
+        InputError: `noise` is no standard deviations or covariance.
     """
     single = np.zeros((6, 6)) if noise is None else noise_covariance(noise)
     means, spreads = np.full((len(start), 6), np.nan), np.zeros((len(start), 6, 6))

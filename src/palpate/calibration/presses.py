@@ -23,8 +23,8 @@ def find_presses(
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """Return start and end [s] of the steady part of every press, (k,) each.
 
-    A press is a stretch in which the force stays above `off` and exceeds `on`; its steady part is where the force is
-    at least 0.7 of its 90th percentile. A press without ten such samples is omitted.
+    A press is a stretch in which the force stays above `off` and exceeds `on`; in its steady part the force is at
+    least 0.7 of its 90th percentile. A press without ten such samples is omitted.
 
     Args:
         time: (n,) [s], not running backwards.

@@ -100,9 +100,9 @@ def fit_walk(
 
     Args:
         steps: of m channels.
-        groups: channels that are alike, such as the three forces, and have one walk unless they clearly differ.
-        together: twice the log-likelihood that separate walks must gain (of 3 channels, 14 is 0.1 %); inf: groups stay
-            together, and the walk gets no standard deviation.
+        groups: channels that are alike, such as the forces, and have one walk unless they clearly differ.
+        together: twice the log-likelihood that separate walks must gain; inf: groups stay together, and the walk gets
+            no standard deviation.
         start: initial values; None: a guess.
     """
     channels, last = steps.change.shape[1], np.isinf(together)

@@ -51,9 +51,9 @@ def touch_error(
 
         d = n x r / (n . F),    Sigma_d = G Sigma G^T with G = [n]x (-[p]x, 1) / (n . F),
 
-    and each touch gives the mean of |d|^2/2 - tr Sigma_d/2 over its samples, weighted by (n . F)^2; touches count
-    equally. From 24 touches on, each quarter of them is compared with the pose that the others give; fewer are compared
-    with the pose of all, which fits them too well by (2 n - 6)/(2 n).
+    and each touch gives the mean of |d|^2/2 - tr Sigma_d/2 over its samples, weighted by (n . F)^2. From 24 touches
+    on, each quarter of them is compared with the pose that the others give; fewer are compared with the pose of all,
+    which fits them too well by (2 n - 6)/(2 n).
 
     Args:
         time: (m,) [s].

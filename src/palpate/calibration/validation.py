@@ -70,10 +70,9 @@ def cross_validate(
     Args:
         count: number n of rows.
         predict: maps the mask (n,) of omitted rows to the error (p,) of their prediction, and to its covariance (p, p)
-            by the covariances of the fit and of the data.
+            by those of the fit and of the data.
         parts: number of parts, each of consecutive rows.
-        blocks: number of blocks of consecutive rows that are dealt out to the parts in turn, for logs in which each
-            part would have a different range; None: one per part.
+        blocks: number of blocks of consecutive rows that are dealt out to the parts in turn; None: one per part.
     """
     part = np.arange(count) * (blocks or parts) // max(count, 1) % parts
     squares, ranks = list[float](), list[int]()

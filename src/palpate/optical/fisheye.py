@@ -1,8 +1,8 @@
 """A fisheye camera, and its view of the plane of a ring of markers.
 
 A ray at the angle theta from the optical axis lands at f theta_d from the principal point, with
-theta_d = theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8) [Kannala and Brandt 2006], as OpenCV's
-`cv2.fisheye` has it. x_c points along the image's rows, y_c down its columns, z_c out of the lens.
+theta_d = theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8) [Kannala and Brandt 2006], as in OpenCV's
+`cv2.fisheye`. x_c points along the image's rows, y_c down its columns, z_c out of the lens.
 """
 
 from __future__ import annotations

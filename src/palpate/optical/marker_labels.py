@@ -36,9 +36,9 @@ def label_ring(
 ) -> Int[np.ndarray, " m"]:
     """Return the index (m,) of every marker's blob, -1 where it is missing.
 
-    Each blob is a candidate for the marker whose sector it lies in, if its place and area are possible. Of all ways
-    around the ring that take or leave candidates, the one whose displacements are smoothest is taken; then candidates
-    that contradict their neighbours are left out, worst first.
+    A blob is a candidate for the marker whose sector it lies in, if its place and area are possible. Of all ways around
+    the ring that take or leave candidates, the smoothest is taken; then candidates that contradict their neighbours
+    are left out.
 
     Args:
         blobs: (k, 2) places in the ring's plane [m].
@@ -79,8 +79,8 @@ def owed(
 ) -> Float[np.ndarray, " k"]:
     """Return the cost (k,) of taking blobs from this ring for the ring before it, as `label_ring`'s `price`.
 
-    A marker of the ring before it, pressed in, may stand where one of this ring rests; the skin does not fold, so that
-    this ring's own is the innermost of its candidates.
+    A pressed marker of that ring may stand where one of this ring rests; as the skin does not fold, this ring's own is
+    the innermost of its candidates.
 
     Args:
         blobs: (k, 2) places in this ring's plane [m].

@@ -253,10 +253,10 @@ def _pairs(ring: Int[np.ndarray, " m"], gaps: Float[np.ndarray, "m m"]) -> Int[n
 
 
 class MarkerTracker:
-    """Tracker of a ring's markers, image by image, in windows about their expected places, else in the entire image.
+    """Tracker of a ring's markers, image by image, in windows about their expected places.
 
-    The entire image is searched, and labelled, where a marker is lost, of another area or shape, cut by its window's
-    rim, or the same for two windows.
+    The entire image is searched where a marker is lost, of another area or shape, cut by its window's rim, or the same
+    for two windows.
 
     Args:
         view: where the camera sees the ring.
@@ -266,7 +266,7 @@ class MarkerTracker:
 
     Attributes:
         frame: problem of the last image.
-        searched: True if the last image was searched entirely.
+        searched: whether the last image was searched entirely.
 
     Raises:
         InputError: the number of pixels or areas is not that of the view's markers.

@@ -37,23 +37,22 @@ class RingResponse(Value):
 
         u = F (v0 + z v1 + z^2 v2 + t s),    v, s: functions of delta and phi, periodic in both.
 
-    F is the radial force, z the contact's width, (depth / F - mean) / standard deviation, which is larger for a narrow
-    tip than for a plate, and t = shear / F. Displacements of several contacts add up. Every ring of markers has its own
-    functions.
+    F is the radial force, z the contact's width, (depth / F - mean) / standard deviation, larger for a narrow tip than
+    for a plate, and t = shear / F. Several contacts add up.
 
     Attributes:
         coefficients: (b, 2 r, 2 K + 1, 2 M + 1) [m/N] of v0, v1, v2 and, where shear was calibrated, s; outwards and
             along rising angles, ring by ring; in `ring_basis` of delta and of phi.
-        width: (2,) [m/N] mean and standard deviation of depth / F in the calibration.
-        misfit: (2 r, B) [m/N] rms residual of the model, outwards and along, ring by ring, of markers in B equal
-            parts of a turn from the contact on.
+        width: (2,) mean and standard deviation of depth / F [m/N] in the calibration.
+        misfit: (2 r, B) rms residual [m/N], outwards and along, ring by ring, of markers in B equal parts of a turn
+            from the contact on.
         spread: (2,) standard deviations of angle [rad] and of force, as a share of it, on presses left out of the fit,
-            in addition to the noise of the pixels.
+            beyond the noise of the pixels.
         largest: (2,) depth [m] and force [N] up to which it was calibrated.
         usual: (3,) mean and standard deviation of z, and standard deviation of t, of the calibration's presses.
         grip: t up to which it was calibrated; 0: none is known.
-        dragged: (3,) share of the calibration's presses that was dragged, and standard deviations of t of the others
-            and of those; share 0: all are of one kind.
+        dragged: (3,) share of presses that were dragged, and standard deviations of t of the others and of those;
+            share 0: all are of one kind.
         left_out: (4,) rms error and expected error of the angle [rad], then of the force, as shares of it, on presses
             left out of the fit; NaN: not known.
 

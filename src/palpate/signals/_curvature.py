@@ -1,8 +1,7 @@
 """Compute second derivatives of sampled paths, and their noise, with a parabola through the parts of a window.
 
-The window is cut into nine parts; the path is averaged over each, and a parabola goes through the nine averages by
-least squares [Savitzky and Golay 1964]. Where rows repeat or interpolate slower poses, parts are made longer than the
-period of the poses.
+The path is averaged over nine parts of the window, and a parabola goes through the averages by least squares
+[Savitzky and Golay 1964]. Parts are longer than the period of slower poses that rows repeat or interpolate.
 """
 
 from __future__ import annotations

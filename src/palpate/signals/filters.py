@@ -24,13 +24,13 @@ MOST_SECTIONS = 4  # second order each
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Recursion:
-    """A filter at a rate, as the compiled loop runs it; the age of a sample counts from 0 where the filter started.
+    """A filter at a rate, as the compiled loop runs it; ages of samples count from 0 where the filter starts.
 
     Args:
         sections: (s, 6) second-order sections b0 b1 b2 1 a1 a2; empty for a filter of gains.
         start: (s, 2) state of the sections after an endless input of 1.
         gains: (m,) y += gain (x - y), by age; the last one stays.
-        share: (k,) share of white noise's variance that remains, by age; the last one stays.
+        share: (k,) of white noise's variance that remains, by age; the last one stays.
         response: (l,) to an impulse, until it has settled; empty for a filter that cannot run backward.
     """
 
@@ -51,8 +51,8 @@ class Kalman:
 
         y_k = y_{k-1} + K (x_k - y_{k-1}),   P = (1 - K)^2 P' + K^2 = K   (Joseph's form)
 
-    settle at K = (sqrt(rho^2 + 4 rho) - rho)/2: a first-order low-pass. The covariance carried on is P times the noise
-    of a reading; for a contact that does not change it is 2 - K times too large.
+    settle at K = (sqrt(rho^2 + 4 rho) - rho)/2: a first-order low-pass. P times the noise of a reading is the
+    covariance carried on.
 
     Args:
         q: variance of one step of the contact.

@@ -36,9 +36,8 @@ class Motion:
     | motion | as recorded, plus that of the lever, R c | of the added part |
     | imu | as recorded, a specific force: f + R^T g, plus that of the lever, R c | of the added part |
 
-    Derivatives are those of a parabola through nine parts of a window. Near the ends of the log and of gaps, the
-    nearest acceleration is kept, with a standard deviation as large as itself; where there is none, it is 0 and
-    UNSTEADY about 1 g.
+    Near the ends of the log and of gaps, the nearest acceleration is kept, with a standard deviation as large as
+    itself; where there is none, it is 0 and UNSTEADY about 1 g.
 
     Args:
         source: one of the table.

@@ -100,12 +100,12 @@ class Noise(Value):
 def estimate_noise(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"] | None:
     """Return the standard deviation (k,) of one reading in the quiet parts of a log; None for under ten finite samples.
 
-    The log is cut into windows of 32 samples, each less its own straight line: slower changes do not count, other than
-    in `rest_noise`. Quiet are the quietest tenth of them, and those of at most 2.5 times the mean variance of the quiet
-    ones. With a resolution q, the answer is q / sqrt(12) or more.
+    The log is cut into windows of 32 samples, each less its own straight line. Quiet are the quietest tenth of them,
+    and those of at most 2.5 times the mean variance of the quiet ones. With a resolution q, the answer is q / sqrt(12)
+    or more.
 
     Args:
-        readings: (n, 6) [N, N m] as logged, or other readings (n, k).
+        readings: (n, k) of k channels, as logged.
     """
     usable = _unheld(readings[np.isfinite(readings).all(axis=1)])
     if len(usable) < FEWEST:
@@ -118,18 +118,17 @@ def estimate_noise(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"
 def rest_noise(readings: Float[np.ndarray, "n k"], *, wander: bool = True) -> Noise | None:
     """Return the `Noise` of a log where it rests at one level; None where it hardly does.
 
-    Rest is where every channel is quiet (`estimate_noise`) and within 5 standard deviations of the level before,
-    starting from the commonest level. Periodograms [welch] of the parts at rest give the noise within a segment; the
-    variance of the segments' means is drift, and stands at frequency 0: no filter removes it.
+    Rest is where every channel is quiet (`estimate_noise`) and within 5 standard deviations of the level before.
+    Periodograms [welch] of the parts at rest give the noise within a segment; the variance of the segments' means is
+    drift, and stands at frequency 0.
 
     The error of a reading of resolution q that hardly moves is the same in every sample; of its variance q^2/12, sum
-    over k of q^2/(2 pi^2 k^2) exp(-4 pi^2 k^2 s^2/q^2) stays so under noise of standard deviation s, and stands at 0
+    over k of q^2/(2 pi^2 k^2) exp(-4 pi^2 k^2 s^2/q^2) stays so under noise of standard deviation s, and stands at 0,
     too [Widrow 1996].
 
     Args:
-        readings: (n, 6) [N, N m] as logged, or other readings (n, k), evenly spaced.
-        wander: count drift of the zero, too. False where the zero is followed: each segment is then taken less its
-            straight line.
+        readings: (n, k) of k channels, evenly spaced, as logged.
+        wander: count drift of the zero. False: each segment is taken less its straight line.
     """
     usable = readings[np.isfinite(readings).all(axis=1)]
     if len(usable) < 2 * WINDOW:

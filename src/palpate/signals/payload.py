@@ -157,8 +157,8 @@ class Payload(Value):
 
             F_contact = F_s - f0 - u,    M_contact = M_s - m0 - c x u.
 
-        For the acceleration of the payload's centre that of the sensor's origin is taken, and its rotational inertia is
-        left out: the force is off by m (alpha x c + omega x (omega x c)).
+        The acceleration of the sensor's origin is taken for that of the payload's centre, and the payload's rotational
+        inertia is left out.
 
         Args:
             wrenches: (*batch, 6) [N, N m] in the sensor frame.
@@ -167,8 +167,7 @@ class Payload(Value):
                 rest. Beyond 1e9 it gives a NaN wrench.
 
         Returns:
-            Wrenches (*batch, 6) in the sensor frame and covariances (*batch, 6, 6), whose error is common to all
-            samples: averaging does not reduce it.
+            Wrenches (*batch, 6) in the sensor frame and covariances (*batch, 6, 6), an error common to all samples.
 
         Raises:
             InputError: no rotations for a payload that weighs something.

@@ -111,8 +111,7 @@ class Forward:
 class BothWays:
     """A filter that runs forward and backward, as if the first and last sample of a run had been there for ever.
 
-    A run ends where `Forward` starts afresh. It is filtered backward in segments counted from its first sample, each
-    begun a settled response later, so that results do not depend on how the stream is cut and memory is bounded.
+    A run ends where `Forward` starts afresh. Results do not depend on how the stream is cut.
 
     With r the autocorrelation of the forward response, sample k of a run 0 ... e is the sum of r_{k-i} x_i, the first
     and last x carrying all of the weight beyond them: a share of sum r^2 + edge(k) + edge(e - k) of the noise remains,

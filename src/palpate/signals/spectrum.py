@@ -111,9 +111,8 @@ def steady_stretches(time: Float[np.ndarray, " n"], values: Float[np.ndarray, "n
 def propose_cutoff(found: Spectrum, unit: str = "N") -> Cutoff:
     """Propose the frequency above which the signal stays within the noise, as a `Cutoff`.
 
-    Each channel is divided by its floor, the median of its top band; the mean over the channels is smoothed by a
-    median over a third of an octave. The cut-off is where that stays below twice the floor; above a fifth of the rate
-    none is proposed.
+    Each channel is divided by its floor, the median of its top band; the mean over the channels is smoothed over a
+    third of an octave. The cut-off is where that stays below twice the floor, if that is below a fifth of the rate.
 
     Args:
         found: from `spectrum`.

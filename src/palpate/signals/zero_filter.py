@@ -298,7 +298,7 @@ class ZeroFilter:
 def smoothed(
     nodes: Sequence[FilterStep], count: int | None = None
 ) -> Iterator[tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]]:
-    """Yield state (n,) and covariance (n, n) of each step given all later ones, too, from the last to the first.
+    """Yield state (n,) and covariance (n, n) of each step given all later ones, from the last to the first.
 
     The modified Bryson-Frazier form of the fixed-interval smoother [Bierman 1977]:
 

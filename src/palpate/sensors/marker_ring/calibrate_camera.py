@@ -189,17 +189,15 @@ def fit_ring_view(
 ) -> tuple[RingView, Int[np.ndarray, " m"]]:
     """Fit the camera's pose to the markers of one even ring at rest; return the `RingView` and an index.
 
-    The index (m,) is that of each marker of the view in `rest_pixels`; marker 0 is the one nearest to angle 0. The
-    view's angles are measured, so that they contain the irregularities of the ring.
-
-    One flat ring does not separate the focal length from the height: without a `camera`, an equidistant lens about the
-    picture's middle is taken, whose focal length is fitted, and `height` is kept. The ring's x axis is the camera's.
+    The index (m,) is that of each marker of the view in `rest_pixels`, from the one nearest to angle 0. The view's
+    angles are measured. One flat ring does not separate the focal length from the height: without a `camera`, the
+    focal length of an equidistant lens about the picture's middle is fitted, and `height` is kept.
 
     Args:
         rest_pixels: (m, 2) all markers of the ring, in any order.
-        radius: radius of the ring of markers [m].
+        radius: of the ring of markers [m].
         camera: the calibrated lens; None: not known.
-        height: height of the camera above the ring [m]: a guess, or kept without a `camera`.
+        height: of the camera above the ring [m]: a guess, or kept without a `camera`.
         size: width and height of the picture [px], used without a `camera`.
 
     Raises:
@@ -235,13 +233,13 @@ def fit_rings(
 
     Args:
         rest_pixels: (m, 2) markers, the same number of each ring, in any order.
-        radius: radius of the first ring [m].
+        radius: of the rings [m].
         rings: heights of the rings [m]; the first is 0.
         camera: camera, height and size, see `fit_ring_view`.
 
     Raises:
         InputError: a ring has fewer than six markers, pixels are not finite, or the rings have different numbers of
-            markers or do not lie one around the other in the picture.
+            markers or do not lie one around the other.
         NotIdentifiable: the first ring is no even ring about the picture's middle.
     """
     pixels, rings = rest_pixels, shaped(rings, (None,), "rings")

@@ -37,9 +37,8 @@ class RingEstimator(ContactEstimator):
     """An estimator of the contacts in each image of a marker ring.
 
     A reading is an image (height, width, 3), uint8. The contact point is the centre of pressure on the outer surface,
-    at the height of the markers; the force is that of the environment on the ring; the torque is NaN. IMPLAUSIBLE: a
-    few contacts cannot move the markers like this. INVALID: a black, frozen or unfitting image, or fewer than half of
-    the markers.
+    at the height of the markers; the torque is NaN. IMPLAUSIBLE: a few contacts cannot move the markers like this.
+    INVALID: a black, frozen or unfitting image, or fewer than half of the markers.
 
     Features: `angle` [rad] about the ring's axis; `depth` [m] of the indenter's foremost point; `width` [m], half of
     the dent's width at half of its depth; `shear` [N] along rising angles, NaN where it was not calibrated; `angle_sd`
@@ -47,7 +46,7 @@ class RingEstimator(ContactEstimator):
 
     Args:
         ring: calibrated ring.
-        settings: settings of the search for contacts; None: the defaults.
+        settings: of the search for contacts; None: the defaults.
         mount: T_sensor_surface; None: identity.
     """
 

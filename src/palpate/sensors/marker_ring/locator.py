@@ -30,12 +30,12 @@ class RingSettings:
         on: standard deviations of the markers' noise that a contact must explain to begin.
         off: standard deviations of the markers' noise below which a contact ends.
         apart: least angle between two contacts [deg].
-        dropped: number of markers of an image that may be omitted because no contact explains them.
+        dropped: number of markers of an image that may be omitted.
         shift: standard deviation of the shift of a contact by a neighbour 30 degrees away [deg].
         friction: standard deviation of shear / force; None: that of the calibration.
         wide: standard deviation of a contact's width, in those of the calibration's widths.
-        reach: distance by which a contact may move from one image to the next and keep its identity [m].
-        speed: at which a contact may move in addition to `reach` [m/s].
+        reach: distance by which a contact may move between images and keep its identity [m].
+        speed: at which a contact may move in addition [m/s].
         patience: time for which a lost contact keeps its identity [s].
 
     Raises:

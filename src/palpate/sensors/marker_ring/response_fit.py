@@ -82,9 +82,8 @@ class RingPresses:
 def fit_response(presses: RingPresses, before: RingResponse | None = None) -> RingResponse:
     """Fit the `RingResponse` that explains presses, with its errors on presses omitted from the fit.
 
-    It is a regression with a prior: smooth in the angle from the contact, and nearly the same all round the ring, to
-    degrees that are chosen by the evidence; or, with `before`, that response times a stiffness that varies round the
-    ring.
+    It is a regression with a prior: smooth in the angle from the contact, and nearly the same all round the ring; or,
+    with `before`, that response times a stiffness that varies round the ring.
 
     Args:
         presses: presses all round the ring, of two widths at least; with shear, if it is known.
