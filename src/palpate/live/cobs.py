@@ -113,18 +113,15 @@ class CobsFrames:
 
     def faults(self) -> list[str]:
         """Return texts on faults since the last call: damaged or other frames, missing samples, restarts; else []."""
-        found: list[str] = []
-        if self._damaged:
-            found.append(f"{self._damaged} damaged {_plural('frame', self._damaged)}")
-        if self._lost:
-            found.append(f"{self._lost} {_plural('sample', self._lost)} missing according to the device's counter")
-        if self._foreign:
-            frames = f"{self._foreign} {_plural('frame', self._foreign)} of {self._other} numbers"
-            found.append(f"{frames} ignored, because the sensor has {self._count}")
-        if self._restarts:
-            found.append("the device's counter went back: the device has restarted")
+        frames = f"{self._foreign} {_plural('frame', self._foreign)} of {self._other} numbers"
+        found = (
+            (self._damaged, f"{self._damaged} damaged {_plural('frame', self._damaged)}"),
+            (self._lost, f"{self._lost} {_plural('sample', self._lost)} missing according to the device's counter"),
+            (self._foreign, f"{frames} ignored, because the sensor has {self._count}"),
+            (self._restarts, "the device's counter went back: the device has restarted"),
+        )
         self._damaged = self._foreign = self._restarts = self._lost = 0
-        return found
+        return [text for count, text in found if count]
 
     def awaited(self) -> str:
         """Return why the bytes gave no sample, as a clause for a message."""

@@ -80,9 +80,8 @@ class _Samples(NamedTuple):
     extra_channels: Mapping[str, np.ndarray]
 
     def recording(self, names: tuple[str, ...], frame: str) -> Recording:
-        return Recording(
-            self.time, {**split_channels(names, self.readings), **self.extra_channels}, frame=frame, source="the stream"
-        )
+        channels = {**split_channels(names, self.readings), **self.extra_channels}
+        return Recording(self.time, channels, frame=frame, source="the stream")
 
 
 class _Window:

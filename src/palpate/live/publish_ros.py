@@ -164,37 +164,35 @@ def markers(contacts: Contacts, stamp: int, frame_id: str) -> bytes:
     """
     shown = np.flatnonzero(contacts.answered & contacts.located & np.isfinite(contacts.force).all(axis=1))
     message = Cdr().numbers("I", 1 + 2 * len(shown))
-    nothing = np.zeros(3)
-    _marker(message.align(4).header(stamp, frame_id), "", (0, _ARROW, _DELETE_ALL), (nothing, None, nothing), _BLUE)
+    head, nothing = (stamp, frame_id), np.zeros(3)
+    _marker(message, head, "", (0, _ARROW, _DELETE_ALL), (nothing, None, nothing), _BLUE)
     for row in shown.tolist():
         identity = int(contacts.identity[row]) % 2**31
         tip, force = contacts.point[row], contacts.force[row]
         length = float(np.linalg.norm(force))
         shaft = force * (min(_LENGTH, _LONGEST / length) if length else 0.0)
         arrow = (nothing, None, np.array([0.004, 0.01, 0.0]))
-        _marker(
-            message.align(4).header(stamp, frame_id),
-            "force", (identity, _ARROW, _ADD), arrow, _ORANGE, np.stack([tip - shaft, tip]),
-        )  # fmt: skip
-        _marker(
-            message.align(4).header(stamp, frame_id),
-            "point", (identity, _SPHERE, _ADD), (tip, *_ellipsoid(contacts.covariance[row])), _BLUE,
-        )  # fmt: skip
+        ball = (tip, *_ellipsoid(contacts.covariance[row]))
+        _marker(message, head, "force", (identity, _ARROW, _ADD), arrow, _ORANGE, np.stack([tip - shaft, tip]))
+        _marker(message, head, "point", (identity, _SPHERE, _ADD), ball, _BLUE)
     return message.done()
 
 
 def _marker(
     message: Cdr,
+    head: tuple[int, str],
     space: str,
     what: tuple[int, int, int],
     where: tuple[np.ndarray, np.ndarray | None, np.ndarray],
     colour: tuple[float, ...],
     points: np.ndarray | None = None,
 ) -> None:
-    """Append a Marker without its header: id, type, action; position, quaternion, scale; colour; points."""
+    """Append a Marker: stamp [ns] and frame; id, type, action; position, quaternion, scale; colour; points."""
     position, quaternion, scale = where
     turn = (0.0, 0.0, 0.0, 1.0) if quaternion is None else tuple(quaternion.tolist())
-    message.text(space).numbers("i", *what).numbers("d", *position.tolist(), *turn, *scale.tolist())
+    message.align(4).header(*head).text(space).numbers("i", *what).numbers(
+        "d", *position.tolist(), *turn, *scale.tolist()
+    )
     message.numbers("f", *colour).numbers("i", 0).numbers("I", _LIFE).numbers("B", 0)
     message.numbers("I", 0 if points is None else len(points))
     if points is not None:

@@ -46,8 +46,7 @@ def record_topics(form: SlotForm) -> tuple[WrittenTopic, ...]:
     log = f"{_LOG}{'=' * 80}\nMSG: builtin_interfaces/Time\n{definition('builtin_interfaces/Time')}"
     events = WrittenTopic(f"{LIVE}events", "rcl_interfaces/msg/Log", log)
     poses = {LIVE_POSE: "geometry_msgs/PoseStamped", LIVE_ACCELERATION: "geometry_msgs/Vector3Stamped"}
-    beside = [_topic(*each) for each in poses.items()] if form.poses else []
-    return (*topics(form.features), readings, events, *beside)
+    return (*topics(form.features), readings, events, *(_topic(*each) for each in poses.items() if form.poses))
 
 
 def _topic(name: str, kind: str) -> WrittenTopic:

@@ -124,7 +124,8 @@ class RosTopics:
 
     def events(self) -> list[str]:
         """Return the events of topic and poses since the last call, one sentence each."""
-        return drained(self._said) + ([] if self._poses is None else self._poses.events())
+        said = drained(self._said)
+        return said if self._poses is None else [*said, *self._poses.events()]
 
     def close(self) -> None:
         """Leave the domain; may be called again."""
