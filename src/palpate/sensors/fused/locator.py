@@ -15,9 +15,10 @@ from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
+from palpate.sensors.fused import _kernels
 from palpate.sensors.fused.cones import within_cones
 from palpate.sensors.fused.unseen import PUSHES, LockedValue, Unseen, candidates, ranked
-from palpate.spatial._arrays import require_finite, shaped
+from palpate.spatial._arrays import require_finite, require_shape, shaped
 from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.surface import Surface
 
@@ -185,13 +186,10 @@ class FusedLocator:
         """
         contacts = self.rows(points, normals, forces, deviations, spreads)
         wrenches = shaped(wrenches, (None, 6), "wrenches")
-        covariances, sensors = shaped(covariances, (None, 6, 6), "covariances"), len(wrenches)
-        felt = np.ones((sensors, len(contacts)), dtype=np.bool_) if carries is None else np.array(carries, np.bool_)
-        if covariances.shape != (sensors, 6, 6) or felt.shape != (sensors, len(contacts)):
-            raise InputError(
-                f"{len(contacts)} contacts and {sensors} wrenches need covariances ({sensors}, 6, 6) and carries "
-                f"({sensors}, {len(contacts)}), not {covariances.shape} and {felt.shape}."
-            )
+        covariances = shaped(covariances, (len(wrenches), 6, 6), "covariances")
+        shape = (len(wrenches), len(contacts))
+        felt = np.ones(shape, np.bool_) if carries is None else np.array(carries, np.bool_)
+        require_shape(felt, shape, "carries")
         return self._fused(contacts, wrenches, covariances, felt)
 
     def fuse_frames(
@@ -212,8 +210,6 @@ class FusedLocator:
         Raises:
             InputError: a count is negative, or the counts do not add up to m.
         """
-        from palpate.sensors.fused import _kernels as _fused
-
         if counts.min(initial=0) < 0 or counts.sum() != len(contacts):
             raise InputError(f"counts must not be negative, and must add up to the {len(contacts)} contacts.")
         out, spread, broken = np.zeros((len(contacts), 5)), np.zeros((len(contacts), 6)), np.zeros_like(counts)
@@ -221,7 +217,7 @@ class FusedLocator:
         ends = np.cumsum(9 * counts**2)
         covariance = np.zeros(ends[-1] if len(ends) else 0)
         into = (out, spread, covariance, totals, factors, broken)
-        _fused.fuse_frames(contacts, counts, wrenches, covariances, self._settings, *into)
+        _kernels.fuse_frames(contacts, counts, wrenches, covariances, self._settings, *into)
         outside, notes = broken > 0, tuple[str, ...]()
         if outside.any():
             which, off = np.repeat(outside, counts), totals[outside]
@@ -245,17 +241,12 @@ class FusedLocator:
         Raises:
             InputError: shapes do not fit, a force or deviation is negative, a number is not finite, or a normal is 0.
         """
-        points, normals = shaped(points, (None, 3), "points"), shaped(normals, (None, 3), "normals")
-        forces, deviations = shaped(forces, (None,), "forces"), shaped(deviations, (None,), "deviations")
-        spreads = shaped(spreads, (None, 3, 3), "spreads")
-        counts = {len(each) for each in (points, normals, forces, deviations, spreads)}
-        if len(counts) > 1:
-            raise InputError(
-                "points, normals, forces, deviations and spreads must have equal numbers of contacts, not "
-                f"{sorted(counts)}."
-            )
+        points = shaped(points, (None, 3), "points")
+        count = len(points)
+        normals, spreads = shaped(normals, (count, 3), "normals"), shaped(spreads, (count, 3, 3), "spreads")
+        forces, deviations = shaped(forces, (count,), "forces"), shaped(deviations, (count,), "deviations")
         length = np.linalg.norm(normals, axis=1, keepdims=True)
-        contacts = np.empty((len(points), 17))
+        contacts = np.empty((count, 17))
         with np.errstate(invalid="ignore", divide="ignore"):
             contacts[:, 3:6] = normals / length
         contacts[:, :3], contacts[:, 6], contacts[:, 7] = points, forces, deviations
@@ -276,15 +267,13 @@ class FusedLocator:
         covariances: Float[np.ndarray, "k 6 6"],
         carries: Bool[np.ndarray, "k n"],
     ) -> Fused:
-        from palpate.sensors.fused import _kernels as _fused
-
         heard = np.isfinite(wrenches).all(axis=1) & np.isfinite(covariances).all(axis=(1, 2))
         count, sensors = len(contacts), int(heard.sum())
-        work = np.zeros(_fused.room(count, sensors))
+        work = np.zeros(_kernels.room(count, sensors))
         out, covariance = np.zeros((count, 5)), np.zeros((3 * count, 3 * count))
         totals, factors = np.full((sensors, 16), np.nan), np.empty((sensors, 6, 6))
         given = (contacts, wrenches[heard], covariances[heard], carries[heard])
-        broken = _fused.fuse(*given, self._settings, work, out, covariance, totals, factors)
+        broken = _kernels.fuse(*given, self._settings, work, out, covariance, totals, factors)
         force, notes = out[:, :3], tuple[str, ...]()
         if broken:  # of several sensors, nothing says whose wrench is that much further off
             off = totals if sensors == 1 else np.zeros((1, 16))
@@ -307,11 +296,9 @@ class FusedLocator:
         totals: Float[np.ndarray, "n 16"],
     ) -> tuple[Float[np.ndarray, "m 3"], tuple[str, ...]]:
         """Return forces within their cones, and notes; add each frame's squared step to `totals`."""
-        from palpate.sensors.fused import _kernels as _fused
-
         force, further, notes = within_cones(force, normals, counts, covariances, self.settings.friction)
         totals[:, 6] += further
-        totals[:, 9] = [_fused.rarity(*each) for each in totals[:, 6:9].tolist()]
+        totals[:, 9] = [_kernels.rarity(*each) for each in totals[:, 6:9].tolist()]
         return force, notes
 
     def _slack(
@@ -343,12 +330,10 @@ class FusedLocator:
         Raises:
             InputError: a number is not finite, as in a frame without a wrench.
         """
-        from palpate.sensors.fused import _kernels as _fused
-
         require_finite(whitened, "whitened")
         require_finite(factor, "factor")
         out = np.zeros((len(self._places), 4))
-        _fused.explained(self._places, whitened, factor, self.settings.tangential, PUSHES, out)
+        _kernels.explained(self._places, whitened, factor, self.settings.tangential, PUSHES, out)
         return ranked(self._places, out, self._width)
 
     def neighbours(self, fused: Fused, unseen: Unseen, place: int = 0) -> Fused:

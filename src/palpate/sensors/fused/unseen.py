@@ -8,6 +8,7 @@ from math import log
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from palpate.sensors.fused import _kernels
 from palpate.spatial._arrays import Value
 from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.surface import Surface
@@ -58,8 +59,6 @@ def candidates(surface: Surface) -> Float[np.ndarray, "c 8"]:
         (c, 8), c <= 1200: point [m], outward unit normal, log of the share of the area that the place stands for, and
         the standard deviation [m] of that area in each direction.
     """
-    from palpate.sensors.fused import _kernels as _fused  # compiled: loaded when first needed
-
     rng, mesh, count = np.random.default_rng([0, 2]), surface.drawn(), _PLACES * _FINER
     facets = np.flatnonzero(~mesh.covered)
     areas = mesh.areas[facets]
@@ -69,7 +68,7 @@ def candidates(surface: Surface) -> Float[np.ndarray, "c 8"]:
     weights = np.stack([1.0 - root, root * (1.0 - along), root * along], axis=1)
     fine = np.einsum("nk,nki->ni", weights, mesh.vertices[mesh.faces[chosen]])
     kept, nearest = np.zeros(_PLACES, np.int64), np.zeros(len(fine), np.int64)
-    _fused.spaced(fine, kept, nearest)
+    _kernels.spaced(fine, kept, nearest)
     points, normals, _ = surface.project(fine[kept])
     shares = np.bincount(nearest, minlength=len(kept)) / len(fine)
     width = np.sqrt(shares * areas.sum() / 12.0)
@@ -86,8 +85,6 @@ def ranked(places: Float[np.ndarray, "c 8"], explained: Float[np.ndarray, "c 4"]
         explained: (c, 4) log evidence of each place, with its share of the area, and force [N] there.
         width: [m] median of the places' standard deviations.
     """
-    from palpate.sensors.fused import _kernels as _fused
-
     evidence = explained[:, 0]
     top = evidence.max()
     belief = np.exp(evidence - top - log(np.exp(evidence - top).sum()))
@@ -96,7 +93,7 @@ def ranked(places: Float[np.ndarray, "c 8"], explained: Float[np.ndarray, "c 4"]
     region = np.cumsum(belief) - belief < _HELD
     cluster = np.full(len(places), -1, np.int64)
     near = 2.0 * float(np.sqrt(12.0)) * width  # two steps from place to place
-    _fused.clusters(places[region, :3], near, inside := cluster[region])
+    _kernels.clusters(places[region, :3], near, inside := cluster[region])
     cluster[region] = inside
     return Unseen(
         places[:, :3].copy(),

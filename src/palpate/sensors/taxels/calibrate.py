@@ -28,9 +28,7 @@ def _identified(
     force, intensity, dropped = _sound(force, intensity)
     _require_spread(force, dropped)
     if not np.ptp(intensity) > 0:
-        raise NotIdentifiable(
-            "the reading never changes: check that it is that of the pressed cell.", rank=0, missing=("curve",)
-        )
+        raise _no_curve("the reading never changes: check that it is that of the pressed cell.", 0)
     falling = bool(np.corrcoef(force, intensity)[0, 1] < 0)
     signed = -intensity if falling else intensity
     limit = _limit(force, signed, None if top is None else (-top if falling else top))
@@ -271,18 +269,15 @@ def _sound(force: np.ndarray, intensity: np.ndarray) -> tuple[np.ndarray, np.nda
 
 def _require_spread(force: np.ndarray, dropped: int) -> None:
     if len(force) < FEWEST:
-        raise NotIdentifiable(
-            f"{len(force)} rows are too few for a curve (at least {FEWEST}"
-            f"{f'; {dropped} rows had no number' if dropped else ''}): press with more forces.",
-            rank=len(force),
-            missing=("curve",),
-        )
+        without = f"; {dropped} rows had no number" if dropped else ""
+        few = f"{len(force)} rows are too few for a curve (at least {FEWEST}{without}): press with more forces."
+        raise _no_curve(few, len(force))
     if not np.ptp(force) > 1e-6 * max(float(np.abs(force).max()), 1e-12):
-        raise NotIdentifiable(
-            f"all presses have the same force ({force[0]:.3g} N): a curve needs several forces.",
-            rank=1,
-            missing=("curve",),
-        )
+        raise _no_curve(f"all presses have the same force ({force[0]:.3g} N): a curve needs several forces.", 1)
+
+
+def _no_curve(why: str, rank: int) -> NotIdentifiable:
+    return NotIdentifiable(why, rank=rank, missing=("curve",))
 
 
 def _limit(force: Float[np.ndarray, " n"], signed: Float[np.ndarray, " n"], stated: float | None) -> float:

@@ -15,6 +15,7 @@ from palpate.contact.contacts import Contacts
 from palpate.contact.estimator import Answered, Channels, ContactEstimator, Counts, Known, Rows, Times
 from palpate.contact.taxel_settings import TaxelSettings
 from palpate.errors import InputError
+from palpate.sensors.taxels._kernels import MOST
 from palpate.sensors.taxels.frames import TaxelFrames
 from palpate.sensors.taxels.health import FEWEST, Health, examine, tared
 from palpate.sensors.taxels.intensity import Intensity
@@ -87,8 +88,6 @@ class TaxelEstimator(ContactEstimator):
         rate: float | None = None,
         mount: Pose | None = None,
     ) -> None:
-        from palpate.sensors.taxels._kernels import MOST  # compiled: loaded when first needed
-
         super().__init__((CELLS,), ("row", "column", *FEATURES) if body.rows else FEATURES, MOST, mount, filter)
         self.body, self.settings, self.rate, self.intensity = body, settings or TaxelSettings(), rate, intensity
         self.health: Health | None = None
