@@ -17,17 +17,7 @@ from palpate.evaluation.evaluate import EvaluationReport, report
 from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.mesh import Mesh
 
-__all__ = [
-    "InstrumentReport",
-    "Reference",
-    "judge",
-    "medians",
-    "perfect",
-    "touch_rows",
-    "touches_of",
-    "wand_points",
-    "wrench_points",
-]
+__all__ = ["InstrumentReport", "Reference", "judge", "perfect", "touches_of", "wand_points", "wrench_points"]
 
 PITCH = 2e-3  # m: of a wrench, |F . N| / |F|^2; more is no single force
 LIGHTEST = 0.5  # N

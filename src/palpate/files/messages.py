@@ -65,10 +65,7 @@ class MessageBlock:
 
     def of(self, topic: Topic) -> MessageBlock:
         """Return the messages of one topic that have its type."""
-        mask = np.zeros(len(self.topic), dtype=bool)
-        for key, other in self.topics.items():
-            if other.same(topic):
-                mask |= self.topic == key
+        mask = np.isin(self.topic, [key for key, other in self.topics.items() if other.same(topic)])
         return MessageBlock(
             self.data, self.topics, self.topic[mask], self.time[mask], self.start[mask], self.length[mask]
         )

@@ -35,29 +35,21 @@ def contact_blocks(path: Path) -> Iterator[Contacts]:
         InputError: the file cannot be read or holds no contacts, or a row in it is invalid.
     """
     require_polars_threads()
-    if path.is_dir():
-        yield from _folder(path)
+    if path.is_dir():  # OUTPUT.part of a Parquet file
+        files = sorted(path.glob("*.parquet"))
+        if not files:
+            raise InputError("is a folder without rows of contacts (*.parquet).", where=str(path))
+        for file in files:
+            yield from _parquet(file)
         return
-    start = _start(path)
+    with open_input(path) as file:
+        start = read_some(file, path, len(MAGIC))
     if start == MAGIC:
         yield from _mcap(path)
     elif start.startswith(b"PAR1"):
         yield from _parquet(path)
     else:
         yield from csv_blocks(path, torn=path.suffix == PART)
-
-
-def _start(path: Path) -> bytes:
-    with open_input(path) as file:
-        return read_some(file, path, len(MAGIC))
-
-
-def _folder(path: Path) -> Iterator[Contacts]:
-    files = sorted(path.glob("*.parquet"))
-    if not files:
-        raise InputError("is a folder without rows of contacts (*.parquet).", where=str(path))
-    for file in files:
-        yield from _parquet(file)
 
 
 def _parquet(path: Path) -> Iterator[Contacts]:

@@ -29,7 +29,6 @@ _DAMAGED = (
     KeyError,
     SyntaxError,
     MemoryError,
-    NotImplementedError,
     RuntimeError,
     BadZipFile,
     ZlibError,
@@ -105,11 +104,9 @@ class DataFrame(Protocol):
     @property
     def columns(self) -> Any:
         """Names of the columns."""
-        ...
 
     def __getitem__(self, name: Any, /) -> Any:
         """Return the column of this name."""
-        ...
 
 
 def arrays_of(log: DataFrame | Mapping[str, Any] | np.ndarray) -> dict[str, np.ndarray]:

@@ -76,6 +76,18 @@ class Columns:
         self._count += len(time)
         return self._samples.block(time, values)
 
+    def taken(
+        self, arrays: Mapping[str, np.ndarray], before: int, names: Sequence[str], fields: Fields
+    ) -> Float[np.ndarray, "n k"]:
+        """Return columns (n, k) of n rows of arrays, and count them; `before` rows precede them in the log."""
+        parts: list[np.ndarray] = []
+        for array, group in groupby(map(self.places.__getitem__, names), key=lambda place: place[0]):
+            values, columns = arrays[array], [k for _, k in group]
+            parts.append(values if columns == list(range(values.shape[1])) else values.take(columns, axis=1))
+        found = (parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)).astype(np.float64, order="C")
+        fields.count(found, lambda row: f"row {before + row + 1}")
+        return found
+
     def finish(self) -> None:
         """Check, after the last block, that no column has text and not a single number.
 
@@ -111,24 +123,7 @@ class ColumnLog(Log):
         for start in range(0, count, block):  # what follows needs far more memory than what is read
             self.position = self.size * (before + min(start + block, count)) // total
             rows = {name: values[start : start + block] for name, values in arrays.items()}
-            yield columns.block(partial(_read, rows, columns.places, before + start))
-
-
-def _read(
-    arrays: Mapping[str, np.ndarray],
-    places: Mapping[str, tuple[str, int]],
-    before: int,
-    names: Sequence[str],
-    fields: Fields,
-) -> Float[np.ndarray, "n k"]:
-    """Return columns of rows of arrays, before which there are `before` others."""
-    parts: list[np.ndarray] = []
-    for array, group in groupby(map(places.__getitem__, names), key=lambda place: place[0]):
-        values, columns = arrays[array], [k for _, k in group]
-        parts.append(values if columns == list(range(values.shape[1])) else values.take(columns, axis=1))
-    found = (parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)).astype(np.float64, order="C")
-    fields.count(found, lambda row: f"row {before + row + 1}")
-    return found
+            yield columns.block(partial(columns.taken, rows, before + start))
 
 
 def plan(layout: LogLayout, shapes: Shapes, path: Path) -> dict[str, Sequence[str]]:

@@ -51,9 +51,8 @@ class CsvLog(ColumnLog):
             for table in tables(file, self.path, PIECE):
                 self.position = file.tell() if file.seekable() else 0
                 if self._columns is None:
-                    self._columns = Columns(
-                        self._layout, self.path, dict.fromkeys(table.names, ()), Stated.of_dialect(table.dialect)
-                    )
+                    shapes, stated = dict.fromkeys(table.names, ()), Stated.of_dialect(table.dialect)
+                    self._columns = Columns(self._layout, self.path, shapes, stated)
                 table.counted(self._rows)
                 if len(table):
                     yield self._columns.block(table.read)

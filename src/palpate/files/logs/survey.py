@@ -36,19 +36,14 @@ class Survey:
         """Add a block of messages; `topics` are those of wrenches, poses and joint states, by name."""
         self.frames.add(messages)
         for name, topic in topics.items():
-            if topic.kind == JOINTS:
-                if not self.joints.get(name):
-                    self.joints[name] = joint_names(messages.of(topic), topic)
-                continue
-            pose = role(topic.kind) == "pose"
-            if not pose and name in self.named:
-                continue
             own = messages.of(topic)
-            if name not in self.named and len(own.length):
-                self.named[name] = _frames_of(own, topic)
-            if pose and len(own.length):
-                stamps, values, sound = decode(own, topic)
-                self.poses.setdefault(name, SeenEdge()).add(values[sound], stamps[sound], static=False)
+            if topic.kind == JOINTS:
+                self.joints[name] = self.joints.get(name) or joint_names(own, topic)
+            elif len(own.length):
+                self.named[name] = self.named.get(name) or _frames_of(own, topic)
+                if role(topic.kind) == "pose":
+                    stamps, values, sound = decode(own, topic)
+                    self.poses.setdefault(name, SeenEdge()).add(values[sound], stamps[sound], static=False)
 
 
 def survey_of(source: MessageFile) -> Survey:

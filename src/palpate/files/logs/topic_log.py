@@ -164,10 +164,11 @@ class TopicLog(Log):
 
     def notes(self) -> tuple[str, ...]:
         """Return notes on the file, its topics and the samples read so far, one sentence each."""
-        unsure, joined = self._unsure, () if self._join is None else self._join.notes()
-        joined = (*joined, *(() if self._main is None else self._main.notes()))
-        several = f"{len(unsure)} topics hold poses, and none is used: {', '.join(unsure)}; name one in [orientation]"
-        return (*self._source.notes(), *([several] if unsure else []), *joined)
+        unsure, said = self._unsure, list(self._source.notes())
+        if unsure:
+            listed = ", ".join(unsure)
+            said.append(f"{len(unsure)} topics hold poses, and none is used: {listed}; name one in [orientation]")
+        return (*said, *(note for part in (self._join, self._main) if part is not None for note in part.notes()))
 
     def _chosen(self) -> dict[str, Topic]:
         there = self.contents()

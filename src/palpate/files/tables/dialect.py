@@ -141,9 +141,8 @@ def _header_only(lines: list[str], filled: list[int], path: Path) -> Dialect:
     delimiter = max(_DELIMITERS[:4], key=_bare(head).count)
     if delimiter not in _bare(head):
         raise InputError("has only one column.", where=str(path), hint="Separate columns by , or ; or tab or spaces.")
-    return Dialect(
-        delimiter, ".", tuple(_fields(head, delimiter, path, filled[0])), first=filled[0] + 1, header=filled[0]
-    )
+    names = _fields(head, delimiter, path, filled[0])
+    return Dialect(delimiter, ".", tuple(names), first=filled[0] + 1, header=filled[0])
 
 
 def _found(lines: list[str], path: Path) -> Dialect | None:

@@ -99,9 +99,8 @@ class TextTable:
             InputError: a column is missing, occurs more than once or has text but no number; or `strict` refuses a row.
         """
         if strict and self.ragged.any():
-            self.refuse(
-                int(np.argmax(self.ragged)), f"does not have {len(self.names)} fields, or a quote is not closed"
-            )
+            what = f"does not have {len(self.names)} fields, or a quote is not closed"
+            self.refuse(int(np.argmax(self.ragged)), what)
         fields = Fields()
         values = self.read(names, fields)
         fields.require_numbers(self.path)
@@ -161,11 +160,8 @@ class TextTable:
             fields.unread[name] = self._line(at), text[at]
 
     def _strings(self, names: Sequence[str]) -> list[pl.Series]:
-        parsed = self._parse(names, numbers=False)
-        return [
-            column.to_frame("").select(_unquoted(pl.all(), self.delimiter).replace("", None)).to_series()
-            for column in parsed
-        ]
+        bare = _unquoted(pl.all(), self.delimiter).replace("", None)
+        return [column.to_frame("").select(bare).to_series() for column in self._parse(names, numbers=False)]
 
     def _parse(self, names: Sequence[str], *, numbers: bool) -> list[pl.Series]:
         at = {name: k for k, name in enumerate(self.names)}
