@@ -127,7 +127,7 @@ class Value:
         return self
 
     def __reduce__(self) -> tuple[Any, ...]:
-        names = [field.name for field in fields(cast("Any", self))]
+        names = [field.name for field in fields(cast("Any", self)) if field.init]
         return _built, (type(self), {name: _picklable(getattr(self, name)) for name in names})
 
 

@@ -6,8 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.spatial.arguments import takes_arrays
-from palpate.spatial.interpolate import slerp
-from palpate.spatial.pose_track import SLACK, PoseTrack
+from palpate.spatial.pose_track import SLACK, PoseTrack, slerp
 
 __all__ = ["LiveTrack"]
 
