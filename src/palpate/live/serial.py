@@ -48,6 +48,9 @@ class SerialPort:
     Args:
         stated: the rig's [source].
         shape: shape of one sample.
+
+    Raises:
+        InputError: `columns` do not fit, or frames need the package cobs, which is not installed.
     """
 
     dtype: DTypeLike = np.float64
@@ -74,8 +77,8 @@ class SerialPort:
         """Return the `SerialPort` that a rig's [source] names, not opened yet.
 
         Raises:
-            InputError: the sensor reads neither wrenches nor one array, `columns` do not fit, or cobs is needed and not
-                installed.
+            InputError: the sensor reads neither wrenches nor one array, `columns` do not fit, or frames need the
+                package cobs, which is not installed.
         """
         layout = setup.layout()
         if layout.wrench is not None:

@@ -46,7 +46,7 @@ _JSON, _SAID = 4096, 24576  # where the description and the sentences begin
 SENTENCES, SENTENCE = 128, 320  # kept, and bytes of each
 SIZE = 1 << 26  # bytes of slots, as a rule
 LEAST = 512  # slots
-READERS = 2  # value of "stop" that ends readers; the writer ends at 1 before
+READERS = 2  # value of "stop" that ends the recorder; all others end at 1 before
 MARGIN = 1024  # slots: the largest batch
 LATE = 60.0  # s: between two clocks, and no latency
 _NONE = np.zeros((0, 0))
@@ -126,7 +126,7 @@ class StreamBuffer:
     """A ring in a mapped file, opened by its writer or by a reader.
 
     Numbers of the head are read and written by name: `ring["received"]` samples are stored, `ring["answered"]` of them
-    have their contacts; `ring["stop"] = 1` ends the writer, 2 the readers too.
+    have their contacts; `ring["stop"] = 1` ends its processes, the recorder only at 2.
 
     Args:
         path: the file, which exists.
@@ -247,7 +247,7 @@ class StreamBuffer:
             known: False marks the samples as not answered.
 
         Raises:
-            ValueError: a sample has more rows than a slot has room for.
+            ValueError: a sample has more rows than a slot with room for several.
         """
         if self.form.max_contacts > 1 and counts.max(initial=0) > self.form.max_contacts:
             raise ValueError(f"a sample has {counts.max()} rows, and there is room for {self.form.max_contacts}")
@@ -294,11 +294,11 @@ class StreamBuffer:
         return [(int(each["stamp"]), bytes(each["text"]).decode(errors="replace")) for each in kept], count
 
     def read(self, first: int, most: int, word: str = "answered") -> tuple[np.ndarray, int]:
-        """Return a copy of slots, (n,) structured, and the number of the first, above `first` if it was lapped.
+        """Return a copy of slots, (n,) structured, and the first's number, above `first` if that was overwritten.
 
         Args:
             first: number of the sample to continue with.
-            most: most slots.
+            most: number of slots, at most.
             word: number of the head to read up to: "answered" or "received".
         """
         while True:
