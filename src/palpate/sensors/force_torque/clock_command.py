@@ -45,7 +45,7 @@ class CalibrateClock(Calibration):
     search: Annotated[float, arg(metavar="X")] = 0.5
 
     def identify(self) -> CalibrationResult:
-        """Return a `CalibrationResult`: the offset [s] by which forces are those of a weight turning with the poses.
+        """Return a `CalibrationResult` with the offset [s] of the poses' clock.
 
         Raises:
             InputError: rig or log cannot be read, the wrenches are written in the base frame, they and the poses do not
@@ -63,10 +63,9 @@ class CalibrateClock(Calibration):
         path = setup.files().get("payload")
         there = path is not None and path.exists()  # a rig may name it before it is made, which the clock may precede
         layout, payload = setup.layout(), sensor.payload if there else None
-        before = setup.orientation.offset
+        before, noise = setup.orientation.offset, sensor.table.noise
         recording = read_recording(self.log, layout)
         pose_time, quaternions, _ = read_poses(self.log, layout)
-        wrench = sensor.table.noise
         found = identify_offset(
             recording.time,
             recording.wrenches(),
@@ -75,7 +74,7 @@ class CalibrateClock(Calibration):
             payload=payload if payload is not None and payload.weight.any() else None,
             search=(before - self.search, before + self.search),
             max_gap=setup.orientation.max_gap,
-            noise=None if wrench is None else wrench.six(),
+            noise=None if noise is None else noise.six(),
         )
         known = measured([1e3 * found.offset], [1e3 * found.deviation], "ms")
         return CalibrationResult(
@@ -101,10 +100,8 @@ class CalibrateClock(Calibration):
 
 
 def _findings(found: ClockOffset, *, columns: bool) -> list[str]:
-    """Return notes that explain the offset, one sentence each."""
     said: list[str] = []
-    together = abs(found.offset) < SURE * found.deviation
-    if together:
+    if abs(found.offset) < SURE * found.deviation:
         said.append("poses and wrenches are on one clock, as far as this log can tell")
     elif columns:
         size, way = 1e3 * abs(found.offset), "late" if found.offset < 0 else "early"

@@ -57,7 +57,7 @@ class CalibratePayload(Calibration):
     base_frame: Annotated[bool, FlagCreatePairsOff] = False
 
     def identify(self) -> CalibrationResult:
-        """Average the poses at rest, and return a `CalibrationResult` with the payload that is fitted to them.
+        """Return a `CalibrationResult` with the payload that is fitted to the averages of poses at rest.
 
         Raises:
             InputError: rig or log cannot be read, the log has no orientation or no complete sample, `gravity` is not a
@@ -99,7 +99,7 @@ class CalibratePayload(Calibration):
 
 
 def _hints(payload: Payload) -> list[str]:
-    """Return the rig's setting that corrects the log, for each hypothesis that the payload's notes name."""
+    """Return the rig's settings that correct the log for the hypotheses that the payload's notes name."""
     named = {name for text in payload.notes for name in re.findall(r"hypothesis='([^']*)'", text)}
     return [hint for name, hint in _HINTS.items() if any(name in hypothesis for hypothesis in named)]
 
