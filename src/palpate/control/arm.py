@@ -87,10 +87,6 @@ class Arm(Value):
         if wrong.any():
             raise InputError(f"joint {self.names[int(np.argmax(wrong))]!r} {what}.")
 
-    def __reduce__(self) -> tuple[object, ...]:
-        given = (self.names, self.placements, self.axes, self.revolute, self.lower, self.upper, self.speed)
-        return type(self), (*given, self.acceleration)
-
     @property
     def middle(self) -> Float[np.ndarray, " n"]:
         """Joint positions halfway between the limits, (n,) [rad, m]; 0 for unlimited joints."""

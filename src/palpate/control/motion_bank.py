@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
@@ -56,22 +54,20 @@ class MotionBank:
         self.start(np.zeros(count))
 
     @takes_arrays
-    def start(self, values: ArrayLike, rates: ArrayLike | None = None, series: int | slice = slice(None)) -> None:
-        """Begin at these values and rates, known to about the sizes, and the sizes per second.
+    def start(self, values: ArrayLike, series: slice = slice(None)) -> None:
+        """Begin at values known to about the sizes, and at rest to within the sizes per second.
 
         Args:
             values: one per series that begins.
-            rates: as many [1/s]; None: 0.
-            series: index or slice of those that begin; all by default.
+            series: slice of those that begin; all by default.
 
         Raises:
-            InputError: values or rates of another number.
+            InputError: values of another number.
         """
         filters = self._filters[series]
-        shape = filters.shape[:-2]
-        begun = shaped(values, shape, "values"), np.zeros(shape) if rates is None else shaped(rates, shape, "rates")
+        begun = shaped(values, filters.shape[:-2], "values")
         filters[:] = 0.0
-        filters[..., 0], filters[..., 1] = (each[..., None] for each in begun)
+        filters[..., 0] = begun[..., None]
         for entry, share in ((3, 1.0), (6, 1.0), (8, 10.0)):
             filters[..., entry] = share * self.sizes[series, None] ** 2
         filters[..., 9] = 1.0 / filters.shape[-2]
@@ -114,13 +110,3 @@ class MotionBank:
         """Return values (c,) and rates (c,) [unit, unit/s] `delay` [s] from now; the next call overwrites them."""
         self._foresee(self._mixed, delay, self._value, self._rate)
         return self._value, self._rate
-
-    @property
-    def deviations(self) -> Float[np.ndarray, " c"]:
-        """Standard deviations of the present values, (c,), in the series' units."""
-        return np.sqrt(self._mixed[:, 3])
-
-    @property
-    def weights(self) -> Sequence[Sequence[float]]:
-        """Probabilities of the filters: a list per series, each with a sum of 1."""
-        return self._filters[..., 9].tolist()

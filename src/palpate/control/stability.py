@@ -100,9 +100,6 @@ class DelayedRobot(Value):
             raise InputError(f"the order of a servo must be 1 or 2, not {self.order}.")
         object.__setattr__(self, "_servo", frozen(self._discrete()))
 
-    def __reduce__(self) -> tuple[object, ...]:
-        return type(self), (self.dt, self.delay, self.ramp, self.lag, self.order, self.smoothing)
-
     def _discrete(self) -> Float[np.ndarray, "m k"]:
         """Return rows of the servo's next state, from its state and the commands at a cycle's start and end; exact."""
         if self.lag == 0:

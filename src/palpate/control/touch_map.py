@@ -67,11 +67,6 @@ class TouchMap:
     def __len__(self) -> int:
         return self._count
 
-    @property
-    def places(self) -> Float[np.ndarray, "n 3"]:
-        """Places, (n, 3): x, y [m] and the time of the last touch [s]."""
-        return self._places[: self._count, :3].copy()
-
     def touch(self, time: float, x: float, y: float, belief: float = 1.0) -> None:
         """Remember a place (x, y) [m] touched at a time [s], with a belief (1: an ordinary touch)."""
         places, count = self._places, self._count

@@ -83,7 +83,12 @@ class Served:
 
     def __init__(self, host: str = "127.0.0.1", port: int = 8080, token: str = "") -> None:
         token = token or token_urlsafe(16)
-        self._server = _listen(host, port, token)
+        require_viser(host, port)
+        from palpate.viewer.guard import Guard  # here: what it needs comes with viser
+        from palpate.viewer.viser_door import listening
+
+        with _quiet():
+            self._server: ViserServer = listening(Guard(host, token), host, _free(host, port))
         self.port = self._server.get_port()
         self.address = f"{_shown(host)}:{self.port}/?token={token}"
 
@@ -182,16 +187,6 @@ def _own(everywhere: str) -> str:
         except OSError:
             return "::1" if family == socket.AF_INET6 else "127.0.0.1"
         return str(probe.getsockname()[0])
-
-
-def _listen(host: str, port: int, token: str) -> ViserServer:
-    """Return a server at this port, or the next free one, guarded by a token."""
-    require_viser(host, port)
-    from palpate.viewer.guard import Guard
-    from palpate.viewer.viser_door import listening
-
-    with _quiet():
-        return listening(Guard(host, token), host, _free(host, port))
 
 
 def _free(host: str, port: int) -> int:

@@ -9,6 +9,8 @@ from palpate.control.drive import DifferentialDrive
 
 __all__ = ["Speedometer", "Steering"]
 
+PROPORTIONAL, INTEGRAL = 3.0, 0.5  # 1/s, 1/s^2: k_p, k_i
+SMALL = 0.35  # rad up to which the integral counts; it is reset beyond
 _PAUSE = 0.2  # s between two updates beyond which the integral does not count the time
 
 
@@ -20,16 +22,11 @@ class Steering:
 
     Args:
         drive: the robot's drive.
-        proportional: k_p [1/s].
-        integral: k_i [1/s^2].
-        small: [rad] up to which the integral counts; it is reset beyond.
     """
 
-    def __init__(
-        self, drive: DifferentialDrive, proportional: float = 3.0, integral: float = 0.5, small: float = 0.35
-    ) -> None:
-        self.drive, self.proportional, self.integral, self.small = drive, proportional, integral, small
-        self._sum, self._time = 0.0, math.nan
+    def __init__(self, drive: DifferentialDrive) -> None:
+        self.drive = drive
+        self.reset()
 
     def reset(self) -> None:
         """Set the integral of the error to 0, for a new direction."""
@@ -44,12 +41,12 @@ class Steering:
             speed: [m/s] wanted forward speed; 0: only turn.
         """
         step = time - self._time
-        if abs(error) > self.small:
+        if abs(error) > SMALL:
             self._sum = 0.0
         elif 0.0 < step < _PAUSE:
-            self._sum = max(-self.small, min(self.small, self._sum + error * step))
+            self._sum = max(-SMALL, min(SMALL, self._sum + error * step))
         self._time = time
-        turn = self.proportional * error + self.integral * self._sum
+        turn = PROPORTIONAL * error + INTEGRAL * self._sum
         return self.drive.wheels(speed * max(0.0, math.cos(error)), turn)
 
 
@@ -74,9 +71,8 @@ class Speedometer:
     def velocity(self, time: float, x: float, y: float) -> tuple[float, float]:
         """Add a position (x, y) [m] at a time [s]; return the mean velocity (x, y) [m/s] over the window that ends now.
 
-        Both are NaN before half of the window is known.
-
-        A time that does not grow, or a pose that is not finite, adds nothing.
+        Both are NaN before half of the window is known. A time that does not grow, or a pose that is not finite, adds
+        nothing.
         """
         seen = self._seen
         if math.isfinite(x) and math.isfinite(y) and not (seen and time <= seen[-1][0]):
