@@ -1,4 +1,4 @@
-"""Check that a skin and a force/torque sensor fit each other, by the share of frames in which they disagree."""
+"""Check, by the share of frames in which they disagree, that a skin and a force/torque sensor fit each other."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ ENOUGH = 50  # frames with a contact that a warning needs
 
 
 class Agreement:
-    """Counts of the frames with a contact, and of those in which skin and wrench disagree."""
+    """Counts of frames with a contact, and of those in which skin and wrench disagree."""
 
     def __init__(self) -> None:
         self._touched = self._unexplained = self._opposed = 0

@@ -1,4 +1,4 @@
-"""Move forces into their cones of friction where the closed form is outside."""
+"""Move forces into their cones of friction."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def within_cones(
 ) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, " n"], tuple[str, ...]]:
     """Return the forces f within the cones with the least (f - force)^T covariance^-1 (f - force), frame by frame.
 
-    With covariance = S S^T and f = force + S x, clarabel finds the shortest x with f in the cones.
+    clarabel solves it as a problem of second-order cones.
 
     Args:
         force: (m, 3) [N] the best forces without cones.
@@ -41,8 +41,8 @@ def within_cones(
         friction: bound of the tangential over the normal force.
 
     Returns:
-        Forces (m, 3) [N], the least square (n,) of each frame, and notes where forces are unchanged because clarabel is
-        not installed or found none.
+        Forces (m, 3) [N], the least square (n,) of each frame, and notes where forces are unchanged: clarabel is not
+        installed, or found none.
     """
     found, further, notes = force.copy(), np.zeros(len(counts)), tuple[str, ...]()
     try:

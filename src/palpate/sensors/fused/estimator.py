@@ -1,4 +1,4 @@
-"""Estimate each contact with its 3-D force: a skin gives the places, a force/torque sensor the sum of the forces."""
+"""Estimate each contact with its 3-D force: a skin gives places, a force/torque sensor the sum of forces."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ class LastingUnseen:
             time: (n,) [s].
             reporting: (n,) frames with a valid skin, and a wrench or a contact.
             usable: (n,) frames with a wrench.
-            fused: forces and alarms of the frames.
+            fused: of the frames.
         """
         found = dict[int, _Place]()
         for k, now in enumerate(time.tolist()):

@@ -1,4 +1,4 @@
-"""Find places of a contact that the skin does not see, ranked by how well they explain a wrench."""
+"""Rank places of a contact that the skin does not feel by how well they explain a wrench."""
 
 from __future__ import annotations
 

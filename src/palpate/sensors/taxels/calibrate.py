@@ -1,4 +1,4 @@
-"""Fit a taxel's curve from intensity to force, from presses whose force a load cell measured."""
+"""Fit curves from intensity to force to presses that a load cell measured."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Define `palpate calibrate intensity`, which fits readings of taxels to forces that a load cell measured."""
+"""Define `palpate calibrate intensity`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fit intensity curves of several kinds by least squares, and choose the one that predicts unseen presses best."""
+"""Fit intensity curves of several kinds, and choose the one that predicts unseen presses best."""
 
 from __future__ import annotations
 

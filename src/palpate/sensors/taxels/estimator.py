@@ -1,4 +1,4 @@
-"""Estimate several contacts at once from readings of taxels: place, force, pressure, area, axes and identity."""
+"""Estimate several contacts at once from readings of taxels."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ class TaxelEstimator(ContactEstimator):
 
     @property
     def wrapped(self) -> Int[np.ndarray, "*cells"]:
-        """Return the number of times that each cell's reading passed an end of its range (`body.shape`)."""
+        """Return how often each cell's reading passed an end of its range (`body.shape`)."""
         return self._frames.wrapped.reshape(self.body.shape)
 
     def tare(self, recording: Recording) -> Tare:

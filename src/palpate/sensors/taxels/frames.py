@@ -1,4 +1,4 @@
-"""Run the compiled loop over frames of taxels, and keep the state that it carries from frame to frame."""
+"""Run the compiled loop over frames of taxels, and keep its state from frame to frame."""
 
 from __future__ import annotations
 
@@ -112,22 +112,22 @@ class TaxelFrames:
 
     @property
     def force(self) -> Float[np.ndarray, " k"]:
-        """Return each cell's force (k,) [N] in the last frame, a view that the next frame overwrites."""
+        """Return each cell's force (k,) [N] in the last frame, a view."""
         return self._numbers[_kernels.FORCE]
 
     @property
     def rest(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-        """Return each cell's baseline (k,) [counts] and its standard deviation, 0 if `walk` is 0."""
+        """Return each cell's baseline (k,) [counts] and its standard deviation, as `TaxelEstimator.rest`."""
         return self._numbers[_kernels.BASELINE].copy(), np.sqrt(self._numbers[_kernels.VARIANCE])
 
     @property
     def label(self) -> Int[np.ndarray, " k"]:
-        """Return each cell's area (k,) in the last frame, from 1; 0: none, negative: the area's rim."""
+        """Return each cell's area (k,), as `TaxelEstimator.label`."""
         return self._whole[_kernels.LABEL]
 
     @property
     def wrapped(self) -> Int[np.ndarray, " k"]:
-        """Return the number of times (k,) that each cell's reading passed an end of its range."""
+        """Return how often (k,) each cell's reading passed an end of its range."""
         return self._whole[_kernels.WRAPPED]
 
     def run(

@@ -1,4 +1,4 @@
-"""Examine taxels: their baseline and noise, and which of them are dead, stuck or wrapped around."""
+"""Find baseline and noise of taxels, and which of them are dead, stuck or wrapped around."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Convert a taxel's intensity to the force on it, by calibrated curves with a covariance and a saturation limit."""
+"""Convert a taxel's intensity to the force on it by calibrated curves."""
 
 from __future__ import annotations
 
@@ -158,13 +158,13 @@ class Intensity(Value):
 
     Args:
         curves: one for all cells, or several.
-        which: (rows, columns), or (k,), the index of each cell's curve; None: the first for all.
-        unit: unit of an intensity in messages.
+        which: (rows, columns) or (k,), the index of each cell's curve; None: the first for all.
+        unit: of an intensity, in messages.
         provenance: origin of the calibration.
         notes: notes for the user, one sentence each.
 
     Raises:
-        InputError: no curve, an index of no curve, `which` of another shape, or curves of which some fall with force.
+        InputError: no curve, `which` of another shape or with an index of no curve, or curves of which some fall.
     """
 
     curves: tuple[Curve, ...]

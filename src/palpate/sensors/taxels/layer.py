@@ -1,4 +1,4 @@
-"""Draw taxels on the page: each cell as a patch coloured by its force, and a sheet unrolled as an image."""
+"""Draw taxels on the page as patches coloured by their forces, and a sheet unrolled as an image."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ FACES = np.array([(0, 1, 2), (0, 2, 3)])
 
 @takes_arrays
 class TaxelLayer:
-    """A layer of the page that draws cells on a body, each as a patch in its tangent plane.
+    """A layer of the page that draws cells on a body as patches.
 
     Args:
         body: the k cells.

@@ -1,4 +1,4 @@
-"""Describe a body of taxels: positions, normals and neighbours of its cells, on a sheet or anywhere on a link."""
+"""Describe a body of taxels, on a sheet or anywhere on a link: positions, normals and neighbours."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Describe rigid modules of taxels by the place of each taxel on its flat module."""
+"""Describe rigid modules of taxels by the places of taxels on flat modules."""
 
 from __future__ import annotations
 
@@ -89,10 +89,7 @@ class ModuleLayout(Value):
 
 
 def _unbent(away: Float[np.ndarray, "t 3"], axes: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "t 2"]:
-    """Return the flat places p + (p' K p) K p / 6 of a bent sheet's points about its origin, K its curvature.
-
-    To fourth order: along x the arc of K x^2 / 2 is x + K^2 x^3 / 6, and across it nothing is longer.
-    """
+    """Return flat places p + (p' K p) K p / 6 of a bent sheet's points about its origin, K its curvature."""
     for _ in range(_ROUNDS):  # until the third axis is normal to the sheet in the middle
         lean, _ = _bend(away @ axes.T)
         outward: Float[np.ndarray, "3"] = axes[2] - lean @ axes[:2]

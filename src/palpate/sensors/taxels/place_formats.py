@@ -95,7 +95,7 @@ def write_taxel_places(path: str | Path, places: TaxelPlaces, *, name: str = "sk
 
     Args:
         path: .toml, .txt, .csv or .urdf.
-        places: places of the taxels.
+        places: to write.
         name: of the skin's part, in iCub's file and in the URDF's links; "" for iCub's bare rows.
 
     Raises:

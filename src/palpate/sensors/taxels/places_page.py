@@ -1,4 +1,4 @@
-"""Show taxel places on a page: each as a patch, coloured by module or standard deviation, with its ellipsoid."""
+"""Show taxel places on a page, coloured by module or standard deviation, with their ellipsoids."""
 
 from __future__ import annotations
 
@@ -35,7 +35,6 @@ MODULES = np.array(  # Okabe and Ito's colours, and two more: told apart by the 
 )
 LOOSE, NEVER = (150, 158, 166), (20, 24, 30)
 ONE_SIDED = 0.1  # length of the mean of the normals of a skin that is not round its link
-BY = ("module", "deviation", "pokes")
 
 
 class PlacesLayer:
@@ -128,7 +127,7 @@ class PlacesLayer:
     def panel(self, gui: GuiApi) -> None:
         """Add the choice of colours, their legend, the size of ellipsoids, and a checkbox that hides taxels."""
         known = {"module": True, "deviation": self._known.any(), "pokes": self._pokes.any()}
-        options = [by for by in BY if known[by]]
+        options = [by for by, there in known.items() if there]
         chosen = gui.add_dropdown("colour", tuple(options), initial_value=options[0])
         self._legend = gui.add_html(self._explained(options[0]))
 
@@ -164,15 +163,12 @@ class PlacesLayer:
         distances = np.asarray(cKDTree(self._points).query(self._points, k=2)[0])
         return SIDE * float(np.median(distances[:, 1]))
 
-    def _shares(self, by: str) -> Float[np.ndarray, " k"]:
-        values = self._deviation if by == "deviation" else self._pokes.astype(np.float64)
-        return np.nan_to_num(values / max(float(np.nanmax(values)), 1e-12))
-
     def _colours(self, by: str) -> UInt8[np.ndarray, "k 3"]:
-        if by != "module":
-            return linear(colours(self._shares(by)))
-        shade = np.where(self._module[:, None] >= 0, MODULES[self._module % len(MODULES)], LOOSE)
-        return linear(shade.astype(np.uint8))
+        if by == "module":
+            shade = np.where(self._module[:, None] >= 0, MODULES[self._module % len(MODULES)], LOOSE)
+            return linear(shade.astype(np.uint8))
+        values = self._deviation if by == "deviation" else self._pokes.astype(np.float64)
+        return linear(colours(np.nan_to_num(values / max(float(np.nanmax(values)), 1e-12))))
 
     def _explained(self, by: str) -> str:
         if by == "module":

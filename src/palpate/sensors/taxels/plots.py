@@ -1,4 +1,4 @@
-"""Draw maps of a skin's taxels, unrolled about the axis of the cylinder that fits them best."""
+"""Draw maps of a skin's taxels, unrolled about the cylinder that fits them best."""
 
 from __future__ import annotations
 
@@ -18,10 +18,7 @@ __all__ = ["error_map", "moved_map", "unroll"]
 
 @takes_arrays
 def unroll(points: Float[np.ndarray, "k 3"], *others: Float[np.ndarray, "k 3"]) -> list[Float[np.ndarray, "k 2"]]:
-    """Return each point set as (k, 2) [m] along and around a cylinder fitted to the first set.
-
-    Its axis is the principal axis of the points from which their distances vary least.
-    """
+    """Return each point set as (k, 2) [m] along and around the cylinder that fits the first set best."""
     middle = points.mean(axis=0)
     axes = np.linalg.svd(points - middle, full_matrices=True)[2]
     fits = [_circle(points - middle, np.roll(axes, -k, axis=0)) for k in range(3)]

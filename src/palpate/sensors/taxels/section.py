@@ -1,4 +1,4 @@
-"""Read the [skin] table of a rig and build the layout of its log, the taxel body and the estimator from it."""
+"""Read the [skin] table of a rig; build the layout of its log, the taxel body and the estimator."""
 
 from __future__ import annotations
 
