@@ -13,9 +13,8 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
-from palpate.files.logs.layout import POSE_COLUMNS, ArrayChannel, LogLayout
+from palpate.files.logs.layout import POSE_COLUMNS, ArrayChannel, LogLayout, require_stated, stated_layout
 from palpate.files.logs.log import Log
-from palpate.files.logs.naming import require_stated, stated_layout
 from palpate.files.logs.samples import WRENCH, SampleReader, rows_at_once
 from palpate.files.tables.fields import Fields
 from palpate.files.tables.stated import Stated

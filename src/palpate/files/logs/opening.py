@@ -50,9 +50,8 @@ _FOREIGN: dict[bytes, tuple[str, str]] = {  # first bytes of a file -> what it i
     b"\x1f\x8b": ("is compressed", "Unpack it first."),
     b"MATLAB 5.0 MAT": ("is a MAT file of MATLAB", "Write a table of it as CSV (writetable, writematrix)."),
     b"\x89HDF": ("is an HDF5 file", "Write a table of it as CSV or Parquet."),
-    **{
-        magic: ("is one image", "Name the folder of the frames, or a video.") for magic in (b"\x89PNG", b"\xff\xd8\xff")
-    },
+    b"\x89PNG": ("is one image", "Name the folder of the frames, or a video."),
+    b"\xff\xd8\xff": ("is one image", "Name the folder of the frames, or a video."),
 }
 _WORKBOOKS = (b"[Content_Types]", b"_rels/", b"xl/", b"docProps/", b"mimetype")  # what their archive begins with
 

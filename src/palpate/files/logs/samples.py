@@ -75,14 +75,12 @@ class SampleReader:
             if self._both and AVERAGED not in read:
                 channels[AVERAGED] = np.ones((len(time), 1))
         apart = (WRENCH, IMAGE, *(array.name for array in self._arrays))
-        bounded = [name for name in read if name not in apart]
-        channels |= {name: self._bounded(name, read[name]) for name in bounded}
+        channels |= {name: self._bounded(name, values) for name, values in read.items() if name not in apart}
         if ORIENTATION in channels:
             channels[ORIENTATION] = self._sound(channels[ORIENTATION])
         if ACCELERATION in channels and self._acceleration != 1.0:
             channels[ACCELERATION] = self._acceleration * channels[ACCELERATION]
-        for array in self._arrays:
-            channels[array.name] = self._scaled(array, read[array.name])
+        channels |= {array.name: self._scaled(array, read[array.name]) for array in self._arrays}
         self._times.add(time)
         channels = {name: sealed(values, own=True) for name, values in channels.items()}
         if IMAGE in read:

@@ -61,15 +61,14 @@ def read_model(path: str | Path, holds: type[Any] | None = None) -> Any:
         hint = f"`{model.command}` writes {model.called}. {problem.hint}".strip()
         raise InputError(problem.what, where=problem.where, hint=hint) from None
     kind = table.pop("kind", None)
-    if holds is None:
-        if not isinstance(kind, str) or kind not in MODELS:
-            known = ", ".join(repr(name) for name in MODELS)
-            raise InputError("is not a model.", where=str(path), hint=f"Write its kind, one of {known}.")
-    else:
+    if holds is not None:
         wanted, model = _model(holds)
         if kind != wanted:
             hint = f"`{model.command}` writes one (kind = {wanted!r})."
             raise InputError(f"is not {model.called}.", where=str(path), hint=hint)
+    elif not isinstance(kind, str) or kind not in MODELS:
+        known = ", ".join(repr(name) for name in MODELS)
+        raise InputError("is not a model.", where=str(path), hint=f"Write its kind, one of {known}.")
     model = MODELS[kind]
     return parse(table, model.holds, file=str(path), forms=model.forms)
 
