@@ -112,24 +112,26 @@ class LivePoses:
 
     def events(self) -> list[str]:
         """Return the events since the last call, one sentence each: no poses, unreadable messages, a clock set back."""
-        if self._silent is not None and time.monotonic() - self._silent > SILENT and "silent" not in self._told:
-            self._told.add("silent")
-            self._pending.append(self._problem or "there are no poses yet: the sensor's orientation is not known")
-        if self._unread and "unread" not in self._told:
-            self._told.add("unread")
-            self._pending.append("some messages of poses are incomplete or of another type, and are ignored")
+        if self._silent is not None and time.monotonic() - self._silent > SILENT:
+            self._once("silent", self._problem or "there are no poses yet: the sensor's orientation is not known")
+        if self._unread:
+            self._once("unread", "some messages of poses are incomplete or of another type, and are ignored")
         for name, track in self._named():
-            key = f"{name} {track.restarts}"
-            if track.restarts and key not in self._told:
-                self._told.add(key)
-                self._pending.append(f"the clock of the poses{name} went back; earlier poses are discarded")
+            if track.restarts:
+                again = f"the clock of the poses{name} went back; earlier poses are discarded"
+                self._once(f"{name} {track.restarts}", again)
         return drained(self._pending)
+
+    def _once(self, key: str, sentence: str) -> None:
+        if key not in self._told:
+            self._told.add(key)
+            self._pending.append(sentence)
 
     def _grow(self, track: LiveTrack, stamps: Int[np.ndarray, " k"], values: Float[np.ndarray, "k 7"]) -> None:
         if self._origin is None and len(stamps):
             self._origin = int(stamps[0])
         track.add(seconds(stamps - (self._origin or 0)), values[:, 3:], values[:, :3])
-        track.forget(track.newest - self._max_gap - _KEPT)
+        track.forget(track.newest - (self._max_gap + _KEPT))
 
     def _add_transforms(self, messages: MessageBlock, topic: Topic) -> None:
         rows, sound = transforms(messages, topic, self._names)
@@ -167,9 +169,7 @@ class LivePoses:
                 return None
             self._needed = frozenset(self._path.frames)  # of a tree: two of them that are joined are neighbours
             way = " -> ".join(self._path.frames)
-            if way not in self._told:
-                self._told.add(way)
-                self._pending.append(f"the sensor's pose is taken from {way} in the tree of /tf")
+            self._once(way, f"the sensor's pose is taken from {way} in the tree of /tf")
         return self._path
 
     def _watch(self, *, found: bool, age: float = 0.0) -> None:
@@ -181,9 +181,8 @@ class LivePoses:
             self._silent = None
             return
         if np.isfinite(age) and age > 0:
-            self._problem = (
-                f"the newest pose is {age:.3g} s older than the samples: the sensor's orientation is not known"
-            )
+            late = f"the newest pose is {age:.3g} s older than the samples"
+            self._problem = f"{late}: the sensor's orientation is not known"
         if self._silent is None:
             self._silent = time.monotonic()
 
