@@ -51,6 +51,7 @@ LATER = frozenset(  # what only examples and commands that take a while make arg
         "sensors.taxels.skin_map.paper.paper_surface",
         "sensors.taxels.poking.activations.AnswerReader.take",
         "sensors.taxels.poking.plausibility.believed",
+        "sensors.taxels.poking.systematic_errors.Nuisances.columns",
         "sensors.taxels.poking.systematic_errors.Nuisances.moved",
         "sensors.taxels.poking.systematic_errors.predicted",
         "sensors.taxels.poking.plan.candidates",

@@ -1,4 +1,4 @@
-"""Find the answers in frames of taxels: readings that exceed a taxel's baseline by a threshold."""
+"""Find the answers in frames of taxels: readings above a baseline by a threshold."""
 
 from __future__ import annotations
 
@@ -53,18 +53,18 @@ class Activations:
 
 
 def later(time: Float[np.ndarray, " n"], than: float = -np.inf) -> Bool[np.ndarray, " n"]:
-    """Return a bool for each time (n,) [s], True if it is later than all before it and than `than`; NaN is not."""
+    """Return a bool for each time (n,), True if it is later than all before it and than `than`; NaN is not."""
     latest = np.maximum.accumulate(np.concatenate([[than], np.nan_to_num(time, nan=-np.inf)]))
     return time > latest[:-1]
 
 
 @takes_arrays
 class AnswerReader:
-    """A reader of frames that finds answers above a baseline, which follows a taxel while it does not answer.
+    """A reader that finds answers above a baseline, which follows a taxel while it does not answer.
 
     Args:
-        threshold: above the baseline; None: six standard deviations of each taxel's noise, or of the median noise if
-            that is more.
+        threshold: above the baseline; None: six standard deviations of the noise of each taxel, at least of the median
+            one.
         top: the largest reading.
         falling: readings fall under load.
     """
@@ -132,7 +132,6 @@ class AnswerReader:
         )
 
     def _start(self) -> None:
-        """Find baseline and noise in the first frames, then read these frames."""
         count = sum(len(each) for each, _ in self._head)
         if count < FEWEST:
             raise InputError(f"has {count} frames of taxels, and at least {FEWEST} are needed.", where="frames")
@@ -163,7 +162,7 @@ class AnswerReader:
             self._piece(time[start : start + PIECE], values[start : start + PIECE])
 
     def _piece(self, time: Float[np.ndarray, " n"], values: np.ndarray) -> None:
-        """Find the answers of some frames above a constant baseline; then update that of taxels that do not answer."""
+        """Find the answers of some frames above a constant baseline, then update that of silent taxels."""
         limit = self._rest + self._delta
         rising, kind = self._sign > 0, values.dtype
         hit = values > _as(np.floor(limit), kind) if rising else values < _as(np.ceil(-limit), kind)
@@ -187,7 +186,7 @@ class AnswerReader:
         if stuck.any():
             who = _listed(np.flatnonzero(stuck).tolist())
             said.append(f"taxel {who} answers nearly all the time, or never returns to rest, and is left out")
-        if fell.any() and not stuck.all():
+        if fell.any():
             who = _listed(np.flatnonzero(fell).tolist())
             said.append(
                 f"the reading at rest of taxel {who} falls after the log begins: make sure that nothing touched it then"
@@ -198,7 +197,7 @@ class AnswerReader:
 
 
 def _as(limit: Float[np.ndarray, " k"], kind: np.dtype) -> np.ndarray:
-    """Return a bound in the type of the readings, so that they need not be converted."""
+    """Return a bound in the type of the readings."""
     if kind.kind in "iu":
         ends = np.iinfo(kind)
         return np.clip(limit, ends.min, ends.max).astype(kind)

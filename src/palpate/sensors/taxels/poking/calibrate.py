@@ -1,4 +1,4 @@
-"""Calibrate the places of taxels from pokes by one of several methods."""
+"""Calibrate the places of taxels from pokes."""
 
 from __future__ import annotations
 
@@ -73,9 +73,9 @@ def calibrate_taxels(
         pokes: of all configurations.
         method: "free", "weighted", "surface": the paper's [taxel poking], each taxel separately, with equal weights,
             weighted by its response, or weighted and on the surface. "taxels": single taxels in one fit, with the
-            sensor's bias and the errors of frames. "modules": the modules that carry them, also with cross-talk and a
-            model of the taxels' responses.
-        surface: of the link, in its frame: "surface" needs one, "taxels" and "modules" are better with one.
+            sensor's bias and the errors of frames. "modules": rigid modules, also with cross-talk and a model of
+            responses.
+        surface: of the link, in its frame; "surface" needs one, "taxels" and "modules" are better with one.
         start: expected places of the taxels (CAD), weighted by the priors; None: nothing is known.
         layout: of modules; None: that of the start.
         priors: of the start and of the errors; None: the defaults.
@@ -110,7 +110,7 @@ def calibrate_taxels(
 
 
 def _each(pokes: Pokes, method: str, surface: Surface | None) -> TaxelCalibration:
-    """Calibrate by the paper's methods, over all configurations."""
+    """Calibrate by the paper's methods."""
     equations = paper.normal_equations(pokes, weighted=method != "free")
     points = paper.free(equations) if method != "surface" or surface is None else paper.on_surface(equations, surface)
     rows = np.isfinite(points).all(axis=1)
@@ -144,7 +144,7 @@ def _together(
     layout: ModuleLayout | None,
     priors: Priors,
 ) -> TaxelCalibration:
-    """Fit all taxels in one, from a start or from the paper's method, with all errors that are estimated."""
+    """Fit all taxels in one, with all errors that are estimated."""
     points, outward, weight = _guessed(pokes, surface)
     if modules:
         layout = layout if layout is not None or start is None else ModuleLayout.of(start, bent=True)
@@ -189,14 +189,14 @@ def _together(
 def _guessed(
     pokes: Pokes, surface: Surface | None
 ) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]]:
-    """Return places by the paper's method, outward directions against the forces, and the weight of each place."""
+    """Return places by the paper's method, outward directions, and the weight of each place."""
     equations = paper.normal_equations(pokes, weighted=True)
     points = paper.free(equations) if surface is None else paper.on_surface(equations, surface)
     return points, -equations.pressing, equations.weight
 
 
 def _facing(normals: Float[np.ndarray, "k 3"], outward: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 3"]:
-    """Return normals where they are known, else outward; where neither is, the sum of the others."""
+    """Return normals where known, else outward; where neither is, the sum of the others."""
     found = np.where(np.isfinite(normals).all(axis=1, keepdims=True), normals, outward)
     return np.where(
         np.abs(found).max(axis=1, keepdims=True) > 0, found, found.sum(axis=0) + np.array([0.0, 0.0, 1e-12])
@@ -204,7 +204,7 @@ def _facing(normals: Float[np.ndarray, "k 3"], outward: Float[np.ndarray, "k 3"]
 
 
 def _few(layout: ModuleLayout, points: Float[np.ndarray, "k 3"]) -> list[str]:
-    """Return the numbers of the modules on which too few taxels have a place to find the module by."""
+    """Return the numbers of the modules on which too few taxels have a place."""
     count = np.bincount(layout.module[placed(layout, points)], minlength=layout.modules)
     return list(map(str, np.flatnonzero(count < FEWEST).tolist()))
 
@@ -237,7 +237,6 @@ def _placed(pokes: Pokes, solution: PlacesSolution) -> TaxelPlaces:
 
 
 def _poses(pokes: Pokes) -> Float[np.ndarray, "d 8"]:
-    """Return the pose of each configuration with used pokes, and their number."""
     found = list[np.ndarray]()
     for number in range(pokes.configurations):
         rows = np.flatnonzero((pokes.configuration == number) & (pokes.weight > 0))
@@ -279,7 +278,6 @@ def spreads(
 
 
 def _untouched(places: TaxelPlaces) -> tuple[str, ...]:
-    """Return a note that lists the taxels that no poke reached."""
     rows = np.flatnonzero((places.pokes == 0) & (places.there | (places.module < 0))).tolist()
     if not rows:
         return ()

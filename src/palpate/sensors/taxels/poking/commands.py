@@ -13,7 +13,7 @@ from tyro.conf import Positional, arg
 
 from palpate.console.calibration import Calibration, CalibrationResult
 from palpate.console.console import Quantity, lines, note, progress, title, wait
-from palpate.console.options import FileOption, Log, Output, RigFile, Scalar
+from palpate.console.options import FileOption, Log, Output, RigFile, Scalar, require_positive
 from palpate.errors import InputError
 from palpate.files.atomic import keep_inputs, write_text
 from palpate.files.logs import contents
@@ -24,8 +24,7 @@ from palpate.sensors.taxels.places import TaxelPlaces
 from palpate.sensors.taxels.poking import Priors, TaxelCalibration, calibrate_taxels
 from palpate.sensors.taxels.poking.activations import Block
 from palpate.sensors.taxels.poking.evaluate_command import is_taxel_file
-from palpate.sensors.taxels.poking.files import holds_pokes, read_pokes
-from palpate.sensors.taxels.poking.logs import WRENCH, open_pokes
+from palpate.sensors.taxels.poking.files import WRENCH, holds_pokes, open_pokes, read_pokes
 from palpate.sensors.taxels.poking.module_placement import place_modules
 from palpate.sensors.taxels.poking.plan import Plan, PossiblePokes, after_calibration, plan_pokes
 from palpate.sensors.taxels.poking.plausibility import believed
@@ -95,7 +94,10 @@ class CalibrateTaxels(Calibration):
         if self.output.suffix.lower() not in SUFFIXES:
             hint, kind = f"Use {', '.join(SUFFIXES)}.", self.output.suffix
             raise InputError(f"cannot write places of taxels as {kind!r}.", where=str(self.output), hint=hint)
-        setup = replace(self.stated.resolve(), pokes=_over(self.stated.pokes or RigPokes(), self.threshold))
+        require_positive(self.threshold, "--threshold")
+        setup = self.stated.resolve()
+        table = setup.pokes or RigPokes()
+        setup = replace(setup, pokes=replace(table, threshold=self.threshold or table.threshold))
         surface = None if setup.link.stated is None else setup.link.surface()
         return self._placed(setup, surface) if is_taxel_file(self.log) else self._poked(setup, surface)
 
@@ -134,7 +136,6 @@ class CalibrateTaxels(Calibration):
         )
 
     def _placed(self, setup: Setup, surface: Surface | None) -> CalibrationResult:
-        """Fit modules to the places of their taxels."""
         if self.method != "modules":
             raise InputError(
                 "must be modules, as the input is places of taxels and not a log of pokes.", where="--method"
@@ -145,13 +146,6 @@ class CalibrateTaxels(Calibration):
         return CalibrationResult(
             of_taxels(found.places), found.places, notes=[*said, *found.notes], warnings=found.warnings
         )
-
-
-def _over(table: RigPokes, threshold: float | None) -> RigPokes:
-    try:
-        return table if threshold is None else replace(table, threshold=threshold)
-    except ValueError as problem:
-        raise InputError(f"{problem}.", where="--threshold") from problem
 
 
 def _pokes(log: Path, setup: Setup, start: TaxelPlaces | None) -> Pokes:
@@ -191,10 +185,7 @@ def _pokes(log: Path, setup: Setup, start: TaxelPlaces | None) -> Pokes:
 
 
 def _layout(name: str | None, setup: Setup, known: TaxelPlaces | Pokes) -> tuple[ModuleLayout | None, list[str]]:
-    """Return the layout of the modules by name or file, None for that of the start, and notes.
-
-    Modules without a known place, or of which no taxel answered, are excluded.
-    """
+    """Return the layout of the modules that exist, by name or file; None for that of the start; and notes."""
     chosen = name or (setup.pokes.layout if setup.pokes is not None else None)
     if chosen is None:
         return None, []
@@ -243,7 +234,7 @@ def _figures(pokes: Pokes, found: TaxelCalibration) -> list[tuple[str, object]]:
 
 
 def _nuisances(found: TaxelCalibration) -> list[tuple[str, object]]:
-    """Return the largest error of each kind of sensor and robot error, for printing."""
+    """Return the largest error of each kind of sensor and robot error."""
     if not found.nuisances:
         return []
     frames, common, bias, cross = (found.nuisances[name] for name in ("frames", "common", "bias", "cross_talk"))

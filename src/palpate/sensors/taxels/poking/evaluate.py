@@ -1,4 +1,4 @@
-"""Compare places of taxels with reference places: absolute, and after one rigid motion of the skin is removed."""
+"""Compare places of taxels with reference places."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class TaxelErrors:
 
     Attributes:
         number: (k,) index of each taxel; module: (k,) index of its module, -1: none.
-        touched: (k,) true where a poke touched it, for all of them where that is not known.
+        touched: (k,) true where a poke touched it, or where that is not known of any.
         estimate, truth: (k, 3) [m].
         absolute: (k,) [m]; relative: (k,) [m] after `motion`, NaN for fewer than three taxels.
         motion: from the estimate to the truth; None for fewer than three taxels.
@@ -49,7 +49,7 @@ class TaxelErrors:
 
     @property
     def coverage(self) -> float:
-        """Return the share, 0 to 1, of the 95 % ellipsoids that contain the truth; NaN: there are none."""
+        """Return the share, 0 to 1, of the 95 % ellipsoids that contain the truth; NaN without any."""
         return float(self.inside[self.known].mean()) if self.known.any() else float("nan")
 
     def summaries(self) -> list[tuple[str, ErrorSummary]]:
@@ -101,7 +101,7 @@ def compare_places(estimate: TaxelPlaces, truth: TaxelPlaces) -> TaxelErrors:
 
 
 def _motion(one: Float[np.ndarray, "k 3"], other: Float[np.ndarray, "k 3"]) -> Pose | None:
-    """Return the rigid motion that fits one set to the other by least squares; None for fewer than three taxels."""
+    """Return the rigid motion that fits one set to the other best; None for fewer than three taxels."""
     from scipy.spatial.transform import Rotation  # here: scipy is slow to import
 
     if len(one) < FEWEST:

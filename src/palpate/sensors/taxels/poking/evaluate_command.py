@@ -1,4 +1,4 @@
-"""Define `palpate evaluate` for places of taxels against reference places of the same taxels."""
+"""Define `palpate evaluate` for places of taxels."""
 
 from __future__ import annotations
 

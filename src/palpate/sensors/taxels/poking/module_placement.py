@@ -1,4 +1,4 @@
-"""Improve known places of taxels by fitting rigid modules to them on the link."""
+"""Fit rigid modules to known places of taxels."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def place_modules(
 
 
 def _outward(places: TaxelPlaces, surface: Surface | None) -> TaxelPlaces:
-    """Return places with the normals of the surface where they have none."""
+    """Return places with the surface's normals where they have none."""
     rows = places.there & ~np.isfinite(places.normals).all(axis=1)
     if surface is None or not rows.any():
         return places

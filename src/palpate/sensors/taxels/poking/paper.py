@@ -51,10 +51,10 @@ def in_link(pokes: Pokes) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "
 
 
 def normal_equations(pokes: Pokes, *, weighted: bool = False) -> NormalEquations:
-    """Return the `NormalEquations` of all pokes in the link's frame [taxel poking, (5)].
+    """Return the `NormalEquations` of pokes in the link's frame, times their weights [taxel poking, (5)].
 
     Args:
-        pokes: of any configurations; their weights count.
+        pokes: of any configurations.
         weighted: also by the square of each response over the strongest one of its poke.
     """
     from palpate.sensors.taxels.poking._accumulate import accumulate  # compiled: loaded when first needed
@@ -73,7 +73,6 @@ def normal_equations(pokes: Pokes, *, weighted: bool = False) -> NormalEquations
 
 
 def _strongest(pokes: Pokes) -> Float[np.ndarray, " n"]:
-    """Return the strongest response of each poke; 1 where there is none."""
     found = np.ones(len(pokes))
     some = np.diff(pokes.starts) > 0
     if some.any():
@@ -144,7 +143,6 @@ def _refined(
     surface: Surface,
     points: Float[np.ndarray, "k 3"],
 ) -> Float[np.ndarray, "k 3"]:
-    """Minimise by steps in the tangent plane, each projected back onto the surface."""
     for _ in range(ROUNDS):
         points, normals, _ = surface.project(points)
         tangents = across(normals)

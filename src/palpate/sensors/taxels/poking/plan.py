@@ -1,4 +1,4 @@
-"""Plan the next pokes: those that reduce the largest covariances of taxels most, and their number."""
+"""Plan the next pokes, and their number."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class PossiblePokes:
     Attributes:
         point: (c, 3) [m] and direction: (c, 3) of the force on the body, unit, in the link's frame.
         configuration: (c,) index of the arm's configuration; taxel: (c,) index of the poked taxel.
-        rows: (c, 3, p) derivatives of the whitened torque by the unknowns: units, then `Nuisances.vector`.
+        rows: (c, 3, p) derivatives of the whitened torque by units, then `Nuisances.vector`.
     """
 
     point: Vectors
@@ -58,7 +58,7 @@ class Plan:
     Attributes:
         chosen: (m,) indices of candidates, in order.
         worst: (m + 1,) [m] largest standard deviation of a taxel, before the first poke and after each.
-        reached: true if the wanted accuracy is reached.
+        reached: true if it is as small as wanted at the end.
     """
 
     chosen: Int[np.ndarray, " m"]
@@ -100,7 +100,6 @@ def candidates(units: Units, poses: Pose, noise: Float[np.ndarray, "6 6"]) -> Po
 
 
 def _rows(units: Units, pokes: Pokes, point: Vectors, configurations: int) -> Float[np.ndarray, "c 3 p"]:
-    """Return the derivatives of the whitened torque of pokes at points by all unknowns."""
     none = Nuisances.none(configurations)
     said = predicted(pokes, point, none)
     read = np.eye(6)[3:] - said.by_wrench
@@ -161,7 +160,7 @@ def known_after(
     configurations: int,
     deviations: Float[np.ndarray, " f"] | None = None,
 ) -> Float[np.ndarray, "p p"]:
-    """Return the covariance (p, p) of all unknowns, of units, then `Nuisances.vector`, under the priors and some pokes.
+    """Return the covariance (p, p) of units' unknowns, then `Nuisances.vector`, under the priors and some pokes.
 
     Args:
         units: places of the taxels.
@@ -169,7 +168,7 @@ def known_after(
         made: (c,) number of pokes at each, which need not be whole.
         priors: of the errors.
         configurations: number of them.
-        deviations: (f,) [m, rad] prior standard deviations of a unit's unknowns; None: nothing is known.
+        deviations: (f,) [m, rad] prior ones of a unit's unknowns; None: nothing is known.
     """
     rows = options.rows[made > 0] * np.sqrt(made[made > 0])[:, None, None]
     flat = rows.reshape(-1, options.rows.shape[2])

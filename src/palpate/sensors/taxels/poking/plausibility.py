@@ -96,9 +96,9 @@ def _pitch_weights(
 def _of_touch(pokes: Pokes, used: Bool[np.ndarray, " n"]) -> Float[np.ndarray, "6 6"]:
     """Return the scatter of touches in addition to noise, as by friction, (6, 6), from their torque along the force.
 
-    For t = F . M / |F|, 0 for a push without torsion, var t = (variance by noise) + s^2 (1 + |M|^2 / (|F| L)^2), for
-    errors of torque s and of force s / L; the median of t^2 gives s. Where pokes are many, what cross-talk can cause, a
-    form of second degree in the wrench over |F| without the terms F_i M_i, is subtracted first.
+    For t = F . M / |F|, var t = (variance by noise) + s^2 (1 + |M|^2 / (|F| L)^2), for errors of torque s and of force
+    s / L; the median of t^2 gives s. Where pokes are many, forms of second degree in the wrench over |F|, as of
+    cross-talk, are subtracted first, but for F_i M_i.
     """
     force, torque = pokes.wrench[used, :3], pokes.wrench[used, 3:]
     if len(force) < FEWEST:
@@ -139,7 +139,7 @@ def _far_apart(pokes: Pokes, start: TaxelPlaces) -> Bool[np.ndarray, " n"]:
 
 
 def _never_together(pokes: Pokes) -> Bool[np.ndarray, " n"]:
-    """Return the pokes with answers in two areas whose taxels share no other poke, directly or through a third."""
+    """Return the pokes with answers in two areas whose taxels never answer together elsewhere."""
     if pokes.taxels > MOST:
         return np.zeros(len(pokes), dtype=bool)
     from scipy.sparse import csr_matrix  # here: scipy is slow to import
@@ -167,7 +167,7 @@ def _never_together(pokes: Pokes) -> Bool[np.ndarray, " n"]:
 def _split(
     pokes: Pokes, beside: Callable[[np.ndarray], np.ndarray], among: Int[np.ndarray, " j"]
 ) -> Bool[np.ndarray, " n"]:
-    """Return the pokes among these whose answers form unconnected parts, the second one with a fair share."""
+    """Return the pokes whose answers form unconnected parts, the second one with a fair share."""
     found = np.zeros(len(pokes), dtype=bool)
     for k in among.tolist():
         rows = slice(*pokes.starts[k : k + 2])

@@ -20,8 +20,7 @@ class Pokes(Value):
     """The n pokes of a skin and the m answers of taxels to them.
 
     Attributes:
-        wrench: (n, 6) of the tool on the body [N, N m] in the sensor's frame about its origin, minus the untouched
-            reading.
+        wrench: (n, 6) on the body [N, N m] in the sensor's frame, minus the untouched reading.
         rotation: (n, 3, 3) and origin: (n, 3) [m] of the link in the sensor's frame (T_sensor_link).
         configuration: (n,) index of the arm's configuration.
         starts: (n + 1,) index at which the answers of each poke begin.
@@ -30,7 +29,7 @@ class Pokes(Value):
         taxels: number of taxels of the skin, including those that never answered.
         noise: (6, 6) covariance of a wrench.
         weight: (n,) 1, less where a poke is doubtful, 0: rejected.
-        time: (n,) [s], NaN where it is not known.
+        time: (n,) [s], NaN where not known.
         threshold: of a response, below which there are no answers.
         notes: for the user, a sentence each.
 
@@ -92,7 +91,7 @@ class Pokes(Value):
     ) -> Pokes:
         """Make `Pokes` from one row of responses (n, k) each; those above the threshold are its answers.
 
-        Other arguments are as the attributes; without a `weight` all are 1, without a `time` all are NaN.
+        Other arguments are as the attributes; weights are 1 and times NaN if not given.
 
         Raises:
             InputError: arrays whose shapes do not agree.

@@ -1,4 +1,4 @@
-"""Define the priors on errors of sensor and robot, and on the places of single taxels relative to each other."""
+"""Define the priors on errors of sensor and robot, and on single taxels."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class Priors:
         common, common_angle: the same, common to all configurations.
         cross_talk: share of each force and torque that reads as another one, or as more of itself.
         lever: [m] by which cross-talk between forces and torques is scaled.
-        start, start_angle: [m], [rad] of each module from the start (CAD); inf: nothing is known.
+        start, start_angle: [m], [rad] of each module from the start (CAD); inf: any.
         smooth: [m] of each single taxel from the mean of its neighbours, without a surface; inf: any.
-        neighbours, spacing: [m] the distance of such taxels to the next ones, and its standard deviation; inf: any.
+        neighbours, spacing: [m] their distance, and its standard deviation; inf: any.
 
     Raises:
         InputError: a negative value.
@@ -113,7 +113,6 @@ def _add_distances(
 
 
 def _put(rows: Float[np.ndarray, "n p"], unit: Int[np.ndarray, "n a"], value: Float[np.ndarray, "n a 3"]) -> None:
-    """Add values to the columns of units."""
     each = np.arange(len(rows))[:, None]
     for axis in range(3):
         np.add.at(rows, (each, 3 * unit + axis), value[..., axis])

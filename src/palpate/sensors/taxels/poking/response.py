@@ -1,12 +1,7 @@
 """Locate pokes among the taxels that answered, by a model of their response, learned from the pokes themselves.
 
 A centroid of the answers shrinks towards the middle of the touched area, which looks like a gain of the sensor. The
-model does not: the log of a response over the force falls with the distance from the taxel as
-
-    log(t / F) = level - power log(1 + r^2 / (2 power reach^2))
-
-(bell-shaped for a large power; under a compliant layer the power is 2.5), and a taxel that did not answer is farther
-than those that did.
+model does not, and takes a silent taxel to be farther than those that answered.
 """
 
 from __future__ import annotations
@@ -38,12 +33,13 @@ _LEAST = 0.05  # of the scatter
 @takes_arrays
 @dataclass(frozen=True)
 class Response:
-    """A model of the response of taxels over their distance from a poke.
+    """A taxel's response t to a force F at a distance r: log(t / F) = level - power log(1 + r^2 / (2 power reach^2)).
 
     Attributes:
         level: log of the response to 1 N at no distance.
-        reach: [m] and power: of log(t / F) = level - power log(1 + r^2 / (2 power reach^2)).
-        scatter: standard deviation of the log of a response from this model.
+        reach: [m].
+        power: large for a bell; 2.5 under a compliant layer.
+        scatter: standard deviation of the log of a response.
     """
 
     level: float
@@ -64,8 +60,8 @@ class PokePlaces:
     Attributes:
         taxels: (n, w) about the poke, -1: none; shares: (n, w) of their places in the poke's, with a sum of 1.
         origin: (n,) the taxel that answered most.
-        second: (n, 2) [m] offset from the sum of shares times places, in the tangent plane of `origin`.
-        covariance: (n, 2, 2) [m^2] of the poke's place, in the same plane.
+        second: (n, 2) [m] the poke's offset from shares times places, in the tangent plane of `origin`.
+        covariance: (n, 2, 2) [m^2] of the poke's place in that plane.
         found: (n,) true if there was an answer.
     """
 
@@ -107,7 +103,7 @@ class LocalTaxels:
     """Taxels about each poke, in the tangent plane at the strongest answer.
 
     Attributes:
-        taxels: (n, w), -1: none; flat: (n, w, 2) [m] their places in that plane.
+        taxels: (n, w), -1: none; flat: (n, w, 2) [m] their places.
         origin: (n,) the taxel that answered most.
         log: (n, w) of the answers over the force, NaN: silent; quiet: (n,) the same of the threshold.
         found: (n,) true if there was an answer.
@@ -194,7 +190,6 @@ def learned(chart: LocalTaxels) -> Response:
 
 
 def _guess(chart: LocalTaxels) -> Response:
-    """Guess the model from the strongest answers and the spacing of the taxels."""
     strongest = np.nanmax(np.where(chart.found[:, None], chart.log, -np.inf), axis=1, initial=-np.inf)[chart.found]
     if not len(strongest):
         return Response(0.0, chart.spacing)
@@ -242,7 +237,6 @@ def charted(pokes: Pokes, units: Units) -> LocalTaxels:
 
 
 def _answers(pokes: Pokes, about: Int[np.ndarray, "n w"]) -> Float[np.ndarray, "n w"]:
-    """Return the response of each of these taxels; NaN: none."""
     key = pokes.poke * pokes.taxels + pokes.taxel
     order = np.argsort(key)
     wanted = np.arange(len(about))[:, None] * pokes.taxels + about
@@ -254,7 +248,7 @@ def _answers(pokes: Pokes, about: Int[np.ndarray, "n w"]) -> Float[np.ndarray, "
 
 
 def _posterior(chart: LocalTaxels, response: Response) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2 2"]]:
-    """Return mean and covariance of a poke's place about the strongest answer, uniform prior: on a grid, twice."""
+    """Return mean and covariance of each poke's place about the strongest answer, with a uniform prior."""
     from palpate.sensors.taxels.poking._response import posterior  # compiled: loaded when first needed
 
     mean, covariance = np.zeros((len(chart.log), 2)), np.zeros((len(chart.log), 2, 2))
@@ -267,7 +261,7 @@ def _posterior(chart: LocalTaxels, response: Response) -> tuple[Float[np.ndarray
 def _shares(
     chart: LocalTaxels, mean: Float[np.ndarray, "n 2"]
 ) -> tuple[Float[np.ndarray, "n w"], Float[np.ndarray, "n 2"]]:
-    """Return the shares of taxels, least in weighted squares, whose places give the mean; and the remaining offset."""
+    """Return the shares of taxels whose places give the mean, and the offset that remains."""
     answered = np.isfinite(chart.log)
     say = np.where(answered, 1.0, QUIET) * (chart.taxels >= 0)
     solid = np.concatenate([np.ones((*say.shape, 1)), chart.flat / chart.spacing], axis=2)

@@ -1,4 +1,4 @@
-"""Find pokes in a log: periods in which taxels answer, each with its wrench, its pose and a weight."""
+"""Find pokes in a log: periods in which taxels answer."""
 
 from __future__ import annotations
 
@@ -26,7 +26,6 @@ SHORTEST = 0.05  # s of a poke's steady part
 SETTLE = 0.1  # s around a poke that are neither poke nor free motion: a tool may press before a taxel answers
 FREE = 0.5  # s of free motion beside a poke that say what the sensor reads without it
 LEAST = 5  # samples of a mean
-GAP = 0.25  # s without frames that end a poke
 TURNED, SHIFTED = np.radians(0.5), 2e-3  # rad, m: an arm that moves less stays
 NEAREST = 3  # pokes before and behind that a rest may be taken over from
 AROUND = 4  # means of free motion before and behind that one is compared with
@@ -60,7 +59,7 @@ class PokeSearch:
 
 @dataclass(frozen=True, eq=False)
 class _Samples:
-    """Wrenches, quaternions and positions of one log, as running sums of the n rows that are known.
+    """Wrenches, quaternions and positions of one log, as running sums of the known rows.
 
     Attributes:
         time: (n,) rising; sums: (n + 1, 16) of wrench, quaternion, position and its squares; known: (n + 1,) rows.
@@ -85,7 +84,7 @@ def find_pokes(parts: Iterable[Recording | Block], search: PokeSearch | None = N
     """Return the `Pokes` of one log, whose wrenches and taxels have separate times on one clock.
 
     A poke is a period in which some taxel exceeds its baseline. Its wrench is the mean over its steady part, minus that
-    of the free motion before and after it in the same arm configuration; the noise is that of such a difference.
+    of the free motion around it in the same arm configuration; the noise is that of such a difference.
 
     Args:
         parts: blocks with wrenches and poses of the link, both in the sensor's frame, and blocks of times [s] and
@@ -125,7 +124,7 @@ def find_pokes(parts: Iterable[Recording | Block], search: PokeSearch | None = N
 
 
 def _read(parts: Iterable[Recording | Block], search: PokeSearch) -> tuple[_Samples, Activations, list[str]]:
-    """Read all wrenches, but of the frames of taxels only the answers, because all frames do not fit in memory."""
+    """Read all wrenches, but only the answers of frames, which do not fit in memory."""
     reader = AnswerReader(search.threshold, top=search.top, falling=search.falling)
     wrenches = list[tuple[np.ndarray, ...]]()
     for part in parts:
@@ -170,7 +169,6 @@ def _samples(
 
 
 def _poses(block: Recording, pose: Pose | None) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 3"]]:
-    """Return quaternions and positions of the link in the sensor's frame."""
     if pose is not None:
         count = len(block)
         return np.tile(pose.quaternion(), (count, 1)), np.tile(pose.translation, (count, 1))
@@ -185,7 +183,7 @@ def _poses(block: Recording, pose: Pose | None) -> tuple[Float[np.ndarray, "n 4"
 
 
 def _aligned(quaternion: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4"]:
-    """Return quaternions with signs by which each is near to the one before, so that their means are valid."""
+    """Return quaternions with signs by which each is near to the one before."""
     known = np.flatnonzero(np.isfinite(quaternion).all(axis=1))
     turned = (quaternion[known[1:]] * quaternion[known[:-1]]).sum(axis=1) < 0
     sign = np.ones(len(quaternion))
@@ -205,7 +203,7 @@ def _stretches(answers: Activations) -> tuple[Float[np.ndarray, "p 2"], Float[np
             hint="Write a lower threshold in the rig's [pokes], if the taxels were touched.",
         )
     step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
-    apart = (np.diff(time[on]) > max(PAUSE, 1.5 * step)) | (np.diff(time[on]) > max(GAP, 5 * step))
+    apart = np.diff(time[on]) > max(PAUSE, 1.5 * step)
     first, last = on[np.r_[True, apart]], on[np.r_[apart, True]]
     active = np.column_stack([time[first], time[last]])
     rows, owner, ends = _runs(first, last)
@@ -219,7 +217,7 @@ def _stretches(answers: Activations) -> tuple[Float[np.ndarray, "p 2"], Float[np
 def _runs(
     first: Int[np.ndarray, " p"], last: Int[np.ndarray, " p"]
 ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"], Int[np.ndarray, " p1"]]:
-    """Return all integers from first to last of each run, the run of each, and the bounds of the runs among them."""
+    """Return all integers from first to last of each run, the run of each, and the bounds of the runs."""
     ends: Int[np.ndarray, " p1"] = np.concatenate([[0], np.cumsum(last - first + 1)])
     owner: Int[np.ndarray, " n"] = np.repeat(np.arange(len(first)), np.diff(ends))
     rows: Int[np.ndarray, " n"] = np.arange(int(ends[-1])) + (first - ends[:-1])[owner]
@@ -229,7 +227,7 @@ def _runs(
 def _most(
     values: Float[np.ndarray, " n"], owner: Int[np.ndarray, " n"], ends: Int[np.ndarray, " p1"]
 ) -> Float[np.ndarray, " p"]:
-    """Return the 90th percentile of each run, as NumPy defines it, whose own function is slow for many runs."""
+    """Return the 90th percentile of each run, as NumPy defines it."""
     ordered = values[np.lexsort((values, owner))]
     most = np.diff(ends) - 1
     low = (0.9 * most).astype(np.int64)
@@ -274,7 +272,7 @@ class _Free:
 
 
 def _free(samples: _Samples, active: Float[np.ndarray, "q 2"]) -> _Free:
-    """Return means at both ends of every gap between periods in which taxels answer."""
+    """Return means at both ends of every gap between answers."""
     starts = np.concatenate([[samples.time[0] - SETTLE], active[:, 1]]) + SETTLE
     ends = np.concatenate([active[:, 0], [samples.time[-1] + SETTLE]]) - SETTLE
     long = ends - starts > 2 * FREE
@@ -349,7 +347,7 @@ def _measured(
 
 
 def _rests(free: _Free, means: Float[np.ndarray, "n 16"], time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 6"]:
-    """Return the free reading (n, 6), linear between the free motion before and after in the same pose, or NaN."""
+    """Return the free reading (n, 6), linear between before and after in the same pose, or NaN."""
     reach = 2 * NEAREST
     about, there = _around(np.searchsorted(free.time, time), range(-reach, reach), len(free.time))
     same = there & (_apart(free.mean[about], means[:, None]) <= 1.0)
@@ -395,7 +393,7 @@ def _noise(samples: _Samples, free: _Free, spans: Float[np.ndarray, "n 2"]) -> F
 def _responses(
     answers: Activations, poke: Int[np.ndarray, " m"], frames: Int[np.ndarray, " n"]
 ) -> tuple[Int[np.ndarray, " n1"], Int[np.ndarray, " j"], Float[np.ndarray, " j"]]:
-    """Return starts, taxels and mean responses of the taxels that answer in half of a steady part's frames or more."""
+    """Return starts, taxels and mean responses of taxels that answer in at least half of the frames."""
     taxels = len(answers.stuck)
     inside = poke >= 0
     key = poke[inside] * taxels + answers.taxel[inside]
@@ -410,7 +408,7 @@ def _responses(
 def _configurations(
     samples: _Samples, rows: Float[np.ndarray, "n 16"], spans: Float[np.ndarray, "n 2"]
 ) -> Int[np.ndarray, " n"]:
-    """Return the configuration of each poke: a new one whenever the arm moved; by poses if it moves for each poke."""
+    """Return the configuration of each poke: a new one whenever the arm moved, or, if it always does, by poses."""
     moved = np.zeros(len(rows), dtype=bool)
     between, count = samples.windows(np.column_stack([spans[:-1, 1], spans[1:, 0]]))
     moved[1:] = (_apart(rows[1:], rows[:-1]) > 1.0) | ((count > 0) & (_spread(between) > 1.0))
@@ -426,7 +424,7 @@ def _configurations(
 def _of_poke(
     answers: Activations, spans: Float[np.ndarray, "n 2"]
 ) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " n"]]:
-    """Return the poke in whose steady part each answer is (-1: none), and the number of frames of each poke."""
+    """Return the poke in whose steady part each answer is, -1: none, and the number of frames of each."""
     ends = np.searchsorted(answers.time, spans)
     ends[:, 1] = np.searchsorted(answers.time, spans[:, 1], side="right")
     number = np.full(len(answers.time), -1)

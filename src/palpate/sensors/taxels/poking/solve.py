@@ -54,7 +54,7 @@ class PlacesSolution:
 
 @dataclass(frozen=True, eq=False)
 class _Linear:
-    """Residuals of pokes and their derivatives at a state."""
+    """Residuals of pokes and their derivatives."""
 
     residual: Float[np.ndarray, "n 3"]
     spread: Float[np.ndarray, "n 3 3"]
@@ -80,7 +80,7 @@ def solve(
         units: initial values.
         priors: of the nuisances.
         start: prior places of the units; None: nothing is known.
-        deviations: (f,) [m, rad] prior standard deviations of a unit's unknowns from the start; None: nothing is known.
+        deviations: (f,) [m, rad] prior ones of a unit's unknowns from the start; None: nothing is known.
     """
     count = max(pokes.configurations, 1)
     nuisances, before = Nuisances.none(count), Before(units, start, deviations, Nuisances.deviations(priors, count))
@@ -123,7 +123,7 @@ def validated(
 
     Args:
         pokes: of all configurations.
-        solution: of all pokes, from which both fits begin.
+        solution: of all pokes.
         priors: as for `solve`.
         start: as for `solve`.
         deviations: as for `solve`.
@@ -151,7 +151,7 @@ def validated(
 
 
 def _weights(pokes: Pokes, seen: PokePlaces, linear: _Linear) -> tuple[Float[np.ndarray, " n"], float]:
-    """Return the weight of each poke, 0: not used, and the ratio of the residuals to their covariance."""
+    """Return the weight of each poke, 0: not used, and the ratio of residuals to their covariance."""
     distance = _square(linear.residual, linear.spread)
     used = seen.found & (pokes.weight > 0) & np.isfinite(distance)
     noise = max(1.0, float(np.sqrt(np.median(distance[used]) / _WELL))) if used.any() else 1.0
@@ -161,9 +161,8 @@ def _weights(pokes: Pokes, seen: PokePlaces, linear: _Linear) -> tuple[Float[np.
 def _worth(weight: Float[np.ndarray, " n"], believed: Float[np.ndarray, " n"]) -> float:
     """Return the factor from J' W J to the information of pokes that count less where they fit badly.
 
-    For residuals of p = 3 numbers with squares d, weights w = (T + p) / (T + d), b = E[w^2 d] / p and a = E[w] - 2 b /
-    (T + p), the information is a^2 / b J' S^-1 J (Huber and Ronchetti, Robust Statistics, 2009, 6.3), and J' W J is
-    E[w] J' S^-1 J.
+    For p = 3 numbers with the square d, w = (T + p) / (T + d), b = E[w^2 d] / p and a = E[w] - 2 b / (T + p), it is a^2
+    / (b E[w]) (Huber and Ronchetti, Robust Statistics, 2009, 6.3).
 
     Args:
         weight: of each poke, w times
@@ -258,11 +257,10 @@ def _linear(
     seen: PokePlaces,
     nuisances: Nuisances,
 ) -> _Linear:
-    """Return residuals, and their derivatives at the most likely force and the expected contact.
+    """Return residuals, and their derivatives at the most likely force and the mean contact.
 
-    At a measured force, derivatives contain the same noise as residuals, which pulls gains towards 0 (errors in
-    variables). The true contact scatters about the mean of those that the answers allow, so that derivatives at that
-    mean do not contain its error (Berkson, Two regressions, 1950).
+    At the measured force they would contain the noise of the residuals (errors in variables). About the mean contact
+    the true one scatters, so that derivatives there do not contain its error (Berkson, Two regressions, 1950).
     """
     points, axes = seen.points(units)
     said = predicted(pokes, points, nuisances)
@@ -366,10 +364,10 @@ def _shared(
     covariance: Float[np.ndarray, "p p"],
     denser: float,
 ) -> Float[np.ndarray, "p p"]:
-    """Return the part that the covariance lacks: contacts about one taxel have equal errors, which do not average out.
+    """Return what the covariance lacks, as contacts about one taxel have equal errors.
 
-    If pokes get denser to one side as exp(g . x), the places of those about a taxel are all off by S g to first order,
-    S the covariance of each. g has the standard deviation `denser` [1/m] along each axis, independent at each taxel.
+    If pokes get denser to one side as exp(g . x), all about a taxel are off by S g to first order, S the covariance of
+    each. g has the standard deviation `denser` [1/m] along each axis, independent at each taxel.
     """
     rows, root = _roots(linear, weight)
     values, columns = _lines(linear, rows, root, units, pokes)

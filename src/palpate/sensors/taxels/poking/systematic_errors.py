@@ -46,7 +46,7 @@ class Nuisances(Value):
         return cls(np.zeros((configurations, 6)), np.zeros(6), np.zeros((configurations, 6)), np.zeros((6, 6)))
 
     def vector(self) -> Float[np.ndarray, " q"]:
-        """Return all errors in one vector (12 d + 42,): frames, common, bias [m, rad; N, N m], cross-talk by rows."""
+        """Return all errors (12 d + 42,): frames, common, bias [m, rad; N, N m], cross-talk by rows."""
         return np.concatenate([part.ravel() for part in vars(self).values()])
 
     def moved(self, by: Float[np.ndarray, " q"]) -> Nuisances:
@@ -57,7 +57,7 @@ class Nuisances(Value):
 
     @staticmethod
     def columns(configuration: Int[np.ndarray, " n"], configurations: int) -> Int[np.ndarray, "n 54"]:
-        """Return the indices (n, 54) in `vector` of the errors in `Predicted.by_nuisance`, for pokes in these (n,)."""
+        """Return the indices (n, 54) in `vector` of the errors in `Predicted.by_nuisance`, for configurations (n,)."""
         own, common, six = 6 * configuration[:, None], 6 * configurations, np.arange(6)
         alike = np.zeros_like(own) + common
         return np.concatenate(
@@ -127,6 +127,6 @@ def predicted(pokes: Pokes, points: Float[np.ndarray, "n 3"], nuisances: Nuisanc
 
 
 def _left_jacobian(phi: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
-    """Return the left Jacobian of Exp(phi), to third order, as angles are small."""
+    """Return the left Jacobian of Exp(phi), to third order."""
     cross = skew(phi)
     return np.eye(3) + cross / 2.0 + cross @ cross / 6.0

@@ -44,7 +44,7 @@ class Chart:
         return self.centre + u * p + v * q, np.broadcast_to(w, (*np.broadcast_shapes(u.shape, v.shape)[:-1], 3))
 
     def local(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """Return coordinates (..., 3) [m]: u, and two in its plane: x and y about an axis, else v and s."""
+        """Return u and two coordinates in its plane, (..., 3) [m]: x and y about an axis, else v and s."""
         x, y, z = np.moveaxis((points - self.centre) @ self.axes.T, -1, 0)
         return np.stack([z, x, y] if self.round else [x, y, z], axis=-1)
 
@@ -56,7 +56,7 @@ class Chart:
     def between(
         self, start: Float[np.ndarray, "*#batch _"], end: Float[np.ndarray, "*#batch _"]
     ) -> Float[np.ndarray, "..."]:
-        """Return the steps in u and v, (..., 2) [m; rad for an angle], from start to end, the shorter way around."""
+        """Return the steps in u and v, (..., 2) [m; rad for an angle], from start to end, the shorter way."""
         way = end[..., :2] - start[..., :2]
         if self.round:
             way[..., 1] = wrapped(way[..., 1])
@@ -94,8 +94,7 @@ def round_chart(
         normals: (f, 3) of the facets, unit.
         areas: (f,) of the facets [m^2].
         origin: of the sheet [m].
-        axis: a point [m] and a direction; None: the smallest eigenvector of sum A n n', through the point nearest to
-            all lines along the normals.
+        axis: a point [m] and a direction; None: the smallest eigenvector of sum A n n', nearest to all normals' lines.
 
     Raises:
         InputError: the axis has no direction, or the origin lies on it.

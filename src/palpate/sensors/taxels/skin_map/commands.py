@@ -1,4 +1,4 @@
-"""Define `palpate map skin`, which computes the place of every cell of a flexible sheet on its link."""
+"""Define `palpate map skin`."""
 
 from __future__ import annotations
 
@@ -69,8 +69,7 @@ class Options:
         """Return the `Sheet`, stretched to the known cells, `Planes`, the sheet's corner (3,) [m] and heading (3,).
 
         Raises:
-            InputError: an option that is not the numbers it must be, or a sheet or known cells that do not fit the
-                link.
+            InputError: an option that cannot be read, or known cells or a sheet that do not fit the link.
             GeometryError: with known cells, a link that cannot be cut by planes about the origin.
         """
         scale = UNITS[self.unit]

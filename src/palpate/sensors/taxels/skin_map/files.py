@@ -1,8 +1,4 @@
-"""Read and write maps of a taxel sheet, in the format of the suffix.
-
-It is .toml (the model with its spline), .csv (a row for each cell), .txt (iCub's skin) or .urdf (a link with its
-cells).
-"""
+"""Read and write maps of a taxel sheet: .toml (the model), .csv (a row for each cell), .txt (iCub) or .urdf."""
 
 from __future__ import annotations
 
@@ -43,14 +39,14 @@ def write_skin_map(path: str | Path, skin: SkinMap, *, name: str = "skin") -> No
 
 
 def require_suffix(path: Path) -> None:
-    """Raise an InputError if no map can be written to a file with this suffix."""
+    """Raise an InputError if no map can be written with this suffix."""
     if path.suffix.lower() not in (".toml", *_WRITERS):
         hint = f"Use .toml, {', '.join(_WRITERS)}."
         raise InputError(f"cannot write a map as {path.suffix!r}.", where=str(path), hint=hint)
 
 
 def read_skin_map(path: str | Path) -> SkinMap:
-    """Read a `SkinMap` from .toml, the same to the last bit, or from .csv, which has no surface.
+    """Read a `SkinMap` from .toml, the same to the last bit, or from .csv, without a surface.
 
     Raises:
         InputError: the file cannot be read or is not a map; a key, column or cell is missing, unknown or there twice; a
@@ -63,7 +59,6 @@ def read_skin_map(path: str | Path) -> SkinMap:
 
 
 def _read_csv(path: Path) -> SkinMap:
-    """Read `row,column,x,y,z,nx,ny,nz,area`, SI, in the mesh's frame."""
     from palpate.files.tables.table import read_table  # here: it loads polars
 
     table = read_table(path)
@@ -87,7 +82,7 @@ def _read_csv(path: Path) -> SkinMap:
 
 
 def _pitch(cells: Float[np.ndarray, "r c 9"]) -> tuple[float, float]:
-    """Return the pitch between rows and between columns [m]: median distances; for one cell, the root of its area."""
+    """Return the pitch between rows and between columns [m], by median distances."""
     steps = [np.linalg.norm(np.diff(cells[..., 2:5], axis=axis), axis=-1) for axis in (0, 1)]
     known = [float(np.median(step)) for step in steps if step.size]
     alone = known[0] if known else float(np.sqrt(cells[0, 0, 8]))
@@ -104,7 +99,7 @@ def _csv(skin: SkinMap, name: str) -> str:
 
 
 def _icub(skin: SkinMap, name: str) -> str:
-    """Return the positions file of iCub's skinManager: one taxel a row, position [m] and normal."""
+    """Return the positions file of iCub's skinManager: a taxel a row, position [m] and normal."""
     table = np.concatenate([skin.centres, skin.normals], axis=-1).reshape(-1, 6)
     head = [f"name {name}", "spatial_sampling taxel", f"taxel2Repr ({' '.join(map(str, range(len(table))))})"]
     rows = [" ".join(f"{number:.6f}" for number in row) for row in table]
@@ -112,7 +107,7 @@ def _icub(skin: SkinMap, name: str) -> str:
 
 
 def _urdf(skin: SkinMap, name: str) -> str:
-    """Return a fixed frame for every cell, z along its normal and x along columns, below a link to name."""
+    """Return a fixed frame for every cell, z along its normal and x along columns."""
     lines = [f"<!-- Cells of {name}: put these into the robot and name the link that carries them. -->"]
     right = np.broadcast_to([1.0, 0.0, 0.0], skin.centres.shape)
     along = np.gradient(skin.centres, axis=1) if skin.columns > 1 else right
@@ -139,7 +134,7 @@ def fixed_frame(
 
 
 def _roll_pitch_yaw(normal: Float[np.ndarray, "3"], along: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
-    """Return URDF's angles [rad] of the frame with z along a normal and x as close as possible to a direction."""
+    """Return URDF's angles [rad] of the frame with z along a normal and x near `along`."""
     x = along - normal * (along @ normal)
     if not np.linalg.norm(x) > 0:
         x = np.eye(3)[np.argmin(np.abs(normal))] - normal * normal[np.argmin(np.abs(normal))]

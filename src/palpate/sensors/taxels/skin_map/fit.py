@@ -36,14 +36,13 @@ def fit(
 ) -> BSplineSurface:
     """Return the `BSplineSurface` of control points A_ij + s_ij D_ij with the least sum (d . (Q - r(u, v)))^2 over Q.
 
-    This is [skin, (4)], which is linear in s. Only the distance along the normal d at a point Q counts, so that its
-    parameters need not be exact.
+    This is [skin, (4)], which is linear in s. Parameters need not be exact, as only the distance along d counts.
 
     Args:
         chart: the lines A + s D.
         breaks: of the spline's pieces, in u and v.
-        points: (k, 3) of the mesh [m].
-        directions: (k, 3) unit normals there.
+        points: (k, 3) Q, of the mesh [m].
+        directions: (k, 3) d, unit normals there.
         uv: (k, 2) their parameters.
         periodic: in v.
         degree: in u and v.
@@ -74,7 +73,7 @@ def fit(
 
 
 def _stiffness(places: tuple[np.ndarray, np.ndarray], periodic: bool, degree: int) -> Float[np.ndarray, "n w"]:
-    """Return the sum of the squared second differences of the offsets along u and along v, as a band matrix."""
+    """Return the sum of squared second differences of the offsets along u and v, as a band matrix."""
     bends = _second_differences(places[0], False), _second_differences(places[1], periodic)
     along, across = (bend.T @ bend for bend in bends)
     n, m = len(along), len(across)
@@ -87,7 +86,7 @@ def _stiffness(places: tuple[np.ndarray, np.ndarray], periodic: bool, degree: in
 
 
 def _second_differences(places: Float[np.ndarray, " n"], periodic: bool) -> Float[np.ndarray, "k n"]:
-    """Return the matrix (k, n) of second differences of offsets, 0 where these are linear in their lines' places."""
+    """Return the matrix (k, n) of second differences, 0 for offsets that are linear in the places."""
     n = len(places)
     middle = np.arange(n) if periodic else np.arange(1, n - 1)
     gaps = np.diff(places, append=places[0] + 2 * np.pi)  # the last one counts only round an axis
@@ -102,13 +101,13 @@ def _second_differences(places: Float[np.ndarray, " n"], periodic: bool) -> Floa
 def refined(
     fitted: Callable[[Breaks], Fitted], breaks: Breaks, uv: UV, narrowest: Span, control: int, enough: float
 ) -> Fitted:
-    """Halve the spans, of u or of v, that have most squared distance for each control point they cost, and fit again.
+    """Halve the spans, of u or of v, with most squared distance for each control point they cost, and fit again.
 
     Args:
         fitted: maps breaks to a surface and its distances from the points.
         breaks: at the start.
         uv: (k, 2) parameters of the points.
-        narrowest: smallest span, in u and in v, after halving.
+        narrowest: smallest span after halving, in u and in v.
         control: largest number of control points.
         enough: rms distance that needs no refinement [m].
 
@@ -153,7 +152,7 @@ def _halved(
 def _along(
     spans: list[Int[np.ndarray, " k"]], uv: UV, distance: Distance, axis: int, count: int
 ) -> Float[np.ndarray, " a"]:
-    """Return the squared distance in each span of one axis that more breaks of the other axis cannot remove."""
+    """Return the squared distance in each span of one axis that breaks of the other axis cannot remove."""
     places, line = np.unique(uv[:, axis], return_inverse=True)
     group = spans[1 - axis] * len(places) + line
     total = np.bincount(group, distance)

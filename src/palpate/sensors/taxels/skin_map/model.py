@@ -1,4 +1,4 @@
-"""Describe the place of every cell of a taxel sheet on the link that carries it."""
+"""Describe the place of every cell of a taxel sheet on its link."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ class SkinMap:
         normals: (r, c, 3) outward, unit.
         areas: (r, c) that the cells cover on the link [m^2].
         pitch: between rows, and between columns, of the flat sheet [m].
-        overlap: (r, c) true for cells over or under another one, where a sheet goes more than once around.
-        surface: the smooth outside of the link under the sheet; None where a map was read from a table.
+        overlap: (r, c) true for cells over or under another one.
+        surface: the smooth outside of the link under the sheet; None for a map from a table.
         uv: (r, c, 2) the surface's parameters under the centres; empty without a surface.
         strain: root mean square of the sheet's principal strains, and the one farthest from 0; NaN where not known.
         distance: of the surface from the mesh, mean and worst [m]; NaN where not known.

@@ -1,8 +1,8 @@
-"""Map a skin by the paper's method, as a baseline: even planes, uniform knots, uniform parameters [skin].
+"""Map a skin by the paper's method: even planes, uniform knots, uniform parameters [skin].
 
-Open points of the text are read so: m planes through the axis give 2 m spokes; curves are clamped cubics that begin
-and end at the same point. `literal` gives every section's curve the parameters k/M and takes the curves' control points
-as the surface's; `greville` gives points the parameters at which their control points have most weight.
+The text is read so: m planes through the axis give 2 m spokes, and curves are clamped cubics that begin and end at the
+same point. `literal` gives every section's curve the parameters k/M and takes the curves' control points as the
+surface's; `greville` gives points the parameters at which their control points have most weight.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def paper_surface(
 def _held(
     table: Float[np.ndarray, "k m"], spokes: Float[np.ndarray, " m"], offsets: Float[np.ndarray, " m"]
 ) -> Float[np.ndarray, " m"]:
-    """Return offsets of control points on spokes by least squares (4), with both ends where the curve begins."""
+    """Return offsets of control points on spokes by least squares (4), both ends where the curve begins."""
     ways = np.stack([np.cos(spokes), np.sin(spokes)])
     points = ways * offsets
     matrix = np.concatenate([table * way for way in ways])

@@ -61,7 +61,7 @@ def cut(
 def _segments(
     local: Float[np.ndarray, "f 3 3"], u: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, "s 2 2"], Int[np.ndarray, " s"], Int[np.ndarray, " s"]]:
-    """Return the cuts by planes u: their ends in the plane (s, 2, 2), and the indices of plane and facet."""
+    """Return the cuts by planes u: their ends in the plane (s, 2, 2), and indices of plane and facet."""
     local = np.take_along_axis(local, np.argsort(local[..., 0], axis=1)[..., None], axis=1)
     height = local[..., 0]
     facet, plane = _runs(np.searchsorted(u, height[:, 0], "left"), np.searchsorted(u, height[:, 2], "right"))
@@ -73,7 +73,7 @@ def _segments(
 
 
 def _between(start: Ends, end: Ends, at: Float[np.ndarray, " s"]) -> Ends:
-    """Return the points between start and end at which the first coordinate is `at`; start where it does not rise."""
+    """Return the points between start and end whose first coordinate is `at`; start if it does not rise."""
     low = start[:, 0]
     rise = end[:, 0] - low
     share = np.where(rise > 0, at - low, 0.0) / np.where(rise > 0, rise, 1.0)
@@ -83,7 +83,7 @@ def _between(start: Ends, end: Ends, at: Float[np.ndarray, " s"]) -> Ends:
 def _crossings(
     chart: Chart, ends: Float[np.ndarray, "s 2 2"], v: Float[np.ndarray, " m"]
 ) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """Return the lines that cross segments, those segments, and the offsets [m] of the crossings along the lines."""
+    """Return the lines that cross segments, those segments, and the offsets [m] along the lines."""
     if not chart.round:
         begin, end = ends[..., 0].min(axis=1), ends[..., 0].max(axis=1)
         segment, line = _runs(np.searchsorted(v, begin, "left"), np.searchsorted(v, end, "right"))
@@ -107,7 +107,7 @@ def _crossings(
 
 
 def _runs(first: Int[np.ndarray, " n"], last: Int[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
-    """Return, for the integers from first to before last of each entry, the entry's index and the integers."""
+    """Return the integers from first to before last of each entry, after the index of their entry."""
     count = np.maximum(last - first, 0)
     owner = np.repeat(np.arange(len(count)), count)
     start = np.repeat(first - np.concatenate([[0], np.cumsum(count)[:-1]]), count)

@@ -1,4 +1,4 @@
-"""Compute the place of every cell of a sheet from a mesh and the sheet's corner."""
+"""Compute the place of every cell of a sheet on a mesh."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ def map_skin(
         provenance: stored with the map.
 
     Raises:
-        InputError: the origin is off the surface, the heading is along the normal, the axis of the planes has no
-            direction or passes through the origin, or a cell has no surface under it.
+        InputError: the origin is off the surface, the heading is along the normal, the planes' axis has no direction or
+            passes through the origin, or a cell has no surface under it.
         GeometryError: the mesh cannot be cut by two families of planes about the origin.
     """
     site = placed(mesh, sheet, origin, heading)
@@ -109,7 +109,6 @@ def placed(mesh: Mesh, sheet: Sheet, origin: ArrayLike, heading: ArrayLike) -> S
 
 
 def _mapped(found: Shell, sheet: Sheet, origin: Float[np.ndarray, "3"], heading: Float[np.ndarray, "3"]) -> SkinMap:
-    """Lay a sheet on a shell and return its map."""
     begin = found.surface.nearest(origin[None], found.chart.coordinates(origin[None])[:, :2])[0]
     domain = found.surface.domain
     try:
@@ -155,8 +154,8 @@ def fit_stretch(
 
     Args:
         mesh: as for `map_skin`.
-        sheet: as it was before it was stretched.
-        known: (row, column) to the cell's centre (3,) [m].
+        sheet: before it is stretched.
+        known: (row, column) -> the cell's centre (3,) [m].
         origin: as for `map_skin`.
         heading: as for `map_skin`.
         mode: as for `map_skin`.
@@ -196,7 +195,7 @@ def _vector(values: ArrayLike, name: str) -> Float[np.ndarray, "3"]:
 
 
 def _side(mesh: Mesh, origin: Float[np.ndarray, "3"], normal: Float[np.ndarray, "3"]) -> float:
-    """Return 1 where the normal leaves the body, -1 where it enters it: by winding, unless a ray along it disagrees."""
+    """Return 1 where the normal leaves the body, else -1: by winding, unless a ray along it disagrees."""
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
     ab, ac, ao = b - a, c - a, origin - a
     across = np.cross(normal, ac)
@@ -214,7 +213,7 @@ def _side(mesh: Mesh, origin: Float[np.ndarray, "3"], normal: Float[np.ndarray, 
 
 
 def _body(mesh: Mesh, facet: int) -> Int[np.ndarray, " f"]:
-    """Return the facets that are connected with a facet by their vertices."""
+    """Return the facets that are connected with a facet."""
     import trimesh
 
     edges = mesh.faces[:, [0, 1, 1, 2]].reshape(-1, 2)
@@ -231,7 +230,7 @@ def _cell_blocks(lattice: Float[np.ndarray, "a b ..."]) -> Float[np.ndarray, "r 
 
 
 def _refuse_bare(found: Shell, uv: Float[np.ndarray, "a b 2"], sheet: Sheet, allowed: float = 0.0) -> None:
-    """Raise an InputError if more than `allowed` cells have no surface at all under them."""
+    """Raise an InputError if more than `allowed` cells have no surface under them."""
     if not np.isfinite(uv).all():
         raise _too_large(sheet, "it would have to fold")
     bare = ~found.there(_cell_blocks(uv)).any(axis=(2, 3))
@@ -250,7 +249,6 @@ def _too_large(sheet: Sheet, what: str) -> InputError:
 
 
 def _areas(found: Shell, layout: LaidSheet, sheet: Sheet) -> Float[np.ndarray, "r c"]:
-    """Return the cells' areas [m^2] by Simpson's rule."""
     height, length = sheet.size
     steps = height / (2 * sheet.rows), length / (2 * sheet.columns)
     by_y, by_x = (np.gradient(layout.uv, step, axis=axis, edge_order=2) for axis, step in enumerate(steps))
@@ -263,7 +261,6 @@ def _areas(found: Shell, layout: LaidSheet, sheet: Sheet) -> Float[np.ndarray, "
 
 
 def _overlap(uv: Float[np.ndarray, "a b 2"], period: float) -> Bool[np.ndarray, "r c"]:
-    """Return which cells overlap the sheet where it comes round again."""
     blocks = _cell_blocks(uv)
     middle = blocks[:, :, 1:2, 1:2]
     points = (middle + 0.9 * (blocks - middle)).reshape(-1, 2)  # neighbours that touch do not overlap
@@ -277,7 +274,7 @@ def _overlap(uv: Float[np.ndarray, "a b 2"], period: float) -> Bool[np.ndarray, 
 
 
 def _inside(points: Float[np.ndarray, "n 2"], edge: Float[np.ndarray, "k 2"]) -> Bool[np.ndarray, " n"]:
-    """Return which points are inside a polygon: a ray from them meets it an odd number of times."""
+    """Return which points are inside a polygon: rays from them meet it an odd number of times."""
     (au, av), (bu, bv) = edge.T[:, None, :], np.roll(edge, -1, axis=0).T[:, None, :]
     u, v = points[:, 0, None], points[:, 1, None]
     straddles = (av > v) != (bv > v)

@@ -1,4 +1,4 @@
-"""Fit one smooth surface to the outer shell of a robot maker's triangle mesh, where the sheet will lie."""
+"""Fit one smooth surface to the outside of a triangle mesh, where the sheet will lie."""
 
 from __future__ import annotations
 
@@ -69,8 +69,8 @@ class Site:
         mesh: [m].
         facets: indices of the facets of the body under the sheet.
         corner: (3,) of the sheet, on the mesh [m].
-        heading: (3,) in the tangent plane there, unit.
-        normal: (3,) outward there, unit.
+        heading: (3,) in the tangent plane, unit.
+        normal: (3,) outward, unit.
     """
 
     mesh: Mesh
@@ -153,7 +153,7 @@ def full_sections(site: Site, planes: Planes | None = None) -> tuple[Chart, Span
     """Return the `Chart` about a link's axis, and (low, high) [m] between which sections across it are complete.
 
     Raises:
-        InputError: the planes' axis has no direction, or passes through the origin.
+        InputError: as for `shell`.
         GeometryError: there are none, or no axis about which the link closes.
     """
     chart, sections = _round(site, planes or _ANY)
@@ -220,7 +220,7 @@ def _given(values: Places) -> Places:
 
 
 def _block(site: Site, sections: Sections, round_about: bool) -> tuple[slice, slice, bool]:
-    """Return the rows in which all counted spokes meet the mesh, those spokes, and whether they go all around."""
+    """Return the rows in which all counted spokes meet the mesh, those spokes, and whether they close."""
     met = sections.facet >= 0
     any_met = met.any(axis=0)
     if not round_about:  # what is missing is filled in
@@ -247,7 +247,7 @@ def _block(site: Site, sections: Sections, round_about: bool) -> tuple[slice, sl
 
 
 def _without_rims(rows: slice, normals: Float[np.ndarray, "f 3"], met: Int[np.ndarray, "n m"]) -> slice:
-    """Remove end rows that already run over a rim: they turn from the next by far more than rows elsewhere do."""
+    """Remove end rows that already run over a rim: they turn by far more than others do."""
     grid = normals[met[rows]]
     cosine = np.abs(np.einsum("nmi,nmi->nm", grid[1:], grid[:-1]))
     turn = np.quantile(np.arccos(np.clip(cosine, 0.0, 1.0)), 0.9, axis=1)
@@ -280,13 +280,11 @@ class _Window:
 
     @property
     def span(self) -> tuple[Span, Span]:
-        """Return the lowest and highest u, and v."""
         end = float(self.v[0]) + 2 * np.pi if self.periodic else float(self.v[-1])
         return (float(self.u[0]), float(self.u[-1])), (float(self.v[0]), end)
 
     @property
     def steps(self) -> Span:
-        """Return the steps from plane to plane, of u and of v."""
         return float(self.u[1] - self.u[0]), float(self.v[1] - self.v[0])
 
 
@@ -319,23 +317,21 @@ def _fitted(site: Site, chart: Chart, sections: Sections, mode: Mode | None, con
 
 
 def _wide(places: Points, apart: Span) -> bool:
-    """Return whether vertices are in more than one row and column: they carry no shape under a sheet within a facet."""
+    """Return whether vertices are in more than one row and column, as a shape needs."""
     return len(places) > 0 and bool((np.ptp(places[:, :2], axis=0) > 0.5 * np.array(apart)).all())
 
 
 def _outward(normals: Points, spokes: Points) -> Points:
-    """Turn normals to the lines' side, for any winding."""
     return normals * np.where(np.einsum("ki,ki->k", normals, spokes) < 0, -1.0, 1.0)[:, None]
 
 
 def _extents(chart: Chart, triangles: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, "f 2"]:
-    """Return the extents (f, 2) of facets in u and in v."""
     where = chart.coordinates(triangles)[..., :2]
     return np.ptp(chart.between(where[:, :1], where), axis=1)
 
 
 def _lifted(mesh: Mesh, met: Int[np.ndarray, " k"], points: Points, spokes: Points) -> tuple[Points, Points]:
-    """Move points of facets half way to the planes across their corners' normals, by Phong's weights [phong].
+    """Move points of facets half way to the planes across their corners' normals [phong].
 
     On a circle they reach its arc. Return the points and their normals.
     """
@@ -350,7 +346,7 @@ def _lifted(mesh: Mesh, met: Int[np.ndarray, " k"], points: Points, spokes: Poin
 
 
 def _corners(mesh: Mesh, met: Int[np.ndarray, " f"], window: _Window) -> tuple[Points, Points]:
-    """Return the corners of facets that were cut, within the span, and their normals, weighted by area."""
+    """Return the corners of facets that were cut, within the span, and their normals."""
     number, corner = np.unique(mesh.faces[met], return_inverse=True)
     points, chart, span = mesh.vertices[number], window.chart, np.array(window.span)
     where = chart.coordinates(points)
@@ -366,9 +362,9 @@ def _corners(mesh: Mesh, met: Int[np.ndarray, " f"], window: _Window) -> tuple[P
 
 
 def _judged(normals: Points, points: Points, met: Int[np.ndarray, "n m"]) -> tuple[Mode, str, float]:
-    """Choose facets at edges and for fine meshes, else vertices as samples of a smooth shape; return why and sag, too.
+    """Choose facets at edges and for fine meshes, else vertices; return why and sag, too.
 
-    Compare the facets along the sections: the angles between them, and their lengths.
+    Compare the angles between facets along the sections, and their lengths.
     """
     grid_n, grid_p = np.full((*met.shape, 3), np.nan), np.full((*met.shape, 3), np.nan)
     grid_n[met >= 0], grid_p[met >= 0] = normals, points
@@ -395,7 +391,7 @@ def _along_facets(
     enough: float,
     own: tuple[Places | None, Places | None],
 ) -> Fitted:
-    """Fit along all of the mesh's outside, with knots where it bends, or in the user's own planes."""
+    """Fit along the mesh's outside, with knots where it bends, or in the user's own planes."""
     points, normals, uv = data
     periodic, span, steps = window.periodic, window.span, window.steps
 
@@ -412,14 +408,13 @@ def _along_facets(
 
 
 def _clipped(places: Places, span: Span) -> Float[np.ndarray, " k"]:
-    """Return breaks at some places and at both ends."""
     least = 1e-6 * (span[1] - span[0])
     inner = places[(places > span[0] + least) & (places < span[1] - least)]
     return np.concatenate([span[:1], inner, span[1:]])
 
 
 def _through_vertices(window: _Window, vertices: Points, normals: Points, apart: Span) -> Fitted:
-    """Fit through the corners of facets as samples of a smooth shape, with a control point for each."""
+    """Fit through the corners of facets as samples of a smooth shape."""
     chart, periodic = window.chart, window.periodic
     target = chart.coordinates(vertices)
     breaks, degree = _sampled(target, apart, window)
