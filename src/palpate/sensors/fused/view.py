@@ -40,6 +40,7 @@ class FusedView(TaxelView):
 
         Raises:
             InputError: matplotlib is not installed, or the link's surface cannot be read.
+            GeometryError: its file has no usable surface.
         """
         made = cast("FusedEstimator", estimator)
         run = super().report(run, setup, made.taxels)

@@ -136,7 +136,7 @@ class TaxelEstimator(ContactEstimator):
         """Take each cell's mean reading in a recording as its baseline from now on; return a `Tare`.
 
         Raises:
-            InputError: too few frames, no readings of these taxels, or cells that do not keep still.
+            InputError: too few frames, no readings of these taxels, no usable cell, or cells that do not keep still.
         """
         rest, self._tared = tared(
             recording, self.body, self.health, pressed=3.0 * self.settings.on, falling=self._frames.falling
@@ -169,7 +169,7 @@ class TaxelEstimator(ContactEstimator):
         """Yield an `Answered` for each block of a log; baseline and bad cells not known come from its first frames.
 
         Raises:
-            InputError: too few frames, every cell stuck, or no readings of these taxels.
+            InputError: too few frames, no usable cell, or no readings of these taxels.
         """
         blocks = self._examined(iter(blocks))
         if not self._ahead or self._recursion is None:
@@ -183,7 +183,7 @@ class TaxelEstimator(ContactEstimator):
         """Return the `Contacts` of a block; an unknown baseline, noise and bad cells come from its first frames.
 
         Raises:
-            InputError: a zero-phase filter, too few frames, every cell stuck, or no readings of these taxels.
+            InputError: a zero-phase filter, too few frames, no usable cell, or no readings of these taxels.
         """
         require_forward(self.filter)
         self.look(recording)
@@ -240,7 +240,7 @@ class TaxelEstimator(ContactEstimator):
         """Set `health` from the first frames of a log, once; a baseline and noise that are known stay.
 
         Raises:
-            InputError: too few frames, every cell stuck, or no readings of these taxels.
+            InputError: too few frames, no usable cell, or no readings of these taxels.
         """
         if self._looked or not len(recording) or (self.health is not None and len(recording) < FEWEST):
             return

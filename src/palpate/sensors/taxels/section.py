@@ -148,6 +148,7 @@ class SkinSection(SensorSection):
         Raises:
             InputError: the rig names no file, the file cannot be read or has not `count` taxels, or normals are missing
                 and there is no [surface].
+            GeometryError: the file of [surface], needed for normals, has no usable surface.
         """
         table, link = self.table, self.link
         if table.taxels is None:
@@ -189,6 +190,7 @@ class SkinSection(SensorSection):
 
         Raises:
             InputError: as by `map` and `taxels`, the places are no body, or a masked cell does not exist.
+            GeometryError: as by `taxels`.
         """
         options: dict[str, Any] = {"bits": self.table.bits or None, "masked": self.table.masked}
         if self.table.map is not None:

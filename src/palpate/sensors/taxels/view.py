@@ -52,6 +52,7 @@ class TaxelView(SensorView):
 
         Raises:
             InputError: a file that the rig names cannot be read.
+            GeometryError: the file of the surface has no usable surface.
         """
         return (TaxelLayer(setup.of(SkinSection).body, kept.joined(), live is not None),)
 
@@ -60,6 +61,7 @@ class TaxelView(SensorView):
 
         Raises:
             InputError: a file that the rig names cannot be read.
+            GeometryError: the file of the surface has no usable surface.
         """
         if layers and isinstance(layers[0], TaxelLayer):
             made = self.skin(setup).prepared().estimator
@@ -72,6 +74,7 @@ class TaxelView(SensorView):
 
         Raises:
             InputError: matplotlib is not installed, or the link's surface cannot be read.
+            GeometryError: its file has no usable surface.
         """
         made = cast("TaxelEstimator", estimator)
         body, health = made.body, made.health
