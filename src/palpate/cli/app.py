@@ -59,7 +59,7 @@ _EACH = {
         "Calibrate a fisheye lens from pictures of a chessboard.",
     ),
     "calibrate clock": _Command(
-        "palpate.sensors.force_torque.clock_command",
+        "palpate.sensors.force_torque.commands",
         "CalibrateClock",
         "Find the clock offset of the poses, and write it into the rig.",
     ),
@@ -95,7 +95,7 @@ _EACH = {
         "Find where each taxel sits, from the wrenches of pokes.",
     ),
     "design load-cells": _Command(
-        "palpate.sensors.load_cells.design_command",
+        "palpate.sensors.load_cells.commands",
         "design_load_cells",
         "Draw what a layout of load cells can resolve.",
     ),
