@@ -220,13 +220,10 @@ def _temperature(
 
 def _tilts(down: Float[np.ndarray, "n 3"] | None, used: Bool[np.ndarray, " n"]) -> Float[np.ndarray, "k q"]:
     """Return gravity along the axes about which the sensor turns, for the used rows."""
-    nothing = np.zeros((int(np.count_nonzero(used)), 0))
-    if down is None:
-        return nothing
-    turned = down[used]
+    turned = np.full((int(np.count_nonzero(used)), 3), np.nan) if down is None else down[used]
     known = np.isfinite(turned).all(axis=1)
     if not known.any():
-        return nothing
+        return turned[:, :0]
     turned = turned - turned[known].mean(axis=0)
     spread, axes = np.linalg.eigh(turned[known].T @ turned[known] / np.count_nonzero(known))
     return turned @ axes[:, spread > LEAST_TILT**2]
@@ -237,8 +234,7 @@ def _made(found: Search, groups: Sequence[Sequence[int]], samples: int, *, kelvi
     best = found.found
     warm_up = np.sqrt(found.rate**2 + found.rate_deviation**2)
     for group in groups:
-        together: Float[np.ndarray, " k"] = warm_up[list(group)]
-        warm_up[list(group)] = np.sqrt(np.mean(together**2))
+        warm_up[list(group)] = np.sqrt(np.mean(warm_up[list(group)] ** 2))
     drift = Drift(
         best.walk,
         warm_up,

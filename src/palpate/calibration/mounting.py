@@ -185,9 +185,7 @@ def mean_touches(
 
 
 def _noise(noise: ArrayLike | None, count: int) -> Float[np.ndarray, "n 6 6"]:
-    if noise is None:
-        return np.zeros((count, 6, 6))
-    array = np.asarray(noise, dtype=np.float64)
+    array = np.zeros(6) if noise is None else np.asarray(noise, dtype=np.float64)
     if array.shape == (count, 6, 6):
         return array
     return np.broadcast_to(noise_covariance(array), (count, 6, 6))

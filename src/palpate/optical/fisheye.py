@@ -101,11 +101,11 @@ class Fisheye:
         turned = np.concatenate([across, np.zeros((*across.shape[:-1], 1))], axis=-1)
         matrix = (slope[..., None] * along)[..., :, None] * unit[..., None, :]
         matrix += (ratio[..., None] * turned)[..., :, None] * across[..., None, :]
-        return rays, matrix / self._focal
+        return rays, matrix / (self.fx, self.fy)
 
     def _seen(self, pixels: Float[np.ndarray, "*batch 2"]) -> tuple[np.ndarray, ...]:
         """Return rays, pixels over the focal lengths, their radius theta_d, theta, and sin(theta) over theta_d."""
-        plane = (pixels - self._middle) / self._focal
+        plane = (pixels - (self.cx, self.cy)) / (self.fx, self.fy)
         bent = np.asarray(np.sqrt(plane[..., 0] * plane[..., 0] + plane[..., 1] * plane[..., 1]))
         theta = self._angle(bent)
         near = bent < 1e-9  # there sin(theta) / bent is 1 to the last bit
@@ -115,23 +115,10 @@ class Fisheye:
         return rays, plane, bent, theta, ratio
 
     @cached_property
-    def _focal(self) -> Float[np.ndarray, "2"]:
-        return np.array([self.fx, self.fy])
-
-    @cached_property
-    def _middle(self) -> Float[np.ndarray, "2"]:
-        return np.array([self.cx, self.cy])
-
-    @cached_property
-    def _widest(self) -> float:
-        """The largest theta_d."""
-        return float(self._bent(np.asarray(self.reach))[0])
-
-    @cached_property
     def numbers(self) -> Float[np.ndarray, " 10"]:
         """Numbers (10,) of the lens: fx, fy, cx, cy, k1 to k4, the largest theta and its theta_d."""
-        bends = (self.k1, self.k2, self.k3, self.k4)
-        return frozen(np.array([self.fx, self.fy, self.cx, self.cy, *bends, self.reach, self._widest]))
+        bends, widest = (self.k1, self.k2, self.k3, self.k4), float(self._bent(np.asarray(self.reach))[0])
+        return frozen([self.fx, self.fy, self.cx, self.cy, *bends, self.reach, widest])
 
     def _bent(self, theta: Float[np.ndarray, "*batch"]) -> tuple[Float[np.ndarray, "*batch"], ...]:
         """Return theta_d and its derivative by theta."""
@@ -147,7 +134,7 @@ class Fisheye:
         flat = np.ascontiguousarray(bent).reshape(-1)
         theta, low, high = np.empty((3, len(flat)))
         angles(flat, self.numbers[4:8], self.reach, STEPS, theta, low, high)
-        return np.where(bent <= self._widest, theta.reshape(bent.shape), np.nan)
+        return np.where(bent <= self.numbers[9], theta.reshape(bent.shape), np.nan)
 
 
 @takes_arrays

@@ -210,8 +210,7 @@ class ZeroFilter:
 
         The state is zero, coefficients and, if the sensor warms up, rates.
         """
-        state, covariance, _ = self._predicted(time)
-        return state, covariance
+        return self._predicted(time)[:2]
 
     def at(self, time: float) -> ZeroState:
         """Return the `ZeroState` predicted for a time [s]."""

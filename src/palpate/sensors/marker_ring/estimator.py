@@ -38,7 +38,7 @@ class RingEstimator(ContactEstimator):
 
     A reading is an image (height, width, 3), uint8. The contact point is the centre of pressure on the outer surface,
     at the height of the markers; the torque is NaN. IMPLAUSIBLE: a few contacts cannot move the markers like this.
-    INVALID: a black, frozen or unfitting image, or fewer than half of the markers.
+    INVALID: a black, frozen or unfitting image, or fewer than 60 % of the markers.
 
     Features: `angle` [rad] about the ring's axis; `depth` [m] of the indenter's foremost point; `width` [m], half of
     the dent's width at half of its depth; `shear` [N] along rising angles, NaN where it was not calibrated; `angle_sd`
@@ -199,7 +199,7 @@ class RingEstimator(ContactEstimator):
         """Return notes on the ring, the tare and the images that could not be used, one sentence each."""
         said = [*self.ring.notes, *([self._tared.note] if self._tared else [])]
         what = {
-            FrameProblem.LOST: "show fewer than half of the markers",
+            FrameProblem.LOST: "show fewer than 60 % of the markers",
             FrameProblem.BLACK: "are black",
             FrameProblem.FROZEN: "repeat the one before",
             FrameProblem.WRONG_SIZE: "are not of the size of the calibration's",

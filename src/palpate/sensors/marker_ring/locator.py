@@ -94,7 +94,6 @@ class RingLocator:
 
     Attributes:
         grip: largest shear / force with which a contact resists the skin's motion by its neighbours.
-        most: largest number of contacts in an image.
     """
 
     def __init__(
@@ -122,7 +121,6 @@ class RingLocator:
         squares = np.ascontiguousarray(np.square(noise).reshape(-1))
         self._known = (self.markers, model, response.misfit, squares, numbers, learned)
         self._left = np.zeros((_ring.MOST + 1, _ring.STATE))
-        self.most = _ring.MOST
 
     def reset(self) -> None:
         """Forget the contacts of the last image."""
