@@ -43,14 +43,14 @@ class EvaluationReport:
     Attributes:
         samples: rows of contacts; matched: with a truth; answered: of those matched.
         statuses: (len(Status),) number of matched rows with each status.
-        location: [m] of the answered rows, or of the touches where the truth is touches.
+        location: [m] of the answered rows, or of the touches if the truth is touches.
         normal: [rad] between normals; None without any. force_angle: likewise between forces.
         force: [N] length of the difference; None without any.
         coverage: of the answered rows' covariance.
-        errors: (n,) [m] of each answered row, turned: (n,) [rad] of its normal; NaN where it has no truth.
-        touches: one for each, where the truth is touches.
-        unmatched: answered contacts at an instant whose truths all belong to other contacts.
-        missed: truths without a contact at an instant at which another truth has one.
+        errors: (n,) [m] of each answered row, turned: (n,) [rad] of its normal; NaN without truth.
+        touches: if the truth is touches.
+        unmatched: answered contacts at an instant whose truths all belong to others.
+        missed: truths without a contact at an instant at which another has one.
     """
 
     samples: int

@@ -1,4 +1,4 @@
-"""Keep freed memory in the process: to return and clear it block by block takes a fifth of the CPU time of workers."""
+"""Keep freed memory in the process: to clear it block by block takes workers a fifth of their CPU time."""
 
 from __future__ import annotations
 

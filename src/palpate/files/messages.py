@@ -49,11 +49,11 @@ class MessageBlock:
     """A block of n messages, in the order of the file.
 
     Attributes:
-        data: bytes that contain the messages.
+        data: bytes that contain them.
         topics: number of a topic -> topic.
-        topic: (n,) number of each topic; one that is not in `topics` was not declared.
+        topic: (n,) numbers of topics; those not in `topics` were not declared.
         time: (n,) [ns] when they were recorded.
-        start, length: (n,) first byte and length of the payload in `data`.
+        start, length: (n,) first byte and length of the payloads in `data`.
     """
 
     data: bytes
@@ -125,7 +125,7 @@ class MessageFile(Watched, ABC):
             return next((found for piece in pieces if (found := read(piece.of(topic))) is not None), None)
 
     def has_stamps(self, topic: Topic, read: Callable[[MessageBlock], Iterable[int]]) -> bool:
-        """Return True unless the first two stamps of a topic are 0; one may be, as a clock may begin at 0.
+        """Return True unless the first stamps of a topic, two at most, are 0: a clock may begin at 0.
 
         `read` returns the stamps in a block of the topic's messages.
 

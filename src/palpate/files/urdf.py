@@ -39,9 +39,9 @@ class Joint:
 
     Attributes:
         origin: T_parent_child at position zero.
-        mimics: joint that it follows; "" if none.
+        mimics: joint that it follows, or "".
         follows: factor and offset of its position from that of the other.
-        element: its XML element.
+        element: of the XML.
     """
 
     name: str
@@ -87,10 +87,10 @@ class Urdf:
 
     Args:
         path: the URDF file.
-        packages: name of a ROS package -> its folder; others are searched for above the file and in ROS's paths.
+        packages: ROS package -> its folder; others are searched for above the file and in ROS's paths.
 
     Raises:
-        InputError: the file cannot be read, is no URDF, or xacro must be expanded first; or a joint is malformed.
+        InputError: the file cannot be read or is no URDF, a joint is malformed, or xacro must be expanded first.
     """
 
     def __init__(self, path: Path, packages: Mapping[str, Path] | None = None) -> None:

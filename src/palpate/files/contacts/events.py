@@ -14,7 +14,7 @@ __all__ = ["write_events"]
 
 
 def write_events(path: Path, events: Events) -> None:
-    """Write touches as CSV, in SI: start,end,px,py,pz,label, then the other columns; labels count from 1.
+    """Write touches as CSV, in SI: start,end,px,py,pz,label, then other columns; labels count from 1.
 
     Raises:
         InputError: the file cannot be written.

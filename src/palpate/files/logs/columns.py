@@ -36,7 +36,7 @@ class Columns:
     """Builder of the recordings of a log from its columns.
 
     Args:
-        layout: names of the columns to read, and their units.
+        layout: of the log.
         path: of the log.
         shapes: name -> () of a column, or the shape of one sample of an array, whose columns are named by `flattened`.
         stated: units that the log states; None: those in the names.
@@ -97,7 +97,7 @@ class Columns:
             fields.require_numbers(self._path)
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes on the blocks so far, one sentence each: unreadable fields, odd times, an assumed rate."""
+        """Return notes on the blocks so far, one sentence each: unreadable fields, odd times, no times."""
         said = tuple(note for fields in self._fields.values() for note in fields.notes()) + self._samples.notes()
         if _TIME not in self._groups:
             return (f"samples have no times: a rate of {self._layout.rate:g} Hz is assumed", *said)

@@ -24,8 +24,8 @@ class Cursor:
 
     Attributes:
         data: bytes that contain the messages.
-        at: (n,) index of the byte at which each message is read next.
-        sound: (n,) False once a message is found to be cut or malformed; numbers read from it mean nothing.
+        at: (n,) index of the byte at which each is read next.
+        sound: (n,) False once one is found to be cut or malformed; numbers read from it mean nothing.
     """
 
     def __init__(self, messages: MessageBlock, encoding: str) -> None:

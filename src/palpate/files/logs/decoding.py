@@ -78,17 +78,12 @@ def has_header(kind: str) -> bool:
 
 
 def decode(messages: MessageBlock, topic: Topic, shape: tuple[int, ...] = ()) -> Decoded:
-    """Return stamps (n,) [ns], numbers (n, k), and a mask (n,), True where a message could be read.
+    """Return stamps (n,) [ns], numbers (n, k), and a mask (n,), True where a message is readable.
 
-    Stamps are 0 if the type has none. Numbers are as recorded, NaN where a message could not be read.
-
-    Args:
-        messages: of the topic.
-        topic: of a type that has a role.
-        shape: of an array; a message with another count of numbers is unreadable.
+    Stamps are 0 if the type has none. Numbers are as recorded; NaN where unreadable, as are arrays not of the `shape`.
 
     Raises:
-        KeyError: the type has no role.
+        KeyError: the type of the topic has no role.
     """
     cursor = Cursor(messages, topic.encoding)
     if topic.kind == IMAGE:
@@ -144,13 +139,10 @@ def decode_array(
 ) -> tuple[np.ndarray, Bool[np.ndarray, " n"]]:
     """Return the numbers of arrays, (n, k) in their stored type, and a mask (n,), True where a message is readable.
 
-    Args:
-        messages: of the topic.
-        topic: of a type in `ARRAYS`.
-        shape: of an array; a message with another count of numbers is unreadable, and its row means nothing.
+    `shape` is that of an array; a message with another count of numbers is unreadable, and its row means nothing.
 
     Raises:
-        KeyError: the type is another one.
+        KeyError: the type is not in `ARRAYS`.
     """
     cursor = Cursor(messages, topic.encoding)
     return _stored(cursor, ARRAYS[topic.kind], shape), cursor.sound

@@ -99,7 +99,7 @@ class JointPoses:
         topic: of joint states.
         kinematics: of the two links.
         track: receives the poses.
-        stamped: take the times of the headers, not of the recorder.
+        stamped: take the headers' times, not the recorder's.
     """
 
     def __init__(self, topic: Topic, kinematics: Kinematics, track: PoseTrack, *, stamped: bool) -> None:

@@ -44,8 +44,8 @@ class ArrayChannel:
     Args:
         name: of the channel of the `Recording`.
         shape: of one sample: (12,), or (6, 22).
-        columns: of a table, the last axis running fastest; None: all that are not named otherwise, in their order. In
-            an .npz an array called `name` is used instead, if it exists.
+        columns: of a table, the last axis running fastest; None: all that are not named otherwise, in order. An array
+            called `name` is used instead, if there is one.
         topic: of a log with topics; None: the only one that holds arrays.
         scale: SI value of one unit of the log, for all numbers or for each.
         table: of the rig that declares this channel, for messages.
@@ -97,17 +97,16 @@ class LogLayout:
         axes: recorded axes that are the sensor's x, y, z, of force and torque alike; "-x" flips.
         left_handed: declares that `axes` is a reflection: the driver reported a left-handed wrench, or the reaction.
         frame: "sensor" or "base", of the recorded wrench.
-        wrench_range: [N, N m] of the sensor's axes (6,); a reading at it is saturated, which an average must not hide.
-        orientation: columns of the quaternion x, y, z, w, sensor in base; None: qx, qy, qz, qw where the log has them.
-        position: columns of the sensor's position in the base [m]; None: x, y, z where the log has them.
-        acceleration: columns of the acceleration in the sensor's frame; None: ax, ay, az where the log has them.
+        wrench_range: [N, N m] of the sensor's axes (6,); a reading at it is saturated.
+        orientation: columns of the quaternion x, y, z, w, sensor in base; None: qx, qy, qz, qw, if there.
+        position: columns of the sensor's position in the base [m]; None: x, y, z, if there.
+        acceleration: columns of the acceleration in the sensor's frame; None: ax, ay, az, if there.
         acceleration_unit: see `palpate.files.units`.
-        wrench_topic, orientation_topic: of a log with topics; None: the only one of its kind. An orientation_topic
-            "none" reads no poses.
-        frames: base and sensor, of a log with topics: the pose of one in the other is read from the tree of /tf.
+        wrench_topic, orientation_topic: topics; None: the only ones of their kind. "none" as the latter: no poses.
+        frames: base and sensor: the pose of one in the other is read from the tree of /tf.
         urdf: description with these links: the pose is computed from joint states instead.
         joints_topic: of joint states; None: the only one.
-        acceleration_topic: of a log with topics; None: no acceleration.
+        acceleration_topic: None: no acceleration.
         offset: [s] added to the stamps of the poses of a topic to put them on the samples' clock.
         temperature: column or topic of a temperature [K or degrees C]; None: it is not read.
         max_gap: [s] largest gap between poses, accelerations or wrenches of a topic that is interpolated.

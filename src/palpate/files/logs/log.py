@@ -46,8 +46,8 @@ class LogContents:
         topics: of an MCAP file or a bag.
         torn: sentence on where the file was cut, as far as it was read, or "".
         duration: [s] of a log with topics; 0 if unknown.
-        stated: units and rate that a table states.
-        written: how a text differs from a plain table, in words, or "".
+        stated: units and rate of a table.
+        written: how a text differs from a plain table, or "".
         images: of a video or a folder of images.
     """
 

@@ -84,12 +84,10 @@ def topic_shapes(path: Path) -> dict[str, tuple[int, ...]]:
 def image_size(path: str | Path, topic: str | None = None) -> tuple[int, int, int] | None:
     """Return height, width and channels of the first image of a log; None if it has no readable image.
 
-    Args:
-        path: of the log.
-        topic: of the images; None: the first that has an image, compressed ones last.
+    It is of `topic`; if that is None, of the first topic that has an image, compressed ones last.
 
     Raises:
-        InputError: the file is not a log, or needs a library that is not installed, such as OpenCV.
+        InputError: the file is not a log, or needs a library that is not installed.
     """
     path = Path(path)
     kind = _kind(path)
@@ -139,7 +137,7 @@ def open_log(path: str | Path | Mapping[str, np.ndarray], layout: LogLayout | No
 
     Args:
         path: file, or folder of a bag or of images, or arrays by name.
-        layout: what is read by `Log.blocks`; None: the defaults of `LogLayout`.
+        layout: what is read by `Log.blocks`; None: the defaults.
 
     Raises:
         InputError: the file cannot be read, is not what its suffix indicates, or has a format that is not supported; a
@@ -167,7 +165,7 @@ def read_recording(path: str | Path, layout: LogLayout | None = None) -> Recordi
 
     Args:
         path: file, or folder of a bag or of images.
-        layout: what is read, and its units; None: the defaults of `LogLayout`.
+        layout: what is read, and its units; None: the defaults.
 
     Raises:
         InputError: the file is not a log, lacks something that the layout requests, or needs a library that is not

@@ -22,7 +22,7 @@ class Survey:
 
     Attributes:
         frames: the tree of /tf.
-        named: topic of wrenches or poses -> frame of its header and child frame, "" where it has none.
+        named: topic of wrenches or poses -> frame of its header and child frame, or "".
         poses: topic of poses -> their number, and if they move.
         joints: topic of joint states -> names of the joints.
     """

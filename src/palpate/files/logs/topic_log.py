@@ -107,7 +107,7 @@ class TopicLog(Log):
             array = replace(array, shape=(array.size + BESIDE,))
         main = _Stream(chosen.get("both") or chosen["main"], self._source, array)
         poses = self._poses(chosen, layout.offset)
-        sources = {} if poses is None else {"pose": poses}
+        sources: dict[str, _Source] = {} if poses is None else {"pose": poses}
         if (topic := chosen.get("acceleration")) is not None:
             gap = 0.0 if topic.name == LIVE_ACCELERATION else layout.max_gap
             sources["acceleration"] = self._tracked(topic, PoseTrack(0.0, gap))

@@ -175,10 +175,10 @@ def _in_order(pieces: list[Transforms]) -> Transforms:
 @takes_arrays
 @dataclass
 class SeenEdge:
-    """The transforms of one edge that were found in a log.
+    """The transforms of one edge in a log.
 
     Attributes:
-        count: number of transforms on topics that are not static.
+        count: number of those on topics that are not static.
         first: the first of these, (7,): position [m] and quaternion.
         moves: True if another of these differs from it.
         stamped: True if one of these has a stamp.
@@ -280,7 +280,7 @@ def _static(topic: Topic) -> bool:
 
 
 def read_frames(source: MessageFile, topics: Sequence[Topic]) -> TransformTree:
-    """Read the topics of transforms in the complete file, and return their tree.
+    """Return the tree of the topics of transforms in the complete file.
 
     Raises:
         InputError: the file cannot be read.
@@ -299,7 +299,7 @@ class TreePoses:
         base, sensor: frames.
         offset: [s] added to the stamps.
         max_gap: [s] largest gap that is interpolated.
-        where: path of the log, for messages.
+        where: path of the log.
 
     Raises:
         InputError: there is no such frame, or not one path between the two.

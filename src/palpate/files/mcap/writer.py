@@ -50,7 +50,7 @@ class McapWriter:
 
     Args:
         topics: the channels, numbered from 1.
-        library: that the head names.
+        library: named in the head.
 
     Attributes:
         head: bytes with which the file begins.
@@ -118,7 +118,7 @@ class McapWriter:
         return Written(_raw(index), self.size + whole, span, counted)
 
     def tail(self) -> bytes:
-        """Return the bytes that end the file, with the summary by which readers find topics and chunks."""
+        """Return the bytes that end the file, with the summary."""
         end = _raw(mcap.DataEnd(0))
         start = self.size + len(end)
         records = (

@@ -16,7 +16,7 @@ __all__ = ["Fields", "RowCount"]
 
 @takes_arrays
 class Fields:
-    """Counts of the rows read from some columns and of the fields in them that are not numbers.
+    """Counts of the rows of some columns and of the fields in them that are not numbers.
 
     Attributes:
         rows, bad: numbers of rows, and of those with a field that is missing or no number.
@@ -64,7 +64,7 @@ class Fields:
 
 @takes_arrays
 class RowCount:
-    """Counts of the rows of a file with the fields of its header, summed over pieces.
+    """Counts of the rows of a file with the fields of its header.
 
     Attributes:
         count, unclosed, ragged: numbers of rows, of those with an open quote, and of those with other fields.

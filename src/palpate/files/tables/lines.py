@@ -24,9 +24,7 @@ _LONGEST = 1 << 26  # bytes of a line, beyond which a file is no text
 def open_input(path: Path, *, pipe: bool = False) -> BufferedReader:
     """Return a file opened for reading, in binary.
 
-    Args:
-        path: of the file.
-        pipe: accept a pipe too, if something is written into it within 1.5 s; it can be read only once.
+    `pipe` accepts a pipe, too, if something is written into it within 1.5 s; it can be read only once.
 
     Raises:
         InputError: the file does not exist, may not be read, or is a folder, a pipe, a device or a socket.

@@ -34,7 +34,7 @@ _INSIDE = b"\x1f"  # stands for a delimiter inside quotes, so that every line pa
 @takes_arrays
 @dataclass(frozen=True)
 class TextTable:
-    """The text of some rows of a file; numbers are parsed on request.
+    """The text of some rows of a file.
 
     Attributes:
         path: of the file.
