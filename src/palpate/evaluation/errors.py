@@ -37,7 +37,7 @@ class ErrorSummary:
         return cls(len(known), float(known.mean()), float(np.median(known)), p95, float(known.max()))
 
     def row(self, scale: float) -> tuple[str, ...]:
-        """Return mean, median, 95 % percentile and largest, each times `scale`, and count, as texts: see `HEADER`."""
+        """Return mean, median, 95 % percentile, largest (times `scale`), and count, as texts under `HEADER`."""
         figures = (self.mean, self.median, self.p95, self.worst)
         return (*(f"{scale * value:.3f}" for value in figures), f"{self.count:,}")
 
@@ -49,7 +49,7 @@ class EllipseCoverage:
     Attributes:
         count: estimates with a covariance of rank 2.
         inside: share of them whose 95 % ellipse holds the truth.
-        mean_square: mean squared Mahalanobis distance; 2 when the covariance is right.
+        mean_square: mean squared Mahalanobis distance; 2 if the covariance is right.
     """
 
     count: int
@@ -78,8 +78,7 @@ def coverage(
     """Return the coverage of the estimates that `which` (n,) selects; without any, count is 0 and the rest NaN.
 
     Those without truth (n, 3) [m], or whose covariance C is NaN or not of rank 2, are omitted. The squared distance is
-    d' C^+ d, C^+ the inverse within the two directions in which C has variance: curvature causes the component of d
-    along the normal.
+    d' C^+ d, C^+ the inverse within the two directions in which C has variance.
     """
     usable = which & np.isfinite(estimate.covariance).all(axis=(-2, -1)) & np.isfinite(truth).all(axis=-1)
     rows: Int[np.ndarray, " k"] = np.flatnonzero(usable)

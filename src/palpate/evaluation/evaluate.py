@@ -75,7 +75,7 @@ def evaluate(contacts: Contacts, truth: TrueSamples | TrueTouches, *, tolerance:
     Args:
         contacts: of any sensor, in the truth's frame.
         truth: instants, several of which may have one time, or touches.
-        tolerance: [s] largest difference of the times of a contact and an instant.
+        tolerance: [s] largest difference of times at an instant.
     """
     if isinstance(truth, TrueTouches):
         match, due, own = match_touches(contacts, truth)
@@ -98,9 +98,9 @@ def report(
     Args:
         contacts: of any sensor.
         truth: the instants.
-        match: (n,) number of the truth of each contact, -1 for none.
+        match: (n,) number of each contact's truth, -1 for none.
         due: (n,) there was a truth at its time; None: unmatched contacts are not counted.
-        touches: of which `location` is the summary, if there are any.
+        touches: of which `location` is the summary, if any.
     """
     answered = (match >= 0) & contacts.answered
     row = np.where(answered, match, -1)

@@ -1,4 +1,4 @@
-"""Compare touches of any sensor with a force/torque sensor that carries the body, or with a tracked wand."""
+"""Compare touches with a force/torque sensor that carries the body, or with a tracked wand."""
 
 from __future__ import annotations
 
@@ -48,14 +48,14 @@ class Reference:
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class InstrumentReport:
-    """Errors of position and direction of touches against an instrument.
+    """Errors of touches against an instrument.
 
     Attributes:
         report: location, and normal against the instrument's direction.
         along: (3,) mean absolute error along x, y and z [m]; NaN without any.
         paper_position: with the errors along z set to zero, as the paper has it; None without any.
         paper_direction: mean absolute difference of the unit vectors' x and y [skin map, 4.3]; NaN without any.
-        reference: measurements that it was compared with.
+        reference: the measurements.
     """
 
     report: EvaluationReport
@@ -73,7 +73,7 @@ def wrench_points(surface: Mesh, wrenches: Float[np.ndarray, "n 6"], *, alone: B
     |F . N| / |F|^2 times the tangent of the angle to the normal.
 
     Args:
-        surface: mesh of the link in its frame.
+        surface: mesh of the link.
         wrenches: (n, 6) [N, N m] about the link's origin, in its frame.
         alone: (n,) there was one touch.
     """
@@ -119,7 +119,7 @@ def wand_points(
 
     Args:
         surface: mesh of the link.
-        wand: (v, 3) points of the wand's surface in its frame [m].
+        wand: (v, 3) [m] points of the wand's surface in its frame.
         rotation: (n, 3, 3) of the wand in the link's frame; NaN where it was lost.
         position: (n, 3) [m] of its origin there.
     """
@@ -165,7 +165,7 @@ def judge(touches: Contacts, reference: Reference) -> InstrumentReport:
 def perfect(pitch: tuple[float, float]) -> tuple[float, float]:
     """Return the errors [m] of a perfect map for touches smaller than a cell: mean distance, and mean along an axis.
 
-    `pitch` has the sides of a cell [m]. A point in a square of side a lies on average 0.3826 a from its middle, and a/4
+    `pitch` has the sides of a cell [m]. A point in a square of side a lies on average 0.3826 a from its middle, a/4
     along each axis; other cells count as the square of the same area.
     """
     side = float(np.sqrt(pitch[0] * pitch[1]))
@@ -185,7 +185,7 @@ def touch_rows(contacts: Contacts) -> list[Int[np.ndarray, " _"]]:
 def touches_of(contacts: Contacts) -> tuple[Contacts, Bool[np.ndarray, " k"]]:
     """Return each touch of three samples or more as the median of its rows, and a mask (k,) of those that are alone.
 
-    A touch is alone if others accompany it in at most 20 % of its rows.
+    Others accompany such a touch in at most 20 % of its rows.
     """
     touches, answered = touch_rows(contacts), np.flatnonzero(contacts.answered)
     _, sample, felt = np.unique(contacts.sample[answered], return_inverse=True, return_counts=True)

@@ -19,10 +19,7 @@ _NOWHERE = 1e9  # m: how far a contact that is not answered is from every truth
 def nearest_in_time(
     time: Float[np.ndarray, " n"], known: Float[np.ndarray, " k"], tolerance: float
 ) -> Int[np.ndarray, " n"]:
-    """Return for each time the index of the nearest known one, (n,), -1 where none is within `tolerance`.
-
-    All are in seconds; neither need be sorted.
-    """
+    """Return for each time the index of the nearest known one, (n,), -1 where none is within `tolerance` [s]."""
     order = np.argsort(known)
     order = order[np.isfinite(known[order])]
     if not len(order):
@@ -40,12 +37,7 @@ def match_instants(
 ) -> tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
     """Return the number of each contact's truth, (n,), -1 for none, and a mask (n,), True if a truth is at its time.
 
-    The contacts of one sample have different truths, chosen so that the sum of distances is least.
-
-    Args:
-        contacts: n rows.
-        truth: several may have one time.
-        tolerance: [s] largest difference of the times.
+    Times may differ by `tolerance` [s]. Contacts of one sample have different truths, with the least sum of distances.
     """
     match = nearest_in_time(contacts.time, truth.time, tolerance)
     due = match >= 0

@@ -26,7 +26,7 @@ def load_arm(
         base: link that twists and poses are given in.
         sensor: link of the force/torque sensor.
         joints: names of the chain's moving joints, in its order; None: whatever they are.
-        acceleration: [rad/s^2, m/s^2] limit of every joint, which no URDF states.
+        acceleration: [rad/s^2, m/s^2] limit of every joint.
 
     Raises:
         InputError: the file is no URDF; there is no such link or joint; nothing moves between the links, or they are

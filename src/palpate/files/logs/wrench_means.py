@@ -17,7 +17,7 @@ class WrenchMeans:
     """Wrenches that are added in pieces, and averaged about the times of rows, in order.
 
     A row's mean is over the readings within half a step to either side, each used once; without any, the wrench is
-    interpolated linearly. How rows or wrenches are cut into pieces makes no difference.
+    interpolated linearly.
 
     Args:
         max_gap: [s] largest gap between neighbours that is interpolated, and the longest step between rows.
