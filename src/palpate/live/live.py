@@ -186,12 +186,12 @@ class Live:
 
     @property
     def patient(self) -> bool:
-        """Whether samples wait until they are received, as those of a log replayed at speed 0."""
+        """True if samples wait until they are received, as those of a log replayed at speed 0."""
         return isinstance(self.source, Replay) and self.source.patient
 
     @property
     def ended(self) -> bool:
-        """Whether no more samples come, because a replayed log is at its end."""
+        """True once no more samples come, because a replayed log is at its end."""
         return isinstance(self.source, Replay) and self.source.ended
 
     def __enter__(self) -> Live:

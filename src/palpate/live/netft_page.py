@@ -26,7 +26,7 @@ UNREACHED = "Check the cable, and that this machine is in the device's network."
 
 @dataclass(frozen=True)
 class NetFtPage:
-    """What a Net F/T's page states of the calibration in use.
+    """The values on a Net F/T's page for the calibration in use.
 
     Attributes:
         force, torque: counts per N and per N m.

@@ -46,7 +46,7 @@ class Worker:
 
     @property
     def alive(self) -> bool:
-        """Whether the process runs."""
+        """True while the process runs."""
         return self.process is not None and self.process.is_alive()
 
 
