@@ -37,9 +37,9 @@ LEAST = 1e-4  # s: cycles are told apart to this
 class AlignController:
     """Controller from wrench, joints and time to a joint command, at the sensor's rate.
 
-    Each call corrects the models of robot and surface; once per period of the robot there is a new command. A cycle:
-    pose of the robot (`ServoModel`), inertial part of the wrench, contact (`WrenchEstimator`), state (`Supervisor`),
-    wanted step of the tip (`MotionLaw`), joints within their limits ((10) of `probe`).
+    Once per period of the robot there is a new command. A cycle: pose of the robot (`ServoModel`), inertial part of the
+    wrench, contact (`WrenchEstimator`), state (`Supervisor`), step of the tip (`MotionLaw`), joints within their limits
+    ((10) of `probe`).
 
     Args:
         arm: the chain from the base to the sensor.
@@ -137,8 +137,7 @@ class AlignController:
     def drifted(self) -> float:
         """Largest angle [rad] by which drift within `Limits.drift` may have turned the probe since the tare.
 
-        A torque of dM, or a sideways force of dF at the tip's distance, moves the contact by dM/force, which turns the
-        probe by that over the smaller radius of its face.
+        A torque of dM moves the contact by dM/force, which turns the probe by that over the smaller radius of its face.
         """
         return 0.0 if self._tared is None else (self._time - self._tared) * self._drifts / float(self.law.radii.min())
 
@@ -184,11 +183,11 @@ class AlignController:
                 model.
 
         Returns:
-            (n,) within the arm's limits, whatever the input; send it once per period, changed or not. The next call
-            overwrites the array.
+            (n,) within the arm's limits, to be sent once per period, changed or not; the next call overwrites it.
 
         Raises:
-            InputError: joints of another number than the arm's, or not finite at the first call.
+            InputError: joints of another number than the arm's, or not finite at the first call; a time that is no
+                number.
         """
         if type(time) is not float:
             time = number(time, "time")

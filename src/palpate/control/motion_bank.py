@@ -30,7 +30,7 @@ class MotionBank:
         sizes: (c,) order of magnitude of the expected motions, one per series, in its unit.
 
     Raises:
-        InputError: a size that is not positive and finite, or sizes that are no list of numbers.
+        InputError: a size is not positive and finite, or they are no list of numbers.
     """
 
     @takes_arrays

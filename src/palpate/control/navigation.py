@@ -23,9 +23,9 @@ class Navigator(Protocol):
     """Interface of a navigator: from touches and a pose to speeds of the tracks.
 
     Attributes:
-        state: its present action, such as "move to goal".
-        why: a sentence: the reason for the state, or the event that it waits for.
-        arrived: whether the goal was reached; it stays True until `reset`.
+        state: present action, such as "move to goal".
+        why: reason for it, or the event that it waits for, as a sentence.
+        arrived: True once the goal was reached, until `reset`.
     """
 
     state: str

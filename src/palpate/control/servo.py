@@ -36,8 +36,8 @@ class Servo:
     Args:
         period: [s] between two commands.
         delay: [s] from a command until the robot begins to follow it.
-        ramp: [s] in which it interpolates from one command to the next; usually the period. 0: none.
-        lag: [s] by which its joints lag behind a ramp. 0: none.
+        ramp: [s] in which it interpolates between commands, usually the period; 0: none.
+        lag: [s] by which its joints lag behind a ramp; 0: none.
 
     Raises:
         InputError: a period that is not positive, or another time that is negative or not finite.

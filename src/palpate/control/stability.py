@@ -1,7 +1,7 @@
 """Check the stability of a loop with delay by the spectral radius of one cycle, and reject unstable gains.
 
-A cycle of a linear loop takes its state x to A x. The state (velocity, estimate, commands under way, servo) decays
-if, and only if, every eigenvalue of A lies inside the unit circle.
+A cycle takes the state x (velocity, estimate, commands under way, servo) to A x. It decays if, and only if, every
+eigenvalue of A lies inside the unit circle.
 """
 
 from __future__ import annotations
@@ -77,8 +77,8 @@ class DelayedRobot(Value):
         delay: cycles that a command waits; with 0 the next reading feels it fully.
         ramp: whether the robot moves linearly from one command to the next over a cycle, instead of at once.
         lag: [s] of the servo; 0: none.
-        order: of the servo, 1 or 2; a second-order servo is critically damped, with natural frequency 2/lag.
-        smoothing: time constant [s] of a first-order low-pass over the measurement; 0: none.
+        order: of the servo; 1, or 2: critically damped, with natural frequency 2/lag.
+        smoothing: [s] time constant of a first-order low-pass over the measurement; 0: none.
 
     Raises:
         InputError: dt is not positive; delay, lag or smoothing is negative; a time is not finite; or another order.
@@ -212,10 +212,9 @@ def admittance_radius(robot: DelayedRobot, admittance: Admittance, stiffness: fl
 def observer_radius(robot: DelayedRobot, tracker: Tracker, ratio: float) -> float:
     """Compute the spectral radius, stable below 1, of a loop that observes the surface and moves there.
 
-    The surface's angle is taken as z = y - offset / R, with y the probe's angle and offset = R_true (y - surface): so
-    z = (1 - g) y + g surface with g = R_true/R, and the robot's motion feeds back by 1 - g. Smoothing acts on the
-    offset alone, as a filter over the wrench does: y - g m. A command is the tracker's prediction from z. For heights,
-    g is the true stiffness over the assumed one.
+    The surface's angle is taken as z = y - offset/R, with y the probe's angle and offset = R_true (y - surface): with
+    g = R_true/R, z = (1 - g) y + g surface. Smoothing acts on the offset alone: y - g m. A command is the tracker's
+    prediction from z. For heights, g is the true stiffness over the assumed one.
 
     Args:
         robot: its delay and lag.

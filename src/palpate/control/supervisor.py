@@ -1,4 +1,4 @@
-"""Supervise the state of a contact loop: it holds or retreats if the contact is not known, and never guesses."""
+"""Supervise the state of a contact loop: it holds or retreats if the contact is not known."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
 """Remember touched places with a belief in each, and find the cheapest way between them.
 
-The paper's state machine [marker ring, V] has no such memory. Places are points; belief in each fades with time,
-because the touched object may have been a robot, or may have been pushed since, and a place is removed if the robot's
-body has passed there. A place is never forbidden, only costly, so that there is always a way.
+Places are points. Belief in each fades with time, because the touched object may have moved, and a place is removed if
+the robot's body has passed there. A place is never forbidden, only costly, so that there is always a way.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ class TouchMapSettings:
 
     Attributes:
         cell: [m] size of a cell of the map in which ways are found.
-        weight: cost, relative to its length, of a way through a place that was touched just now.
+        weight: cost, relative to its length, of a way through a place touched just now.
         fade: [s] in which belief in a place falls to 1/e.
         merge: [m] touches nearer than this are one place.
         again: [s] after which a further touch of a place counts again: each adds `weight`.

@@ -1,14 +1,12 @@
 """Navigate by touch: remember touched places, plan a way around them, and push what moves.
 
-This extends the state machine of the paper [marker ring, V], which forgets a touch as soon as it has backed away from
-it:
+This extends the state machine of [marker ring, V], which forgets a touch as soon as it has backed away:
 
-* an obstacle that does not move is remembered (`TouchMap`) and a way is found around all of them, again and again;
-  the robot follows walls, because each touch makes the way along them cheaper, and leaves pockets for this reason too;
-* motion into a contact is slowed in proportion to the remaining allowed force, so that a touch stays soft;
+* an obstacle that does not move is remembered (`TouchMap`), and a way is found around all of them;
+* motion into a contact is slowed in proportion to the remaining allowed force;
 * an object ahead is pushed, and counts as fixed if it has not moved after a while (`PushTest`);
 * the robot gives way to anything that pushes back;
-* an obstacle that is not felt is remembered as well, and a track that does not follow is noticed (`TrackWatch`);
+* an obstacle that is not felt is remembered, and a track that does not follow is noticed (`TrackWatch`);
 * a search that only repeats its way is reported (`ProgressWatch`), and finally stopped.
 """
 
@@ -48,7 +46,7 @@ class TouchNavigatorSettings:
         reach: [m] distance from the goal at which the robot has arrived.
         force: [N] largest force that a contact should have.
         stiffness: [N/m] of the skin.
-        soften: [s] least time in which the remaining allowed force is used up.
+        soften: [s] least time to use up the remaining allowed force.
         flank, relief, off: from a contact on a flank with more than `flank` [N] the heading turns away by `relief`
             [rad/N], up to `off` [rad].
         squeeze: share of `force` on both flanks above which the robot does not go on between them.
@@ -58,15 +56,15 @@ class TouchNavigatorSettings:
         glancing: [rad] angle from the heading beyond which a contact is passed rather than pushed.
         settle, test, moved: arguments of `PushTest`.
         known: [m] a contact nearer to a remembered place is not pushed again.
-        clearance, wall: [m] distance to both sides of a touch over which its surface is assumed to continue: for a
-            single touch, and for one in line with others.
+        clearance, wall: [m] to both sides of a touch over which its surface is assumed to continue: of a single touch,
+            and of one in line with others.
         passed, pushed: belief in a touch that was only passed, and in one that did not move when pushed; 1 for others.
         back: [s] for which the robot backs away from a fixed obstacle.
         slow: share of the top speed at which it backs away.
         turn: [rad/s] largest turn rate.
         still: ([m], [s]) a robot that has moved less than this distance in this time is stuck.
         doubt, ground: [s] after which the goal is reported as possibly out of reach, if the robot has come neither
-            nearer in that time nor to `ground` new places; see `ProgressWatch`.
+            nearer nor to `ground` new places.
         patience: [s] after which the robot stops if it has come no nearer to its goal.
         push: False: nothing is pushed on purpose.
         remember: False: no memory.
@@ -109,7 +107,7 @@ class TouchNavigatorSettings:
 @called_as("palpate.TouchNavigator(goal=(1.2, 0.0))")
 @takes_arrays
 class TouchNavigator:
-    """A `Navigator` with a memory of touches, updated at the caller's rate (meant for 30 Hz).
+    """A `Navigator` with a memory of touches, meant for 30 updates a second.
 
     States: "move to goal", "push", "back off", "give way", "escape", "blind", "no pose", "stopped", "arrived".
 

@@ -1,4 +1,4 @@
-"""Describe a moment in words and numbers with units, as HTML for the page's panel: one layout for all sensors."""
+"""Describe a moment in words and numbers with units, as HTML for the page's panel."""
 
 from __future__ import annotations
 
@@ -67,10 +67,10 @@ def feature(name: str, among: Collection[str]) -> tuple[str, float, str]:
 
 
 def caption(moment: SceneMoment, magnification: int, more: Sequence[tuple[str, str]] = ()) -> str:
-    """Return a moment as HTML: number, status, place, and the sensor's own features, each with its unit.
+    """Return a moment as HTML: force, status, place, and the sensor's features, each with its unit.
 
     Args:
-        moment: moment of the scene.
+        moment: of the scene.
         magnification: factor by which the ellipses are drawn larger.
         more: names and values that the layers add, plain text.
     """
@@ -85,7 +85,7 @@ def caption(moment: SceneMoment, magnification: int, more: Sequence[tuple[str, s
 
 
 def _contact(contact: ShownContact, magnification: int, single: bool) -> Iterator[tuple[str, str]]:
-    """Yield names and values of one contact; among several, with a headline and its features on one line."""
+    """Yield names and values of one contact; of several, with a headline and its features on one line."""
     if not single:
         yield f"<b>contact {contact.identity}</b>", f"<b>{_force(contact)}</b>, {contact.status.words}"
     yield "place [mm]", _place(contact)
@@ -100,10 +100,9 @@ def _contact(contact: ShownContact, magnification: int, single: bool) -> Iterato
 
 
 def is_shown(name: str, features: Collection[str]) -> bool:
-    """Return True if a feature has a separate row in the caption.
+    """Return whether a feature has a row in the caption.
 
-    False for "bound", "force_sd", the entries "force_xx" to "force_zz" of the force's covariance, and "NAME_sd" where
-    `features` contains NAME, whose row shows that standard deviation.
+    "bound", "force_sd", "force_xx" to "force_zz", and "NAME_sd" if `features` contains NAME have none.
     """
     return name not in _INWARD and not (name.endswith("_sd") and name[:-3] in features)
 
@@ -113,7 +112,7 @@ def _size(contact: ShownContact) -> float:
 
 
 def _force(contact: ShownContact) -> str:
-    """Return the size of the force as text, with its standard deviation where the sensor knows one."""
+    """Return the size of the force, with its standard deviation if known."""
     size, deviation = _size(contact), contact.force_deviation
     return f"{uncertain(size, deviation)} N" if np.isfinite(deviation) else _newton(size)
 
@@ -154,9 +153,9 @@ def _ellipse(contact: ShownContact, magnification: int) -> str:
 
 
 def comparison(scene: Scene, moment: SceneMoment) -> list[tuple[str, str]]:
-    """Return a list with one pair: the comparison's title, and the compared contact at that time in words.
+    """Return one pair: the comparison's title, and status, force [N], place [mm] and distance of its contact in words.
 
-    The words give its status, force [N], place [mm] and distance; the list is [] without a comparison.
+    Without a comparison return [].
     """
     other = scene.meanwhile(moment.seconds)
     if other is None or scene.other is None:

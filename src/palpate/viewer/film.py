@@ -1,4 +1,4 @@
-"""Draw moments of a scene as pictures of a film, without a screen: the same moment gives the same pixels."""
+"""Draw moments of a scene as pictures of a film: the same moment gives the same pixels."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class ScenePicture:
         return np.arange(int(self.scene.timeline.duration * RATE) + 1) / RATE
 
     def draw(self, seconds: float) -> UInt8[np.ndarray, "720 960 3"]:
-        """Return the picture at a time [s] since the start, (720, 960, 3) uint8 in blue, green, red."""
+        """Return the picture at a time [s] since the start, (720, 960, 3) in blue, green, red."""
         scene = self.scene
         moment = scene.at(scene.timeline.at(seconds))
         side, body = self._seen(seconds)
@@ -73,7 +73,7 @@ class ScenePicture:
         return picture
 
     def _seen(self, seconds: float) -> tuple[_Side, UInt8[np.ndarray, "h w 3"]]:
-        """Return the side of the current or next touch, and the body's picture, fading over before a touch begins."""
+        """Return the side of the current or next touch, and the body's picture, which fades before a touch begins."""
         at = max(int(np.searchsorted(self._stops, seconds, side="right")) - 1, 0)
         one, share = self._side(at), 0.0
         if at + 1 < len(self._stops):
@@ -153,7 +153,7 @@ class ScenePicture:
         return np.stack([x, 12 + high * (1 - np.asarray(force) / self._most)], axis=-1)
 
     def _drawn_curve(self) -> UInt8[np.ndarray, "180 960 3"]:
-        """Return the strip with the force over time, with lines at 0 N and at the largest force."""
+        """Return the strip of the force over time, with lines at 0 N and at the largest force."""
         clock, values = self.scene.curves()
         total = values[:, 0] if self.scene.several else values[:, 1]
         self._most = max(float(np.nanmax(total, initial=0.0)), 1e-9)
@@ -190,7 +190,7 @@ class ScenePicture:
 
 @dataclass(frozen=True, eq=False)
 class _Side:
-    """The body from one side: the rendering with depths, and the picture for the film in blue, green, red."""
+    """The body from one side: as rendered, and as the film's picture in blue, green, red."""
 
     camera: ViewPoint
     body: Rendered

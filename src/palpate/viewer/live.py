@@ -70,8 +70,8 @@ class LivePage(Served):
         layers: drawings that the sensor adds.
         title: heading of the page.
         tare: called with the browser's address when a person requests a tare.
-        host: address to listen at; only this machine can reach the default.
-        port: the first to try; 0 for any.
+        host: to listen at; only this machine reaches the default.
+        port: first to try; 0: any.
         token: secret that opens the page; "": a new one.
 
     Raises:

@@ -101,7 +101,7 @@ class Panel:
         picture.on_click(lambda event: self._ask(_ASKED[picture.value], event.client))
 
     def _add_controls(self) -> None:
-        """Add keys and clicks: a script, and the field in which it leaves requests (see the script)."""
+        """Add keys and clicks: a script, and the field in which it leaves requests."""
         asked = self._gui.add_text("palpate asks", "")
         asked.on_update(lambda event: self._ask(asked.value.partition(" ")[2], None) if event.client else None)
         script = files("palpate.viewer").joinpath("controls.js").read_text(encoding="utf-8")
@@ -139,7 +139,7 @@ class Panel:
         self._place = self._plot(PLACES, ("x", "y", "z"), AXES, "mm")
 
     def _plot(self, which: slice, names: tuple[str, ...], inks: tuple[str, ...], unit: str) -> GuiUplotHandle:
-        """Add a plot: lines for values that are always there, dots for values that exist in touch only."""
+        """Add a plot: lines of forces, dots of places, which exist in touch only."""
         from viser import uplot
 
         dots = unit == "mm"
@@ -190,10 +190,7 @@ def _range(values: Float[np.ndarray, "m k"], zero: bool) -> tuple[float, float]:
 def _marked(
     clock: Float[np.ndarray, " m"], values: Float[np.ndarray, "m k"], now: float, bounds: tuple[float, float]
 ) -> tuple[Float[np.ndarray, " r"], ...]:
-    """Return the columns of a plot, and one more that draws a line from bottom to top at the current time.
-
-    The plot knows no NaN, so missing values are put far below the visible range.
-    """
+    """Return the columns of a plot, and one that draws a line at the current time; NaN is put far below the plot."""
     below, above = bounds[0] - 10 * (bounds[1] - bounds[0]), bounds[1] + 1.0
     at = int(np.searchsorted(clock, now))
     rows = np.where(np.isfinite(values), values, below)

@@ -314,7 +314,7 @@ def strip(axes: Any, time: Float[np.ndarray, " n"], kinds: Int[np.ndarray, " n"]
 
 
 def _body(axes: Any, vertices: np.ndarray, faces: np.ndarray, order: tuple[int, int, int], toward: float) -> None:
-    """Draw the facets that face the viewer as pixels, the furthest first, lighter where they face the viewer more."""
+    """Draw the facets that face the viewer as pixels, the furthest first, lighter if they face the viewer more."""
     from matplotlib.collections import PolyCollection
 
     corners = 1e3 * vertices[faces]
@@ -354,7 +354,7 @@ def _touched(
 
 
 def _number(axes: Any, touches: Sequence[Mark], across: tuple[int, int], wide: float) -> None:
-    """Draw numbers of touches, each in a disc `wide` [mm] across, large enough to point at; no disc covers another."""
+    """Draw numbers of touches in discs `wide` [mm] across that do not cover one another."""
     disc = {"boxstyle": "circle,pad=0.2", "facecolor": RULE, "linewidth": 0, "alpha": 0.85}
     taken = np.zeros((0, 2))
     for touch in touches:
@@ -368,7 +368,7 @@ def _number(axes: Any, touches: Sequence[Mark], across: tuple[int, int], wide: f
 
 
 def _free(at: Float[np.ndarray, "2"], taken: Float[np.ndarray, "n 2"], wide: float) -> Float[np.ndarray, "2"]:
-    """Return the place, or the nearest on a spiral about it, that is at least `wide` away from those that are taken."""
+    """Return the place, or the nearest on a spiral about it, at least `wide` away from those taken."""
     for turn in range(_TRIED):
         way = np.array([np.cos(_GOLDEN * turn), np.sin(_GOLDEN * turn)])
         place = at + 0.3 * wide * turn**0.5 * way if turn else at

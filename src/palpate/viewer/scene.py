@@ -85,7 +85,7 @@ class Layer(Protocol):
         """Add controls and pictures to the panel, below the caption."""
 
     def show(self, scene: Scene, index: int) -> None:
-        """Move the layer's objects and pictures to a sample of the scene, or of one with other contacts on the body."""
+        """Move the layer's objects and pictures to a sample of the scene, or of one with other contacts."""
 
     def rows(self, scene: Scene, index: int) -> list[tuple[str, str]]:
         """Return (name, value with unit) pairs, plain text, that go below the contacts in the caption."""
@@ -151,7 +151,7 @@ class SceneMoment:
         sample: row of the log.
         seconds: time since the start [s].
         time: as recorded [s].
-        contacts: at least one, the strongest first; a sample without a contact has one whose status says so.
+        contacts: at least one, the strongest first; its status says if nothing touches.
     """
 
     index: int
@@ -169,7 +169,7 @@ class Scene:
     Attributes:
         title: name, such as the log's.
         bounds: (2, 3) [m] corners of the box that is shown.
-        body: mesh to draw; None: only what the layers draw of it is known.
+        body: mesh to draw; None: the layers draw it.
         contacts: in the surface's frame, n rows.
         starts: (m,) first row of each sample.
         touched: (n,) rows that are contacts with a place: answered, or at the sensor's range.
@@ -515,7 +515,7 @@ def disc(rings: int, around: int) -> Float[np.ndarray, "k 2"]:
 
 
 def rim(count: int) -> int:
-    """Return the number of an ellipse's `count` points that are on its rim, the last ones: 32 or 64."""
+    """Return how many of an ellipse's `count` points, the last ones, are on its rim: 32 or 64."""
     return next(around for rings, around in (SMALL, LARGE) if count == 1 + rings * around)
 
 

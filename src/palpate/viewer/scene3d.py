@@ -162,7 +162,7 @@ class Scene3D:
 
 
 def _both_sides(tree: dict[str, Any]) -> None:
-    """Make the facets of a glTF visible from both sides, as the inside of an open body can be seen."""
+    """Make the facets of a glTF visible from both sides."""
     tree["materials"] = [{"doubleSided": True}]
     for mesh in tree["meshes"]:
         for part in mesh["primitives"]:

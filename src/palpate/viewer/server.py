@@ -36,8 +36,8 @@ def serve(
 
     Args:
         scene: scene to show.
-        host: address to listen at; only this machine can reach the default.
-        port: the first to try; 0 for any.
+        host: to listen at; only this machine reaches the default.
+        port: first to try; 0: any.
         up: called with the page's address when it can be opened.
 
     Raises:
@@ -63,18 +63,18 @@ def require_viser(host: str, port: int) -> None:
 
 
 class Served:
-    """A page that background threads serve until `stop`, or until the end of a `with` block.
+    """A page that background threads serve until `stop`, or the end of a `with` block.
 
     Only browsers that open `address`, or have opened it before, are answered; see `Guard`.
 
     Attributes:
-        address: address to open in a browser, with its token. If the server listens at all addresses of this machine,
-            it is the one that others on its network reach.
-        port: the free port that was found.
+        address: address to open in a browser, with its token; of a server at all addresses of this machine, the one
+            that others on its network reach.
+        port: free port that was found.
 
     Args:
-        host: address to listen at; only this machine can reach the default.
-        port: the first to try; 0 for any.
+        host: to listen at; only this machine reaches the default.
+        port: first to try; 0: any.
         token: secret that opens the page; "": a new one.
 
     Raises:
@@ -93,7 +93,7 @@ class Served:
         self.address = f"{_shown(host)}:{self.port}/?token={token}"
 
     def look(self, aim: Callable[[float], tuple[np.ndarray, np.ndarray]]) -> None:
-        """Set the first view of each browser: `aim` maps width over height to position and target of the camera."""
+        """Set the first view of each browser; `aim` maps width over height to position and target of the camera."""
         camera = self._server.initial_camera
         camera.position, camera.look_at = aim(1.0)
         camera.up, camera.fov, camera.near, camera.far = (0.0, 0.0, 1.0), VIEW, 0.01, 100.0
@@ -122,8 +122,8 @@ class Page(Served):
 
     Args:
         scene: scene to show.
-        host: address to listen at; only this machine can reach the default.
-        port: the first to try; 0 for any.
+        host: to listen at; only this machine reaches the default.
+        port: first to try; 0: any.
         together: all browsers share one moment; else each has a separate one.
 
     Raises:
@@ -168,7 +168,7 @@ class Page(Served):
 
 
 def _shown(host: str) -> str:
-    """Return the start of a URL for the host that was listened at, usable from other machines if they can reach it."""
+    """Return the start of a URL for a host, one that other machines can use if they can reach it."""
     from palpate.viewer.guard import in_url  # here: what it needs comes with viser
 
     try:
@@ -211,7 +211,7 @@ def _free(host: str, port: int) -> int:
 
 @contextmanager
 def _quiet() -> Generator[None]:
-    """Silence viser's announcement on the terminal within the block; the command prints the address."""
+    """Silence viser's announcement on the terminal within the block."""
     import rich
 
     console = rich.get_console()

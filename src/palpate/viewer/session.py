@@ -27,10 +27,10 @@ _NUMBER = re.compile(r"-?\d+(\.\d*)?(e-?\d\d?)?")
 class BrowserSession:
     """The view of one browser, or of all together, on a scene.
 
-    All that changes the picture runs in one more thread, which draws the latest request and drops those before it.
+    A thread draws the latest request and drops those before it.
 
     Args:
-        at: the browser, or the server where all see the same.
+        at: the browser, or the server if all see the same.
         scene: scene whose moments are shown.
     """
 

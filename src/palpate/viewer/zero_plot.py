@@ -36,7 +36,7 @@ def zeros(
         time: (n,) [s].
         zero: (n, m) bias: of six channels the first three in N and the others in N m, else V.
         deviation: (n, m) standard deviations of the bias.
-        uncertain: (n,) True where something touched, or may have, so that the bias was not tracked.
+        uncertain: (n,) True where something may have touched, so that the bias was not tracked.
 
     Raises:
         InputError: matplotlib is not installed.
