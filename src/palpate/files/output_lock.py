@@ -9,7 +9,7 @@ import os
 import threading
 import time
 from collections.abc import Generator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
 
 from palpate.errors import InputError
@@ -66,9 +66,7 @@ def only_writer(target: Path) -> Generator[None]:
     Raises:
         InputError: another process or thread is writing it.
     """
-    with ExitStack() as stack:
-        if not _reserved(target):
-            stack.enter_context(_locked(target))
+    with nullcontext() if _reserved(target) else _locked(target):
         yield
 
 

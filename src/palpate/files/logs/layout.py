@@ -145,7 +145,7 @@ def axis_matrix(axes: tuple[str, ...], *, left_handed: bool, where: str) -> Floa
     Raises:
         InputError: the axes are not three different ones, or `left_handed` contradicts their handedness.
     """
-    matrix = np.zeros((3, 3))
+    matrix = np.zeros((len(axes), 3))
     for row, axis in enumerate(axes):
         if not re.fullmatch(r"[-+]?[xyz]", axis):
             hint = "Write x, y or z, or -x, -y or -z for the opposite direction."

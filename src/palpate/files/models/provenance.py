@@ -22,7 +22,7 @@ def provenance(inputs: Mapping[str, Path | None], options: Mapping[str, object])
     Inputs and options that are None are left out.
 
     Raises:
-        OSError: an input cannot be read.
+        OSError: an input is a file that cannot be read.
     """
     read = {name: f"{printable(path.name)} {_sha256(path)}" for name, path in inputs.items() if path is not None}
     said = {name: str(value) for name, value in options.items() if value is not None}

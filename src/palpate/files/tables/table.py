@@ -146,7 +146,8 @@ class TextTable:
         there = Counter(self.names)
         for name in names:
             if there[name] > 1:
-                raise InputError(f"column {name!r} occurs {there[name]} times.", where=str(self.path))
+                what = f"column {name!r} occurs {there[name]} times."
+                raise InputError(what, where=str(self.path), hint="Give each column its own name.")
             if not there[name]:
                 raise InputError(f"there is no column {name!r}.", where=str(self.path), hint=near(name, self.names))
 
