@@ -43,7 +43,7 @@ class Agreement:
         self._opposed += np.count_nonzero(opposed)
 
     def warnings(self) -> tuple[str, ...]:
-        """Return one warning if more than 80 % of 50 or more frames with a contact disagree; else an empty tuple."""
+        """Return a warning if over 80 % of at least 50 frames with a contact disagree; else an empty tuple."""
         if self._touched < ENOUGH:
             return ()
         if self._opposed > DISAGREES * self._touched:

@@ -59,7 +59,6 @@ class LastingUnseen:
         return found
 
     def _persists(self, time: float, alarm: bool) -> bool:
-        """Return whether the wrench has been unexplained for `PERSISTS` or longer."""
         if not alarm:
             self.reset()
         elif np.isnan(self._since):

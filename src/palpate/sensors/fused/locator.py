@@ -199,7 +199,7 @@ class FusedLocator:
         wrenches: Float[np.ndarray, "n 6"],
         covariances: Float[np.ndarray, "n 6 6"],
     ) -> FusedFrames:
-        """Return the forces of n frames, each as by `fuse` with one wrench that feels all its contacts, `FusedFrames`.
+        """Return the forces of n frames, each as by `fuse` with one wrench that feels all contacts, as `FusedFrames`.
 
         Args:
             contacts: (m, 17) rows of `rows`, frame by frame.
@@ -246,11 +246,8 @@ class FusedLocator:
         normals, spreads = shaped(normals, (count, 3), "normals"), shaped(spreads, (count, 3, 3), "spreads")
         forces, deviations = shaped(forces, (count,), "forces"), shaped(deviations, (count,), "deviations")
         length = np.linalg.norm(normals, axis=1, keepdims=True)
-        contacts = np.empty((count, 17))
         with np.errstate(invalid="ignore", divide="ignore"):
-            contacts[:, 3:6] = normals / length
-        contacts[:, :3], contacts[:, 6], contacts[:, 7] = points, forces, deviations
-        contacts[:, 8:] = spreads.reshape(-1, 9)
+            contacts = np.column_stack([points, normals / length, forces, deviations, spreads.reshape(-1, 9)])
         if not np.isfinite(contacts).all():
             raise InputError("contacts must be finite, and normals must not be zero.")
         if (forces < 0).any() or (deviations < 0).any():
@@ -345,12 +342,9 @@ class FusedLocator:
 
     def unseen_row(self, unseen: Unseen, place: int = 0) -> Float[np.ndarray, "17"]:
         """Return an unseen contact at an index of `unseen` as a row (17,) of `rows`: force 5.8 N, deviation 6.0 N."""
-        new = np.zeros(17)
-        new[:3], new[3:6] = unseen.points[place], unseen.normals[place]
-        new[6], new[7] = PUSHES.mean(), PUSHES.std()
-        across = np.eye(3) - np.outer(new[3:6], new[3:6])
-        new[8:] = (self._width**2 * across).reshape(9)
-        return new
+        point, normal = unseen.points[place], unseen.normals[place]
+        spread = self._width**2 * (np.eye(3) - np.outer(normal, normal))
+        return np.concatenate([point, normal, [PUSHES.mean(), PUSHES.std()], spread.ravel()])
 
     @cached_property
     def _places(self) -> Float[np.ndarray, "c 8"]:

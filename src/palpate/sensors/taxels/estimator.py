@@ -49,7 +49,7 @@ class TaxelEstimator(ContactEstimator):
     """An estimator of contacts in frames of taxel readings; baseline, identities and filter go on between frames.
 
     A frame is raw readings, rows x columns or one for each taxel; another size, or too many readings that are not
-    finite, gives the status INVALID. Orientation and acceleration make no difference.
+    finite, gives the status INVALID.
 
     A cell's force is that of its reading less its baseline, which follows drift while nothing touches the cell.
     Contacts are connected cells, split where pressure has two peaks with a saddle between. The place on a sheet is the
@@ -126,11 +126,6 @@ class TaxelEstimator(ContactEstimator):
     def label(self) -> Int[np.ndarray, "*cells"]:
         """Return each cell's area in the last frame (`body.shape`), from 1; 0: none, negative: the area's rim."""
         return self._frames.label.reshape(self.body.shape)
-
-    @property
-    def wrapped(self) -> Int[np.ndarray, "*cells"]:
-        """Return how often each cell's reading passed an end of its range (`body.shape`)."""
-        return self._frames.wrapped.reshape(self.body.shape)
 
     def tare(self, recording: Recording) -> Tare:
         """Take each cell's mean reading in a recording as its baseline from now on; return a `Tare`.
@@ -266,7 +261,7 @@ class TaxelEstimator(ContactEstimator):
         return chain(head, blocks)
 
     def _prepared(self, block: Recording) -> tuple[tuple[Recording, np.ndarray], np.ndarray, np.ndarray, np.ndarray]:
-        """Return a block and its status, times, status and values, for a filter of zero phase."""
+        """Return a block and its status, times, status and values, for `BothWays.through`."""
         values, status = self._frames.prepare(self.body.readings(block))
         return (block, status), block.time, status, values
 

@@ -23,9 +23,7 @@ class TaxelFrames:
     """A loop that turns frames of raw readings into rows of contacts, with its state.
 
     Args:
-        body: the places of the cells.
-        intensity: converts readings to forces; None: one count is taken for 1 N.
-        settings: of the contact search.
+        body, intensity, settings: as of `TaxelEstimator`.
         forward: filter of the readings that needs no later ones.
         filtered: whether there is any filter.
 
@@ -85,7 +83,7 @@ class TaxelFrames:
             said.append(f"readings at rest drifted by up to {moved}; they were followed where nothing touched")
         if self._clock[1]:
             said.append(f"{self._clock[1]:.0f} frames could not be used (they have another size, or no numbers)")
-        wrapped = [self._name(cell) for cell in np.flatnonzero(self.wrapped).tolist()]
+        wrapped = [self._name(cell) for cell in np.flatnonzero(self._whole[_kernels.WRAPPED]).tolist()]
         if wrapped:
             cells = f"{', '.join(wrapped[:5])}{', ...' if len(wrapped) > 5 else ''}"
             said.append(
@@ -124,11 +122,6 @@ class TaxelFrames:
     def label(self) -> Int[np.ndarray, " k"]:
         """Return each cell's area (k,), as `TaxelEstimator.label`."""
         return self._whole[_kernels.LABEL]
-
-    @property
-    def wrapped(self) -> Int[np.ndarray, " k"]:
-        """Return how often (k,) each cell's reading passed an end of its range."""
-        return self._whole[_kernels.WRAPPED]
 
     def run(
         self,

@@ -112,7 +112,7 @@ class Curve:
     def deviation(self, force: Float[np.ndarray, "*batch"], noise: float = 0.0) -> Float[np.ndarray, "*batch"]:
         """Return the standard deviation [N] of each force [N] found from an intensity with a noise [counts].
 
-        Var F = (J C J^T + noise^2) / f'(F)^2, J the derivative of f by its parameters.
+        Var F = (J C J^T + noise^2) / f'(F)^2, J = df/dp.
         """
         jacobian = self.jacobian(force)
         variance = np.einsum("...i,ij,...j->...", jacobian, self.covariance, jacobian) + noise**2

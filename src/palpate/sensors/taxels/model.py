@@ -294,7 +294,7 @@ def _is_ring(place: SkinMap, used: int) -> bool:
 
 
 def _padded(place: SkinMap, used: int, ring: bool) -> Float[np.ndarray, "r c 6"]:
-    """Extend centres and normals by two cells at each end: over the seam of a ring, else by a parabola."""
+    """Extend centres and normals by two cells at each end, over the seam of a ring or by a parabola."""
     values = np.concatenate([place.centres, place.normals], axis=2)
     if ring:
         columns = np.concatenate([values[:, used - 2 : used], values[:, :used], values[:, :2]], axis=1)
@@ -336,7 +336,7 @@ def _placed(positions: ArrayLike, normals: ArrayLike) -> tuple[Float[np.ndarray,
 def _paired(
     points: Float[np.ndarray, "k 3"], normals: Float[np.ndarray, "k 3"], reach: float | None
 ) -> tuple[Float[np.ndarray, " k"], Int[np.ndarray, "p 2"]]:
-    """Return the local spacing of the taxels (k,) [m], and the pairs that are neighbours (p, 2)."""
+    """Return the local spacing of the taxels (k,) [m], and pairs of neighbours (p, 2)."""
     from scipy.spatial import cKDTree  # here: scipy is slow to import
 
     tree = cKDTree(points)

@@ -47,7 +47,7 @@ class PlacesLayer:
 
     def __init__(self, places: TaxelPlaces, surface: Surface | None = None) -> None:
         there = places.there
-        self._points, self._numbers = places.positions[there], np.flatnonzero(there)
+        self._points = places.positions[there]
         normals = places.normals[there].copy()
         lacking = ~np.isfinite(normals).all(axis=1)
         away = self._points - self._points.mean(axis=0)
@@ -185,8 +185,7 @@ class TaxelPage(Served):
     """A page of taxel places, served as `Served` is.
 
     Args:
-        places: to show.
-        surface: of the link; None: only the taxels are drawn.
+        places, surface: as of `PlacesLayer`; without a surface only the taxels are drawn.
         title: of the page.
         facts: names and values for the panel.
         host, port: to listen at; port 0 for any free port.
