@@ -360,10 +360,6 @@ class MarkerTracker:
                 said = np.interp(gone, there, moved[:, axis], period=np.count_nonzero(own)) if len(there) else 0.0
                 self._expected[gone, axis] = self._rest[gone, axis] + said
 
-    def _ahead(self) -> Float[np.ndarray, "m 2"]:
-        """Return the places of the markers if their last step goes on, (m, 2) [px]."""
-        return self._last + np.minimum(np.maximum(self._step, -_LONGEST), _LONGEST)
-
     def _follow(self, image: Image, out: Float[np.ndarray, "m 2"]) -> bool:
         """Measure the markers in their windows, and return True if no window is ambiguous."""
         from palpate.optical._markers import follow
@@ -383,8 +379,8 @@ class MarkerTracker:
 
         blobs = find_blobs(image, self.colour)
         blobs = blobs[~blobs.cut & np.isfinite(self.view.to_plane(blobs.pixels)).all(axis=-1)]
-        known = (self._age < _AWAY)[:, None]
-        expected = np.where(known, self.view.to_plane(self._ahead(), self.view.heights), np.nan)
+        known, ahead = (self._age < _AWAY)[:, None], self._last + np.clip(self._step, -_LONGEST, _LONGEST)
+        expected = np.where(known, self.view.to_plane(ahead, self.view.heights), np.nan)
         labels = self._labels(blobs, expected)
         found = labels >= 0
         if not found.any():

@@ -193,9 +193,8 @@ class Butterworth:
         Raises:
             InputError: the cut-off is not from 1e-5 to below half of the rate, or the rate is not positive.
         """
-        twice = ", forward and backward" if self.zero_phase else ""
-        settings = f"Butterworth, order {self.order}, {self.cutoff:.3g} Hz{twice}"
-        return f"{settings}: at {rate:.6g} Hz a low-pass at {_says(self, rate)}"
+        settings = f"order {self.order}, {self.cutoff:.3g} Hz{', forward and backward' if self.zero_phase else ''}"
+        return f"Butterworth, {settings}: at {rate:.6g} Hz a low-pass at {_says(self, rate)}"
 
     def recursion(self, rate: float) -> Recursion:
         """Return the `Recursion` that runs this filter at a `rate` [Hz].

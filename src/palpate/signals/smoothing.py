@@ -188,7 +188,7 @@ class BothWays:
         done = self._reversed(np.concatenate([rows, after]))[: len(rows)]
         left = np.arange(len(rows))[::-1]
         share = np.ones(1) if self._emitted + len(rows) == 1 else self._share(len(rows)) + self._edges(left)
-        self._add(done, share)
+        self._done.append(np.column_stack([done, share]))
         self._parts, self._emitted = [], 0
 
     def _extend(self, time: np.ndarray, status: np.ndarray, values: Values) -> None:
@@ -202,13 +202,11 @@ class BothWays:
         if sum(map(len, self._parts)) >= needed:
             rows = np.concatenate(self._parts)
             while len(rows) >= needed:
-                self._add(self._reversed(rows[:needed])[: self._segment], self._share(self._segment))
+                done = self._reversed(rows[:needed])[: self._segment]
+                self._done.append(np.column_stack([done, self._share(self._segment)]))
                 rows = rows[self._segment :]
                 self._emitted += self._segment
             self._parts = [rows]
-
-    def _add(self, values: Values, share: Float[np.ndarray, " n"]) -> None:
-        self._done.append(np.column_stack([values, share]))
 
     def _reversed(self, rows: Values) -> Values:
         """Return rows filtered from the last to the first."""

@@ -86,14 +86,15 @@ def spectrum(time: Float[np.ndarray, " n"], values: Float[np.ndarray, "n c"]) ->
     lengths = np.array([piece.stop - piece.start for piece in pieces], dtype=np.int64)
     segment = _segment(lengths, 1 / step, len(time))
     used = [piece for piece, length in zip(pieces, lengths, strict=True) if length >= segment]
-    rate = _mean_rate(time, used)
+    samples = sum(piece.stop - piece.start for piece in used)
+    lasting = float(sum(time[piece.stop - 1] - time[piece.start] for piece in used))
+    rate = (samples - len(used)) / lasting  # a median step is as coarse as the clock that stamped it
     total: Float[np.ndarray, "k c"] = np.zeros((segment // 2 + 1, values.shape[1]))
     frequency, weight = np.empty(0), 0
     for piece in used:
         frequency, density = map(np.asarray, welch(values[piece], fs=rate, nperseg=segment, axis=0))
         count = 1 + (piece.stop - piece.start - segment) // (segment - segment // 2)
         total, weight = total + count * density, weight + count
-    samples = sum(piece.stop - piece.start for piece in used)
     inner = slice(1, -1)  # the mean is taken off at 0, and at half the rate two sides are one
     return Spectrum(frequency[inner], total[inner] / weight, rate, samples, weight, len(used))
 
@@ -147,12 +148,10 @@ def _settings(cutoff: float, rate: float, noise: float) -> tuple[str, ...]:
 
 
 def _usual_step(time: Float[np.ndarray, " n"]) -> float:
-    known = time[np.isfinite(time)]
-    steps = np.diff(known)
-    usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
-    if usual <= 0:
+    steps = np.diff(time[np.isfinite(time)])
+    if not np.any(steps > 0):
         raise InputError("must increase for a spectrum.", where="time")
-    return usual
+    return float(np.median(steps[steps > 0]))
 
 
 def _segment(lengths: Int[np.ndarray, " k"], rate: float, count: int) -> int:
@@ -166,12 +165,6 @@ def _segment(lengths: Int[np.ndarray, " k"], rate: float, count: int) -> int:
     half = int(ordered[np.searchsorted(np.cumsum(ordered), ordered.sum() / 2)])
     finest = min(LONGEST, 2 ** int(np.ceil(np.log2(rate / RESOLUTION))), max(SHORTEST, int(ordered.sum()) // 8))
     return max(SHORTEST, 2 ** int(np.log2(min(half, finest))))
-
-
-def _mean_rate(time: Float[np.ndarray, " n"], pieces: list[slice]) -> float:
-    """Return steps over time [Hz], finer than a median step."""
-    steps = sum(piece.stop - 1 - piece.start for piece in pieces)
-    return steps / float(sum(time[piece.stop - 1] - time[piece.start] for piece in pieces))
 
 
 def _smoothed(frequency: Float[np.ndarray, " k"], values: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:

@@ -173,17 +173,10 @@ def _model(
         np.zeros((3, 2 * rings, 1, 1)), np.ones(2), np.zeros((2 * rings, 1)), np.zeros(2), np.zeros(2)
     )
     plain = MarkerRing(radius, tracker.view, tracker.colour, rest, area, max(jitter, 1e-3), nothing)
-    turned = _turned(plain, pixels[rows], truth.angle[rows])
-    presses = RingPresses(
-        truth.angle[rows],
-        truth.depth[rows],
-        truth.force[rows],
-        truth.shear[rows],
-        turned.displacements(pixels[rows]),
-        turned.view.angles,
-        turned.noise(),
-        rings,
-    )
+    angle, depth, force, shear = (each[rows] for each in (truth.angle, truth.depth, truth.force, truth.shear))
+    turned = _turned(plain, pixels[rows], angle)
+    moved = turned.displacements(pixels[rows])
+    presses = RingPresses(angle, depth, force, shear, moved, turned.view.angles, turned.noise(), rings)
     used = f"{np.count_nonzero(rows)} of {np.count_nonzero(truth.pressed)} pressed frames were used"
     return replace(turned, response=fit_response(presses, before), notes=(used,), provenance=provenance)
 

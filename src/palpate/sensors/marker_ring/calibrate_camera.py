@@ -105,7 +105,8 @@ def fit_lens(
         lens = _Lens.fitted(grid, [seen[number] for number in used], size)
     every = np.concatenate([lens.residual(k) for k in range(len(used))])
     variance = float(np.sum(every**2)) / max(2 * len(every) - 8 - 6 * len(used), 1)
-    squares, rights = map(np.stack, zip(*(lens.normal(k) for k in range(len(used))), strict=True))
+    normals = [lens.normal(k) for k in range(len(used))]
+    squares, rights = (np.stack(each) for each in zip(*normals, strict=True))
     unit = np.sqrt(np.diag(squares.sum(axis=0)))
     focal, deviation = lens.camera[:2], np.inf
     if unit.all() and np.linalg.eigvalsh(scaled := squares.sum(axis=0) / np.outer(unit, unit))[0] > _LEAST_INFORMATION:
@@ -285,7 +286,7 @@ def _solved(view: Callable[[np.ndarray], RingView], seen: np.ndarray) -> np.ndar
         return np.nan_to_num(this.from_plane(this.rest) - seen, nan=1e3).ravel()
 
     bounds = np.array([0.6, 0.6, 0.8, 0.8, 1.2, np.inf])
-    solution = least_squares(residual, np.zeros(6), bounds=(-bounds, bounds), x_scale=[0.1] * 6)
+    solution: Any = least_squares(residual, np.zeros(6), bounds=(-bounds, bounds), x_scale=[0.1] * 6)
     gap = np.linalg.norm(seen - np.roll(seen, 1, axis=0), axis=1)
     if not np.sqrt(2 * solution.cost / len(seen)) < 0.25 * np.median(gap):
         said, missing = "the markers are not an even ring about the middle of the picture.", ("the camera's place",)

@@ -78,8 +78,7 @@ class RingLayer:
         size: tuple[int, int] | None = None,
     ) -> None:
         self._ring, self._frames = ring, frames
-        blank = None if size is None else np.zeros((*size, 3), dtype=np.uint8)
-        self._fed = None if blank is None else (blank, ring.rest)
+        self._fed = None if size is None else (np.zeros((*size, 3), dtype=np.uint8), ring.rest)
         self._pixels = np.zeros((0, len(ring), 2), np.float32) if pixels is None else pixels
         self._image: GuiImageHandle | None = None
 
@@ -124,8 +123,8 @@ class RingLayer:
         Raises:
             InputError: OpenCV is missing.
         """
-        sample = self._sample(scene, index)
-        if sample is None:
+        sample = int(scene.contacts.sample[scene.starts[index]])
+        if self._fed is None and sample >= len(self._pixels):
             return
         self._markers.points = self._points(self._seen(sample))
         if self._image is not None:
@@ -138,11 +137,6 @@ class RingLayer:
     def legend(self) -> list[str]:
         """Return the legend's entry for the markers, one HTML string."""
         return [dot(_COLOUR, "marker, below the skin")]
-
-    def _sample(self, scene: Scene, index: int) -> int | None:
-        """Return the number of a sample in the log; None if there is no image of it."""
-        sample = int(scene.contacts.sample[scene.starts[index]])
-        return sample if sample < len(self._pixels) or self._fed is not None else None
 
     def _seen(self, sample: int) -> Float[np.ndarray, "m 2"]:
         """Return the markers' places (m, 2) [px] in a sample, or in the present image of a stream."""
