@@ -81,7 +81,8 @@ class PairedSource:
         self._take(self._frames.receive(self._frame, 0.0 if len(self._stamp) else timeout))
         end = time.monotonic() + min(timeout, WAITS)
         while True:
-            self._hear()
+            if count := self._wrenches.receive(self._wrench, 0.0):
+                self._means.add(seconds(self._wrench.stamp[:count]), self._wrench.values[:count].copy())
             ready = self._means.answerable(seconds(self._stamp)) if len(self._stamp) else 0
             if ready or time.monotonic() >= end or not len(self._stamp):
                 break
@@ -107,11 +108,6 @@ class PairedSource:
         self._stamp = np.concatenate([self._stamp, self._frame.stamp[:count]])
         self._lost = np.concatenate([self._lost, self._frame.lost[:count]])
         self._values = np.concatenate([self._values, self._frame.values[:count].reshape(count, -1)])
-
-    def _hear(self) -> None:
-        count = self._wrenches.receive(self._wrench, 0.0)
-        if count:
-            self._means.add(seconds(self._wrench.stamp[:count]), self._wrench.values[:count].copy())
 
     def _given(self, batch: Batch, count: int) -> int:
         """Fill a batch with the first `count` waiting samples and their wrenches."""

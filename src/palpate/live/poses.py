@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -116,7 +115,8 @@ class LivePoses:
             self._once("silent", self._problem or "there are no poses yet: the sensor's orientation is not known")
         if self._unread:
             self._once("unread", "some messages of poses are incomplete or of another type, and are ignored")
-        for name, track in self._named():
+        edges = {f" of {child!r} in {parent!r}": track for (parent, child), track in self._edges.items()}
+        for name, track in {"": self._track, **edges}.items():
             if track.restarts:
                 again = f"the clock of the poses{name} went back; earlier poses are discarded"
                 self._once(f"{name} {track.restarts}", again)
@@ -185,9 +185,3 @@ class LivePoses:
             self._problem = f"{late}: the sensor's orientation is not known"
         if self._silent is None:
             self._silent = time.monotonic()
-
-    def _named(self) -> Iterator[tuple[str, LiveTrack]]:
-        """Yield each track with words for it."""
-        yield "", self._track
-        for (parent, child), track in self._edges.items():
-            yield f" of {child!r} in {parent!r}", track

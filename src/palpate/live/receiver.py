@@ -48,7 +48,8 @@ def receive(
             live.into(opened)
             if realtime and not live.patient:
                 opened.say(_hurried())
-            _steady()
+            gc.collect()
+            gc.freeze()  # what exists now is not collected, which would pause the loop
             _loop(live, opened, parent)
     except PalpateError as problem:
         trouble.send_bytes(str(problem).encode())
@@ -107,9 +108,3 @@ def _hurried() -> str:
         )
     locked = ctypes.CDLL(None).mlockall(_LOCK_NOW_AND_LATER) == 0
     return f"real-time priority {PRIORITY} (SCHED_FIFO){', memory locked' if locked else ''}"
-
-
-def _steady() -> None:
-    """Exempt existing objects from garbage collection, which would pause the loop."""
-    gc.collect()
-    gc.freeze()

@@ -20,7 +20,6 @@ from palpate.setup.tables import RigOrientation
 
 __all__ = ["RosPoses"]
 
-_TREE = (("/tf", False), ("/tf_static", True))
 _STATIC = 1000  # messages of transforms that a reader keeps
 
 
@@ -72,7 +71,7 @@ class RosPoses:
         if self._table.frames() is not None:
             self._readers = [
                 self._node.reader(name, "tf2_msgs/TFMessage", reliable=True, latched=latched, depth=_STATIC)
-                for name, latched in _TREE
+                for name, latched in (("/tf", False), ("/tf_static", True))
             ]
             return
         try:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 from jaxtyping import Int
 
@@ -58,16 +56,13 @@ class SequenceCounters:
             self._expected = False
             lost[:count] = 0
             return None
-        kept = list(self._each(rdt, ft, stamp))
+        kept = [
+            (k, before)
+            for k, newest in enumerate(zip(rdt, ft, stamp, strict=True))
+            if (before := self._one(*newest)) is not None
+        ]
         lost[: len(kept)] = [before for _, before in kept]
         return [k for k, _ in kept]
-
-    def _each(self, rdt: list[int], ft: list[int], stamp: list[int]) -> Iterator[tuple[int, int]]:
-        """Yield (index, number of samples missing before it) of each sample to keep."""
-        for k, newest in enumerate(zip(rdt, ft, stamp, strict=True)):
-            before = self._one(*newest)
-            if before is not None:
-                yield k, before
 
     def _one(self, rdt: int, ft: int, stamp: int) -> int | None:
         """Return the number of samples missing before one; None if it is repeated."""
